@@ -1,0 +1,1 @@
+"""Incremental semantic initialization (ISI) of entities in knowledge-graph embeddings."""

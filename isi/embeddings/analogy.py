@@ -1,0 +1,125 @@
+"""ANALOGY (Liu et al. 2017): normal, commuting linear maps as relations (section 2).
+
+Of the d coordinates of a vector the first d/2 are scalars; the others are the a-halves, then the
+b-halves, of d/4 blocks. A relation holds one factor for each scalar and, at the places of a and b,
+the x and y of the block ``[[x, -y], [y, x]]``. With ``swap`` exchanging a and b,
+
+    vᵀW = v ⊙ (r, x, x) + swap(v) ⊙ (0, -y, y)
+
+so that a map costs two products, whatever it does with its result.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from isi.embeddings.stack import Embedding
+
+#: Smallest |r| of a scalar and smallest x² + y² of a block by which ``inverse`` divides.
+CLAMP = 1e-6
+
+
+def transform(vectors: Tensor, relation: Tensor) -> Tensor:
+    """vᵀW; shapes (..., d), broadcast against each other."""
+    straight, crossed = _factors(relation)
+    return vectors * straight + swap(vectors) * crossed
+
+
+def transpose(relation: Tensor) -> Tensor:
+    """The relation whose map is Wᵀ: the y of each block changes its sign; shape (..., d)."""
+    scalars, x, y = _parts(relation)
+    return torch.cat([scalars, x, -y], -1)
+
+
+def inverse(relation: Tensor) -> Tensor:
+    """The relation whose map is W⁻¹, with |r| and x² + y² clamped to at least ``CLAMP``; shape (..., d)."""
+    scalars, x, y = _parts(relation)
+    sign = torch.where(scalars < 0, -1.0, 1.0)
+    norm = (x * x + y * y).clamp(min=CLAMP)
+    return torch.cat([sign / scalars.abs().clamp(min=CLAMP), x / norm, -y / norm], -1)
+
+
+def score(head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
+    """f(h, r, t) = ⟨vₕᵀW, vₜ⟩ of triples (section 2); shapes (..., d), result (...)."""
+    return (transform(head, relation) * tail).sum(-1)
+
+
+def score_tails(embedding: Embedding, head: Tensor, relation: Tensor) -> Tensor:
+    """Scores of all entities as tail of (h, r, ?); ids of shape (M, Q), result (M, Q, E)."""
+    mapped = transform(_rows(embedding.entity, head), _rows(embedding.relation, relation))
+    return mapped @ embedding.entity.mT
+
+
+def score_heads(embedding: Embedding, relation: Tensor, tail: Tensor) -> Tensor:
+    """Scores of all entities as head of (?, r, t); ids of shape (M, Q), result (M, Q, E)."""
+    mapped = transform(_rows(embedding.entity, tail), transpose(_rows(embedding.relation, relation)))
+    return mapped @ embedding.entity.mT
+
+
+def score_relations(embedding: Embedding, head: Tensor, tail: Tensor) -> Tensor:
+    """Scores of all relations of (h, ?, t); ids of shape (M, Q), result (M, Q, R)."""
+    heads, tails = _rows(embedding.entity, head), _rows(embedding.entity, tail)
+    return score(heads[:, :, None], embedding.relation[:, None], tails[:, :, None])
+
+
+def score_all(embedding: Embedding) -> tuple[Tensor, Tensor]:
+    """Scores of every triple, (M, R, E, E), and the vₕᵀW that they come from, (M, R, E, d)."""
+    mapped = transform(embedding.entity[:, None], embedding.relation[:, :, None])
+    models, relations, entities, dimension = mapped.shape
+    scores = torch.bmm(mapped.view(models, relations * entities, dimension), embedding.entity.mT)
+    return scores.view(models, relations, entities, entities), mapped
+
+
+def gradient(embedding: Embedding, mapped: Tensor, slope: Tensor) -> Embedding:
+    """Gradient of Σ slope · f over all triples.
+
+    Args:
+        embedding: where to take it.
+        mapped: vₕᵀW of every head and relation, as ``score_all`` gives it; shape (M, R, E, d).
+        slope: derivative by the score of each triple; shape (M, R, E, E).
+    """
+    models, relations, entities, dimension = mapped.shape
+    flat = slope.view(models, relations * entities, entities)
+    pulled = torch.bmm(flat, embedding.entity).view_as(mapped)  # by vₕᵀW
+    entity = torch.bmm(flat.mT, mapped.view(models, relations * entities, dimension))  # as tails
+    straight, crossed = _factors(embedding.relation[:, :, None])
+    entity += (pulled * straight).sum(1) + swap((pulled * crossed).sum(1))  # as heads
+    by_straight = torch.einsum("mred,med->mrd", pulled, embedding.entity)
+    by_crossed = torch.einsum("mred,med->mrd", pulled, swap(embedding.entity))
+    scalars, straight_a, straight_b = _parts(by_straight)
+    _, crossed_a, crossed_b = _parts(by_crossed)
+    return Embedding(entity, torch.cat([scalars, straight_a + straight_b, crossed_b - crossed_a], -1))
+
+
+def resultants(known: Tensor, relation: Tensor, novel_is_tail: Tensor) -> Tensor:
+    """α of insert triples: where each puts the novel entity (equation 4).
+
+    Args:
+        known: vector of the known end; shape (..., d).
+        relation: of the triple; shape (..., d).
+        novel_is_tail: vₕᵀW where true, vₜᵀW⁻¹ where the novel entity is the head; shape (...).
+    """
+    return transform(known, torch.where(novel_is_tail[..., None], relation, inverse(relation)))
+
+
+def swap(vectors: Tensor) -> Tensor:
+    """Exchange the a- and b-halves of the blocks; scalars stay. Shape (..., d)."""
+    scalars, a, b = _parts(vectors)
+    return torch.cat([scalars, b, a], -1)
+
+
+def _parts(vectors: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    quarter = vectors.shape[-1] // 4
+    scalars, a, b = vectors.split([2 * quarter, quarter, quarter], -1)
+    return scalars, a, b
+
+
+def _factors(relation: Tensor) -> tuple[Tensor, Tensor]:
+    scalars, x, y = _parts(relation)
+    return torch.cat([scalars, x, x], -1), torch.cat([torch.zeros_like(scalars), -y, y], -1)
+
+
+def _rows(table: Tensor, ids: Tensor) -> Tensor:
+    """Rows of each model's table; shapes (M, N, d) and (M, Q), result (M, Q, d)."""
+    return table.gather(1, ids[..., None].expand(-1, -1, table.shape[-1]))

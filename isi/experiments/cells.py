@@ -1,0 +1,47 @@
+"""Cells of the grid. A cell is a (size, seed); a task is a stack of cells of one size.
+
+A task carries plain values and arrays and depends on nothing else, so that results are the same
+however tasks are spread.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from isi.graph import Graph
+from isi.sessions import Session, initial_session, joint_session
+
+#: Size that stands for no insertion, in keys of random streams and in logs.
+JOINT = 0
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells of one size, over one graph."""
+
+    graph: Graph
+    size: int
+    seeds: list[int]
+    #: of each seed; shape: (M, T), int8
+    splits: np.ndarray
+    #: ids of the novel entities; shape: (M, size)
+    novel: np.ndarray
+
+    @property
+    def keys(self) -> Tensor:
+        """(size, seed) of each model, for its random streams; shape: (M, 2)."""
+        return torch.tensor([[self.size, seed] for seed in self.seeds])
+
+    @property
+    def joint(self) -> Session:
+        """D¹ of each cell."""
+        return joint_session(self.graph, torch.from_numpy(self.splits))
+
+    @property
+    def initial(self) -> Session:
+        """D⁰ of each cell."""
+        return initial_session(self.graph, torch.from_numpy(self.splits), torch.from_numpy(self.novel))

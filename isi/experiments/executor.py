@@ -1,0 +1,48 @@
+"""Where tasks run."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from typing import TypeVar
+
+import torch
+from tqdm import tqdm
+
+from isi.experiments.cells import Cells
+from isi.lifetime import tie_to_parent
+from isi.params import Compute
+
+Task = TypeVar("Task", bound=Cells)
+Done = TypeVar("Done")
+
+
+def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Compute, name: str) -> list[Done]:
+    """Run tasks on worker processes of one thread each; results come back in the order of the tasks."""
+    workers = os.cpu_count() or 1 if compute.workers == "all" else compute.workers
+    context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
+    if sys.platform == "linux":
+        multiprocessing.set_forkserver_preload([function.__module__])
+    done = []
+    with (
+        ProcessPoolExecutor(min(workers, len(tasks)), context, initializer=prepare_worker) as executor,
+        tqdm(total=sum(len(task.seeds) for task in tasks), desc=name, unit="model", disable=None) as bar,
+    ):
+        try:
+            for task, result in zip(tasks, executor.map(function, tasks), strict=True):
+                done.append(result)
+                bar.update(len(task.seeds))
+        except BaseException:
+            executor.shutdown(wait=False, cancel_futures=True)
+            raise
+    return done
+
+
+def prepare_worker() -> None:
+    """One thread, no denormal numbers (they are slow, and far below what a rank can tell), no orphans."""
+    tie_to_parent()
+    torch.set_num_threads(1)
+    torch.set_flush_denormal(True)

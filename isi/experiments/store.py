@@ -1,0 +1,108 @@
+"""An experiment's tables and tensors, read from where the pipeline keeps them into what a task carries."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from isi import paths, tables
+from isi.errors import InputError
+from isi.experiments.cells import Cells
+from isi.graph import Graph, build
+from isi.sessions import SPLITS
+from isi.tables import Provenance
+
+
+@dataclass(frozen=True)
+class Store:
+    """Reads the files of one experiment, noting each in the provenance of the stage that reads."""
+
+    experiment: str
+    provenance: Provenance
+
+    def entities(self) -> pd.DataFrame:
+        return tables.read(paths.entities(self.experiment), tables.ENTITIES, self.provenance)
+
+    def triples(self) -> pd.DataFrame:
+        return tables.read(paths.triples(self.experiment), tables.TRIPLES, self.provenance)
+
+    def graph(self) -> Graph:
+        return build(self.entities(), self.triples())
+
+    def splits(self) -> dict[int, np.ndarray]:
+        """Split of each unique triple, by seed; shapes: (T,), int8."""
+        table = tables.read(paths.splits(self.experiment), tables.SPLITS, self.provenance)
+        code = {name: number for number, name in enumerate(SPLITS)}
+        table["split"] = table["split"].astype(str).map(code).astype(np.int8)
+        return {int(seed): rows.sort_values("triple")["split"].to_numpy() for seed, rows in table.groupby("seed")}  # type: ignore[call-overload]
+
+    def novel(self) -> pd.DataFrame:
+        return tables.read(paths.novel(self.experiment), tables.NOVEL, self.provenance)
+
+    def insert_triples(self) -> pd.DataFrame:
+        return tables.read(paths.insert_triples(self.experiment), tables.INSERT_TRIPLES, self.provenance)
+
+    def tensors(self, path: Path, *names: str) -> list[np.ndarray]:
+        """Named tensors of a file, as arrays."""
+        return [tensor.numpy() for tensor in tables.read_tensors(path, names, self.provenance).values()]
+
+    def runs(self, name: str) -> pd.DataFrame:
+        return tables.read(paths.runs(self.experiment, name), tables.RUNS, self.provenance)
+
+    def theta0(self, cells: Cells) -> tuple[np.ndarray, np.ndarray]:
+        """(entity, relation) of Θ⁰ of a stack of cells; shapes: (M, E, d), (M, R, d)."""
+        path = paths.theta0(self.experiment, cells.size)
+        entity, relation, seed = self.tensors(path, "entity", "relation", "seed")
+        rows = np.flatnonzero(np.isin(seed, cells.seeds))
+        return entity[rows], relation[rows]
+
+    def cells(self, stack: int) -> list[Cells]:
+        """Every cell of the grid, in stacks of at most ``stack`` seeds of one size."""
+        graph, splits, novel = self.graph(), self.splits(), self.novel()
+        if len(novel) and novel["entity"].max() >= len(graph.entities):
+            raise InputError(paths.novel(self.experiment), "column 'entity'", "expected ids of the graph's entities")
+        return [
+            Cells(graph, size, seeds, np.stack([splits[seed] for seed in seeds]), drawn)
+            for size, seeds, drawn in _stacks(novel, stack)
+        ]
+
+
+def _stacks(novel: pd.DataFrame, stack: int) -> Iterator[tuple[int, list[int], np.ndarray]]:
+    """Size, seeds and novel entities (M, size) of each stack of cells."""
+    for size, rows in novel.groupby("size"):
+        seeds = [int(seed) for seed in rows["seed"].unique()]
+        drawn = rows["entity"].to_numpy(np.int64).reshape(len(seeds), -1)
+        for first in range(0, len(seeds), stack):
+            yield int(size), seeds[first : first + stack], drawn[first : first + stack]  # type: ignore[call-overload]
+
+
+def insert_triples_of(cells: Cells, table: pd.DataFrame) -> np.ndarray:
+    """(model, place in ``novel``, triple) of the insert triples of a stack of cells; shape (I, 3)."""
+    own = table[(table["size"] == cells.size) & table["seed"].isin(cells.seeds)]
+    model = own["seed"].map({seed: number for number, seed in enumerate(cells.seeds)}).to_numpy(np.int64)
+    place = (cells.novel[model] == own["entity"].to_numpy()[:, None]).argmax(1)
+    rows = np.stack([model, place, own["triple"].to_numpy(np.int64)], 1)
+    return rows[np.lexsort(rows.T[::-1])]
+
+
+def joint_mrr_star(runs: pd.DataFrame, cells: Cells, scope: str) -> np.ndarray:
+    """MRR* of the joint models of a stack of cells in a scope; NaN without queries; shape (M,)."""
+    own = runs[(runs["size"] == cells.size) & (runs["scope"] == scope)].set_index("seed")["mrr_star"]
+    return own.loc[cells.seeds].to_numpy(np.float64)
+
+
+def write_runs(experiment: str, name: str, runs: pd.DataFrame, provenance: Provenance) -> None:
+    """Write the measures of a model at every epoch, and its ties at epoch 0."""
+    ordered = runs.sort_values(["size", "seed", "epoch", "scope"])
+    tables.write(paths.ties(experiment, name), ordered[ordered["epoch"] == 0], tables.TIES, provenance)
+    tables.write(paths.runs(experiment, name), ordered, tables.RUNS, provenance)
+
+
+def write_log(experiment: str, model: str, log: pd.DataFrame, provenance: Provenance) -> None:
+    """Write the looks at validation MRR* that training took."""
+    ordered = log.sort_values(["size", "seed", "epoch"])
+    tables.write(paths.training_log(experiment, model), ordered, tables.TRAINING_LOG, provenance)

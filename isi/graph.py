@@ -1,0 +1,96 @@
+"""The knowledge graph: entities, relations, unique triples and how often each was observed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+from torch import Tensor
+
+from isi.errors import InputError
+from isi.tables import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
+
+#: What the tail of a relation is; locations are rooms where they bear a room's name, else objects.
+_TAIL_KIND = {AT_LOCATION: "object", HAS_MATERIAL: "material", HAS_AFFORDANCE: "affordance"}
+KINDS = ("object", "room", "material", "affordance")
+
+
+@dataclass(frozen=True)
+class Graph:
+    """Entities, relations and unique triples of an experiment, by id."""
+
+    entities: list[str]
+    relations: list[str]
+    #: head, relation, tail ids; shape: (T, 3), int64
+    triples: Tensor
+    #: observations of each unique triple; shape: (T,), int64
+    counts: Tensor
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Travel to another process as plain arrays."""
+        return _from_arrays, (self.entities, self.relations, self.triples.numpy(), self.counts.numpy())
+
+    @cached_property
+    def ground_truth(self) -> Tensor:
+        """Observations of every possible triple; shape: (R, E, E), float32."""
+        head, relation, tail = self.triples.T
+        table = torch.zeros(len(self.relations), len(self.entities), len(self.entities))
+        table[relation, head, tail] = self.counts.float()
+        return table
+
+
+def _from_arrays(entities: list[str], relations: list[str], triples: np.ndarray, counts: np.ndarray) -> Graph:
+    return Graph(entities, relations, torch.from_numpy(triples), torch.from_numpy(counts))
+
+
+def count_triples(observations: pd.DataFrame, source: str, min_count: int = 1) -> pd.DataFrame:
+    """Unique triples with their counts, in alphabetical order (``tables.TRIPLES``)."""
+    key = ["head", "relation", "tail"]
+    plain = observations.astype(dict.fromkeys(key, str))
+    counts = plain.groupby(key, sort=True, observed=True)["count"].sum().reset_index()
+    kept = counts[counts["count"] >= min_count].reset_index(drop=True)
+    return kept.assign(source=source).astype({"count": "int32"})
+
+
+def name_entities(triples: pd.DataFrame, rooms: set[str], source: str) -> pd.DataFrame:
+    """Entities of the triples in alphabetical order, with their kind (``tables.ENTITIES``).
+
+    Raises:
+        InputError: where a name would be of two kinds.
+    """
+    kinds = pd.concat(
+        [
+            pd.DataFrame({"entity": triples["head"], "kind": "object"}),
+            pd.DataFrame({"entity": triples["tail"], "kind": triples["relation"].map(_TAIL_KIND)}),
+        ]
+    )
+    kinds.loc[kinds["entity"].isin(rooms), "kind"] = "room"
+    unique = kinds.drop_duplicates().sort_values("entity")
+    twice = unique[unique["entity"].duplicated(keep=False)]
+    if len(twice):
+        name, of = twice.iloc[0]["entity"], " and ".join(sorted(twice[twice["entity"] == twice.iloc[0]["entity"]]["kind"]))
+        raise InputError(source, f"entity {name!r}", f"expected one kind, got {of}")
+    return unique.assign(source=source, phrase=unique["entity"]).reset_index(drop=True)
+
+
+def build(entities: pd.DataFrame, triples: pd.DataFrame) -> Graph:
+    """The graph of an experiment's tables: entity ids are row numbers, relation ids alphabetical."""
+    names = [str(name) for name in entities["entity"]]
+    relations = sorted({str(name) for name in triples["relation"]})
+    entity_id = {name: number for number, name in enumerate(names)}
+    relation_id = {name: number for number, name in enumerate(relations)}
+    ids = np.stack(
+        [
+            triples["head"].astype(str).map(entity_id),
+            triples["relation"].astype(str).map(relation_id),
+            triples["tail"].astype(str).map(entity_id),
+        ],
+        axis=1,
+    )
+    if np.isnan(ids.astype(float)).any():
+        raise InputError("triples", "", "expected heads and tails that are in the table of entities")
+    return Graph(names, relations, torch.as_tensor(ids.astype(np.int64)), torch.as_tensor(triples["count"].to_numpy(np.int64)))

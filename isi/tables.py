@@ -1,0 +1,151 @@
+"""The tables and tensors of the pipeline: their schemas, checked reads and atomic writes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from isi.errors import InputError
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+#: The relations of the knowledge graph.
+AT_LOCATION, HAS_MATERIAL, HAS_AFFORDANCE = "atLocation", "hasMaterial", "hasAffordance"
+
+_NAME = pa.dictionary(pa.int32(), pa.string())
+_MEASURES = [("mrr_star", pa.float64()), ("mrr_star_entity", pa.float64()),
+             ("mrr_star_relation", pa.float64()), ("mrr", pa.float64())]  # fmt: skip
+
+OBSERVATIONS = pa.schema([("scene", _NAME), ("room", _NAME), ("instance", pa.string()),
+                          ("head", _NAME), ("relation", _NAME), ("tail", _NAME), ("count", pa.int32())])  # fmt: skip
+ENTITIES = pa.schema([("entity", pa.string()), ("kind", _NAME), ("source", _NAME), ("phrase", pa.string())])
+TRIPLES = pa.schema([("head", _NAME), ("relation", _NAME), ("tail", _NAME), ("count", pa.int32()), ("source", _NAME)])
+COVERAGE = pa.schema([("entity", pa.string()), ("phrase", pa.string()), ("served_by", pa.string())])
+SPLITS = pa.schema([("seed", pa.int32()), ("triple", pa.int32()), ("split", _NAME)])
+NOVEL = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("entity", pa.int32())])
+INSERT_TRIPLES = pa.schema(
+    [("size", pa.int32()), ("seed", pa.int32()), ("entity", pa.int32()), ("triple", pa.int32())]
+)
+TRAINING_LOG = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("epoch", pa.int32()),
+                          ("mrr_star", pa.float64()), ("kept", pa.bool_())])  # fmt: skip
+RUNS = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("epoch", pa.int32()), ("scope", _NAME),
+                  *_MEASURES, ("queries", pa.int32())])  # fmt: skip
+#: One row per inserted entity: its own queries of scope ``novel`` at once, and what it fell back to.
+INSERTED = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("entity", pa.int32()), ("kind", _NAME),
+                      ("fallback", _NAME), *_MEASURES, ("queries", pa.int32()), ("ties", pa.int32())])  # fmt: skip
+#: Rivals whose score is tied with the answer's, at epoch 0.
+TIES = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("scope", _NAME), ("ties", pa.int32())])
+
+
+@dataclass
+class Provenance:
+    """What a stage's outputs were made from: goes into the metadata of each of them."""
+
+    stage: str
+    params: Mapping[str, Any]
+    inputs: set[str] = field(default_factory=set)
+
+    def metadata(self) -> dict[str, str]:
+        """Stage and hash of the params that shape its outputs, its inputs' params included."""
+        text = json.dumps([self.stage, self.params, sorted(self.inputs)], sort_keys=True)
+        return {"isi.stage": self.stage, "isi.params": hashlib.sha256(text.encode()).hexdigest()}
+
+    def seen(self, metadata: Mapping[str, str] | None) -> None:
+        """Note an input by its own hash."""
+        self.inputs.add((metadata or {}).get("isi.params", ""))
+
+
+def read(path: Path, schema: pa.Schema, provenance: Provenance | None = None) -> pd.DataFrame:
+    """Read a Parquet table whose columns must be those of the schema.
+
+    Raises:
+        InputError: where the file is missing or broken, or a column is missing or of another type.
+    """
+    try:
+        table = pq.read_table(path)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(path, "", f"expected a Parquet table ({_first_line(error)})") from error
+    for expected in schema:
+        place = table.schema.get_field_index(expected.name)
+        if place < 0:
+            raise InputError(path, f"column {expected.name!r}", "missing")
+        if not _same_values(table.schema.field(place).type, expected.type):
+            got = table.schema.field(place).type
+            raise InputError(path, f"column {expected.name!r}", f"expected {expected.type}, got {got}")
+    if provenance:
+        provenance.seen({k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()})
+    return table.select(schema.names).to_pandas()
+
+
+def write(path: Path, frame: pd.DataFrame, schema: pa.Schema, provenance: Provenance) -> None:
+    """Write a Parquet table through a temporary file: it is whole or it is not there."""
+    table = pa.Table.from_pandas(frame, schema=schema, preserve_index=False)
+    table = table.replace_schema_metadata(provenance.metadata())
+    atomically(path, lambda temporary: pq.write_table(table, temporary, compression="zstd"))
+
+
+def read_tensors(path: Path, names: Sequence[str], provenance: Provenance | None = None) -> dict[str, Tensor]:
+    """Read named tensors of a safetensors file.
+
+    Raises:
+        InputError: where the file is missing or broken, or lacks a tensor.
+    """
+    from safetensors import SafetensorError, safe_open  # here, since it loads torch
+
+    try:
+        with safe_open(path, framework="pt") as file:
+            missing = set(names) - set(file.keys())
+            if missing:
+                raise InputError(path, f"tensor {min(missing)!r}", "missing")
+            if provenance:
+                provenance.seen(file.metadata())
+            return {name: file.get_tensor(name) for name in names}
+    except (OSError, SafetensorError) as error:
+        raise InputError(path, "", f"expected a safetensors file ({_first_line(error)})") from error
+
+
+def write_tensors(path: Path, tensors: Mapping[str, Tensor], provenance: Provenance) -> None:
+    """Write a safetensors file through a temporary file."""
+    from safetensors.torch import save
+
+    content = save({name: tensor.contiguous() for name, tensor in tensors.items()}, metadata=provenance.metadata())
+    atomically(path, lambda temporary: temporary.write_bytes(content))
+
+
+def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
+    """Let a function write to a temporary name beside the path, then replace the path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        write_to(temporary)
+        os.replace(temporary, path)
+    finally:
+        with suppress(FileNotFoundError):
+            temporary.unlink()
+
+
+def keep_only(folder: Path, kept: Sequence[Path]) -> None:
+    """Remove the files of a folder that are not among those to keep (of an earlier run, or killed)."""
+    for path in set(folder.glob("*")) | set(folder.glob(".*.tmp")):
+        if path not in kept and path.is_file():
+            path.unlink()
+
+
+def _same_values(actual: pa.DataType, expected: pa.DataType) -> bool:
+    plain = [t.value_type if pa.types.is_dictionary(t) else t for t in (actual, expected)]
+    return bool(plain[0] == plain[1])
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -1,0 +1,49 @@
+"""Train the joint model of every seed on D¹, and measure it in the scopes of every size."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from isi import paths, tables
+from isi.experiments import judging, learning
+from isi.experiments.cells import JOINT
+from isi.experiments.executor import run
+from isi.experiments.judging import JudgingTask
+from isi.experiments.learning import Learning, LearningTask
+from isi.experiments.store import Store, insert_triples_of, write_log, write_runs
+from isi.stage import Params, Provenance, stage
+
+
+@stage(
+    "seed", "embedding.dimension", "embedding.init_range", "negatives.mode", "negatives.ratio", "negatives.head_pool",
+    "training.batch_size", "training.learning_rate", "training.weight_decay", "training.max_epochs",
+    "training.evaluate_every", "training.patience",
+)  # fmt: skip
+def train_joint(params: Params, provenance: Provenance) -> None:
+    """Train the joint model of every seed on D¹, and measure it in the scopes of every size."""
+    store = Store("ai2thor", provenance)
+    cells, insert_triples = store.cells(params.compute.stack), store.insert_triples()
+    how = Learning(params.seed, params.embedding, params.negatives, params.training)
+    tasks = [
+        LearningTask(cell.graph, JOINT, cell.seeds, cell.splits, cell.novel[:, :0], how)
+        for cell in cells
+        if cell.size == cells[0].size  # once for each seed
+    ]
+    learned = run(learning.learn_joint, tasks, params.compute, "joint")
+    tensors = learning.as_tensors(tasks, learned)
+    judged = [
+        JudgingTask(
+            **vars(cell),
+            embedding=(tensors["entity"][cell.seeds].numpy(), tensors["relation"][cell.seeds].numpy()),
+            insert_triples=insert_triples_of(cell, insert_triples),
+        )
+        for cell in cells
+    ]
+    runs = pd.concat(run(judging.judge, judged, params.compute, "joint, measured"))
+    tables.write_tensors(paths.joint("ai2thor"), tensors, provenance)
+    write_log("ai2thor", "joint", pd.concat(result.log for result in learned), provenance)
+    write_runs("ai2thor", "joint", runs, provenance)
+
+
+if __name__ == "__main__":
+    train_joint()

@@ -1,0 +1,63 @@
+"""Copy the pipeline into a folder of its own, with some params changed, ready for ``dvc repro`` there."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+ROOT = Path(__file__).parent.parent
+COPIED = ("isi", "stages", "data/raw", "dvc.yaml", "pyproject.toml")
+
+#: A grid that takes about two minutes.
+QUICK = {
+    "sessions.seeds": 5, "sessions.sizes": [1, 5], "training.max_epochs": 60, "finetuning.max_epochs": 60,
+    "compute.stack": 5,
+}  # fmt: skip
+
+
+def make(folder: Path, changes: dict[str, Any]) -> None:
+    """Lay out or refresh a workspace; what its last run made stays."""
+    for name in COPIED:
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if (ROOT / name).is_dir():
+            shutil.rmtree(target, ignore_errors=True)
+            shutil.copytree(ROOT / name, target, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy2(ROOT / name, target)
+    params = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))
+    for key, value in changes.items():
+        change(params, key, value)
+    (folder / "params.yaml").write_text(yaml.safe_dump(params, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    if not (folder / ".dvc").exists():
+        dvc = [sys.executable, "-m", "dvc"]
+        subprocess.run([*dvc, "init", "--no-scm", "-q"], cwd=folder, check=True)
+        for option in ("core.analytics", "core.check_update"):
+            subprocess.run([*dvc, "config", option, "false"], cwd=folder, check=True)
+
+
+def change(params: dict[str, Any], key: str, value: Any) -> None:
+    """Set the value at a dotted key."""
+    *parents, last = key.split(".")
+    for parent in parents:
+        params = params.setdefault(parent, {})
+    params[last] = value
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="params to change, values in YAML")
+    given = parser.parse_args()
+    pairs = (text.partition("=") for text in given.set)
+    make(given.folder, QUICK | {key: yaml.safe_load(value) for key, _, value in pairs})
+
+
+if __name__ == "__main__":
+    main()
