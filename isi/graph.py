@@ -72,7 +72,10 @@ def name_entities(triples: pd.DataFrame, rooms: set[str], source: str) -> pd.Dat
     unique = kinds.drop_duplicates().sort_values("entity")
     twice = unique[unique["entity"].duplicated(keep=False)]
     if len(twice):
-        name, of = twice.iloc[0]["entity"], " and ".join(sorted(twice[twice["entity"] == twice.iloc[0]["entity"]]["kind"]))
+        name, of = (
+            twice.iloc[0]["entity"],
+            " and ".join(sorted(twice[twice["entity"] == twice.iloc[0]["entity"]]["kind"])),
+        )
         raise InputError(source, f"entity {name!r}", f"expected one kind, got {of}")
     return unique.assign(source=source, phrase=unique["entity"]).reset_index(drop=True)
 
@@ -93,4 +96,6 @@ def build(entities: pd.DataFrame, triples: pd.DataFrame) -> Graph:
     )
     if np.isnan(ids.astype(float)).any():
         raise InputError("triples", "", "expected heads and tails that are in the table of entities")
-    return Graph(names, relations, torch.as_tensor(ids.astype(np.int64)), torch.as_tensor(triples["count"].to_numpy(np.int64)))
+    return Graph(
+        names, relations, torch.as_tensor(ids.astype(np.int64)), torch.as_tensor(triples["count"].to_numpy(np.int64))
+    )

@@ -34,9 +34,7 @@ TRIPLES = pa.schema([("head", _NAME), ("relation", _NAME), ("tail", _NAME), ("co
 COVERAGE = pa.schema([("entity", pa.string()), ("phrase", pa.string()), ("served_by", pa.string())])
 SPLITS = pa.schema([("seed", pa.int32()), ("triple", pa.int32()), ("split", _NAME)])
 NOVEL = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("entity", pa.int32())])
-INSERT_TRIPLES = pa.schema(
-    [("size", pa.int32()), ("seed", pa.int32()), ("entity", pa.int32()), ("triple", pa.int32())]
-)
+INSERT_TRIPLES = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("entity", pa.int32()), ("triple", pa.int32())])
 TRAINING_LOG = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("epoch", pa.int32()),
                           ("mrr_star", pa.float64()), ("kept", pa.bool_())])  # fmt: skip
 RUNS = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("epoch", pa.int32()), ("scope", _NAME),
@@ -85,7 +83,8 @@ def read(path: Path, schema: pa.Schema, provenance: Provenance | None = None) ->
             raise InputError(path, f"column {expected.name!r}", f"expected {expected.type}, got {got}")
     if provenance:
         provenance.seen({k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()})
-    return table.select(schema.names).to_pandas()
+    frame: pd.DataFrame = table.select(schema.names).to_pandas()
+    return frame
 
 
 def write(path: Path, frame: pd.DataFrame, schema: pa.Schema, provenance: Provenance) -> None:
@@ -129,7 +128,7 @@ def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         write_to(temporary)
-        os.replace(temporary, path)
+        temporary.replace(path)
     finally:
         with suppress(FileNotFoundError):
             temporary.unlink()

@@ -142,7 +142,8 @@ def _corrupt(rng: np.random.Generator, lesson: Lesson, model: int, batch: np.nda
 
 def _cell(batch: np.ndarray, relation: np.ndarray, head: np.ndarray, tail: np.ndarray, relations: int, entities: int
           ) -> np.ndarray:  # fmt: skip
-    return ((batch * relations + relation) * entities + head) * entities + tail
+    cell: np.ndarray = ((batch * relations + relation) * entities + head) * entities + tail
+    return cell
 
 
 def loss_gradient(embedding: Embedding, positives: Tensor, negatives: Tensor) -> Embedding:
@@ -170,9 +171,7 @@ def adagrad(state: State, gradient: Embedding, positives: Tensor, frozen: Tensor
         table.addcdiv_(step, squares.sqrt(), value=-settings.learning_rate)
 
 
-def run_epoch(
-    state: State, lesson: Lesson, negatives: Negatives, settings: Optimizer, root: int, epoch: int
-) -> None:
+def run_epoch(state: State, lesson: Lesson, negatives: Negatives, settings: Optimizer, root: int, epoch: int) -> None:
     """One pass over all observations of each model, in place."""
     dealt = batches(lesson, root, epoch, settings.batch_size)
     drawn = None
@@ -229,7 +228,7 @@ def fit(
             getattr(best, name)[models[better]] = getattr(state.embedding, name)[better]
         going = since[models] < settings.patience
         if not going.all():
-            state, lesson, valid = (select(value, going) for value in (state, lesson, valid))
+            state, lesson, valid = select(state, going), select(lesson, going), select(valid, going)
             models = models[going]
         if not len(models):
             break

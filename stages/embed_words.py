@@ -19,7 +19,9 @@ def embed_words(params: Params, provenance: Provenance) -> None:
     tables.write_tensors(paths.vectors("ai2thor"), {"vectors": torch.from_numpy(found.vectors)}, provenance)
     tables.write(paths.coverage("ai2thor"), coverage, tables.COVERAGE, provenance)
     missing = coverage.loc[coverage["served_by"].isna(), "entity"]
-    print(f"{len(coverage) - len(missing)} of {len(coverage)} entities have a word vector", *missing, sep="\n  without: ")
+    print(
+        f"{len(coverage) - len(missing)} of {len(coverage)} entities have a word vector", *missing, sep="\n  without: "
+    )
 
 
 if __name__ == "__main__":

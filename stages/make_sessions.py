@@ -17,7 +17,9 @@ def make_sessions(params: Params, provenance: Provenance) -> None:
     how, root = params.sessions, params.seed
     graph = Store("ai2thor", provenance).graph()
     if max(how.sizes) >= len(graph.entities):
-        raise InputError("params.yaml", "sessions.sizes", f"expected sizes below the graph's {len(graph.entities)} entities")
+        raise InputError(
+            "params.yaml", "sessions.sizes", f"expected sizes below the graph's {len(graph.entities)} entities"
+        )
     splits = [sessions.split(graph, root, seed, how.valid, how.test) for seed in range(how.seeds)]
     novel, insert = [], []
     for size in sorted(how.sizes):

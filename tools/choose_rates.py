@@ -54,16 +54,18 @@ def best_valid(task: LearningTask) -> np.ndarray:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=4)
+    parser.add_argument("--seeds", type=int, default=6)
     parser.add_argument("--size", type=int, default=5)
-    parser.add_argument("--batches", type=int, nargs="+", default=[512, 2048])
-    parser.add_argument("--training", type=float, nargs="+", default=[0.05, 0.1, 0.2])
-    parser.add_argument("--finetuning", type=float, nargs="+", default=[0.01, 0.02, 0.04])
+    parser.add_argument("--batches", type=int, nargs="+", default=[2048])
+    parser.add_argument("--training", type=float, nargs="+", default=[0.05, 0.1, 0.2, 0.4])
+    parser.add_argument("--finetuning", type=float, nargs="+", default=[0.01, 0.02, 0.04, 0.08, 0.16])
     given = parser.parse_args()
     settings = params.load(paths.PARAMS)
     store = Store("ai2thor", Provenance("choose_rates", {}))
     cell = next(cell for cell in store.cells(given.seeds) if cell.size == given.size)
-    single = [replace(cell, seeds=[s], splits=cell.splits[[i]], novel=cell.novel[[i]]) for i, s in enumerate(cell.seeds)]
+    single = [
+        replace(cell, seeds=[s], splits=cell.splits[[i]], novel=cell.novel[[i]]) for i, s in enumerate(cell.seeds)
+    ]
 
     def how(batch: int, rate: float) -> Learning:
         optimizer = settings.training.model_copy(update={"batch_size": batch, "learning_rate": rate})
@@ -74,9 +76,10 @@ def main() -> None:
     looks = np.concatenate(run(best_valid, tasks, settings.compute, "training"))
     show("training", grid, looks.reshape(len(grid), -1).mean(1))
 
+    chosen = how(settings.training.batch_size, settings.training.learning_rate)
     theta0 = run(
         learning.learn_initial,
-        [LearningTask(**vars(c), learning=how(settings.training.batch_size, settings.training.learning_rate)) for c in single],
+        [LearningTask(**vars(c), learning=chosen) for c in single],
         settings.compute, "theta0",
     )  # fmt: skip
     table, (words,) = store.insert_triples(), store.tensors(paths.vectors("ai2thor"), "vectors")
@@ -90,14 +93,19 @@ def main() -> None:
                 settings.finetuning.model_copy(update={"batch_size": batch, "learning_rate": rate}), 0.08, [],
             ),
         )
-        for batch, rate in grid for c, learned in zip(single, theta0, strict=True) for name in settings.insert.initializers
+        for batch, rate in grid
+        for c, learned in zip(single, theta0, strict=True)
+        for name in settings.insert.initializers
     ]  # fmt: skip
-    show("fine-tuning", grid, np.reshape(run(fine_tune, tuned, settings.compute, "fine-tuning"), (len(grid), -1)).mean(1))
+    show(
+        "fine-tuning", grid, np.reshape(run(fine_tune, tuned, settings.compute, "fine-tuning"), (len(grid), -1)).mean(1)
+    )
 
 
 def show(name: str, grid: list[tuple[int, float]], mrr_star: np.ndarray) -> None:
     table = pd.DataFrame(grid, columns=["batch size", "learning rate"]).assign(value=100 * mrr_star)
-    print(f"\n{name}: validation MRR*\n{table.pivot(index='batch size', columns='learning rate', values='value').round(2)}")
+    print(f"\n{name}: validation MRR*")
+    print(table.pivot(index="batch size", columns="learning rate", values="value").round(2).to_string())
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ CLAMP = 1e-6
 def transform(vectors: Tensor, relation: Tensor) -> Tensor:
     """vᵀW; shapes (..., d), broadcast against each other."""
     straight, crossed = _factors(relation)
-    return vectors * straight + swap(vectors) * crossed
+    return torch.addcmul(vectors * straight, swap(vectors), crossed)
 
 
 def transpose(relation: Tensor) -> Tensor:
@@ -85,8 +85,8 @@ def gradient(embedding: Embedding, mapped: Tensor, slope: Tensor) -> Embedding:
     entity = torch.bmm(flat.mT, mapped.view(models, relations * entities, dimension))  # as tails
     straight, crossed = _factors(embedding.relation[:, :, None])
     entity += (pulled * straight).sum(1) + swap((pulled * crossed).sum(1))  # as heads
-    by_straight = torch.einsum("mred,med->mrd", pulled, embedding.entity)
-    by_crossed = torch.einsum("mred,med->mrd", pulled, swap(embedding.entity))
+    by_straight = (pulled * embedding.entity[:, None]).sum(2)
+    by_crossed = (pulled * swap(embedding.entity)[:, None]).sum(2)
     scalars, straight_a, straight_b = _parts(by_straight)
     _, crossed_a, crossed_b = _parts(by_crossed)
     return Embedding(entity, torch.cat([scalars, straight_a + straight_b, crossed_b - crossed_a], -1))
@@ -111,8 +111,7 @@ def swap(vectors: Tensor) -> Tensor:
 
 def _parts(vectors: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     quarter = vectors.shape[-1] // 4
-    scalars, a, b = vectors.split([2 * quarter, quarter, quarter], -1)
-    return scalars, a, b
+    return vectors[..., : 2 * quarter], vectors[..., 2 * quarter : 3 * quarter], vectors[..., 3 * quarter :]
 
 
 def _factors(relation: Tensor) -> tuple[Tensor, Tensor]:

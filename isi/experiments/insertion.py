@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -95,23 +96,30 @@ def insertion_of(task: InsertTask) -> Insertion:
     longest = int(number.max()) + 1 if len(number) else 1
     head, relation, tail = task.graph.triples[triple].T
     is_tail = tail == novel[model, place]
-    padded = [torch.zeros(*novel.shape, longest, dtype=torch.int64) for _ in range(4)]
-    for table, values in zip(padded, (torch.where(is_tail, head, tail), relation, is_tail, torch.ones_like(triple))):
-        table[model, place, number] = values.long()
-    other, relation, is_tail, observed = padded
+
+    def padded(values: Tensor) -> Tensor:
+        table = torch.zeros(*novel.shape, longest, dtype=values.dtype)
+        table[model, place, number] = values
+        return table
+
     return Insertion(
         theta0=Embedding(*(torch.from_numpy(table) for table in task.embedding)),
         known=session.entities, eligible=session.trained(), novel=novel, words=torch.from_numpy(task.words),
-        other=other, relation=relation, novel_is_tail=is_tail.bool(), observed=observed.bool(),
+        other=padded(torch.where(is_tail, head, tail)), relation=padded(relation), novel_is_tail=padded(is_tail),
+        observed=padded(torch.ones_like(is_tail)),
         root=task.tuning.root, keys=task.keys,
     )  # fmt: skip
 
 
 def _entity_rows(task: InsertTask, fallback: Tensor, own: Sequence[Result]) -> pd.DataFrame:
-    entities = zip(own, task.novel.T, fallback.T.tolist(), strict=True)
-    return pd.concat(
-        measure_columns(result).assign(
-            size=task.size, seed=task.seeds, entity=entity, fallback=[FALLBACKS[code] for code in codes]
-        )
-        for result, entity, codes in entities
-    )
+    rows = []
+    for place, result in enumerate(own):
+        fell = pd.Series([FALLBACKS[code] for code in fallback[:, place].tolist()], dtype="str")
+        columns: dict[str, Any] = {
+            "size": task.size,
+            "seed": task.seeds,
+            "entity": task.novel[:, place],
+            "fallback": fell,
+        }
+        rows.append(measure_columns(result).assign(**columns))
+    return pd.concat(rows)

@@ -38,7 +38,8 @@ class Store:
         table = tables.read(paths.splits(self.experiment), tables.SPLITS, self.provenance)
         code = {name: number for number, name in enumerate(SPLITS)}
         table["split"] = table["split"].astype(str).map(code).astype(np.int8)
-        return {int(seed): rows.sort_values("triple")["split"].to_numpy() for seed, rows in table.groupby("seed")}  # type: ignore[call-overload]
+        table = table.sort_values(["seed", "triple"])
+        return {seed: table.loc[table["seed"] == seed, "split"].to_numpy() for seed in table["seed"].unique().tolist()}
 
     def novel(self) -> pd.DataFrame:
         return tables.read(paths.novel(self.experiment), tables.NOVEL, self.provenance)
@@ -73,11 +74,12 @@ class Store:
 
 def _stacks(novel: pd.DataFrame, stack: int) -> Iterator[tuple[int, list[int], np.ndarray]]:
     """Size, seeds and novel entities (M, size) of each stack of cells."""
-    for size, rows in novel.groupby("size"):
-        seeds = [int(seed) for seed in rows["seed"].unique()]
+    for size in sorted(novel["size"].unique().tolist()):
+        rows = novel[novel["size"] == size]
+        seeds = rows["seed"].unique().tolist()
         drawn = rows["entity"].to_numpy(np.int64).reshape(len(seeds), -1)
         for first in range(0, len(seeds), stack):
-            yield int(size), seeds[first : first + stack], drawn[first : first + stack]  # type: ignore[call-overload]
+            yield size, seeds[first : first + stack], drawn[first : first + stack]
 
 
 def insert_triples_of(cells: Cells, table: pd.DataFrame) -> np.ndarray:

@@ -1,0 +1,52 @@
+# `make repro` runs the whole experiment, `make test` the checks; both set up .venv first.
+
+PYTHON ?= python3
+# What to install before requirements.lock, for example a CPU build of torch (see the README).
+TORCH ?=
+
+VENV := .venv
+BIN := $(CURDIR)/$(VENV)/bin
+INSTALLED := $(VENV)/installed
+export PATH := $(BIN):$(PATH)
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: help repro quick test words readme lock clean
+
+help:  ## this list
+	@sed -n 's/^\([a-z]*\):.*##/\1:/p' $(MAKEFILE_LIST)
+
+$(INSTALLED): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.12 ...")'
+	$(PYTHON) -m venv $(VENV)
+	$(if $(TORCH),$(BIN)/pip install --quiet $(TORCH))
+	$(BIN)/pip install --quiet -r requirements.lock
+	$(BIN)/pip install --quiet --no-deps --editable .
+	@touch $@
+
+repro: $(INSTALLED)  ## run what is not up to date of the pipeline; then where the report is, and its headline
+	@dvc repro
+	@python tools/headline.py reports
+
+quick: $(INSTALLED)  ## the same on a small grid, in about two minutes, in the folder quick/
+	@python tools/workspace.py quick
+	@cd quick && dvc repro
+	@python tools/headline.py quick/reports
+
+test: $(INSTALLED)  ## ruff, mypy and pytest
+	ruff check .
+	ruff format --check .
+	mypy
+	pytest
+
+words: $(INSTALLED)  ## embed data/raw/words/definitions.csv again (installs the extra `words`)
+	$(BIN)/pip install --quiet --editable '.[words]'
+	python -m tools.embed_phrases
+
+readme: $(INSTALLED)  ## put the report's tables into the README
+	python tools/readme.py
+
+lock: $(INSTALLED)  ## write requirements.lock from what is installed
+	$(BIN)/pip freeze --exclude-editable | sed 's/+cpu$$//' > requirements.lock
+
+clean:  ## remove the environment and quick/
+	rm -rf $(VENV) quick

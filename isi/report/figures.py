@@ -1,0 +1,176 @@
+"""The figures of the report: each a function of the results that draws on axes of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+from scipy import stats
+
+from isi.report.results import JOINT, Results
+from isi.report.tables import label
+
+#: Okabe and Ito's colours, which most colour-blind readers can tell apart.
+COLOURS = {"xavier": "#999999", "iu": "#e69f00", "es": "#0072b2", "rs": "#009e73", "ers": "#d55e00", JOINT: "#000000"}
+_SPARE = ("#cc79a7", "#56b4e9", "#f0e442", "#8c564b")
+_STYLE: Any = {
+    "font.size": 9, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.grid": True, "grid.alpha": 0.3,
+    "legend.frameon": False, "svg.hashsalt": "isi", "svg.fonttype": "path", "figure.dpi": 160,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A drawn figure."""
+
+    name: str
+    title: str
+    caption: str
+    canvas: Canvas
+
+    def rendered(self, form: str) -> bytes:
+        """The figure as ``svg`` or ``png``; equal figures are equal bytes."""
+        buffer = BytesIO()
+        with mpl.rc_context(_STYLE):
+            self.canvas.savefig(buffer, format=form, metadata={"Date": None} if form == "svg" else None)
+        return buffer.getvalue()
+
+
+def immediate(results: Results) -> Figure:
+    """Figure 3a: immediate MRR* against the number of novel entities."""
+    canvas, (left, right) = _canvas(2)
+    for axes, scope in ((left, "all"), (right, "novel")):
+        shown = results.at_once[results.at_once["scope"] == scope]
+        for model in results.models:
+            _draw(axes, results, model, shown[shown["model"] == model], "size", bars=True)
+        axes.set(title=f"scope {scope}", xlabel="novel entities |ξ|", ylabel="MRR* (points)")
+        axes.set_xticks(sorted(results.params.sessions.sizes))
+    _legend(canvas, left)
+    return Figure(
+        "figure3a_immediate",
+        "Figure 3a. Immediate MRR*",
+        "MRR* right after insertion against the number of novel entities, mean and 95 % interval over seeds: over "
+        "all queries (left, the paper's figure) and over the queries about the novel entities (right; the joint model "
+        "has been trained on most of these, so it is no bound there).",
+        canvas,
+    )
+
+
+def curves(results: Results) -> Figure | None:
+    """Figure 3b: MRR* by epoch of fine-tuning; None where no size is followed to the end."""
+    size = _curve_size(results)
+    if size is None:
+        return None
+    canvas, (left, right) = _canvas(2)
+    runs = results.runs[results.runs["size"] == size]
+    for axes, scope in ((left, "all"), (right, "novel_heldout")):
+        shown = runs[runs["scope"] == scope]
+        for model in results.initializers:
+            _draw(axes, results, model, shown[shown["model"] == model], "epoch")
+        joint = 100 * shown.loc[shown["model"] == JOINT, "mrr_star"].mean()
+        axes.axhline(joint, color=COLOURS[JOINT], lw=1.2, label=label(JOINT))
+        axes.axhline(
+            joint - 100 * results.params.convergence.margin, color=COLOURS[JOINT], lw=1, ls=":", label="converged"
+        )
+        axes.set(title=f"scope {scope}", xlabel="epoch of fine-tuning", ylabel="MRR* (points)")
+    _legend(canvas, left)
+    return Figure(
+        "figure3b_curves",
+        "Figure 3b. Learning curves",
+        f"MRR* by epoch of fine-tuning at |ξ| = {size}, mean and 95 % interval over seeds, over all queries (left, the "
+        "paper's figure) and over held-out queries about novel entities (right). Dotted: where a run of mean joint "
+        "performance counts as converged.",
+        canvas,
+    )
+
+
+def corruption(results: Results) -> Figure | None:
+    """Earlier knowledge by epoch, with the novel entities as candidates and without."""
+    size = _curve_size(results)
+    if size is None:
+        return None
+    canvas, (left, right) = _canvas(2)
+    runs = results.runs[results.runs["size"] == size]
+    for axes, scope in ((left, "known"), (right, "known_closed")):
+        shown = runs[runs["scope"] == scope]
+        for model in results.initializers:
+            _draw(axes, results, model, shown[shown["model"] == model], "epoch")
+        axes.axhline(
+            100 * shown.loc[shown["model"] == JOINT, "mrr_star"].mean(),
+            color=COLOURS[JOINT],
+            lw=1.2,
+            label=label(JOINT),
+        )
+        axes.set(title=f"scope {scope}", xlabel="epoch of fine-tuning", ylabel="MRR* (points)")
+    right.set_ylim(left.get_ylim())
+    _legend(canvas, left)
+    return Figure(
+        "corruption",
+        "Earlier knowledge during fine-tuning",
+        f"MRR* of queries about known entities at |ξ| = {size}: with the novel entities among the candidates (left) "
+        "and without (right). A loss on the left alone is crowding, a loss on the right is damage.",
+        canvas,
+    )
+
+
+def interval(values: pd.Series) -> tuple[float, float, float]:
+    """Mean and 95 % interval (Student's t) of values, one a seed; without spread where there is one."""
+    known = values.dropna()
+    mean = float(known.mean()) if len(known) else np.nan
+    if len(known) < 2 or known.std(ddof=1) == 0:
+        return mean, mean, mean
+    low, high = stats.t.interval(0.95, len(known) - 1, loc=mean, scale=stats.sem(known))
+    return mean, float(low), float(high)
+
+
+def _curve_size(results: Results) -> int | None:
+    followed = set(results.params.curves.sizes) & set(results.params.sessions.sizes)
+    return min(followed, default=None)
+
+
+def _canvas(panels: int) -> tuple[Canvas, list[Axes]]:
+    canvas = Canvas(figsize=(8, 3.6), layout="constrained")
+    return canvas, list(canvas.subplots(1, panels))
+
+
+def _draw(axes: Axes, results: Results, model: str, rows: pd.DataFrame, x: str, bars: bool = False) -> None:
+    """Draw mean and interval over seeds by x: as a line with a band, or with bars, set apart a little."""
+    if rows.empty:
+        return
+    line = 100 * pd.DataFrame({key: interval(group) for key, group in rows.groupby(x)["mrr_star"]}).T
+    colour, style = _colour(results, model), "--" if model == JOINT else "-"
+    place = np.asarray(line.index, dtype=float)
+    if bars:
+        place += (results.models.index(model) - len(results.models) / 2) * 0.06
+        reach = np.stack([line[0] - line[1], line[2] - line[0]])
+        axes.errorbar(place, line[0], reach, color=colour, label=label(model), lw=1.2, ls=style, marker="o", ms=3)
+    else:
+        axes.plot(place, line[0], color=colour, label=label(model), lw=1.4, ls=style)
+        axes.fill_between(place, line[1], line[2], color=colour, alpha=0.15, lw=0)
+
+
+def _colour(results: Results, model: str) -> str:
+    own = [name for name in results.initializers if name not in COLOURS]
+    return COLOURS[model] if model in COLOURS else _SPARE[own.index(model) % len(_SPARE)]
+
+
+def _legend(canvas: Canvas, axes: Axes) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    canvas.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+
+
+FIGURES: tuple[Callable[[Results], Figure | None], ...] = (immediate, curves, corruption)
+
+
+def draw(results: Results) -> list[Figure]:
+    """Every figure that the results allow."""
+    with mpl.rc_context(_STYLE):
+        return [figure for function in FIGURES if (figure := function(results)) is not None]

@@ -1,0 +1,141 @@
+"""The page: one self-contained HTML file, and every table and figure as files beside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+
+from isi.report.figures import Figure
+from isi.report.results import JOINT, Results
+from isi.report.tables import ISI, Table, improvement_over_xavier, label
+from isi.tables import atomically
+
+
+def metrics(results: Results) -> dict[str, Any]:
+    """The headline numbers, MRR* in points, for ``dvc metrics``."""
+    at_once = results.at_once.groupby(["scope", "model"])["mrr_star"].mean()
+    cells = results.convergence.groupby(["scope", "model"])
+    epochs, converged = cells["epochs"].mean(), cells["converged"].mean()
+
+    def of(values: pd.Series, scale: float = 1.0) -> dict[str, dict[str, float]]:
+        return {
+            str(scope): {model: round(scale * float(values[scope, model]), 3)
+                         for model in results.models if (scope, model) in values.index}
+            for scope in values.index.unique("scope")
+        }  # fmt: skip
+
+    return {
+        "graph": {
+            "observations": len(results.observations),
+            "unique_triples": len(results.triples),
+            "entities": len(results.entities),
+        },
+        "immediate_mrr_star": of(at_once.dropna(), 100),
+        "epochs_to_convergence": of(epochs),
+        "unconverged_percent": of(1 - converged, 100),
+        "improvement_over_xavier_percent": {
+            scope: {name: round(value, 3) for name, value in improvement_over_xavier(results, scope).items()
+                    if name not in ("xavier", JOINT)}
+            for scope in ("all", "novel")
+        },
+    }  # fmt: skip
+
+
+def plots(results: Results) -> dict[str, pd.DataFrame]:
+    """Means over seeds, one column a model, for ``dvc plots``."""
+    means = 100 * results.at_once.groupby(["scope", "size", "model"])["mrr_star"].mean().unstack("model")
+    frames = {f"immediate_{scope}": means.loc[scope].reset_index() for scope in ("all", "novel")}
+    followed = results.runs[results.runs["size"].isin(results.params.curves.sizes) & (results.runs["model"] != JOINT)]
+    curves = 100 * followed.groupby(["scope", "epoch", "model"])["mrr_star"].mean().unstack("model")
+    for scope in ("all", "novel_heldout", "known", "known_closed"):
+        empty = pd.DataFrame(columns=["epoch", *results.initializers])
+        frames[f"curves_{scope}"] = curves.loc[scope].reset_index() if scope in curves.index.unique("scope") else empty
+    return frames
+
+
+def write(
+    folder: Path, results: Results, tables: Iterable[Table], figures: Iterable[Figure], run: Mapping[str, Any]
+) -> None:
+    """Write the page and everything beside it; each file whole or not at all.
+
+    Args:
+        run: what was run, by title: mappings of names to values.
+    """
+    tables, figures = list(tables), list(figures)
+    files: dict[Path, bytes] = {}
+    for table in tables:
+        files |= {folder / "tables" / f"{table.name}.{form}": text.encode() for form, text in _forms(table).items()}
+    for figure in figures:
+        files |= {folder / "figures" / f"{figure.name}.{form}": figure.rendered(form) for form in ("svg", "png")}
+    for name, frame in plots(results).items():
+        files[folder / "plots" / f"{name}.csv"] = frame.to_csv(index=False, float_format="%.4f").encode()
+    headline = metrics(results)
+    files[folder / "metrics.json"] = (json.dumps(headline, indent=2) + "\n").encode()
+    files[folder / "index.html"] = _html(results, tables, figures, headline, run).encode()
+    for path, content in files.items():
+        atomically(path, lambda temporary, content=content: temporary.write_bytes(content))  # type: ignore[misc]
+    for part in ("tables", "figures", "plots"):
+        for path in set((folder / part).iterdir()) - set(files):
+            path.unlink()
+
+
+def _forms(table: Table) -> dict[str, str]:
+    shown = shorten(table.frame)
+    return {
+        "csv": table.frame.to_csv(index=False, float_format="%.6g", lineterminator="\n"),
+        "md": shown.to_markdown(index=False, disable_numparse=True, colalign=_alignment(table.frame)) + "\n",
+        "tex": _latex(table, shown),
+    }
+
+
+def shorten(frame: pd.DataFrame) -> pd.DataFrame:
+    """Numbers as people read them: one decimal, none for whole columns, a dash for what is not there."""
+    return pd.DataFrame({name: [_shown(value, frame[name]) for value in frame[name]] for name in frame.columns})
+
+
+def _shown(value: Any, column: pd.Series) -> str:
+    if value is None or (isinstance(value, float) and pd.isna(value)):
+        return "–"
+    if isinstance(value, str):
+        return value
+    whole = pd.to_numeric(column, errors="coerce").dropna().mod(1).eq(0).all()
+    return f"{value:,.0f}" if whole else f"{value:,.1f}"
+
+
+def _alignment(frame: pd.DataFrame) -> tuple[str, ...]:
+    return tuple("left" if frame[name].map(lambda value: isinstance(value, str)).any() else "right" for name in frame)
+
+
+def _latex(table: Table, shown: pd.DataFrame) -> str:
+    columns = "".join(side[0] for side in _alignment(table.frame))
+    text = shown.replace("–", "--").style.hide(axis="index").format(escape="latex").format_index(escape="latex", axis=1)
+    latex: str = text.to_latex(hrules=True, column_format=columns)
+    return latex.replace("ξ", r"$\xi$").replace("Θ", r"$\Theta$")
+
+
+def _html(
+    results: Results, tables: list[Table], figures: list[Figure], headline: Mapping[str, Any], run: Mapping[str, Any]
+) -> str:
+    environment = Environment(
+        loader=PackageLoader("isi.report"), autoescape=select_autoescape(), undefined=StrictUndefined, trim_blocks=True
+    )
+    return environment.get_template("page.html").render(
+        tables={table.name: table for table in tables},
+        shorten=shorten,
+        numeric=lambda table: [side == "right" for side in _alignment(table.frame)],
+        figures={figure.name: figure for figure in figures},
+        svg=lambda figure: (
+            figure.rendered("svg").decode().partition("<svg")[1] + figure.rendered("svg").decode().partition("<svg")[2]
+        ),
+        headline=headline,
+        label=label,
+        isi=[name for name in ISI if name in results.initializers],
+        params=results.params,
+        paper=results.paper,
+        run=run,
+    )

@@ -1,0 +1,10 @@
+"""Settings that every test shares."""
+
+from __future__ import annotations
+
+import torch
+from hypothesis import settings
+
+settings.register_profile("isi", deadline=None, max_examples=60, derandomize=True, database=None)
+settings.load_profile("isi")
+torch.set_num_threads(1)

@@ -1,0 +1,82 @@
+"""Small graphs, and grids over them, for tests to share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from isi.embeddings.stack import Embedding
+from isi.experiments.cells import Cells
+from isi.graph import Graph
+from isi.sessions import draw_insert_triples, draw_novel, split
+
+#: Head, relation and tail id.
+Triple = tuple[int, int, int]
+
+
+def graph_of(counts: Mapping[Triple, int], entities: int, relations: int) -> Graph:
+    """A graph whose unique triples have the ids in which the mapping lists them."""
+    return Graph(
+        [f"entity {number}" for number in range(entities)],
+        [f"relation {number}" for number in range(relations)],
+        torch.tensor(list(counts)),
+        torch.tensor(list(counts.values())),
+    )
+
+
+def random_counts(entities: int, relations: int, triples: int, seed: int) -> dict[Triple, int]:
+    """A ring through all entities, with all relations, and random triples on top, seen 1 to 4 times each."""
+    rng = np.random.default_rng(seed)
+    counts = {(e, e % relations, (e + 1) % entities): int(rng.integers(1, 5)) for e in range(entities)}
+    while len(counts) < triples:
+        head, relation, tail = rng.integers((entities, relations, entities)).tolist()
+        counts[head, relation, tail] = int(rng.integers(1, 5))
+    return counts
+
+
+def random_graph(entities: int, relations: int, triples: int, seed: int = 0) -> Graph:
+    return graph_of(random_counts(entities, relations, triples, seed), entities, relations)
+
+
+def random_embedding(models: int, entities: int, relations: int, dimension: int, seed: int = 0) -> Embedding:
+    generator = torch.Generator().manual_seed(seed)
+    return Embedding(
+        torch.randn(models, entities, dimension, generator=generator),
+        torch.randn(models, relations, dimension, generator=generator),
+    )
+
+
+def cells_of(graph: Graph, size: int, seeds: Sequence[int], root: int = 0) -> Cells:
+    """Cells as the pipeline draws them, with a fifth of the triples each for validation and test."""
+    splits = np.stack([split(graph, root, seed, 0.2, 0.2) for seed in seeds])
+    novel = np.stack([draw_novel(len(graph.entities), root, size, seed) for seed in seeds])
+    return Cells(graph, size, list(seeds), splits, novel)
+
+
+def insert_triples_of(cells: Cells, root: int = 0, fraction: float = 0.5) -> np.ndarray:
+    """(model, place in ``novel``, triple) of the insert triples, as a task carries them; shape (I, 3)."""
+    rows = [
+        (model, cells.novel[model].tolist().index(entity), triple)
+        for model, seed in enumerate(cells.seeds)
+        for entity, triple in draw_insert_triples(
+            cells.graph, cells.splits[model], cells.novel[model], root, seed, fraction
+        )
+    ]
+    return np.array(rows, dtype=np.int64).reshape(-1, 3)
+
+
+def dense(relation: Tensor) -> Tensor:
+    """W of one relation of shape (d,) as a matrix (d, d), entry by entry from the design's vᵀW."""
+    dimension = len(relation)
+    half, quarter = dimension // 2, dimension // 4
+    matrix = torch.zeros(dimension, dimension, dtype=relation.dtype)
+    for place in range(half):
+        matrix[place, place] = relation[place]
+    for a in range(half, half + quarter):
+        b, x, y = a + quarter, relation[a], relation[a + quarter]
+        matrix[a, a], matrix[b, a] = x, -y  # the new a: a·x - b·y
+        matrix[a, b], matrix[b, b] = y, x  # the new b: a·y + b·x
+    return matrix

@@ -1,0 +1,392 @@
+"""Observations of AI2-THOR scenes, mined by hand and from the real recording."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from isi import graph, paths, tables
+from isi.errors import InputError
+from isi.params import load
+from isi.scenes import ai2thor, materials
+from isi.scenes.ai2thor import Object, Scene
+from isi.tables import Provenance
+
+KEYS = ("kitchens", "living_rooms", "bedrooms", "bathrooms")
+PROPERTIES = (
+    "openable", "pickupable", "toggleable", "canFillWithLiquid", "sliceable", "breakable", "dirtyable", "cookable",
+    "moveable", "isHeatSource", "isColdSource", "receptacle", "canBeUsedUp",
+)  # fmt: skip
+
+
+def thing(
+    kind: str, number: int = 1, parents: list[str] | None = None, made_of: list[str] | None = None, *properties: str
+) -> Object:
+    """An object as the simulator reports it."""
+    return {
+        "objectType": kind,
+        "objectId": f"{kind}|{number}",
+        "name": f"{kind}_{number}",
+        "parentReceptacles": parents,
+        "receptacleObjectIds": None,
+        "salientMaterials": made_of,
+        **{name: name in properties for name in PROPERTIES},
+    }
+
+
+#: FloorPlan1: a mug stands on a counter and in a sink at once; the counter stands on the floor.
+KITCHEN = [
+    thing("Floor", 1, None, ["Wood"], "receptacle", "dirtyable"),
+    thing("CounterTop", 1, ["Floor|1"], ["Stone", "Wood"], "receptacle"),
+    thing("Sink", 1, None, None, "receptacle"),
+    thing("Mug", 1, ["CounterTop|1", "Sink|1"], ["Ceramic"], "pickupable", "canFillWithLiquid", "breakable"),
+    thing("Mug", 2, [], [], "pickupable"),
+]
+#: FloorPlan302.
+BEDROOM = [
+    thing("Floor", 1),
+    thing("TVStand", 1, ["Floor|1"], ["Wood"], "receptacle", "openable"),
+    thing("AlarmClock", 1, ["TVStand|1"], ["Metal", "Glass"], "toggleable"),
+]
+#: (scene, room, instance, head, relation, tail), written out by hand.
+EXPECTED = [
+    ("FloorPlan1", "kitchen", "CounterTop|1", "counter top", "atLocation", "kitchen"),
+    ("FloorPlan1", "kitchen", "CounterTop|1", "counter top", "hasMaterial", "stone"),
+    ("FloorPlan1", "kitchen", "CounterTop|1", "counter top", "hasMaterial", "wood"),
+    ("FloorPlan1", "kitchen", "Sink|1", "sink", "atLocation", "kitchen"),
+    ("FloorPlan1", "kitchen", "Mug|1", "mug", "atLocation", "kitchen"),
+    ("FloorPlan1", "kitchen", "Mug|1", "mug", "atLocation", "counter top"),
+    ("FloorPlan1", "kitchen", "Mug|1", "mug", "atLocation", "sink"),
+    ("FloorPlan1", "kitchen", "Mug|1", "mug", "hasMaterial", "ceramic"),
+    ("FloorPlan1", "kitchen", "Mug|1", "mug", "hasAffordance", "pick up"),
+    ("FloorPlan1", "kitchen", "Mug|1", "mug", "hasAffordance", "put"),
+    ("FloorPlan1", "kitchen", "Mug|1", "mug", "hasAffordance", "fill"),
+    ("FloorPlan1", "kitchen", "Mug|1", "mug", "hasAffordance", "empty"),
+    ("FloorPlan1", "kitchen", "Mug|1", "mug", "hasAffordance", "break"),
+    ("FloorPlan1", "kitchen", "Mug|2", "mug", "atLocation", "kitchen"),
+    ("FloorPlan1", "kitchen", "Mug|2", "mug", "hasAffordance", "pick up"),
+    ("FloorPlan1", "kitchen", "Mug|2", "mug", "hasAffordance", "put"),
+    ("FloorPlan302", "bedroom", "TVStand|1", "tv stand", "atLocation", "bedroom"),
+    ("FloorPlan302", "bedroom", "TVStand|1", "tv stand", "hasMaterial", "wood"),
+    ("FloorPlan302", "bedroom", "TVStand|1", "tv stand", "hasAffordance", "open"),
+    ("FloorPlan302", "bedroom", "TVStand|1", "tv stand", "hasAffordance", "close"),
+    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock", "atLocation", "bedroom"),
+    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock", "atLocation", "tv stand"),
+    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock", "hasMaterial", "metal"),
+    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock", "hasMaterial", "glass"),
+    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock", "hasAffordance", "turn on"),
+    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock", "hasAffordance", "turn off"),
+]
+
+
+def recording() -> dict[str, Any]:
+    """Thirty scenes a room, empty but for two, and RoboTHOR's, which are not of the 120."""
+    scenes: dict[str, Any] = {key: [[] for _ in range(30)] for key in KEYS}
+    scenes["kitchens"][0] = json.loads(json.dumps(KITCHEN))
+    scenes["bedrooms"][1] = json.loads(json.dumps(BEDROOM))
+    return scenes | {"robothor": [[thing("Dumbbell")]] * 75}
+
+
+def read(path: Path, content: object) -> list[Scene]:
+    """Write a recording (JSON, or text as it is) and read it with its own hash."""
+    path.write_text(content if isinstance(content, str) else json.dumps(content), encoding="utf-8")
+    return ai2thor.read_recording(path, hashlib.sha256(path.read_bytes()).hexdigest())
+
+
+def rows(observations: pd.DataFrame) -> list[tuple[str, ...]]:
+    return sorted(observations.drop(columns="count").itertuples(index=False, name=None))
+
+
+def mine_one(*objects: Object) -> pd.DataFrame:
+    scene = Scene("FloorPlan1", 1, "kitchen", list(objects))
+    return ai2thor.mine([scene], materials.simulator, Path("recording.json"))
+
+
+def tails(observations: pd.DataFrame, relation: str) -> list[str]:
+    return sorted(observations.loc[observations["relation"] == relation, "tail"])
+
+
+def test_two_rooms_give_the_observations_written_out_by_hand(tmp_path: Path) -> None:
+    scenes = read(tmp_path / "recording.json", recording())
+    observations = ai2thor.mine(scenes, materials.simulator, tmp_path)
+    assert rows(observations) == sorted(EXPECTED)
+    assert (observations["count"] == 1).all()
+    tables.write(tmp_path / "table.parquet", observations, tables.OBSERVATIONS, Provenance("mine", {}))
+    assert rows(tables.read(tmp_path / "table.parquet", tables.OBSERVATIONS)) == sorted(EXPECTED)
+
+
+def test_scenes_bear_the_numbers_of_their_floor_plans(tmp_path: Path) -> None:
+    scenes = read(tmp_path / "recording.json", recording())
+    assert len(scenes) == 120
+    ends = [(scenes[place].name, scenes[place].room) for place in (0, 29, 30, 59, 60, 89, 90, 119)]
+    assert ends == [
+        ("FloorPlan1", "kitchen"), ("FloorPlan30", "kitchen"), ("FloorPlan201", "living room"),
+        ("FloorPlan230", "living room"), ("FloorPlan301", "bedroom"), ("FloorPlan330", "bedroom"),
+        ("FloorPlan401", "bathroom"), ("FloorPlan430", "bathroom"),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("has", "affordances"),
+    [
+        ("openable", ["close", "open"]),
+        ("pickupable", ["pick up", "put"]),
+        ("toggleable", ["turn off", "turn on"]),
+        ("canFillWithLiquid", ["empty", "fill"]),
+        ("sliceable", ["slice"]),
+        ("breakable", ["break"]),
+        ("dirtyable", ["clean", "dirty"]),
+        ("moveable", ["pull", "push"]),
+        ("cookable", ["cook"]),
+        ("isHeatSource", ["heat"]),
+        ("isColdSource", ["cool"]),
+        ("receptacle", []),
+        ("canBeUsedUp", []),
+    ],
+)
+def test_each_property_gives_its_affordances(has: str, affordances: list[str]) -> None:
+    assert tails(mine_one(thing("Gadget", 1, None, None, has)), "hasAffordance") == affordances
+
+
+def test_all_properties_together_give_seventeen_affordances() -> None:
+    given = tails(mine_one(thing("Gadget", 1, None, None, *PROPERTIES)), "hasAffordance")
+    assert len(given) == len(set(given)) == 17
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [("AlarmClock", "alarm clock"), ("TVStand", "tv stand"), ("CD", "cd"), ("HousePlant", "house plant"),
+     ("Mug", "mug"), ("ToiletPaperHanger", "toilet paper hanger")],
+)  # fmt: skip
+def test_types_become_lower_case_words(kind: str, name: str) -> None:
+    assert ai2thor.entity_name(kind) == name
+
+
+def test_the_floor_is_neither_object_nor_receptacle_while_other_receptacles_of_the_object_stay() -> None:
+    rug_on_both = thing("Cloth", 1, ["Floor|1", "Shelf|1"])
+    observations = mine_one(thing("Floor", 1, None, ["Wood"], "dirtyable"), thing("Shelf"), rug_on_both)
+    assert "floor" not in set(observations["head"]) | set(observations["tail"])
+    assert tails(observations[observations["head"] == "cloth"], "atLocation") == ["kitchen", "shelf"]
+
+
+def test_two_receptacles_of_one_type_are_two_observations() -> None:
+    observations = mine_one(thing("Shelf", 1), thing("Shelf", 2), thing("Book", 1, ["Shelf|1", "Shelf|2"]))
+    assert tails(observations[observations["head"] == "book"], "atLocation") == ["kitchen", "shelf", "shelf"]
+
+
+def test_a_missing_recording_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="nowhere.json"):
+        ai2thor.read_recording(tmp_path / "nowhere.json", "0" * 64)
+
+
+@pytest.mark.parametrize("text", [json.dumps(recording())[:-40], "a photograph, not JSON", ""])
+def test_a_truncated_or_non_json_recording_says_that_json_is_expected_and_where_it_ends(
+    tmp_path: Path, text: str
+) -> None:
+    with pytest.raises(InputError, match=r"recording\.json.*JSON.*line 1 column \d+"):
+        read(tmp_path / "recording.json", text)
+
+
+def test_a_recording_of_another_hash_is_refused_with_both_hashes(tmp_path: Path) -> None:
+    path = tmp_path / "recording.json"
+    read(path, recording())
+    got = hashlib.sha256(path.read_bytes()).hexdigest()
+    with pytest.raises(InputError, match=rf"recording\.json.*{'0' * 64}.*sha256.*{got}"):
+        ai2thor.read_recording(path, "0" * 64)
+
+
+def test_a_parent_that_its_scene_lacks_is_named_with_scene_and_object(tmp_path: Path) -> None:
+    broken = recording()
+    broken["bedrooms"][1][2]["parentReceptacles"] = ["TVStand|1", "Desk|7"]
+    scenes = read(tmp_path / "recording.json", broken)
+    with pytest.raises(InputError, match=r"recording\.json.*FloorPlan302.*AlarmClock\|1.*Desk\|7"):
+        ai2thor.mine(scenes, materials.simulator, tmp_path / "recording.json")
+
+
+def test_a_parent_in_another_scene_only_is_missing_too(tmp_path: Path) -> None:
+    broken = recording()
+    broken["bedrooms"][1][2]["parentReceptacles"] = ["CounterTop|1"]
+    scenes = read(tmp_path / "recording.json", broken)
+    with pytest.raises(InputError, match=r"FloorPlan302.*AlarmClock\|1.*CounterTop\|1"):
+        ai2thor.mine(scenes, materials.simulator, tmp_path / "recording.json")
+
+
+def _no_type(scenes: dict[str, Any]) -> None:
+    del scenes["kitchens"][0][3]["objectType"]
+
+
+def _null_type(scenes: dict[str, Any]) -> None:
+    scenes["kitchens"][0][3]["objectType"] = None
+
+
+def _no_id(scenes: dict[str, Any]) -> None:
+    del scenes["kitchens"][0][3]["objectId"]
+
+
+def _parents_no_list(scenes: dict[str, Any]) -> None:
+    scenes["kitchens"][0][3]["parentReceptacles"] = "CounterTop|1"
+
+
+def _parents_no_ids(scenes: dict[str, Any]) -> None:
+    scenes["kitchens"][0][3]["parentReceptacles"] = [["CounterTop|1"]]
+
+
+def _materials_no_list(scenes: dict[str, Any]) -> None:
+    scenes["kitchens"][0][3]["salientMaterials"] = "Metal"
+
+
+def _no_object(scenes: dict[str, Any]) -> None:
+    scenes["kitchens"][0][3] = "Mug"
+
+
+def _no_scene(scenes: dict[str, Any]) -> None:
+    scenes["kitchens"][0] = None
+
+
+@pytest.mark.parametrize(
+    ("damage", "place"),
+    [
+        (_no_type, r"FloorPlan1\b.*Mug\|1.*objectType"),
+        (_null_type, r"FloorPlan1\b.*Mug\|1.*objectType"),
+        (_no_id, r"FloorPlan1\b.*object 3.*objectId"),
+        (_parents_no_list, r"FloorPlan1\b.*Mug\|1.*parentReceptacles"),
+        (_parents_no_ids, r"FloorPlan1\b.*Mug\|1"),
+        (_materials_no_list, r"FloorPlan1\b.*Mug\|1.*salientMaterials"),
+        (_no_object, r"FloorPlan1\b.*object 3"),
+        (_no_scene, r"FloorPlan1\b.*list of objects"),
+    ],
+)
+def test_a_malformed_object_is_named_with_its_scene(
+    tmp_path: Path, damage: Callable[[dict[str, Any]], None], place: str
+) -> None:
+    broken = recording()
+    damage(broken)
+    with pytest.raises(InputError, match=rf"recording\.json.*{place}"):
+        ai2thor.mine(read(tmp_path / "recording.json", broken), materials.simulator, tmp_path / "recording.json")
+
+
+@pytest.mark.parametrize("number", [29, 31])
+def test_a_scene_list_of_another_length_is_named_with_both_lengths(tmp_path: Path, number: int) -> None:
+    with pytest.raises(InputError, match=rf"recording\.json.*living_rooms.*30.*{number}"):
+        read(tmp_path / "recording.json", recording() | {"living_rooms": [[]] * number})
+
+
+@pytest.mark.parametrize("content", [{"kitchens": [[]] * 30}, [], 3])
+def test_a_recording_without_a_room_is_refused_by_its_key(tmp_path: Path, content: object) -> None:
+    with pytest.raises(InputError, match=r"recording\.json.*(kitchens|living_rooms).*30 scenes"):
+        read(tmp_path / "recording.json", content)
+
+
+# Materials
+
+
+@pytest.fixture(scope="module")
+def shares() -> pd.DataFrame:
+    return materials.read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
+
+
+def test_simulator_materials_are_the_salient_ones_in_lower_case() -> None:
+    objects = [thing("Pot", 1, None, ["Metal", "Glass"]), thing("Pot", 2, None, None), thing("Pot", 3, None, [])]
+    assert materials.simulator(1, objects) == [["metal", "glass"], [], []]
+
+
+def test_suncg_materials_of_many_instances_meet_the_published_shares_independently(shares: pd.DataFrame) -> None:
+    number = 20_000
+    cabinets = materials.suncg(shares, 0)(1, [thing("Cabinet", place) for place in range(number)])
+    met = {name: sum(name in drawn for drawn in cabinets) / number for name in shares.columns}
+    published = {"wood": 0.914, "stone": 0.454, "metal": 0.366, "tile": 0.103, "glass": 0.004, "leather": 0.003}
+    assert met == pytest.approx(published | {"fabric": 0.0}, abs=0.015)
+    assert met["fabric"] == 0
+    both = sum({"wood", "stone"} <= set(drawn) for drawn in cabinets) / number
+    assert both == pytest.approx(0.914 * 0.454, abs=0.015)  # 0.454 if one number decided both
+
+
+def test_types_that_share_a_category_draw_with_its_shares(shares: pd.DataFrame) -> None:
+    drawn = materials.suncg(shares, 0)(1, [thing(kind, place) for place in range(5000) for kind in ("Drawer", "Sofa")])
+    for kind, wood, leather in (("Drawer", 0.914, 0.003), ("Sofa", 0.557, 0.268)):
+        own = drawn[0 if kind == "Drawer" else 1 :: 2]
+        assert sum("wood" in names for names in own) / 5000 == pytest.approx(wood, abs=0.03)
+        assert sum("leather" in names for names in own) / 5000 == pytest.approx(leather, abs=0.03)
+
+
+def test_suncg_materials_are_the_seven_of_the_paper(shares: pd.DataFrame) -> None:
+    assert set(shares.columns) == {"wood", "metal", "fabric", "glass", "leather", "stone", "tile"}
+
+
+def test_objects_without_a_category_get_no_materials(shares: pd.DataFrame) -> None:
+    drawn = materials.suncg(shares, 0)(1, [thing("AlarmClock", n) for n in range(200)] + [thing("Bed")])
+    assert not any(drawn[:-1])
+    assert "fabric" in drawn[-1]  # share 1 of beds
+
+
+def test_a_scene_draws_the_same_materials_whatever_else_is_mined(shares: pd.DataFrame) -> None:
+    scenes = [Scene(f"FloorPlan{n}", n, "kitchen", [thing("Cabinet", i) for i in range(40)]) for n in (1, 2, 3)]
+
+    def mined(chosen: list[Scene], root: int = 0) -> list[list[tuple[str, ...]]]:
+        observed = ai2thor.mine(chosen, materials.suncg(shares, root), Path("recording"))
+        return [[row[2:] for row in rows(observed[observed["scene"] == scene.name])] for scene in chosen]
+
+    one, two, three = mined(scenes)
+    assert mined([scenes[2], scenes[1]]) == [three, two]
+    assert one != two
+    assert mined(scenes[:1], root=1) != [one]
+
+
+def test_a_mapping_to_a_category_without_shares_is_refused_with_its_line(tmp_path: Path) -> None:
+    categories = tmp_path / "categories.csv"
+    categories.write_text("object,category\nbed,bed\nspaceship,vehicle\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"categories\.csv.*line 3.*'vehicle'"):
+        materials.read_shares(paths.MATERIAL_SHARES, categories)
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [("concept,material\nbed,wood\n", "column 'share'"), ("concept,material,share\nbed,wood,1.5\n", "share"),
+     ("concept,material,share\nbed,wood,much\n", "share"), ("concept,material,share\nbed,wood,\n", "share"),
+     ("concept,material,share\nbed,wood,0.5\nbed,wood,0.7\n", "bed"), ("", "CSV")],
+)  # fmt: skip
+def test_a_broken_table_of_shares_is_named(tmp_path: Path, text: str, place: str) -> None:
+    path = tmp_path / "shares.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=rf"shares\.csv.*{place}"):
+        materials.read_shares(path, paths.MATERIAL_CATEGORIES)
+
+
+# The real recording
+
+
+@pytest.fixture(scope="module")
+def real() -> list[Scene]:
+    return ai2thor.read_recording(ai2thor.locate("procthor"), load(paths.PARAMS).ai2thor.sha256)
+
+
+def test_the_real_recording_gives_the_known_figures(real: list[Scene]) -> None:
+    observations = ai2thor.mine(real, materials.simulator, Path("recording"))
+    triples = graph.count_triples(observations, "ai2thor")
+    entities = graph.name_entities(triples, set(observations["room"]), "ai2thor")
+    assert (len(observations), len(triples), len(entities)) == (23_729, 1_036, 153)
+    assert triples["count"].sum() == 23_729
+    assert (entities["kind"] == "room").sum() == 4
+    assert (entities["kind"] == "affordance").sum() == 17
+
+
+def test_every_object_of_the_real_recording_but_the_floors_is_seen_once_in_its_room(real: list[Scene]) -> None:
+    observations = ai2thor.mine(real, materials.simulator, Path("recording"))
+    in_room = observations[observations["tail"] == observations["room"]]
+    objects = sum(len(scene.objects) for scene in real)
+    assert objects == 5_670
+    assert len(in_room) == objects - 120  # one floor a scene
+    assert not in_room.duplicated(["scene", "instance"]).any()
+
+
+def test_every_mapped_object_is_a_type_of_the_recording(real: list[Scene], shares: pd.DataFrame) -> None:
+    robothor = json.loads(ai2thor.locate("procthor").read_bytes())["robothor"]
+    types = {thing["objectType"] for objects in [*(scene.objects for scene in real), *robothor] for thing in objects}
+    assert set(shares.index) <= {ai2thor.entity_name(kind) for kind in types}
+    assert shares.index.is_unique

@@ -1,0 +1,280 @@
+"""Tables and tensors on disk: schemas, provenance, checked reads and atomic writes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import torch
+
+from isi import tables
+from isi.errors import InputError
+from isi.tables import Provenance
+
+SCHEMAS = {name: schema for name, schema in vars(tables).items() if isinstance(schema, pa.Schema)}
+MADE = Provenance("some_stage", {"graph.min_count": 1})
+
+
+def values(kind: pa.DataType) -> list[Any]:
+    """Three values of a type; of those that may lack, the middle one does."""
+    if pa.types.is_dictionary(kind) or pa.types.is_string(kind):
+        return ["mug", None, "mug"]
+    if pa.types.is_floating(kind):
+        return [0.1, None, 1 / 3]
+    if pa.types.is_boolean(kind):
+        return [True, False, True]
+    assert kind == pa.int32()
+    return [0, -7, 2**31 - 1]
+
+
+def frame(schema: pa.Schema) -> pd.DataFrame:
+    return pd.DataFrame({field.name: values(field.type) for field in schema})
+
+
+def plain(table: pd.DataFrame) -> list[tuple[Any, ...]]:
+    return list(table.astype(object).where(table.notna(), None).itertuples(index=False, name=None))
+
+
+def novel(path: Path, provenance: Provenance = MADE) -> Path:
+    tables.write(path, pd.DataFrame({"size": [1], "seed": [0], "entity": [4]}), tables.NOVEL, provenance)
+    return path
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+# Tables
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+def test_a_table_comes_back_as_it_was_written(tmp_path: Path, name: str) -> None:
+    path, schema = tmp_path / "table.parquet", SCHEMAS[name]
+    tables.write(path, frame(schema).sample(frac=1, axis=1, random_state=0), schema, MADE)
+    read = tables.read(path, schema)
+    assert list(read.columns) == schema.names
+    assert plain(read) == list(zip(*(values(field.type) for field in schema), strict=True))
+    assert set(read.select_dtypes("number").dtypes.astype(str)) <= {"int32", "float64"}
+
+
+@pytest.mark.parametrize(
+    ("schema", "repeated"),
+    [
+        (tables.OBSERVATIONS, {"scene", "room", "head", "relation", "tail"}),
+        (tables.ENTITIES, {"kind", "source"}),
+        (tables.TRIPLES, {"head", "relation", "tail", "source"}),
+        (tables.SPLITS, {"split"}),
+        (tables.RUNS, {"scope"}),
+    ],
+)
+def test_strings_that_repeat_are_dictionary_encoded_on_disk(
+    tmp_path: Path, schema: pa.Schema, repeated: set[str]
+) -> None:
+    tables.write(tmp_path / "table.parquet", frame(schema), schema, MADE)
+    on_disk = pq.read_schema(tmp_path / "table.parquet")
+    assert {field.name for field in on_disk if pa.types.is_dictionary(field.type)} == repeated
+
+
+def test_a_table_of_another_writer_may_hold_plain_strings_and_more_columns(tmp_path: Path) -> None:
+    plain_strings = pa.table({"more": [1], "entity": ["mug"], "kind": ["object"], "source": ["x"], "phrase": ["mug"]})
+    pq.write_table(plain_strings, tmp_path / "entities.parquet")
+    assert plain(tables.read(tmp_path / "entities.parquet", tables.ENTITIES)) == [("mug", "object", "x", "mug")]
+
+
+# Provenance
+
+
+def test_metadata_names_the_stage_and_the_hash_of_its_params_and_nothing_of_pandas(tmp_path: Path) -> None:
+    metadata = pq.read_schema(novel(tmp_path / "novel.parquet")).metadata
+    assert metadata == {b"isi.stage": b"some_stage", b"isi.params": MADE.metadata()["isi.params"].encode()}
+    assert len(metadata[b"isi.params"]) == 64
+
+
+def test_equal_params_give_equal_bytes_in_whatever_order_they_and_the_inputs_were_read(tmp_path: Path) -> None:
+    written = []
+    for order in (1, -1):
+        made = Provenance("stage", dict([("seed", 0), ("sessions.sizes", [1, 5])][::order]))
+        for input_hash in ["aa", "bb"][::order]:
+            made.seen({"isi.params": input_hash})
+        written.append(novel(tmp_path / f"{order}.parquet", made).read_bytes())
+        tables.write_tensors(tmp_path / f"{order}.safetensors", {"b": torch.ones(2), "a": torch.zeros(2)}, made)
+    assert written[0] == written[1]
+    assert (tmp_path / "1.safetensors").read_bytes() == (tmp_path / "-1.safetensors").read_bytes()
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        Provenance("other_stage", {"graph.min_count": 1}),
+        Provenance("some_stage", {"graph.min_count": 2}),
+        Provenance("some_stage", {"graph.min_cuont": 1}),
+        Provenance("some_stage", {"graph.min_count": 1}, {"aa"}),
+    ],
+)
+def test_another_stage_param_or_input_gives_another_hash(other: Provenance) -> None:
+    assert other.metadata()["isi.params"] != MADE.metadata()["isi.params"]
+
+
+def test_a_param_of_an_early_stage_reaches_the_hash_of_every_later_table(tmp_path: Path) -> None:
+    def last(min_count: int) -> str:
+        novel(tmp_path / "first.parquet", Provenance("first", {"graph.min_count": min_count}))
+        second = Provenance("second", {})
+        tables.read(tmp_path / "first.parquet", tables.NOVEL, second)
+        tables.write_tensors(tmp_path / "second.safetensors", {"entity": torch.zeros(1)}, second)
+        third = Provenance("third", {})
+        tables.read_tensors(tmp_path / "second.safetensors", ["entity"], third)
+        return third.metadata()["isi.params"]
+
+    assert last(1) == last(1)
+    assert last(1) != last(2)
+
+
+# Refusals
+
+
+def test_a_missing_column_is_named(tmp_path: Path) -> None:
+    pq.write_table(pa.table({"size": pa.array([1], pa.int32()), "seed": pa.array([1], pa.int32())}), tmp_path / "t")
+    with pytest.raises(InputError, match=rf"{tmp_path / 't'}: column 'entity': missing"):
+        tables.read(tmp_path / "t", tables.NOVEL)
+
+
+@pytest.mark.parametrize(
+    ("column", "kind", "content"),
+    [("count", "int64", [1]), ("count", "double", [1.0]), ("count", "string", ["1"]), ("head", "int32", [1])],
+)
+def test_a_column_of_another_type_is_named_with_both_types(
+    tmp_path: Path, column: str, kind: str, content: list[Any]
+) -> None:
+    tables.write(tmp_path / "t.parquet", frame(tables.TRIPLES)[:1], tables.TRIPLES, MADE)
+    table = pq.read_table(tmp_path / "t.parquet")
+    place = table.schema.get_field_index(column)
+    pq.write_table(table.set_column(place, column, pa.array(content, pa.type_for_alias(kind))), tmp_path / "t.parquet")
+    with pytest.raises(InputError, match=rf"t\.parquet: column '{column}': expected .*(int32|string).*, got {kind}"):
+        tables.read(tmp_path / "t.parquet", tables.TRIPLES)
+
+
+def truncated(path: Path) -> bytes:
+    return novel(path).read_bytes()[:-10]
+
+
+def overwritten(path: Path) -> bytes:
+    raw = novel(path).read_bytes()
+    return raw[:4] + b"\xff" * 40 + raw[44:]
+
+
+def text(_path: Path) -> bytes:
+    return b"size,seed,entity\n1,0,4\n"
+
+
+def empty(_path: Path) -> bytes:
+    return b""
+
+
+@pytest.mark.parametrize("damage", [truncated, overwritten, text, empty])
+def test_what_is_no_parquet_is_named_in_one_line(tmp_path: Path, damage: Any) -> None:
+    path = tmp_path / "novel.parquet"
+    path.write_bytes(damage(path))
+    with pytest.raises(InputError, match=r"novel\.parquet: expected a Parquet table") as refused:
+        tables.read(path, tables.NOVEL)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_missing_table_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"nowhere\.parquet: expected a Parquet table"):
+        tables.read(tmp_path / "nowhere.parquet", tables.NOVEL)
+
+
+# Tensors
+
+
+def test_tensors_come_back_as_they_were_written_even_views(tmp_path: Path) -> None:
+    path = tmp_path / "size=01.safetensors"
+    entity = torch.arange(12.0).reshape(3, 4).T
+    tables.write_tensors(path, {"entity": entity, "known": torch.tensor([True, False])}, MADE)
+    read = tables.read_tensors(path, ["known", "entity"])
+    assert list(read) == ["known", "entity"]
+    assert torch.equal(read["entity"], entity)
+    assert read["known"].tolist() == [True, False]
+
+
+def test_a_missing_tensor_is_named(tmp_path: Path) -> None:
+    tables.write_tensors(tmp_path / "t.safetensors", {"entity": torch.zeros(1)}, MADE)
+    with pytest.raises(InputError, match=r"t\.safetensors: tensor 'relation': missing"):
+        tables.read_tensors(tmp_path / "t.safetensors", ["entity", "relation"])
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no tensors here", b"\x10\0\0\0\0\0\0\0{}"])
+def test_what_is_no_safetensors_file_is_named(tmp_path: Path, content: bytes | None) -> None:
+    if content is not None:
+        (tmp_path / "t.safetensors").write_bytes(content)
+    with pytest.raises(InputError, match=r"t\.safetensors: expected a safetensors file"):
+        tables.read_tensors(tmp_path / "t.safetensors", ["entity"])
+
+
+# Writes
+
+
+def test_folders_on_the_way_are_made(tmp_path: Path) -> None:
+    assert novel(tmp_path / "graph" / "ai2thor" / "novel.parquet").is_file()
+
+
+def test_an_exception_halfway_through_a_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "table.parquet"
+    path.write_bytes(b"the last good one")
+
+    def half(temporary: Path) -> None:
+        temporary.write_bytes(b"half of the n")
+        assert path.read_bytes() == b"the last good one"
+        raise RuntimeError("no space left")
+
+    with pytest.raises(RuntimeError, match="no space left"):
+        tables.atomically(path, half)
+    assert path.read_bytes() == b"the last good one"
+    assert names(tmp_path) == ["table.parquet"]
+
+
+def test_an_interrupt_before_the_first_byte_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "table.parquet").write_bytes(b"the last good one")
+
+    def interrupted(_: Path) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        tables.atomically(tmp_path / "table.parquet", interrupted)
+    assert names(tmp_path) == ["table.parquet"]
+
+
+def test_a_frame_that_does_not_fit_its_schema_leaves_the_old_table(tmp_path: Path) -> None:
+    before = novel(tmp_path / "novel.parquet").read_bytes()
+    for unfit in ({"size": [1], "seed": [0]}, {"size": [1], "seed": [0], "entity": ["mug"]}):
+        with pytest.raises((KeyError, pa.ArrowException)):
+            tables.write(tmp_path / "novel.parquet", pd.DataFrame(unfit), tables.NOVEL, MADE)
+    assert (tmp_path / "novel.parquet").read_bytes() == before
+    assert names(tmp_path) == ["novel.parquet"]
+
+
+def test_tensors_that_cannot_be_written_leave_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "t.safetensors"
+    tables.write_tensors(path, {"entity": torch.ones(3)}, MADE)
+    with pytest.raises((ValueError, RuntimeError)):
+        tables.write_tensors(path, {"entity": torch.ones(3).to_sparse()}, MADE)
+    assert torch.equal(tables.read_tensors(path, ["entity"])["entity"], torch.ones(3))
+    assert names(tmp_path) == ["t.safetensors"]
+
+
+def test_a_write_replaces_the_table_that_was_there(tmp_path: Path) -> None:
+    tables.write(tmp_path / "t.parquet", frame(tables.NOVEL), tables.NOVEL, MADE)
+    assert len(tables.read(novel(tmp_path / "t.parquet"), tables.NOVEL)) == 1
+    assert names(tmp_path) == ["t.parquet"]
+
+
+def test_keep_only_removes_files_of_earlier_and_killed_runs_but_no_folder(tmp_path: Path) -> None:
+    for name in ("size=01.safetensors", "size=02.safetensors", "size=10.safetensors", ".size=01.safetensors.7.tmp"):
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / "folder").mkdir()
+    tables.keep_only(tmp_path, [tmp_path / "size=01.safetensors", tmp_path / "size=02.safetensors"])
+    assert names(tmp_path) == ["folder", "size=01.safetensors", "size=02.safetensors"]

@@ -1,0 +1,254 @@
+"""Word vectors: every form of file, every way to look a phrase up, and every broken file."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from gensim.models import KeyedVectors
+
+from isi import paths, words
+from isi.errors import InputError
+from isi.scenes import ai2thor
+
+VECTORS = {
+    "alarm": [1.0, 0.0, 0.0],
+    "clock": [0.0, 1.0, -2.5],
+    "house_plant": [0.5, 0.25, 8.0],
+    "plant": [-1.0, 3.0, 1e-7],
+    "café": [0.0, 0.0, 2.0],
+}
+
+
+def glove(vectors: dict[str, list[float]] = VECTORS) -> bytes:
+    return "".join(f"{token} {' '.join(map(repr, vector))}\n" for token, vector in vectors.items()).encode()
+
+
+def text(vectors: dict[str, list[float]] = VECTORS) -> bytes:
+    return f"{len(vectors)} {len(next(iter(vectors.values())))}\n".encode() + glove(vectors)
+
+
+def binary(vectors: dict[str, list[float]] = VECTORS, header: str | None = None, newline: bytes = b"\n") -> bytes:
+    rows = [token.encode() + b" " + struct.pack(f"<{len(v)}f", *v) + newline for token, v in vectors.items()]
+    return (header or f"{len(vectors)} {len(next(iter(vectors.values())))}").encode() + b"\n" + b"".join(rows)
+
+
+def loaded(path: Path, content: bytes) -> KeyedVectors:
+    path.write_bytes(content)
+    return words.load_vectors(str(path))
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("word2vec.txt", text()),
+        ("word2vec.bin", binary()),
+        ("google.bin", binary(newline=b"")),  # as Google's own file: no newline after a vector
+        ("glove.txt", glove()),
+        ("word2vec.txt.gz", gzip.compress(text())),
+        ("glove.txt.gz", gzip.compress(glove())),
+        ("word2vec.bin.gz", gzip.compress(binary())),
+    ],
+)
+def test_every_form_of_file_gives_the_same_vectors(tmp_path: Path, name: str, content: bytes) -> None:
+    read = loaded(tmp_path / name, content)
+    assert read.index_to_key == list(VECTORS)
+    np.testing.assert_array_equal(read.vectors, np.array(list(VECTORS.values()), dtype=np.float32))
+
+
+def test_files_that_gensim_writes_are_read_back(tmp_path: Path) -> None:
+    saved = KeyedVectors(300)
+    saved.add_vectors(["mug", "bowl"], np.random.default_rng(0).normal(size=(2, 300)).astype(np.float32))
+    for binary_form in (True, False):
+        saved.save_word2vec_format(str(tmp_path / "saved"), binary=binary_form)
+        np.testing.assert_array_equal(words.read_vectors(tmp_path / "saved").vectors, saved.vectors)
+
+
+@pytest.mark.parametrize("token", ["b", "bo", "bow", "bowl", "bowls"])
+def test_long_lines_of_text_are_not_taken_for_binary_wherever_a_number_is_cut(tmp_path: Path, token: str) -> None:
+    read = loaded(tmp_path / "wide.txt", text({token: [-0.5] * 900, "mug": [0.25] * 900}))
+    np.testing.assert_array_equal(read.vectors[:, 0], [-0.5, 0.25])
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0, 6.0139e-36])  # the bytes of the last are spaces and "0"
+def test_binary_vectors_are_known_as_such_whatever_their_bytes(tmp_path: Path, value: float) -> None:
+    read = loaded(tmp_path / "words.bin", binary({"mug": [value] * 3, "bowl": [1.0, 2.0, 3.0]}))
+    assert read.index_to_key == ["mug", "bowl"]
+    np.testing.assert_allclose(read["bowl"], [1, 2, 3])
+
+
+@pytest.mark.parametrize("form", [text, binary, glove])
+def test_a_token_that_is_there_twice_keeps_its_first_vector(
+    tmp_path: Path, form: Callable[[dict[str, list[float]]], bytes]
+) -> None:
+    read = loaded(tmp_path / "words", form(VECTORS).replace(b"clock ", b"alarm "))
+    np.testing.assert_array_equal(words.look_up(read, ["alarm", "clock", "house plant"]).vectors[:, 0], [1, 0, 0.5])
+
+
+# Looking up
+
+
+@pytest.fixture
+def known(tmp_path: Path) -> KeyedVectors:
+    extra = {"tv stand": [7.0, 7.0, 7.0], "tv_stand": [9.0, 9.0, 9.0], "house": [4.0, 4.0, 4.0]}
+    keyed = KeyedVectors(3)
+    every = VECTORS | extra
+    keyed.add_vectors(list(every), np.array(list(every.values()), dtype=np.float32))
+    return keyed
+
+
+@pytest.mark.parametrize(
+    ("phrase", "vector", "served_by"),
+    [
+        ("clock", [0.0, 1.0, -2.5], "clock"),
+        ("house plant", [0.5, 0.25, 8.0], "house_plant"),  # joined, though both tokens are known, too
+        ("tv stand", [7.0, 7.0, 7.0], "tv stand"),  # the phrase as it is comes before the joined one
+        ("alarm clock", [0.5, 0.5, -1.25], "alarm clock"),  # the mean of both
+        ("alarm unheard", [1.0, 0.0, 0.0], "alarm"),  # the mean of those that are known
+        ("unheard of", [0.0, 0.0, 0.0], None),
+    ],
+)
+def test_a_phrase_is_one_token_or_joined_or_the_mean_of_its_tokens_or_nothing(
+    known: KeyedVectors, phrase: str, vector: list[float], served_by: str | None
+) -> None:
+    found = words.look_up(known, [phrase])
+    np.testing.assert_allclose(found.vectors, [vector])
+    assert found.vectors.dtype == np.float32
+    assert found.served_by == [served_by]
+
+
+def test_vectors_are_aligned_with_the_phrases(known: KeyedVectors) -> None:
+    found = words.look_up(known, ["unheard", "clock", "alarm", "clock"])
+    np.testing.assert_allclose(found.vectors, [[0, 0, 0], [0, 1, -2.5], [1, 0, 0], [0, 1, -2.5]])
+    assert found.served_by == [None, "clock", "alarm", "clock"]
+
+
+# Broken files
+
+
+def _line(number: int, line: str, whole: bytes) -> bytes:
+    """A text with one line (counted from 1) replaced."""
+    lines = whole.decode().splitlines()
+    lines[number - 1] = line
+    return ("\n".join(lines) + "\n").encode()
+
+
+NAN = VECTORS | {"plant": [0.0, float("nan"), 0.0]}
+
+
+@pytest.mark.parametrize(
+    ("content", "place"),
+    [
+        pytest.param(_line(4, "house_plant 1 2", text()), "line 4", id="text: too few numbers"),
+        pytest.param(_line(4, "house_plant 1 2 3 4", text()), "line 4", id="text: too many numbers"),
+        pytest.param(_line(2, "alarm 1 2", text()), "line 2", id="text: too few numbers at first"),
+        pytest.param(_line(4, "house_plant 1 x 3", text()), "line 4", id="text: no number"),
+        pytest.param(_line(2, "alarm 1 x 3", text()), "line 2", id="text: no number at first"),
+        pytest.param(_line(1, "5 4", text()), "line [12]", id="text: dimension too large"),
+        pytest.param(_line(1, "5 2", text()), "line [12]", id="text: dimension too small"),
+        pytest.param(_line(1, "6 3", text()), "line 1|end of file", id="text: more vectors in the header than there are"),
+        pytest.param(_line(3, "house_plant 1 2", glove()), "line 3", id="GloVe: too few numbers"),
+        pytest.param(_line(3, "house_plant 1 2 3 4", glove()), "line 3", id="GloVe: too many numbers"),
+        pytest.param(_line(3, "house_plant 1 x 3", glove()), "line 3", id="GloVe: no number"),
+        pytest.param(_line(1, "alarm 1 x 3", glove()), "line 1", id="GloVe: no number at first"),
+        pytest.param(text(NAN), "plant", id="text: not a number"),
+        pytest.param(glove(NAN), "plant", id="GloVe: not a number"),
+        pytest.param(binary(NAN), "plant", id="binary: not a number"),
+        pytest.param(text(VECTORS | {"clock": [0.0, float("inf"), 0.0]}), "clock", id="text: infinite"),
+        pytest.param(binary(header="5 4"), ".", id="binary: dimension too large"),
+        pytest.param(binary(header="5 2"), ".", id="binary: dimension too small"),
+        pytest.param(binary(header="5 1"), ".", id="binary: dimension far too small"),
+        pytest.param(binary(header="5 300"), ".", id="binary: dimension far too large"),
+        pytest.param(binary(header="6 3"), ".", id="binary: more vectors in the header than there are"),
+        pytest.param(binary()[:-6], ".", id="binary: truncated in a vector"),
+        pytest.param(binary()[:25], ".", id="binary: truncated in the first vector"),
+        pytest.param(binary()[:4], ".", id="binary: truncated after the header"),
+        pytest.param(b"", "", id="empty"),
+        pytest.param(b"\n", "", id="an empty line"),
+        pytest.param(b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "", id="no word vectors at all"),
+        pytest.param(b"a photograph, not word vectors\n", "line 1", id="prose"),
+    ],
+)
+def test_a_broken_file_is_named_with_the_place(tmp_path: Path, content: bytes, place: str) -> None:
+    path = tmp_path / "broken.vec"
+    with pytest.raises(InputError) as refused:
+        loaded(path, content)
+    file, where, _ = refused.value.args
+    assert file == str(path)
+    assert pd.Series([where]).str.contains(place).all(), where
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("wrong", [383, 385, 192, 768, 300, 1])
+def test_the_shipped_vectors_under_a_header_of_another_dimension_are_refused(tmp_path: Path, wrong: int) -> None:
+    count, rest = paths.shipped_vectors("definition").read_bytes().split(b" 384\n", 1)
+    with pytest.raises(InputError, match=r"shipped\.bin"):
+        loaded(tmp_path / "shipped.bin", count + f" {wrong}\n".encode() + rest)
+
+
+@pytest.mark.parametrize("damage", [lambda raw: raw[: len(raw) // 2], lambda raw: raw[:20] + b"\0\0\0" + raw[23:]])
+def test_a_damaged_gz_file_is_named(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+    compressed = gzip.compress(text({f"token{n}": [n * 0.1, n * 0.7, n * 1.3] for n in range(2000)}))
+    with pytest.raises(InputError, match=r"words\.txt\.gz"):
+        loaded(tmp_path / "words.txt.gz", damage(compressed))
+
+
+@pytest.mark.parametrize("name", ["nowhere.bin", "nowhere/vectors"])
+def test_a_missing_path_is_named_without_asking_the_network(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match=rf"{name}.*no such file.*words\.source"):
+        words.load_vectors(str(tmp_path / name))
+
+
+# The shipped vectors
+
+
+@pytest.fixture(scope="module", params=["definition", "phrase"])
+def shipped(request: pytest.FixtureRequest) -> KeyedVectors:
+    return words.load_vectors(str(paths.shipped_vectors(request.param)))
+
+
+def definitions() -> list[str]:
+    table = pd.read_csv(paths.DEFINITIONS, keep_default_na=False)
+    assert table["definition"].str.len().gt(10).all()
+    assert table["phrase"].is_unique
+    return list(table["phrase"])
+
+
+def object_types() -> list[str]:
+    """All of AI2-THOR's and RoboTHOR's in the recording, the floor too."""
+    scenes = json.loads(ai2thor.locate("procthor").read_bytes())
+    return sorted({ai2thor.entity_name(o["objectType"]) for rooms in scenes.values() for room in rooms for o in room})
+
+
+ROOMS = ["bathroom", "bedroom", "kitchen", "living room"]
+SUNCG = ["wood", "metal", "fabric", "glass", "leather", "stone", "tile"]
+SIMULATOR = ["metal", "plastic", "wood", "fabric", "glass", "ceramic", "paper", "food", "organic", "rubber", "stone",
+             "sponge", "wax", "soap", "leather"]  # fmt: skip
+AFFORDANCES = ["open", "close", "pick up", "put", "turn on", "turn off", "fill", "empty", "slice", "break", "clean",
+               "dirty", "push", "pull", "cook", "heat", "cool"]  # fmt: skip
+
+
+def test_the_shipped_vectors_serve_every_phrase_as_one_token(shipped: KeyedVectors) -> None:
+    phrases = [*definitions(), *object_types(), *ROOMS, *SUNCG, *SIMULATOR, *AFFORDANCES]
+    assert words.look_up(shipped, phrases).served_by == [phrase.replace(" ", "_") for phrase in phrases]
+
+
+def test_both_shipped_sets_hold_the_phrases_of_the_definitions_and_no_others(shipped: KeyedVectors) -> None:
+    assert shipped.index_to_key == [phrase.replace(" ", "_") for phrase in definitions()]
+
+
+def test_the_shipped_vectors_are_unit_length_rows_of_384_and_no_two_alike(shipped: KeyedVectors) -> None:
+    assert shipped.vectors.shape == (len(definitions()), 384)
+    np.testing.assert_allclose(np.linalg.norm(shipped.vectors, axis=1), 1, atol=1e-5)
+    assert len(np.unique(shipped.vectors, axis=0)) == len(shipped.vectors)
+
+
+def test_the_shipped_vectors_know_what_is_alike(shipped: KeyedVectors) -> None:
+    assert shipped.similarity("sofa", "arm_chair") > shipped.similarity("sofa", "egg")
+    assert shipped.similarity("sink", "sink_basin") > shipped.similarity("sink", "alarm_clock")
