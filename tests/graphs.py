@@ -31,7 +31,7 @@ def random_counts(entities: int, relations: int, triples: int, seed: int) -> dic
     """A ring through all entities, with all relations, and random triples on top, seen 1 to 4 times each."""
     rng = np.random.default_rng(seed)
     counts = {(e, e % relations, (e + 1) % entities): int(rng.integers(1, 5)) for e in range(entities)}
-    while len(counts) < triples:
+    while len(counts) < min(triples, relations * entities**2):
         head, relation, tail = rng.integers((entities, relations, entities)).tolist()
         counts[head, relation, tail] = int(rng.integers(1, 5))
     return counts

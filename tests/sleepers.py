@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import time
 from pathlib import Path
 
@@ -31,9 +30,3 @@ def main(folder: str) -> None:
     nothing = np.zeros((1, 0), dtype=np.int8)
     tasks = [Cells(graph, 1, [seed], nothing, nothing) for seed in range(WORKERS)]
     run(sleep, tasks, Compute(workers=WORKERS, stack=1), "sleeping")
-
-
-if __name__ == "__main__":
-    from tests import sleepers  # by its own name, which workers can import
-
-    sleepers.main(sys.argv[1])

@@ -181,7 +181,7 @@ def test_two_receptacles_of_one_type_are_two_observations() -> None:
 
 
 def test_a_missing_recording_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="nowhere.json"):
+    with pytest.raises(InputError, match=r"nowhere\.json"):
         ai2thor.read_recording(tmp_path / "nowhere.json", "0" * 64)
 
 

@@ -62,9 +62,7 @@ def test_the_params_of_the_repository_load_with_the_papers_values() -> None:
         ("  ers:\n", "  esr:\n", "initializers.ers"),  # the one that is missing: others may be one's own
     ],
 )
-def test_a_misspelt_key_is_refused_by_name(
-    tmp_path: Path, key: str, misspelt: str, named: str
-) -> None:
+def test_a_misspelt_key_is_refused_by_name(tmp_path: Path, key: str, misspelt: str, named: str) -> None:
     assert named in refusal(tmp_path, renamed(key, misspelt))
 
 

@@ -95,7 +95,7 @@ def test_a_token_that_is_there_twice_keeps_its_first_vector(
 
 
 @pytest.fixture
-def known(tmp_path: Path) -> KeyedVectors:
+def known() -> KeyedVectors:
     extra = {"tv stand": [7.0, 7.0, 7.0], "tv_stand": [9.0, 9.0, 9.0], "house": [4.0, 4.0, 4.0]}
     keyed = KeyedVectors(3)
     every = VECTORS | extra
@@ -152,7 +152,9 @@ NAN = VECTORS | {"plant": [0.0, float("nan"), 0.0]}
         pytest.param(_line(2, "alarm 1 x 3", text()), "line 2", id="text: no number at first"),
         pytest.param(_line(1, "5 4", text()), "line [12]", id="text: dimension too large"),
         pytest.param(_line(1, "5 2", text()), "line [12]", id="text: dimension too small"),
-        pytest.param(_line(1, "6 3", text()), "line 1|end of file", id="text: more vectors in the header than there are"),
+        pytest.param(
+            _line(1, "6 3", text()), "line 1|end of file", id="text: more vectors in the header than there are"
+        ),
         pytest.param(_line(3, "house_plant 1 2", glove()), "line 3", id="GloVe: too few numbers"),
         pytest.param(_line(3, "house_plant 1 2 3 4", glove()), "line 3", id="GloVe: too many numbers"),
         pytest.param(_line(3, "house_plant 1 x 3", glove()), "line 3", id="GloVe: no number"),
