@@ -62,13 +62,10 @@ def name_entities(triples: pd.DataFrame, rooms: set[str], source: str) -> pd.Dat
     Raises:
         InputError: where a name would be of two kinds.
     """
-    kinds = pd.concat(
-        [
-            pd.DataFrame({"entity": triples["head"], "kind": "object"}),
-            pd.DataFrame({"entity": triples["tail"], "kind": triples["relation"].map(_TAIL_KIND)}),
-        ]
-    )
-    kinds.loc[kinds["entity"].isin(rooms), "kind"] = "room"
+    is_room = (triples["relation"] == AT_LOCATION) & triples["tail"].isin(rooms)
+    heads = pd.DataFrame({"entity": triples["head"], "kind": "object"})
+    tails = pd.DataFrame({"entity": triples["tail"], "kind": triples["relation"].map(_TAIL_KIND).mask(is_room, "room")})
+    kinds = pd.concat([heads, tails])
     unique = kinds.drop_duplicates().sort_values("entity")
     twice = unique[unique["entity"].duplicated(keep=False)]
     if len(twice):

@@ -19,7 +19,7 @@ Option = int | float | bool | str
 class Section(BaseModel):
     """A mapping of ``params.yaml``: no unknown keys, no silent conversions."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, protected_namespaces=())
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
 class AI2Thor(Section):
@@ -174,7 +174,7 @@ def load(path: Path) -> Params:
         place = f"line {mark.line + 1}" if mark else ""
         raise InputError(path, place, f"expected YAML: {getattr(error, 'problem', error)}") from error
     except ValidationError as error:
-        first = error.errors()[0]
+        first = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")  # a misspelt key is missing, too
         key = ".".join(str(part) for part in first["loc"] if part != "[key]")
         more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
         got = "" if first["type"] in ("missing", "extra_forbidden", "value_error") else f", got {first['input']!r}"

@@ -25,7 +25,7 @@ def stage(*keys: str, argument: str | None = None) -> Callable[[Callable[..., No
 
     def decorate(body: Callable[..., None]) -> Callable[[], None]:
         def main() -> None:
-            parser = argparse.ArgumentParser(prog=f"python -m {body.__module__}", description=body.__doc__)
+            parser = argparse.ArgumentParser(prog=f"python -m stages.{body.__name__}", description=body.__doc__)
             if argument:
                 parser.add_argument(argument)
             given = vars(parser.parse_args())

@@ -118,13 +118,22 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], provenance: Provena
     """Write a safetensors file through a temporary file."""
     from safetensors.torch import save
 
-    content = save({name: tensor.contiguous() for name, tensor in tensors.items()}, metadata=provenance.metadata())
+    content = _in_order(save({name: t.contiguous() for name, t in tensors.items()}, metadata=provenance.metadata()))
     atomically(path, lambda temporary: temporary.write_bytes(content))
+
+
+def _in_order(content: bytes) -> bytes:
+    """A safetensors file with the keys of its header in order: safetensors writes those of metadata in any."""
+    end = 8 + int.from_bytes(content[:8], "little")
+    header = json.dumps(json.loads(content[8:end]), sort_keys=True, separators=(",", ":")).encode()
+    return content[:8] + header.ljust(end - 8) + content[end:]
 
 
 def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
     """Let a function write to a temporary name beside the path, then replace the path."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    for stale in path.parent.glob(f".{path.name}.*.tmp"):  # of a stage that was killed
+        stale.unlink()
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         write_to(temporary)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import codecs
 import logging
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,9 +69,11 @@ def read_vectors(path: Path) -> KeyedVectors:
     try:
         header, binary = _form(path)
         words = KeyedVectors.load_word2vec_format(str(path), binary=binary, no_header=header is None)
-    except (ValueError, EOFError, OSError, OverflowError, MemoryError) as error:
+    except (ValueError, TypeError, EOFError, OSError, OverflowError, MemoryError, zlib.error) as error:
         place = "" if isinstance(error, OSError) else _broken_place(path)
         raise InputError(path, place, f"expected word vectors in word2vec or GloVe format ({error})") from error
+    if not words.vectors.size:
+        raise InputError(path, "", "expected word vectors in word2vec or GloVe format, got none")
     if not np.isfinite(words.vectors).all():
         token = words.index_to_key[int(np.flatnonzero(~np.isfinite(words.vectors).all(1))[0])]
         raise InputError(path, f"vector of {token!r}", "expected finite numbers")
@@ -87,12 +91,19 @@ def _form(path: Path) -> tuple[tuple[int, int] | None, bool]:
         first.decode("utf-8")
         return None, False
     count, dimension = (int(field) for field in fields)
+    return (count, dimension), not _is_text(second)
+
+
+def _is_text(start: bytes) -> bool:
+    """Whether the bytes after a header are text: vectors in binary hold bytes that no text does."""
+    if any(byte < 32 and byte not in b"\t\n\r" for byte in start):
+        return False
     try:
-        text = second.decode("utf-8", errors="strict" if b"\n" in second else "ignore")
-        return (count, dimension), not all(_is_number(field) for field in text.split("\n")[0].split(" ")[1:])
+        codecs.getincrementaldecoder("utf-8")().decode(start)
     except UnicodeDecodeError:
-        line = second.split(b"\n")[0]
-        return (count, dimension), not (b" " in line and all(_is_number(f.decode("latin-1")) for f in line.split()[1:]))
+        line = start.split(b"\n")[0]
+        return b" " in line and all(_is_number(field.decode("latin-1")) for field in line.split()[1:])
+    return True
 
 
 def _is_number(text: str) -> bool:
@@ -107,9 +118,10 @@ def _check_length(path: Path, words: KeyedVectors, header: tuple[int, int]) -> N
     """Refuse a binary file that goes on after its last vector: its header gives a wrong dimension."""
     count, dimension = header
     with open_any(path, "rb") as file:
-        size = file.seek(0, 2)
-    longest = sum(len(key.encode()) for key in words.index_to_key) + count * (4 * dimension + 2) + 64
-    if len(words) == count and size > longest:
+        start = len(file.readline())
+        size = file.seek(0, 2) - start
+    longest = sum(len(key.encode()) for key in words.index_to_key if key) + count * (4 * dimension + 2)
+    if None not in words.index_to_key and size > longest:
         raise InputError(path, "line 1", f"{count} vectors of dimension {dimension} do not fill the file")
 
 
@@ -121,7 +133,7 @@ def _broken_place(path: Path) -> str:
             return "binary vectors"
         with open_any(path, encoding="utf-8") as file:
             return next(_broken_lines(file, header), "end of file")
-    except (ValueError, OSError):
+    except (ValueError, EOFError, OSError, zlib.error):
         return ""
 
 

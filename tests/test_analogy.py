@@ -48,16 +48,13 @@ def test_maps_are_dense_matrices(dimension: int) -> None:
     embedding = random_embedding(1, 2, 1, dimension, seed=dimension)
     head, tail, relation = embedding.entity[0, 0], embedding.entity[0, 1], embedding.relation[0, 0]
     matrix = dense(relation)
-    close = {"rtol": 1e-3, "atol": 1e-3}
     torch.testing.assert_close(analogy.transform(head, relation), head @ matrix)
     torch.testing.assert_close(analogy.transform(head, analogy.transpose(relation)), head @ matrix.T)
     torch.testing.assert_close(analogy.score(head, relation, tail), head @ matrix @ tail)
     inverse = torch.linalg.inv(matrix.double()).float()
-    torch.testing.assert_close(analogy.transform(tail, analogy.inverse(relation)), tail @ inverse, **close)
-    alpha = analogy.resultants(
-        embedding.entity[0], relation.expand(2, dimension), torch.tensor([True, False])
-    )
-    torch.testing.assert_close(alpha, torch.stack([head @ matrix, tail @ inverse]), **close)
+    torch.testing.assert_close(analogy.transform(tail, analogy.inverse(relation)), tail @ inverse, rtol=1e-3, atol=1e-3)
+    alpha = analogy.resultants(embedding.entity[0], relation.expand(2, dimension), torch.tensor([True, False]))
+    torch.testing.assert_close(alpha, torch.stack([head @ matrix, tail @ inverse]), rtol=1e-3, atol=1e-3)
 
 
 def test_all_ways_to_score_agree() -> None:

@@ -6,9 +6,13 @@ import json
 import os
 import subprocess
 import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pandas as pd
+import psutil
 import pyarrow.parquet as pq
 import pytest
 import yaml
@@ -24,12 +28,14 @@ INITIALIZERS = ("xavier", "iu", "es", "rs", "ers")
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
 
+#: With this interpreter's ``python`` first on the path.
+ENVIRONMENT = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+
+
 def dvc(folder: Path, *arguments: str) -> str:
-    """Run DVC in a folder, with this interpreter's ``python`` first on the path."""
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run(
-        [sys.executable, "-m", "dvc", *arguments], cwd=folder, capture_output=True, text=True, env=os.environ | {"PATH": path}
-    )
+    """Run DVC in a folder; what it printed."""
+    command = [sys.executable, "-m", "dvc", *arguments]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=ENVIRONMENT)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -37,6 +43,23 @@ def dvc(folder: Path, *arguments: str) -> str:
 def ran(output: str) -> set[str]:
     """The stages that ``dvc repro`` says it ran."""
     return {line.split("'")[1] for line in output.splitlines() if line.startswith("Running stage")}
+
+
+def working_in(folder: Path) -> list[psutil.Process]:
+    """Processes whose working directory is a folder."""
+    found = []
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):
+            if Path(process.cwd()) == folder and process.status() != psutil.STATUS_ZOMBIE:
+                found.append(process)
+    return found
+
+
+def wait_until(condition: Callable[[], bool], seconds: float) -> bool:
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.1)
+    return condition()
 
 
 def set_param(folder: Path, key: str, value: object) -> None:
@@ -76,7 +99,10 @@ def test_runs_have_every_cell_epoch_and_scope(folder: Path) -> None:
         assert (halves - runs["mrr_star"]).abs().max() < 1e-12
         assert (runs["mrr_star"].isna() == (runs["queries"] == 0)).all()
         vectors = load_file(folder / f"data/runs/ai2thor/{name}.safetensors")
-        assert {key: tuple(value.shape) for key, value in vectors.items()} == {"size=01": (3, 1, 8), "size=02": (3, 2, 8)}
+        assert {key: tuple(value.shape) for key, value in vectors.items()} == {
+            "size=01": (3, 1, 8),
+            "size=02": (3, 2, 8),
+        }
 
 
 def test_all_initializers_start_from_the_same_earlier_knowledge(folder: Path) -> None:
@@ -85,7 +111,8 @@ def test_all_initializers_start_from_the_same_earlier_knowledge(folder: Path) ->
         return runs[(runs["epoch"] == 0) & (runs["scope"] == "known_closed")].reset_index(drop=True)
 
     for name in INITIALIZERS[1:]:
-        pd.testing.assert_frame_equal(closed(name), closed("xavier"), check_categorical=False)
+        # A tie is as wide as the largest score of its row, which may be a novel entity's: hence the tolerance.
+        pd.testing.assert_frame_equal(closed(name), closed("xavier"), check_categorical=False, atol=1e-4)
 
 
 def test_theta0_knows_all_but_the_novel_entities(folder: Path) -> None:
@@ -153,3 +180,17 @@ def test_an_initializer_of_ones_own_goes_from_function_to_report(folder: Path) -
     assert "nearest" in (folder / "reports/tables/immediate.md").read_text(encoding="utf-8")
     vectors = load_file(folder / "data/runs/ai2thor/nearest.safetensors")
     assert vectors["size=02"].shape == (3, 2, 8)
+
+
+def test_nothing_goes_on_after_dvc_is_killed_and_nothing_half_done_counts(tmp_path: Path) -> None:
+    workspace.make(tmp_path, SMALL | {"training.max_epochs": 5000, "training.patience": 5000})
+    dvc(tmp_path, "repro", "make_sessions")
+    command = [sys.executable, "-m", "dvc", "repro", "train_theta0"]
+    run = subprocess.Popen(command, cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    assert wait_until(lambda: len(working_in(tmp_path)) >= 5, 60)  # dvc, the stage, its server and two workers
+    run.kill()
+    run.wait()
+    assert wait_until(lambda: not working_in(tmp_path), 10)
+    assert not (tmp_path / "data/embeddings").exists()
+    set_param(tmp_path, "training.max_epochs", 2)
+    assert "train_theta0" in ran(dvc(tmp_path, "repro", "train_theta0"))

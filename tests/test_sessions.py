@@ -23,9 +23,7 @@ from isi.sessions import (
 from isi.streams import stream
 from tests.graphs import cells_of, graph_of, random_graph
 
-GRAPHS = st.builds(
-    random_graph, st.integers(4, 9), st.integers(1, 3), st.integers(9, 40), seed=st.integers(0, 10_000)
-)
+GRAPHS = st.builds(random_graph, st.integers(4, 9), st.integers(1, 3), st.integers(9, 40), seed=st.integers(0, 10_000))
 SEEDS = st.integers(0, 10_000)
 
 

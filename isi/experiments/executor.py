@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import TypeVar
@@ -23,9 +22,7 @@ Done = TypeVar("Done")
 def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Compute, name: str) -> list[Done]:
     """Run tasks on worker processes of one thread each; results come back in the order of the tasks."""
     workers = os.cpu_count() or 1 if compute.workers == "all" else compute.workers
-    context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
-    if sys.platform == "linux":
-        multiprocessing.set_forkserver_preload([function.__module__])
+    context = multiprocessing.get_context("spawn")  # a worker is then a child of the stage, and dies with it
     done = []
     with (
         ProcessPoolExecutor(min(workers, len(tasks)), context, initializer=prepare_worker) as executor,

@@ -115,8 +115,10 @@ def _check(path: Path, scene: str, place: int, thing: Any) -> None:
         raise InputError(path, f"{scene}, object {place}", "expected an object with an objectId")
     if not isinstance(thing.get("objectType"), str) or not thing["objectType"]:
         raise InputError(path, f"{scene}, object {where}", "has no objectType")
-    if not isinstance(thing.get("parentReceptacles"), list | None):
-        raise InputError(path, f"{scene}, object {where}", "expected parentReceptacles to be a list or null")
+    for key in ("parentReceptacles", "salientMaterials"):
+        named = thing.get(key) or []
+        if not isinstance(named, list) or not all(isinstance(name, str) for name in named):
+            raise InputError(path, f"{scene}, object {where}", f"expected {key} to be a list of names or null")
 
 
 def mine(scenes: Sequence[Scene], materials_of: MaterialsOf, source: Path) -> pd.DataFrame:

@@ -23,9 +23,12 @@ def read_shares(shares: Path, categories: Path) -> pd.DataFrame:
     Raises:
         InputError: where a file is missing or broken, or maps to a category without shares.
     """
-    table = _read_csv(shares, ["concept", "material", "share"]).pivot(
-        index="concept", columns="material", values="share"
-    )
+    listed = _read_csv(shares, ["concept", "material", "share"])
+    twice = listed.loc[listed.duplicated(["concept", "material"])]
+    if len(twice):
+        concept, material = twice.iloc[0][["concept", "material"]]
+        raise InputError(shares, f"line {int(twice.index[0]) + 2}", f"{concept!r} and {material!r} are listed twice")
+    table = listed.pivot(index="concept", columns="material", values="share")
     if not table.fillna(0).map(lambda share: isinstance(share, float | int) and 0 <= share <= 1).all(axis=None):
         raise InputError(shares, "column 'share'", "expected numbers from 0 to 1")
     mapping = _read_csv(categories, ["object", "category"])

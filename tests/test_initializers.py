@@ -1,0 +1,340 @@
+"""ES, RS and ERS against a plain loop; fallbacks, ties, ranges; and what no initializer may see."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from isi.errors import InputError
+from isi.experiments.cells import Cells
+from isi.experiments.insertion import FineTuning, InsertTask, insertion_of, put
+from isi.graph import Graph
+from isi.initializers import FALLBACKS, INITIALIZERS, Initial, Insertion, check
+from isi.params import Negatives, Optimizer, Option
+from isi.sessions import TEST, TRAIN, VALID
+from tests.graphs import cells_of, dense, graph_of, insert_triples_of, random_counts, random_embedding
+
+ENTITIES, RELATIONS, DIMENSION = 16, 3, 8
+#: Two models; 15 hangs on 0 alone, so that it is an orphan of both once 0 is novel. 3 and 9 have no word vector.
+NOVEL = np.array([[0, 4, 9], [0, 7, 12]])
+ORPHAN, WORDLESS = 15, (3, 9)
+EVERYONE: dict[str, dict[str, Option]] = {
+    "xavier": {},
+    "iu": {},
+    "es": {"k": 3},
+    "rs": {"k": 4},
+    "ers": {"k": 2, "candidates": 5},
+}
+
+#: Plain Python: α of an insert triple needs its known end, relation, and whether the novel entity is the tail.
+Observed = tuple[int, int, bool]
+
+
+def orphaning_graph() -> Graph:
+    counts = random_counts(ORPHAN, RELATIONS, 60, seed=2)
+    return graph_of(counts | {(ORPHAN, 1, 0): 2, (0, 2, ORPHAN): 1}, ENTITIES, RELATIONS)
+
+
+def task(graph: Graph | None = None, splits: np.ndarray | None = None) -> InsertTask:
+    """Embeddings and word vectors at random; splits as the pipeline draws them, unless given."""
+    graph = graph or orphaning_graph()
+    drawn = cells_of(graph, 3, [5, 6])
+    cells = Cells(graph, 3, [5, 6], drawn.splits if splits is None else splits, NOVEL)
+    theta0 = random_embedding(2, ENTITIES, RELATIONS, DIMENSION)
+    entity = theta0.entity.numpy() * cells.initial.entities.numpy()[..., None]
+    words = np.random.default_rng(1).normal(size=(ENTITIES, 6)).astype(np.float32)
+    words[list(WORDLESS)] = 0
+    optimizer = Optimizer(batch_size=50, learning_rate=0.01, weight_decay=1e-3, max_epochs=2)
+    tuning = FineTuning(0, Negatives(mode="sampled", ratio=2, head_pool="all"), optimizer, 0.1, [])
+    return InsertTask(
+        graph, 3, [5, 6], cells.splits, NOVEL, (entity, theta0.relation.numpy()), insert_triples_of(cells),
+        "es", {"k": 3}, words, {}, tuning,
+    )  # fmt: skip
+
+
+def insertion() -> Insertion:
+    return insertion_of(task())
+
+
+def initial(name: str, given: Insertion) -> Initial:
+    return INITIALIZERS[name](given, **EVERYONE[name])
+
+
+class Plain:
+    """Section 4 for one novel entity of one model, with dictionaries and loops."""
+
+    def __init__(self, of: InsertTask, model: int, place: int) -> None:
+        self.novel = set(NOVEL[model].tolist())
+        self.entity = int(NOVEL[model, place])
+        self.vectors = [row.astype(float) for row in of.embedding[0][model]]
+        self.maps = [dense(torch.from_numpy(row)).double().numpy() for row in of.embedding[1][model]]
+        self.words = {e: row.astype(float) for e, row in enumerate(of.words) if row.any()}
+        triples = of.graph.triples.tolist()
+        self.known = [e for e in range(ENTITIES) if e not in self.novel]
+        trained = set()
+        for (head, _, tail), split in zip(triples, of.splits[model], strict=True):
+            if split == TRAIN and not {head, tail} & self.novel:
+                trained |= {head, tail}
+        self.eligible = sorted(trained)
+        own = [triples[triple] for m, p, triple in of.insert_triples.tolist() if (m, p) == (model, place)]
+        self.observed: list[Observed] = [(h, r, True) if t == self.entity else (t, r, False) for h, r, t in own]
+
+    def similar(self) -> dict[int, float]:
+        return {e: cosine(self.words[self.entity], self.words[e]) for e in self.eligible if e in self.words}
+
+    def related(self) -> dict[int, float]:
+        score = dict.fromkeys(self.eligible, 0.0)
+        for relation in {r for _, r, _ in self.observed}:
+            alphas = []
+            for other, r, novel_is_tail in self.observed:
+                if r == relation:
+                    matrix = self.maps[r] if novel_is_tail else np.linalg.inv(self.maps[r])
+                    alphas.append(self.vectors[other] @ matrix)
+            mean = sum(alphas) / len(alphas)
+            for e in score:
+                score[e] += cosine(self.vectors[e], mean)
+        return score
+
+    def mean(self, entities: list[int]) -> np.ndarray:
+        return np.mean([self.vectors[e] for e in entities], axis=0)
+
+    def expected(self, name: str, k: int, candidates: int = 0) -> tuple[np.ndarray, str | None]:
+        """The vector, and what the initializer fell back to."""
+        word, seen = self.entity in self.words, bool(self.observed)
+        if name == "es" and word:
+            return self.mean(best(self.similar(), k)), None
+        if name == "ers" and word and seen:
+            related = self.related()
+            return self.mean(best({e: related[e] for e in best(self.similar(), candidates)}, k)), None
+        if seen:
+            return self.mean(best(self.related(), k)), None if name == "rs" else "rs"
+        if name == "ers" and word:
+            return self.mean(best(self.similar(), k)), "es"
+        return self.mean(self.known), "centroid"
+
+
+def cosine(one: np.ndarray, other: np.ndarray) -> float:
+    return float(one @ other / (np.linalg.norm(one) * np.linalg.norm(other)))
+
+
+def best(score: dict[int, float], k: int) -> list[int]:
+    return sorted(score, key=lambda e: (-score[e], e))[:k]
+
+
+def agree(of: InsertTask, name: str, **options: int) -> set[str | None]:
+    """See that an initializer gives what the plain loop does; what it fell back to, over all novel entities."""
+    found = INITIALIZERS[name](insertion_of(of), **options)
+    fallbacks = set()
+    for model in range(len(NOVEL)):
+        for place in range(NOVEL.shape[1]):
+            vector, fallback = Plain(of, model, place).expected(name, **options)
+            np.testing.assert_allclose(found.vectors[model, place].numpy(), vector, atol=1e-5)
+            assert FALLBACKS[found.fallback[model, place]] == fallback
+            fallbacks.add(fallback)
+    return fallbacks
+
+
+@pytest.mark.parametrize("k", [1, 3, 8, 40])
+def test_es_rs_and_ers_are_the_plain_loop(k: int) -> None:
+    of = task()
+    assert agree(of, "es", k=k) == {None, "rs"}  # 9 has no word vector
+    assert agree(of, "rs", k=k) == {None}
+    assert agree(of, "ers", k=k, candidates=5) == {None, "rs"}
+    assert agree(of, "ers", k=k, candidates=40) == {None, "rs"}
+
+
+def test_fallbacks_are_the_plain_loop_with_the_k_of_the_one_that_fell_back() -> None:
+    of = task()
+    rows = of.insert_triples  # of the first model, the novel 0 and the wordless novel 9 lose theirs
+    bare = replace(of, insert_triples=rows[(rows[:, 0] != 0) | (rows[:, 1] == 1)])
+    assert agree(bare, "es", k=2) == {None, "centroid"}
+    assert agree(bare, "rs", k=5) == {None, "centroid"}
+    assert agree(bare, "ers", k=2, candidates=6) == {None, "es", "centroid"}
+    wordless = replace(of, words=np.zeros_like(of.words))
+    assert agree(wordless, "es", k=2) == {"rs"}
+    assert agree(wordless, "ers", k=3, candidates=6) == {"rs"}
+    nothing = replace(wordless, insert_triples=rows[:0])
+    assert agree(nothing, "es", k=2) == agree(nothing, "rs", k=2) == {"centroid"}
+    assert agree(nothing, "ers", k=2, candidates=6) == {"centroid"}
+
+
+def test_centroid_is_over_all_known_entities_and_no_novel_one() -> None:
+    given = insertion_of(replace(task(), insert_triples=np.zeros((0, 3), dtype=np.int64)))
+    found = initial("rs", given)
+    for model in range(2):
+        known = [e for e in range(ENTITIES) if e not in NOVEL[model]]
+        centroid = given.theta0.entity[model, known].mean(0)
+        torch.testing.assert_close(found.vectors[model], centroid.expand(3, -1))
+
+
+@pytest.mark.parametrize(("name", "wordless_serve"), [("es", False), ("rs", True), ("ers", False)])
+def test_neither_novel_nor_orphaned_nor_wordless_entities_are_indicators(name: str, wordless_serve: bool) -> None:
+    of = task()
+    given = insertion_of(of)
+    options = {"k": 99} | ({"candidates": 99} if name == "ers" else {})
+    found = INITIALIZERS[name](given, **options)
+    for model, place in ((0, 0), (0, 1), (1, 0), (1, 1), (1, 2)):
+        barred = {*NOVEL[model].tolist(), ORPHAN} | (set() if wordless_serve else set(WORDLESS))
+        others = [e for e in range(ENTITIES) if e not in barred]
+        assert set(Plain(of, model, place).eligible) - set(WORDLESS) == set(others) - set(WORDLESS)
+        torch.testing.assert_close(found.vectors[model, place], given.theta0.entity[model, others].mean(0))
+
+
+def test_equal_word_similarities_go_to_the_lower_id() -> None:
+    given = replace(insertion(), words=torch.ones(ENTITIES, 6))
+    found = INITIALIZERS["es"](given, k=3)
+    for model, lowest in enumerate([[1, 2, 3], [1, 2, 3]]):
+        torch.testing.assert_close(found.vectors[model], given.theta0.entity[model, lowest].mean(0).expand(3, -1))
+
+
+@pytest.mark.parametrize(("name", "options"), [("rs", {"k": 3}), ("ers", {"k": 3, "candidates": 99})])
+def test_equal_relational_scores_go_to_the_lower_id(name: str, options: dict[str, int]) -> None:
+    given = replace(insertion(), words=torch.ones(ENTITIES, 6))
+    lengths = 2.0 ** torch.arange(ENTITIES)  # of one direction, so that cosines are equal and means are not
+    entity = given.theta0.entity[:1, 1:2] * lengths[:, None] * given.known[..., None]
+    found = INITIALIZERS[name](replace(given, theta0=replace(given.theta0, entity=entity)), **options)
+    for model in range(2):
+        torch.testing.assert_close(found.vectors[model], entity[model, [1, 2, 3]].mean(0).expand(3, -1))
+
+
+def test_ers_candidates_go_to_the_lower_id() -> None:
+    given = replace(insertion(), words=torch.ones(ENTITIES, 6))
+    found = INITIALIZERS["ers"](given, k=4, candidates=4)
+    for model, lowest in enumerate([[1, 2, 3, 5], [1, 2, 3, 4]]):
+        torch.testing.assert_close(found.vectors[model], given.theta0.entity[model, lowest].mean(0).expand(3, -1))
+
+
+def rewired(of: InsertTask) -> InsertTask:
+    """The same, but with other validation and test triples, or with those two exchanged."""
+    triples, counts = of.graph.triples.clone(), of.graph.counts.clone()
+    out = torch.from_numpy((of.splits != TRAIN).all(0))  # held out in both models
+    triples[out] = (triples[out] + torch.tensor([1, 1, 2])) % torch.tensor([ENTITIES, RELATIONS, ENTITIES])
+    counts[out] += 17
+    exchanged = np.select([of.splits == VALID, of.splits == TEST], [TEST, VALID], of.splits).astype(np.int8)
+    assert int(out.sum()) > 3
+    return replace(of, graph=replace(of.graph, triples=triples, counts=counts), splits=exchanged)
+
+
+@pytest.mark.parametrize("name", EVERYONE)
+def test_no_validation_or_test_triple_reaches_an_initializer(name: str) -> None:
+    before, after = (initial(name, insertion_of(of)) for of in (task(), rewired(task())))
+    assert torch.equal(before.vectors, after.vectors)
+    assert torch.equal(before.fallback, after.fallback)
+
+
+def test_an_insertion_holds_the_insert_triples_and_no_other() -> None:
+    of = task()
+    given = insertion_of(of)
+    for model in range(2):
+        for place in range(3):
+            listed = [
+                (other, relation, is_tail)
+                for other, relation, is_tail, there in zip(
+                    given.other[model, place].tolist(), given.relation[model, place].tolist(),
+                    given.novel_is_tail[model, place].tolist(), given.observed[model, place].tolist(), strict=True,
+                ) if there
+            ]  # fmt: skip
+            assert sorted(listed) == sorted(Plain(of, model, place).observed)
+
+
+@pytest.mark.parametrize("name", EVERYONE)
+def test_each_model_is_initialized_as_if_alone(name: str) -> None:
+    given = insertion()
+    together = initial(name, given)
+    per_model = {"known", "eligible", "novel", "other", "relation", "novel_is_tail", "observed", "keys"}
+    for model in range(2):
+        alone = replace(given, **{field: getattr(given, field)[model : model + 1] for field in per_model})
+        theta0 = replace(
+            given.theta0, entity=given.theta0.entity[model, None], relation=given.theta0.relation[model, None]
+        )
+        assert torch.equal(initial(name, replace(alone, theta0=theta0)).vectors[0], together.vectors[model])
+
+
+def wide(dimension: int = 400) -> Insertion:
+    """Many coordinates, in [2, 3] + the number of the coordinate; rows of novel entities are zero."""
+    given = insertion()
+    entity = (
+        torch.rand(2, ENTITIES, dimension, generator=torch.Generator().manual_seed(0)) + 2 + torch.arange(dimension)
+    )
+    return replace(given, theta0=replace(given.theta0, entity=entity * given.known[..., None]))
+
+
+def test_xavier_fills_its_range_and_no_more() -> None:
+    vectors = initial("xavier", wide()).vectors
+    bound = 6 / 400**0.5
+    assert vectors.shape == (2, 3, 400)
+    assert vectors.abs().max() <= bound
+    assert vectors.max() > 0.98 * bound
+    assert vectors.min() < -0.98 * bound
+    assert abs(vectors.mean()) < 5 * bound / (3 * vectors.numel()) ** 0.5
+
+
+def test_iu_fills_the_range_of_each_coordinate_over_the_known_vectors() -> None:
+    given = wide()
+    vectors = initial("iu", given).vectors
+    for model in range(2):
+        known = given.theta0.entity[model, given.known[model]]
+        low, high = known.min(0).values, known.max(0).values
+        share = (vectors[model] - low) / (high - low)
+        assert share.min() >= -1e-3  # rounding: coordinates are as large as 400
+        assert share.max() <= 1 + 1e-3
+        assert share.min() < 0.01
+        assert share.max() > 0.99
+        assert abs(share.mean() - 0.5) < 5 / (12 * share.numel()) ** 0.5
+
+
+@pytest.mark.parametrize("name", ["xavier", "iu"])
+def test_random_initializers_are_keyed_by_root_and_cell(name: str) -> None:
+    given = insertion()
+    first = initial(name, given).vectors
+    assert torch.equal(first, initial(name, given).vectors)
+    others = [replace(given, root=1), replace(given, keys=given.keys + torch.tensor([1, 0])),
+              replace(given, keys=given.keys + torch.tensor([0, 9]))]  # fmt: skip
+    assert all((initial(name, other).vectors != first).all() for other in others)
+    swapped = initial("xavier", replace(given, keys=given.keys.flip(0))).vectors
+    assert torch.equal(swapped.flip(0), initial("xavier", given).vectors)
+
+
+def test_xavier_and_iu_draw_from_streams_of_their_own() -> None:
+    given = insertion()
+    unit = given.known[..., None] * torch.linspace(-1, 1, ENTITIES)[:, None].expand(ENTITIES, DIMENSION)
+    low, high = unit[0].min(), unit[0].max()
+    given = replace(given, theta0=replace(given.theta0, entity=unit.contiguous()))
+    bound = 6 / DIMENSION**0.5
+    uniform = (initial("xavier", given).vectors[0] + bound) / (2 * bound)
+    assert not torch.allclose((initial("iu", given).vectors[0] - low) / (high - low), uniform, atol=0.01)
+
+
+def test_put_replaces_the_rows_of_novel_entities_alone() -> None:
+    given = insertion()
+    vectors = torch.arange(2 * 3 * DIMENSION).view(2, 3, DIMENSION).float()
+    theta1 = put(given.theta0, given.novel, vectors)
+    for model in range(2):
+        assert torch.equal(theta1.entity[model, given.novel[model]], vectors[model])
+    assert torch.equal(theta1.entity[given.known], given.theta0.entity[given.known])
+    assert torch.equal(theta1.relation, given.theta0.relation)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "says"),
+    [
+        ("glorot", {}, ["insert.initializers", "'glorot'", "xavier, iu, es, rs, ers"]),
+        ("es", {"k": 3, "neighbours": 2}, ["initializers.es", "neighbours"]),
+        ("es", {}, ["initializers.es", "k"]),
+        ("xavier", {"k": 3}, ["initializers.xavier", "k"]),
+    ],
+)
+def test_check_refuses_in_one_line(name: str, options: dict[str, Option], says: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        check(name, options)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert all(part in message for part in ["params.yaml", *says])
+
+
+@pytest.mark.parametrize("name", EVERYONE)
+def test_check_takes_the_initializers_of_the_paper(name: str) -> None:
+    check(name, EVERYONE[name])
