@@ -1,4 +1,4 @@
-"""What every stage does around its work: read the params, answer mistakes in one line, die with DVC."""
+"""What every stage does around its work: read the params, and answer mistakes in one line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from collections.abc import Callable
 from isi import params as params_module
 from isi import paths
 from isi.errors import InputError
-from isi.lifetime import tie_to_parent
 from isi.params import Params
 from isi.tables import Provenance
 
@@ -29,7 +28,6 @@ def stage(*keys: str, argument: str | None = None) -> Callable[[Callable[..., No
             if argument:
                 parser.add_argument(argument)
             given = vars(parser.parse_args())
-            tie_to_parent()
             try:
                 params = params_module.load(paths.PARAMS)
                 picked = params.pick(tuple(key.format(**given) for key in keys))

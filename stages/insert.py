@@ -45,7 +45,7 @@ def insert(params: Params, provenance: Provenance, initializer: str) -> None:
     vectors: dict[str, list[torch.Tensor]] = {}
     for task, result in zip(tasks, done, strict=True):
         vectors.setdefault(f"size={task.size:02d}", []).append(torch.from_numpy(result.vectors))
-    inserted = pd.concat(result.entities for result in done)
+    inserted = pd.concat(result.entities for result in done).sort_values(["size", "seed", "entity"])
     inserted["kind"] = inserted["entity"].map(store.entities()["kind"].astype(str))
     tensors = {name: torch.cat(parts) for name, parts in vectors.items()}
     tables.write_tensors(paths.initial_vectors("ai2thor", initializer), tensors, provenance)

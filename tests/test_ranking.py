@@ -153,6 +153,19 @@ def test_all_zero_embedding_scores_as_chance_and_not_above() -> None:
     assert chance[1] < 0.25
 
 
+def test_known_closed_does_not_see_the_novel_vectors() -> None:
+    cells = cells_of(random_graph(12, 3, 80), 2, [0, 1, 2])
+    novel = torch.from_numpy(cells.novel)
+    scopes = ranking.epoch_scopes(cells.joint, novel)
+    embedding = random_embedding(3, 12, 3, 8)
+    other = embedding.entity.clone()
+    other[~cells.initial.entities] *= -2
+    before = ranking.evaluate(embedding, scopes)
+    after = ranking.evaluate(Embedding(other, embedding.relation), scopes)
+    assert torch.equal(before["known_closed"].measures, after["known_closed"].measures)
+    assert (before["known"].measures != after["known"].measures).any()
+
+
 # Brute force, from design.md alone: a triple, a split or a score is looked up, nothing is vectorized.
 
 Score = Callable[[int, int, int], float]

@@ -66,10 +66,11 @@ def test_d0_has_no_novel_entity_and_none_of_its_triples(graph: Graph, seed: int,
         assert now == (OUT if {head, tail} & set(novel.tolist()) else before)
 
 
-def test_known_entities_without_a_training_triple_are_told() -> None:
-    # 3 is tied to 0 alone, 4 to 2 by a test triple alone: both are orphans once 0 is novel
+@pytest.mark.parametrize("heldout", [VALID, TEST])
+def test_known_entities_without_a_training_triple_are_told(heldout: int) -> None:
+    # 3 is tied to 0 alone, 4 to 2 by a held-out triple alone: both are orphans once 0 is novel
     graph = graph_of({(0, 0, 3): 1, (1, 0, 2): 1, (2, 0, 4): 1, (0, 0, 1): 1, (0, 0, 4): 1}, 5, 1)
-    splits = torch.tensor([[TRAIN, TRAIN, TEST, TRAIN, TRAIN]], dtype=torch.int8)
+    splits = torch.tensor([[TRAIN, TRAIN, heldout, TRAIN, TRAIN]], dtype=torch.int8)
     session = initial_session(graph, splits, torch.tensor([[0]]))
     assert session.entities[0].tolist() == [False, True, True, True, True]
     assert session.trained()[0].tolist() == [False, True, True, False, False]

@@ -277,6 +277,12 @@ def test_fit_looks_at_the_last_epoch_too() -> None:
     assert [look.epoch for look in looks] == [3, 5]
 
 
+def test_a_plateau_is_no_better_one() -> None:
+    _, looks = fitted([0], FITTING.model_copy(update={"learning_rate": 1e-12}))
+    assert len({score for _, score, _ in looks_of(0, looks)}) == 1
+    assert [kept for _, _, kept in looks_of(0, looks)] == [True, *[False] * FITTING.patience]
+
+
 def test_fit_in_a_stack_is_fit_alone() -> None:
     together, looks = fitted([0, 1, 2, 3])
     for model in range(4):

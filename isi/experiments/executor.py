@@ -25,7 +25,9 @@ def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Comput
     context = multiprocessing.get_context("spawn")  # a worker is then a child of the stage, and dies with it
     done = []
     with (
-        ProcessPoolExecutor(min(workers, len(tasks)), context, initializer=prepare_worker) as executor,
+        ProcessPoolExecutor(
+            min(workers, len(tasks)), context, initializer=prepare_worker, initargs=(os.getpid(),)
+        ) as executor,
         tqdm(total=sum(len(task.seeds) for task in tasks), desc=name, unit="model", disable=None) as bar,
     ):
         try:
@@ -38,8 +40,8 @@ def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Comput
     return done
 
 
-def prepare_worker() -> None:
+def prepare_worker(parent: int) -> None:
     """One thread, no denormal numbers (they are slow, and far below what a rank can tell), no orphans."""
-    tie_to_parent()
+    tie_to_parent(parent)
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
