@@ -161,12 +161,17 @@ def _measure(entity: Tensor, relations: Tensor, queries: Queries) -> Result:
     asked = ((entity, queries.entity, queries.entity_weight),
              (relations, queries.relations, queries.relation_weight))  # fmt: skip
     for ahead, rivals, weight in asked:
-        star.append((weight * closeness(rivals.true_rank, _rank(ahead, rivals.unequal))).double().sum(1))
-        plain.append((weight / _rank(ahead, rivals.candidates)).double().sum(1))
+        star.append(_total(weight * closeness(rivals.true_rank, _rank(ahead, rivals.unequal))))
+        plain.append(_total(weight / _rank(ahead, rivals.candidates)))
         ties += (((ahead == 0.5) * rivals.unequal).sum(-1) * (weight > 0)).sum(1)
     measures = torch.stack([sum(star) / 2, *star, sum(plain) / 2], 1)  # type: ignore[list-item]
     measures[queries.count == 0] = torch.nan
     return Result(measures, queries.count, ties.long())
+
+
+def _total(terms: Tensor) -> Tensor:
+    """Sum over queries, one after the other, so that padding changes no bit; shape (M,), float64."""
+    return terms.double().cumsum(1)[:, -1]
 
 
 def _rank(ahead: Tensor, rivals: Tensor) -> Tensor:

@@ -105,20 +105,20 @@ def expected_negatives(lesson: Lesson, positives: Tensor, ratio: int) -> Tensor:
 
 
 def sampled_negatives(lesson: Lesson, batches: Tensor, ratio: int, root: int, epoch: int) -> Tensor:
-    """Draw the corrupted triples of an epoch's batches; counts of shape (M, B, R, E, E), int16.
+    """Draw the corrupted triples of an epoch's batches; counts of shape (M, B, R, E, E), int32.
 
     The draws are those of ``expected_negatives``. They are keyed by model and epoch alone.
     """
     graph = lesson.session.graph
     shape = (batches.shape[1], len(graph.relations), len(graph.entities), len(graph.entities))
-    drawn = torch.empty(len(batches), *shape, dtype=torch.int16)
+    drawn = torch.empty(len(batches), *shape, dtype=torch.int32)
     for model, key in enumerate(lesson.keys.tolist()):
         rng = stream(root, "negatives", *key, epoch)
         batch, triple = (ids.numpy() for ids in batches[model].nonzero(as_tuple=True))
         repeats = ratio * batches[model].numpy()[batch, triple]
         cells = _corrupt(rng, lesson, model, np.repeat(batch, repeats), np.repeat(triple, repeats))
         counts = np.bincount(cells, minlength=int(np.prod(shape)))
-        drawn[model] = torch.as_tensor(counts.astype(np.int16)).view(shape)
+        drawn[model] = torch.as_tensor(counts.astype(np.int32)).view(shape)
     return drawn
 
 
@@ -188,7 +188,19 @@ def run_epoch(state: State, lesson: Lesson, negatives: Negatives, settings: Opti
 def start(embedding: Embedding) -> State:
     """A copy of an embedding with fresh accumulators."""
     squares = [torch.full_like(table, ACCUMULATOR) for table in (embedding.entity, embedding.relation)]
-    return State(Embedding(embedding.entity.clone(), embedding.relation.clone()), Embedding(*squares))
+    return State(_one_table(embedding), _one_table(Embedding(*squares)))
+
+
+def leave(state: State, going: Tensor) -> State:
+    """The state of the models that go on."""
+    return State(_one_table(select(state.embedding, going)), _one_table(select(state.squares, going)))
+
+
+def _one_table(embedding: Embedding) -> Embedding:
+    """A copy whose parts are views of one table, so that updates run model by model (see ``score_all``)."""
+    table = torch.cat([embedding.entity, embedding.relation], 1)
+    entities = embedding.entity.shape[1]
+    return Embedding(table[:, :entities], table[:, entities:])
 
 
 @dataclass(frozen=True)
@@ -228,7 +240,7 @@ def fit(
             getattr(best, name)[models[better]] = getattr(state.embedding, name)[better]
         going = since[models] < settings.patience
         if not going.all():
-            state, lesson, valid = select(state, going), select(lesson, going), select(valid, going)
+            state, lesson, valid = leave(state, going), select(lesson, going), select(valid, going)
             models = models[going]
         if not len(models):
             break
@@ -276,7 +288,7 @@ def fine_tune(
         going = ~torch.stack(list(reached.values())).all(0)
         if to_the_end or going.all():
             continue
-        state, lesson, scopes = select(state, going), select(lesson, going), select(scopes, going)
+        state, lesson, scopes = leave(state, going), select(lesson, going), select(scopes, going)
         targets, reached, models = select(targets, going), select(reached, going), models[going]
         if not len(models):
             break

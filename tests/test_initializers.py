@@ -18,7 +18,8 @@ from isi.sessions import TEST, TRAIN, VALID
 from tests.graphs import cells_of, dense, graph_of, insert_triples_of, random_counts, random_embedding
 
 ENTITIES, RELATIONS, DIMENSION = 16, 3, 8
-#: Two models; in training 15 hangs on 0 alone, so that it is an orphan of both once 0 is novel. 3 and 9 have no word vector.
+#: Two models; in training 15 hangs on 0 alone, so that it is an orphan of both once 0 is novel.
+#: 3 and 9 have no word vector.
 NOVEL = np.array([[0, 4, 9], [0, 7, 12]])
 ORPHAN, WORDLESS = 15, (3, 9)
 EVERYONE: dict[str, dict[str, Option]] = {

@@ -179,6 +179,8 @@ def test_negatives_are_keyed_by_model_and_epoch() -> None:
     assert torch.equal(drawn[0, 1], training.sampled_negatives(lesson, dealt, 3, 0, 1))
     assert not torch.equal(drawn[0, 1], drawn[0, 2])
     assert not torch.equal(drawn[0, 1], drawn[1, 1])
+    other = replace(lesson, keys=lesson.keys + torch.tensor([1, 0]))
+    assert not torch.equal(drawn[0, 1], training.sampled_negatives(other, dealt, 3, 0, 1))
     alone = select(lesson, torch.tensor([2]))
     assert torch.equal(drawn[0, 1][2:3], training.sampled_negatives(alone, dealt[2:3], 3, 0, 1))
 
@@ -204,6 +206,9 @@ def test_batches_are_keyed_by_model_and_epoch() -> None:
     dealt = training.batches(lesson, 0, 1, 10)
     assert torch.equal(dealt, training.batches(lesson, 0, 1, 10))
     assert not torch.equal(dealt, training.batches(lesson, 0, 2, 10))
+    assert not torch.equal(dealt, training.batches(lesson, 1, 1, 10))
+    other = replace(lesson, keys=lesson.keys + torch.tensor([1, 0]))
+    assert not torch.equal(dealt, training.batches(other, 0, 1, 10))
     alone = training.batches(select(lesson, torch.tensor([3])), 0, 1, 10)
     assert torch.equal(dealt[3:, : alone.shape[1]], alone)
 

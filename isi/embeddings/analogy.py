@@ -64,10 +64,18 @@ def score_relations(embedding: Embedding, head: Tensor, tail: Tensor) -> Tensor:
 
 
 def score_all(embedding: Embedding) -> tuple[Tensor, Tensor]:
-    """Scores of every triple, (M, R, E, E), and the vₕᵀW that they come from, (M, R, E, d)."""
-    mapped = transform(embedding.entity[:, None], embedding.relation[:, :, None])
-    models, relations, entities, dimension = mapped.shape
-    scores = torch.bmm(mapped.view(models, relations * entities, dimension), embedding.entity.mT)
+    """Scores of every triple, (M, R, E, E), and the vₕᵀW that they come from, (M, R, E, d).
+
+    Both are views that leave a row out at the end of each model. PyTorch then runs over them model by
+    model, where it would run over a solid stack as one array, whose last few numbers it rounds
+    otherwise than the rest: so a model's bits would depend on its place in the stack.
+    """
+    (models, entities, dimension), relations = embedding.entity.shape, embedding.relation.shape[1]
+    rows = embedding.entity.new_zeros(models, relations * entities + 1, dimension)
+    mapped = rows[:, :-1].view(models, relations, entities, dimension)
+    straight, crossed = _factors(embedding.relation[:, :, None])
+    torch.mul(embedding.entity[:, None], straight, out=mapped).addcmul_(swap(embedding.entity)[:, None], crossed)
+    scores = torch.bmm(rows, embedding.entity.mT)[:, :-1]
     return scores.view(models, relations, entities, entities), mapped
 
 
