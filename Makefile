@@ -24,6 +24,7 @@ $(INSTALLED): requirements.lock pyproject.toml
 	@touch $@
 
 repro: $(INSTALLED)  ## run what is not up to date of the pipeline; then where the report is, and its headline
+	@python tools/check_params.py
 	@dvc repro
 	@python tools/headline.py reports
 

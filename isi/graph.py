@@ -16,6 +16,8 @@ from isi.tables import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
 
 #: What the tail of a relation is; locations are rooms where they bear a room's name, else objects.
 _TAIL_KIND = {AT_LOCATION: "object", HAS_MATERIAL: "material", HAS_AFFORDANCE: "affordance"}
+#: Columns of ``Graph.triples``.
+HEAD, RELATION, TAIL = range(3)
 KINDS = ("object", "room", "material", "affordance")
 
 
@@ -34,13 +36,31 @@ class Graph:
         """Travel to another process as plain arrays."""
         return _from_arrays, (self.entities, self.relations, self.triples.numpy(), self.counts.numpy())
 
+    def same_but(self, slot: int, triples: Tensor) -> Tensor:
+        """The unique triples that are like given ones in all but one slot (themselves among them).
+
+        Args:
+            slot: HEAD, RELATION or TAIL.
+            triples: ids; shape (...).
+
+        Returns:
+            ids, padded with -1 to the longest list; shape (..., X).
+        """
+        key, order, ordered = self._by_other_slots[slot]
+        first, last = torch.searchsorted(ordered, key[triples]), torch.searchsorted(ordered, key[triples], right=True)
+        place = first[..., None] + torch.arange(int((last - first).max()))
+        return torch.where(place < last[..., None], order[place.clamp(max=len(order) - 1)], -1)
+
     @cached_property
-    def ground_truth(self) -> Tensor:
-        """Observations of every possible triple; shape: (R, E, E), float32."""
-        head, relation, tail = self.triples.T
-        table = torch.zeros(len(self.relations), len(self.entities), len(self.entities))
-        table[relation, head, tail] = self.counts.float()
-        return table
+    def _by_other_slots(self) -> dict[int, tuple[Tensor, Tensor, Tensor]]:
+        """For each slot: a number for the other two of each triple, the triples in its order, and it in order."""
+        found = {}
+        for slot in (HEAD, RELATION, TAIL):
+            one, other = (self.triples[:, place] for place in (HEAD, RELATION, TAIL) if place != slot)
+            key = one * max(len(self.entities), len(self.relations)) + other
+            order = torch.argsort(key, stable=True)
+            found[slot] = (key, order, key[order])
+        return found
 
 
 def _from_arrays(entities: list[str], relations: list[str], triples: np.ndarray, counts: np.ndarray) -> Graph:
@@ -56,7 +76,7 @@ def count_triples(observations: pd.DataFrame, source: str, min_count: int = 1) -
     return kept.assign(source=source).astype({"count": "int32"})
 
 
-def name_entities(triples: pd.DataFrame, rooms: set[str], source: str) -> pd.DataFrame:
+def name_entities(triples: pd.DataFrame, rooms: set[str], source: str, file: object = "triples") -> pd.DataFrame:
     """Entities of the triples in alphabetical order, with their kind (``tables.ENTITIES``).
 
     Raises:
@@ -73,7 +93,7 @@ def name_entities(triples: pd.DataFrame, rooms: set[str], source: str) -> pd.Dat
             twice.iloc[0]["entity"],
             " and ".join(sorted(twice[twice["entity"] == twice.iloc[0]["entity"]]["kind"])),
         )
-        raise InputError(source, f"entity {name!r}", f"expected one kind, got {of}")
+        raise InputError(file, f"entity {name!r}", f"expected one kind, got {of}")
     return unique.assign(source=source, phrase=unique["entity"]).reset_index(drop=True)
 
 
@@ -92,7 +112,7 @@ def build(entities: pd.DataFrame, triples: pd.DataFrame) -> Graph:
         axis=1,
     )
     if np.isnan(ids.astype(float)).any():
-        raise InputError("triples", "", "expected heads and tails that are in the table of entities")
+        raise InputError("triples.parquet", "columns 'head' and 'tail'", "expected names that are in entities.parquet")
     return Graph(
         names, relations, torch.as_tensor(ids.astype(np.int64)), torch.as_tensor(triples["count"].to_numpy(np.int64))
     )

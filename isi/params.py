@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
 from isi.errors import InputError
 
@@ -38,6 +39,7 @@ class GraphParams(Section):
 class Words(Section):
     source: str
     text: Literal["definition", "phrase"]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None
 
 
 class Sessions(Section):
@@ -146,10 +148,16 @@ class Params(Section):
     compute: Compute
 
     @model_validator(mode="after")
-    def _initializers_are_used(self) -> Self:
-        extra = set(self.initializers.__pydantic_extra__) - set(self.insert.initializers)
-        if extra:
-            raise ValueError(f"initializers.{min(extra)}: not in insert.initializers, and no initializer of the paper")
+    def _initializers_have_options(self) -> Self:
+        listed, given = self.insert.initializers, self.initializers.model_dump()
+        unused = set(self.initializers.__pydantic_extra__) - set(listed)
+        if unused:
+            raise ValueError(f"initializers.{min(unused)}: not in insert.initializers, and no initializer of the paper")
+        without = set(listed) - set(given)
+        if without:
+            raise ValueError(f"initializers.{min(without)}: expected its options ({{}} where it takes none)")
+        if len(set(listed)) < len(listed) or "joint" in listed:
+            raise ValueError("insert.initializers: expected names that do not repeat, none of them 'joint'")
         return self
 
     def pick(self, keys: tuple[str, ...]) -> dict[str, Any]:
@@ -165,11 +173,11 @@ def load(path: Path) -> Params:
             or a value out of range; the message gives the key's path.
     """
     try:
-        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
+        raw = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))  # YAML 1.2, as DVC reads it
         return Params.model_validate(raw)
     except OSError as error:
         raise InputError(path, "", f"cannot be read ({error.strerror})") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (YAMLError, UnicodeDecodeError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f"line {mark.line + 1}" if mark else ""
         raise InputError(path, place, f"expected YAML: {getattr(error, 'problem', error)}") from error

@@ -6,60 +6,72 @@ relations), except those that make a triple of the filter; the true answer alway
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from isi.embeddings import analogy
 from isi.embeddings.stack import Embedding
-from isi.sessions import TEST, TRAIN, VALID, Session, as_table, membership, touches
+from isi.graph import HEAD, RELATION, TAIL
+from isi.sessions import TEST, TRAIN, VALID, Session, membership, touches
 
 #: Scores closer to the answer's than this times the largest magnitude in their row are tied.
 TIE = 1e-5
+#: Numbers in one score matrix, at most: more queries are asked in pieces.
+BUDGET = 2**24
 MEASURES = ("mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr")
 
 
 @dataclass(frozen=True)
 class Rivals:
-    """Who competes with the answer of each query, and the answer's true rank."""
+    """Who competes with the answers of queries: all candidates, less some answers of known triples."""
 
-    #: candidates other than the answer, for the plain rank; shape: (M, Q, C), float32 of 0 and 1
+    #: who may answer; shape: (M, C), float32 of 0 and 1
     candidates: Tensor
-    #: of these, the ones whose count differs from the answer's, for R_P; shape: (M, Q, C)
-    unequal: Tensor
+    #: the answers that the graph's triples give to each query, padded to X; ids, shape: (M, Q, X)
+    listed: Tensor
+    #: of these, the candidates that are no rivals in the plain rank; shape: (M, Q, X), float32 of 0 and 1
+    barred: Tensor
+    #: and those that are none in R_P, since their count equals the answer's, too; shape: (M, Q, X)
+    equal: Tensor
     #: R_G; shape: (M, Q)
     true_rank: Tensor
 
 
 @dataclass(frozen=True)
-class Queries:
-    """The queries of a stack of sessions in one scope; models with fewer have rows of weight zero."""
+class Rows:
+    """Queries with all that does not depend on scores; models with fewer have rows of weight zero."""
 
     #: ids of head, relation and tail; shapes: (M, Q)
     head: Tensor
     relation: Tensor
     tail: Tensor
-    #: the head queries (?, r, t), then the tail queries (h, r, ?): (M, 2Q, E)
+    #: of the head queries (?, r, t), then the tail queries (h, r, ?): 2Q rows
     entity: Rivals
-    #: the relation queries (h, ?, t): (M, Q, R)
+    #: of the relation queries (h, ?, t)
     relations: Rivals
-    #: shares of the entity queries in ``mrr_star_entity``, sums to 1 where there are any; shape: (M, 2Q)
+    #: share of each entity query in ``mrr_star_entity``; shape: (M, 2Q)
     entity_weight: Tensor
-    #: shares of the relation queries; shape: (M, Q)
+    #: share of each relation query; shape: (M, Q)
     relation_weight: Tensor
-    #: number of triples asked about; shape: (M,)
-    count: Tensor
 
 
 @dataclass(frozen=True)
-class Scores:
-    """Scores of all answers to the queries of a stack."""
+class Queries:
+    """The triples that a stack of sessions is asked about in one scope, and how."""
 
-    #: head queries, then tail queries; shape: (M, 2Q, E)
-    entity: Tensor
-    #: shape: (M, Q, R)
-    relations: Tensor
+    session: Session
+    #: ids of the triples that have a row, -1 for padding; shape: (M, Q)
+    slots: Tensor
+    #: triples that are asked about; shape: (M, T), bool
+    asked: Tensor
+    #: triples that are left out as rivals; shape: (M, T), bool
+    filtered: Tensor
+    #: entities that may answer; shape: (M, E), bool
+    candidates: Tensor
+    #: made once where they fit into ``BUDGET``; else piece by piece, whenever they are asked
+    rows: Rows | None
 
 
 @dataclass(frozen=True)
@@ -82,56 +94,70 @@ def query_slots(asked: Tensor) -> Tensor:
 
 
 def prepare(session: Session, slots: Tensor, asked: Tensor, filtered: Tensor, candidates: Tensor) -> Queries:
-    """Everything about the queries that does not depend on the scores.
+    """Queries of a scope, with their rows where these fit into ``BUDGET`` (see ``Queries``)."""
+    queries = Queries(session, slots, asked, filtered, candidates, None)
+    return replace(queries, rows=_rows(queries, slots)) if len(_pieces(queries)) == 1 else queries
 
-    Args:
-        session: gives the graph, the ground truth and the weights of the relations.
-        slots: ids of the triples that have a row, -1 for padding; shape (M, Q).
-        asked: triples that are asked about in this scope; shape (M, T), bool.
-        filtered: triples that are left out as rivals; shape (M, T), bool.
-        candidates: entities that may answer; shape (M, E), bool.
-    """
+
+def _pieces(queries: Queries) -> tuple[Tensor, ...]:
+    """The slots in pieces whose score matrices, (M, 2Q, E), fit into ``BUDGET``."""
+    models, entities = queries.candidates.shape
+    return torch.split(queries.slots, max(1, BUDGET // (2 * models * entities)), 1)
+
+
+def _rows(queries: Queries, slots: Tensor) -> Rows:
+    graph, session = queries.session.graph, queries.session
+    triple = slots.clamp(min=0)
+    head, relation, tail = graph.triples[triple].unbind(-1)
+    heads, tails = (_rivals(queries, triple, slot, queries.candidates) for slot in (HEAD, TAIL))
+    every_relation = torch.ones(len(slots), len(graph.relations), dtype=torch.bool)
+    counted = (slots >= 0) & queries.asked.gather(1, triple)
+    shares = _relation_shares(session, queries.asked).gather(1, relation) * counted
+    number = queries.asked.sum(1, keepdim=True).clamp(min=1)
+    return Rows(
+        head, relation, tail, _stacked(heads, tails), _rivals(queries, triple, RELATION, every_relation),
+        torch.cat([shares, shares], 1) / 2, counted / number,
+    )  # fmt: skip
+
+
+def _rivals(queries: Queries, triple: Tensor, slot: int, candidates: Tensor) -> Rivals:
+    """Rivals of the queries that hide one slot of triples, (M, Q)."""
+    graph = queries.session.graph
+    known = graph.same_but(slot, triple)  # (M, Q, X)
+    ids = known.clamp(min=0)
+    listed = graph.triples[:, slot][ids]
+    models = torch.arange(len(triple))[:, None, None]
+    may_answer = candidates[models, listed] & (known >= 0)
+    is_answer, counts, own = ids == triple[..., None], graph.counts[ids], graph.counts[triple][..., None]
+    barred = queries.filtered[models, ids] | is_answer
+    higher = (may_answer & ~barred & (counts > own)).sum(-1)
+    equal = may_answer & (barred | (counts == own))
+    return Rivals(candidates.float(), listed, (may_answer & barred).float(), equal.float(), 1 + higher)
+
+
+def _stacked(heads: Rivals, tails: Rivals) -> Rivals:
+    """Head queries, then tail queries, padded to the same number of listed answers."""
+    longest = max(heads.listed.shape[-1], tails.listed.shape[-1])
+
+    def both(name: str) -> Tensor:
+        parts = (getattr(rivals, name) for rivals in (heads, tails))
+        return torch.cat([torch.nn.functional.pad(part, (0, longest - part.shape[-1])) for part in parts], 1)
+
+    rank = torch.cat([heads.true_rank, tails.true_rank], 1)
+    return Rivals(heads.candidates, both("listed"), both("barred"), both("equal"), rank)
+
+
+def _relation_shares(session: Session, asked: Tensor) -> Tensor:
+    """Weight of a query by its relation: the relation's share of observations over its queries; (M, R)."""
     graph = session.graph
-    triples = graph.triples[slots.clamp(min=0)]
-    head, relation, tail = triples.unbind(-1)
-    models = torch.arange(len(slots))[:, None]
-    truth, barred = graph.ground_truth, as_table(graph, filtered)
-    counts = torch.cat([truth[relation, :, tail], truth[relation, head]], 1)
-    free = ~torch.cat([barred[models, relation, :, tail], barred[models, relation, head]], 1)
-    entity = _rivals(counts, free & candidates[:, None], torch.cat([head, tail], 1))
-    relations = _rivals(truth[:, head, tail].movedim(0, -1), ~barred[models, :, head, tail], relation)
-    counted = (slots >= 0) & asked.gather(1, slots.clamp(min=0))
-    weight = _relation_shares(session, relation, counted)
-    number = counted.sum(1)
-    return Queries(head, relation, tail, entity, relations, torch.cat([weight, weight], 1) / 2,
-                   counted / number.clamp(min=1)[:, None], number)  # fmt: skip
 
+    def by_relation(values: Tensor) -> Tensor:
+        totals = torch.zeros(len(values), len(graph.relations), dtype=torch.int64)
+        return totals.index_add_(1, graph.triples[:, 1], values.long())
 
-def _rivals(counts: Tensor, free: Tensor, answer: Tensor) -> Rivals:
-    """From counts and free candidates, (M, Q, C), and the answers, (M, Q)."""
-    own = counts.gather(-1, answer[..., None])
-    others = free.scatter(-1, answer[..., None], False)
-    return Rivals(others.float(), (others & (counts != own)).float(), 1 + (others & (counts > own)).sum(-1))
-
-
-def _relation_shares(session: Session, relation: Tensor, counted: Tensor) -> Tensor:
-    """Weight of each query: its relation's share of observations, dealt out to its queries; (M, Q)."""
-    graph = session.graph
-    of = torch.nn.functional.one_hot(relation, len(graph.relations)) * counted[..., None]  # (M, Q, R)
-    queries = of.sum(1)
-    in_session = (session.splits >= 0) * graph.counts
-    observed = torch.zeros(len(counted), len(graph.relations), dtype=torch.int64)
-    observed.index_add_(1, graph.triples[:, 1], in_session)
-    observed = observed * (queries > 0)
-    share = observed / observed.sum(1, keepdim=True).clamp(min=1)
-    return (of * (share / queries.clamp(min=1))[:, None]).sum(-1)
-
-
-def score(embedding: Embedding, queries: Queries) -> Scores:
-    """Scores of every answer to the queries; the answer's own is read from the same rows."""
-    heads = analogy.score_heads(embedding, queries.relation, queries.tail)
-    tails = analogy.score_tails(embedding, queries.head, queries.relation)
-    return Scores(torch.cat([heads, tails], 1), analogy.score_relations(embedding, queries.head, queries.tail))
+    queries = by_relation(asked)
+    observed = by_relation((session.splits >= 0) * graph.counts) * (queries > 0)
+    return observed / observed.sum(1, keepdim=True).clamp(min=1) / queries.clamp(min=1)
 
 
 def compare(scores: Tensor, answer: Tensor) -> Tensor:
@@ -143,30 +169,43 @@ def compare(scores: Tensor, answer: Tensor) -> Tensor:
     """
     ahead = scores - scores.gather(-1, answer[..., None])
     tie = TIE * scores.abs().amax(-1, keepdim=True)
-    return ((ahead > tie).float() + (ahead >= -tie)) / 2
+    return ((ahead > tie).float() + ~(ahead < -tie)) / 2  # NaN is tied with everything: a diverged model is at chance
 
 
 def evaluate(embedding: Embedding, scopes: dict[str, Queries]) -> dict[str, Result]:
-    """Measures in scopes whose queries share their rows (``Queries.head`` and so on are the same)."""
+    """Measures in scopes whose queries share their rows (``Queries.slots`` are the same)."""
     first = next(iter(scopes.values()))
-    scores = score(embedding, first)
-    entity = compare(scores.entity, torch.cat([first.head, first.tail], 1))
-    relations = compare(scores.relations, first.relation)
-    return {name: _measure(entity, relations, queries) for name, queries in scopes.items()}
+    sums: dict[str, list[tuple[Tensor, Tensor]]] = {name: [] for name in scopes}
+    for piece in _pieces(first):
+        rows = {name: queries.rows or _rows(queries, piece) for name, queries in scopes.items()}
+        one = rows[next(iter(rows))]
+        heads = analogy.score_heads(embedding, one.relation, one.tail)
+        tails = analogy.score_tails(embedding, one.head, one.relation)
+        entity = compare(torch.cat([heads, tails], 1), torch.cat([one.head, one.tail], 1))
+        relations = compare(analogy.score_relations(embedding, one.head, one.tail), one.relation)
+        for name in scopes:
+            sums[name].append(_measure(entity, relations, rows[name]))
+    return {name: _result(scopes[name], parts) for name, parts in sums.items()}
 
 
-def _measure(entity: Tensor, relations: Tensor, queries: Queries) -> Result:
+def _measure(entity: Tensor, relations: Tensor, rows: Rows) -> tuple[Tensor, Tensor]:
+    """Share of some rows in the measures, (M, 4), and their ties, (M,)."""
     star, plain = [], []
     ties = torch.zeros(len(entity))
-    asked = ((entity, queries.entity, queries.entity_weight),
-             (relations, queries.relations, queries.relation_weight))  # fmt: skip
+    asked = ((entity, rows.entity, rows.entity_weight), (relations, rows.relations, rows.relation_weight))
     for ahead, rivals, weight in asked:
-        star.append(_total(weight * closeness(rivals.true_rank, _rank(ahead, rivals.unequal))))
-        plain.append(_total(weight / _rank(ahead, rivals.candidates)))
-        ties += (((ahead == 0.5) * rivals.unequal).sum(-1) * (weight > 0)).sum(1)
-    measures = torch.stack([sum(star) / 2, *star, sum(plain) / 2], 1)  # type: ignore[list-item]
-    measures[queries.count == 0] = torch.nan
-    return Result(measures, queries.count, ties.long())
+        of_listed = ahead.gather(-1, rivals.listed)
+        total = _over_candidates(ahead, rivals)
+        star.append(_total(weight * closeness(rivals.true_rank, 1 + total - (of_listed * rivals.equal).sum(-1))))
+        plain.append(_total(weight / (1 + total - (of_listed * rivals.barred).sum(-1))))
+        tied = _over_candidates((ahead == 0.5).float(), rivals) - ((of_listed == 0.5) * rivals.equal).sum(-1)
+        ties += (tied * (weight > 0)).sum(1)
+    return torch.stack([sum(star) / 2, *star, sum(plain) / 2], 1), ties  # type: ignore[list-item]
+
+
+def _over_candidates(values: Tensor, rivals: Rivals) -> Tensor:
+    """Sum of values, (M, Q, C), over those who may answer; exact, since they are halves; (M, Q)."""
+    return (values @ rivals.candidates[..., None])[..., 0]
 
 
 def _total(terms: Tensor) -> Tensor:
@@ -174,9 +213,10 @@ def _total(terms: Tensor) -> Tensor:
     return terms.double().cumsum(1)[:, -1]
 
 
-def _rank(ahead: Tensor, rivals: Tensor) -> Tensor:
-    """1 + the rivals ahead of the answer, tied ones counting half; shape (M, Q)."""
-    return 1 + (ahead * rivals).sum(-1)
+def _result(queries: Queries, parts: list[tuple[Tensor, Tensor]]) -> Result:
+    measures, ties = (torch.stack(values).sum(0) for values in zip(*parts, strict=True))
+    number = queries.asked.sum(1)
+    return Result(measures.masked_fill((number == 0)[:, None], torch.nan), number, ties.long())
 
 
 def closeness(true_rank: Tensor, predicted_rank: Tensor) -> Tensor:

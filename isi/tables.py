@@ -36,7 +36,8 @@ SPLITS = pa.schema([("seed", pa.int32()), ("triple", pa.int32()), ("split", _NAM
 NOVEL = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("entity", pa.int32())])
 INSERT_TRIPLES = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("entity", pa.int32()), ("triple", pa.int32())])
 TRAINING_LOG = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("epoch", pa.int32()),
-                          ("mrr_star", pa.float64()), ("kept", pa.bool_())])  # fmt: skip
+                          *_MEASURES, ("kept", pa.bool_())])  # fmt: skip
+#: ``queries`` counts triples, of each of which head, tail and relation are asked for.
 RUNS = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("epoch", pa.int32()), ("scope", _NAME),
                   *_MEASURES, ("queries", pa.int32())])  # fmt: skip
 #: One row per inserted entity: its own queries of scope ``novel`` at once, and what it fell back to.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import hashlib
 import logging
 import zlib
 from collections.abc import Iterator, Sequence
@@ -39,14 +40,16 @@ def look_up(words: KeyedVectors, phrases: Sequence[str]) -> WordVectors:
     return WordVectors(vectors, served)
 
 
-def load_vectors(source: str) -> KeyedVectors:
+def load_vectors(source: str, sha256: str | None = None) -> KeyedVectors:
     """Load the vectors that ``words.source`` names: a file, or else a gensim download.
 
     Raises:
-        InputError: where the file is broken, or there is neither such a file nor such a download.
+        InputError: where the file is broken or hashes to something else than ``sha256``, or there is
+            neither such a file nor such a download.
     """
     path = Path(source)
     if path.is_file():
+        check_sha256(path, sha256)
         return read_vectors(path)
     if path.suffix or len(path.parts) > 1:
         raise InputError(source, "", "no such file of word vectors (params.yaml: words.source)")
@@ -54,10 +57,23 @@ def load_vectors(source: str) -> KeyedVectors:
 
     logging.getLogger("gensim").setLevel(logging.ERROR)
     try:
-        return gensim.downloader.load(source)
+        found = gensim.downloader.load(source)
     except Exception as error:  # gensim lets every fault of the network and of its index through as it is
         expected = f"neither a file nor a gensim download that can be reached ({type(error).__name__})"
         raise InputError("params.yaml", "words.source", f"{source!r} is {expected}") from error
+    if not isinstance(found, KeyedVectors):
+        raise InputError("params.yaml", "words.source", f"{source!r} is a gensim download, but holds no word vectors")
+    return found
+
+
+def check_sha256(path: Path, expected: str | None) -> None:
+    """Refuse a file that hashes to something else than expected, if anything is."""
+    if expected is None:
+        return
+    with path.open("rb") as file:
+        got = hashlib.file_digest(file, "sha256").hexdigest()
+    if got != expected:
+        raise InputError(path, "", f"expected SHA-256 {expected} (params.yaml: words.sha256), got {got}")
 
 
 def read_vectors(path: Path) -> KeyedVectors:

@@ -8,13 +8,15 @@ from isi import paths, tables, words
 from isi.stage import Params, Provenance, stage
 
 
-@stage("words.source", "words.text")
+@stage("words.source", "words.text", "words.sha256")
 def embed_words(params: Params, provenance: Provenance) -> None:
     """Look up the word vector of every entity."""
     shipped = params.words.source == "shipped"
     source = str(paths.shipped_vectors(params.words.text)) if shipped else params.words.source
     entities = tables.read(paths.entities("ai2thor"), tables.ENTITIES, provenance)
-    found = words.look_up(words.load_vectors(source), list(entities["phrase"]))
+    found = words.look_up(
+        words.load_vectors(source, None if shipped else params.words.sha256), list(entities["phrase"])
+    )
     coverage = entities[["entity", "phrase"]].assign(served_by=found.served_by)
     tables.write_tensors(paths.vectors("ai2thor"), {"vectors": torch.from_numpy(found.vectors)}, provenance)
     tables.write(paths.coverage("ai2thor"), coverage, tables.COVERAGE, provenance)

@@ -21,6 +21,11 @@ def make_sessions(params: Params, provenance: Provenance) -> None:
             "params.yaml", "sessions.sizes", f"expected sizes below the graph's {len(graph.entities)} entities"
         )
     splits = [sessions.split(graph, root, seed, how.valid, how.test) for seed in range(how.seeds)]
+    held_out = min(int((codes == code).sum()) for codes in splits for code in (sessions.VALID, sessions.TEST))
+    asked = min(round(share * len(graph.triples)) for share in (how.valid, how.test))
+    if not held_out or held_out < asked:
+        expected = "expected shares that leave triples to each split (some must stay in train, for every entity)"
+        raise InputError("params.yaml", "sessions.valid, sessions.test", expected)
     novel, insert = [], []
     for size in sorted(how.sizes):
         for seed, codes in enumerate(splits):

@@ -13,23 +13,27 @@ from isi import paths
 from isi.params import Params
 from isi.report import figures, page, results, tables
 from isi.stage import Provenance, stage
+from isi.tables import keep_only
 
 _PACKAGES = ("dvc", "gensim", "matplotlib", "numpy", "pandas", "procthor", "pyarrow", "scipy", "torch")
-_SOURCES = ("isi", "stages", "data/raw")
+_SOURCES = ("isi", "stages", "data/raw")  # dependencies of the stage, whole
 
 
 @stage(
     "seed", "ai2thor", "materials", "graph", "words", "sessions", "embedding", "negatives", "training", "finetuning",
     "convergence", "insert", "initializers", "curves",
 )  # fmt: skip
-def report(params: Params, provenance: Provenance) -> None:
+def report(params: Params, _provenance: Provenance) -> None:
     """Render the report: tables, figures, metrics and the page."""
-    found = results.read(params, "ai2thor", provenance)
+    runs = paths.runs("ai2thor", "joint").parent
+    listed = (*params.insert.initializers, "joint")
+    keep_only(
+        runs, [path for path in runs.iterdir() if path.name.split(".")[0] in listed]
+    )  # the folder is a dependency
+    found = results.read(params, "ai2thor")
     made = [table(found) for table in tables.TABLES]
     page.write(paths.REPORTS, found, made, figures.draw(found), what_was_run(params, found))
-    headline = page.metrics(found)
     print(f"report: {paths.REPORTS / 'index.html'}")
-    print(json.dumps({key: headline[key] for key in ("immediate_mrr_star", "epochs_to_convergence")}, indent=2))
 
 
 def what_was_run(params: Params, found: results.Results) -> dict[str, dict[str, Any]]:

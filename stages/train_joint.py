@@ -31,14 +31,13 @@ def train_joint(params: Params, provenance: Provenance) -> None:
     ]
     learned = run(learning.learn_joint, tasks, params.compute, "joint")
     tensors = learning.as_tensors(tasks, learned)
-    judged = [
-        JudgingTask(
-            **vars(cell),
-            embedding=(tensors["entity"][cell.seeds].numpy(), tensors["relation"][cell.seeds].numpy()),
-            insert_triples=insert_triples_of(cell, insert_triples),
-        )
-        for cell in cells
-    ]
+    row = {seed: number for number, seed in enumerate(tensors["seed"].tolist())}
+    judged = []
+    for cell in cells:
+        rows = [row[seed] for seed in cell.seeds]
+        embedding = (tensors["entity"][rows].numpy(), tensors["relation"][rows].numpy())
+        triples = insert_triples_of(cell, insert_triples)
+        judged.append(JudgingTask(**vars(cell), embedding=embedding, insert_triples=triples))
     runs = pd.concat(run(judging.judge, judged, params.compute, "joint, measured"))
     tables.write_tensors(paths.joint("ai2thor"), tensors, provenance)
     write_log("ai2thor", "joint", pd.concat(result.log for result in learned), provenance)

@@ -16,7 +16,9 @@ def closure(path: Path) -> set[Path]:
         current = waiting.pop()
         if current not in found:
             found.add(current)
-            waiting += [file for name in _imported(current) for file in _files(name)]
+            waiting += [
+                file for name in [".".join(current.with_suffix("").parts), *_imported(current)] for file in _files(name)
+            ]
     return found
 
 

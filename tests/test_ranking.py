@@ -354,3 +354,25 @@ def test_validation_of_d0_leaves_novel_entities_out() -> None:
     # Heads of 2 score 0, 2, 4: R_P = 3. R_G = 1 for both.
     assert result.queries.tolist() == [1]
     assert result.measures[0, 1].item() == pytest.approx((1 / 1.5 + 1 / 3) / 2)
+
+
+def test_queries_asked_in_pieces_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    cells = cells_of(random_graph(13, 3, 80), 2, [0, 1])
+    embedding, novel = random_embedding(2, 13, 3, 8), torch.from_numpy(cells.novel)
+    whole = ranking.evaluate(embedding, ranking.epoch_scopes(cells.joint, novel))
+    monkeypatch.setattr(ranking, "BUDGET", 2 * 2 * 13 * 3)  # three queries at a time
+    pieces = ranking.epoch_scopes(cells.joint, novel)
+    assert pieces["all"].rows is None
+    for name, result in ranking.evaluate(embedding, pieces).items():
+        torch.testing.assert_close(result.measures, whole[name].measures, equal_nan=True)
+        assert torch.equal(result.ties, whole[name].ties)
+
+
+def test_a_diverged_embedding_scores_as_one_that_knows_nothing() -> None:
+    cells = cells_of(random_graph(13, 3, 80), 2, [0, 1])
+    queries = ranking.validation(cells.joint)
+    lost, nothing = (
+        Embedding(torch.full((2, 13, 8), value), torch.full((2, 3, 8), value)) for value in (torch.nan, 0.0)
+    )
+    found, expected = (ranking.evaluate(embedding, queries)["valid"] for embedding in (lost, nothing))
+    assert torch.equal(found.measures, expected.measures)

@@ -10,12 +10,12 @@ import torch
 from torch import Tensor
 from torch.nn.functional import logsigmoid
 
-from isi import ranking, training
+from isi import lessons, ranking, training
 from isi.embeddings.stack import Embedding, select, uniform
 from isi.experiments.cells import Cells
+from isi.lessons import Lesson, Lists, Tables
 from isi.params import Negatives, Optimizer, Training
 from isi.sessions import OUT, TRAIN, Session, joint_session
-from isi.training import Lesson
 from tests.graphs import cells_of, dense, graph_of, random_embedding, random_graph
 
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
@@ -35,7 +35,25 @@ def one_triple_lesson(head_pool: str, count: int = 2, relations: int = 2, entiti
     graph = graph_of({(0, 0, 1): count, (2, 0, 3): 5}, entities, relations)
     members = torch.tensor([[number != 3 for number in range(entities)]])
     session = Session(graph, members, torch.tensor([[TRAIN, OUT]], dtype=torch.int8))
-    return training.lesson(session, torch.tensor([[1, 0]]), head_pool)
+    return lessons.lesson(session, "test", torch.tensor([[1, 0]]), head_pool)
+
+
+def observations(lesson: Lesson) -> list[np.ndarray]:
+    """All training observations of each model, as one batch."""
+    return [np.repeat(np.arange(len(counts)), counts) for counts in lesson.counts.numpy()]
+
+
+def sampled(lesson: Lesson, ratio: int, root: int, epoch: int) -> Tensor:
+    """Corrupted triples of all observations as one batch; shape (M, 1, R, E, E)."""
+    lists = lessons.as_lists(lesson, observations(lesson), ratio, root, epoch, 0)
+    return lessons.count_negatives(lesson, lists)[:, None]
+
+
+def dealt_counts(lesson: Lesson, root: int, epoch: int, size: int) -> Tensor:
+    """How often each triple stands in each batch; shape (M, B, T)."""
+    dealt = lessons.deal(lesson, root, epoch, size)
+    return torch.stack([torch.stack([torch.bincount(torch.as_tensor(one, dtype=torch.int64),
+                        minlength=lesson.counts.shape[1]) for one in batch]) for batch in dealt], 1)  # fmt: skip
 
 
 def small_cells(seeds: list[int] | None = None) -> Cells:
@@ -56,7 +74,7 @@ def test_loss_gradient_is_that_of_autograd() -> None:
     generator = torch.Generator().manual_seed(3)
     positives, negatives = (torch.randint(4, (2, 3, 4, 4), generator=generator).double() for _ in range(2))
     by_entity, by_relation = torch.autograd.grad(loss(entity, relation, positives, negatives), (entity, relation))
-    found = training.loss_gradient(Embedding(entity.detach(), relation.detach()), positives, negatives)
+    found = training.loss_gradient(Embedding(entity.detach(), relation.detach()), Tables(positives, negatives))
     torch.testing.assert_close(found.entity, by_entity)
     torch.testing.assert_close(found.relation, by_relation)
 
@@ -73,7 +91,7 @@ def test_adagrad_is_that_of_torch() -> None:
         optimizer.zero_grad()
         (loss(*tables, positives, negatives) / positives.sum()).backward()
         optimizer.step()
-        gradient = training.loss_gradient(state.embedding, positives, negatives)
+        gradient = training.loss_gradient(state.embedding, Tables(positives, negatives))
         number = positives.sum((1, 2, 3)).long()
         training.adagrad(state, gradient, number, torch.zeros(1, 5, dtype=torch.bool), settings)
     for found, expected in zip((state.embedding.entity, state.embedding.relation), tables, strict=True):
@@ -86,14 +104,14 @@ def test_start_copies_so_that_training_leaves_its_origin_alone() -> None:
     begin = start_of(cells)
     before = begin.entity.clone(), begin.relation.clone()
     state = training.start(begin)
-    training.run_epoch(state, training.lesson(cells.initial, cells.keys, "all"), EXPECTED, TUNING, 0, 1)
+    training.run_epoch(state, lessons.lesson(cells.initial, "test", cells.keys, "all"), EXPECTED, TUNING, 0, 1)
     assert same(begin, Embedding(*before))
     assert not same(state.embedding, begin)
 
 
 def test_expected_negatives_by_hand() -> None:
     lesson = one_triple_lesson("unseen")
-    found = training.expected_negatives(lesson, training.place(lesson, lesson.counts), 9)[0]
+    found = lessons.expected_negatives(lesson, lessons.place(lesson, observations(lesson)), 9)[0]
     # 2 observations × 9: 18 tails over the entities 0 to 2, 18 heads over those never a head (1, 2), 18 of relation 1
     expected = torch.zeros(2, 4, 4)
     expected[0, 0, :3] = 6
@@ -108,8 +126,8 @@ def test_heads_come_from_everyone_where_asked_or_where_the_pool_is_empty() -> No
     unseen = one_triple_lesson("unseen").heads[0]
     assert torch.equal(unseen, torch.stack([torch.tensor([0.0, 1, 1, 0]), everyone]))
     graph = graph_of({(0, 0, 1): 1, (1, 0, 2): 1, (2, 0, 0): 1}, 3, 1)
-    lesson = training.lesson(
-        joint_session(graph, torch.zeros(1, 3, dtype=torch.int8)), torch.tensor([[0, 0]]), "unseen"
+    lesson = lessons.lesson(
+        joint_session(graph, torch.zeros(1, 3, dtype=torch.int8)), "test", torch.tensor([[0, 0]]), "unseen"
     )
     assert torch.equal(lesson.heads, torch.ones(1, 1, 3))
 
@@ -117,18 +135,18 @@ def test_heads_come_from_everyone_where_asked_or_where_the_pool_is_empty() -> No
 @pytest.mark.parametrize("head_pool", ["unseen", "all"])
 def test_expected_negatives_are_the_mean_of_sampled_ones(head_pool: str) -> None:
     cells, draws, ratio = cells_of(random_graph(6, 3, 20), 1, [0, 1]), 600, 4
-    lesson = training.lesson(cells.initial, cells.keys, head_pool)
-    expected = training.expected_negatives(lesson, training.place(lesson, lesson.counts), ratio)
+    lesson = lessons.lesson(cells.initial, "test", cells.keys, head_pool)
+    expected = lessons.expected_negatives(lesson, lessons.place(lesson, observations(lesson)), ratio)
     total = torch.zeros_like(expected)
     for epoch in range(draws):
-        total += training.sampled_negatives(lesson, lesson.counts[:, None], ratio, 0, epoch)[:, 0]
+        total += sampled(lesson, ratio, 0, epoch)[:, 0]
     assert (total[expected == 0] == 0).all()
     assert ((total / draws - expected).abs() <= 5 * (expected / draws).sqrt() + 1e-4).all()
 
 
 def test_sampled_negatives_are_ratio_times_positives_of_each_kind() -> None:
     lesson = one_triple_lesson("unseen", count=7, relations=3)
-    drawn = training.sampled_negatives(lesson, lesson.counts[:, None], 9, 0, 1)[0, 0]
+    drawn = sampled(lesson, 9, 0, 1)[0, 0]
     heads = drawn[0, :, 1].clone()
     heads[0] = 0  # 0 is a head of relation 0 and not in its pool: a corrupted tail
     assert drawn[0, 0].sum() == 63
@@ -140,56 +158,77 @@ def test_sampled_negatives_are_ratio_times_positives_of_each_kind() -> None:
 
 def test_sampled_negatives_stay_in_the_session_and_with_their_batch() -> None:
     cells = small_cells()
-    lesson = training.lesson(cells.initial, cells.keys, "unseen")
-    dealt = training.batches(lesson, 0, 1, 30)
-    drawn = training.sampled_negatives(lesson, dealt, 3, 0, 1)
-    assert torch.equal(drawn.sum((2, 3, 4)), 9 * dealt.sum(2))
-    for model in range(4):
-        outside = ~lesson.session.entities[model]
-        assert drawn[model][..., outside, :].sum() == 0
-        assert drawn[model][..., outside].sum() == 0
+    lesson = lessons.lesson(cells.initial, "test", cells.keys, "unseen")
+    for number, dealt in enumerate(lessons.deal(lesson, 0, 1, 30)):
+        drawn = lessons.count_negatives(lesson, lessons.as_lists(lesson, dealt, 3, 0, 1, number))
+        assert drawn.sum((1, 2, 3)).tolist() == [9 * len(one) for one in dealt]
+        for model in range(4):
+            outside = ~lesson.session.entities[model]
+            assert drawn[model][..., outside, :].sum() == 0
+            assert drawn[model][..., outside].sum() == 0
 
 
 def test_true_relation_is_never_a_corrupted_one() -> None:
     lesson = one_triple_lesson("unseen", count=50, relations=2, entities=5)
-    drawn = training.sampled_negatives(lesson, lesson.counts[:, None], 9, 0, 1)[0, 0]
+    drawn = sampled(lesson, 9, 0, 1)[0, 0]
     assert drawn[1, 0, 1] == 450
     assert drawn[1].sum() == 450
 
 
 def test_a_lone_relation_is_not_corrupted() -> None:
     lesson = one_triple_lesson("unseen", count=5, relations=1)
-    assert training.sampled_negatives(lesson, lesson.counts[:, None], 9, 0, 1).sum() == 2 * 45
-    assert training.expected_negatives(lesson, training.place(lesson, lesson.counts), 9).sum() == pytest.approx(90)
+    assert sampled(lesson, 9, 0, 1).sum() == 2 * 45
+    assert lessons.expected_negatives(lesson, lessons.place(lesson, observations(lesson)), 9).sum() == pytest.approx(90)
 
 
 def test_many_negatives_on_one_triple_do_not_overflow() -> None:
     lesson = one_triple_lesson("unseen", count=5000)
-    drawn = training.sampled_negatives(lesson, lesson.counts[:, None], 9, 0, 1)
+    drawn = sampled(lesson, 9, 0, 1)
     assert drawn[0, 0, 1, 0, 1].item() == 45_000
 
 
-def test_negatives_are_keyed_by_model_and_epoch() -> None:
+def test_negatives_are_keyed_by_model_purpose_and_epoch() -> None:
     cells = small_cells()
-    lesson = training.lesson(cells.initial, cells.keys, "unseen")
-    dealt = torch.ones(4, 1, 80, dtype=torch.int64) * (lesson.counts > 0)[:, None]
-    drawn = {
-        (root, epoch): training.sampled_negatives(lesson, dealt, 3, root, epoch) for root in (0, 1) for epoch in (1, 2)
-    }
-    assert torch.equal(drawn[0, 1], training.sampled_negatives(lesson, dealt, 3, 0, 1))
+    lesson = lessons.lesson(cells.initial, "test", cells.keys, "unseen")
+    drawn = {(root, epoch): sampled(lesson, 3, root, epoch) for root in (0, 1) for epoch in (1, 2)}
+    assert torch.equal(drawn[0, 1], sampled(lesson, 3, 0, 1))
     assert not torch.equal(drawn[0, 1], drawn[0, 2])
     assert not torch.equal(drawn[0, 1], drawn[1, 1])
     other = replace(lesson, keys=lesson.keys + torch.tensor([1, 0]))
-    assert not torch.equal(drawn[0, 1], training.sampled_negatives(other, dealt, 3, 0, 1))
-    alone = select(lesson, torch.tensor([2]))
-    assert torch.equal(drawn[0, 1][2:3], training.sampled_negatives(alone, dealt[2:3], 3, 0, 1))
+    assert not torch.equal(drawn[0, 1], sampled(other, 3, 0, 1))
+    assert not torch.equal(drawn[0, 1], sampled(replace(lesson, purpose="other"), 3, 0, 1))
+    assert torch.equal(drawn[0, 1][2:3], sampled(select(lesson, torch.tensor([2])), 3, 0, 1))
+
+
+def test_a_batch_has_the_same_gradient_as_lists_and_as_tables() -> None:
+    cells = small_cells()
+    lesson, embedding = lessons.lesson(cells.initial, "test", cells.keys, "unseen"), start_of(cells)
+    dealt = lessons.deal(lesson, 0, 1, 40)[1]
+    lists = lessons.as_lists(lesson, dealt, 3, 0, 1, 1)
+    assert isinstance(lists, Lists)
+    tables = Tables(lessons.place(lesson, dealt), lessons.count_negatives(lesson, lists))
+    one, other = (training.loss_gradient(embedding, batch) for batch in (lists, tables))
+    torch.testing.assert_close(one.entity, other.entity, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(one.relation, other.relation, rtol=1e-4, atol=1e-5)
+    assert one.entity.abs().max() > 0.1
+
+
+def test_a_graph_too_large_for_tables_learns_the_same_from_lists(monkeypatch: pytest.MonkeyPatch) -> None:
+    cells = small_cells()
+    lesson = lessons.lesson(cells.initial, "test", cells.keys, "unseen")
+    small, large = training.start(start_of(cells)), training.start(start_of(cells))
+    training.run_epoch(small, lesson, SAMPLED, TUNING, 0, 1)
+    monkeypatch.setattr(lessons, "TABLE_CELLS", 0)
+    assert all(isinstance(batch, Lists) for batch, _ in lessons.batches(lesson, EXPECTED, TUNING, 0, 1))
+    training.run_epoch(large, lesson, SAMPLED, TUNING, 0, 1)
+    torch.testing.assert_close(large.embedding.entity, small.embedding.entity, rtol=1e-3, atol=1e-3)
 
 
 @pytest.mark.parametrize("size", [1, 7, 30, 10_000])
 def test_batches_hold_each_observation_once_and_are_even(size: int) -> None:
     cells = small_cells()
-    lesson = training.lesson(cells.initial, cells.keys, "all")
-    dealt = training.batches(lesson, 0, 1, size)
+    lesson = lessons.lesson(cells.initial, "test", cells.keys, "all")
+    dealt = dealt_counts(lesson, 0, 1, size)
     assert torch.equal(dealt.sum(1), lesson.counts)
     for model in range(4):
         lengths = dealt[model].sum(1)
@@ -202,14 +241,14 @@ def test_batches_hold_each_observation_once_and_are_even(size: int) -> None:
 
 def test_batches_are_keyed_by_model_and_epoch() -> None:
     cells = small_cells()
-    lesson = training.lesson(cells.initial, cells.keys, "all")
-    dealt = training.batches(lesson, 0, 1, 10)
-    assert torch.equal(dealt, training.batches(lesson, 0, 1, 10))
-    assert not torch.equal(dealt, training.batches(lesson, 0, 2, 10))
-    assert not torch.equal(dealt, training.batches(lesson, 1, 1, 10))
+    lesson = lessons.lesson(cells.initial, "test", cells.keys, "all")
+    dealt = dealt_counts(lesson, 0, 1, 10)
+    assert torch.equal(dealt, dealt_counts(lesson, 0, 1, 10))
+    assert not torch.equal(dealt, dealt_counts(lesson, 0, 2, 10))
+    assert not torch.equal(dealt, dealt_counts(lesson, 1, 1, 10))
     other = replace(lesson, keys=lesson.keys + torch.tensor([1, 0]))
-    assert not torch.equal(dealt, training.batches(other, 0, 1, 10))
-    alone = training.batches(select(lesson, torch.tensor([3])), 0, 1, 10)
+    assert not torch.equal(dealt, dealt_counts(other, 0, 1, 10))
+    alone = dealt_counts(select(lesson, torch.tensor([3])), 0, 1, 10)
     assert torch.equal(dealt[3:, : alone.shape[1]], alone)
 
 
@@ -217,7 +256,7 @@ def test_batches_are_keyed_by_model_and_epoch() -> None:
 def test_entities_outside_the_session_stay_zero(negatives: Negatives) -> None:
     cells = small_cells()
     state, members = training.start(start_of(cells)), cells.initial.entities
-    lesson = training.lesson(cells.initial, cells.keys, "unseen")
+    lesson = lessons.lesson(cells.initial, "test", cells.keys, "unseen")
     before = state.embedding.entity.clone()
     for epoch in (1, 2):
         training.run_epoch(state, lesson, negatives, TUNING, 0, epoch)
@@ -243,7 +282,7 @@ FITTING = Training(
 
 def fitted(seeds: list[int], settings: Training = FITTING) -> tuple[Embedding, list[training.Look]]:
     cells = small_cells(seeds)
-    lesson = training.lesson(cells.initial, cells.keys, "unseen")
+    lesson = lessons.lesson(cells.initial, "test", cells.keys, "unseen")
     valid = ranking.validation(cells.initial)["valid"]
     return training.fit(start_of(cells, 0.01), lesson, valid, SAMPLED, settings, 0)
 
@@ -253,7 +292,7 @@ def looks_of(model: int, looks: list[training.Look]) -> list[tuple[int, float, b
     rows = []
     for look in looks:
         for place in torch.nonzero(look.models == model).flatten().tolist():
-            rows.append((look.epoch, look.mrr_star[place].item(), bool(look.kept[place])))
+            rows.append((look.epoch, look.measures[place, 0].item(), bool(look.kept[place])))
     return rows
 
 
@@ -300,7 +339,7 @@ def tuned(seeds: list[int], targets: dict[str, Tensor], to_the_end: bool = False
     cells = small_cells(seeds)
     return training.fine_tune(
         start_of(cells),
-        training.lesson(cells.joint, cells.keys, "unseen"),
+        lessons.lesson(cells.joint, "test", cells.keys, "unseen"),
         ranking.epoch_scopes(cells.joint, torch.from_numpy(cells.novel)),
         targets,
         SAMPLED,
@@ -365,10 +404,10 @@ def test_loss_gradient_is_bit_identical_whatever_the_stack(entities: int) -> Non
     embedding = random_embedding(models, entities, relations, 12)
     counts = torch.randint(4, (2, models, relations, entities, entities), generator=torch.Generator().manual_seed(1))
     positives, negatives = counts.float()
-    together = training.loss_gradient(embedding, positives, negatives)
+    together = training.loss_gradient(embedding, Tables(positives, negatives))
     for height in (1, 3):
         for some in torch.arange(models).split(height):
-            alone = training.loss_gradient(select(embedding, some), positives[some], negatives[some])
+            alone = training.loss_gradient(select(embedding, some), Tables(positives[some], negatives[some]))
             assert same(select(together, some), alone)
 
 
@@ -376,7 +415,7 @@ def test_loss_gradient_is_bit_identical_whatever_the_stack(entities: int) -> Non
 @pytest.mark.parametrize("entities", [12, 13])
 def test_epochs_are_bit_identical_whatever_the_stack(models: list[int], entities: int) -> None:
     cells = cells_of(random_graph(entities, 3, 80), 2, [0, 1, 2, 3])
-    lesson = training.lesson(cells.initial, cells.keys, "unseen")
+    lesson = lessons.lesson(cells.initial, "test", cells.keys, "unseen")
     state = training.start(start_of(cells))
     some = select(training.start(start_of(cells)), torch.tensor(models))
     for epoch in range(1, 6):
@@ -397,7 +436,7 @@ def test_epochs_to_convergence_are_the_first_that_reach_the_target(
 
 def test_lesson_counts_training_observations_alone() -> None:
     cells = small_cells()
-    lesson = training.lesson(cells.joint, cells.keys, "all")
+    lesson = lessons.lesson(cells.joint, "test", cells.keys, "all")
     train = torch.from_numpy(cells.splits) == TRAIN
     assert torch.equal(lesson.counts, torch.where(train, cells.graph.counts, 0))
     only = replace(lesson, counts=lesson.counts * 0)

@@ -14,8 +14,9 @@ import numpy as np
 import pandas as pd
 import torch
 
-from isi import params, paths, ranking, training
+from isi import lessons, params, paths, ranking, training
 from isi.experiments import learning
+from isi.experiments.cells import JOINT
 from isi.experiments.executor import run
 from isi.experiments.insertion import FineTuning, InsertTask, insertion_of, put
 from isi.experiments.learning import Learning, LearningTask
@@ -37,7 +38,7 @@ def fine_tune(task: TuningTask) -> float:
     insertion = insertion_of(task)
     initial = INITIALIZERS[task.initializer](insertion, **task.options)
     state = training.start(put(insertion.theta0, torch.from_numpy(task.novel), initial.vectors))
-    lesson = training.lesson(session, task.keys, how.negatives.head_pool)
+    lesson = lessons.lesson(session, "fine-tuning", task.keys, how.negatives.head_pool)
     valid, looks = ranking.validation(session), []
     for epoch in range(1, how.optimizer.max_epochs + 1):
         training.run_epoch(state, lesson, how.negatives, how.optimizer, how.root, epoch)
@@ -72,7 +73,7 @@ def main() -> None:
         return Learning(settings.seed, settings.embedding, settings.negatives, optimizer)
 
     grid = list(product(given.batches, given.training))
-    tasks = [LearningTask(**vars(replace(c, size=0)), learning=how(*point)) for point in grid for c in single]
+    tasks = [LearningTask(**vars(replace(c, size=JOINT)), learning=how(*point)) for point in grid for c in single]
     looks = np.concatenate(run(best_valid, tasks, settings.compute, "training"))
     show("training", grid, looks.reshape(len(grid), -1).mean(1))
 
@@ -90,7 +91,8 @@ def main() -> None:
             initializer=name, options=settings.initializers.options(name), words=words, joint_mrr_star={}, every=10,
             tuning=FineTuning(
                 settings.seed, settings.negatives,
-                settings.finetuning.model_copy(update={"batch_size": batch, "learning_rate": rate}), 0.08, [],
+                settings.finetuning.model_copy(update={"batch_size": batch, "learning_rate": rate}),
+                settings.convergence.margin, [],
             ),
         )
         for batch, rate in grid

@@ -11,7 +11,9 @@ ROWS = (
     ("immediate MRR*, queries about novel entities", "immediate_mrr_star", "novel"),
     ("gain over Xavier in %, all queries", "improvement_over_xavier_percent", "all"),
     ("epochs to convergence, all queries", "epochs_to_convergence", "all"),
+    ("  % of runs that never converge", "unconverged_percent", "all"),
     ("epochs to convergence, held-out novel", "epochs_to_convergence", "novel_heldout"),
+    ("  % of runs that never converge", "unconverged_percent", "novel_heldout"),
 )
 
 

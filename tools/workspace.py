@@ -9,10 +9,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import yaml
+from ruamel.yaml import YAML
 
 ROOT = Path(__file__).parent.parent
 COPIED = ("isi", "stages", "data/raw", "dvc.yaml", "pyproject.toml")
+
+YAML_1_2 = YAML()  # keeps the comments
 
 #: A grid that takes about two minutes.
 QUICK = {
@@ -31,10 +33,10 @@ def make(folder: Path, changes: dict[str, Any]) -> None:
             shutil.copytree(ROOT / name, target, ignore=shutil.ignore_patterns("__pycache__"))
         else:
             shutil.copy2(ROOT / name, target)
-    params = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))
+    params = YAML_1_2.load(ROOT / "params.yaml")
     for key, value in changes.items():
         change(params, key, value)
-    (folder / "params.yaml").write_text(yaml.safe_dump(params, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    YAML_1_2.dump(params, folder / "params.yaml")
     if not (folder / ".dvc").exists():
         dvc = [sys.executable, "-m", "dvc"]
         subprocess.run([*dvc, "init", "--no-scm", "-q"], cwd=folder, check=True)
@@ -56,7 +58,7 @@ def main() -> None:
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="params to change, values in YAML")
     given = parser.parse_args()
     pairs = (text.partition("=") for text in given.set)
-    make(given.folder, QUICK | {key: yaml.safe_load(value) for key, _, value in pairs})
+    make(given.folder, QUICK | {key: YAML_1_2.load(value) for key, _, value in pairs})
 
 
 if __name__ == "__main__":

@@ -95,9 +95,27 @@ def gradient(embedding: Embedding, mapped: Tensor, slope: Tensor) -> Embedding:
     entity += (pulled * straight).sum(1) + swap((pulled * crossed).sum(1))  # as heads
     by_straight = (pulled * embedding.entity[:, None]).sum(2)
     by_crossed = (pulled * swap(embedding.entity)[:, None]).sum(2)
-    scalars, straight_a, straight_b = _parts(by_straight)
-    _, crossed_a, crossed_b = _parts(by_crossed)
-    return Embedding(entity, torch.cat([scalars, straight_a + straight_b, crossed_b - crossed_a], -1))
+    return Embedding(entity, _by_factors(by_straight, by_crossed))
+
+
+def score_listed(embedding: Embedding, model: Tensor, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
+    """Scores of listed triples of the models of a stack; ids and result of shape (N,)."""
+    return score(embedding.entity[model, head], embedding.relation[model, relation], embedding.entity[model, tail])
+
+
+def gradient_listed(
+    embedding: Embedding, model: Tensor, head: Tensor, relation: Tensor, tail: Tensor, slope: Tensor
+) -> Embedding:
+    """Gradient of Σ slope · f over listed triples; ids and slope of shape (N,)."""
+    (models, entities, dimension), relations = embedding.entity.shape, embedding.relation.shape[1]
+    heads, maps = embedding.entity[model, head], embedding.relation[model, relation]
+    pulled = embedding.entity[model, tail] * slope[:, None]  # by vₕᵀW
+    by_entity = embedding.entity.new_zeros(models * entities, dimension)
+    by_entity.index_add_(0, model * entities + tail, transform(heads, maps) * slope[:, None])
+    by_entity.index_add_(0, model * entities + head, transform(pulled, transpose(maps)))
+    by_relation = embedding.entity.new_zeros(models * relations, dimension)
+    by_relation.index_add_(0, model * relations + relation, _by_factors(pulled * heads, pulled * swap(heads)))
+    return Embedding(by_entity.view(models, entities, dimension), by_relation.view(models, relations, dimension))
 
 
 def resultants(known: Tensor, relation: Tensor, novel_is_tail: Tensor) -> Tensor:
@@ -125,6 +143,13 @@ def _parts(vectors: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 def _factors(relation: Tensor) -> tuple[Tensor, Tensor]:
     scalars, x, y = _parts(relation)
     return torch.cat([scalars, x, x], -1), torch.cat([torch.zeros_like(scalars), -y, y], -1)
+
+
+def _by_factors(straight: Tensor, crossed: Tensor) -> Tensor:
+    """Gradient by a relation from those by its two factors (see ``_factors``); shape (..., d)."""
+    scalars, straight_a, straight_b = _parts(straight)
+    _, crossed_a, crossed_b = _parts(crossed)
+    return torch.cat([scalars, straight_a + straight_b, crossed_b - crossed_a], -1)
 
 
 def _rows(table: Tensor, ids: Tensor) -> Tensor:

@@ -21,7 +21,7 @@ Done = TypeVar("Done")
 
 def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Compute, name: str) -> list[Done]:
     """Run tasks on worker processes of one thread each; results come back in the order of the tasks."""
-    workers = os.cpu_count() or 1 if compute.workers == "all" else compute.workers
+    workers = available_cores() if compute.workers == "all" else compute.workers
     context = multiprocessing.get_context("spawn")  # a worker is then a child of the stage, and dies with it
     done = []
     with (
@@ -38,6 +38,11 @@ def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Comput
             executor.shutdown(wait=False, cancel_futures=True)
             raise
     return done
+
+
+def available_cores() -> int:
+    """The cores that this process may use, which can be fewer than the machine has."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def prepare_worker(parent: int) -> None:

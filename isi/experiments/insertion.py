@@ -11,7 +11,7 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi import ranking, training
+from isi import lessons, ranking, training
 from isi.embeddings.stack import Embedding
 from isi.experiments.judging import JudgingTask, insert_mask, measure_columns, run_rows
 from isi.initializers import FALLBACKS, INITIALIZERS, Insertion
@@ -68,7 +68,7 @@ def insert(task: InsertTask) -> Inserted:
            for queries in ranking.entity_scopes(session, novel, insert_mask(task))]  # fmt: skip
     followed = training.fine_tune(
         embedding,
-        training.lesson(session, task.keys, how.negatives.head_pool),
+        lessons.lesson(session, "fine-tuning", task.keys, how.negatives.head_pool),
         ranking.epoch_scopes(session, novel),
         {scope: torch.from_numpy(task.joint_mrr_star[scope]) - how.margin for scope in CONVERGENCE_SCOPES},
         how.negatives,

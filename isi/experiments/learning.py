@@ -10,10 +10,11 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi import ranking, training
+from isi import lessons, ranking, training
 from isi.embeddings.stack import uniform
 from isi.experiments.cells import Cells
 from isi.params import EmbeddingParams, Negatives, Training
+from isi.ranking import MEASURES
 from isi.sessions import Session
 
 
@@ -58,13 +59,15 @@ def _learn(task: LearningTask, session: Session) -> Learned:
     start = uniform(
         session.entities, len(graph.relations), how.embedding.dimension, how.embedding.init_range, how.root, keys
     )
-    lesson = training.lesson(session, keys, how.negatives.head_pool)
+    lesson = lessons.lesson(session, "training", keys, how.negatives.head_pool)
     valid = ranking.validation(session)["valid"]
     best, looks = training.fit(start, lesson, valid, how.negatives, how.training, how.root)
     log = pd.concat(
-        pd.DataFrame({"size": task.size, "seed": np.array(task.seeds)[look.models], "epoch": look.epoch,
-                      "mrr_star": look.mrr_star, "kept": look.kept}) for look in looks
-    )  # fmt: skip
+        pd.DataFrame(dict(zip(MEASURES, look.measures.T.numpy(), strict=True))).assign(
+            size=task.size, seed=np.array(task.seeds)[look.models], epoch=look.epoch, kept=look.kept.numpy()
+        )
+        for look in looks
+    )
     return Learned(best.entity.numpy(), best.relation.numpy(), session.entities.numpy(), log)
 
 

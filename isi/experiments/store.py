@@ -37,7 +37,10 @@ class Store:
         """Split of each unique triple, by seed; shapes: (T,), int8."""
         table = tables.read(paths.splits(self.experiment), tables.SPLITS, self.provenance)
         code = {name: number for number, name in enumerate(SPLITS)}
-        table["split"] = table["split"].astype(str).map(code).astype(np.int8)
+        codes = table["split"].astype(str).map(code)
+        if codes.isna().any():
+            raise InputError(paths.splits(self.experiment), "column 'split'", f"expected {', '.join(SPLITS)}")
+        table["split"] = codes.astype(np.int8)
         table = table.sort_values(["seed", "triple"])
         return {seed: table.loc[table["seed"] == seed, "split"].to_numpy() for seed in table["seed"].unique().tolist()}
 
@@ -66,6 +69,8 @@ class Store:
         graph, splits, novel = self.graph(), self.splits(), self.novel()
         if len(novel) and novel["entity"].max() >= len(graph.entities):
             raise InputError(paths.novel(self.experiment), "column 'entity'", "expected ids of the graph's entities")
+        if not set(novel["seed"]) <= set(splits):
+            raise InputError(paths.novel(self.experiment), "column 'seed'", "expected seeds that have splits")
         return [
             Cells(graph, size, seeds, np.stack([splits[seed] for seed in seeds]), drawn)
             for size, seeds, drawn in _stacks(novel, stack)

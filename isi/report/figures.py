@@ -66,7 +66,7 @@ def immediate(results: Results) -> Figure:
 
 def curves(results: Results) -> Figure | None:
     """Figure 3b: MRR* by epoch of fine-tuning; None where no size is followed to the end."""
-    size = _curve_size(results)
+    size = results.curve_size
     if size is None:
         return None
     canvas, (left, right) = _canvas(2)
@@ -94,7 +94,7 @@ def curves(results: Results) -> Figure | None:
 
 def corruption(results: Results) -> Figure | None:
     """Earlier knowledge by epoch, with the novel entities as candidates and without."""
-    size = _curve_size(results)
+    size = results.curve_size
     if size is None:
         return None
     canvas, (left, right) = _canvas(2)
@@ -129,11 +129,6 @@ def interval(values: pd.Series) -> tuple[float, float, float]:
         return mean, mean, mean
     low, high = stats.t.interval(0.95, len(known) - 1, loc=mean, scale=stats.sem(known))
     return mean, float(low), float(high)
-
-
-def _curve_size(results: Results) -> int | None:
-    followed = set(results.params.curves.sizes) & set(results.params.sessions.sizes)
-    return min(followed, default=None)
 
 
 def _canvas(panels: int) -> tuple[Canvas, list[Axes]]:

@@ -31,7 +31,7 @@ def metrics(results: Results) -> dict[str, Any]:
 
     return {
         "graph": {
-            "observations": len(results.observations),
+            "observations": int(results.triples["count"].sum()),
             "unique_triples": len(results.triples),
             "entities": len(results.entities),
         },
@@ -50,7 +50,7 @@ def plots(results: Results) -> dict[str, pd.DataFrame]:
     """Means over seeds, one column a model, for ``dvc plots``."""
     means = 100 * results.at_once.groupby(["scope", "size", "model"])["mrr_star"].mean().unstack("model")
     frames = {f"immediate_{scope}": means.loc[scope].reset_index() for scope in ("all", "novel")}
-    followed = results.runs[results.runs["size"].isin(results.params.curves.sizes) & (results.runs["model"] != JOINT)]
+    followed = results.runs[(results.runs["size"] == results.curve_size) & (results.runs["model"] != JOINT)]
     curves = 100 * followed.groupby(["scope", "epoch", "model"])["mrr_star"].mean().unstack("model")
     for scope in ("all", "novel_heldout", "known", "known_closed"):
         empty = pd.DataFrame(columns=["epoch", *results.initializers])
@@ -129,9 +129,8 @@ def _html(
         shorten=shorten,
         numeric=lambda table: [side == "right" for side in _alignment(table.frame)],
         figures={figure.name: figure for figure in figures},
-        svg=lambda figure: (
-            figure.rendered("svg").decode().partition("<svg")[1] + figure.rendered("svg").decode().partition("<svg")[2]
-        ),
+        svg=_inline,
+        about_known=_share_about_known(results),
         headline=headline,
         label=label,
         isi=[name for name in ISI if name in results.initializers],
@@ -139,3 +138,15 @@ def _html(
         paper=results.paper,
         run=run,
     )
+
+
+def _inline(figure: Figure) -> str:
+    """A figure as an element of the page."""
+    text = figure.rendered("svg").decode()
+    return text[text.index("<svg") :]
+
+
+def _share_about_known(results: Results) -> float:
+    """Share of the queries of scope all that are about known entities alone."""
+    queries = results.at_once[results.at_once["model"] == results.initializers[0]].groupby("scope")["queries"].sum()
+    return float(queries["known"] / queries["all"])

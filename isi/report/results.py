@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import yaml
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
 from isi import paths, tables
 from isi.errors import InputError
 from isi.params import Params
-from isi.tables import Provenance
 
 JOINT = "joint"
 
@@ -56,6 +56,11 @@ class Results:
         return self.runs[self.runs["epoch"] == 0]
 
     @cached_property
+    def curve_size(self) -> int | None:
+        """The first of ``curves.sizes`` that was run: the one that is drawn."""
+        return next((size for size in self.params.curves.sizes if size in self.params.sessions.sizes), None)
+
+    @cached_property
     def convergence(self) -> pd.DataFrame:
         """Epochs to convergence of each initializer and cell, in the scopes that ask for it (section 6.2).
 
@@ -73,7 +78,7 @@ class Results:
         return cells.reset_index()
 
 
-def read(params: Params, experiment: str, provenance: Provenance) -> Results:
+def read(params: Params, experiment: str) -> Results:
     """Read the tables of an experiment.
 
     Raises:
@@ -81,7 +86,7 @@ def read(params: Params, experiment: str, provenance: Provenance) -> Results:
     """
 
     def table(path: Path, schema: Any) -> pd.DataFrame:
-        frame = tables.read(path, schema, provenance)
+        frame = tables.read(path, schema)
         names = frame.select_dtypes("category").columns
         return frame.astype(dict.fromkeys(names, str))
 
@@ -92,7 +97,7 @@ def read(params: Params, experiment: str, provenance: Provenance) -> Results:
     return Results(
         params=params,
         paper=_read_paper(paths.PAPER),
-        definitions=pd.read_csv(paths.DEFINITIONS, keep_default_na=False),
+        definitions=_read_definitions(paths.DEFINITIONS),
         observations=table(paths.observations(experiment), tables.OBSERVATIONS),
         entities=table(paths.entities(experiment), tables.ENTITIES),
         triples=table(paths.triples(experiment), tables.TRIPLES),
@@ -110,7 +115,14 @@ def read(params: Params, experiment: str, provenance: Provenance) -> Results:
 
 def _read_paper(path: Path) -> Mapping[str, Any]:
     try:
-        values: Mapping[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
+        values: Mapping[str, Any] = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+    except (OSError, YAMLError) as error:
         raise InputError(path, "", f"expected the paper's values in YAML ({error})") from error
     return values
+
+
+def _read_definitions(path: Path) -> pd.DataFrame:
+    try:
+        return pd.read_csv(path, keep_default_na=False)[["phrase", "definition"]]
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(path, "", f"expected a CSV file with columns phrase and definition ({error})") from error

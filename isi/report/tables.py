@@ -64,7 +64,7 @@ def graph_statistics(results: Results) -> Table:
 def graph_totals(results: Results) -> Table:
     """The size of the whole graph, beside the paper's."""
     ours = {
-        "observations": len(results.observations),
+        "observations": int(results.triples["count"].sum()),
         "unique_triples": len(results.triples),
         "entities": len(results.entities),
         **{f"{kind} entities": int((results.entities["kind"] == kind).sum()) for kind in KINDS},
@@ -126,7 +126,8 @@ def improvement_over_xavier(results: Results, scope: str) -> dict[str, float]:
     means = shown.groupby(["size", "model"])["mrr_star"].mean().unstack()
     if "xavier" not in means:
         return {}
-    return {str(k): float(v) for k, v in (100 * (means.div(means["xavier"], axis=0) - 1)).mean().items()}
+    gain = (100 * (means.div(means["xavier"], axis=0) - 1)).mean().dropna()
+    return {str(model): float(value) for model, value in gain.items()}
 
 
 def convergence(results: Results) -> Table:
@@ -174,44 +175,48 @@ def convergence_by_size(results: Results) -> Table:
 
 def novel_by_kind(results: Results) -> Table:
     """Immediate MRR* of the queries about each inserted entity, by its kind."""
-    means = 100 * results.inserted.groupby(["kind", "model"])["mrr_star"].mean().unstack("model")
-    number = results.inserted[results.inserted["model"] == results.initializers[0]].groupby("kind").size()
-    kinds = [kind for kind in KINDS if kind in means.index]
-    frame = means.loc[kinds, results.initializers].rename(columns=label).reset_index()
-    frame.insert(1, "inserted", number.loc[kinds].to_numpy())
+    asked = results.inserted[results.inserted["queries"] > 0]
+    groups = asked.groupby(["kind", "model"])
+    means = 100 * groups[list(_HALVES)].mean().rename(columns=_HALVES)
+    means["std"] = 100 * groups["mrr_star"].std(ddof=1)
+    means.insert(0, "inserted", groups.size())
+    order = [(kind, model) for kind in KINDS for model in results.initializers if (kind, model) in means.index]
+    frame = means.loc[order].reset_index()
+    frame["model"] = frame["model"].map(label)
     return Table(
         "novel_by_kind",
         "Immediate MRR* by kind of the novel entity",
-        "MRR* (points) in scope novel of the queries that touch an inserted entity, mean over the inserted entities "
-        "of a kind.",
-        frame.rename_axis(None, axis=1),
+        "MRR* (points) in scope novel of the queries that touch an inserted entity, mean and standard deviation over "
+        "the inserted entities of a kind, with its entity and its relation half.",
+        frame.rename(columns={"model": "initializer"}),
     )
 
 
 def corruption(results: Results) -> Table:
-    """Known against known_closed: crowding against damage."""
+    """Known against known_closed: crowding against damage, at the size whose curves are drawn."""
+    runs = results.runs[results.runs["size"] == results.curve_size]
     lines = []
     for model in results.models:
-        own = results.runs[results.runs["model"] == model]
-        for size in results.params.curves.sizes:
-            by_epoch = 100 * own[own["size"] == size].groupby(["scope", "epoch"])["mrr_star"].mean().unstack("scope")
-            if len(by_epoch):
-                known, closed = by_epoch["known"], by_epoch["known_closed"]
-                lines.append([label(model), size, known.iloc[0], closed.iloc[0], closed.iloc[0] - known.iloc[0],
-                              known.min(), closed.min(), known.iloc[-1], closed.iloc[-1]])  # fmt: skip
-    columns = ["model", "size", "known at once", "known_closed at once", "crowding at once", "known, lowest",
-               "known_closed, lowest", "known at the end", "known_closed at the end"]  # fmt: skip
+        for scope in ("known", "known_closed"):
+            own = runs[(runs["model"] == model) & (runs["scope"] == scope)]
+            if len(own):
+                means = 100 * own.groupby("epoch")[list(_HALVES)].mean().rename(columns=_HALVES)
+                line = {"model": label(model), "scope": scope, "lowest MRR*": means["MRR*"].min()}
+                for when, row in (("at once", means.iloc[0]), ("at the end", means.iloc[-1])):
+                    line |= {f"{name} {when}": row[name] for name in _HALVES.values()}
+                lines.append(line)
     return Table(
         "corruption",
         "Earlier knowledge: crowding or damage",
-        "MRR* (points) of queries about known entities, mean over seeds, with the novel entities among the candidates "
-        "(known) and without (known_closed). What is lost only in the former is crowding: the novel entities rank "
-        "above the answers. What is lost in the latter is damage. Lowest: over all epochs.",
-        pd.DataFrame(lines, columns=columns),
+        f"MRR* (points) of queries about known entities at |ξ| = {results.curve_size}, mean over seeds, with its "
+        "entity and its relation half, with the novel entities among the candidates (known) and without "
+        "(known_closed). What is lost only in the former is crowding: novel entities rank above the answers. What is "
+        "lost in the latter is damage. Lowest: over all epochs.",
+        pd.DataFrame(lines),
     )
 
 
-def known_by_scope(results: Results) -> Table:
+def every_scope(results: Results) -> Table:
     """Every scope at once, over all sizes."""
     scopes = ("all", "known", "known_closed", "novel", "novel_heldout")
     frame = _halves_by_model(results.at_once, results.models, scopes)
@@ -227,36 +232,39 @@ def leaks(results: Results) -> Table:
     """Triples whose tail is named in the definition of their head: what definitions could leak."""
     definition = dict(zip(results.definitions["phrase"], results.definitions["definition"], strict=True))
     phrase = dict(zip(results.entities["entity"], results.entities["phrase"], strict=True))
+    columns = ["head", "relation", "tail", "count"]
     rows = [
         (head, relation, tail, count, definition[phrase[head]])
-        for head, relation, tail, count in zip(
-            *(results.triples[c] for c in ("head", "relation", "tail", "count")), strict=True
-        )
+        for head, relation, tail, count in results.triples[columns].itertuples(index=False)
         if phrase[head] in definition and names(definition[phrase[head]], tail)
     ]
+    used = results.params.words.source == "shipped" and results.params.words.text == "definition"
+    behind = "are" if used else "are not"
     return Table(
         "definition_leaks",
         "What definitions could leak",
-        f"{len(rows)} of {len(results.triples)} unique triples have a tail that is named, in any inflection, in the "
-        "definition whose embedding is the word vector of their head.",
-        pd.DataFrame(rows, columns=["head", "relation", "tail", "count", "definition of the head"]),
+        f"{len(rows)} of {len(results.triples)} unique triples have a tail that is named in the definition of their "
+        "head, in the words themselves or with the first in a regular inflection. These definitions "
+        f"{behind} behind the word vectors of this run. What a phrase itself says (a desk lamp is of a desk) is not "
+        "counted.",
+        pd.DataFrame(rows, columns=[*columns, "definition of the head"]),
     )
 
 
 def names(text: str, phrase: str) -> bool:
-    """Whether a text names a phrase, in any regular inflection of its first word."""
+    """Whether a text names a phrase, as it stands or with its first word in a regular inflection."""
     first, *rest = phrase.split()
-    stem = re.escape(first.removesuffix("e"))
-    pattern = rf"\b{stem}(?:e|s|es|d|ed|en|n|ing|{re.escape(first[-1])}(?:ed|ing))?\b" + "".join(
-        rf"\s+{re.escape(w)}\b" for w in rest
-    )
-    return re.search(pattern, text) is not None or re.search(rf"\b{re.escape(phrase)}\b", text) is not None
+    stem, double = re.escape(first.removesuffix("e")), re.escape(first[-1])
+    inflected = rf"{stem}(?:e|s|es|d|ed|en|n|ing|{double}(?:ed|ing))?"
+    pattern = r"\s+".join([rf"(?:{inflected}|{re.escape(first)})", *map(re.escape, rest)])
+    return re.search(rf"\b{pattern}\b", text) is not None
 
 
 def fallbacks(results: Results) -> Table:
     """How often each initializer lacked what it needs, and what it fell back to."""
-    fell = results.inserted.assign(fallback=results.inserted["fallback"].replace({"None": None, "nan": None}))
-    counts = fell.groupby(["model", "fallback"], dropna=True).size().rename("inserted entities").reset_index()
+    counts = (
+        results.inserted.groupby(["model", "fallback"], dropna=True).size().rename("inserted entities").reset_index()
+    )
     counts["model"] = counts["model"].map(label)
     counts = counts.rename(columns={"model": "initializer", "fallback": "fell back to"})
     return Table("fallbacks", "Fallbacks", f"Of {_inserted_entities(results)} inserted entities.", counts)
@@ -274,11 +282,20 @@ def left_out(results: Results) -> Table:
         results.insert_triples[["size", "seed", "entity"]].drop_duplicates()
     )
     lines["known entities without training triples, over all sets"] = _orphans(results)
-    ties = results.ties.groupby("model")["ties"].sum()
-    lines |= {f"tied rivals at epoch 0, {label(model)}": int(ties.get(model, 0)) for model in results.models}
     frame = pd.DataFrame({"": list(lines), "count": list(lines.values())})
     number = len(sets[["size", "seed"]].drop_duplicates())
-    return Table("left_out", "What was left out, and ties", f"Of {number} sets of novel entities.", frame)
+    return Table("left_out", "What was left out", f"Of {number} sets of novel entities.", frame)
+
+
+def ties(results: Results) -> Table:
+    """Rivals whose score is tied with the answer's, at once: they count half in a rank."""
+    counts = results.ties.groupby(["model", "scope"])["ties"].sum()
+    lines = [
+        {"model": label(model)} | {scope: int(counts.get((model, scope), 0)) for scope in ("all", "novel")}
+        for model in results.models
+    ]
+    caption = "Rivals tied with the answer right after insertion, over all queries of all sets, by scope."
+    return Table("ties", "Ties", caption, pd.DataFrame(lines))
 
 
 def _inserted_entities(results: Results) -> int:
@@ -302,25 +319,15 @@ def training(results: Results) -> Table:
     """How long Θ⁰ and the joint model trained, and what validation MRR* they reached."""
     lines = []
     for name, log in (("theta0", results.theta0_log), ("joint", results.joint_log)):
-        last = log.groupby(["size", "seed"])["epoch"].max()
+        epochs = log.groupby(["size", "seed"])["epoch"].max()
         kept = log[log["kept"]].groupby(["size", "seed"]).last()
         lines.append(
-            [
-                name,
-                len(last),
-                last.mean(),
-                kept["epoch"].mean(),
-                100 * kept["mrr_star"].mean(),
-                100 * kept["mrr_star"].std(ddof=1),
-            ]
+            {"model": name, "trained": len(epochs), "epochs": epochs.mean(), "best epoch": kept["epoch"].mean()}
+            | {f"validation {shown}": 100 * kept[column].mean() for column, shown in _HALVES.items()}
+            | {"std": 100 * kept["mrr_star"].std(ddof=1)}
         )
-    columns = ["model", "trained", "epochs", "best epoch", "validation MRR*", "std"]
-    return Table(
-        "training",
-        "Training of the initial and the joint models",
-        "Means over all models.",
-        pd.DataFrame(lines, columns=columns),
-    )
+    caption = "Means over all models; MRR* in points, its standard deviation over models."
+    return Table("training", "Training of the initial and the joint models", caption, pd.DataFrame(lines))
 
 
 def _halves_by_model(runs: pd.DataFrame, models: list[str], scopes: tuple[str, ...]) -> pd.DataFrame:
@@ -344,5 +351,5 @@ def _in_order(values: pd.Series, order: list[str]) -> pd.Series:
 #: In the order of the page.
 TABLES: tuple[Callable[[Results], Table], ...] = (
     graph_statistics, graph_totals, training, immediate, improvement, immediate_by_size, convergence,
-    convergence_by_size, novel_by_kind, corruption, known_by_scope, fallbacks, left_out, leaks,
+    convergence_by_size, novel_by_kind, corruption, every_scope, fallbacks, left_out, ties, leaks,
 )  # fmt: skip

@@ -32,6 +32,9 @@ def read_shares(shares: Path, categories: Path) -> pd.DataFrame:
     if not table.fillna(0).map(lambda share: isinstance(share, float | int) and 0 <= share <= 1).all(axis=None):
         raise InputError(shares, "column 'share'", "expected numbers from 0 to 1")
     mapping = _read_csv(categories, ["object", "category"])
+    again = mapping.loc[mapping["object"].duplicated()]
+    if len(again):
+        raise InputError(categories, f"line {int(again.index[0]) + 2}", f"{again.iloc[0]['object']!r} is listed twice")
     unknown = mapping.loc[~mapping["category"].isin(table.index)]
     if len(unknown):
         line = int(unknown.index[0]) + 2

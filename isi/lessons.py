@@ -1,0 +1,199 @@
+"""What a stack of models learns from: observations dealt into batches, and their corruptions.
+
+A batch has one of two forms. On a small graph it is two tables of counts over all triples,
+positives and negatives, and its gradient is a few matrix products. On a large one it is a list of
+triples, and costs as much as it has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from isi.graph import Graph
+from isi.params import Negatives, Optimizer
+from isi.sessions import TRAIN, Session
+from isi.streams import stream
+
+#: Possible triples of a graph up to which batches are tables.
+TABLE_CELLS = 2**21
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """What a stack of models learns from: the training observations and the pools of negatives."""
+
+    session: Session
+    #: of each training triple, 0 where it is none; shape: (M, T), int64
+    counts: Tensor
+    #: entities that may be corrupted tails; shape: (M, E), float32 of 0 and 1
+    tails: Tensor
+    #: entities that may be corrupted heads of a relation; shape: (M, R, E), float32
+    heads: Tensor
+    #: the same as ids, those that may be first; shape: (M, R, E), int64
+    head_ids: Tensor
+    #: what it is for: part of the purpose of its random streams
+    purpose: str
+    #: what each model's random streams depend on beside root, purpose and epoch; shape: (M, K)
+    keys: Tensor
+
+
+@dataclass(frozen=True)
+class Tables:
+    """A batch of each model of a stack as tables of counts."""
+
+    #: shape: (M, R, E, E), float32
+    positives: Tensor
+    #: shape: (M, R, E, E)
+    negatives: Tensor
+
+
+@dataclass(frozen=True)
+class Lists:
+    """A batch of each model of a stack as one list of N triples, positives before negatives."""
+
+    #: place in the stack, and ids; shapes: (N,), int64
+    model: Tensor
+    head: Tensor
+    relation: Tensor
+    tail: Tensor
+    #: 1 for positives, 0 for negatives; shape: (N,), float32
+    positive: Tensor
+
+
+def lesson(session: Session, purpose: str, keys: Tensor, head_pool: str) -> Lesson:
+    """Collect what D (a stack of sessions) teaches; ``keys`` are (size, seed) of each model."""
+    graph = session.graph
+    train = session.members(TRAIN)
+    heads = torch.zeros(len(keys), len(graph.relations), len(graph.entities))
+    heads += session.entities[:, None]
+    if head_pool == "unseen":
+        seen = torch.zeros_like(heads, dtype=torch.bool)
+        models, triples = train.nonzero(as_tuple=True)
+        seen[models, graph.triples[triples, 1], graph.triples[triples, 0]] = True
+        unseen = heads * ~seen
+        heads = torch.where(unseen.sum(-1, keepdim=True) > 0, unseen, heads)
+    head_ids = torch.argsort(heads, dim=-1, descending=True, stable=True)
+    return Lesson(session, train * graph.counts, session.entities.float(), heads, head_ids, purpose, keys)
+
+
+def deal(lesson: Lesson, root: int, epoch: int, size: int) -> list[list[np.ndarray]]:
+    """Deal an epoch's observations into batches of even length, at most ``size``.
+
+    Returns:
+        The triples of each observation, by batch and model. Models with fewer batches than others
+        have empty ones at the end.
+    """
+    dealt = []
+    for counts, key in zip(lesson.counts.numpy(), lesson.keys.tolist(), strict=True):
+        observations = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+        stream(root, f"{lesson.purpose} batches", *key, epoch).shuffle(observations)
+        dealt.append(np.array_split(observations, max(1, -(-len(observations) // size))))
+    longest = max(len(batches) for batches in dealt)
+    nothing = np.empty(0, dtype=np.int32)
+    return [[batches[number] if number < len(batches) else nothing for batches in dealt] for number in range(longest)]
+
+
+def batches(
+    lesson: Lesson, negatives: Negatives, settings: Optimizer, root: int, epoch: int
+) -> Iterator[tuple[Tables | Lists, Tensor]]:
+    """The batches of an epoch, in the form that suits the graph, with their numbers of positives, (M,).
+
+    On a graph that is too large for tables, negatives are always sampled.
+    """
+    for number, dealt in enumerate(deal(lesson, root, epoch, settings.batch_size)):
+        positives = torch.tensor([len(observations) for observations in dealt])
+        if not fits_tables(lesson.session.graph):
+            yield as_lists(lesson, dealt, negatives.ratio, root, epoch, number), positives
+        elif negatives.mode == "expected":
+            table = place(lesson, dealt)
+            yield Tables(table, expected_negatives(lesson, table, negatives.ratio)), positives
+        else:
+            lists = as_lists(lesson, dealt, negatives.ratio, root, epoch, number)
+            yield Tables(place(lesson, dealt), count_negatives(lesson, lists)), positives
+
+
+def fits_tables(graph: Graph) -> bool:
+    """Whether batches over a graph are tables."""
+    return len(graph.relations) * len(graph.entities) ** 2 <= TABLE_CELLS
+
+
+def place(lesson: Lesson, dealt: list[np.ndarray]) -> Tensor:
+    """Observations of each model as a table of counts; shape (M, R, E, E), float32."""
+    graph = lesson.session.graph
+    relations, entities = len(graph.relations), len(graph.entities)
+    counts = [np.bincount(observations, minlength=len(graph.triples)) for observations in dealt]
+    head, relation, tail = graph.triples.T
+    table = torch.zeros(len(dealt), relations * entities * entities)
+    table[:, (relation * entities + head) * entities + tail] = torch.as_tensor(np.stack(counts), dtype=torch.float32)
+    return table.view(-1, relations, entities, entities)
+
+
+def expected_negatives(lesson: Lesson, positives: Tensor, ratio: int) -> Tensor:
+    """How often each triple is expected among a batch's corrupted ones; shape (M, R, E, E).
+
+    For each positive, ``ratio`` corrupted tails, heads and relations: tails from the session's
+    entities, heads from the relation's pool, relations from all but the true one.
+    """
+    by_tail, by_head = positives.sum(-1), positives.sum(-2)  # of a head, of a tail: (M, R, E)
+    relations = positives.shape[1]
+    tails = lesson.tails / lesson.tails.sum(-1, keepdim=True)
+    heads = lesson.heads / lesson.heads.sum(-1, keepdim=True)
+    negatives = (by_tail * ratio)[..., None] * tails[:, None, None]
+    negatives.addcmul_(heads[..., None], (by_head * ratio)[:, :, None])
+    if relations > 1:
+        share = ratio / (relations - 1)
+        negatives.add_(positives.sum(1, keepdim=True), alpha=share).sub_(positives, alpha=share)
+    return negatives
+
+
+def as_lists(lesson: Lesson, dealt: list[np.ndarray], ratio: int, root: int, epoch: int, number: int) -> Lists:
+    """A batch's observations and their corruptions, drawn as ``expected_negatives`` expects them.
+
+    The draws of a model are keyed by the model, the epoch and the number of the batch alone.
+    """
+    graph = lesson.session.graph
+    parts = []
+    for model, (observations, key) in enumerate(zip(dealt, lesson.keys.tolist(), strict=True)):
+        triples = graph.triples[torch.as_tensor(observations, dtype=torch.int64)]
+        corrupted = _corrupt(
+            stream(root, f"{lesson.purpose} negatives", *key, epoch, number), lesson, model, triples, ratio
+        )
+        parts.append((model, triples, torch.cat(corrupted)))
+    models = torch.cat([torch.full((len(p) + len(n),), m) for m, p, n in parts])
+    positive = torch.cat([torch.cat([torch.ones(len(p)), torch.zeros(len(n))]) for _, p, n in parts])
+    head, relation, tail = torch.cat([torch.cat([p, n]) for _, p, n in parts]).T
+    return Lists(models, head, relation, tail, positive)
+
+
+def _corrupt(rng: np.random.Generator, lesson: Lesson, model: int, triples: Tensor, ratio: int) -> list[Tensor]:
+    """``ratio`` copies of triples, (N, 3), with another tail, with another head, and with another relation."""
+    relations = lesson.heads.shape[1]
+    repeated = triples.repeat_interleave(ratio, 0)
+
+    def draw(choices: Tensor | int) -> Tensor:
+        """A number below each of the choices (or below the one)."""
+        return (torch.as_tensor(rng.random(len(repeated))) * choices).long()
+
+    tails = lesson.tails[model].nonzero()[:, 0]
+    by_tail, by_head, by_relation = repeated.clone(), repeated.clone(), repeated.clone()
+    by_tail[:, 2] = tails[draw(len(tails))]
+    pool = lesson.heads[model].sum(-1)[repeated[:, 1]]
+    by_head[:, 0] = lesson.head_ids[model, repeated[:, 1], draw(pool)]
+    if relations == 1:
+        return [by_tail, by_head]
+    other = draw(relations - 1)
+    by_relation[:, 1] = other + (other >= repeated[:, 1])
+    return [by_tail, by_head, by_relation]
+
+
+def count_negatives(lesson: Lesson, lists: Lists) -> Tensor:
+    """The corrupted triples of a batch as a table of counts; shape (M, R, E, E), int64."""
+    models, relations, entities = lesson.heads.shape
+    cell = ((lists.model * relations + lists.relation) * entities + lists.head) * entities + lists.tail
+    table = torch.bincount(cell[lists.positive == 0], minlength=models * relations * entities * entities)
+    return table.view(models, relations, entities, entities)
