@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -90,9 +90,29 @@ def read(path: Path, schema: pa.Schema, provenance: Provenance | None = None) ->
 
 def write(path: Path, frame: pd.DataFrame, schema: pa.Schema, provenance: Provenance) -> None:
     """Write a Parquet table through a temporary file: it is whole or it is not there."""
-    table = pa.Table.from_pandas(frame, schema=schema, preserve_index=False)
-    table = table.replace_schema_metadata(provenance.metadata())
-    atomically(path, lambda temporary: pq.write_table(table, temporary, compression="zstd"))
+    write_stream(path, [pa.Table.from_pandas(frame, schema=schema, preserve_index=False)], schema, provenance)
+
+
+def write_stream(path: Path, parts: Iterable[pa.Table], schema: pa.Schema, provenance: Provenance) -> int:
+    """Write a Parquet table whose parts come one by one, each as a row group of its own.
+
+    Like ``write``, it is whole or it is not there, whatever the parts raise on their way.
+
+    Returns:
+        how many rows it has.
+    """
+    schema = schema.with_metadata(provenance.metadata())
+    rows = 0
+
+    def write_parts(temporary: Path) -> None:
+        nonlocal rows
+        with pq.ParquetWriter(temporary, schema, compression="zstd") as writer:
+            for part in parts:
+                writer.write_table(part)
+                rows += part.num_rows
+
+    atomically(path, write_parts)
+    return rows
 
 
 def read_tensors(path: Path, names: Sequence[str], provenance: Provenance | None = None) -> dict[str, Tensor]:

@@ -17,9 +17,9 @@ def mine_ai2thor(params: Params, provenance: Provenance) -> None:
         materials_of = materials.suncg(shares, params.seed)
     else:
         materials_of = materials.simulator
-    observations = ai2thor.mine(scenes, materials_of, recording)
-    tables.write(paths.observations("ai2thor"), observations, tables.OBSERVATIONS, provenance)
-    print(f"{len(observations):,} observations in {len(scenes)} scenes")
+    mined = ai2thor.mine(scenes, materials_of, recording)
+    rows = tables.write_stream(paths.observations("ai2thor"), mined, tables.OBSERVATIONS, provenance)
+    print(f"{rows:,} observations in {len(scenes)} scenes")
 
 
 if __name__ == "__main__":

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from isi import graph, paths, tables
 from isi.errors import InputError
 from isi.params import load
 from isi.scenes import ai2thor, materials
-from isi.scenes.ai2thor import Object, Scene
+from isi.scenes.ai2thor import CHUNK, MaterialsOf, Object, Scene
+from isi.scenes.chunks import IN_FLIGHT, chunked, map_in_order
 from isi.tables import Provenance
+from tests.houses import houses, workers
 
 KEYS = ("kitchens", "living_rooms", "bedrooms", "bathrooms")
 PROPERTIES = (
@@ -103,9 +108,13 @@ def rows(observations: pd.DataFrame) -> list[tuple[str, ...]]:
     return sorted(observations.drop(columns="count").itertuples(index=False, name=None))
 
 
+def mined(scenes: list[Scene], materials_of: MaterialsOf, source: Path) -> pd.DataFrame:
+    return pd.DataFrame(pa.concat_tables(ai2thor.mine(scenes, materials_of, source)).to_pydict())
+
+
 def mine_one(*objects: Object) -> pd.DataFrame:
     scene = Scene("FloorPlan1", 1, "kitchen", list(objects))
-    return ai2thor.mine([scene], materials.simulator, Path("recording.json"))
+    return mined([scene], materials.simulator, Path("recording.json"))
 
 
 def tails(observations: pd.DataFrame, relation: str) -> list[str]:
@@ -114,7 +123,7 @@ def tails(observations: pd.DataFrame, relation: str) -> list[str]:
 
 def test_two_rooms_give_the_observations_written_out_by_hand(tmp_path: Path) -> None:
     scenes = read(tmp_path / "recording.json", recording())
-    observations = ai2thor.mine(scenes, materials.simulator, tmp_path)
+    observations = mined(scenes, materials.simulator, tmp_path)
     assert rows(observations) == sorted(EXPECTED)
     assert (observations["count"] == 1).all()
     tables.write(tmp_path / "table.parquet", observations, tables.OBSERVATIONS, Provenance("mine", {}))
@@ -206,7 +215,7 @@ def test_a_parent_that_its_scene_lacks_is_named_with_scene_and_object(tmp_path: 
     broken["bedrooms"][1][2]["parentReceptacles"] = ["TVStand|1", "Desk|7"]
     scenes = read(tmp_path / "recording.json", broken)
     with pytest.raises(InputError, match=r"recording\.json.*FloorPlan302.*AlarmClock\|1.*Desk\|7"):
-        ai2thor.mine(scenes, materials.simulator, tmp_path / "recording.json")
+        mined(scenes, materials.simulator, tmp_path / "recording.json")
 
 
 def test_a_parent_in_another_scene_only_is_missing_too(tmp_path: Path) -> None:
@@ -214,7 +223,7 @@ def test_a_parent_in_another_scene_only_is_missing_too(tmp_path: Path) -> None:
     broken["bedrooms"][1][2]["parentReceptacles"] = ["CounterTop|1"]
     scenes = read(tmp_path / "recording.json", broken)
     with pytest.raises(InputError, match=r"FloorPlan302.*AlarmClock\|1.*CounterTop\|1"):
-        ai2thor.mine(scenes, materials.simulator, tmp_path / "recording.json")
+        mined(scenes, materials.simulator, tmp_path / "recording.json")
 
 
 def _no_type(scenes: dict[str, Any]) -> None:
@@ -268,7 +277,7 @@ def test_a_malformed_object_is_named_with_its_scene(
     broken = recording()
     damage(broken)
     with pytest.raises(InputError, match=rf"recording\.json.*{place}"):
-        ai2thor.mine(read(tmp_path / "recording.json", broken), materials.simulator, tmp_path / "recording.json")
+        mined(read(tmp_path / "recording.json", broken), materials.simulator, tmp_path / "recording.json")
 
 
 @pytest.mark.parametrize("number", [29, 31])
@@ -328,14 +337,14 @@ def test_objects_without_a_category_get_no_materials(shares: pd.DataFrame) -> No
 def test_a_scene_draws_the_same_materials_whatever_else_is_mined(shares: pd.DataFrame) -> None:
     scenes = [Scene(f"FloorPlan{n}", n, "kitchen", [thing("Cabinet", i) for i in range(40)]) for n in (1, 2, 3)]
 
-    def mined(chosen: list[Scene], root: int = 0) -> list[list[tuple[str, ...]]]:
-        observed = ai2thor.mine(chosen, materials.suncg(shares, root), Path("recording"))
+    def drawn(chosen: list[Scene], root: int = 0) -> list[list[tuple[str, ...]]]:
+        observed = mined(chosen, materials.suncg(shares, root), Path("recording"))
         return [[row[2:] for row in rows(observed[observed["scene"] == scene.name])] for scene in chosen]
 
-    one, two, three = mined(scenes)
-    assert mined([scenes[2], scenes[1]]) == [three, two]
+    one, two, three = drawn(scenes)
+    assert drawn([scenes[2], scenes[1]]) == [three, two]
     assert one != two
-    assert mined(scenes[:1], root=1) != [one]
+    assert drawn(scenes[:1], root=1) != [one]
 
 
 def test_a_mapping_to_a_category_without_shares_is_refused_with_its_line(tmp_path: Path) -> None:
@@ -358,6 +367,77 @@ def test_a_broken_table_of_shares_is_named(tmp_path: Path, text: str, place: str
         materials.read_shares(path, paths.MATERIAL_CATEGORIES)
 
 
+# Many scenes
+
+#: Three chunks, the last one short; the bedrooms, with names that kitchens lack, come in the second.
+MANY = list(houses([Scene("FloorPlan1", 1, "kitchen", KITCHEN)], CHUNK + 1))
+MANY += list(houses([Scene("FloorPlan302", 302, "bedroom", BEDROOM)], CHUNK + 10))
+#: The last chunk holds an object whose receptacle is missing.
+BROKEN = [*MANY, Scene("House7777", 7777, "kitchen", [thing("Mug", 9, ["Shelf|3"])])]
+
+
+@pytest.fixture(scope="module", params=[0, 1, 2], ids=["here", "one worker", "two workers"])
+def executor(request: pytest.FixtureRequest) -> Iterator[Executor | None]:
+    if request.param == 0:
+        yield None
+        return
+    with workers(request.param) as pool:
+        yield pool
+
+
+def mine_to(path: Path, scenes: list[Scene], materials_of: MaterialsOf, executor: Executor | None) -> bytes:
+    """The bytes of the table of some scenes."""
+    parts = ai2thor.mine(scenes, materials_of, Path("recording.json"), executor)
+    tables.write_stream(path, parts, tables.OBSERVATIONS, Provenance("mine", {}))
+    return path.read_bytes()
+
+
+def test_many_scenes_give_the_same_bytes_wherever_they_are_mined(
+    tmp_path: Path, shares: pd.DataFrame, executor: Executor | None
+) -> None:
+    drawn = materials.suncg(shares, 0)
+    assert mine_to(tmp_path / "1", MANY, drawn, executor) == mine_to(tmp_path / "2", MANY, drawn, None)
+
+
+def test_each_chunk_of_scenes_is_a_row_group_and_together_they_are_what_each_scene_gives_alone(tmp_path: Path) -> None:
+    mine_to(tmp_path / "table.parquet", MANY, materials.simulator, None)
+    file = pq.ParquetFile(tmp_path / "table.parquet")
+    scenes = [file.read_row_group(group)["scene"].to_pylist() for group in range(file.num_row_groups)]
+    assert [len(set(names)) for names in scenes] == [CHUNK, CHUNK, 11]
+    alone = pd.concat([mined([scene], materials.simulator, tmp_path) for scene in MANY], ignore_index=True)
+    read = tables.read(tmp_path / "table.parquet", tables.OBSERVATIONS)
+    assert read.astype(alone.dtypes).equals(alone)
+
+
+def test_scenes_without_observations_are_an_empty_part(tmp_path: Path) -> None:
+    mine_to(tmp_path / "table.parquet", [Scene("FloorPlan1", 1, "kitchen", [])], materials.simulator, None)
+    assert len(tables.read(tmp_path / "table.parquet", tables.OBSERVATIONS)) == 0
+
+
+def test_a_mistake_in_a_late_scene_is_told_in_one_line_and_the_old_table_stays(
+    tmp_path: Path, executor: Executor | None
+) -> None:
+    path = tmp_path / "table.parquet"
+    path.write_bytes(b"the last good one")
+    with pytest.raises(InputError) as refused:
+        mine_to(path, BROKEN, materials.simulator, executor)
+    missing = "its parent receptacle 'Shelf|3' is not in the scene"
+    assert str(refused.value) == f"recording.json: House7777, object Mug|9: {missing}"
+    assert path.read_bytes() == b"the last good one"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_scenes_are_taken_only_as_they_are_needed() -> None:
+    taken: list[int] = []
+    with ThreadPoolExecutor(2) as pool:
+        results = map_in_order(str, (taken.append(n) or n for n in range(1000)), pool)
+        for number in range(1000 - IN_FLIGHT):
+            assert next(results) == str(number)
+            assert len(taken) == number + IN_FLIGHT
+        assert len(list(results)) == IN_FLIGHT
+    assert [len(chunk) for chunk in chunked(range(7), 3)] == [3, 3, 1]
+
+
 # The real recording
 
 
@@ -367,7 +447,7 @@ def real() -> list[Scene]:
 
 
 def test_the_real_recording_gives_the_known_figures(real: list[Scene]) -> None:
-    observations = ai2thor.mine(real, materials.simulator, Path("recording"))
+    observations = mined(real, materials.simulator, Path("recording"))
     triples = graph.count_triples(observations, "ai2thor")
     entities = graph.name_entities(triples, set(observations["room"]), "ai2thor")
     assert (len(observations), len(triples), len(entities)) == (23_729, 1_036, 153)
@@ -377,7 +457,7 @@ def test_the_real_recording_gives_the_known_figures(real: list[Scene]) -> None:
 
 
 def test_every_object_of_the_real_recording_but_the_floors_is_seen_once_in_its_room(real: list[Scene]) -> None:
-    observations = ai2thor.mine(real, materials.simulator, Path("recording"))
+    observations = mined(real, materials.simulator, Path("recording"))
     in_room = observations[observations["tail"] == observations["room"]]
     objects = sum(len(scene.objects) for scene in real)
     assert objects == 5_670

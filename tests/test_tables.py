@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +84,33 @@ def test_a_table_of_another_writer_may_hold_plain_strings_and_more_columns(tmp_p
     plain_strings = pa.table({"more": [1], "entity": ["mug"], "kind": ["object"], "source": ["x"], "phrase": ["mug"]})
     pq.write_table(plain_strings, tmp_path / "entities.parquet")
     assert plain(tables.read(tmp_path / "entities.parquet", tables.ENTITIES)) == [("mug", "object", "x", "mug")]
+
+
+def part(*entities: str) -> pa.Table:
+    columns = [pa.array(entities), *(pa.array(entities, tables.ENTITIES.field("kind").type) for _ in range(2))]
+    return pa.Table.from_arrays([*columns, pa.array(entities)], schema=tables.ENTITIES)
+
+
+def test_a_stream_is_one_row_group_a_part_and_reads_as_the_whole_would(tmp_path: Path) -> None:
+    parts = [part("mug", "bed"), part("bed", "sofa", "mug"), part("sofa")]
+    assert tables.write_stream(tmp_path / "t.parquet", iter(parts), tables.ENTITIES, MADE) == 6
+    file = pq.ParquetFile(tmp_path / "t.parquet")
+    assert [file.metadata.row_group(place).num_rows for place in range(file.num_row_groups)] == [2, 3, 1]
+    tables.write(tmp_path / "whole.parquet", pa.concat_tables(parts).to_pandas(), tables.ENTITIES, MADE)
+    whole = tables.read(tmp_path / "whole.parquet", tables.ENTITIES)
+    pd.testing.assert_frame_equal(tables.read(tmp_path / "t.parquet", tables.ENTITIES), whole)
+    assert pq.read_schema(tmp_path / "t.parquet") == pq.read_schema(tmp_path / "whole.parquet")
+
+
+def test_a_stream_of_nothing_is_an_empty_table(tmp_path: Path) -> None:
+    assert tables.write_stream(tmp_path / "t.parquet", [], tables.ENTITIES, MADE) == 0
+    assert list(tables.read(tmp_path / "t.parquet", tables.ENTITIES).columns) == tables.ENTITIES.names
+
+
+def test_equal_streams_are_equal_bytes(tmp_path: Path) -> None:
+    for name in ("1", "2"):
+        tables.write_stream(tmp_path / name, [part("mug"), part("bed")], tables.ENTITIES, in_order(1))
+    assert (tmp_path / "1").read_bytes() == (tmp_path / "2").read_bytes()
 
 
 # Provenance
@@ -264,6 +292,23 @@ def test_a_frame_that_does_not_fit_its_schema_leaves_the_old_table(tmp_path: Pat
             tables.write(tmp_path / "novel.parquet", pd.DataFrame(unfit), tables.NOVEL, MADE)
     assert (tmp_path / "novel.parquet").read_bytes() == before
     assert names(tmp_path) == ["novel.parquet"]
+
+
+def test_a_stream_that_breaks_off_leaves_the_old_table_and_nothing_else(tmp_path: Path) -> None:
+    before = novel(tmp_path / "t.parquet").read_bytes()
+
+    def parts(last: pa.Table | None) -> Iterator[pa.Table]:
+        yield part("mug")
+        assert len(names(tmp_path)) == 2
+        if last is None:
+            raise InputError("recording.json", "FloorPlan9", "broken")
+        yield last
+
+    for last, refused in ((None, InputError), (pa.table({"entity": ["mug"]}), ValueError)):
+        with pytest.raises(refused):
+            tables.write_stream(tmp_path / "t.parquet", parts(last), tables.ENTITIES, MADE)
+        assert (tmp_path / "t.parquet").read_bytes() == before
+        assert names(tmp_path) == ["t.parquet"]
 
 
 def test_tensors_that_cannot_be_written_leave_the_old_file(tmp_path: Path) -> None:

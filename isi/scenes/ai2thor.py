@@ -5,17 +5,19 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
+import pyarrow as pa
 
 from isi.errors import InputError
-from isi.tables import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
+from isi.scenes.chunks import chunked, map_in_order
+from isi.tables import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, OBSERVATIONS
 
 Object = dict[str, Any]
 #: Gives the materials of an instance: from its scene's number and the objects of that scene.
@@ -23,6 +25,8 @@ MaterialsOf = Callable[[int, Sequence[Object]], list[list[str]]]
 
 FLOOR = "floor"
 SCENES_PER_ROOM = 30
+#: Scenes mined as one: a row group of the table, and what a worker is sent at a time.
+CHUNK = 120
 
 #: Key of the recording, room, number of its first floor plan.
 ROOMS = (
@@ -47,10 +51,13 @@ AFFORDANCES = {
     "isColdSource": ("cool",),
 }
 
+#: What mining reads of an object: the rest would only cost memory, and time on the way to a worker.
+FIELDS = ("objectId", "objectType", "parentReceptacles", "salientMaterials", *AFFORDANCES)
+
 
 @dataclass(frozen=True)
 class Scene:
-    """One floor plan: its name, number, room and the objects that the simulator reported."""
+    """One floor plan: its name, number, room and the objects that the simulator reported, less what no one reads."""
 
     name: str
     number: int
@@ -106,7 +113,7 @@ def _scenes(path: Path, recording: Any, key: str, room: str, first: int) -> Iter
             raise InputError(path, name, "expected a list of objects")
         for place, thing in enumerate(objects):
             _check(path, name, place, thing)
-        yield Scene(name, number, room, objects)
+        yield Scene(name, number, room, [_stripped(thing) for thing in objects])
 
 
 def _check(path: Path, scene: str, place: int, thing: Any) -> None:
@@ -121,23 +128,35 @@ def _check(path: Path, scene: str, place: int, thing: Any) -> None:
             raise InputError(path, f"{scene}, object {where}", f"expected {key} to be a list of names or null")
 
 
-def mine(scenes: Sequence[Scene], materials_of: MaterialsOf, source: Path) -> pd.DataFrame:
-    """Observations of all scenes, in the columns of ``tables.OBSERVATIONS``.
+def _stripped(thing: Object) -> Object:
+    return {key: thing[key] for key in FIELDS if thing.get(key)}
+
+
+def mine(
+    scenes: Iterable[Scene], materials_of: MaterialsOf, source: Path, executor: Executor | None = None
+) -> Iterator[pa.Table]:
+    """Observations in the columns of ``tables.OBSERVATIONS``: one table per ``CHUNK`` scenes, in their order.
 
     Args:
-        scenes: what to mine.
+        scenes: what to mine; as many as there are, since only a few chunks are held at once.
         materials_of: materials of each object of a scene, in the order of the objects.
         source: named in errors.
+        executor: where to mine; here, without one. The tables are the same.
 
     Raises:
         InputError: where an object lies in a receptacle that its scene lacks.
     """
+    return map_in_order(partial(_mine, materials_of, source), chunked(scenes, CHUNK), executor)
+
+
+def _mine(materials_of: MaterialsOf, source: Path, scenes: Sequence[Scene]) -> pa.Table:
     rows = [row for scene in scenes for row in _observations(scene, materials_of, source)]
-    columns = ["scene", "room", "instance", "head", "relation", "tail"]
-    return pd.DataFrame(rows, columns=columns).assign(count=1).astype({"count": "int32"})
+    columns = zip(*rows, strict=True) if rows else [()] * len(OBSERVATIONS)
+    arrays = [pa.array(column, field.type) for column, field in zip(columns, OBSERVATIONS, strict=True)]
+    return pa.Table.from_arrays(arrays, schema=OBSERVATIONS)
 
 
-def _observations(scene: Scene, materials_of: MaterialsOf, source: Path) -> Iterator[tuple[str, ...]]:
+def _observations(scene: Scene, materials_of: MaterialsOf, source: Path) -> Iterator[tuple[str | int, ...]]:
     names = {thing["objectId"]: entity_name(thing["objectType"]) for thing in scene.objects}
     for thing, materials in zip(scene.objects, materials_of(scene.number, scene.objects), strict=True):
         head = names[thing["objectId"]]
@@ -150,7 +169,7 @@ def _observations(scene: Scene, materials_of: MaterialsOf, source: Path) -> Iter
         }
         for relation, answers in tails.items():
             for tail in answers:
-                yield scene.name, scene.room, thing["objectId"], head, relation, tail
+                yield scene.name, scene.room, thing["objectId"], head, relation, tail, 1
 
 
 def _receptacles(scene: Scene, thing: Object, names: dict[str, str], source: Path) -> Iterator[str]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -50,13 +52,15 @@ def suncg(shares: pd.DataFrame, root: int) -> MaterialsOf:
     materials = list(shares.columns)
     rows = {name: row for row, name in enumerate(shares.index)}
     table = np.vstack([shares.to_numpy(dtype=float), np.zeros(len(materials))])
+    return partial(_draw, root, materials, rows, table)
 
-    def materials_of(scene: int, objects: Sequence[Object]) -> list[list[str]]:
-        row = [rows.get(entity_name(thing["objectType"]), -1) for thing in objects]
-        drawn = stream(root, "materials", scene).random((len(objects), len(materials))) < table[row]
-        return [[materials[column] for column in np.flatnonzero(has)] for has in drawn]
 
-    return materials_of
+def _draw(
+    root: int, materials: list[str], rows: dict[str, int], table: np.ndarray, scene: int, objects: Sequence[Object]
+) -> list[list[str]]:
+    row = [rows.get(entity_name(thing["objectType"]), -1) for thing in objects]
+    drawn = stream(root, "materials", scene).random((len(objects), len(materials))) < table[row]
+    return [list(compress(materials, has)) for has in drawn.tolist()]
 
 
 def simulator(_scene: int, objects: Sequence[Object]) -> list[list[str]]:

@@ -1,0 +1,29 @@
+"""Mining 10,000 houses (some 470,000 objects): time, and memory that does not grow with their number."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+HOUSES = 10_000
+MOST_SECONDS, MOST_MIB = 60, 1024
+
+
+def mine(table: Path, workers: int) -> dict[str, Any]:
+    """Mine in a process of its own, so that the memory is that of mining alone."""
+    command = [sys.executable, "-m", "tests.houses", str(HOUSES), str(table), "--workers", str(workers)]
+    reported: dict[str, Any] = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    return reported
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_ten_thousand_houses(benchmark: Any, tmp_path: Path, workers: int) -> None:
+    reported = benchmark.pedantic(mine, args=(tmp_path / "houses.parquet", workers), rounds=1)
+    benchmark.extra_info.update(reported)
+    assert reported["seconds"] <= MOST_SECONDS
+    assert reported["parent_mib"] + workers * reported["largest_child_mib"] <= MOST_MIB
