@@ -104,13 +104,15 @@ def test_entity_ids_are_rows_and_relation_ids_follow_the_alphabet(tiny: graph.Gr
     assert tiny.counts.tolist() == [1, 1, 5, 1, 1]
 
 
-def test_the_ground_truth_holds_each_count_at_relation_head_tail_and_nothing_else(tiny: graph.Graph) -> None:
-    truth = tiny.ground_truth
-    assert truth.shape == (3, 5, 5)
-    assert truth[0, 0, 1] == 5
-    assert truth[0, 1, 0] == 0  # a mug stands in the kitchen, the kitchen in no mug
-    assert (truth[0, 2, 1], truth[0, 0, 2], truth[1, 0, 4], truth[2, 0, 3]) == (1, 1, 1, 1)
-    assert truth.sum() == 9
+def test_triples_that_are_the_same_but_for_one_slot_are_found(tiny: graph.Graph) -> None:
+    # 0: cabinet at kitchen, 1: mug at cabinet, 2: mug at kitchen, 3: mug hasAffordance fill, 4: mug hasMaterial wood
+    def found(slot: int) -> list[set[int]]:
+        lists = tiny.same_but(slot, torch.arange(5)).tolist()
+        return [{triple for triple in triples if triple >= 0} for triples in lists]
+
+    assert found(graph.HEAD) == [{0, 2}, {1}, {0, 2}, {3}, {4}]
+    assert found(graph.TAIL) == [{0}, {1, 2}, {1, 2}, {3}, {4}]
+    assert found(graph.RELATION) == [{0}, {1}, {2}, {3}, {4}]
 
 
 def test_tables_read_from_parquet_give_the_same_graph(tiny: graph.Graph, tmp_path: Path) -> None:
@@ -136,4 +138,4 @@ def test_a_graph_travels_between_processes_unchanged(tiny: graph.Graph) -> None:
     arrived = pickle.loads(pickle.dumps(tiny))  # noqa: S301 (its own bytes)
     assert (arrived.entities, arrived.relations) == (tiny.entities, tiny.relations)
     assert torch.equal(arrived.triples, tiny.triples)
-    assert torch.equal(arrived.ground_truth, tiny.ground_truth)
+    assert torch.equal(arrived.counts, tiny.counts)

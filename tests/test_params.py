@@ -188,8 +188,10 @@ def test_options_of_an_own_initializer_are_taken_when_it_is_inserted(tmp_path: P
     }
 
 
-def test_an_own_initializer_without_options_needs_no_entry(tmp_path: Path) -> None:
-    assert changed(tmp_path, OWN).initializers.options("mine") == {}
+def test_an_own_initializer_needs_an_entry_that_may_be_empty(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"initializers\.mine: expected its options"):
+        changed(tmp_path, OWN)
+    assert changed(tmp_path, OWN | {"initializers.mine": {}}).initializers.options("mine") == {}
 
 
 def test_options_of_an_own_initializer_are_refused_when_it_is_not_inserted(tmp_path: Path) -> None:

@@ -153,6 +153,12 @@ def test_all_zero_embedding_scores_as_chance_and_not_above() -> None:
     assert chance[1] < 0.25
 
 
+@pytest.mark.parametrize("value", [math.inf, math.nan])
+def test_embedding_that_overflowed_does_not_score_above_one_without_opinion(value: float) -> None:
+    opinionless, overflowed = (measure(COUNTS, scalar([v] * 4, [v] * 2), [QUERY]) for v in (0.0, value))
+    assert all(found <= bound for found, bound in zip(overflowed, opinionless, strict=True))
+
+
 def test_known_closed_does_not_see_the_novel_vectors() -> None:
     cells = cells_of(random_graph(12, 3, 80), 2, [0, 1, 2])
     novel = torch.from_numpy(cells.novel)

@@ -2,7 +2,7 @@
 
 Of the d coordinates of a vector the first d/2 are scalars; the others are the a-halves, then the
 b-halves, of d/4 blocks. A relation holds one factor for each scalar and, at the places of a and b,
-the x and y of the block ``[[x, -y], [y, x]]``. With ``swap`` exchanging a and b,
+the x and y of the block ``[[x, y], [-y, x]]`` (rows times columns). With ``swap`` exchanging a and b,
 
     vᵀW = v ⊙ (r, x, x) + swap(v) ⊙ (0, -y, y)
 
