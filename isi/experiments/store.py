@@ -67,7 +67,7 @@ class Store:
         if len(novel) and novel["entity"].max() >= len(graph.entities):
             raise InputError(paths.novel(self.experiment), "column 'entity'", "expected ids of the graph's entities")
         return [
-            Cells(graph, size, seeds, np.stack([splits[seed] for seed in seeds]), drawn)
+            Cells(graph, size, seeds, np.stack([splits[seed] for seed in seeds]), drawn, experiment=self.experiment)
             for size, seeds, drawn in _stacks(novel, stack)
         ]
 
