@@ -126,6 +126,14 @@ class Curves(Section):
 class Compute(Section):
     workers: Count | Literal["all"]
     stack: Count
+    engine: Literal["processes", "dask"] = "processes"
+    scheduler: Annotated[str, Field(pattern=r"^tcp://[^/\s]+:[0-9]{1,5}$")] | None = None
+
+    @model_validator(mode="after")
+    def _dask_has_a_scheduler(self) -> Self:
+        if self.engine == "dask" and self.scheduler is None:
+            raise ValueError("engine dask needs the address of its scheduler: compute.scheduler: tcp://host:port")
+        return self
 
 
 class Params(Section):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pandas as pd
 
 from isi import paths, tables
@@ -25,7 +27,7 @@ def train_joint(params: Params, provenance: Provenance) -> None:
     cells, insert_triples = store.cells(params.compute.stack), store.insert_triples()
     how = Learning(params.seed, params.embedding, params.negatives, params.training)
     tasks = [
-        LearningTask(cell.graph, JOINT, cell.seeds, cell.splits, cell.novel[:, :0], how)
+        LearningTask(**vars(replace(cell, size=JOINT, novel=cell.novel[:, :0])), learning=how)
         for cell in cells
         if cell.size == cells[0].size  # once for each seed
     ]

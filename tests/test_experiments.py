@@ -49,7 +49,7 @@ def stacks(height: int) -> list[Cells]:
 
 
 def parts(cells: Cells) -> tuple[Any, ...]:
-    return tuple(getattr(cells, field.name) for field in fields(Cells))
+    return tuple(getattr(cells, field.name) for field in fields(Cells) if not field.kw_only)
 
 
 def learning_tasks(height: int) -> list[LearningTask]:

@@ -121,6 +121,10 @@ def test_a_key_too_many_is_refused(tmp_path: Path, key: str, named: str) -> None
         ("compute.workers", 0),
         ("compute.workers", "every"),
         ("compute.stack", 0),
+        ("compute.engine", "threads"),
+        ("compute.engine", "dask"),  # and no scheduler
+        ("compute.scheduler", "localhost:8786"),
+        ("compute.scheduler", "tcp://localhost"),
     ],
 )
 def test_a_wrong_type_or_a_value_out_of_range_is_refused_by_its_key(tmp_path: Path, key: str, value: object) -> None:

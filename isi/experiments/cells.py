@@ -6,7 +6,7 @@ however tasks are spread.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -30,6 +30,11 @@ class Cells:
     splits: np.ndarray
     #: ids of the novel entities; shape: (M, size)
     novel: np.ndarray
+    #: that they belong to
+    experiment: str = field(default="ai2thor", kw_only=True)
+
+    def __str__(self) -> str:
+        return f"{self.experiment}, size {self.size}, seeds {', '.join(map(str, self.seeds))}"
 
     @property
     def keys(self) -> Tensor:

@@ -1,16 +1,20 @@
-"""Where tasks run."""
+"""Where tasks run: on processes of this machine, or on a Dask cluster."""
 
 from __future__ import annotations
 
+import asyncio
 import multiprocessing
 import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from typing import TypeVar
 
 import torch
 from tqdm import tqdm
 
+from isi import paths
+from isi.errors import InputError
 from isi.experiments.cells import Cells
 from isi.lifetime import tie_to_parent
 from isi.params import Compute
@@ -18,26 +22,59 @@ from isi.params import Compute
 Task = TypeVar("Task", bound=Cells)
 Done = TypeVar("Done")
 
+#: Seconds in which a scheduler must answer.
+REACH = 5
+
+
+class TaskError(Exception):
+    """A task failed: names its cells and the cause."""
+
 
 def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Compute, name: str) -> list[Done]:
-    """Run tasks on worker processes of one thread each; results come back in the order of the tasks."""
+    """Run tasks where ``compute`` says; results come in the order of the tasks.
+
+    Raises:
+        TaskError: as soon as one task fails; those that have not begun never will.
+        InputError: where there is no such engine or scheduler.
+    """
+    engine = _dask if compute.engine == "dask" else _processes
+    models = sum(len(task.seeds) for task in tasks)
+    with engine(compute) as executor, tqdm(total=models, desc=name, unit="model", disable=None) as bar:
+        futures = {executor.submit(alone, function, task): task for task in tasks}
+        for future in as_completed(futures):
+            task = futures[future]
+            try:
+                future.result()
+            except (BrokenExecutor, CancelledError):  # no task's own failure
+                raise
+            except Exception as error:
+                raise TaskError(f"{task}: {type(error).__name__}: {error}") from error
+            bar.update(len(task.seeds))
+    return [future.result() for future in futures]
+
+
+def alone(function: Callable[[Task], Done], task: Task) -> Done:
+    """Run a task on one thread, and without denormal numbers (slow, and far below what a rank can tell).
+
+    Both are set in the thread that runs the task, which is the engine's choice, and never reset: tasks
+    that share a process cannot disturb each other.
+    """
+    torch.set_num_threads(1)
+    torch.set_flush_denormal(True)
+    return function(task)
+
+
+@contextmanager
+def _processes(compute: Compute) -> Iterator[Executor]:
+    """Worker processes of this machine."""
     workers = available_cores() if compute.workers == "all" else compute.workers
     context = multiprocessing.get_context("spawn")  # a worker is then a child of the stage, and dies with it
-    done = []
-    with (
-        ProcessPoolExecutor(
-            min(workers, len(tasks)), context, initializer=prepare_worker, initargs=(os.getpid(),)
-        ) as executor,
-        tqdm(total=sum(len(task.seeds) for task in tasks), desc=name, unit="model", disable=None) as bar,
-    ):
+    with ProcessPoolExecutor(workers, context, initializer=tie_to_parent, initargs=(os.getpid(),)) as executor:
         try:
-            for task, result in zip(tasks, executor.map(function, tasks), strict=True):
-                done.append(result)
-                bar.update(len(task.seeds))
+            yield executor
         except BaseException:
             executor.shutdown(wait=False, cancel_futures=True)
             raise
-    return done
 
 
 def available_cores() -> int:
@@ -45,8 +82,28 @@ def available_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def prepare_worker(parent: int) -> None:
-    """One thread, no denormal numbers (they are slow, and far below what a rank can tell), no orphans."""
-    tie_to_parent(parent)
-    torch.set_num_threads(1)
-    torch.set_flush_denormal(True)
+@contextmanager
+def _dask(compute: Compute) -> Iterator[Executor]:
+    """Workers of a Dask cluster, which runs a lost worker's tasks again, and drops them all when we leave."""
+    try:
+        from distributed import Client
+        from distributed.comm import connect
+    except ImportError as error:
+        needed = "dask needs the package distributed: pip install 'dask[distributed]'"
+        raise InputError(paths.PARAMS, "compute.engine", needed) from error
+
+    async def greet() -> None:
+        """A Client would wait for a silent scheduler without end."""
+        (await asyncio.wait_for(connect(compute.scheduler, timeout=REACH), REACH)).abort()
+
+    try:
+        asyncio.run(greet())
+        client = Client(compute.scheduler, timeout=REACH, set_as_default=False)
+    except (OSError, MemoryError) as error:  # what another server answers may be read as a length
+        absent = f"no Dask scheduler answers at {compute.scheduler} within {REACH} seconds"
+        raise InputError(paths.PARAMS, "compute.scheduler", absent) from error
+    with client:
+        try:
+            yield client.get_executor(pure=False)
+        except CancelledError as error:
+            raise InputError(paths.PARAMS, "compute.scheduler", f"{compute.scheduler} was lost") from error

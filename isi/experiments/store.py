@@ -72,7 +72,7 @@ class Store:
         if not set(novel["seed"]) <= set(splits):
             raise InputError(paths.novel(self.experiment), "column 'seed'", "expected seeds that have splits")
         return [
-            Cells(graph, size, seeds, np.stack([splits[seed] for seed in seeds]), drawn)
+            Cells(graph, size, seeds, np.stack([splits[seed] for seed in seeds]), drawn, experiment=self.experiment)
             for size, seeds, drawn in _stacks(novel, stack)
         ]
 

@@ -1,0 +1,171 @@
+"""The grid on a cluster: a scheduler and two workers on loopback, one of which is killed at its task."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import pytest
+import torch
+import yaml
+
+from isi import paths
+from isi.errors import InputError
+from isi.experiments import executor
+from isi.experiments.cells import Cells
+from isi.experiments.executor import TaskError, run
+from isi.experiments.insertion import insert
+from isi.experiments.learning import Learned, LearningTask, learn_initial
+from isi.params import Compute
+from tests.test_experiments import insert_tasks, learning_tasks, tabled, theta0, whole
+from tools.workspace import change
+
+pytest.importorskip("distributed")
+
+ROOT = Path(__file__).parent.parent
+PROCESSES = Compute(workers=2, stack=1)
+Found = TypeVar("Found")
+
+
+def wait_for(what: Callable[[], Found | None], seconds: float = 30) -> Found:
+    deadline = time.monotonic() + seconds
+    while not (found := what()):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    return found
+
+
+@dataclass(frozen=True)
+class Cluster:
+    compute: Compute
+    workers: dict[int, subprocess.Popen[bytes]]
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    folder = tmp_path_factory.mktemp("cluster")
+    at, started = folder / "scheduler.json", []
+
+    def start(program: str, *arguments: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", f"distributed.cli.{program}", "--host", "127.0.0.1", "--no-dashboard"]
+        with (folder / f"{len(started)}.log").open("wb") as log:
+            process = subprocess.Popen(
+                [*command, "--scheduler-file", str(at), *arguments],
+                cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=log, stderr=log,
+            )  # fmt: skip
+        started.append(process)
+        return process
+
+    try:
+        start("dask_scheduler", "--port", "0")
+        workers = [start("dask_worker", "--nthreads", "1", "--no-nanny") for _ in range(2)]
+        wait_for(lambda: all(b"Registered to" in (folder / f"{n}.log").read_bytes() for n in (1, 2)))
+        address = json.loads(at.read_text(encoding="utf-8"))["address"]
+        compute = Compute(workers=1, stack=1, engine="dask", scheduler=address)
+        yield Cluster(compute, {process.pid: process for process in workers})
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture(params=["processes", "dask"])
+def compute(request: pytest.FixtureRequest) -> Compute:
+    """Where to run, by either engine."""
+    return PROCESSES if request.param == "processes" else request.getfixturevalue("cluster").compute
+
+
+def state(_: Cells) -> tuple[int, float]:
+    """Threads of torch, and what becomes of a denormal number."""
+    return torch.get_num_threads(), (torch.tensor([1e-40]) * 1).item()
+
+
+def fail(task: Cells) -> None:
+    if task.seeds == [2]:
+        raise ValueError("no such indicator")
+
+
+def noted(folder: Path, task: LearningTask) -> Learned:
+    """Learn, having noted which process does it."""
+    (folder / f"{os.getpid()} {task.seeds[0]}").touch()
+    time.sleep(0.5)
+    return learn_initial(task)
+
+
+def test_a_task_runs_on_one_thread_without_denormal_numbers(compute: Compute) -> None:
+    assert set(run(state, learning_tasks(1), compute, "state")) == {(1, 0.0)}
+
+
+def test_a_task_that_fails_names_its_cell_and_the_cause(compute: Compute) -> None:
+    with pytest.raises(TaskError, match=r"^ai2thor, size 2, seeds 2: ValueError: no such indicator$") as failed:
+        run(fail, learning_tasks(1), compute, "failing")
+    assert isinstance(failed.value.__cause__, ValueError)
+
+
+def test_a_cluster_gives_the_bytes_of_processes_though_a_worker_is_killed(cluster: Cluster, tmp_path: Path) -> None:
+    tasks = learning_tasks(1)
+    expected = whole(run(learn_initial, tasks, PROCESSES, "theta0"))
+
+    def kill_one() -> None:
+        note = wait_for(lambda: next(tmp_path.iterdir(), None))
+        os.kill(int(note.name.split()[0]), signal.SIGKILL)
+
+    killer = threading.Thread(target=kill_one)
+    killer.start()
+    learned = run(partial(noted, tmp_path), tasks, cluster.compute, "theta0")
+    killer.join()
+    (killed,) = [pid for pid, process in cluster.workers.items() if process.poll() == -signal.SIGKILL]
+    (other,) = cluster.workers.keys() - {killed}
+    done_by = {pid: {path.name.split()[1] for path in tmp_path.glob(f"{pid} *")} for pid in cluster.workers}
+    assert done_by[killed] <= done_by[other] == {"0", "1", "2", "3"}
+    assert whole(learned) == expected
+    trained = theta0()
+    inserted, again = (run(insert, insert_tasks(2, "ers", trained), c, "ers") for c in (PROCESSES, cluster.compute))
+    assert tabled(inserted) == tabled(again)
+
+
+def test_a_scheduler_out_of_reach_ends_a_stage_in_one_line_that_names_the_key(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]  # free, once closed
+    params = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8"))
+    change(params, "compute.engine", "dask")
+    change(params, "compute.scheduler", f"tcp://127.0.0.1:{port}")
+    (tmp_path / paths.PARAMS).write_text(yaml.safe_dump(params), encoding="utf-8")
+    stage = (
+        "from isi.experiments.executor import run; from isi.stage import stage\n"
+        "stage()(lambda params, provenance: run(print, [], params.compute, 'nothing'))()"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", stage], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, timeout=30,
+    )  # fmt: skip
+    (line,) = ended.stderr.splitlines()
+    assert f"params.yaml: compute.scheduler: no Dask scheduler answers at tcp://127.0.0.1:{port}" in line
+    assert ended.returncode == 1
+
+
+@pytest.mark.parametrize("says", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"], ids=["nothing", "another protocol"])
+def test_a_server_that_is_no_scheduler_is_refused_in_time(monkeypatch: pytest.MonkeyPatch, says: bytes) -> None:
+    monkeypatch.setattr(executor, "REACH", 1)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        threading.Thread(target=lambda: server.accept()[0].sendall(says), daemon=True).start()
+        other = Compute(workers=1, stack=1, engine="dask", scheduler=f"tcp://127.0.0.1:{server.getsockname()[1]}")
+        with pytest.raises(InputError, match=r"^params\.yaml: compute\.scheduler: no Dask scheduler answers"):
+            run(state, [], other, "nothing")
+
+
+def test_the_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"^params\.yaml: compute\.engine: .*pip install 'dask\[distributed\]'$"):
+        run(state, [], Compute(workers=1, stack=1, engine="dask", scheduler="tcp://127.0.0.1:1"), "nothing")
