@@ -17,10 +17,7 @@ COPIED = ("isi", "stages", "data/raw", "dvc.yaml", "pyproject.toml")
 YAML_1_2 = YAML()  # keeps the comments
 
 #: A grid that takes about two minutes.
-QUICK = {
-    "sessions.seeds": 5, "sessions.sizes": [1, 5], "training.max_epochs": 60, "finetuning.max_epochs": 60,
-    "compute.stack": 5,
-}  # fmt: skip
+QUICK = {"sessions.seeds": 10, "sessions.sizes": [1, 3, 5, 8], "finetuning.max_epochs": 100}
 
 
 def make(folder: Path, changes: dict[str, Any]) -> None:
