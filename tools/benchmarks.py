@@ -98,7 +98,7 @@ def crossing(rows: pd.DataFrame) -> float:
 
 def scaling(rows: pd.DataFrame) -> Figure:
     """Time and memory against entities."""
-    canvas = Figure(figsize=(8, 3.2), layout="constrained")
+    canvas = Figure(figsize=(8, 3.4), layout="constrained")
     left, right = canvas.subplots(1, 2)
     for form, part in rows.sort_values("entities").groupby("form", sort=False):
         how = {"color": COLOURS[str(form)], "marker": "o", "ms": 3, "label": f"batches as {form}"}
@@ -111,7 +111,7 @@ def scaling(rows: pd.DataFrame) -> Figure:
         axes.set_xlabel("entities (ten triples each)")
     left.set(title="an epoch of one model", ylabel="µs per observation")
     right.set(title="peak memory of the process", ylabel="MiB", ylim=(0, None))
-    left.legend()
+    canvas.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return canvas
 
 
