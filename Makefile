@@ -10,7 +10,7 @@ INSTALLED := $(VENV)/installed
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help repro quick test words readme lock clean
+.PHONY: help repro quick test benchmark words readme lock clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*##/\1:/p' $(MAKEFILE_LIST)
@@ -39,11 +39,17 @@ test: $(INSTALLED)  ## ruff, mypy and pytest
 	mypy
 	pytest
 
+benchmark: $(INSTALLED)  ## measure speed and memory, in about five minutes (installs the extra `benchmark`), into docs/benchmarks
+	$(BIN)/pip install --quiet --editable '.[benchmark]'
+	@mkdir -p .benchmarks
+	pytest -o addopts= tests/benchmarks --benchmark-only --benchmark-json=.benchmarks/latest.json
+	python -m tools.benchmarks .benchmarks/latest.json
+
 words: $(INSTALLED)  ## embed data/raw/words/definitions.csv again (installs the extra `words`)
 	$(BIN)/pip install --quiet --editable '.[words]'
 	python -m tools.embed_phrases
 
-readme: $(INSTALLED)  ## put the report's tables into the README
+readme: $(INSTALLED)  ## put the report's tables and those of the benchmarks into the README
 	python tools/readme.py
 
 lock: $(INSTALLED)  ## write requirements.lock from what is installed

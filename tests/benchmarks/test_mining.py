@@ -23,7 +23,8 @@ def mine(table: Path, workers: int) -> dict[str, Any]:
 
 @pytest.mark.parametrize("workers", [0, 2])
 def test_ten_thousand_houses(benchmark: Any, tmp_path: Path, workers: int) -> None:
+    benchmark.group = "mining"
     reported = benchmark.pedantic(mine, args=(tmp_path / "houses.parquet", workers), rounds=1)
-    benchmark.extra_info.update(reported)
+    benchmark.extra_info.update(reported, houses=HOUSES, workers=workers)
     assert reported["seconds"] <= MOST_SECONDS
     assert reported["parent_mib"] + workers * reported["largest_child_mib"] <= MOST_MIB

@@ -1,0 +1,131 @@
+"""Filtered ranking of test triples against PyKEEN's evaluator, with the same ranks.
+
+A ComplEx model is an ANALOGY model without scalars, so both rank by the same scores. Vectors are
+whole numbers: scores are then exact, and ties as frequent as they can be. Ours asks for relations,
+too, and compares with true ranks; PyKEEN gives the mean reciprocal rank of heads and tails alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from pykeen.evaluation import RankBasedEvaluator
+from pykeen.models import ComplEx
+from pykeen.triples import CoreTriplesFactory
+from torch import Tensor
+
+from isi import ranking
+from isi.embeddings.stack import Embedding
+from isi.graph import Graph
+from isi.params import Params
+from isi.ranking import Queries
+from isi.sessions import TEST, TRAIN, VALID, Session, draw_novel, joint_session, split
+
+SCOPES_MODELS = 5
+NOVEL = 5
+
+
+def measure(benchmark: Any, ranked: Callable[[], object], triples: int, **facts: object) -> None:
+    """Time a ranking that asks about a number of triples."""
+    benchmark.group = "ranking"
+    benchmark.extra_info.update(facts, triples=triples)
+    benchmark.pedantic(ranked, rounds=15, warmup_rounds=2)
+
+
+def session_of(home: Graph, params: Params, models: int) -> Session:
+    shares = params.sessions.valid, params.sessions.test
+    return joint_session(
+        home, torch.from_numpy(np.stack([split(home, params.seed, seed, *shares) for seed in range(models)]))
+    )
+
+
+@pytest.fixture(scope="module")
+def session(home: Graph, params: Params) -> Session:
+    return session_of(home, params, 1)
+
+
+@pytest.fixture(scope="module")
+def complex_model(home: Graph, params: Params) -> ComplEx:
+    torch.manual_seed(params.seed)
+    factory = CoreTriplesFactory(home.triples, len(home.entities), len(home.relations))
+    model = ComplEx(triples_factory=factory, embedding_dim=params.embedding.dimension // 2)
+    for weights in model.parameters():
+        weights.data.copy_(torch.randint(-2, 3, weights.shape))
+    return model
+
+
+@pytest.fixture(scope="module")
+def embedding(complex_model: ComplEx) -> Embedding:
+    """The same model as ANALOGY, a stack of one."""
+
+    def blocks(vectors: Tensor) -> Tensor:
+        return torch.cat([torch.zeros(len(vectors), 2 * vectors.shape[1]), vectors.real, vectors.imag], -1)[None]
+
+    entity, relation = (
+        part[0]() for part in (complex_model.entity_representations, complex_model.relation_representations)
+    )
+    return Embedding(blocks(entity.detach()), blocks(relation.detach()))
+
+
+def ask(session: Session) -> Queries:
+    """The test triples, where no known triple is a rival, test triples among them."""
+    asked = session.members(TEST)
+    known = session.members(TRAIN, VALID, TEST)
+    return ranking.prepare(session, ranking.query_slots(asked), asked, known, session.entities)
+
+
+def mean_reciprocal_ranks(embedding: Embedding, session: Session) -> Tensor:
+    """Of the head and the tail query of each test triple: a stack in which each model is asked for one triple."""
+    triples = session.members(TEST)[0].nonzero()
+    number = len(triples)
+    asked = torch.zeros(number, session.splits.shape[1], dtype=torch.bool).scatter_(1, triples, True)
+    everyone, known = (part.expand(number, -1) for part in (session.entities, session.members(TRAIN, VALID, TEST)))
+    alone = Session(session.graph, everyone, session.splits.expand(number, -1))
+    queries = ranking.prepare(alone, triples, asked, known, everyone)
+    assert queries.rows is not None
+    entities_only = replace(queries.rows, relation_weight=torch.zeros_like(queries.rows.relation_weight))
+    stack = Embedding(embedding.entity.expand(number, -1, -1), embedding.relation.expand(number, -1, -1))
+    return 2 * ranking.evaluate(stack, {"test": replace(queries, rows=entities_only)})["test"].measures[:, 3]
+
+
+@pytest.mark.parametrize("prepared", [True, False])
+def test_ours(benchmark: Any, embedding: Embedding, session: Session, prepared: bool) -> None:
+    ready = ask(session)
+
+    def ranked() -> None:
+        ranking.evaluate(embedding, {"test": ready if prepared else ask(session)})
+
+    what = "isi, queries prepared before" if prepared else "isi, with preparing the queries"
+    measure(benchmark, ranked, int(ready.asked.sum()), what=what)
+
+
+def test_pykeen(benchmark: Any, complex_model: ComplEx, embedding: Embedding, session: Session, home: Graph) -> None:
+    evaluator = RankBasedEvaluator(metrics=["mrr"], add_defaults=False, clear_on_finalize=False)
+    test, learned = (home.triples[session.members(*some)[0]] for some in ((TEST,), (TRAIN, VALID)))
+
+    def ranked() -> None:
+        evaluator.evaluate(complex_model, test, batch_size=len(test), additional_filter_triples=learned, use_tqdm=False)
+
+    measure(benchmark, ranked, len(test), what="PyKEEN, RankBasedEvaluator")
+    heads, tails = (np.concatenate(evaluator.ranks[slot, "realistic"]) for slot in ("head", "tail"))
+    expected = torch.from_numpy((1 / heads + 1 / tails) / 2).double()
+    torch.testing.assert_close(mean_reciprocal_ranks(embedding, session), expected, rtol=1e-5, atol=0)
+
+
+def test_scopes(benchmark: Any, home: Graph, params: Params) -> None:
+    """What a stack is asked after each epoch of fine-tuning."""
+    session = session_of(home, params, SCOPES_MODELS)
+    novel = np.stack([draw_novel(len(home.entities), params.seed, NOVEL, seed) for seed in range(SCOPES_MODELS)])
+    scopes = ranking.epoch_scopes(session, torch.from_numpy(novel))
+    entities, relations, dimension = len(home.entities), len(home.relations), params.embedding.dimension
+    generator = torch.Generator().manual_seed(params.seed)
+    table = torch.randn(SCOPES_MODELS, entities + relations, dimension, generator=generator)
+    stack = Embedding(table[:, :entities], table[:, entities:])
+    triples = sum(int(scope.asked.sum()) for scope in scopes.values())
+    what = f"isi, a stack of {SCOPES_MODELS} in {len(scopes)} scopes"
+    measure(benchmark, lambda: ranking.evaluate(stack, scopes), triples, what=what)

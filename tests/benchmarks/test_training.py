@@ -1,0 +1,106 @@
+"""An epoch of training: stacks of models against TorchKGE and PyKEEN, in triples scored per second.
+
+All learn from the training observations of one split, repeats included, in batches of one size. An
+observation is scored with 9 corrupted tails, 9 heads and 9 relations here, and with 9 corrupted
+triples in all there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from pykeen.models import ComplEx
+from pykeen.training import SLCWATrainingLoop
+from pykeen.triples import CoreTriplesFactory
+from torch import Tensor
+from torchkge.data_structures import KnowledgeGraph
+from torchkge.models import AnalogyModel
+from torchkge.sampling import BernoulliNegativeSampler
+from torchkge.utils import LogisticLoss
+
+from isi import lessons, training
+from isi.embeddings.stack import uniform
+from isi.graph import Graph
+from isi.params import Params
+from isi.sessions import TRAIN, joint_session, split
+
+ROUNDS = 5
+
+
+def measure(benchmark: Any, epoch: Callable[[], object], scored: int, **facts: object) -> None:
+    """Time epochs in which a number of triples is scored."""
+    benchmark.group = "training"
+    benchmark.extra_info.update(facts, scored=scored)
+    benchmark.pedantic(epoch, rounds=ROUNDS, warmup_rounds=1)
+
+
+def splits(home: Graph, params: Params, models: int) -> Tensor:
+    """What each model trains on; shape (M, T)."""
+    drawn = (split(home, params.seed, seed, params.sessions.valid, params.sessions.test) for seed in range(models))
+    return torch.from_numpy(np.stack(list(drawn)))
+
+
+@pytest.fixture(scope="module")
+def observations(home: Graph, params: Params) -> Tensor:
+    """The first model's training observations, as triples; shape (N, 3)."""
+    train = splits(home, params, 1)[0] == TRAIN
+    return home.triples[train].repeat_interleave(home.counts[train], 0)
+
+
+@pytest.mark.parametrize("mode", ["expected", "sampled"])
+@pytest.mark.parametrize("models", [1, 5, 10, 30])
+def test_stack(benchmark: Any, home: Graph, params: Params, models: int, mode: str) -> None:
+    session = joint_session(home, splits(home, params, models))
+    keys = torch.tensor([[0, seed] for seed in range(models)])
+    negatives = params.negatives.model_copy(update={"mode": mode})
+    lesson = lessons.lesson(session, "training", keys, negatives.head_pool)
+    size, half_range = params.embedding.dimension, params.embedding.init_range
+    start = uniform(session.entities, len(home.relations), size, half_range, params.seed, keys)
+    state = training.start(start)
+    scored = int(lesson.counts.sum()) * (1 + len(home.relations) * negatives.ratio)
+
+    def epoch() -> None:
+        training.run_epoch(state, lesson, negatives, params.training, params.seed, 1)
+
+    measure(benchmark, epoch, scored, library="isi", model="ANALOGY", negatives=mode, models=models)
+
+
+def test_torchkge(benchmark: Any, home: Graph, params: Params, observations: Tensor) -> None:
+    heads, relations, tails = observations.T
+    names = {name: number for number, name in enumerate(home.entities)}
+    kinds = {name: number for number, name in enumerate(home.relations)}
+    known = KnowledgeGraph(kg={"heads": heads, "tails": tails, "relations": relations}, ent2ix=names, rel2ix=kinds)
+    model, loss = AnalogyModel(params.embedding.dimension, known.n_ent, known.n_rel), LogisticLoss()
+    sampler = BernoulliNegativeSampler(known, n_neg=params.negatives.ratio)
+    optimizer = torch.optim.Adagrad(model.parameters(), params.training.learning_rate)
+
+    def epoch() -> None:
+        for batch in observations[torch.randperm(len(observations))].split(params.training.batch_size):
+            heads, relations, tails = batch.T
+            other_heads, other_tails = sampler.corrupt_batch(heads, tails, relations)
+            optimizer.zero_grad()
+            loss(*model(heads, tails, relations, other_heads, other_tails)).backward()
+            optimizer.step()
+
+    scored = len(observations) * (1 + params.negatives.ratio)
+    measure(benchmark, epoch, scored, library="TorchKGE", model="AnalogyModel", negatives="sampled", models=1)
+
+
+def test_pykeen(benchmark: Any, home: Graph, params: Params, observations: Tensor) -> None:
+    factory = CoreTriplesFactory(observations, len(home.entities), len(home.relations))
+    model = ComplEx(triples_factory=factory, embedding_dim=params.embedding.dimension // 2, random_seed=params.seed)
+    optimizer = torch.optim.Adagrad(model.parameters(), params.training.learning_rate)
+    sampling = {"num_negs_per_pos": params.negatives.ratio}
+    loop = SLCWATrainingLoop(
+        model=model, triples_factory=factory, optimizer=optimizer, negative_sampler_kwargs=sampling
+    )
+
+    def epoch() -> None:
+        loop.train(factory, num_epochs=1, batch_size=params.training.batch_size, use_tqdm=False)
+
+    scored = len(observations) * (1 + params.negatives.ratio)
+    measure(benchmark, epoch, scored, library="PyKEEN", model="ComplEx", negatives="sampled", models=1)

@@ -1,0 +1,156 @@
+"""Turn the results of ``make benchmark`` into the tables and the figure of docs/benchmarks."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from isi.lessons import TABLE_CELLS
+from tests.growth import RELATIONS
+
+FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
+COLOURS = {"tables": "#d55e00", "lists": "#0072b2"}
+_STYLE: Any = {
+    "font.size": 9, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.grid": True, "grid.alpha": 0.3,
+    "legend.frameon": False, "svg.hashsalt": "isi", "svg.fonttype": "path", "figure.dpi": 160,
+}  # fmt: skip
+
+
+def machine(results: dict[str, Any]) -> str:
+    """What the benchmarks ran on, in a line."""
+    info = results["machine_info"]
+    versions = ", ".join(f"{name} {number}" for name, number in info["versions"].items())
+    python = f"Python {info['python_version']}"
+    return f"{info['cpu']['brand_raw']}, {info['cores']} cores, {info['system']}; {python}, {versions}.\n"
+
+
+def training(rows: pd.DataFrame) -> pd.DataFrame:
+    """Medians over epochs; ratios are of triples scored in a second."""
+    rate = rows["scored"] / rows["median"]
+    of = dict(zip(rows["library"], rate, strict=True))
+    return pd.DataFrame({
+        "": rows["library"] + ", " + rows["model"],
+        "negatives": rows["negatives"],
+        "models": rows["models"].astype(int).astype(str),
+        "ms per model and epoch": _figures(1000 * rows["median"] / rows["models"]),
+        "million triples scored per second": _figures(rate / 1e6),
+        "times TorchKGE": _figures(rate / of["TorchKGE"]),
+        "times PyKEEN": _figures(rate / of["PyKEEN"]),
+    })  # fmt: skip
+
+
+def ranking(rows: pd.DataFrame) -> pd.DataFrame:
+    """Medians over repeats; ratios are of triples asked about in a second."""
+    rate = rows["triples"] / rows["median"]
+    theirs = float(rate[rows["what"].str.startswith("PyKEEN")].iloc[0])
+    return pd.DataFrame({
+        "": rows["what"],
+        "triples": rows["triples"].map("{:,.0f}".format),
+        "ms": _figures(1000 * rows["median"]),
+        "thousand triples per second": _figures(rate / 1e3),
+        "times PyKEEN": _figures(rate / theirs),
+    })  # fmt: skip
+
+
+def growth(rows: pd.DataFrame) -> pd.DataFrame:
+    """An epoch and a ranking on graphs of growing size, by form."""
+    shown = rows.sort_values(["entities", "form"], ascending=[True, False])
+    return pd.DataFrame({
+        "entities": shown["entities"].map("{:,.0f}".format),
+        "triples": shown["triples"].map("{:,.0f}".format),
+        "batches as": shown["form"],
+        "s per epoch": _figures(shown["epoch_seconds"]),
+        "µs per observation": _figures(1e6 * _per_observation(shown)),
+        "peak MiB of training": shown["training_mib"].map("{:,.0f}".format),
+        "s to rank up to 200 triples": _figures(shown["ranking_seconds"]),
+        "peak MiB with ranking": shown["peak_mib"].map("{:,.0f}".format),
+    })  # fmt: skip
+
+
+def mining(rows: pd.DataFrame) -> pd.DataFrame:
+    """Mining in this process, and on workers."""
+    peak = rows["parent_mib"] + rows["workers"] * rows["largest_child_mib"]
+    return pd.DataFrame({
+        "houses": rows["houses"].map("{:,.0f}".format),
+        "workers": rows["workers"].map("{:.0f}".format),
+        "observations": rows["observations"].map("{:,.0f}".format),
+        "s": _figures(rows["seconds"]),
+        "peak MiB, all processes": peak.map("{:,.0f}".format),
+    })  # fmt: skip
+
+
+def crossing(rows: pd.DataFrame) -> float:
+    """Possible triples of a graph on which the two forms cost the same (log-log interpolation)."""
+    both = rows.assign(cost=_per_observation(rows)).pivot(index="entities", columns="form", values="cost").dropna()
+    ahead = np.log((both["tables"] / both["lists"]).to_numpy())
+    last = np.flatnonzero(ahead < 0)[-1]
+    about = slice(last, last + 2)
+    return RELATIONS * float(np.exp(np.interp(0, ahead[about], np.log(both.index[about])))) ** 2
+
+
+def scaling(rows: pd.DataFrame) -> Figure:
+    """Time and memory against entities."""
+    canvas = Figure(figsize=(8, 3.4), layout="constrained")
+    left, right = canvas.subplots(1, 2)
+    for form, part in rows.sort_values("entities").groupby("form", sort=False):
+        how = {"color": COLOURS[str(form)], "marker": "o", "ms": 3, "label": f"batches as {form}"}
+        left.loglog(part["entities"], 1e6 * _per_observation(part), **how)
+        right.semilogx(part["entities"], part["training_mib"], **how)
+    switches = (TABLE_CELLS, "--", "where batches become lists"), (crossing(rows), ":", "where both cost the same")
+    for axes in (left, right):
+        for cells, line, what in switches:
+            axes.axvline((cells / RELATIONS) ** 0.5, color="black", lw=0.8, ls=line, label=what)
+        axes.set_xlabel("entities (ten triples each)")
+    left.set(title="an epoch of one model", ylabel="µs per observation")
+    right.set(title="peak memory of the process", ylabel="MiB", ylim=(0, None))
+    canvas.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return canvas
+
+
+def _per_observation(rows: pd.DataFrame) -> pd.Series:
+    return rows["epoch_seconds"] / rows["observations"]
+
+
+def _figures(values: pd.Series) -> pd.Series:
+    """Three figures, none lost."""
+    return values.map(lambda value: f"{value:,.0f}" if value >= 100 else f"{value:#.3g}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("results", type=Path, help="JSON of pytest-benchmark")
+    results = json.loads(parser.parse_args().results.read_text(encoding="utf-8"))
+    groups = {
+        str(name): pd.DataFrame([{**run["extra_info"], "median": run["stats"]["median"]} for run in runs])
+        for name, runs in pd.Series(results["benchmarks"]).groupby([run["group"] for run in results["benchmarks"]])
+    }
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    (FOLDER / "machine.md").write_text(machine(results), encoding="utf-8")
+    for table in (training, ranking, growth, mining):
+        shown = table(groups[table.__name__])
+        text = shown.to_markdown(
+            index=False, disable_numparse=True, colalign=["left", *["right"] * (shown.shape[1] - 1)]
+        )
+        (FOLDER / f"{table.__name__}.md").write_text(text + "\n", encoding="utf-8")
+        print(f"\n{text}")
+    even = float(f"{crossing(groups['growth']):.2g}")
+    same = f"Tables and lists cost the same on a graph of {even:,.0f} possible triples"
+    switch = f"{same}; batches become lists above {TABLE_CELLS:,}."
+    (FOLDER / "switch.md").write_text(switch + "\n", encoding="utf-8")
+    print(f"\n{switch}")
+    with mpl.rc_context(_STYLE):
+        canvas = scaling(groups["growth"])
+        canvas.savefig(FOLDER / "scaling.svg", metadata={"Date": None})
+        canvas.savefig(FOLDER / "scaling.png")
+
+
+if __name__ == "__main__":
+    main()
