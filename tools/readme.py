@@ -1,22 +1,19 @@
-"""Put tables into the README, each between its ``<!-- table: NAME -->`` and the next ``<!-- end -->``."""
+"""Put tables into the README, each between its ``<!-- table: PATH -->`` (without ``.md``) and the next ``<!-- end -->``."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-FOLDERS = (ROOT / "reports" / "tables", ROOT / "docs" / "benchmarks")
-PLACE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+PLACE = re.compile(r"(<!-- table: ([\w/]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
-def filled(readme: str, tables: Mapping[str, Path]) -> str:
+def filled(readme: str) -> str:
     """The README with every marked table as its file has it."""
-    return PLACE.sub(lambda place: place[1] + tables[place[2]].read_text("utf-8") + place[3], readme)
+    return PLACE.sub(lambda place: place[1] + (ROOT / f"{place[2]}.md").read_text("utf-8") + place[3], readme)
 
 
 if __name__ == "__main__":
     path = ROOT / "README.md"
-    tables = {file.stem: file for folder in FOLDERS for file in folder.glob("*.md")}
-    path.write_text(filled(path.read_text("utf-8"), tables), encoding="utf-8")
+    path.write_text(filled(path.read_text("utf-8")), encoding="utf-8")
