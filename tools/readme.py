@@ -1,4 +1,4 @@
-"""Put tables into the README, each between its ``<!-- table: PATH -->`` (without ``.md``) and the next ``<!-- end -->``."""
+"""Put tables into the README, between ``<!-- table: PATH -->`` (without ``.md``) and the next ``<!-- end -->``."""
 
 from __future__ import annotations
 
