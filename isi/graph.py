@@ -36,6 +36,10 @@ class Graph:
         """Travel to another process as plain arrays."""
         return _from_arrays, (self.entities, self.relations, self.triples.numpy(), self.counts.numpy())
 
+    def on(self, device: torch.device) -> Graph:
+        """The graph with its tensors on a device."""
+        return Graph(self.entities, self.relations, self.triples.to(device), self.counts.to(device))
+
     def same_but(self, slot: int, triples: Tensor) -> Tensor:
         """The unique triples that are like given ones in all but one slot (themselves among them).
 

@@ -90,7 +90,7 @@ def deal(lesson: Lesson, root: int, epoch: int, size: int) -> list[list[np.ndarr
         have empty ones at the end.
     """
     dealt = []
-    for counts, key in zip(lesson.counts.numpy(), lesson.keys.tolist(), strict=True):
+    for counts, key in zip(lesson.counts.cpu().numpy(), lesson.keys.tolist(), strict=True):
         observations = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
         stream(root, f"{lesson.purpose} batches", *key, epoch).shuffle(observations)
         dealt.append(np.array_split(observations, max(1, -(-len(observations) // size))))

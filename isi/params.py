@@ -128,6 +128,7 @@ class Compute(Section):
     stack: Count
     engine: Literal["processes", "dask"] = "processes"
     scheduler: Annotated[str, Field(pattern=r"^tcp://[^/\s]+:[0-9]{1,5}$")] | None = None
+    device: Literal["cpu", "auto", "cuda"] = "cpu"
 
     @model_validator(mode="after")
     def _dask_has_a_scheduler(self) -> Self:

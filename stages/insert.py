@@ -7,7 +7,7 @@ import torch
 
 from isi import initializers, paths, tables
 from isi.experiments import insertion
-from isi.experiments.executor import run
+from isi.experiments.executor import run, stack_height
 from isi.experiments.insertion import CONVERGENCE_SCOPES, FineTuning, InsertTask
 from isi.experiments.store import Store, insert_triples_of, joint_mrr_star, write_runs
 from isi.stage import Params, Provenance, stage
@@ -39,7 +39,7 @@ def insert(params: Params, provenance: Provenance, initializer: str) -> None:
             joint_mrr_star={scope: joint_mrr_star(joint, cell, scope) for scope in CONVERGENCE_SCOPES},
             tuning=tuning,
         )
-        for cell in store.cells(params.compute.stack)
+        for cell in store.cells(stack_height(params.compute))
     ]
     done = run(insertion.insert, tasks, params.compute, f"insert, {initializer}")
     vectors: dict[str, list[torch.Tensor]] = {}

@@ -9,7 +9,7 @@ import pandas as pd
 from isi import paths, tables
 from isi.experiments import judging, learning
 from isi.experiments.cells import JOINT
-from isi.experiments.executor import run
+from isi.experiments.executor import run, stack_height
 from isi.experiments.judging import JudgingTask
 from isi.experiments.learning import Learning, LearningTask
 from isi.experiments.store import Store, insert_triples_of, write_log, write_runs
@@ -24,7 +24,7 @@ from isi.stage import Params, Provenance, stage
 def train_joint(params: Params, provenance: Provenance) -> None:
     """Train the joint model of every seed on D¹, and measure it in the scopes of every size."""
     store = Store("ai2thor", provenance)
-    cells, insert_triples = store.cells(params.compute.stack), store.insert_triples()
+    cells, insert_triples = store.cells(stack_height(params.compute)), store.insert_triples()
     how = Learning(params.seed, params.embedding, params.negatives, params.training)
     tasks = [
         LearningTask(**vars(replace(cell, size=JOINT, novel=cell.novel[:, :0])), learning=how)

@@ -6,7 +6,7 @@ import pandas as pd
 
 from isi import paths, tables
 from isi.experiments import learning
-from isi.experiments.executor import run
+from isi.experiments.executor import run, stack_height
 from isi.experiments.learning import Learning, LearningTask
 from isi.experiments.store import Store, write_log
 from isi.stage import Params, Provenance, stage
@@ -20,7 +20,7 @@ from isi.stage import Params, Provenance, stage
 def train_theta0(params: Params, provenance: Provenance) -> None:
     """Train Θ⁰ on D⁰, for every size and seed."""
     how = Learning(params.seed, params.embedding, params.negatives, params.training)
-    cells = Store("ai2thor", provenance).cells(params.compute.stack)
+    cells = Store("ai2thor", provenance).cells(stack_height(params.compute))
     tasks = [LearningTask(**vars(cell), learning=how) for cell in cells]
     learned = run(learning.learn_initial, tasks, params.compute, "theta0")
     files = {}

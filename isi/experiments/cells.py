@@ -44,9 +44,9 @@ class Cells:
     @property
     def joint(self) -> Session:
         """D¹ of each cell."""
-        return joint_session(self.graph, torch.from_numpy(self.splits))
+        return joint_session(self.graph, torch.as_tensor(self.splits))
 
     @property
     def initial(self) -> Session:
         """D⁰ of each cell."""
-        return initial_session(self.graph, torch.from_numpy(self.splits), torch.from_numpy(self.novel))
+        return initial_session(self.graph, torch.as_tensor(self.splits), torch.as_tensor(self.novel))

@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TypeVar
 
 import torch
@@ -16,6 +17,7 @@ from tqdm import tqdm
 from isi import paths
 from isi.errors import InputError
 from isi.experiments.cells import Cells
+from isi.lessons import TABLE_CELLS
 from isi.lifetime import tie_to_parent
 from isi.params import Compute
 
@@ -24,6 +26,8 @@ Done = TypeVar("Done")
 
 #: Seconds in which a scheduler must answer.
 REACH = 5
+#: Memory that a model of a stack takes on a GPU, at most: its batch, scores and slopes as tables, and as much again.
+BYTES_PER_MODEL = 6 * 4 * TABLE_CELLS
 
 
 class TaskError(Exception):
@@ -40,7 +44,7 @@ def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Comput
     engine = _dask if compute.engine == "dask" else _processes
     models = sum(len(task.seeds) for task in tasks)
     with engine(compute) as executor, tqdm(total=models, desc=name, unit="model", disable=None) as bar:
-        futures = {executor.submit(alone, function, task): task for task in tasks}
+        futures = {executor.submit(alone, function, task, compute.device): task for task in tasks}
         for future in as_completed(futures):
             task = futures[future]
             try:
@@ -53,28 +57,57 @@ def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Comput
     return [future.result() for future in futures]
 
 
-def alone(function: Callable[[Task], Done], task: Task) -> Done:
+def alone(function: Callable[[Task], Done], task: Task, device: str) -> Done:
     """Run a task on one thread, and without denormal numbers (slow, and far below what a rank can tell).
 
     Both are set in the thread that runs the task, which is the engine's choice, and never reset: tasks
-    that share a process cannot disturb each other.
+    that share a process cannot disturb each other. Where the device is a GPU, it holds all that the task
+    makes; what the task gives back is on the CPU.
     """
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
-    return function(task)
+    found = device_of(device)
+    if found.type == "cpu":
+        return function(task)
+    with found:
+        return function(replace(task, graph=task.graph.on(found)))
+
+
+def device_of(name: str) -> torch.device:
+    """The device that ``compute.device`` names, as it is on the machine that runs a task.
+
+    Raises:
+        InputError: where a GPU is asked for and there is none.
+    """
+    if name == "cuda" and not torch.cuda.is_available():
+        raise InputError(paths.PARAMS, "compute.device", "no NVIDIA GPU that this build of PyTorch can use")
+    return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
+
+
+def stack_height(compute: Compute) -> int:
+    """Models to train as one stack: ``compute.stack``, or on a GPU as many as its memory holds for each worker."""
+    if compute.engine == "dask" or device_of(compute.device).type == "cpu":
+        return compute.stack
+    free, _ = torch.cuda.mem_get_info()
+    return max(compute.stack, free // (_workers(compute) * BYTES_PER_MODEL))
 
 
 @contextmanager
 def _processes(compute: Compute) -> Iterator[Executor]:
     """Worker processes of this machine."""
-    workers = available_cores() if compute.workers == "all" else compute.workers
     context = multiprocessing.get_context("spawn")  # a worker is then a child of the stage, and dies with it
-    with ProcessPoolExecutor(workers, context, initializer=tie_to_parent, initargs=(os.getpid(),)) as executor:
+    with ProcessPoolExecutor(
+        _workers(compute), context, initializer=tie_to_parent, initargs=(os.getpid(),)
+    ) as executor:
         try:
             yield executor
         except BaseException:
             executor.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+def _workers(compute: Compute) -> int:
+    return available_cores() if compute.workers == "all" else compute.workers
 
 
 def available_cores() -> int:

@@ -59,7 +59,7 @@ class Inserted:
 
 def insert(task: InsertTask) -> Inserted:
     """Insert, measure at once in every scope, fine-tune, and measure after every epoch."""
-    session, novel, how = task.joint, torch.from_numpy(task.novel), task.tuning
+    session, novel, how = task.joint, torch.as_tensor(task.novel), task.tuning
     insertion = insertion_of(task)
     initial = INITIALIZERS[task.initializer](insertion, **task.options)
     embedding = put(insertion.theta0, novel, initial.vectors)
@@ -70,7 +70,7 @@ def insert(task: InsertTask) -> Inserted:
         embedding,
         lessons.lesson(session, "fine-tuning", task.keys, how.negatives.head_pool),
         ranking.epoch_scopes(session, novel),
-        {scope: torch.from_numpy(task.joint_mrr_star[scope]) - how.margin for scope in CONVERGENCE_SCOPES},
+        {scope: torch.as_tensor(task.joint_mrr_star[scope]) - how.margin for scope in CONVERGENCE_SCOPES},
         how.negatives,
         how.optimizer,
         how.root,
@@ -78,7 +78,7 @@ def insert(task: InsertTask) -> Inserted:
     )
     runs = [run_rows(task, 0, torch.arange(len(task.seeds)), at_once)]
     runs += [run_rows(task, step.epoch, step.models, step.results) for step in followed]
-    return Inserted(initial.vectors.numpy(), pd.concat(runs), _entity_rows(task, initial.fallback, own))
+    return Inserted(initial.vectors.cpu().numpy(), pd.concat(runs), _entity_rows(task, initial.fallback, own))
 
 
 def put(theta0: Embedding, novel: Tensor, vectors: Tensor) -> Embedding:
@@ -89,8 +89,8 @@ def put(theta0: Embedding, novel: Tensor, vectors: Tensor) -> Embedding:
 
 def insertion_of(task: InsertTask) -> Insertion:
     """What initializers may see: Θ⁰, D⁰'s entities, word vectors, and the insert triples alone."""
-    session, novel = task.initial, torch.from_numpy(task.novel)
-    model, place, triple = torch.from_numpy(task.insert_triples).T
+    session, novel = task.initial, torch.as_tensor(task.novel)
+    model, place, triple = torch.as_tensor(task.insert_triples).T
     slot = model * task.size + place
     number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)  # within its entity; slots ascend
     longest = int(number.max()) + 1 if len(number) else 1
@@ -103,8 +103,8 @@ def insertion_of(task: InsertTask) -> Insertion:
         return table
 
     return Insertion(
-        theta0=Embedding(*(torch.from_numpy(table) for table in task.embedding)),
-        known=session.entities, eligible=session.trained(), novel=novel, words=torch.from_numpy(task.words),
+        theta0=Embedding(*(torch.as_tensor(table) for table in task.embedding)),
+        known=session.entities, eligible=session.trained(), novel=novel, words=torch.as_tensor(task.words),
         other=padded(torch.where(is_tail, head, tail)), relation=padded(relation), novel_is_tail=padded(is_tail),
         observed=padded(torch.ones_like(is_tail)),
         root=task.tuning.root, keys=task.keys,

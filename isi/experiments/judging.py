@@ -27,8 +27,8 @@ class JudgingTask(Cells):
 
 def judge(task: JudgingTask) -> pd.DataFrame:
     """Measures of embeddings as they are, in every scope (``tables.RUNS``, epoch 0)."""
-    session, novel = task.joint, torch.from_numpy(task.novel)
-    embedding = Embedding(*(torch.from_numpy(table) for table in task.embedding))
+    session, novel = task.joint, torch.as_tensor(task.novel)
+    embedding = Embedding(*(torch.as_tensor(table) for table in task.embedding))
     results = ranking.evaluate(embedding, ranking.epoch_scopes(session, novel))
     results |= ranking.evaluate(embedding, ranking.novel_scope(session, novel, insert_mask(task)))
     return run_rows(task, 0, torch.arange(len(task.seeds)), results)
@@ -42,7 +42,7 @@ def insert_mask(task: JudgingTask) -> Tensor:
 
 
 def run_rows(task: Cells, epoch: int, models: Tensor, results: dict[str, Result]) -> pd.DataFrame:
-    seeds = np.array(task.seeds)[models.numpy()]
+    seeds = np.array(task.seeds)[models.cpu().numpy()]
     return pd.concat(
         measure_columns(result).assign(size=task.size, seed=seeds, epoch=epoch, scope=scope)
         for scope, result in results.items()
@@ -50,5 +50,5 @@ def run_rows(task: Cells, epoch: int, models: Tensor, results: dict[str, Result]
 
 
 def measure_columns(result: Result) -> pd.DataFrame:
-    columns = dict(zip(MEASURES, result.measures.T.numpy(), strict=True))
-    return pd.DataFrame(columns | {"queries": result.queries.numpy(), "ties": result.ties.numpy()})
+    columns = dict(zip(MEASURES, result.measures.T.cpu().numpy(), strict=True))
+    return pd.DataFrame(columns | {"queries": result.queries.cpu().numpy(), "ties": result.ties.cpu().numpy()})

@@ -63,12 +63,16 @@ def _learn(task: LearningTask, session: Session) -> Learned:
     valid = ranking.validation(session)["valid"]
     best, looks = training.fit(start, lesson, valid, how.negatives, how.training, how.root)
     log = pd.concat(
-        pd.DataFrame(dict(zip(MEASURES, look.measures.T.numpy(), strict=True))).assign(
-            size=task.size, seed=np.array(task.seeds)[look.models], epoch=look.epoch, kept=look.kept.numpy()
+        pd.DataFrame(dict(zip(MEASURES, look.measures.T.cpu().numpy(), strict=True))).assign(
+            size=task.size,
+            seed=np.array(task.seeds)[look.models.cpu().numpy()],
+            epoch=look.epoch,
+            kept=look.kept.cpu().numpy(),
         )
         for look in looks
     )
-    return Learned(best.entity.numpy(), best.relation.numpy(), session.entities.numpy(), log)
+    entity, relation, known = (table.cpu().numpy() for table in (best.entity, best.relation, session.entities))
+    return Learned(entity, relation, known, log)
 
 
 def as_tensors(tasks: Sequence[Cells], learned: Sequence[Learned]) -> dict[str, Tensor]:

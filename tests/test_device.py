@@ -1,0 +1,93 @@
+"""A task runs on whatever device it is given, and what it gives back lies on the CPU."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from isi import lessons
+from isi.errors import InputError
+from isi.experiments import executor
+from isi.experiments.insertion import insert
+from isi.experiments.judging import JudgingTask, judge
+from isi.experiments.learning import learn_initial, learn_joint
+from isi.params import Compute
+from tests.pretend import DEVICE, Pretend
+from tests.test_experiments import INITIALIZERS, insert_tasks, learning_tasks, theta0
+
+TRAINED = theta0()
+
+
+@pytest.fixture
+def pretend(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """``compute.device: cuda`` is a device that only pretends."""
+    monkeypatch.setattr(executor, "device_of", lambda name: DEVICE if name == "cuda" else torch.device("cpu"))
+    with Pretend():
+        yield
+
+
+def test_the_device_that_pretends_refuses_what_a_gpu_refuses() -> None:
+    with Pretend():
+        here = torch.zeros(3)
+        with DEVICE:
+            there = torch.as_tensor(np.ones(3))
+            assert (there + there.sum()).tolist() == [4, 4, 4]
+            with pytest.raises(RuntimeError, match="same device"):
+                there + here
+            with pytest.raises(TypeError, match="NumPy"):
+                there.exp().numpy()
+            assert (there.cpu() + here).tolist() == [1, 1, 1]
+
+
+@pytest.mark.usefixtures("pretend")
+@pytest.mark.parametrize("mode", ["sampled", "expected", "lists"])
+def test_training_on_another_device_is_training(mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if mode == "lists":
+        monkeypatch.setattr(lessons, "TABLE_CELLS", 0)
+    (task,) = learning_tasks(4)
+    negatives = task.learning.negatives.model_copy(update={"mode": "expected" if mode == "expected" else "sampled"})
+    task = replace(task, learning=replace(task.learning, negatives=negatives))
+    for learn in (learn_initial, learn_joint):
+        there, here = (executor.alone(learn, task, device) for device in ("cuda", "cpu"))
+        assert np.array_equal(there.entity, here.entity)
+        pd.testing.assert_frame_equal(there.log, here.log)
+
+
+@pytest.mark.usefixtures("pretend")
+@pytest.mark.parametrize("name", INITIALIZERS)
+def test_inserting_on_another_device_is_inserting(name: str) -> None:
+    (task,) = insert_tasks(4, name, TRAINED)
+    there, here = (executor.alone(insert, task, device) for device in ("cuda", "cpu"))
+    assert np.array_equal(there.vectors, here.vectors)
+    pd.testing.assert_frame_equal(there.runs, here.runs)
+    pd.testing.assert_frame_equal(there.entities, here.entities)
+
+
+@pytest.mark.usefixtures("pretend")
+def test_judging_on_another_device_is_judging() -> None:
+    (task,) = insert_tasks(4, "es", TRAINED)
+    judged = JudgingTask(
+        task.graph, task.size, task.seeds, task.splits, task.novel, task.embedding, task.insert_triples
+    )
+    there, here = (executor.alone(judge, judged, device) for device in ("cuda", "cpu"))
+    pd.testing.assert_frame_equal(there, here)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_without_a_gpu_auto_is_the_cpu_and_cuda_is_refused_by_name() -> None:
+    assert executor.device_of("auto") == torch.device("cpu")
+    assert executor.stack_height(Compute(workers=1, stack=7, device="auto")) == 7
+    with pytest.raises(InputError, match=r"compute\.device"):
+        executor.stack_height(Compute(workers=1, stack=7, device="cuda"))
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+def test_on_a_gpu_training_learns_as_much() -> None:
+    (task,) = learning_tasks(4)
+    there, here = (executor.alone(learn_joint, task, device) for device in ("cuda", "cpu"))
+    assert np.allclose(there.log["mrr_star"].mean(), here.log["mrr_star"].mean(), atol=0.02)
