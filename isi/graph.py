@@ -40,6 +40,10 @@ class Graph:
         """The graph with its tensors on a device."""
         return Graph(self.entities, self.relations, self.triples.to(device), self.counts.to(device))
 
+    def part(self, triples: np.ndarray) -> Graph:
+        """The graph of some unique triples, given by id; entities and relations stay."""
+        return Graph(self.entities, self.relations, self.triples[triples], self.counts[triples])
+
     def same_but(self, slot: int, triples: Tensor) -> Tensor:
         """The unique triples that are like given ones in all but one slot (themselves among them).
 

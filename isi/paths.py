@@ -76,5 +76,9 @@ def inserted(experiment: str, name: str) -> Path:
     return DATA / "runs" / experiment / f"{name}.inserted.parquet"
 
 
+def affordances(experiment: str, name: str) -> Path:
+    return DATA / "runs" / experiment / f"{name}.affordances.parquet"
+
+
 def ties(experiment: str, name: str) -> Path:
     return DATA / "runs" / experiment / f"{name}.ties.parquet"

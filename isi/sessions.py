@@ -33,11 +33,7 @@ class Session:
 
     def trained(self) -> Tensor:
         """Entities that take part and have a training triple; shape: (M, E), bool."""
-        train = self.members(TRAIN).float()
-        ends = torch.zeros(len(train), len(self.graph.entities))
-        for slot in (0, 2):
-            ends.index_add_(1, self.graph.triples[:, slot], train)
-        return self.entities & (ends > 0)
+        return self.entities & ends(self.graph, self.members(TRAIN))
 
 
 def as_table(graph: Graph, triples: Tensor) -> Tensor:
@@ -53,20 +49,29 @@ def touches(graph: Graph, entities: Tensor) -> Tensor:
     return entities[:, graph.triples[:, 0]] | entities[:, graph.triples[:, 2]]
 
 
+def ends(graph: Graph, triples: Tensor) -> Tensor:
+    """Whether an entity is an end of one of the triples, shape (M, T), bool; shape: (M, E), bool."""
+    number = torch.zeros(len(triples), len(graph.entities))
+    for slot in (0, 2):
+        number.index_add_(1, graph.triples[:, slot], triples.float())
+    return number > 0
+
+
 def membership(ids: Tensor, entities: int) -> Tensor:
     """Ids, shape (M, n), as a mask of shape (M, E)."""
     return torch.zeros(len(ids), entities, dtype=torch.bool).scatter_(1, ids, True)
 
 
 def joint_session(graph: Graph, splits: Tensor) -> Session:
-    """D¹: all entities and all triples (section 5.2)."""
-    return Session(graph, torch.ones(len(splits), len(graph.entities), dtype=torch.bool), splits)
+    """D¹: the triples that have a split, and their entities (section 5.2)."""
+    return Session(graph, ends(graph, splits != OUT), splits)
 
 
 def initial_session(graph: Graph, splits: Tensor, novel: Tensor) -> Session:
     """D⁰: without the novel entities, shape (M, n), and without their triples (section 5.2)."""
     is_novel = membership(novel, len(graph.entities))
-    return Session(graph, ~is_novel, splits.masked_fill(touches(graph, is_novel), OUT))
+    entities = joint_session(graph, splits).entities & ~is_novel
+    return Session(graph, entities, splits.masked_fill(touches(graph, is_novel), OUT))
 
 
 def split(graph: Graph, root: int, seed: int, valid: float, test: float) -> np.ndarray:
@@ -91,6 +96,11 @@ def split(graph: Graph, root: int, seed: int, valid: float, test: float) -> np.n
 def draw_novel(entities: int, root: int, size: int, seed: int) -> np.ndarray:
     """Draw the novel entities of a (size, seed) uniformly, in ascending order; shape (size,)."""
     return np.sort(stream(root, "novel", size, seed).choice(entities, size, replace=False))
+
+
+def without(graph: Graph, entities: np.ndarray) -> np.ndarray:
+    """Ids of the unique triples that have none of the entities as an end; shape (T',)."""
+    return np.flatnonzero(~np.isin(graph.triples[:, [0, 2]].numpy(), entities).any(1))
 
 
 def draw_insert_triples(

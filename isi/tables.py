@@ -43,6 +43,8 @@ RUNS = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("epoch", pa.int32
 #: One row per inserted entity: its own queries of scope ``novel`` at once, and what it fell back to.
 INSERTED = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("entity", pa.int32()), ("kind", _NAME),
                       ("fallback", _NAME), *_MEASURES, ("queries", pa.int32()), ("ties", pa.int32())])  # fmt: skip
+#: Rank of each answer to (entity, hasAffordance, ?) right after insertion.
+AFFORDANCES = pa.schema([("seed", pa.int32()), ("entity", pa.int32()), ("answer", pa.int32()), ("rank", pa.int32())])
 #: Rivals whose score is tied with the answer's, at epoch 0.
 TIES = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("scope", _NAME), ("ties", pa.int32())])
 

@@ -8,18 +8,18 @@ from isi import paths, tables, words
 from isi.stage import Params, Provenance, stage
 
 
-@stage("words.source", "words.text", "words.sha256")
-def embed_words(params: Params, provenance: Provenance) -> None:
+@stage("words.source", "words.text", "words.sha256", argument="experiment")
+def embed_words(params: Params, provenance: Provenance, experiment: str) -> None:
     """Look up the word vector of every entity."""
     shipped = params.words.source == "shipped"
     source = str(paths.shipped_vectors(params.words.text)) if shipped else params.words.source
-    entities = tables.read(paths.entities("ai2thor"), tables.ENTITIES, provenance)
+    entities = tables.read(paths.entities(experiment), tables.ENTITIES, provenance)
     found = words.look_up(
         words.load_vectors(source, None if shipped else params.words.sha256), list(entities["phrase"])
     )
     coverage = entities[["entity", "phrase"]].assign(served_by=found.served_by)
-    tables.write_tensors(paths.vectors("ai2thor"), {"vectors": torch.from_numpy(found.vectors)}, provenance)
-    tables.write(paths.coverage("ai2thor"), coverage, tables.COVERAGE, provenance)
+    tables.write_tensors(paths.vectors(experiment), {"vectors": torch.from_numpy(found.vectors)}, provenance)
+    tables.write(paths.coverage(experiment), coverage, tables.COVERAGE, provenance)
     missing = coverage.loc[coverage["served_by"].isna(), "entity"]
     print(
         f"{len(coverage) - len(missing)} of {len(coverage)} entities have a word vector", *missing, sep="\n  without: "

@@ -19,11 +19,11 @@ from isi.stage import Params, Provenance, stage
 @stage(
     "seed", "embedding.dimension", "embedding.init_range", "negatives.mode", "negatives.ratio", "negatives.head_pool",
     "training.batch_size", "training.learning_rate", "training.weight_decay", "training.max_epochs",
-    "training.evaluate_every", "training.patience",
+    "training.evaluate_every", "training.patience", argument="experiment",
 )  # fmt: skip
-def train_joint(params: Params, provenance: Provenance) -> None:
+def train_joint(params: Params, provenance: Provenance, experiment: str) -> None:
     """Train the joint model of every seed on D¹, and measure it in the scopes of every size."""
-    store = Store("ai2thor", provenance)
+    store = Store(experiment, provenance)
     cells, insert_triples = store.cells(stack_height(params.compute)), store.insert_triples()
     how = Learning(params.seed, params.embedding, params.negatives, params.training)
     tasks = [
@@ -41,9 +41,9 @@ def train_joint(params: Params, provenance: Provenance) -> None:
         triples = insert_triples_of(cell, insert_triples)
         judged.append(JudgingTask(**vars(cell), embedding=embedding, insert_triples=triples))
     runs = pd.concat(run(judging.judge, judged, params.compute, "joint, measured"))
-    tables.write_tensors(paths.joint("ai2thor"), tensors, provenance)
-    write_log("ai2thor", "joint", pd.concat(result.log for result in learned), provenance)
-    write_runs("ai2thor", "joint", runs, provenance)
+    tables.write_tensors(paths.joint(experiment), tensors, provenance)
+    write_log(experiment, "joint", pd.concat(result.log for result in learned), provenance)
+    write_runs(experiment, "joint", runs, provenance)
 
 
 if __name__ == "__main__":

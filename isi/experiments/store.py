@@ -13,7 +13,7 @@ from isi import paths, tables
 from isi.errors import InputError
 from isi.experiments.cells import Cells
 from isi.graph import Graph, build
-from isi.sessions import SPLITS
+from isi.sessions import OUT, SPLITS
 from isi.tables import Provenance
 
 
@@ -34,15 +34,19 @@ class Store:
         return build(self.entities(), self.triples())
 
     def splits(self) -> dict[int, np.ndarray]:
-        """Split of each unique triple, by seed; shapes: (T,), int8."""
+        """Split of each unique triple, by seed, OUT where it has none; shapes: (T,), int8."""
         table = tables.read(paths.splits(self.experiment), tables.SPLITS, self.provenance)
         code = {name: number for number, name in enumerate(SPLITS)}
         codes = table["split"].astype(str).map(code)
         if codes.isna().any():
             raise InputError(paths.splits(self.experiment), "column 'split'", f"expected {', '.join(SPLITS)}")
-        table["split"] = codes.astype(np.int8)
-        table = table.sort_values(["seed", "triple"])
-        return {seed: table.loc[table["seed"] == seed, "split"].to_numpy() for seed in table["seed"].unique().tolist()}
+        triples = len(self.triples())
+        if len(table) and table["triple"].max() >= triples:
+            raise InputError(paths.splits(self.experiment), "column 'triple'", "expected ids of the graph's triples")
+        splits = {seed: np.full(triples, OUT, dtype=np.int8) for seed in sorted(table["seed"].unique().tolist())}
+        for seed, rows in table.assign(code=codes.astype(np.int8)).groupby("seed"):
+            splits[seed][rows["triple"]] = rows["code"]
+        return splits
 
     def novel(self) -> pd.DataFrame:
         return tables.read(paths.novel(self.experiment), tables.NOVEL, self.provenance)

@@ -1,0 +1,145 @@
+"""From simulation to the real: what became of Matterport3D's entities (section 6.3, Figure 4 and Table 3)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from isi.report.figures import Figure, follow
+from isi.report.results import JOINT, Results
+from isi.report.tables import HALVES, Table, label
+from isi.tables import AT_LOCATION
+
+#: Answers to (entity, hasAffordance, ?) that are shown and counted.
+TOP = 4
+_SHOWN = ("es", "rs", "ers", "xavier")
+
+
+def mined(results: Results) -> Table:
+    """What Matterport3D adds to the graph."""
+    transfer = results.transfer
+    new = transfer.entities["source"] == "mp3d"
+    observed = transfer.observations
+    known = set(transfer.entities.loc[~new, "entity"])
+    unknown = observed[~observed["head"].isin(known)].groupby("head")["count"].sum()
+    enough = unknown[unknown >= results.params.mp3d.min_observations]
+    lines = {
+        "observations in rooms that AI2-THOR has, structure left out": observed["count"].sum(),
+        "of these, of entities that AI2-THOR has, too": observed.loc[observed["head"].isin(known), "count"].sum(),
+        "entities that only Matterport3D has": len(unknown),
+        f"of these, with at least {results.params.mp3d.min_observations} observations": len(enough),
+        "drawn as candidates": int(new.sum()),
+        "unique triples of the candidates": int((transfer.triples["source"] == "mp3d").sum()),
+        "inserted in a repeat": results.params.transfer.size,
+    }
+    return Table(
+        "transfer_mined",
+        "From Matterport3D's tallies to novel entities",
+        f"Counts left at each step. Matterport3D gives {AT_LOCATION} alone, (object, {AT_LOCATION}, room).",
+        pd.DataFrame({"": list(lines), "count": list(lines.values())}),
+    )
+
+
+def immediate(results: Results) -> Table:
+    """MRR* right after insertion, epochs to convergence, and the drop on earlier knowledge, beside the paper's."""
+    transfer, paper = results.transfer, results.paper["transfer"]
+    means = 100 * transfer.at_once.groupby(["model", "scope"])[list(HALVES)].mean()
+    dropped = drop(results)
+    epochs = transfer.convergence.groupby(["model", "scope"])["epochs"].mean()
+    never = 1 - transfer.convergence.groupby(["model", "scope"])["converged"].mean()
+    lines = []
+    for model in transfer.models:
+        line: dict[str, object] = {"model": label(model)}
+        for scope, stated in (("all", "all_queries"), ("novel", "novel_queries")):
+            for column, name in HALVES.items():
+                line[f"{scope}: {name}"] = means[column].get((model, scope), np.nan)
+            line[f"{scope}: paper"] = paper[stated].get(model, np.nan)
+        line["drop %"], line["drop %: paper"] = dropped.get(model, np.nan), paper["drop"].get(model, np.nan)
+        for scope in ("all", "novel_heldout"):
+            line[f"epochs, {scope}"] = epochs.get((model, scope), np.nan)
+            line[f"unconverged %, {scope}"] = 100 * never.get((model, scope), np.nan)
+        line["epochs: paper"] = paper["epochs"].get(model, np.nan)
+        lines.append(line)
+    return Table(
+        "transfer_immediate",
+        "Matterport3D's entities inserted into AI2-THOR's embedding",
+        "MRR* (points) right after insertion, with its entity and its relation half, over all queries and over those "
+        "about the new entities; by how much MRR* over AI2-THOR's entities alone is lower with the new ones among the "
+        "candidates than without (known against known_closed), in per cent; epochs to convergence, as in Table 2.",
+        pd.DataFrame(lines),
+    )
+
+
+def drop(results: Results) -> dict[str, float]:
+    """By how much each model's MRR* in ``known`` is below that in ``known_closed`` at once, in per cent.
+
+    Without the new entities among the candidates nothing has changed for earlier knowledge, so this is
+    what inserting them costs.
+    """
+    means = results.transfer.at_once.groupby(["model", "scope"])["mrr_star"].mean().unstack("scope")
+    lost = 100 * (1 - means["known"] / means["known_closed"])
+    return {str(model): float(value) for model, value in lost.items() if model != JOINT}
+
+
+def figure4(results: Results) -> Figure:
+    """Figure 4: MRR* over AI2-THOR's entities alone, by epoch of further training."""
+    transfer = results.transfer
+    canvas = follow(transfer, transfer.params.transfer.size, ("known", "known_closed"), margin=None, alike=True)
+    return Figure(
+        "figure4_transfer",
+        "Figure 4. Earlier knowledge while Matterport3D's entities are learned",
+        f"MRR* of queries about AI2-THOR's entities alone by epoch of further training on D¹, {transfer.params.transfer.size} "
+        "entities of Matterport3D inserted, mean and 95 % interval over repeats: with the new entities among the "
+        "candidates (left, the paper's figure) and without (right). What is lost on the left alone is crowding.",
+        canvas,
+    )
+
+
+def affordances(results: Results) -> Table:
+    """Table 3: what can be done with some of Matterport3D's entities, right after insertion."""
+    lines = []
+    for name in results.params.affordances.entities:
+        tops = {model: top_answers(results, model, name) for model in _SHOWN if model in results.initializers}
+        for place in range(TOP):
+            shown = {label(model): answers[place] if place < len(answers) else "–" for model, answers in tops.items()}
+            lines.append({"entity": name, "": f"{place + 1}.", **shown})
+    return Table(
+        "table3_affordances",
+        "Table 3. Affordances right after insertion",
+        f"The {TOP} highest-ranked answers to (entity, hasAffordance, ?) among AI2-THOR's entities, by mean rank over "
+        "the repeats that inserted the entity, of which it was told rooms alone. Answers that are no affordance are "
+        "marked × with their kind.",
+        pd.DataFrame(lines),
+    )
+
+
+def top_answers(results: Results, model: str, entity: str) -> list[str]:
+    """The answers of lowest mean rank over the repeats that inserted an entity, with the kind of those that are none."""
+    entities = results.transfer.entities
+    rows = results.affordances
+    own = rows[(rows["model"] == model) & (rows["entity"] == entities.index[entities["entity"] == entity][0])]
+    old = own[own["answer"].map(entities["source"]) == "ai2thor"]
+    best = old.groupby("answer")["rank"].mean().sort_values(kind="stable").index[:TOP]
+    kinds = entities.loc[best, ["entity", "kind"]].itertuples(index=False)
+    return [answer if kind == "affordance" else f"× {answer} ({kind})" for answer, kind in kinds]
+
+
+def affordance_shares(results: Results) -> Table:
+    """How often the highest-ranked answers are affordances at all, over everything that was inserted."""
+    rows = results.affordances[results.affordances["rank"] <= TOP]
+    rows = rows.assign(hit=rows["answer"].map(results.transfer.entities["kind"]) == "affordance")
+    shares = 100 * rows.groupby("model")["hit"].mean()
+    first = 100 * rows[rows["rank"] == 1].groupby("model")["hit"].mean()
+    names = results.initializers
+    frame = pd.DataFrame({"initializer": [label(name) for name in names]})
+    frame[f"top {TOP}: affordances %"] = shares.reindex(names).to_numpy()
+    frame["first: affordance %"] = first.reindex(names).to_numpy()
+    inserted = len(results.transfer.novel)
+    return Table(
+        "affordance_shares",
+        "How often the highest-ranked answers are affordances",
+        f"Of the {TOP} highest-ranked answers to (entity, hasAffordance, ?), among all entities of D¹, over all "
+        f"{inserted} inserted entities: how many are affordances, whichever they are. All but 17 of the entities are "
+        "none.".replace("17", str(int((results.transfer.entities["kind"] == "affordance").sum()))),
+        frame,
+    )
