@@ -5,11 +5,11 @@ from __future__ import annotations
 import pandas as pd
 import torch
 
-from isi import initializers, paths, tables
+from isi import paths, tables
 from isi.experiments import insertion
 from isi.experiments.executor import run
-from isi.experiments.insertion import CONVERGENCE_SCOPES, FineTuning, InsertTask
-from isi.experiments.store import Store, insert_triples_of, joint_mrr_star, write_runs
+from isi.experiments.store import Store, write_runs
+from isi.experiments.tasks import insertion_tasks
 from isi.stage import Params, Provenance, stage
 
 
@@ -20,27 +20,8 @@ from isi.stage import Params, Provenance, stage
 )  # fmt: skip
 def insert(params: Params, provenance: Provenance, initializer: str) -> None:
     """Insert novel entities into Θ⁰ with one initializer, measure at once, and fine-tune."""
-    options = params.initializers.options(initializer)
-    initializers.check(initializer, options)
-    tuning = FineTuning(
-        params.seed, params.negatives, params.finetuning, params.convergence.margin, params.curves.sizes
-    )
     store = Store("ai2thor", provenance)
-    insert_triples, joint = store.insert_triples(), store.runs("joint")
-    (words,) = store.tensors(paths.vectors("ai2thor"), "vectors")
-    tasks = [
-        InsertTask(
-            **vars(cell),
-            embedding=store.theta0(cell),
-            insert_triples=insert_triples_of(cell, insert_triples),
-            initializer=initializer,
-            options=options,
-            words=words,
-            joint_mrr_star={scope: joint_mrr_star(joint, cell, scope) for scope in CONVERGENCE_SCOPES},
-            tuning=tuning,
-        )
-        for cell in store.cells(params.compute.stack)
-    ]
+    tasks = insertion_tasks(store, params, initializer, store.cells(params.compute.stack), params.curves.sizes)
     done = run(insertion.insert, tasks, params.compute, f"insert, {initializer}")
     vectors: dict[str, list[torch.Tensor]] = {}
     for task, result in zip(tasks, done, strict=True):
