@@ -64,6 +64,8 @@ class Initial:
     vectors: Tensor
     #: index into ``FALLBACKS``; shape: (M, n)
     fallback: Tensor
+    #: whose centroid the vectors are, where they are one; shape: (M, n, E), bool
+    indicators: Tensor | None = None
 
 
 Initializer = Callable[..., Initial]
@@ -195,7 +197,7 @@ def _first_that_can(insertion: Insertion, *ways: tuple[int, Tensor, Tensor]) -> 
         able = able & indicators.any(-1)
         chosen = torch.where(able[..., None], indicators, chosen)
         fallback = torch.where(able, code, fallback)
-    return Initial(centroid(insertion, chosen), fallback)
+    return Initial(centroid(insertion, chosen), fallback, chosen)
 
 
 def _unit_uniform(insertion: Insertion, purpose: str) -> Tensor:

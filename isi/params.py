@@ -14,7 +14,11 @@ from isi.errors import InputError
 Count = Annotated[int, Field(ge=1)]
 Fraction = Annotated[float, Field(gt=0, lt=1)]
 Positive = Annotated[float, Field(gt=0)]
+Decay = Annotated[float, Field(ge=0)]
+Dimension = Annotated[int, Field(ge=4, multiple_of=4)]
 Option = int | float | bool | str
+#: Of cross-validation, which trains a model for each setting and fold.
+MOST_SETTINGS = 13
 
 
 class Section(BaseModel):
@@ -59,7 +63,7 @@ class Sessions(Section):
 
 
 class EmbeddingParams(Section):
-    dimension: Annotated[int, Field(ge=4, multiple_of=4)]
+    dimension: Dimension
     init_range: Positive
 
 
@@ -72,7 +76,7 @@ class Negatives(Section):
 class Optimizer(Section):
     batch_size: Count
     learning_rate: Positive
-    weight_decay: Annotated[float, Field(ge=0)]
+    weight_decay: Decay
     max_epochs: Count
 
 
@@ -123,6 +127,57 @@ class Curves(Section):
     sizes: list[Count]
 
 
+class Sweep(Section):
+    k: Annotated[list[Count], Field(min_length=1)]
+    size: Count
+    seeds: Count
+
+    @model_validator(mode="after")
+    def _ascending(self) -> Self:
+        if sorted(set(self.k)) != self.k:
+            raise ValueError("k must ascend, without repeats")
+        return self
+
+
+class Rates(Section):
+    factors: Annotated[list[Positive], Field(min_length=1)]
+    size: Count
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        if 1 in self.factors or len(set(self.factors)) < len(self.factors):
+            raise ValueError("factors must not repeat, nor be 1, which is the main experiment")
+        return self
+
+
+class Setting(Section):
+    """What cross-validation compares."""
+
+    dimension: Dimension
+    ratio: Count
+    learning_rate: Positive
+    weight_decay: Decay
+
+
+class CrossValidation(Section):
+    folds: Annotated[int, Field(ge=2)]
+    dimension: list[Dimension]
+    ratio: list[Count]
+    learning_rate: list[Positive]
+    weight_decay: list[Decay]
+
+    def settings(self, choice: Setting) -> list[Setting]:
+        """The choice, then the choice with one factor at a time changed to each value listed."""
+        changes = [{factor: value} for factor in Setting.model_fields for value in getattr(self, factor)]
+        return list(dict.fromkeys([choice, *(choice.model_copy(update=change) for change in changes)]))
+
+
+class Approach(Section):
+    size: Count
+    seed: Annotated[int, Field(ge=0)]
+    epochs: Count
+
+
 class Compute(Section):
     workers: Count | Literal["all"]
     stack: Count
@@ -154,6 +209,10 @@ class Params(Section):
     insert: Insert
     initializers: Initializers
     curves: Curves
+    sweep: Sweep
+    cross_validation: CrossValidation
+    rates: Rates
+    approach: Approach
     compute: Compute
 
     @model_validator(mode="after")
@@ -168,6 +227,38 @@ class Params(Section):
         if len(set(listed)) < len(listed) or "joint" in listed:
             raise ValueError("insert.initializers: expected names that do not repeat, none of them 'joint'")
         return self
+
+    @model_validator(mode="after")
+    def _studies_fit_the_sessions(self) -> Self:
+        for name, size in (("sweep", self.sweep.size), ("rates", self.rates.size), ("approach", self.approach.size)):
+            if size not in self.sessions.sizes:
+                raise ValueError(f"{name}.size: expected one of sessions.sizes, got {size}")
+        for name, seeds in (("sweep.seeds", self.sweep.seeds), ("approach.seed", self.approach.seed + 1)):
+            if seeds > self.sessions.seeds:
+                raise ValueError(f"{name}: expected no more than sessions.seeds ({self.sessions.seeds}) allow")
+        return self
+
+    @model_validator(mode="after")
+    def _few_settings(self) -> Self:
+        settings = len(self.settings)
+        if settings > MOST_SETTINGS:
+            raise ValueError(f"cross_validation: expected at most {MOST_SETTINGS} settings, got {settings}")
+        return self
+
+    @property
+    def choice(self) -> Setting:
+        """What all other experiments train with."""
+        return Setting(
+            dimension=self.embedding.dimension,
+            ratio=self.negatives.ratio,
+            learning_rate=self.training.learning_rate,
+            weight_decay=self.training.weight_decay,
+        )
+
+    @property
+    def settings(self) -> list[Setting]:
+        """What cross-validation compares, the choice first."""
+        return self.cross_validation.settings(self.choice)
 
     def pick(self, keys: tuple[str, ...]) -> dict[str, Any]:
         """The values at dotted keys, for example ``("sessions.seeds",)``; absent ones are null."""

@@ -82,3 +82,19 @@ def affordances(experiment: str, name: str) -> Path:
 
 def ties(experiment: str, name: str) -> Path:
     return DATA / "runs" / experiment / f"{name}.ties.parquet"
+
+
+def indicator_sweep(initializer: str) -> Path:
+    return DATA / "sweeps" / "indicators" / f"{initializer}.parquet"
+
+
+def rate_sweep() -> Path:
+    return DATA / "sweeps" / "rates.parquet"
+
+
+def cross_validation(experiment: str) -> Path:
+    return DATA / "cross_validation" / f"{experiment}.parquet"
+
+
+def approach(experiment: str) -> Path:
+    return DATA / "approach" / f"{experiment}.safetensors"

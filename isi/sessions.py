@@ -77,20 +77,35 @@ def initial_session(graph: Graph, splits: Tensor, novel: Tensor) -> Session:
 def split(graph: Graph, root: int, seed: int, valid: float, test: float) -> np.ndarray:
     """Split unique triples at random into train, valid and test; shape (T,), int8.
 
-    Every entity and relation appears in train: in shuffled order, the first triple that holds an
-    entity or relation not seen before stays there.
+    Every entity and relation appears in train.
     """
-    triples = graph.triples.numpy()
-    order = stream(root, "splits", seed).permutation(len(triples))
-    ends = triples[order][:, [0, 2]].ravel()
-    first_of_entity = np.unique(ends, return_index=True)[1] // 2
-    first_of_relation = np.unique(triples[order, 1], return_index=True)[1]
-    free = np.delete(order, np.union1d(first_of_entity, first_of_relation))
-    tests, valids = round(test * len(triples)), round(valid * len(triples))
-    splits = np.full(len(triples), TRAIN, dtype=np.int8)
+    free = _free(graph, stream(root, "splits", seed))
+    tests, valids = round(test * len(graph.triples)), round(valid * len(graph.triples))
+    splits = np.full(len(graph.triples), TRAIN, dtype=np.int8)
     splits[free[:tests]] = TEST
     splits[free[tests : tests + valids]] = VALID
     return splits
+
+
+def folds(graph: Graph, root: int, number: int) -> np.ndarray:
+    """Splits for cross-validation: in each, one fold is valid and the rest is train; shape (number, T), int8.
+
+    Every entity and relation appears in the train of every fold; the triples that see to it are in no fold.
+    """
+    splits = np.full((number, len(graph.triples)), TRAIN, dtype=np.int8)
+    for own, fold in zip(splits, np.array_split(_free(graph, stream(root, "folds")), number), strict=True):
+        own[fold] = VALID
+    return splits
+
+
+def _free(graph: Graph, rng: np.random.Generator) -> np.ndarray:
+    """The triples that may leave train, in random order: not the first that holds an entity or relation."""
+    triples = graph.triples.numpy()
+    order = rng.permutation(len(triples))
+    ends = triples[order][:, [0, 2]].ravel()
+    first_of_entity = np.unique(ends, return_index=True)[1] // 2
+    first_of_relation = np.unique(triples[order, 1], return_index=True)[1]
+    return np.delete(order, np.union1d(first_of_entity, first_of_relation))
 
 
 def draw_novel(entities: int, root: int, size: int, seed: int) -> np.ndarray:

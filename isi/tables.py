@@ -43,6 +43,13 @@ RUNS = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("epoch", pa.int32
 #: One row per inserted entity: its own queries of scope ``novel`` at once, and what it fell back to.
 INSERTED = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("entity", pa.int32()), ("kind", _NAME),
                       ("fallback", _NAME), *_MEASURES, ("queries", pa.int32()), ("ties", pa.int32())])  # fmt: skip
+#: Runs with indicator sets of several sizes, and at multiples of the fine-tuning rate.
+INDICATOR_SWEEP = pa.schema([("k", pa.int32()), *RUNS])
+RATE_SWEEP = pa.schema([("initializer", _NAME), ("factor", pa.float64()), *RUNS])
+#: One row per setting and fold: the best look at the fold held out.
+CROSS_VALIDATION = pa.schema([("dimension", pa.int32()), ("ratio", pa.int32()), ("learning_rate", pa.float64()),
+                              ("weight_decay", pa.float64()), ("fold", pa.int32()),
+                              *_MEASURES, ("epoch", pa.int32())])  # fmt: skip
 #: Rank of each answer to (entity, hasAffordance, ?) right after insertion.
 AFFORDANCES = pa.schema([("seed", pa.int32()), ("entity", pa.int32()), ("answer", pa.int32()), ("rank", pa.int32())])
 #: Rivals whose score is tied with the answer's, at epoch 0.

@@ -1,10 +1,9 @@
-"""Training a stack of models: gradients, Adagrad, the epoch loop, early stopping, convergence."""
+"""Training a stack of models: gradients, Adagrad, the epoch loop, early stopping, stopping at convergence."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -171,13 +170,3 @@ def fine_tune(
         if not len(models):
             break
     return followed
-
-
-def epochs_to_convergence(mrr_star: np.ndarray, target: float) -> int | None:
-    """The first epoch whose MRR* reaches the target (section 6.2); None where none does.
-
-    Args:
-        mrr_star: by epoch, from 0.
-    """
-    reached = np.flatnonzero(mrr_star >= target)
-    return int(reached[0]) if len(reached) else None

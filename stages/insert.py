@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pandas as pd
 import torch
 
-from isi import initializers, paths, tables
+from isi import paths, tables
 from isi.experiments import insertion
 from isi.experiments.executor import run, stack_height
-from isi.experiments.insertion import CONVERGENCE_SCOPES, FineTuning, InsertTask
-from isi.experiments.store import Store, insert_triples_of, joint_mrr_star, write_runs
+from isi.experiments.insertion import Inserted, InsertTask
+from isi.experiments.store import Store, write_runs
+from isi.experiments.tasks import insertion_tasks
 from isi.stage import Params, Provenance, stage
 
 
@@ -20,37 +23,31 @@ from isi.stage import Params, Provenance, stage
 )  # fmt: skip
 def insert(params: Params, provenance: Provenance, initializer: str) -> None:
     """Insert novel entities into Θ⁰ with one initializer, measure at once, and fine-tune."""
-    options = params.initializers.options(initializer)
-    initializers.check(initializer, options)
-    tuning = FineTuning(
-        params.seed, params.negatives, params.finetuning, params.convergence.margin, params.curves.sizes
-    )
-    store = Store("ai2thor", provenance)
-    insert_triples, joint = store.insert_triples(), store.runs("joint")
-    (words,) = store.tensors(paths.vectors("ai2thor"), "vectors")
-    tasks = [
-        InsertTask(
-            **vars(cell),
-            embedding=store.theta0(cell),
-            insert_triples=insert_triples_of(cell, insert_triples),
-            initializer=initializer,
-            options=options,
-            words=words,
-            joint_mrr_star={scope: joint_mrr_star(joint, cell, scope) for scope in CONVERGENCE_SCOPES},
-            tuning=tuning,
-        )
-        for cell in store.cells(stack_height(params.compute))
-    ]
-    done = run(insertion.insert, tasks, params.compute, f"insert, {initializer}")
+    insert_all(Store("ai2thor", provenance), params, initializer, params.curves.sizes)
+
+
+def insert_all(
+    store: Store, params: Params, initializer: str, to_the_end: Sequence[int] | None
+) -> list[tuple[InsertTask, Inserted]]:
+    """Insert the novel entities of every cell of an experiment, and write what became of them.
+
+    Args:
+        to_the_end: sizes that are fine-tuned for all epochs; None for all sizes.
+    """
+    cells = store.cells(stack_height(params.compute))
+    followed = [cell.size for cell in cells] if to_the_end is None else to_the_end
+    tasks = insertion_tasks(store, params, initializer, cells, followed)
+    done = run(insertion.insert, tasks, params.compute, f"{store.experiment}, {initializer}")
     vectors: dict[str, list[torch.Tensor]] = {}
     for task, result in zip(tasks, done, strict=True):
         vectors.setdefault(f"size={task.size:02d}", []).append(torch.from_numpy(result.vectors))
     inserted = pd.concat(result.entities for result in done).sort_values(["size", "seed", "entity"])
     inserted["kind"] = inserted["entity"].map(store.entities()["kind"].astype(str))
     tensors = {name: torch.cat(parts) for name, parts in vectors.items()}
-    tables.write_tensors(paths.initial_vectors("ai2thor", initializer), tensors, provenance)
-    tables.write(paths.inserted("ai2thor", initializer), inserted, tables.INSERTED, provenance)
-    write_runs("ai2thor", initializer, pd.concat(result.runs for result in done), provenance)
+    tables.write_tensors(paths.initial_vectors(store.experiment, initializer), tensors, store.provenance)
+    tables.write(paths.inserted(store.experiment, initializer), inserted, tables.INSERTED, store.provenance)
+    write_runs(store.experiment, initializer, pd.concat(result.runs for result in done), store.provenance)
+    return list(zip(tasks, done, strict=True))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from typing import Any
 
 from isi import paths
 from isi.params import Params
-from isi.report import figures, page, results, tables
+from isi.report import contents, figures, page, results
 from isi.stage import Provenance, stage
 from isi.tables import keep_only
 
@@ -21,7 +21,7 @@ _SOURCES = ("isi", "stages", "data/raw")  # dependencies of the stage, whole
 
 @stage(
     "seed", "ai2thor", "materials", "graph", "words", "sessions", "embedding", "negatives", "training", "finetuning",
-    "convergence", "insert", "initializers", "curves",
+    "convergence", "insert", "initializers", "curves", "sweep", "cross_validation", "rates", "approach",
 )  # fmt: skip
 def report(params: Params, _provenance: Provenance) -> None:
     """Render the report: tables, figures, metrics and the page."""
@@ -31,8 +31,8 @@ def report(params: Params, _provenance: Provenance) -> None:
         runs, [path for path in runs.iterdir() if path.name.split(".")[0] in listed]
     )  # the folder is a dependency
     found = results.read(params, "ai2thor")
-    made = [table(found) for table in tables.TABLES]
-    page.write(paths.REPORTS, found, made, figures.draw(found), what_was_run(params, found))
+    made = [table(found) for table in contents.TABLES]
+    page.write(paths.REPORTS, found, made, figures.draw(found, contents.FIGURES), what_was_run(params, found))
     print(f"report: {paths.REPORTS / 'index.html'}")
 
 

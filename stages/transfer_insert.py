@@ -25,8 +25,8 @@ def transfer_insert(params: Params, provenance: Provenance, initializer: str) ->
     what can be done with them are ranked at once.
     """
     store = Store(EXPERIMENT, provenance)
-    tasks, done = insert_all(store, params, initializer, to_the_end=True)
-    ranked = [affordances.ranks(task, task.embedding, result.vectors) for task, result in zip(tasks, done, strict=True)]
+    done = insert_all(store, params, initializer, to_the_end=None)
+    ranked = [affordances.ranks(task, task.embedding, result.vectors) for task, result in done]
     tables.write(paths.affordances(EXPERIMENT, initializer), pd.concat(ranked), tables.AFFORDANCES, provenance)
 
 

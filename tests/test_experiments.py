@@ -9,12 +9,15 @@ from typing import Any, TypeVar
 import numpy as np
 import pandas as pd
 
+from isi import params, paths
 from isi.experiments import executor
 from isi.experiments.cells import Cells
+from isi.experiments.cross_validation import best_looks, fold_tasks
 from isi.experiments.insertion import FineTuning, Inserted, InsertTask, insert
 from isi.experiments.judging import JudgingTask, judge
 from isi.experiments.learning import Learned, Learning, LearningTask, as_tensors, learn_initial, learn_joint
-from isi.params import Compute, EmbeddingParams, Negatives, Optimizer, Option, Training
+from isi.experiments.tracing import TraceTask, place_of_interest, trace
+from isi.params import Compute, CrossValidation, EmbeddingParams, Negatives, Optimizer, Option, Training
 from tests.graphs import cells_of, insert_triples_of, random_graph
 
 ENTITIES, RELATIONS, SIZE, SEEDS = 14, 3, 2, [0, 1, 2, 3]
@@ -211,3 +214,57 @@ def test_joint_is_judged_in_all_scopes_at_epoch_0() -> None:
     assert runs[runs["queries"] == 0]["mrr_star"].isna().all()
     # trained for 8 epochs on what it is asked about: better than a guess among 14
     assert asked[asked["scope"] == "all"]["mrr_star_entity"].mean() > 0.2
+
+
+def test_a_trace_is_of_one_entity_of_the_experiment_and_its_indicators() -> None:
+    trained = theta0()
+    for name in INITIALIZERS:
+        (stack,), alone = insert_tasks(4, name, trained), insert_tasks(1, name, trained)[2]
+        short, long = (trace(TraceTask(**vars(alone), place=1, epochs=epochs)) for epochs in (2, 4))
+        assert short.path[0].tobytes() == insert(stack).vectors[2, 1].tobytes()
+        assert short.path.tobytes() == long.path[:3].tobytes()
+        assert not np.array_equal(long.path[3], long.path[4])
+        assert short.indicators.sum() == INITIALIZERS[name].get("k", 0)
+        if short.indicators.any():
+            assert np.allclose(trained[0][2][short.indicators].mean(0), short.path[0], atol=1e-6)
+
+
+def test_a_trace_takes_an_object_that_has_words_and_insert_triples() -> None:
+    task = insert_tasks(1, "ers", theta0())[0]
+    first, second = task.novel[0]
+    kinds = pd.Series("object", index=range(ENTITIES))
+    assert place_of_interest(task, kinds) == 0
+    assert place_of_interest(task, kinds.replace({"object": "room"})) is None
+    assert place_of_interest(task, kinds.where(kinds.index != first, "room")) == 1
+    wordless = WORDS * (np.arange(ENTITIES) != first)[:, None]
+    assert place_of_interest(replace(task, words=wordless), kinds) == 1
+    of_second = task.insert_triples[task.insert_triples[:, 1] == 1]
+    assert place_of_interest(replace(task, insert_triples=of_second), kinds) == 1
+    assert second > first
+
+
+def test_cross_validation_gives_the_same_bits_for_any_height_of_stacks() -> None:
+    raw = params.load(paths.PARAMS)
+    few = CrossValidation(folds=5, dimension=[8], ratio=[], learning_rate=[], weight_decay=[])
+    small = {"embedding": LEARNING.embedding, "training": LEARNING.training, "cross_validation": few}
+    tables = []
+    for height in (1, 2, 5):
+        how = raw.model_copy(update=small | {"compute": Compute(workers=1, stack=height)})
+        tasks = fold_tasks(GRAPH, how, "test")
+        assert max(len(task.seeds) for task in tasks) == height
+        tables.append(csv(pd.concat(best_looks(task, learn_joint(task)) for task in tasks)))
+    assert tables[0] == tables[1] == tables[2]
+    rows = pd.concat(best_looks(task, learn_joint(task)) for task in tasks)
+    assert rows[["dimension", "fold"]].to_numpy().tolist() == [[d, fold] for d in (12, 8) for fold in range(5)]
+
+
+def test_the_best_look_at_a_fold_is_the_last_that_was_kept() -> None:
+    log = pd.DataFrame(
+        {"seed": [0, 0, 0, 1, 1, 1], "epoch": [2, 4, 6] * 2, "mrr_star": [0.3, 0.5, 0.4, 0.6, 0.5, 0.2],
+         "kept": [True, True, False, True, False, False]}
+    )  # fmt: skip
+    task = fold_tasks(GRAPH, params.load(paths.PARAMS), "test")[0]
+    nothing = np.zeros(0)
+    best = best_looks(task, Learned(nothing, nothing, nothing, log)).set_index("fold")
+    assert best["mrr_star"].to_dict() == {0: 0.5, 1: 0.6}
+    assert best["epoch"].to_dict() == {0: 4, 1: 2}

@@ -24,6 +24,12 @@ def changed(tmp_path: Path, changes: dict[str, Any]) -> Params:
     return load(path)
 
 
+CROSS_VALIDATION: dict[str, object] = {
+    "folds": 5, "dimension": [40, 200], "ratio": [1, 5, 18], "learning_rate": [0.025, 0.05, 0.2, 0.4],
+    "weight_decay": [0.0, 0.0001, 0.01],
+}  # fmt: skip
+
+
 def refusal(tmp_path: Path, text: str | bytes) -> str:
     """The one line that refuses a file of this text."""
     path = tmp_path / "params.yaml"
@@ -118,6 +124,21 @@ def test_a_key_too_many_is_refused(tmp_path: Path, key: str, named: str) -> None
         ("initializers.rs.k", 0),
         ("initializers.ers.candidates", "30"),
         ("curves.sizes", 5),
+        ("sweep.k", []),
+        ("sweep.k", [2, 1]),
+        ("sweep.k", [1, 1, 2]),
+        ("sweep.size", 11),  # none of sessions.sizes
+        ("sweep.seeds", 31),  # more than the sessions have
+        ("rates.factors", []),
+        ("rates.factors", [1]),
+        ("rates.factors", [2.0, 2.0]),
+        ("rates.size", 11),
+        ("cross_validation.folds", 1),
+        ("cross_validation.dimension", [30]),
+        ("cross_validation.learning_rate", [0.0]),
+        ("cross_validation", CROSS_VALIDATION | {"ratio": [1, 2, 3, 4]}),  # 14 settings
+        ("approach.size", 11),
+        ("approach.seed", 30),
         ("compute.workers", 0),
         ("compute.workers", "every"),
         ("compute.stack", 0),
@@ -140,7 +161,8 @@ def test_a_wrong_type_or_a_value_out_of_range_is_refused_by_its_key(tmp_path: Pa
     ("key", "value"),
     [("seed", 0), ("sessions.insert_fraction", 1), ("sessions.insert_fraction", 1.0), ("embedding.dimension", 4),
      ("training.weight_decay", 0), ("training.learning_rate", 1), ("compute.workers", 1), ("compute.workers", "all"),
-     ("curves.sizes", []), ("words.source", "word2vec-google-news-300"), ("materials.source", "simulator")],
+     ("curves.sizes", []), ("sweep.seeds", 1), ("sweep.seeds", 30), ("approach.seed", 29),
+     ("cross_validation.ratio", []), ("words.source", "word2vec-google-news-300"), ("materials.source", "simulator")],
 )  # fmt: skip
 def test_values_at_the_edge_of_their_range_are_accepted(tmp_path: Path, key: str, value: object) -> None:
     assert changed(tmp_path, {key: value}).pick((key,)) == {key: value}
@@ -175,6 +197,26 @@ def test_what_is_no_yaml_mapping_is_refused_with_its_line(tmp_path: Path, text: 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"params\.yaml: cannot be read"):
         load(tmp_path / "params.yaml")
+
+
+# Cross-validation
+
+
+def test_settings_are_the_choice_and_then_one_factor_changed_at_a_time(tmp_path: Path) -> None:
+    few = {"folds": 2, "dimension": [40], "ratio": [], "learning_rate": [0.1, 0.2], "weight_decay": [0]}
+    settings = changed(tmp_path, {"cross_validation": few}).settings
+    assert [tuple(setting.model_dump().values()) for setting in settings] == [
+        (100, 9, 0.1, 0.001),
+        (40, 9, 0.1, 0.001),
+        (100, 9, 0.2, 0.001),  # the rate of 0.1 is the choice
+        (100, 9, 0.1, 0),
+    ]
+
+
+def test_settings_move_with_the_choice(tmp_path: Path) -> None:
+    moved = changed(tmp_path, {"training.learning_rate": 0.2})
+    assert moved.settings[0].learning_rate == 0.2
+    assert len(moved.settings) == 12  # 0.2 is listed and 0.1 is not
 
 
 # Initializers of one's own

@@ -15,6 +15,7 @@ import pandas as pd
 import psutil
 import pyarrow.parquet as pq
 import pytest
+import torch
 import yaml
 from safetensors.torch import load_file
 
@@ -23,8 +24,11 @@ from tools import workspace
 SMALL = {
     "sessions.seeds": 3, "sessions.sizes": [1, 2], "embedding.dimension": 8, "training.max_epochs": 4,
     "training.evaluate_every": 2, "finetuning.max_epochs": 3, "curves.sizes": [2], "compute.stack": 2,
+    "sweep.k": [1, 8], "sweep.size": 2, "sweep.seeds": 2, "rates.size": 2, "approach.size": 2, "approach.epochs": 2,
+    "cross_validation": {"folds": 3, "dimension": [12], "ratio": [], "learning_rate": [0.2], "weight_decay": []},
 }  # fmt: skip
 INITIALIZERS = ("xavier", "iu", "es", "rs", "ers")
+ISI = ("es", "rs", "ers")
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
 
@@ -74,7 +78,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A workspace in which the pipeline has run."""
     made = tmp_path_factory.mktemp("pipeline")
     workspace.make(made, SMALL)
-    assert len(ran(dvc(made, "repro"))) == 7 + len(INITIALIZERS)
+    assert len(ran(dvc(made, "repro"))) == 10 + len(INITIALIZERS) + len(ISI)
     return made
 
 
@@ -115,6 +119,61 @@ def test_all_initializers_start_from_the_same_earlier_knowledge(folder: Path) ->
         pd.testing.assert_frame_equal(closed(name), closed("xavier"), check_categorical=False, atol=1e-4)
 
 
+def test_every_size_of_the_indicator_set_is_swept_with_the_first_seeds(folder: Path) -> None:
+    for name in ISI:
+        runs = pd.read_parquet(folder / f"data/sweeps/indicators/{name}.parquet")
+        cells = runs[["k", "size", "seed"]].drop_duplicates()
+        assert cells.to_numpy().tolist() == [[k, 2, seed] for k in (1, 8) for seed in (0, 1)]
+        assert set(runs["scope"]) == SCOPES | {"novel"}
+    swept = pd.read_parquet(folder / "data/sweeps/indicators/es.parquet")
+    main = pd.read_parquet(folder / "data/runs/ai2thor/es.parquet").query("size == 2")  # of 8 indicators
+    same = swept.merge(main, on=["seed", "epoch", "scope"], suffixes=("", " of main")).dropna(subset=["mrr_star"])
+    equal = (same["mrr_star"] == same["mrr_star of main"]).groupby(same["k"]).all()
+    assert equal.to_dict() == {1: False, 8: True}
+
+
+def test_other_rates_start_from_the_same_vectors(folder: Path) -> None:
+    rates = pd.read_parquet(folder / "data/sweeps/rates.parquet")
+    assert set(rates["initializer"]) == set(INITIALIZERS)
+    assert set(rates["factor"]) == {0.5, 2.0}
+    for name in INITIALIZERS:
+        main = pd.read_parquet(folder / f"data/runs/ai2thor/{name}.parquet").query("size == 2")
+        for factor in (0.5, 2.0):
+            own = rates[(rates["initializer"] == name) & (rates["factor"] == factor)]
+            both = own.merge(main, on=["seed", "epoch", "scope"], suffixes=("", " of main"))
+            same = (both["mrr_star"] == both["mrr_star of main"]) | both["mrr_star"].isna()
+            assert same[both["epoch"] == 0].all()
+            assert set(own["seed"]) == {0, 1, 2}
+
+
+def test_every_setting_is_cross_validated_on_every_fold(folder: Path) -> None:
+    table = pd.read_parquet(folder / "data/cross_validation/ai2thor.parquet")
+    settings = table[["dimension", "ratio", "learning_rate", "weight_decay", "fold"]].to_numpy().tolist()
+    expected = [(8, 9, 0.1, 0.001), (8, 9, 0.2, 0.001), (12, 9, 0.1, 0.001)]
+    assert settings == [[*setting, fold] for setting in expected for fold in range(3)]
+    assert table["mrr_star"].between(0, 1).all()
+    assert set(table["epoch"]) <= {2, 4}
+
+
+def test_the_entity_of_figure_1_starts_where_the_experiment_inserts_it(folder: Path) -> None:
+    traced = load_file(folder / "data/approach/ai2thor.safetensors")
+    novel = pd.read_parquet(folder / "data/sessions/ai2thor/novel.parquet").query("size == 2 and seed == 0")["entity"]
+    place = novel.tolist().index(int(traced["entity"]))
+    theta0 = load_file(folder / "data/embeddings/ai2thor/theta0/size=02.safetensors")
+    assert traced["theta0"].equal(theta0["entity"][0])
+    assert traced["known"].equal(theta0["known"][0])
+    for name in INITIALIZERS:
+        path, indicators = traced[f"{name}.path"], traced[f"{name}.indicators"]
+        assert path[0].equal(load_file(folder / f"data/runs/ai2thor/{name}.safetensors")["size=02"][0, place])
+        assert path.shape == (3, 8)
+        assert not path[1:].eq(path[0]).all(1).any()
+        if name in ISI:
+            centroid = theta0["entity"][0][indicators].mean(0)
+            assert torch.allclose(path[0], centroid, atol=1e-6)
+        else:
+            assert not indicators.any()
+
+
 def test_theta0_knows_all_but_the_novel_entities(folder: Path) -> None:
     novel = pd.read_parquet(folder / "data/sessions/ai2thor/novel.parquet")
     for size in (1, 2):
@@ -135,7 +194,7 @@ def test_tables_name_their_stage_and_params(folder: Path) -> None:
 
 def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
     page = (folder / "reports/index.html").read_text(encoding="utf-8")
-    assert page.count("<svg") == 3
+    assert page.count("<svg") == 6
     assert "src=" not in page
     assert "<script" not in page
     assert "<link" not in page
@@ -152,9 +211,13 @@ def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
 
 def test_editing_the_indicators_of_es_re_runs_es_and_the_report_alone(folder: Path) -> None:
     files = [*(folder / "data").rglob("*.parquet"), *(folder / "data").rglob("*.safetensors")]
-    before = {path: path.read_bytes() for path in files if path.name.split(".")[0] != "es"}
+    before = {
+        path: path.read_bytes()
+        for path in files
+        if path.name.split(".")[0] not in ("es", "rates") and path.parent.name != "approach"
+    }
     set_param(folder, "initializers.es.k", 3)
-    assert ran(dvc(folder, "repro")) == {"insert@es", "report"}
+    assert ran(dvc(folder, "repro")) == {"insert@es", "vary_rate", "trace_approach", "report"}
     assert {path: path.read_bytes() for path in before} == before
 
 
@@ -176,7 +239,9 @@ def test_an_initializer_of_ones_own_goes_from_function_to_report(folder: Path) -
         file.write(f"\n\n{code}")
     set_param(folder, "insert.initializers", [*INITIALIZERS, "nearest"])
     set_param(folder, "initializers.nearest", {"scale": 0.5})
-    assert ran(dvc(folder, "repro")) == {f"insert@{name}" for name in (*INITIALIZERS, "nearest")} | {"report"}
+    inserted = {f"insert@{name}" for name in (*INITIALIZERS, "nearest")}
+    others = {f"sweep_indicators@{name}" for name in ISI} | {"vary_rate", "trace_approach", "report"}
+    assert ran(dvc(folder, "repro")) == inserted | others
     assert "nearest" in (folder / "reports/tables/immediate.md").read_text(encoding="utf-8")
     vectors = load_file(folder / "data/runs/ai2thor/nearest.safetensors")
     assert vectors["size=02"].shape == (3, 2, 8)

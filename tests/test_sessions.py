@@ -16,6 +16,7 @@ from isi.sessions import (
     VALID,
     draw_insert_triples,
     draw_novel,
+    folds,
     initial_session,
     joint_session,
     split,
@@ -48,6 +49,23 @@ def test_shares_are_as_asked(seed: int, valid: int, test: int) -> None:
     graph = random_graph(5, 2, 50)  # at least 43 triples are free to leave train
     splits = split(graph, 0, seed, valid / 50, test / 50)
     assert [int((splits == part).sum()) for part in (TRAIN, VALID, TEST)] == [50 - valid - test, valid, test]
+
+
+@given(GRAPHS, SEEDS, st.integers(2, 7))
+def test_folds_leave_every_entity_and_relation_in_train_and_part_the_rest_evenly(
+    graph: Graph, root: int, number: int
+) -> None:
+    splits = folds(graph, root, number)
+    held_out = splits == VALID
+    assert splits.shape == (number, len(graph.triples))
+    assert (held_out | (splits == TRAIN)).all()
+    assert held_out.sum(0).max() <= 1
+    sizes = held_out.sum(1)
+    assert sizes.max() - sizes.min() <= 1
+    always = graph.triples.numpy()[~held_out.any(0)]
+    assert set(always[:, [0, 2]].ravel()) == set(range(len(graph.entities)))
+    assert set(always[:, 1]) == set(range(len(graph.relations)))
+    assert len(always) <= len(graph.entities) + len(graph.relations)  # no more than it takes
 
 
 def test_splits_differ_between_seeds_and_roots() -> None:

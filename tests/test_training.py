@@ -424,16 +424,6 @@ def test_epochs_are_bit_identical_whatever_the_stack(models: list[int], entities
     assert same(select(state.embedding, torch.tensor(models)), some.embedding)
 
 
-@pytest.mark.parametrize(
-    ("mrr_star", "target", "epoch"),
-    [([0.1, 0.4, 0.3, 0.5], 0.4, 1), ([0.6, 0.1], 0.5, 0), ([0.1, 0.2], 0.5, None), ([np.nan, np.nan], 0.5, None)],
-)
-def test_epochs_to_convergence_are_the_first_that_reach_the_target(
-    mrr_star: list[float], target: float, epoch: int | None
-) -> None:
-    assert training.epochs_to_convergence(np.array(mrr_star), target) == epoch
-
-
 def test_lesson_counts_training_observations_alone() -> None:
     cells = small_cells()
     lesson = lessons.lesson(cells.joint, "test", cells.keys, "all")

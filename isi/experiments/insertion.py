@@ -11,15 +11,12 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi import lessons, ranking, training
+from isi import convergence, lessons, ranking, training
 from isi.embeddings.stack import Embedding
 from isi.experiments.judging import JudgingTask, insert_mask, measure_columns, run_rows
 from isi.initializers import FALLBACKS, INITIALIZERS, Insertion
 from isi.params import Negatives, Optimizer, Option
 from isi.ranking import Result
-
-#: Scopes in which convergence is asked for.
-CONVERGENCE_SCOPES = ("all", "novel_heldout")
 
 
 @dataclass(frozen=True)
@@ -70,7 +67,7 @@ def insert(task: InsertTask) -> Inserted:
         embedding,
         lessons.lesson(session, "fine-tuning", task.keys, how.negatives.head_pool),
         ranking.epoch_scopes(session, novel),
-        {scope: torch.as_tensor(task.joint_mrr_star[scope]) - how.margin for scope in CONVERGENCE_SCOPES},
+        {scope: torch.as_tensor(task.joint_mrr_star[scope]) - how.margin for scope in convergence.SCOPES},
         how.negatives,
         how.optimizer,
         how.root,

@@ -68,9 +68,18 @@ class Store:
         rows = np.flatnonzero(np.isin(seed, cells.seeds))
         return entity[rows], relation[rows]
 
-    def cells(self, stack: int) -> list[Cells]:
-        """Every cell of the grid, in stacks of at most ``stack`` seeds of one size."""
+    def cells(self, stack: int, size: int | None = None, seeds: int | None = None) -> list[Cells]:
+        """Every cell of the grid, in stacks of at most ``stack`` seeds of one size.
+
+        Args:
+            size: of one size alone.
+            seeds: of the first so many seeds alone.
+        """
         graph, splits, novel = self.graph(), self.splits(), self.novel()
+        if size is not None:
+            novel = novel[novel["size"] == size]
+        if seeds is not None:
+            novel = novel[novel["seed"] < seeds]
         if len(novel) and novel["entity"].max() >= len(graph.entities):
             raise InputError(paths.novel(self.experiment), "column 'entity'", "expected ids of the graph's entities")
         if not set(novel["seed"]) <= set(splits):

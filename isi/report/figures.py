@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from typing import Any
@@ -46,14 +46,14 @@ class Figure:
 
 def immediate(results: Results) -> Figure:
     """Figure 3a: immediate MRR* against the number of novel entities."""
-    canvas, (left, right) = _canvas(2)
+    canvas, (left, right) = panels(2)
     for axes, scope in ((left, "all"), (right, "novel")):
         shown = results.at_once[results.at_once["scope"] == scope]
         for model in results.models:
             _draw(axes, results, model, shown[shown["model"] == model], "size", bars=True)
         axes.set(title=f"scope {scope}", xlabel="novel entities |ξ|", ylabel="MRR* (points)")
         axes.set_xticks(sorted(results.params.sessions.sizes))
-    _legend(canvas, left)
+    legend(canvas, left)
     return Figure(
         "figure3a_immediate",
         "Figure 3a. Immediate MRR*",
@@ -69,7 +69,7 @@ def curves(results: Results) -> Figure | None:
     size = results.curve_size
     if size is None:
         return None
-    canvas, (left, right) = _canvas(2)
+    canvas, (left, right) = panels(2)
     runs = results.runs[results.runs["size"] == size]
     for axes, scope in ((left, "all"), (right, "novel_heldout")):
         shown = runs[runs["scope"] == scope]
@@ -81,7 +81,7 @@ def curves(results: Results) -> Figure | None:
             joint - 100 * results.params.convergence.margin, color=COLOURS[JOINT], lw=1, ls=":", label="converged"
         )
         axes.set(title=f"scope {scope}", xlabel="epoch of fine-tuning", ylabel="MRR* (points)")
-    _legend(canvas, left)
+    legend(canvas, left)
     return Figure(
         "figure3b_curves",
         "Figure 3b. Learning curves",
@@ -97,7 +97,7 @@ def corruption(results: Results) -> Figure | None:
     size = results.curve_size
     if size is None:
         return None
-    canvas, (left, right) = _canvas(2)
+    canvas, (left, right) = panels(2)
     runs = results.runs[results.runs["size"] == size]
     for axes, scope in ((left, "known"), (right, "known_closed")):
         shown = runs[runs["scope"] == scope]
@@ -111,7 +111,7 @@ def corruption(results: Results) -> Figure | None:
         )
         axes.set(title=f"scope {scope}", xlabel="epoch of fine-tuning", ylabel="MRR* (points)")
     right.set_ylim(left.get_ylim())
-    _legend(canvas, left)
+    legend(canvas, left)
     return Figure(
         "corruption",
         "Earlier knowledge during fine-tuning",
@@ -131,9 +131,10 @@ def interval(values: pd.Series) -> tuple[float, float, float]:
     return mean, float(low), float(high)
 
 
-def _canvas(panels: int) -> tuple[Canvas, list[Axes]]:
-    canvas = Canvas(figsize=(8, 3.6), layout="constrained")
-    return canvas, list(canvas.subplots(1, panels))
+def panels(number: int, columns: int = 2, height: float = 3.6) -> tuple[Canvas, list[Axes]]:
+    """A canvas of a number of panels, ``columns`` of them in each row."""
+    canvas = Canvas(figsize=(8, height), layout="constrained")
+    return canvas, list(canvas.subplots(number // columns, columns).flat)
 
 
 def _draw(axes: Axes, results: Results, model: str, rows: pd.DataFrame, x: str, bars: bool = False) -> None:
@@ -141,7 +142,7 @@ def _draw(axes: Axes, results: Results, model: str, rows: pd.DataFrame, x: str, 
     if rows.empty:
         return
     line = 100 * pd.DataFrame({key: interval(group) for key, group in rows.groupby(x)["mrr_star"]}).T
-    colour, style = _colour(results, model), "--" if model == JOINT else "-"
+    colour, style = colour_of(results, model), "--" if model == JOINT else "-"
     place = np.asarray(line.index, dtype=float)
     if bars:
         place += (results.models.index(model) - len(results.models) / 2) * 0.06
@@ -152,12 +153,14 @@ def _draw(axes: Axes, results: Results, model: str, rows: pd.DataFrame, x: str, 
         axes.fill_between(place, line[1], line[2], color=colour, alpha=0.15, lw=0)
 
 
-def _colour(results: Results, model: str) -> str:
+def colour_of(results: Results, model: str) -> str:
+    """The colour of a model in every figure."""
     own = [name for name in results.initializers if name not in COLOURS]
     return COLOURS[model] if model in COLOURS else _SPARE[own.index(model) % len(_SPARE)]
 
 
-def _legend(canvas: Canvas, axes: Axes) -> None:
+def legend(canvas: Canvas, axes: Axes) -> None:
+    """One legend below all panels, of what one of them shows."""
     handles, labels = axes.get_legend_handles_labels()
     canvas.legend(handles, labels, loc="outside lower center", ncols=len(labels))
 
@@ -165,7 +168,7 @@ def _legend(canvas: Canvas, axes: Axes) -> None:
 FIGURES: tuple[Callable[[Results], Figure | None], ...] = (immediate, curves, corruption)
 
 
-def draw(results: Results) -> list[Figure]:
+def draw(results: Results, functions: Sequence[Callable[[Results], Figure | None]]) -> list[Figure]:
     """Every figure that the results allow."""
     with mpl.rc_context(_STYLE):
-        return [figure for function in FIGURES if (figure := function(results)) is not None]
+        return [figure for function in functions if (figure := function(results)) is not None]

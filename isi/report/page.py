@@ -11,8 +11,8 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 from isi.report.figures import Figure
-from isi.report.results import JOINT, Results
-from isi.report.tables import ISI, Table, improvement_over_xavier, label
+from isi.report.results import ISI, JOINT, Results
+from isi.report.tables import Table, improvement_over_xavier, label
 from isi.tables import atomically
 
 

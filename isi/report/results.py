@@ -8,15 +8,19 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from isi import paths, tables
+from isi import convergence, paths, tables
 from isi.errors import InputError
+from isi.experiments.tracing import TRACED
 from isi.params import Params
 
 JOINT = "joint"
+#: The paper's, whose indicator set size is varied.
+ISI = ("es", "rs", "ers")
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,12 @@ class Results:
     #: ``tables.INSERTED`` and ``tables.TIES``, likewise
     inserted: pd.DataFrame
     ties: pd.DataFrame
+    #: ``tables.INDICATOR_SWEEP`` and ``tables.RATE_SWEEP``, likewise
+    sweep: pd.DataFrame
+    rates: pd.DataFrame
+    cross_validation: pd.DataFrame
+    #: what became of one novel entity (see ``tracing.Trace``), by name
+    approach: Mapping[str, np.ndarray]
 
     @property
     def initializers(self) -> list[str]:
@@ -62,20 +72,18 @@ class Results:
 
     @cached_property
     def convergence(self) -> pd.DataFrame:
-        """Epochs to convergence of each initializer and cell, in the scopes that ask for it (section 6.2).
+        """Epochs to convergence of each initializer and cell (see ``converged``)."""
+        return self.converged(self.runs[self.runs["model"] != JOINT], ["model"])
 
-        Columns model, scope, size, seed, epochs, converged, queries. Runs that never get there count
-        as ``finetuning.max_epochs``; cells without queries are left out.
-        """
-        runs = self.runs[self.runs["scope"].isin(["all", "novel_heldout"])]
-        key = ["scope", "size", "seed"]
-        target = runs[runs["model"] == JOINT].set_index(key)["mrr_star"] - self.params.convergence.margin
-        tried = runs[runs["model"] != JOINT].join(target.rename("target"), on=key).dropna(subset=["mrr_star"])
-        reached = tried[tried["mrr_star"] >= tried["target"]].groupby(["model", *key], observed=True)["epoch"].min()
-        cells = tried.groupby(["model", *key], observed=True)["queries"].first().to_frame()
-        cells["converged"] = cells.index.isin(reached.index)
-        cells["epochs"] = reached.reindex(cells.index).fillna(self.params.finetuning.max_epochs)
-        return cells.reset_index()
+    @cached_property
+    def sweep_convergence(self) -> pd.DataFrame:
+        """Epochs to convergence of each initializer, indicator set size and cell."""
+        return self.converged(self.sweep, ["model", "k"])
+
+    def converged(self, runs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+        """Epochs to convergence of runs that ``by`` tells apart (``convergence.epochs_to_convergence``)."""
+        joint, margin = self.runs[self.runs["model"] == JOINT], self.params.convergence.margin
+        return convergence.epochs_to_convergence(runs, joint, margin, self.params.finetuning.max_epochs, by)
 
 
 def read(params: Params, experiment: str) -> Results:
@@ -110,7 +118,19 @@ def read(params: Params, experiment: str) -> Results:
         runs=of_models(paths.runs, tables.RUNS, [*initializers, JOINT]),
         inserted=of_models(paths.inserted, tables.INSERTED, initializers),
         ties=of_models(paths.ties, tables.TIES, [*initializers, JOINT]),
+        sweep=pd.concat(
+            table(paths.indicator_sweep(model), tables.INDICATOR_SWEEP).assign(model=model) for model in ISI
+        ),
+        rates=table(paths.rate_sweep(), tables.RATE_SWEEP).rename(columns={"initializer": "model"}),
+        cross_validation=table(paths.cross_validation(experiment), tables.CROSS_VALIDATION),
+        approach=_read_approach(paths.approach(experiment)),
     )
+
+
+def _read_approach(path: Path) -> Mapping[str, np.ndarray]:
+    of_each = [f"{model}.{what}" for model in TRACED for what in ("path", "indicators")]
+    tensors = tables.read_tensors(path, ["entity", "known", "theta0", *of_each])
+    return {name: tensor.numpy() for name, tensor in tensors.items()}
 
 
 def _read_paper(path: Path) -> Mapping[str, Any]:

@@ -9,15 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from isi.convergence import SCOPES
 from isi.graph import KINDS
 from isi.report.results import JOINT, Results
 from isi.tables import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
 
 ROOMS = ("bathroom", "bedroom", "kitchen", "living room")
-ISI = ("es", "rs", "ers")
 LABELS = {"xavier": "Xavier", "iu": "IU", "es": "ES", "rs": "RS", "ers": "ERS", JOINT: "Joint"}
-_HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity half", "mrr_star_relation": "relation half"}
-_SCOPES = ("all", "novel_heldout")
+HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity half", "mrr_star_relation": "relation half"}
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ def immediate(results: Results) -> Table:
 def immediate_by_size(results: Results) -> Table:
     """The numbers behind Figure 3a, with their halves."""
     shown = results.at_once[results.at_once["scope"].isin(["all", "novel"])]
-    means = 100 * shown.groupby(["scope", "size", "model"])[list(_HALVES)].mean().rename(columns=_HALVES)
+    means = 100 * shown.groupby(["scope", "size", "model"])[list(HALVES)].mean().rename(columns=HALVES)
     frame = means.reset_index()
     frame["model"] = _in_order(frame["model"], results.models)
     frame = frame.sort_values(["scope", "size", "model"]).astype({"model": str}).replace({"model": LABELS})
@@ -134,7 +133,7 @@ def convergence(results: Results) -> Table:
     """Table 2: epochs to convergence over all sizes."""
     paper = results.paper["convergence"]["epochs"]
     frame = pd.DataFrame({"initializer": [label(name) for name in results.initializers]})
-    for scope in _SCOPES:
+    for scope in SCOPES:
         cells = results.convergence[results.convergence["scope"] == scope].groupby("model")
         for column, values in (("mean", cells["epochs"].mean()), ("std", cells["epochs"].std(ddof=1)),
                                ("unconverged %", 100 * (1 - cells["converged"].mean()))):  # fmt: skip
@@ -177,7 +176,7 @@ def novel_by_kind(results: Results) -> Table:
     """Immediate MRR* of the queries about each inserted entity, by its kind."""
     asked = results.inserted[results.inserted["queries"] > 0]
     groups = asked.groupby(["kind", "model"])
-    means = 100 * groups[list(_HALVES)].mean().rename(columns=_HALVES)
+    means = 100 * groups[list(HALVES)].mean().rename(columns=HALVES)
     means["std"] = 100 * groups["mrr_star"].std(ddof=1)
     means.insert(0, "inserted", groups.size())
     order = [(kind, model) for kind in KINDS for model in results.initializers if (kind, model) in means.index]
@@ -200,10 +199,10 @@ def corruption(results: Results) -> Table:
         for scope in ("known", "known_closed"):
             own = runs[(runs["model"] == model) & (runs["scope"] == scope)]
             if len(own):
-                means = 100 * own.groupby("epoch")[list(_HALVES)].mean().rename(columns=_HALVES)
+                means = 100 * own.groupby("epoch")[list(HALVES)].mean().rename(columns=HALVES)
                 line = {"model": label(model), "scope": scope, "lowest MRR*": means["MRR*"].min()}
                 for when, row in (("at once", means.iloc[0]), ("at the end", means.iloc[-1])):
-                    line |= {f"{name} {when}": row[name] for name in _HALVES.values()}
+                    line |= {f"{name} {when}": row[name] for name in HALVES.values()}
                 lines.append(line)
     return Table(
         "corruption",
@@ -323,7 +322,7 @@ def training(results: Results) -> Table:
         kept = log[log["kept"]].groupby(["size", "seed"]).last()
         lines.append(
             {"model": name, "trained": len(epochs), "epochs": epochs.mean(), "best epoch": kept["epoch"].mean()}
-            | {f"validation {shown}": 100 * kept[column].mean() for column, shown in _HALVES.items()}
+            | {f"validation {shown}": 100 * kept[column].mean() for column, shown in HALVES.items()}
             | {"std": 100 * kept["mrr_star"].std(ddof=1)}
         )
     caption = "Means over all models; MRR* in points, its standard deviation over models."
@@ -331,13 +330,13 @@ def training(results: Results) -> Table:
 
 
 def _halves_by_model(runs: pd.DataFrame, models: list[str], scopes: tuple[str, ...]) -> pd.DataFrame:
-    means = 100 * runs.groupby(["model", "scope"])[list(_HALVES)].mean()
+    means = 100 * runs.groupby(["model", "scope"])[list(HALVES)].mean()
     lines = [
         {"model": label(model)}
         | {
             f"{scope}: {name}": means[column].get((model, scope), np.nan)
             for scope in scopes
-            for column, name in _HALVES.items()
+            for column, name in HALVES.items()
         }
         for model in models
     ]

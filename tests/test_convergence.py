@@ -1,0 +1,69 @@
+"""When fine-tuning counts as converged, worked out by hand on a handful of runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isi.convergence import epochs_to_convergence
+
+Row = tuple[str, str, int, int, int, float]
+
+
+def runs_of(rows: list[Row]) -> pd.DataFrame:
+    """Runs (model, scope, size, seed, epoch, MRR*), four queries each where MRR* is known."""
+    runs = pd.DataFrame(rows, columns=["model", "scope", "size", "seed", "epoch", "mrr_star"])
+    return runs.assign(queries=runs["mrr_star"].notna() * 4)
+
+
+def found(rows: list[Row], by: list[str]) -> pd.DataFrame:
+    runs = runs_of(rows)
+    of_joint = runs["model"] == "joint"
+    return epochs_to_convergence(runs[~of_joint], runs[of_joint], 0.08, 150, by)
+
+
+@pytest.mark.parametrize(
+    ("mrr_star", "epochs", "converged"),
+    [([0.1, 0.42, 0.3, 0.5], 1, True), ([0.6, 0.1], 0, True), ([0.1, 0.2], 150, False)],
+)
+def test_it_is_the_first_epoch_within_the_margin(mrr_star: list[float], epochs: int, converged: bool) -> None:
+    tried: list[Row] = [("es", "all", 1, 0, epoch, value) for epoch, value in enumerate(mrr_star)]
+    (row,) = found([("joint", "all", 1, 0, 0, 0.49), *tried], ["model"]).to_dict("records")
+    assert (row["epochs"], row["converged"], row["queries"]) == (epochs, converged, 4)
+
+
+def test_it_is_asked_of_the_joint_model_of_the_same_scope_size_and_seed() -> None:
+    joint: list[Row] = [
+        ("joint", scope, size, seed, 0, value)
+        for scope, size, seed, value in (
+            ("all", 1, 0, 0.7), ("all", 1, 1, 0.9), ("all", 2, 0, 0.9), ("novel_heldout", 1, 0, 0.9)
+        )
+    ]  # fmt: skip
+    cells = [row[1:4] for row in joint]
+    tried: list[Row] = [("es", *cell, epoch, value) for cell in cells for epoch, value in ((0, 0.6), (1, 0.65))]
+    epochs = found([*joint, *tried], ["model"]).set_index(["scope", "size", "seed"])["epochs"]
+    assert epochs.to_dict() == {cell: 1 if cell == ("all", 1, 0) else 150 for cell in cells}
+
+
+def test_runs_are_told_apart_as_asked() -> None:
+    tried: list[Row] = [("es", "all", 1, 0, 2, 0.7), ("rs", "all", 1, 0, 5, 0.7)]
+    rows: list[Row] = [("joint", "all", 1, 0, 0, 0.7), *tried]
+    assert found(rows, ["model"]).set_index("model")["epochs"].to_dict() == {"es": 2, "rs": 5}
+
+
+def test_cells_without_queries_take_no_part() -> None:
+    scope = "novel_heldout"
+    cells = found(
+        [
+            ("joint", scope, 1, 0, 0, np.nan), ("joint", scope, 1, 1, 0, 0.5),
+            ("es", scope, 1, 0, 0, np.nan), ("es", scope, 1, 1, 0, 0.5),
+        ],
+        ["model"],
+    )  # fmt: skip
+    assert cells["seed"].tolist() == [1]
+
+
+def test_scopes_that_do_not_ask_for_it_are_left_out() -> None:
+    rows: list[Row] = [(model, scope, 1, 0, 0, 0.5) for model in ("joint", "es") for scope in ("all", "known", "novel")]
+    assert found(rows, ["model"])["scope"].tolist() == ["all"]
