@@ -74,7 +74,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A workspace in which the pipeline has run."""
     made = tmp_path_factory.mktemp("pipeline")
     workspace.make(made, SMALL)
-    assert len(ran(dvc(made, "repro"))) == 7 + len(INITIALIZERS)
+    assert len(ran(dvc(made, "repro"))) == 9 + len(INITIALIZERS)
     return made
 
 
