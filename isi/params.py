@@ -32,6 +32,36 @@ class AI2Thor(Section):
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
+#: AI2-THOR's.
+Room = Literal["bathroom", "bedroom", "kitchen", "living room"]
+#: Of a region in a ``.house`` file.
+RegionLabel = Annotated[str, Field(pattern=r"^[a-pr-zBCDSZ]$")]
+
+
+class RoomsOfRegions(Section):
+    tallies: Annotated[dict[str, Room], Field(min_length=1)]
+    house: Annotated[dict[RegionLabel, Room], Field(min_length=1)]
+
+
+class MP3D(Section):
+    source: Literal["tallies", "house"]
+    houses: str | None
+    category: Literal["category_mapping_name", "mpcat40"]
+    rooms: RoomsOfRegions
+    min_observations: Count
+    structure: list[str]
+    same_as: dict[str, str]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.source == "house" and not self.houses:
+            raise ValueError("source house needs the folder of its files: mp3d.houses")
+        both = set(self.structure) & set(self.same_as)
+        if both:
+            raise ValueError(f"same_as: {min(both)!r} is in structure, too")
+        return self
+
+
 class Materials(Section):
     source: Literal["suncg", "simulator"]
 
@@ -178,6 +208,28 @@ class Approach(Section):
     epochs: Count
 
 
+class Transfer(Section):
+    candidates: Count
+    size: Count
+    seeds: Count
+
+    @model_validator(mode="after")
+    def _enough_candidates(self) -> Self:
+        if self.size > self.candidates:
+            raise ValueError(f"size must not be above candidates ({self.candidates})")
+        return self
+
+
+class Affordances(Section):
+    entities: Annotated[list[str], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _once(self) -> Self:
+        if len(set(self.entities)) < len(self.entities):
+            raise ValueError("entities must not repeat")
+        return self
+
+
 class Compute(Section):
     workers: Count | Literal["all"]
     stack: Count
@@ -197,6 +249,7 @@ class Params(Section):
 
     seed: Annotated[int, Field(ge=0)]
     ai2thor: AI2Thor
+    mp3d: MP3D
     materials: Materials
     graph: GraphParams
     words: Words
@@ -213,6 +266,8 @@ class Params(Section):
     cross_validation: CrossValidation
     rates: Rates
     approach: Approach
+    transfer: Transfer
+    affordances: Affordances
     compute: Compute
 
     @model_validator(mode="after")

@@ -11,6 +11,7 @@ REPORTS = Path("reports")
 
 MATERIAL_SHARES = RAW / "suncg" / "material_shares.csv"
 MATERIAL_CATEGORIES = RAW / "suncg" / "categories.csv"
+MP3D_TALLIES = RAW / "mp3d" / "room_object_counts.csv"
 DEFINITIONS = RAW / "words" / "definitions.csv"
 PAPER = RAW / "paper" / "values.yaml"
 

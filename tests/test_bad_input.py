@@ -159,6 +159,49 @@ def test_a_table_that_lacks_a_column_is_named_and_the_earlier_graph_stays(worksp
     assert "column 'room'" in line
 
 
+@pytest.mark.parametrize(
+    ("content", "places"),
+    [
+        (None, ["houses: ", "mp3d.houses"]),
+        ("ASCII 1.1\nH x - 0 0 0 0 0 1 0 0 0 0\n", ["x.house", "line 2", "objects"]),
+    ],
+    ids=["no house", "truncated"],
+)
+def test_a_broken_house_is_named_and_the_earlier_observations_stay(
+    workspace: Path, content: str | None, places: list[str]
+) -> None:
+    leave(workspace, paths.observations("mp3d"))
+    (workspace / "houses").mkdir()
+    if content is not None:
+        (workspace / "houses/x.house").write_text(content, encoding="utf-8")
+    set_params(workspace, {"mp3d.source": "house", "mp3d.houses": "houses"})
+    line = refusal(workspace, "stages.mine_mp3d")
+    assert all(place in line for place in places), line
+
+
+@pytest.mark.parametrize(
+    ("head", "count", "named"),
+    [
+        ("mug", 6, "params.yaml: affordances.entities: 'fan'"),
+        ("fan", 5, "params.yaml: affordances.entities: 'fan'"),
+        ("kitchen", 6, f"{paths.observations('mp3d')}: object 'kitchen'"),
+    ],
+    ids=["none of that name", "too few", "another kind"],
+)
+def test_entities_that_cannot_join_the_graph_are_named_and_the_earlier_graph_stays(
+    workspace: Path, head: str, count: int, named: str
+) -> None:
+    leave(workspace, paths.entities("transfer"), paths.triples("transfer"))
+    triples = OBSERVED[["head", "relation", "tail", "count"]].assign(source="ai2thor")
+    tables.write(workspace / paths.triples("ai2thor"), triples, tables.TRIPLES, Provenance("build_graph", {}))
+    both = pd.concat([KNOWN, KNOWN.assign(entity="kitchen", phrase="kitchen", kind="room")])
+    tables.write(workspace / paths.entities("ai2thor"), both, tables.ENTITIES, Provenance("build_graph", {}))
+    seen = OBSERVED.assign(scene=None, instance=None, head=head, count=count)
+    tables.write(workspace / paths.observations("mp3d"), seen, tables.OBSERVATIONS, Provenance("mine_mp3d", {}))
+    line = refusal(workspace, "stages.transfer_graph")
+    assert named in line
+
+
 def test_more_novel_entities_than_the_graph_has_are_refused_by_their_key(workspace: Path) -> None:
     triples = OBSERVED[["head", "relation", "tail", "count"]].assign(source="ai2thor")
     tables.write(workspace / paths.triples("ai2thor"), triples, tables.TRIPLES, Provenance("build_graph", {}))

@@ -63,7 +63,7 @@ def test_the_params_of_the_repository_load_with_the_papers_values() -> None:
         ("\nfinetuning:", "\nfinetunning:", "finetunning"),
         ("min_count:", "min_cuont:", "graph.min_cuont"),
         ("insert_fraction:", "insert_fration:", "sessions.insert_fration"),
-        ("candidates:", "canditates:", "initializers.ers.canditates"),
+        ("candidates: 30", "canditates: 30", "initializers.ers.canditates"),
         ("es:\n    k:", "es:\n    kk:", "initializers.es.kk"),
         ("  ers:\n", "  esr:\n", "initializers.ers"),  # the one that is missing: others may be one's own
     ],
@@ -88,6 +88,15 @@ def test_a_key_too_many_is_refused(tmp_path: Path, key: str, named: str) -> None
         ("seed", 0.5),
         ("ai2thor.sha256", "5BB9"),
         ("ai2thor.recording", None),
+        ("mp3d.source", "csv"),
+        ("mp3d.source", "house"),  # and no folder
+        ("mp3d.category", "nyu40"),
+        ("mp3d.rooms.tallies", {"spa": "spa"}),
+        ("mp3d.rooms.house", {"q": "kitchen"}),
+        ("mp3d.rooms.house", {}),
+        ("mp3d.min_observations", 0),
+        ("mp3d.structure", "wall"),
+        ("mp3d.same_as", {"wall": "painting"}),  # which is structure
         ("materials.source", "sungc"),
         ("graph.min_count", 0),
         ("words.text", "definitions"),
@@ -139,6 +148,10 @@ def test_a_key_too_many_is_refused(tmp_path: Path, key: str, named: str) -> None
         ("cross_validation", CROSS_VALIDATION | {"ratio": [1, 2, 3, 4]}),  # 14 settings
         ("approach.size", 11),
         ("approach.seed", 30),
+        ("transfer.size", 51),
+        ("transfer.candidates", 9),
+        ("affordances.entities", ["fan", "fan"]),
+        ("affordances.entities", []),
         ("compute.workers", 0),
         ("compute.workers", "every"),
         ("compute.stack", 0),

@@ -78,7 +78,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A workspace in which the pipeline has run."""
     made = tmp_path_factory.mktemp("pipeline")
     workspace.make(made, SMALL)
-    assert len(ran(dvc(made, "repro"))) == 10 + len(INITIALIZERS) + len(ISI)
+    assert len(ran(dvc(made, "repro"))) == 16 + 2 * len(INITIALIZERS) + len(ISI)
     return made
 
 

@@ -1,0 +1,463 @@
+"""Matterport3D: tallies and houses as observations, and the graph that some of its entities join."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from isi import candidates, paths, tables
+from isi.errors import InputError
+from isi.params import load
+from isi.scenes import ai2thor, materials, mp3d
+from isi.scenes.mp3d import STEPS, Seen, Vocabulary
+
+WORDS = Vocabulary(
+    {"a": "bathroom", "t": "bathroom", "b": "bedroom", "k": "kitchen", "l": "living room"},
+    ["wall", "unknown"],
+    {"night stand": "side table", "refridgerator": "fridge"},
+)
+LETTERS = ["kitchen", "bedroom", "fan", "stove", "bucket", "purse"]
+
+
+def mined(batches: Sequence[Sequence[Seen]], words: Vocabulary = WORDS) -> tuple[list[tuple[object, ...]], list[int]]:
+    """Rows of scene, room, instance, head, tail, count; and the instances left after each step."""
+    left: Counter[str] = Counter()
+    table = pa.concat_tables(mp3d.mine(batches, words, left))
+    assert table.schema.equals(tables.OBSERVATIONS)
+    frame = pd.DataFrame(table.to_pydict())
+    assert set(frame["relation"]) <= {"atLocation"}
+    rows = frame[["scene", "room", "instance", "head", "tail", "count"]].astype(object)
+    return list(rows.itertuples(index=False, name=None)), [left[step] for step in STEPS]
+
+
+def refusal(tmp_path: Path, content: str, name: str = "x.house") -> str:
+    """The line that refuses a file of this content."""
+    (tmp_path / name).write_bytes(content.encode())
+    with pytest.raises(InputError) as refused:
+        list(mp3d.houses(tmp_path, "category_mapping_name"))
+    line = str(refused.value)
+    assert line.startswith(f"{tmp_path / name}: ")
+    return line
+
+
+# Houses
+
+REGIONS = ((0, "b"), (1, "t"), (2, "Z"), (3, "-"), (4, "?"), (5, "k"))
+CATEGORIES = (
+    (0, "night#stand", "chest_of_drawers"),
+    (1, "Towel", "towel"),
+    (2, "unknown", "void"),
+    (7, "wall", "wall"),
+)
+#: (object, region, category)
+OBJECTS = (
+    (0, 0, 0), (1, 0, 0), (2, 1, 1), (3, 5, 1), (4, 0, 2), (5, 5, 7),  # in rooms; the last two are structure
+    (6, 2, 1), (7, 3, 1), (8, 4, 1), (9, -1, 1), (10, 0, -1), (11, -1, -1),
+)  # fmt: skip
+#: By category_mapping_name: scene, room, instance, head, tail, count.
+EXPECTED = [
+    ("17DRP5sb8fy", "bedroom", "0", "side table", "bedroom", 1),
+    ("17DRP5sb8fy", "bedroom", "1", "side table", "bedroom", 1),
+    ("17DRP5sb8fy", "bathroom", "2", "towel", "bathroom", 1),
+    ("17DRP5sb8fy", "kitchen", "3", "towel", "kitchen", 1),
+]
+#: How many images, panoramas, vertices, surfaces, segments, portals and levels the house below has.
+IMAGES, PANORAMAS, VERTICES, SURFACES, SEGMENTS, PORTALS, LEVELS = 2, 1, 3, 1, 2, 1, 1
+BOX, ZEROS = "-1.5 0 0 2 3e-1 2.4", "0 0 0 0 0"
+
+
+def house(
+    objects: Sequence[tuple[int, int, int]] = OBJECTS,
+    regions: Sequence[tuple[int, str]] = REGIONS,
+    version: str = "1.1",
+    name: str = "17DRP5sb8fy",
+) -> str:
+    """A house with these objects, in these regions and of the categories above."""
+    counts = {
+        "1.0": (IMAGES, PANORAMAS, VERTICES, SURFACES, len(regions), LEVELS),
+        "1.1": (IMAGES, PANORAMAS, VERTICES, SURFACES, SEGMENTS, len(objects), len(CATEGORIES), len(regions), PORTALS,
+                LEVELS),
+    }[version]  # fmt: skip
+    counted = " ".join(map(str, counts))
+    portals = [f"P 0 0 1 - {BOX} 0 0 0 0"] * PORTALS if version == "1.1" else []
+    return "\n".join([
+        f"ASCII {version}",
+        f"H {name} - {counted} {BOX} {ZEROS} 0 0 0" if version == "1.0" else
+        f"H {name} -  {counted}  {ZEROS}  {BOX}  {ZEROS}",
+        *[f"L 0 {len(regions)} - 0 0 0 {BOX} {ZEROS}"] * LEVELS,
+        *[f"R {number} 0 0 0 {label}  1 2 3  {BOX}  2.5  0 0 0 0" for number, label in regions],
+        *portals,
+        *[f"S 0 0 0 - 1 2 3 0 0 1 {BOX} {ZEROS}"] * SURFACES,
+        *["V 0 0 - 1 2 3 0 0 1 0 0 0"] * VERTICES,
+        *[f"P 0f3a 0 0 0 1 2 3 {ZEROS}"] * PANORAMAS,
+        *[f"I 0 0 0f3a 0 0 {'1 ' * 25}640 480 1 2 3 {ZEROS}"] * IMAGES,
+        *[f"C {number} 10 {mapping} 11 {mpcat40} {ZEROS}" for number, mapping, mpcat40 in CATEGORIES],
+        *[f"O {' '.join(map(str, numbers))} 1 2 3 1 0 0 0 1 0 1 1 1 {ZEROS} 0 0 0" for numbers in objects],
+        *[f"E 0 0 7 1.5 1 2 3 {BOX} {ZEROS}"] * SEGMENTS,
+    ]) + "\n"  # fmt: skip
+
+
+def write(path: Path, content: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content.encode())
+
+
+@pytest.mark.parametrize("version", ["1.0", "1.1"])
+@pytest.mark.parametrize("line_end", ["\n", "\r\n"])
+def test_objects_of_a_house_stand_in_the_room_of_their_region(tmp_path: Path, version: str, line_end: str) -> None:
+    write(tmp_path / "x.house", house(version=version).replace("\n", line_end))
+    rows, left = mined(list(mp3d.houses(tmp_path, "category_mapping_name")))
+    assert rows == EXPECTED
+    assert left == [12, 9, 6, 4]  # three of no region or category; three in Z, - and ?; a wall and an unknown
+
+
+def test_objects_go_by_the_other_name_where_params_say_so(tmp_path: Path) -> None:
+    write(tmp_path / "x.house", house())
+    words = Vocabulary(WORDS.rooms, ["wall", "void"], {})
+    heads = [row[3] for row in mined(list(mp3d.houses(tmp_path, "mpcat40")), words)[0]]
+    assert heads == ["chest of drawers", "chest of drawers", "towel", "towel"]
+
+
+@pytest.mark.parametrize(
+    ("category", "name"),
+    [("Chest#of#drawers", "chest of drawers"), ("chest_of_drawers", "chest of drawers"), ("#tv#", "tv"), ("tv", "tv")],
+)
+def test_categories_are_named_in_lower_case_words(category: str, name: str) -> None:
+    assert mp3d.entity_name(category) == name
+
+
+def test_houses_are_found_in_folders_below_and_read_in_order(tmp_path: Path) -> None:
+    write(tmp_path / "b/house_segmentations/b.house", house(name="b"))
+    write(tmp_path / "a/deep/down/a.house", house(OBJECTS[2:3], name="a"))
+    write(tmp_path / "a/deep/down/a.fsegs.json", "{}")
+    rows, left = mined(list(mp3d.houses(tmp_path, "category_mapping_name")))
+    assert rows == [("a", "bathroom", "2", "towel", "bathroom", 1), *[("b", *row[1:]) for row in EXPECTED]]
+    assert left == [13, 10, 7, 5]
+
+
+def test_a_house_without_objects_in_rooms_has_no_observations(tmp_path: Path) -> None:
+    write(tmp_path / "a.house", house((), name="a"))
+    write(tmp_path / "b.house", house(OBJECTS[6:], name="b"))
+    assert mined(list(mp3d.houses(tmp_path, "category_mapping_name"))) == ([], [6, 3, 0, 0])
+
+
+def test_a_house_is_read_only_when_it_is_mined(tmp_path: Path) -> None:
+    write(tmp_path / "a.house", house(name="a"))
+    write(tmp_path / "b.house", "broken")
+    parts = mp3d.mine(mp3d.houses(tmp_path, "category_mapping_name"), WORDS, Counter())
+    assert next(parts).num_rows == len(EXPECTED)
+    with pytest.raises(InputError, match=r"b\.house"):
+        next(parts)
+
+
+@pytest.mark.parametrize(
+    ("kind", "what"),
+    [("I", "images"), ("P 0f3a", "panoramas"), ("P 0 0", "portals"), ("V", "vertices"), ("S", "surfaces"),
+     ("E", "segments"), ("O", "objects"), ("C", "categories"), ("R", "regions"), ("L", "levels")],
+)  # fmt: skip
+def test_a_header_that_counts_other_records_than_there_are_is_refused(tmp_path: Path, kind: str, what: str) -> None:
+    lines = house().splitlines()
+    first = next(number for number, line in enumerate(lines) if line.startswith(f"{kind} "))
+    line = refusal(tmp_path, "\n".join(lines[:first] + lines[first + 1 :]))
+    assert "line 2" in line
+    assert what in line
+    assert f"({kind[0]})" in line
+
+
+def test_a_file_cut_short_is_refused(tmp_path: Path) -> None:
+    whole = house()
+    assert "the header counts" in refusal(tmp_path, whole[: whole.index("O 3")])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "places"),
+    [
+        ("ASCII 1.1", "ASCII 2.0", ["line 1", "ASCII 1.1"]),
+        ("ASCII 1.1", "ply", ["line 1", "ASCII 1.1"]),
+        ("ASCII 1.1\nH", "ASCII 1.1\nX", ["line 2", "record H"]),
+        ("ASCII 1.1", "ASCII 1.0", ["line 2", "the header counts"]),
+    ],
+)
+def test_a_broken_start_is_refused(tmp_path: Path, old: str, new: str, places: list[str]) -> None:
+    line = refusal(tmp_path, house().replace(old, new))
+    assert all(place in line for place in places), line
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "places"),
+    [
+        ("O 3 5 1", "O 3 6 1", ["object 3", "region 6"]),
+        ("O 3 5 1", "O 3 5 3", ["object 3", "category 3"]),
+        ("O 3 5 1", "O 3 -2 1", ["region -2"]),
+        ("O 3 5 1", "O 3 five 1", ["field 3", "'five'"]),
+        ("O 3 5 1", "O 2 5 1", ["O 2"]),
+        ("R 4 0", "R 3 0", ["R 3"]),
+        ("C 1 10 Towel 11 towel 0 0 0 0 0", "C 1 10", ["3 fields", "record C"]),
+        ("S 0 0", "G 0 0", ["'G'"]),
+    ],
+)
+def test_a_broken_record_is_refused_with_its_line(tmp_path: Path, old: str, new: str, places: list[str]) -> None:
+    whole = house()
+    assert whole.count(old) == 1
+    line = refusal(tmp_path, whole.replace(old, new))
+    number = whole[: whole.index(old)].count("\n") + 1
+    assert all(place in line for place in [f"line {number}: ", *places]), line
+
+
+@pytest.mark.parametrize("content", ["", "\n", "ASCII 1.1\n", "{}", "ASCII 1.1 and more\n"])
+def test_what_is_no_house_is_refused(tmp_path: Path, content: str) -> None:
+    assert re.search(r"line [12]", refusal(tmp_path, content))
+
+
+def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "x.house").write_bytes(b"ASCII 1.1\nH \xff\xfe\n")
+    with pytest.raises(InputError, match=r"x\.house: expected a \.house file"):
+        list(mp3d.houses(tmp_path, "category_mapping_name"))
+
+
+def test_the_same_house_twice_is_refused(tmp_path: Path) -> None:
+    write(tmp_path / "copy.house", house())
+    line = refusal(tmp_path, house(), "original.house")
+    assert "17DRP5sb8fy" in line
+    assert "copy.house" in line
+
+
+def test_a_folder_without_houses_is_refused(tmp_path: Path) -> None:
+    write(tmp_path / "scene/house_segmentations.zip", "")
+    for folder in (tmp_path, tmp_path / "missing"):
+        with pytest.raises(InputError, match=rf"^{re.escape(str(folder))}: .*mp3d\.houses"):
+            list(mp3d.houses(folder, "mpcat40"))
+
+
+# Tallies
+
+TALLIES = """object,room,count
+fan,bedroom,3
+fan,family room,2
+fan,living room,1
+fan,garage,7
+night stand,bedroom,4
+side table,bedroom,5
+wall,bedroom,9
+"""
+ROOMS = {"bedroom": "bedroom", "living room": "living room", "family room": "living room"}
+
+
+def tallied(tmp_path: Path, content: str) -> list[Seen]:
+    (tmp_path / "tallies.csv").write_text(content, encoding="utf-8")
+    return mp3d.tallies(tmp_path / "tallies.csv", ROOMS)
+
+
+def test_tallies_add_up_over_region_types_and_names_of_one_meaning(tmp_path: Path) -> None:
+    rows, left = mined([tallied(tmp_path, TALLIES)], Vocabulary(ROOMS, WORDS.structure, WORDS.same_as))
+    assert rows == [
+        (None, "bedroom", None, "fan", "bedroom", 3),
+        (None, "living room", None, "fan", "living room", 3),
+        (None, "bedroom", None, "side table", "bedroom", 9),
+    ]
+    assert left == [31, 31, 24, 15]
+
+
+@pytest.mark.parametrize(
+    ("content", "places"),
+    [
+        ("object,count\nfan,3\n", ["column 'room'", "missing"]),
+        ("", ["column", "missing"]),
+        (TALLIES + "bed,bedroom,many\n", ["line 9", "count"]),
+        (TALLIES + "bed,bedroom\n", ["line 9", "count"]),
+        (TALLIES + "bed,bedroom,-1\n", ["line 9", "count"]),
+        (TALLIES + "fan,garage,1\n", ["'fan'", "'garage'", "twice"]),
+    ],
+)
+def test_broken_tallies_are_refused(tmp_path: Path, content: str, places: list[str]) -> None:
+    with pytest.raises(InputError) as refused:
+        tallied(tmp_path, content)
+    line = str(refused.value)
+    assert line.startswith(f"{tmp_path / 'tallies.csv'}: ")
+    assert all(place in line for place in places), line
+
+
+def test_a_region_type_that_the_tallies_lack_is_refused_by_its_param(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"mp3d\.rooms\.tallies: 'family room'"):
+        tallied(tmp_path, TALLIES.replace("family room", "lounge"))
+
+
+def test_missing_tallies_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.csv: expected a CSV file"):
+        mp3d.tallies(tmp_path / "none.csv", ROOMS)
+
+
+# What ships
+
+
+@pytest.fixture(scope="module")
+def published() -> pd.DataFrame:
+    return pd.read_csv(paths.MP3D_TALLIES, keep_default_na=False)
+
+
+def test_the_published_tallies_are_whole(published: pd.DataFrame) -> None:
+    assert (published["object"].nunique(), published["room"].nunique()) == (197, 27)
+    assert published["count"].sum() == 30_038
+    indexed = published.set_index(["object", "room"])["count"]
+    assert indexed["toilet", "bathroom"] == 283
+
+
+def test_the_mined_tallies_add_up_to_the_published_ones(published: pd.DataFrame) -> None:
+    given = load(paths.PARAMS).mp3d
+    seen = mp3d.tallies(paths.MP3D_TALLIES, given.rooms.tallies)
+    rows, left = mined([seen], Vocabulary(given.rooms.tallies, given.structure, given.same_as))
+    lounging = published["room"].isin(["living room", "family room", "lounge"])
+    kept = published[lounging | published["room"].isin(["bathroom", "bedroom", "kitchen"])]
+    no_structure = kept[~kept["object"].isin(["banister", "column", "door", "furniture", "railing", "stairs",
+                                              "window", "window frame"])]  # fmt: skip
+    assert left == [30_038, 30_038, kept["count"].sum(), no_structure["count"].sum()]
+    counts = {(head, room): count for _, room, _, head, _, count in rows}
+    assert len(counts) == len(rows)
+    assert sum(counts.values()) == left[-1]
+    living = published[lounging].groupby("object")["count"].sum()
+    assert counts["ottoman", "living room"] == living["ottoman"]
+    assert counts["footstool", "living room"] == living["foot rest"]
+    indexed = published.set_index(["object", "room"])["count"]
+    beside = indexed["night stand", "bedroom"]
+    assert counts["side table", "bedroom"] == beside
+
+
+@pytest.fixture(scope="module")
+def ai2thor_names() -> dict[str, set[str]]:
+    """What AI2-THOR calls its objects, materials of either source, affordances and rooms."""
+    given = load(paths.PARAMS).ai2thor
+    scenes = ai2thor.read_recording(ai2thor.locate(given.recording), given.sha256)
+    things = [thing for scene in scenes for thing in scene.objects]
+    shares = materials.read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
+    reported = {material for named in materials.simulator(0, things) for material in named}
+    return {
+        "object": {ai2thor.entity_name(thing["objectType"]) for thing in things},
+        "material": set(shares.columns) | reported,
+        "affordance": {name for pair in ai2thor.AFFORDANCES.values() for name in pair},
+        "room": {room for _, room, _ in ai2thor.ROOMS},
+    }
+
+
+def test_names_of_the_same_thing_lead_to_entities_of_ai2thor(ai2thor_names: dict[str, set[str]]) -> None:
+    given = load(paths.PARAMS).mp3d
+    assert set(given.same_as.values()) - ai2thor_names["object"] == {"drinking glass", "sheet of paper"}
+    assert not set(given.same_as) & ai2thor_names["object"]
+
+
+def test_published_categories_are_objects_of_ai2thor_or_bear_a_name_of_their_own_with_a_definition(
+    published: pd.DataFrame, ai2thor_names: dict[str, set[str]]
+) -> None:
+    given = load(paths.PARAMS).mp3d
+    named = {given.same_as.get(name, name) for name in set(published["object"]) - set(given.structure)}
+    new = named - ai2thor_names["object"]
+    assert not new & set().union(*ai2thor_names.values())
+    assert new <= set(pd.read_csv(paths.DEFINITIONS)["phrase"])
+    assert set(load(paths.PARAMS).affordances.entities) <= new
+
+
+# The graph
+
+ENTITIES = pd.DataFrame(
+    [("bedroom", "room"), ("fabric", "material"), ("kitchen", "room"), ("lamp", "object"), ("open", "affordance"),
+     ("wood", "material")], columns=["entity", "kind"],
+).assign(source="ai2thor", phrase=lambda table: table["entity"])  # fmt: skip
+TRIPLES = pd.DataFrame(
+    [("lamp", "atLocation", "kitchen", 2), ("lamp", "hasMaterial", "wood", 3)],
+    columns=["head", "relation", "tail", "count"],
+).assign(source="ai2thor")
+
+
+def observed(*seen: tuple[str, str, int]) -> pd.DataFrame:
+    """Observations of (object, room, count)."""
+    frame = pd.DataFrame(seen, columns=["head", "tail", "count"])
+    return frame.assign(room=frame["tail"], relation="atLocation", scene=None, instance=None)
+
+
+OBSERVED = observed(
+    ("stove", "kitchen", 5), ("lamp", "kitchen", 9), ("fan", "kitchen", 2), ("fan", "bedroom", 4),
+    ("stove", "kitchen", 1), ("purse", "bedroom", 5),
+)  # fmt: skip
+
+
+def test_objects_that_the_graph_lacks_are_counted_over_rooms() -> None:
+    unknown = candidates.unknown_objects(OBSERVED, ENTITIES, "mp3d.parquet")
+    assert unknown.to_dict() == {"fan": 6, "purse": 5, "stove": 6}
+    assert candidates.frequent(unknown, 6, ENTITIES, "mp3d.parquet").to_dict() == {"fan": 6, "stove": 6}
+    assert list(candidates.frequent(unknown, 5, ENTITIES, "mp3d.parquet").index) == ["fan", "purse", "stove"]
+
+
+@pytest.mark.parametrize(("name", "kind"), [("wood", "material"), ("open", "affordance"), ("bedroom", "room")])
+def test_an_object_is_not_merged_with_an_entity_of_another_kind(name: str, kind: str) -> None:
+    unknown = candidates.unknown_objects(observed((name, "kitchen", 6)), ENTITIES, "mp3d.parquet")
+    assert candidates.frequent(unknown, 7, ENTITIES, "mp3d.parquet").empty
+    with pytest.raises(InputError, match=rf"mp3d\.parquet: object '{name}': .* {kind}.*mp3d\.same_as"):
+        candidates.frequent(unknown, 6, ENTITIES, "mp3d.parquet")
+
+
+def test_a_room_that_the_graph_lacks_is_refused() -> None:
+    with pytest.raises(InputError, match=r"mp3d\.parquet: room 'bathroom'"):
+        candidates.unknown_objects(observed(("fan", "bathroom", 6)), ENTITIES, "mp3d.parquet")
+
+
+def test_new_entities_and_their_triples_come_behind_those_of_the_graph() -> None:
+    encoded = TRIPLES.astype({"head": "category", "relation": "category", "tail": "category", "source": "category"})
+    entities, triples = candidates.extend(ENTITIES, encoded, OBSERVED, ["fan", "stove"], "mp3d")
+    pd.testing.assert_frame_equal(entities.iloc[: len(ENTITIES)], ENTITIES, check_dtype=False)
+    assert list(entities.iloc[len(ENTITIES) :][tables.ENTITIES.names].itertuples(index=False, name=None)) == [
+        ("fan", "object", "mp3d", "fan"),
+        ("stove", "object", "mp3d", "stove"),
+    ]
+    assert list(triples[tables.TRIPLES.names].itertuples(index=False, name=None)) == [
+        ("lamp", "atLocation", "kitchen", 2, "ai2thor"),  # none of the nine of Matterport3D
+        ("lamp", "hasMaterial", "wood", 3, "ai2thor"),
+        ("fan", "atLocation", "bedroom", 4, "mp3d"),
+        ("fan", "atLocation", "kitchen", 2, "mp3d"),
+        ("stove", "atLocation", "kitchen", 6, "mp3d"),
+    ]
+
+
+@given(
+    names=st.lists(st.text("abcxyz ", min_size=1), min_size=1, max_size=30, unique=True),
+    number=st.integers(1, 40),
+    root=st.integers(0, 5),
+    data=st.data(),
+)
+def test_as_many_as_there_are_or_are_asked_for_are_drawn_and_some_always(
+    names: list[str], number: int, root: int, data: st.DataObject
+) -> None:
+    always = data.draw(st.lists(st.sampled_from(names), unique=True, max_size=number))
+    enough = pd.Series(6, index=sorted(names))
+    drawn = candidates.draw(enough, number, always, root)
+    assert len(drawn) == min(number, len(names))
+    assert set(always) <= set(drawn) <= set(names)
+    assert all(one < other for one, other in pairwise(drawn))
+    assert drawn == candidates.draw(enough, number, always[::-1], root)
+
+
+def test_every_entity_is_as_likely_to_be_drawn() -> None:
+    enough = pd.Series(6, index=sorted(LETTERS))
+    times = Counter(name for root in range(400) for name in candidates.draw(enough, 3, ["fan"], root))
+    assert times.pop("fan") == 400
+    assert set(times) == set(LETTERS) - {"fan"}
+    assert all(120 < number < 200 for number in times.values())  # 160 expected, deviation 10
+
+
+@pytest.mark.parametrize(
+    ("always", "number", "key"),
+    [
+        (["bottle"], 3, "affordances.entities: 'bottle'"),
+        (["fan", "stove"], 1, "transfer.candidates: "),
+    ],
+)
+def test_entities_that_cannot_be_drawn_are_refused_by_their_param(always: list[str], number: int, key: str) -> None:
+    with pytest.raises(InputError, match=rf"^params\.yaml: {re.escape(key)}"):
+        candidates.draw(pd.Series(6, index=sorted(LETTERS)), number, always, 0)
