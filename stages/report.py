@@ -21,16 +21,16 @@ _SOURCES = ("isi", "stages", "data/raw")  # dependencies of the stage, whole
 
 @stage(
     "seed", "ai2thor", "materials", "graph", "words", "sessions", "embedding", "negatives", "training", "finetuning",
-    "convergence", "insert", "initializers", "curves", "sweep", "cross_validation", "rates", "approach",
+    "convergence", "insert", "initializers", "curves", "sweep", "cross_validation", "rates", "approach", "mp3d",
+    "transfer", "affordances",
 )  # fmt: skip
 def report(params: Params, _provenance: Provenance) -> None:
     """Render the report: tables, figures, metrics and the page."""
-    runs = paths.runs("ai2thor", "joint").parent
     listed = (*params.insert.initializers, "joint")
-    keep_only(
-        runs, [path for path in runs.iterdir() if path.name.split(".")[0] in listed]
-    )  # the folder is a dependency
-    found = results.read(params, "ai2thor")
+    for runs in (paths.runs(experiment, "joint").parent for experiment in ("ai2thor", "transfer")):
+        # the folder is a dependency
+        keep_only(runs, [path for path in runs.iterdir() if path.name.split(".")[0] in listed])
+    found = results.read(params)
     made = [table(found) for table in contents.TABLES]
     page.write(paths.REPORTS, found, made, figures.draw(found, contents.FIGURES), what_was_run(params, found))
     print(f"report: {paths.REPORTS / 'index.html'}")

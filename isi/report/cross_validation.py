@@ -39,6 +39,16 @@ def cross_validation(results: Results) -> Table:
     )
 
 
+def best(results: Results, factor: str) -> float:
+    """The value of one factor that did best, the others as chosen; the first of equals."""
+    others = [name for name in Setting.model_fields if name != factor]
+    choice = pd.Series(results.params.choice.model_dump())
+    rows = results.cross_validation
+    own = rows[(rows[others] == choice[others]).all(axis=1)]
+    means = own.groupby(factor, sort=False)["mrr_star"].mean()
+    return float(means.index.to_numpy()[means.to_numpy().argmax()])
+
+
 def _named(values: dict[str, float]) -> str:
     return ", ".join(f"{name.replace('_', ' ')} {values[name]:g}" for name in Setting.model_fields)
 

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from scipy import stats
 
-from isi.report.results import JOINT, Results
+from isi.report.results import JOINT, Experiment, Results
 from isi.report.tables import label
 
 #: Okabe and Ito's colours, which most colour-blind readers can tell apart.
@@ -69,19 +69,7 @@ def curves(results: Results) -> Figure | None:
     size = results.curve_size
     if size is None:
         return None
-    canvas, (left, right) = panels(2)
-    runs = results.runs[results.runs["size"] == size]
-    for axes, scope in ((left, "all"), (right, "novel_heldout")):
-        shown = runs[runs["scope"] == scope]
-        for model in results.initializers:
-            _draw(axes, results, model, shown[shown["model"] == model], "epoch")
-        joint = 100 * shown.loc[shown["model"] == JOINT, "mrr_star"].mean()
-        axes.axhline(joint, color=COLOURS[JOINT], lw=1.2, label=label(JOINT))
-        axes.axhline(
-            joint - 100 * results.params.convergence.margin, color=COLOURS[JOINT], lw=1, ls=":", label="converged"
-        )
-        axes.set(title=f"scope {scope}", xlabel="epoch of fine-tuning", ylabel="MRR* (points)")
-    legend(canvas, left)
+    canvas = follow(results, size, ("all", "novel_heldout"), margin=results.params.convergence.margin)
     return Figure(
         "figure3b_curves",
         "Figure 3b. Learning curves",
@@ -97,21 +85,7 @@ def corruption(results: Results) -> Figure | None:
     size = results.curve_size
     if size is None:
         return None
-    canvas, (left, right) = panels(2)
-    runs = results.runs[results.runs["size"] == size]
-    for axes, scope in ((left, "known"), (right, "known_closed")):
-        shown = runs[runs["scope"] == scope]
-        for model in results.initializers:
-            _draw(axes, results, model, shown[shown["model"] == model], "epoch")
-        axes.axhline(
-            100 * shown.loc[shown["model"] == JOINT, "mrr_star"].mean(),
-            color=COLOURS[JOINT],
-            lw=1.2,
-            label=label(JOINT),
-        )
-        axes.set(title=f"scope {scope}", xlabel="epoch of fine-tuning", ylabel="MRR* (points)")
-    right.set_ylim(left.get_ylim())
-    legend(canvas, left)
+    canvas = follow(results, size, ("known", "known_closed"))
     return Figure(
         "corruption",
         "Earlier knowledge during fine-tuning",
@@ -119,6 +93,30 @@ def corruption(results: Results) -> Figure | None:
         "and without (right). A loss on the left alone is crowding, a loss on the right is damage.",
         canvas,
     )
+
+
+def follow(experiment: Experiment, size: int, scopes: tuple[str, str], margin: float | None = None) -> Canvas:
+    """MRR* by epoch of fine-tuning in two scopes, with the joint model's level.
+
+    Args:
+        margin: also draw where a run of mean joint performance counts as converged; without, both panels
+            have one scale.
+    """
+    canvas, both = panels(2)
+    runs = experiment.runs[experiment.runs["size"] == size]
+    for axes, scope in zip(both, scopes, strict=True):
+        shown = runs[runs["scope"] == scope]
+        for model in experiment.initializers:
+            _draw(axes, experiment, model, shown[shown["model"] == model], "epoch")
+        joint = 100 * shown.loc[shown["model"] == JOINT, "mrr_star"].mean()
+        axes.axhline(joint, color=COLOURS[JOINT], lw=1.2, label=label(JOINT))
+        if margin is not None:
+            axes.axhline(joint - 100 * margin, color=COLOURS[JOINT], lw=1, ls=":", label="converged")
+        axes.set(title=f"scope {scope}", xlabel="epoch of fine-tuning", ylabel="MRR* (points)")
+    if margin is None:
+        both[1].set_ylim(both[0].get_ylim())
+    legend(canvas, both[0])
+    return canvas
 
 
 def interval(values: pd.Series) -> tuple[float, float, float]:
@@ -137,7 +135,7 @@ def panels(number: int, columns: int = 2, height: float = 3.6) -> tuple[Canvas, 
     return canvas, list(canvas.subplots(number // columns, columns).flat)
 
 
-def _draw(axes: Axes, results: Results, model: str, rows: pd.DataFrame, x: str, bars: bool = False) -> None:
+def _draw(axes: Axes, results: Experiment, model: str, rows: pd.DataFrame, x: str, bars: bool = False) -> None:
     """Draw mean and interval over seeds by x: as a line with a band, or with bars, set apart a little."""
     if rows.empty:
         return
@@ -153,7 +151,7 @@ def _draw(axes: Axes, results: Results, model: str, rows: pd.DataFrame, x: str, 
         axes.fill_between(place, line[1], line[2], color=colour, alpha=0.15, lw=0)
 
 
-def colour_of(results: Results, model: str) -> str:
+def colour_of(results: Experiment, model: str) -> str:
     """The colour of a model in every figure."""
     own = [name for name in results.initializers if name not in COLOURS]
     return COLOURS[model] if model in COLOURS else _SPARE[own.index(model) % len(_SPARE)]

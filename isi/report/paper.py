@@ -74,14 +74,14 @@ def _graph(results: Results) -> Iterator[Row]:
     }  # fmt: skip
     for name, value in ours.items():
         yield "section 5.1", words.get(name, name), stated[name], float(value)
-    table = graph_statistics(results).frame.set_index("room")
+    table = graph_statistics(results).frame.set_index("room").astype(float)
     columns = {"location": "location triples", "material": "material triples", "affordance": "affordance triples",
                "object types": "entities", "rooms": "rooms"}  # fmt: skip
     for room in (*ROOMS, "all"):
         for column, name in columns.items():
             median = "" if column == "rooms" else ", median per environment"
             paper = stated["median_per_environment"][room]["entities" if column == "object types" else column]
-            yield "Table 1", f"{room}: {name}{median}", paper, float(table.loc[room, column])
+            yield "Table 1", f"{room}: {name}{median}", paper, float(table[column][room])
 
 
 def _settings(results: Results) -> Iterator[Row]:
@@ -121,7 +121,10 @@ def _convergence(results: Results) -> Iterator[Row]:
 def _transfer(results: Results) -> Iterator[Row]:
     stated, found = results.paper["transfer"], results.transfer
     means = 100 * found.at_once.groupby(["scope", "model"])["mrr_star"].mean()
-    for scope, key, what in (("all", "all_queries", "all queries"), ("novel", "novel_queries", "new entities' queries")):
+    for scope, key, what in (
+        ("all", "all_queries", "all queries"),
+        ("novel", "novel_queries", "new entities' queries"),
+    ):
         for name, number in stated[key].items():
             yield "section 6.3", f"{label(name)}: MRR* at once, {what}", number, means.get((scope, name), np.nan)
     cells = found.convergence
@@ -149,3 +152,6 @@ def _affordances(results: Results) -> Iterator[Row]:
 def _mean_of_isi(values: dict[str, Any]) -> float:
     own = [values[name] for name in ISI if name in values]
     return float(np.mean(own)) if own else np.nan
+
+
+TABLES = (against,)

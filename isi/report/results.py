@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
@@ -24,12 +25,10 @@ ISI = ("es", "rs", "ers")
 
 
 @dataclass(frozen=True)
-class Results:
+class Experiment:
     """The tables of one experiment, with entities by id where the tables have ids."""
 
     params: Params
-    paper: Mapping[str, Any]
-    definitions: pd.DataFrame
     observations: pd.DataFrame
     entities: pd.DataFrame
     triples: pd.DataFrame
@@ -44,12 +43,6 @@ class Results:
     #: ``tables.INSERTED`` and ``tables.TIES``, likewise
     inserted: pd.DataFrame
     ties: pd.DataFrame
-    #: ``tables.INDICATOR_SWEEP`` and ``tables.RATE_SWEEP``, likewise
-    sweep: pd.DataFrame
-    rates: pd.DataFrame
-    cross_validation: pd.DataFrame
-    #: what became of one novel entity (see ``tracing.Trace``), by name
-    approach: Mapping[str, np.ndarray]
 
     @property
     def initializers(self) -> list[str]:
@@ -66,19 +59,9 @@ class Results:
         return self.runs[self.runs["epoch"] == 0]
 
     @cached_property
-    def curve_size(self) -> int | None:
-        """The first of ``curves.sizes`` that was run: the one that is drawn."""
-        return next((size for size in self.params.curves.sizes if size in self.params.sessions.sizes), None)
-
-    @cached_property
     def convergence(self) -> pd.DataFrame:
         """Epochs to convergence of each initializer and cell (see ``converged``)."""
         return self.converged(self.runs[self.runs["model"] != JOINT], ["model"])
-
-    @cached_property
-    def sweep_convergence(self) -> pd.DataFrame:
-        """Epochs to convergence of each initializer, indicator set size and cell."""
-        return self.converged(self.sweep, ["model", "k"])
 
     def converged(self, runs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         """Epochs to convergence of runs that ``by`` tells apart (``convergence.epochs_to_convergence``)."""
@@ -86,45 +69,81 @@ class Results:
         return convergence.epochs_to_convergence(runs, joint, margin, self.params.finetuning.max_epochs, by)
 
 
-def read(params: Params, experiment: str) -> Results:
-    """Read the tables of an experiment.
+@dataclass(frozen=True)
+class Results(Experiment):
+    """The tables of the main experiment, and all that stands beside it."""
+
+    paper: Mapping[str, Any]
+    definitions: pd.DataFrame
+    #: from AI2-THOR to Matterport3D
+    transfer: Experiment
+    #: ``tables.AFFORDANCES`` of every initializer, told apart by a column ``model``
+    affordances: pd.DataFrame
+    #: ``tables.INDICATOR_SWEEP`` and ``tables.RATE_SWEEP``, likewise
+    sweep: pd.DataFrame
+    rates: pd.DataFrame
+    cross_validation: pd.DataFrame
+    #: what became of one novel entity (see ``tracing.Trace``), by name
+    approach: Mapping[str, np.ndarray]
+
+    @cached_property
+    def curve_size(self) -> int | None:
+        """The first of ``curves.sizes`` that was run: the one that is drawn."""
+        return next((size for size in self.params.curves.sizes if size in self.params.sessions.sizes), None)
+
+    @cached_property
+    def sweep_convergence(self) -> pd.DataFrame:
+        """Epochs to convergence of each initializer, indicator set size and cell."""
+        return self.converged(self.sweep, ["model", "k"])
+
+
+def read(params: Params) -> Results:
+    """Read the tables of all experiments.
 
     Raises:
         InputError: where one is missing or broken.
     """
-
-    def table(path: Path, schema: Any) -> pd.DataFrame:
-        frame = tables.read(path, schema)
-        names = frame.select_dtypes("category").columns
-        return frame.astype(dict.fromkeys(names, str))
-
-    def of_models(path: Any, schema: Any, models: list[str]) -> pd.DataFrame:
-        return pd.concat(table(path(experiment, model), schema).assign(model=model) for model in models)
-
-    initializers = params.insert.initializers
+    main, initializers = "ai2thor", params.insert.initializers
     return Results(
-        params=params,
+        **vars(_experiment(params, main, main)),
         paper=_read_paper(paths.PAPER),
         definitions=_read_definitions(paths.DEFINITIONS),
-        observations=table(paths.observations(experiment), tables.OBSERVATIONS),
-        entities=table(paths.entities(experiment), tables.ENTITIES),
-        triples=table(paths.triples(experiment), tables.TRIPLES),
-        coverage=table(paths.coverage(experiment), tables.COVERAGE),
-        splits=table(paths.splits(experiment), tables.SPLITS),
-        novel=table(paths.novel(experiment), tables.NOVEL),
-        insert_triples=table(paths.insert_triples(experiment), tables.INSERT_TRIPLES),
-        theta0_log=table(paths.training_log(experiment, "theta0"), tables.TRAINING_LOG),
-        joint_log=table(paths.training_log(experiment, JOINT), tables.TRAINING_LOG),
-        runs=of_models(paths.runs, tables.RUNS, [*initializers, JOINT]),
-        inserted=of_models(paths.inserted, tables.INSERTED, initializers),
-        ties=of_models(paths.ties, tables.TIES, [*initializers, JOINT]),
-        sweep=pd.concat(
-            table(paths.indicator_sweep(model), tables.INDICATOR_SWEEP).assign(model=model) for model in ISI
-        ),
-        rates=table(paths.rate_sweep(), tables.RATE_SWEEP).rename(columns={"initializer": "model"}),
-        cross_validation=table(paths.cross_validation(experiment), tables.CROSS_VALIDATION),
-        approach=_read_approach(paths.approach(experiment)),
+        transfer=_experiment(params, "transfer", "mp3d"),
+        affordances=_of_models(partial(paths.affordances, "transfer"), tables.AFFORDANCES, initializers),
+        sweep=_of_models(paths.indicator_sweep, tables.INDICATOR_SWEEP, ISI),
+        rates=_table(paths.rate_sweep(), tables.RATE_SWEEP).rename(columns={"initializer": "model"}),
+        cross_validation=_table(paths.cross_validation(main), tables.CROSS_VALIDATION),
+        approach=_read_approach(paths.approach(main)),
     )
+
+
+def _experiment(params: Params, name: str, source: str) -> Experiment:
+    initializers = params.insert.initializers
+    return Experiment(
+        params=params,
+        observations=_table(paths.observations(source), tables.OBSERVATIONS),
+        entities=_table(paths.entities(name), tables.ENTITIES),
+        triples=_table(paths.triples(name), tables.TRIPLES),
+        coverage=_table(paths.coverage(name), tables.COVERAGE),
+        splits=_table(paths.splits(name), tables.SPLITS),
+        novel=_table(paths.novel(name), tables.NOVEL),
+        insert_triples=_table(paths.insert_triples(name), tables.INSERT_TRIPLES),
+        theta0_log=_table(paths.training_log(name, "theta0"), tables.TRAINING_LOG),
+        joint_log=_table(paths.training_log(name, JOINT), tables.TRAINING_LOG),
+        runs=_of_models(partial(paths.runs, name), tables.RUNS, [*initializers, JOINT]),
+        inserted=_of_models(partial(paths.inserted, name), tables.INSERTED, initializers),
+        ties=_of_models(partial(paths.ties, name), tables.TIES, [*initializers, JOINT]),
+    )
+
+
+def _table(path: Path, schema: pa.Schema) -> pd.DataFrame:
+    frame = tables.read(path, schema)
+    names = frame.select_dtypes("category").columns
+    return frame.astype(dict.fromkeys(names, str))
+
+
+def _of_models(path: Callable[[str], Path], schema: pa.Schema, models: Sequence[str]) -> pd.DataFrame:
+    return pd.concat(_table(path(model), schema).assign(model=model) for model in models)
 
 
 def _read_approach(path: Path) -> Mapping[str, np.ndarray]:

@@ -97,6 +97,12 @@ def picked_sizes(results: Results) -> dict[str, int]:
     }
 
 
+def best_sizes(results: Results) -> dict[str, int]:
+    """The size of the best immediate MRR* in scope all, for each initializer."""
+    means = _means(results)["all: MRR*"]
+    return {model: int(means.loc[model].idxmax()) for model in ISI}
+
+
 def _means(results: Results) -> pd.DataFrame:
     """Means over seeds by model and k, models in their order."""
     at_once = results.sweep[results.sweep["epoch"] == 0]

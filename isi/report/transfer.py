@@ -83,14 +83,14 @@ def drop(results: Results) -> dict[str, float]:
 
 def figure4(results: Results) -> Figure:
     """Figure 4: MRR* over AI2-THOR's entities alone, by epoch of further training."""
-    transfer = results.transfer
-    canvas = follow(transfer, transfer.params.transfer.size, ("known", "known_closed"), margin=None, alike=True)
+    size = results.params.transfer.size
+    canvas = follow(results.transfer, size, ("known", "known_closed"))
     return Figure(
         "figure4_transfer",
         "Figure 4. Earlier knowledge while Matterport3D's entities are learned",
-        f"MRR* of queries about AI2-THOR's entities alone by epoch of further training on D¹, {transfer.params.transfer.size} "
-        "entities of Matterport3D inserted, mean and 95 % interval over repeats: with the new entities among the "
-        "candidates (left, the paper's figure) and without (right). What is lost on the left alone is crowding.",
+        f"MRR* of queries about AI2-THOR's entities alone by epoch of further training on D¹, with {size} entities of "
+        "Matterport3D inserted, mean and 95 % interval over repeats: the new entities among the candidates (left, the "
+        "paper's figure) and not (right). What is lost on the left alone is crowding.",
         canvas,
     )
 
@@ -114,7 +114,7 @@ def affordances(results: Results) -> Table:
 
 
 def top_answers(results: Results, model: str, entity: str) -> list[str]:
-    """The answers of lowest mean rank over the repeats that inserted an entity, with the kind of those that are none."""
+    """The answers of lowest mean rank over the repeats that inserted an entity; the kind of those that are none."""
     entities = results.transfer.entities
     rows = results.affordances
     own = rows[(rows["model"] == model) & (rows["entity"] == entities.index[entities["entity"] == entity][0])]
@@ -143,3 +143,7 @@ def affordance_shares(results: Results) -> Table:
         "none.".replace("17", str(int((results.transfer.entities["kind"] == "affordance").sum()))),
         frame,
     )
+
+
+TABLES = (mined, immediate, affordances, affordance_shares)
+FIGURES = (figure4,)
