@@ -21,14 +21,16 @@ from safetensors.torch import load_file
 
 from tools import workspace
 
+#: The paper's, and one control.
+ISI = ("es", "rs", "ers")
+INITIALIZERS = ("xavier", "iu", "es", "rs", "ers", "es_permuted")
 SMALL = {
     "sessions.seeds": 3, "sessions.sizes": [1, 2], "embedding.dimension": 8, "training.max_epochs": 4,
     "training.evaluate_every": 2, "finetuning.max_epochs": 3, "curves.sizes": [2], "compute.stack": 2,
     "sweep.k": [1, 8], "sweep.size": 2, "sweep.seeds": 2, "rates.size": 2, "approach.size": 2, "approach.epochs": 2,
     "cross_validation": {"folds": 3, "dimension": [12], "ratio": [], "learning_rate": [0.2], "weight_decay": []},
+    "insert.initializers": list(INITIALIZERS),
 }  # fmt: skip
-INITIALIZERS = ("xavier", "iu", "es", "rs", "ers")
-ISI = ("es", "rs", "ers")
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
 
@@ -203,6 +205,8 @@ def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
         for form in ("csv", "md", "tex"):
             assert (folder / f"reports/tables/{name}.{form}").stat().st_size
     assert "\\toprule" in (folder / "reports/tables/table2_convergence.tex").read_text(encoding="utf-8")
+    differences = pd.read_csv(folder / "reports/tables/differences.csv")
+    assert len(differences) == 4 * len(INITIALIZERS) * (len(INITIALIZERS) - 1) / 2
     metrics = json.loads((folder / "reports/metrics.json").read_text(encoding="utf-8"))
     runs = pd.read_parquet(folder / "data/runs/ai2thor/rs.parquet")
     at_once = runs[(runs["epoch"] == 0) & (runs["scope"] == "novel")]["mrr_star"].mean()

@@ -145,3 +145,15 @@ def test_the_plane_is_that_of_the_covariances_first_eigenvectors() -> None:
     assert np.allclose(axes @ axes.T, np.eye(2), atol=1e-6)
     assert share == pytest.approx(values[-2:].sum() / values.sum(), abs=1e-4)
     assert (axes.max(1) == np.abs(axes).max(1)).all()
+
+
+def test_a_long_legend_has_two_rows_that_are_read_one_after_the_other() -> None:
+    models = [*params.load(ROOT / "params.yaml").insert.initializers, "joint"]
+    made = results([(model, scope, 1, 0, 0, 0.5) for model in models for scope in ("all", "novel")])
+    canvas = figures.immediate(made).canvas
+    canvas.draw_without_rendering()
+    places = {text.get_text(): text.get_window_extent() for text in canvas.legends[0].get_texts()}
+    rows = sorted({round(place.y0) for place in places.values()}, reverse=True)
+    assert len(rows) == 2
+    read = sorted(places, key=lambda name: (rows.index(round(places[name].y0)), places[name].x0))
+    assert read == [tables.label(model) for model in models]

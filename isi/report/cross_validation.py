@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import pandas as pd
 
 from isi.params import Setting
@@ -39,6 +41,19 @@ def cross_validation(results: Results) -> Table:
     )
 
 
+def sentence(results: Results) -> str:
+    """The choice of this run, and what did best."""
+    rows = results.cross_validation
+    means = rows.groupby(list(Setting.model_fields), sort=False)["mrr_star"].mean().mul(100).reset_index()
+    choice = results.params.choice.model_dump()
+    own = means[(means[list(choice)] == pd.Series(choice)).all(axis=1)].iloc[0]
+    top = means.iloc[int(means["mrr_star"].to_numpy().argmax())]
+    chosen = f"The choice of this run ({_named(choice)}) has {own['mrr_star']:.1f}"
+    if top["mrr_star"] == own["mrr_star"]:
+        return f"{chosen} points of MRR*, and no other setting has more."
+    return f"{chosen} points of MRR*, the best setting ({_named(top)}) {top['mrr_star']:.1f}."
+
+
 def best(results: Results, factor: str) -> float:
     """The value of one factor that did best, the others as chosen; the first of equals."""
     others = [name for name in Setting.model_fields if name != factor]
@@ -49,7 +64,7 @@ def best(results: Results, factor: str) -> float:
     return float(means.index.to_numpy()[means.to_numpy().argmax()])
 
 
-def _named(values: dict[str, float]) -> str:
+def _named(values: Mapping[str, float] | pd.Series) -> str:
     return ", ".join(f"{name.replace('_', ' ')} {values[name]:g}" for name in Setting.model_fields)
 
 

@@ -3,59 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
+from isi.report import cross_validation, differences, gains, rates, sensitivity
 from isi.report.figures import Figure
-from isi.report.results import ISI, JOINT, Results
-from isi.report.tables import Table, improvement_over_xavier, label
+from isi.report.metrics import metrics, plots
+from isi.report.results import ISI, Results
+from isi.report.tables import CONTROLS, Table, label
 from isi.tables import atomically
-
-
-def metrics(results: Results) -> dict[str, Any]:
-    """The headline numbers, MRR* in points, for ``dvc metrics``."""
-    at_once = results.at_once.groupby(["scope", "model"])["mrr_star"].mean()
-    cells = results.convergence.groupby(["scope", "model"])
-    epochs, converged = cells["epochs"].mean(), cells["converged"].mean()
-
-    def of(values: pd.Series, scale: float = 1.0) -> dict[str, dict[str, float]]:
-        return {
-            str(scope): {model: round(scale * float(values[scope, model]), 3)
-                         for model in results.models if (scope, model) in values.index}
-            for scope in values.index.unique("scope")
-        }  # fmt: skip
-
-    return {
-        "graph": {
-            "observations": int(results.triples["count"].sum()),
-            "unique_triples": len(results.triples),
-            "entities": len(results.entities),
-        },
-        "immediate_mrr_star": of(at_once.dropna(), 100),
-        "epochs_to_convergence": of(epochs),
-        "unconverged_percent": of(1 - converged, 100),
-        "improvement_over_xavier_percent": {
-            scope: {name: round(value, 3) for name, value in improvement_over_xavier(results, scope).items()
-                    if name not in ("xavier", JOINT)}
-            for scope in ("all", "novel")
-        },
-    }  # fmt: skip
-
-
-def plots(results: Results) -> dict[str, pd.DataFrame]:
-    """Means over seeds, one column a model, for ``dvc plots``."""
-    means = 100 * results.at_once.groupby(["scope", "size", "model"])["mrr_star"].mean().unstack("model")
-    frames = {f"immediate_{scope}": means.loc[scope].reset_index() for scope in ("all", "novel")}
-    followed = results.runs[(results.runs["size"] == results.curve_size) & (results.runs["model"] != JOINT)]
-    curves = 100 * followed.groupby(["scope", "epoch", "model"])["mrr_star"].mean().unstack("model")
-    for scope in ("all", "novel_heldout", "known", "known_closed"):
-        empty = pd.DataFrame(columns=["epoch", *results.initializers])
-        frames[f"curves_{scope}"] = curves.loc[scope].reset_index() if scope in curves.index.unique("scope") else empty
-    return frames
 
 
 def write(
@@ -85,34 +45,43 @@ def write(
 
 
 def _forms(table: Table) -> dict[str, str]:
-    shown = shorten(table.frame)
+    shown = shorten(table.frame, table.formats)
     return {
         "csv": table.frame.to_csv(index=False, float_format="%.6g", lineterminator="\n"),
-        "md": shown.to_markdown(index=False, disable_numparse=True, colalign=_alignment(table.frame)) + "\n",
+        "md": shown.to_markdown(index=False, disable_numparse=True, colalign=_alignment(table)) + "\n",
         "tex": _latex(table, shown),
     }
 
 
-def shorten(frame: pd.DataFrame) -> pd.DataFrame:
+def shorten(frame: pd.DataFrame, formats: Mapping[str, Callable[[Any], str]] | None = None) -> pd.DataFrame:
     """Numbers as people read them: one decimal, none for whole columns, a dash for what is not there."""
-    return pd.DataFrame({name: [_shown(value, frame[name]) for value in frame[name]] for name in frame.columns})
+    formats = formats or {}
+    return pd.DataFrame(
+        {name: [_shown(value, frame[name], formats.get(name)) for value in frame[name]] for name in frame.columns}
+    )
 
 
-def _shown(value: Any, column: pd.Series) -> str:
+def _shown(value: Any, column: pd.Series, how: Callable[[Any], str] | None) -> str:
     if value is None or (isinstance(value, float) and pd.isna(value)):
         return "–"
     if isinstance(value, str):
         return value
+    if how is not None:
+        return how(value)
     whole = pd.to_numeric(column, errors="coerce").dropna().mod(1).eq(0).all()
     return f"{value:,.0f}" if whole else f"{value:,.1f}"
 
 
-def _alignment(frame: pd.DataFrame) -> tuple[str, ...]:
-    return tuple("left" if frame[name].map(lambda value: isinstance(value, str)).any() else "right" for name in frame)
+def _alignment(table: Table) -> tuple[str, ...]:
+    frame = table.frame
+    texts = [
+        name not in table.formats and frame[name].map(lambda value: isinstance(value, str)).any() for name in frame
+    ]
+    return tuple("left" if text else "right" for text in texts)
 
 
 def _latex(table: Table, shown: pd.DataFrame) -> str:
-    columns = "".join(side[0] for side in _alignment(table.frame))
+    columns = "".join(side[0] for side in _alignment(table))
     text = shown.replace("–", "--").style.hide(axis="index").format(escape="latex").format_index(escape="latex", axis=1)
     latex: str = text.to_latex(hrules=True, column_format=columns)
     return latex.replace("ξ", r"$\xi$").replace("Θ", r"$\Theta$")
@@ -127,13 +96,21 @@ def _html(
     return environment.get_template("page.html").render(
         tables={table.name: table for table in tables},
         shorten=shorten,
-        numeric=lambda table: [side == "right" for side in _alignment(table.frame)],
+        numeric=lambda table: [side == "right" for side in _alignment(table)],
         figures={figure.name: figure for figure in figures},
         svg=_inline,
         about_known=_share_about_known(results),
         headline=headline,
         label=label,
         isi=[name for name in ISI if name in results.initializers],
+        contenders=[name for name in results.initializers if name not in CONTROLS],
+        controls=[name for name in CONTROLS if name in results.initializers],
+        gains=gains.sentences(results),
+        told_apart=differences.sentences(results),
+        level=differences.LEVEL,
+        by_rate=rates.sentences(results),
+        picked=sensitivity.picked_sizes(results),
+        best_setting=cross_validation.sentence(results),
         params=results.params,
         paper=results.paper,
         run=run,

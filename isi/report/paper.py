@@ -29,7 +29,12 @@ def against(results: Results) -> Table:
         "Every number in the paper's abstract, tables and running text of its results. MRR* in points. The graphs are "
         "not the same (AI2-THOR has grown), nor are the joint models, so closeness is no goal; order and size are.",
         pd.DataFrame(rows, columns=["where", "what", "paper", "this run"]),
+        dict.fromkeys(("paper", "this run"), _shown),
     )
+
+
+def _shown(value: float) -> str:
+    return f"{value:,.0f}" if float(value).is_integer() else f"{value:.1f}" if abs(value) >= 1 else f"{value:g}"
 
 
 def fewer_epochs(results: Results, scope: str = "all") -> dict[str, float]:

@@ -32,10 +32,14 @@ def convergence_by_rate(results: Results) -> Table:
     return Table(
         "convergence_by_rate",
         "Epochs to convergence at other fine-tuning rates",
-        f"As Table 2, at |ξ| = {results.params.rates.size} alone, with multiples of the fine-tuning rate of {rate:g}. "
-        + " ".join(order_of_initializers(results, scope) for scope in SCOPES),
+        f"As Table 2, at |ξ| = {results.params.rates.size} alone, with multiples of the fine-tuning rate of {rate:g}.",
         pd.DataFrame(lines),
     )
+
+
+def sentences(results: Results) -> list[str]:
+    """The order of initializers in each scope, and whether it depends on the rate."""
+    return [order_of_initializers(results, scope) for scope in SCOPES]
 
 
 def cells_by_rate(results: Results) -> pd.DataFrame:

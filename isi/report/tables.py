@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,11 @@ from isi.report.results import JOINT, Results
 from isi.tables import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
 
 ROOMS = ("bathroom", "bedroom", "kitchen", "living room")
-LABELS = {"xavier": "Xavier", "iu": "IU", "es": "ES", "rs": "RS", "ers": "ERS", JOINT: "Joint"}
+CONTROLS = ("mean", "gaussian", "gaussian_centred", "es_permuted")
+LABELS = {
+    "xavier": "Xavier", "iu": "IU", "es": "ES", "rs": "RS", "ers": "ERS", "mean": "Mean", "gaussian": "Gaussian",
+    "gaussian_centred": "Gaussian, centred", "es_permuted": "ES, permuted words", JOINT: "Joint",
+}  # fmt: skip
 HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity half", "mrr_star_relation": "relation half"}
 
 
@@ -27,6 +32,8 @@ class Table:
     title: str
     caption: str
     frame: pd.DataFrame
+    #: of columns that are not shown as other numbers are, how
+    formats: Mapping[str, Callable[[Any], str]] = field(default_factory=dict)
 
 
 def label(model: str) -> str:

@@ -81,6 +81,13 @@ def drop(results: Results) -> dict[str, float]:
     return {str(model): float(value) for model, value in lost.items() if model != JOINT}
 
 
+def known_closed_at_the_end(results: Results) -> dict[str, float]:
+    """MRR* (points) of AI2-THOR's entities among themselves after the last epoch."""
+    runs = results.transfer.runs
+    own = runs[(runs["scope"] == "known_closed") & (runs["epoch"] == results.params.finetuning.max_epochs)]
+    return {str(model): float(value) for model, value in (100 * own.groupby("model")["mrr_star"].mean()).items()}
+
+
 def figure4(results: Results) -> Figure:
     """Figure 4: MRR* over AI2-THOR's entities alone, by epoch of further training."""
     size = results.params.transfer.size
@@ -124,15 +131,23 @@ def top_answers(results: Results, model: str, entity: str) -> list[str]:
     return [answer if kind == "affordance" else f"× {answer} ({kind})" for answer, kind in kinds]
 
 
+def shares(results: Results) -> dict[str, float]:
+    """Of the highest-ranked answers of all inserted entities, how many are affordances, in per cent."""
+    hits = _hits(results)
+    return {str(model): float(value) for model, value in (100 * hits.groupby("model")["hit"].mean()).items()}
+
+
+def _hits(results: Results) -> pd.DataFrame:
+    rows = results.affordances[results.affordances["rank"] <= TOP]
+    return rows.assign(hit=rows["answer"].map(results.transfer.entities["kind"]) == "affordance")
+
+
 def affordance_shares(results: Results) -> Table:
     """How often the highest-ranked answers are affordances at all, over everything that was inserted."""
-    rows = results.affordances[results.affordances["rank"] <= TOP]
-    rows = rows.assign(hit=rows["answer"].map(results.transfer.entities["kind"]) == "affordance")
-    shares = 100 * rows.groupby("model")["hit"].mean()
+    rows, names = _hits(results), results.initializers
     first = 100 * rows[rows["rank"] == 1].groupby("model")["hit"].mean()
-    names = results.initializers
     frame = pd.DataFrame({"initializer": [label(name) for name in names]})
-    frame[f"top {TOP}: affordances %"] = shares.reindex(names).to_numpy()
+    frame[f"top {TOP}: affordances %"] = pd.Series(shares(results)).reindex(names).to_numpy()
     frame["first: affordance %"] = first.reindex(names).to_numpy()
     inserted = len(results.transfer.novel)
     return Table(
