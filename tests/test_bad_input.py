@@ -144,7 +144,7 @@ def test_a_broken_file_of_word_vectors_is_named_and_the_earlier_vectors_stay(
     tables.write(workspace / paths.entities("ai2thor"), KNOWN, tables.ENTITIES, Provenance("build_graph", {}))
     (workspace / "my.vec").write_text(content, encoding="utf-8")
     set_params(workspace, {"words.source": "my.vec"})
-    line = refusal(workspace, "stages.embed_words")
+    line = refusal(workspace, "stages.embed_words", "ai2thor")
     assert "my.vec" in line
     assert place in line
 
