@@ -1,4 +1,7 @@
-"""Initializers of novel entities: Xavier, informed uniform, and ISI's ES, RS and ERS (section 4).
+"""Initializers of novel entities: Xavier, informed uniform, ISI's ES, RS and ERS (section 4), and controls.
+
+A control has one thing that ISI has and Xavier has not: the centre of the known vectors, their
+spread, both, or centroids of entities chosen without meaning.
 
 An initializer is a function of an ``Insertion`` and its own options that gives an ``Initial``. To
 add one, write the function here under ``@initializer("name")``, put the name into
@@ -13,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.random import Generator
 from torch import Tensor
 from torch.nn.functional import normalize
 
@@ -64,6 +68,8 @@ class Initial:
     vectors: Tensor
     #: index into ``FALLBACKS``; shape: (M, n)
     fallback: Tensor
+    #: the entities whose centroid was taken, if one was; shape: (M, n, E), bool
+    indicators: Tensor | None = None
 
 
 Initializer = Callable[..., Initial]
@@ -99,7 +105,7 @@ def check(name: str, options: dict[str, Option]) -> None:
 def xavier(insertion: Insertion) -> Initial:
     """U(-6/√d, 6/√d) in each coordinate (section 5.3)."""
     bound = 6 / insertion.theta0.entity.shape[-1] ** 0.5
-    return _unaided(_unit_uniform(insertion, "xavier") * 2 * bound - bound)
+    return _unaided(_drawn(insertion, "xavier", Generator.random) * 2 * bound - bound)
 
 
 @initializer("iu")
@@ -108,17 +114,13 @@ def informed_uniform(insertion: Insertion) -> Initial:
     known, vectors = insertion.known[..., None], insertion.theta0.entity
     low = vectors.masked_fill(~known, torch.inf).amin(1, keepdim=True)
     high = vectors.masked_fill(~known, -torch.inf).amax(1, keepdim=True)
-    return _unaided(_unit_uniform(insertion, "iu") * (high - low) + low)
+    return _unaided(_drawn(insertion, "iu", Generator.random) * (high - low) + low)
 
 
 @initializer("es")
 def entity_similarity(insertion: Insertion, k: int) -> Initial:
     """Centroid of the k entities of nearest word vectors (equations 2 and 3)."""
-    return _first_that_can(
-        insertion,
-        (_NONE, has_words(insertion), top_k(word_similarity(insertion), word_eligible(insertion), k)),
-        (_RS, has_insert_triples(insertion), top_k(relational_score(insertion), insertion.eligible[:, None], k)),
-    )
+    return _by_words(insertion, word_similarity(insertion), k)
 
 
 @initializer("rs")
@@ -142,10 +144,62 @@ def hybrid_similarity(insertion: Insertion, k: int, candidates: int) -> Initial:
     )
 
 
+@initializer("mean")
+def mean(insertion: Insertion) -> Initial:
+    """Centroid of all known entities: their centre without a choice (a control)."""
+    everyone = insertion.known[:, None].expand(-1, insertion.novel.shape[1], -1)
+    return _at_centroid(insertion, everyone, torch.full(insertion.novel.shape, _NONE))
+
+
+@initializer("gaussian")
+def gaussian(insertion: Insertion) -> Initial:
+    """Normal with the mean and the deviation of each coordinate over the known vectors (a control)."""
+    centre, deviation = known_moments(insertion)
+    return _unaided(centre + deviation * _standard_normal(insertion))
+
+
+@initializer("gaussian_centred")
+def gaussian_centred(insertion: Insertion) -> Initial:
+    """The same draws around zero, so that nothing but the centre tells the two apart (a control)."""
+    _, deviation = known_moments(insertion)
+    return _unaided(deviation * _standard_normal(insertion))
+
+
+@initializer("es_permuted")
+def permuted_entity_similarity(insertion: Insertion, k: int) -> Initial:
+    """ES with the word vectors dealt out at random among the entities that have one (a control)."""
+    return _by_words(insertion, permuted_word_similarity(insertion), k)
+
+
 def word_similarity(insertion: Insertion) -> Tensor:
     """Cosine of the word vectors of each novel entity and each entity (equation 3); shape (M, n, E)."""
-    unit = normalize(insertion.words, dim=-1)
-    return (unit @ unit.T)[insertion.novel]
+    return _cosines(insertion.words)[insertion.novel]
+
+
+def permuted_word_similarity(insertion: Insertion) -> Tensor:
+    """The same, each entity with the word vector that each model's permutation deals it; shape (M, n, E)."""
+    dealt = permuted_words(insertion)
+    similarity = _cosines(insertion.words)[dealt.gather(1, insertion.novel)]
+    return similarity.gather(-1, dealt[:, None].expand_as(similarity))
+
+
+def permuted_words(insertion: Insertion) -> Tensor:
+    """Whose word vector each entity is dealt, in each model; those without one keep none; shape (M, E)."""
+    wordy = (insertion.words != 0).any(-1).nonzero().flatten()
+    dealt = torch.arange(len(insertion.words)).repeat(len(insertion.novel), 1)
+    for model, key in enumerate(insertion.keys.tolist()):
+        order = stream(insertion.root, "es_permuted", *key).permutation(len(wordy))
+        dealt[model, wordy] = wordy[torch.from_numpy(order)]
+    return dealt
+
+
+def known_moments(insertion: Insertion) -> tuple[Tensor, Tensor]:
+    """Mean and standard deviation of each coordinate over the known vectors; shapes (M, 1, d)."""
+    known = insertion.known[..., None].to(insertion.theta0.entity.dtype)
+    number = known.sum(1, keepdim=True)
+    centre = (known * insertion.theta0.entity).sum(1, keepdim=True) / number
+    variance = (known * (insertion.theta0.entity - centre) ** 2).sum(1, keepdim=True) / number
+    return centre, variance.sqrt()
 
 
 def relational_score(insertion: Insertion) -> Tensor:
@@ -195,13 +249,36 @@ def _first_that_can(insertion: Insertion, *ways: tuple[int, Tensor, Tensor]) -> 
         able = able & indicators.any(-1)
         chosen = torch.where(able[..., None], indicators, chosen)
         fallback = torch.where(able, code, fallback)
-    return Initial(centroid(insertion, chosen), fallback)
+    return _at_centroid(insertion, chosen, fallback)
 
 
-def _unit_uniform(insertion: Insertion, purpose: str) -> Tensor:
-    """Uniform in [0, 1), from one stream for each model; shape (M, n, d)."""
+def _by_words(insertion: Insertion, similarity: Tensor, k: int) -> Initial:
+    """Centroid of the k entities of highest word similarity, (M, n, E); RS where there is no word vector."""
+    return _first_that_can(
+        insertion,
+        (_NONE, has_words(insertion), top_k(similarity, word_eligible(insertion), k)),
+        (_RS, has_insert_triples(insertion), top_k(relational_score(insertion), insertion.eligible[:, None], k)),
+    )
+
+
+def _at_centroid(insertion: Insertion, indicators: Tensor, fallback: Tensor) -> Initial:
+    return Initial(centroid(insertion, indicators), fallback, indicators)
+
+
+def _cosines(vectors: Tensor) -> Tensor:
+    """Cosine of each pair of rows, zero where one is zero; shape (E, E)."""
+    unit = normalize(vectors, dim=-1)
+    return unit @ unit.T
+
+
+def _standard_normal(insertion: Insertion) -> Tensor:
+    return _drawn(insertion, "gaussian", Generator.standard_normal)
+
+
+def _drawn(insertion: Insertion, purpose: str, draw: Callable[[Generator, tuple[int, int]], np.ndarray]) -> Tensor:
+    """Numbers drawn from one stream for each model; shape (M, n, d)."""
     shape = (insertion.novel.shape[1], insertion.theta0.entity.shape[-1])
-    drawn = [stream(insertion.root, purpose, *key).random(shape) for key in insertion.keys.tolist()]
+    drawn = [draw(stream(insertion.root, purpose, *key), shape) for key in insertion.keys.tolist()]
     return torch.as_tensor(np.stack(drawn), dtype=torch.float32)
 
 

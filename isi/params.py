@@ -112,6 +112,10 @@ class Initializers(BaseModel):
     es: TopK
     rs: TopK
     ers: TopKOf
+    mean: NoOptions
+    gaussian: NoOptions
+    gaussian_centred: NoOptions
+    es_permuted: TopK
 
     def options(self, name: str) -> dict[str, Option]:
         """The options of one initializer, as keyword arguments of its function."""
@@ -160,7 +164,7 @@ class Params(Section):
         listed, given = self.insert.initializers, self.initializers.model_dump()
         unused = set(self.initializers.__pydantic_extra__) - set(listed)
         if unused:
-            raise ValueError(f"initializers.{min(unused)}: not in insert.initializers, and no initializer of the paper")
+            raise ValueError(f"initializers.{min(unused)}: not in insert.initializers, and none of those that ship")
         without = set(listed) - set(given)
         if without:
             raise ValueError(f"initializers.{min(without)}: expected its options ({{}} where it takes none)")

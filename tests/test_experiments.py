@@ -39,6 +39,7 @@ TUNING = FineTuning(
 )
 INITIALIZERS: dict[str, dict[str, Option]] = {
     "xavier": {}, "iu": {}, "es": {"k": 3}, "rs": {"k": 4}, "ers": {"k": 2, "candidates": 5},
+    "mean": {}, "gaussian": {}, "gaussian_centred": {}, "es_permuted": {"k": 3},
 }  # fmt: skip
 WORDS = np.random.default_rng(0).normal(size=(ENTITIES, 6)).astype(np.float32)
 SCOPES = {"all", "known", "known_closed", "novel", "novel_heldout"}
@@ -114,7 +115,7 @@ def test_learning_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stac
 
 
 def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stacks() -> None:
-    trained, names = theta0(), ("xavier", "ers")
+    trained, names = theta0(), ("xavier", "ers", "gaussian", "es_permuted")
 
     def tasks(height: int) -> list[InsertTask]:
         return [task for name in names for task in insert_tasks(height, name, trained)]
@@ -122,7 +123,7 @@ def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_sta
     one, two = (cut(tasks, insert, workers) for workers in (1, 2))
     for place in range(len(names)):
         grids = [
-            tabled(inserted[place * len(inserted) // 2 : (place + 1) * len(inserted) // 2])
+            tabled(inserted[place * len(inserted) // len(names) : (place + 1) * len(inserted) // len(names)])
             for inserted in (*one.values(), *two.values())
         ]
         assert all(grid == grids[0] for grid in grids)

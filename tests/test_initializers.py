@@ -1,8 +1,9 @@
-"""ES, RS and ERS against a plain loop; fallbacks, ties, ranges; and what no initializer may see."""
+"""ES, RS and ERS against a plain loop; fallbacks, ties, ranges, controls; and what no initializer may see."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +13,12 @@ from isi.errors import InputError
 from isi.experiments.cells import Cells
 from isi.experiments.insertion import FineTuning, InsertTask, insertion_of, put
 from isi.graph import Graph
-from isi.initializers import FALLBACKS, INITIALIZERS, Initial, Insertion, check
-from isi.params import Negatives, Optimizer, Option
+from isi.initializers import FALLBACKS, INITIALIZERS, Initial, Insertion, check, permuted_words
+from isi.params import Negatives, Optimizer, Option, load
 from isi.sessions import TEST, TRAIN, VALID
 from tests.graphs import cells_of, dense, graph_of, insert_triples_of, random_counts, random_embedding
 
+ROOT = Path(__file__).parent.parent
 ENTITIES, RELATIONS, DIMENSION = 16, 3, 8
 #: Two models; in training 15 hangs on 0 alone, so that it is an orphan of both once 0 is novel.
 #: 3 and 9 have no word vector.
@@ -28,7 +30,12 @@ EVERYONE: dict[str, dict[str, Option]] = {
     "es": {"k": 3},
     "rs": {"k": 4},
     "ers": {"k": 2, "candidates": 5},
+    "mean": {},
+    "gaussian": {},
+    "gaussian_centred": {},
+    "es_permuted": {"k": 3},
 }
+CENTROIDS = ("es", "rs", "ers", "mean", "es_permuted")
 
 #: Plain Python: α of an insert triple needs its known end, relation, and whether the novel entity is the tail.
 Observed = tuple[int, int, bool]
@@ -103,19 +110,19 @@ class Plain:
     def mean(self, entities: list[int]) -> np.ndarray:
         return np.mean([self.vectors[e] for e in entities], axis=0)
 
-    def expected(self, name: str, k: int, candidates: int = 0) -> tuple[np.ndarray, str | None]:
-        """The vector, and what the initializer fell back to."""
+    def expected(self, name: str, k: int, candidates: int = 0) -> tuple[list[int], str | None]:
+        """The indicators, and what the initializer fell back to."""
         word, seen = self.entity in self.words, bool(self.observed)
         if name == "es" and word:
-            return self.mean(best(self.similar(), k)), None
+            return best(self.similar(), k), None
         if name == "ers" and word and seen:
             related = self.related()
-            return self.mean(best({e: related[e] for e in best(self.similar(), candidates)}, k)), None
+            return best({e: related[e] for e in best(self.similar(), candidates)}, k), None
         if seen:
-            return self.mean(best(self.related(), k)), None if name == "rs" else "rs"
+            return best(self.related(), k), None if name == "rs" else "rs"
         if name == "ers" and word:
-            return self.mean(best(self.similar(), k)), "es"
-        return self.mean(self.known), "centroid"
+            return best(self.similar(), k), "es"
+        return self.known, "centroid"
 
 
 def cosine(one: np.ndarray, other: np.ndarray) -> float:
@@ -132,8 +139,11 @@ def agree(of: InsertTask, name: str, **options: int) -> set[str | None]:
     fallbacks = set()
     for model in range(len(NOVEL)):
         for place in range(NOVEL.shape[1]):
-            vector, fallback = Plain(of, model, place).expected(name, **options)
-            np.testing.assert_allclose(found.vectors[model, place].numpy(), vector, atol=1e-5)
+            plain = Plain(of, model, place)
+            indicators, fallback = plain.expected(name, **options)
+            np.testing.assert_allclose(found.vectors[model, place].numpy(), plain.mean(indicators), atol=1e-5)
+            assert found.indicators is not None
+            assert found.indicators[model, place].nonzero().flatten().tolist() == sorted(indicators)
             assert FALLBACKS[found.fallback[model, place]] == fallback
             fallbacks.add(fallback)
     return fallbacks
@@ -252,7 +262,22 @@ def test_each_model_is_initialized_as_if_alone(name: str) -> None:
         theta0 = replace(
             given.theta0, entity=given.theta0.entity[model, None], relation=given.theta0.relation[model, None]
         )
-        assert torch.equal(initial(name, replace(alone, theta0=theta0)).vectors[0], together.vectors[model])
+        found = initial(name, replace(alone, theta0=theta0))
+        assert torch.equal(found.vectors[0], together.vectors[model])
+        if found.indicators is not None and together.indicators is not None:
+            assert torch.equal(found.indicators[0], together.indicators[model])
+
+
+@pytest.mark.parametrize("name", EVERYONE)
+def test_indicators_are_told_where_a_centroid_was_taken(name: str) -> None:
+    given = insertion()
+    found = initial(name, given)
+    assert (found.indicators is not None) == (name in CENTROIDS)
+    if found.indicators is not None:
+        for model in range(2):
+            for place in range(3):
+                own = given.theta0.entity[model, found.indicators[model, place]]
+                torch.testing.assert_close(found.vectors[model, place], own.mean(0))
 
 
 def wide(dimension: int = 400) -> Insertion:
@@ -288,7 +313,7 @@ def test_iu_fills_the_range_of_each_coordinate_over_the_known_vectors() -> None:
         assert abs(share.mean() - 0.5) < 5 / (12 * share.numel()) ** 0.5
 
 
-@pytest.mark.parametrize("name", ["xavier", "iu"])
+@pytest.mark.parametrize("name", ["xavier", "iu", "gaussian", "gaussian_centred"])
 def test_random_initializers_are_keyed_by_root_and_cell(name: str) -> None:
     given = insertion()
     first = initial(name, given).vectors
@@ -296,8 +321,10 @@ def test_random_initializers_are_keyed_by_root_and_cell(name: str) -> None:
     others = [replace(given, root=1), replace(given, keys=given.keys + torch.tensor([1, 0])),
               replace(given, keys=given.keys + torch.tensor([0, 9]))]  # fmt: skip
     assert all((initial(name, other).vectors != first).all() for other in others)
-    swapped = initial("xavier", replace(given, keys=given.keys.flip(0))).vectors
-    assert torch.equal(swapped.flip(0), initial("xavier", given).vectors)
+    theta0 = replace(given.theta0, entity=given.theta0.entity[:1].expand(2, -1, -1))
+    alike = replace(given, theta0=theta0, known=given.known[:1].expand(2, -1))  # nothing but keys tells models apart
+    swapped = initial(name, replace(alike, keys=given.keys.flip(0))).vectors
+    assert torch.equal(swapped.flip(0), initial(name, alike).vectors)
 
 
 def test_xavier_and_iu_draw_from_streams_of_their_own() -> None:
@@ -308,6 +335,84 @@ def test_xavier_and_iu_draw_from_streams_of_their_own() -> None:
     bound = 6 / DIMENSION**0.5
     uniform = (initial("xavier", given).vectors[0] + bound) / (2 * bound)
     assert not torch.allclose((initial("iu", given).vectors[0] - low) / (high - low), uniform, atol=0.01)
+
+
+def test_mean_is_the_plain_mean_of_the_known_vectors() -> None:
+    given = insertion()
+    found = initial("mean", given)
+    for model in range(2):
+        total, number = np.zeros(DIMENSION), 0
+        for entity in range(ENTITIES):
+            if entity not in NOVEL[model]:  # the orphan is known, too
+                total += given.theta0.entity[model, entity].double().numpy()
+                number += 1
+        np.testing.assert_allclose(found.vectors[model], np.tile(total / number, (3, 1)), rtol=1e-5)
+    assert not found.fallback.any()
+
+
+@pytest.mark.parametrize("name", ["gaussian", "gaussian_centred"])
+def test_gaussians_have_the_moments_of_the_known_vectors_in_each_coordinate(name: str) -> None:
+    given, draws = insertion(), 20_000
+    given = replace(given, theta0=replace(given.theta0, entity=given.theta0.entity * 3 + given.known[..., None] * 5))
+    vectors = initial(name, replace(given, novel=given.novel[:, :1].expand(-1, draws))).vectors.double().numpy()
+    for model in range(2):
+        known = given.theta0.entity[model, given.known[model]].double().numpy()
+        centre = known.mean(0) if name == "gaussian" else np.zeros(DIMENSION)
+        deviation = np.sqrt(((known - known.mean(0)) ** 2).mean(0))
+        assert (abs(vectors[model].mean(0) - centre) < 5 * deviation / draws**0.5).all()
+        assert (abs(vectors[model].std(0) / deviation - 1) < 5 / (2 * draws) ** 0.5).all()
+        within = (abs(vectors[model] - centre) < deviation).mean(0)  # of the normal: 68.27 %
+        assert (abs(within - 0.6827) < 5 * (0.6827 * 0.3173 / draws) ** 0.5).all()
+        assert abs(np.corrcoef(vectors[model].T) - np.eye(DIMENSION)).max() < 5 / draws**0.5
+
+
+def test_the_gaussians_differ_in_the_centre_alone() -> None:
+    given = insertion()
+    apart = initial("gaussian", given).vectors - initial("gaussian_centred", given).vectors
+    torch.testing.assert_close(apart, initial("mean", given).vectors, atol=1e-5, rtol=0)
+
+
+def test_es_permuted_is_the_plain_es_under_the_permuted_words() -> None:
+    of = task()
+    given = insertion_of(of)
+    dealt, fallbacks = permuted_words(given).numpy(), set()
+    for k in (1, 3, 8, 40):
+        found = INITIALIZERS["es_permuted"](given, k=k)
+        assert found.indicators is not None
+        for model in range(2):
+            permuted = replace(of, words=of.words[dealt[model]])
+            for place in range(3):
+                indicators, fallback = Plain(permuted, model, place).expected("es", k)
+                assert found.indicators[model, place].nonzero().flatten().tolist() == sorted(indicators)
+                assert FALLBACKS[found.fallback[model, place]] == fallback
+                fallbacks.add(fallback)
+    assert fallbacks == {None, "rs"}  # 9 has no word vector, and is dealt none
+
+
+def test_words_are_dealt_out_among_those_that_have_one_by_model() -> None:
+    given = insertion()
+    keys = torch.tensor([[size, seed] for size in range(20) for seed in range(50)])
+    many = replace(given, novel=given.novel[:1].expand(len(keys), -1), keys=keys)
+    dealt = permuted_words(many).numpy()
+    worded = [e for e in range(ENTITIES) if e not in WORDLESS]
+    assert (dealt[:, WORDLESS] == WORDLESS).all()
+    assert (np.sort(dealt[:, worded], axis=1) == worded).all()
+    shares = np.array([[(dealt[:, e] == other).mean() for other in worded] for e in worded])
+    chance = 1 / len(worded)
+    assert abs(shares - chance).max() < 5 * (chance / len(keys)) ** 0.5  # each gets each as often
+    other_way = permuted_words(replace(many, keys=keys.flip(0))).numpy()
+    assert (other_way[::-1] == dealt).all()
+    assert (permuted_words(replace(many, root=1)).numpy() != dealt).any(1).all()
+
+
+def test_es_permuted_falls_back_where_es_does() -> None:
+    of = task()
+    for words in (of.words, np.zeros_like(of.words)):
+        for rows in (of.insert_triples, of.insert_triples[:0]):
+            given = insertion_of(replace(of, words=words, insert_triples=rows))
+            assert torch.equal(initial("es_permuted", given).fallback, initial("es", given).fallback)
+    alike = replace(insertion(), words=torch.ones(ENTITIES, 6))  # nothing to tell the permuted words by
+    assert torch.equal(initial("es_permuted", alike).vectors, initial("es", alike).vectors)
 
 
 def test_put_replaces_the_rows_of_novel_entities_alone() -> None:
@@ -338,5 +443,12 @@ def test_check_refuses_in_one_line(name: str, options: dict[str, Option], says: 
 
 
 @pytest.mark.parametrize("name", EVERYONE)
-def test_check_takes_the_initializers_of_the_paper(name: str) -> None:
+def test_check_takes_the_initializers_that_ship(name: str) -> None:
     check(name, EVERYONE[name])
+
+
+def test_the_params_list_all_that_ship_with_their_options() -> None:
+    params = load(ROOT / "params.yaml")
+    assert params.insert.initializers == list(EVERYONE)
+    for name in params.insert.initializers:
+        check(name, params.initializers.options(name))

@@ -117,6 +117,8 @@ def test_a_key_too_many_is_refused(tmp_path: Path, key: str, named: str) -> None
         ("initializers.xavier", 3),
         ("initializers.rs.k", 0),
         ("initializers.ers.candidates", "30"),
+        ("initializers.es_permuted.k", 0),
+        ("initializers.gaussian.k", 3),
         ("curves.sizes", 5),
         ("compute.workers", 0),
         ("compute.workers", "every"),
