@@ -11,7 +11,7 @@ from typing import Any
 
 from isi import paths
 from isi.params import Params
-from isi.report import figures, page, results, tables
+from isi.report import differences, figures, gains, page, results, tables
 from isi.stage import Provenance, stage
 from isi.tables import keep_only
 
@@ -31,7 +31,7 @@ def report(params: Params, _provenance: Provenance) -> None:
         runs, [path for path in runs.iterdir() if path.name.split(".")[0] in listed]
     )  # the folder is a dependency
     found = results.read(params, "ai2thor")
-    made = [table(found) for table in tables.TABLES]
+    made = [table(found) for table in (*tables.TABLES, *gains.TABLES, *differences.TABLES)]
     page.write(paths.REPORTS, found, made, figures.draw(found), what_was_run(params, found))
     print(f"report: {paths.REPORTS / 'index.html'}")
 

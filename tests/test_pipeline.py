@@ -20,11 +20,13 @@ from safetensors.torch import load_file
 
 from tools import workspace
 
+#: The paper's, and one control.
+INITIALIZERS = ("xavier", "iu", "es", "rs", "ers", "es_permuted")
 SMALL = {
     "sessions.seeds": 3, "sessions.sizes": [1, 2], "embedding.dimension": 8, "training.max_epochs": 4,
     "training.evaluate_every": 2, "finetuning.max_epochs": 3, "curves.sizes": [2], "compute.stack": 2,
+    "insert.initializers": list(INITIALIZERS),
 }  # fmt: skip
-INITIALIZERS = ("xavier", "iu", "es", "rs", "ers")
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
 
@@ -144,6 +146,8 @@ def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
         for form in ("csv", "md", "tex"):
             assert (folder / f"reports/tables/{name}.{form}").stat().st_size
     assert "\\toprule" in (folder / "reports/tables/table2_convergence.tex").read_text(encoding="utf-8")
+    differences = pd.read_csv(folder / "reports/tables/differences.csv")
+    assert len(differences) == 4 * len(INITIALIZERS) * (len(INITIALIZERS) - 1) / 2
     metrics = json.loads((folder / "reports/metrics.json").read_text(encoding="utf-8"))
     runs = pd.read_parquet(folder / "data/runs/ai2thor/rs.parquet")
     at_once = runs[(runs["epoch"] == 0) & (runs["scope"] == "novel")]["mrr_star"].mean()

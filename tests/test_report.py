@@ -97,3 +97,15 @@ def test_numbers_are_shown_as_people_read_them() -> None:
     assert shown["whole"].tolist() == ["1", "–", "1,234"]
     assert shown["part"].tolist() == ["0.1", "1.2", "12.0"]
     assert shown["text"].tolist() == ["a", "b", "c"]
+
+
+def test_a_long_legend_has_two_rows_that_are_read_one_after_the_other() -> None:
+    models = [*params.load(ROOT / "params.yaml").insert.initializers, "joint"]
+    made = results([(model, scope, 1, 0, 0, 0.5) for model in models for scope in ("all", "novel")])
+    canvas = figures.immediate(made).canvas
+    canvas.draw_without_rendering()
+    places = {text.get_text(): text.get_window_extent() for text in canvas.legends[0].get_texts()}
+    rows = sorted({round(place.y0) for place in places.values()}, reverse=True)
+    assert len(rows) == 2
+    read = sorted(places, key=lambda name: (rows.index(round(places[name].y0)), places[name].x0))
+    assert read == [tables.label(model) for model in models]

@@ -6,24 +6,27 @@ import json
 import sys
 from pathlib import Path
 
-ROWS = (
-    ("immediate MRR*, all queries", "immediate_mrr_star", "all"),
-    ("immediate MRR*, queries about novel entities", "immediate_mrr_star", "novel"),
-    ("gain over Xavier in %, all queries", "improvement_over_xavier_percent", "all"),
-    ("epochs to convergence, all queries", "epochs_to_convergence", "all"),
-    ("  % of runs that never converge", "unconverged_percent", "all"),
-    ("epochs to convergence, held-out novel", "epochs_to_convergence", "novel_heldout"),
-    ("  % of runs that never converge", "unconverged_percent", "novel_heldout"),
+#: Title in two lines, and where its numbers are in ``metrics.json``.
+COLUMNS = (
+    ("MRR* at once", "all", "immediate_mrr_star", "all"),
+    ("", "novel", "immediate_mrr_star", "novel"),
+    ("gain %", "all", "improvement_over_xavier_percent", "all"),
+    ("epochs", "all", "epochs_to_convergence", "all"),
+    ("never %", "all", "unconverged_percent", "all"),
+    ("epochs", "held-out", "epochs_to_convergence", "novel_heldout"),
+    ("never %", "held-out", "unconverged_percent", "novel_heldout"),
 )
 
 
 def main(folder: Path) -> None:
     metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
     models = list(metrics["immediate_mrr_star"]["all"])
-    print(f"\n{'':46}" + "".join(f"{model:>8}" for model in models))
-    for title, section, scope in ROWS:
-        values = metrics[section].get(scope, {})
-        print(f"{title:46}" + "".join(f"{values[m]:8.1f}" if m in values else f"{'':8}" for m in models))
+    first = max(map(len, models)) + 2
+    print(f"\n{'':{first}}" + "".join(f"{upper:>14}" for upper, *_ in COLUMNS))
+    print(f"{'':{first}}" + "".join(f"{lower:>14}" for _, lower, *_ in COLUMNS))
+    for model in models:
+        values = [metrics[section].get(scope, {}).get(model) for *_, section, scope in COLUMNS]
+        print(f"{model:{first}}" + "".join(f"{'' if value is None else f'{value:.1f}':>14}" for value in values))
     print(f"\nThe report: {folder / 'index.html'}")
 
 

@@ -15,11 +15,17 @@ from matplotlib.figure import Figure as Canvas
 from scipy import stats
 
 from isi.report.results import JOINT, Results
-from isi.report.tables import label
+from isi.report.tables import CONTROLS, label
 
 #: Okabe and Ito's colours, which most colour-blind readers can tell apart.
-COLOURS = {"xavier": "#999999", "iu": "#e69f00", "es": "#0072b2", "rs": "#009e73", "ers": "#d55e00", JOINT: "#000000"}
+COLOURS = {
+    "xavier": "#999999", "iu": "#e69f00", "es": "#0072b2", "rs": "#009e73", "ers": "#d55e00", JOINT: "#000000",
+    "mean": "#a08a5b", "gaussian": "#a58fbf", "gaussian_centred": "#c79aa6", "es_permuted": "#8db4cf",
+}  # fmt: skip
+#: Dashes of what is no initializer under test: the joint model, and controls, which are also drawn thinner.
+_DASHES: Any = {JOINT: "--", **dict.fromkeys(CONTROLS, (0, (3, 1.5)))}
 _SPARE = ("#cc79a7", "#56b4e9", "#f0e442", "#8c564b")
+_LEGEND_ROW = 7  # entries that fit beside each other
 _STYLE: Any = {
     "font.size": 9, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
     "axes.grid": True, "grid.alpha": 0.3,
@@ -141,15 +147,16 @@ def _draw(axes: Axes, results: Results, model: str, rows: pd.DataFrame, x: str, 
     if rows.empty:
         return
     line = 100 * pd.DataFrame({key: interval(group) for key, group in rows.groupby(x)["mrr_star"]}).T
-    colour, style = _colour(results, model), "--" if model == JOINT else "-"
+    how: Any = {"color": _colour(results, model), "label": label(model), "ls": _DASHES.get(model, "-")}
+    control = model in CONTROLS
     place = np.asarray(line.index, dtype=float)
     if bars:
         place += (results.models.index(model) - len(results.models) / 2) * 0.06
         reach = np.stack([line[0] - line[1], line[2] - line[0]])
-        axes.errorbar(place, line[0], reach, color=colour, label=label(model), lw=1.2, ls=style, marker="o", ms=3)
+        axes.errorbar(place, line[0], reach, **how, lw=0.9 if control else 1.2, marker="o", ms=2 if control else 3)
     else:
-        axes.plot(place, line[0], color=colour, label=label(model), lw=1.4, ls=style)
-        axes.fill_between(place, line[1], line[2], color=colour, alpha=0.15, lw=0)
+        axes.plot(place, line[0], **how, lw=1 if control else 1.4)
+        axes.fill_between(place, line[1], line[2], color=how["color"], alpha=0.08 if control else 0.15, lw=0)
 
 
 def _colour(results: Results, model: str) -> str:
@@ -158,8 +165,11 @@ def _colour(results: Results, model: str) -> str:
 
 
 def _legend(canvas: Canvas, axes: Axes) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    canvas.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    """Below the panels, in two rows where there are many entries; matplotlib fills columns, people read rows."""
+    entries = list(zip(*axes.get_legend_handles_labels(), strict=True))
+    columns = len(entries) if len(entries) <= _LEGEND_ROW else -(-len(entries) // 2)
+    handles, labels = zip(*(entry for first in range(columns) for entry in entries[first::columns]), strict=True)
+    canvas.legend(handles, labels, loc="outside lower center", ncols=columns)
 
 
 FIGURES: tuple[Callable[[Results], Figure | None], ...] = (immediate, curves, corruption)

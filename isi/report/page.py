@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
+from isi.report import differences, gains
 from isi.report.figures import Figure
 from isi.report.results import JOINT, Results
-from isi.report.tables import ISI, Table, improvement_over_xavier, label
+from isi.report.tables import CONTROLS, ISI, Table, improvement_over_xavier, label
 from isi.tables import atomically
 
 
@@ -85,34 +86,43 @@ def write(
 
 
 def _forms(table: Table) -> dict[str, str]:
-    shown = shorten(table.frame)
+    shown = shorten(table.frame, table.formats)
     return {
         "csv": table.frame.to_csv(index=False, float_format="%.6g", lineterminator="\n"),
-        "md": shown.to_markdown(index=False, disable_numparse=True, colalign=_alignment(table.frame)) + "\n",
+        "md": shown.to_markdown(index=False, disable_numparse=True, colalign=_alignment(table)) + "\n",
         "tex": _latex(table, shown),
     }
 
 
-def shorten(frame: pd.DataFrame) -> pd.DataFrame:
+def shorten(frame: pd.DataFrame, formats: Mapping[str, Callable[[Any], str]] | None = None) -> pd.DataFrame:
     """Numbers as people read them: one decimal, none for whole columns, a dash for what is not there."""
-    return pd.DataFrame({name: [_shown(value, frame[name]) for value in frame[name]] for name in frame.columns})
+    formats = formats or {}
+    return pd.DataFrame(
+        {name: [_shown(value, frame[name], formats.get(name)) for value in frame[name]] for name in frame.columns}
+    )
 
 
-def _shown(value: Any, column: pd.Series) -> str:
+def _shown(value: Any, column: pd.Series, how: Callable[[Any], str] | None) -> str:
     if value is None or (isinstance(value, float) and pd.isna(value)):
         return "–"
     if isinstance(value, str):
         return value
+    if how is not None:
+        return how(value)
     whole = pd.to_numeric(column, errors="coerce").dropna().mod(1).eq(0).all()
     return f"{value:,.0f}" if whole else f"{value:,.1f}"
 
 
-def _alignment(frame: pd.DataFrame) -> tuple[str, ...]:
-    return tuple("left" if frame[name].map(lambda value: isinstance(value, str)).any() else "right" for name in frame)
+def _alignment(table: Table) -> tuple[str, ...]:
+    frame = table.frame
+    texts = [
+        name not in table.formats and frame[name].map(lambda value: isinstance(value, str)).any() for name in frame
+    ]
+    return tuple("left" if text else "right" for text in texts)
 
 
 def _latex(table: Table, shown: pd.DataFrame) -> str:
-    columns = "".join(side[0] for side in _alignment(table.frame))
+    columns = "".join(side[0] for side in _alignment(table))
     text = shown.replace("–", "--").style.hide(axis="index").format(escape="latex").format_index(escape="latex", axis=1)
     latex: str = text.to_latex(hrules=True, column_format=columns)
     return latex.replace("ξ", r"$\xi$").replace("Θ", r"$\Theta$")
@@ -127,13 +137,18 @@ def _html(
     return environment.get_template("page.html").render(
         tables={table.name: table for table in tables},
         shorten=shorten,
-        numeric=lambda table: [side == "right" for side in _alignment(table.frame)],
+        numeric=lambda table: [side == "right" for side in _alignment(table)],
         figures={figure.name: figure for figure in figures},
         svg=_inline,
         about_known=_share_about_known(results),
         headline=headline,
         label=label,
         isi=[name for name in ISI if name in results.initializers],
+        contenders=[name for name in results.initializers if name not in CONTROLS],
+        controls=[name for name in CONTROLS if name in results.initializers],
+        gains=gains.sentences(results),
+        told_apart=differences.sentences(results),
+        level=differences.LEVEL,
         params=results.params,
         paper=results.paper,
         run=run,

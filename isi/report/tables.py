@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,11 @@ from isi.tables import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
 
 ROOMS = ("bathroom", "bedroom", "kitchen", "living room")
 ISI = ("es", "rs", "ers")
-LABELS = {"xavier": "Xavier", "iu": "IU", "es": "ES", "rs": "RS", "ers": "ERS", JOINT: "Joint"}
+CONTROLS = ("mean", "gaussian", "gaussian_centred", "es_permuted")
+LABELS = {
+    "xavier": "Xavier", "iu": "IU", "es": "ES", "rs": "RS", "ers": "ERS", "mean": "Mean", "gaussian": "Gaussian",
+    "gaussian_centred": "Gaussian, centred", "es_permuted": "ES, permuted words", JOINT: "Joint",
+}  # fmt: skip
 _HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity half", "mrr_star_relation": "relation half"}
 _SCOPES = ("all", "novel_heldout")
 
@@ -28,6 +33,8 @@ class Table:
     title: str
     caption: str
     frame: pd.DataFrame
+    #: of columns that are not shown as other numbers are, how
+    formats: Mapping[str, Callable[[Any], str]] = field(default_factory=dict)
 
 
 def label(model: str) -> str:
