@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pandas as pd
 import torch
 
-from isi import paths, tables
+from isi import initializers, paths, tables
 from isi.experiments import insertion
 from isi.experiments.executor import run, stack_height
 from isi.experiments.insertion import Inserted, InsertTask
@@ -34,6 +34,7 @@ def insert_all(
     Args:
         to_the_end: sizes that are fine-tuned for all epochs; None for all sizes.
     """
+    initializers.check(initializer, params.initializers.options(initializer))
     cells = store.cells(stack_height(params.compute))
     followed = [cell.size for cell in cells] if to_the_end is None else to_the_end
     tasks = insertion_tasks(store, params, initializer, cells, followed)

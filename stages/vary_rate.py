@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from isi import paths, tables
+from isi import initializers, paths, tables
 from isi.experiments import insertion
 from isi.experiments.executor import run, stack_height
 from isi.experiments.store import Store
@@ -19,6 +19,8 @@ from isi.stage import Params, Provenance, stage
 )  # fmt: skip
 def vary_rate(params: Params, provenance: Provenance) -> None:
     """Insert novel entities with every initializer again, fine-tuned until convergence at other rates."""
+    for initializer in params.insert.initializers:
+        initializers.check(initializer, params.initializers.options(initializer))
     store = Store("ai2thor", provenance)
     cells = store.cells(stack_height(params.compute), params.rates.size)
     tasks, factors = [], []

@@ -29,6 +29,7 @@ def pretend(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(executor, "device_of", lambda name: DEVICE if name == "cuda" else torch.device("cpu"))
     with Pretend():
         yield
+    torch.set_flush_denormal(False)
 
 
 def test_the_device_that_pretends_refuses_what_a_gpu_refuses() -> None:

@@ -236,7 +236,7 @@ def test_sentences_are_true_whatever_the_numbers() -> None:
         "In scope novel, ES gains 20.0 points over Xavier. Of these ES, permuted words has 110 %; nothing remains for "
         "semantics: ES, permuted words is 2.0 points ahead."
     )
-    assert said(0.6, mean=0.6) == (
+    assert said(0.6, mean=0.5998) == (  # less than is shown
         "In scope novel, ES gains 20.0 points over Xavier. Of these Mean has 100 %; nothing remains for semantics: "
         "Mean has as much."
     )

@@ -27,7 +27,8 @@ def results(rows: list[tuple[str, str, int, int, int, float]], **others: Any) ->
     runs = pd.DataFrame(rows, columns=columns).assign(queries=4)
     empty = dict.fromkeys(
         ("definitions", "observations", "entities", "triples", "coverage", "splits", "novel", "insert_triples",
-         "theta0_log", "joint_log", "inserted", "ties", "sweep", "rates", "cross_validation"), EMPTY,
+         "theta0_log", "joint_log", "inserted", "ties", "sweep", "rates", "cross_validation", "affordances",
+         "transfer"), EMPTY,
     )  # fmt: skip
     given = {"params": params.load(ROOT / "params.yaml"), "paper": PAPER, "runs": runs, "approach": {}}
     return Results(**(empty | given | others))

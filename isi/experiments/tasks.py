@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from isi import convergence, initializers, paths
+from isi import convergence, paths
 from isi.experiments.cells import Cells
 from isi.experiments.insertion import FineTuning, InsertTask
 from isi.experiments.store import Store, insert_triples_of, joint_mrr_star
@@ -19,8 +19,6 @@ def insertion_tasks(
     Args:
         to_the_end: sizes that are fine-tuned for all epochs; the others stop at convergence.
     """
-    options = params.initializers.options(initializer)
-    initializers.check(initializer, options)
     tuning = FineTuning(params.seed, params.negatives, params.finetuning, params.convergence.margin, list(to_the_end))
     insert_triples, joint = store.insert_triples(), store.runs("joint")
     (words,) = store.tensors(paths.vectors(store.experiment), "vectors")
@@ -30,7 +28,7 @@ def insertion_tasks(
             embedding=store.theta0(cell),
             insert_triples=insert_triples_of(cell, insert_triples),
             initializer=initializer,
-            options=options,
+            options=params.initializers.options(initializer),
             words=words,
             joint_mrr_star={scope: joint_mrr_star(joint, cell, scope) for scope in convergence.SCOPES},
             tuning=tuning,
