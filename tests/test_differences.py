@@ -230,11 +230,11 @@ def said(es: float, **controls: float) -> str:
 def test_sentences_are_true_whatever_the_numbers() -> None:
     assert said(0.6, mean=0.55, gaussian=0.39, gaussian_centred=0.4) == (
         "In scope novel, ES gains 20.0 points over Xavier. Of these Mean has 75 %; Gaussian has none, being 1.0 points "
-        "below Xavier; Gaussian, centred has none; beyond the best of them, Mean, 5.0 points remain for semantics."
+        "below Xavier; Centred Gaussian has none; beyond the best of them, Mean, 5.0 points remain for semantics."
     )
     assert said(0.6, es_permuted=0.62) == (
-        "In scope novel, ES gains 20.0 points over Xavier. Of these ES, permuted words has 110 %; nothing remains for "
-        "semantics: ES, permuted words is 2.0 points ahead."
+        "In scope novel, ES gains 20.0 points over Xavier. Of these Permuted ES has 110 %; nothing remains for "
+        "semantics: Permuted ES is 2.0 points ahead."
     )
     assert said(0.6, mean=0.5998) == (  # less than is shown
         "In scope novel, ES gains 20.0 points over Xavier. Of these Mean has 100 %; nothing remains for semantics: "

@@ -11,12 +11,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+import networkx as nx
 import pandas as pd
 import psutil
 import pyarrow.parquet as pq
 import pytest
 import torch
 import yaml
+from dvc.repo import Repo
 from safetensors.torch import load_file
 
 from tools import workspace
@@ -29,7 +31,7 @@ SMALL = {
     "training.evaluate_every": 2, "finetuning.max_epochs": 3, "curves.sizes": [2], "compute.stack": 2,
     "sweep.k": [1, 8], "sweep.size": 2, "sweep.seeds": 2, "rates.size": 2, "approach.size": 2, "approach.epochs": 2,
     "cross_validation": {"folds": 3, "dimension": [12], "ratio": [], "learning_rate": [0.2], "weight_decay": []},
-    "insert.initializers": list(INITIALIZERS),
+    "insert.initializers": list(INITIALIZERS), "transfer.seeds": 3,
 }  # fmt: skip
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
@@ -196,7 +198,7 @@ def test_tables_name_their_stage_and_params(folder: Path) -> None:
 
 def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
     page = (folder / "reports/index.html").read_text(encoding="utf-8")
-    assert page.count("<svg") == 6
+    assert page.count("<svg") == 7
     assert "src=" not in page
     assert "<script" not in page
     assert "<link" not in page
@@ -221,8 +223,39 @@ def test_editing_the_indicators_of_es_re_runs_es_and_the_report_alone(folder: Pa
         if path.name.split(".")[0] not in ("es", "rates") and path.parent.name != "approach"
     }
     set_param(folder, "initializers.es.k", 3)
-    assert ran(dvc(folder, "repro")) == {"insert@es", "vary_rate", "trace_approach", "report"}
+    again = {"insert@es", "transfer_insert@es", "vary_rate", "trace_approach", "report"}
+    assert ran(dvc(folder, "repro")) == again
     assert {path: path.read_bytes() for path in before} == before
+
+
+def test_editing_a_param_of_one_experiment_touches_that_experiment_and_the_report_alone(folder: Path) -> None:
+    edits: dict[str, tuple[object, set[str]]] = {
+        "transfer.size": (9, {"transfer_sessions"}),
+        "mp3d.min_observations": (7, {"transfer_graph"}),
+        "sweep.k": ([2], {f"sweep_indicators@{name}" for name in ISI}),
+        "cross_validation.folds": (2, {"cross_validate"}),
+        "rates.factors": ([3.0], {"vary_rate"}),
+        "approach.epochs": (3, {"trace_approach"}),
+        "curves.sizes": ([1], {f"insert@{name}" for name in INITIALIZERS}),
+    }
+    params = (folder / "params.yaml").read_text(encoding="utf-8")
+    assert not json.loads(dvc(folder, "status", "--json"))
+    for key, (value, own) in edits.items():
+        set_param(folder, key, value)
+        assert set(json.loads(dvc(folder, "status", "--json"))) == own | {"report"}, key
+        (folder / "params.yaml").write_text(params, encoding="utf-8")
+
+
+def test_nothing_of_one_experiment_depends_on_another() -> None:
+    graph = Repo(str(workspace.ROOT)).index.graph  # from a stage to those that it depends on
+    names = {stage: stage.addressing for stage in graph}
+    leaves = ("sweep_indicators", "vary_rate", "cross_validate", "trace_approach", "insert@")
+    for stage, name in names.items():
+        after = {names[other] for other in nx.ancestors(graph, stage)} - {"report"}
+        if "transfer" in name:
+            assert all("transfer" in other for other in after)
+        if name.startswith(leaves):
+            assert not after
 
 
 def test_the_number_of_workers_re_runs_nothing_and_changes_no_byte(folder: Path) -> None:
@@ -243,7 +276,7 @@ def test_an_initializer_of_ones_own_goes_from_function_to_report(folder: Path) -
         file.write(f"\n\n{code}")
     set_param(folder, "insert.initializers", [*INITIALIZERS, "nearest"])
     set_param(folder, "initializers.nearest", {"scale": 0.5})
-    inserted = {f"insert@{name}" for name in (*INITIALIZERS, "nearest")}
+    inserted = {f"{stage}@{name}" for stage in ("insert", "transfer_insert") for name in (*INITIALIZERS, "nearest")}
     others = {f"sweep_indicators@{name}" for name in ISI} | {"vary_rate", "trace_approach", "report"}
     assert ran(dvc(folder, "repro")) == inserted | others
     assert "nearest" in (folder / "reports/tables/immediate.md").read_text(encoding="utf-8")
@@ -254,7 +287,7 @@ def test_an_initializer_of_ones_own_goes_from_function_to_report(folder: Path) -
 def test_nothing_goes_on_after_dvc_is_killed_and_nothing_half_done_counts(tmp_path: Path) -> None:
     workspace.make(tmp_path, SMALL | {"training.max_epochs": 5000, "training.patience": 5000})
     dvc(tmp_path, "repro", "make_sessions")
-    command = [sys.executable, "-m", "dvc", "repro", "train_theta0"]
+    command = [sys.executable, "-m", "dvc", "repro", "train_theta0@ai2thor"]
     run = subprocess.Popen(command, cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     assert wait_until(lambda: len(working_in(tmp_path)) >= 5, 60)  # dvc, the stage, its server and two workers
     run.kill()
@@ -263,4 +296,4 @@ def test_nothing_goes_on_after_dvc_is_killed_and_nothing_half_done_counts(tmp_pa
     assert not [process.cmdline() for process in working_in(tmp_path)]
     assert not (tmp_path / "data/embeddings").exists()
     set_param(tmp_path, "training.max_epochs", 2)
-    assert "train_theta0" in ran(dvc(tmp_path, "repro", "train_theta0"))
+    assert "train_theta0@ai2thor" in ran(dvc(tmp_path, "repro", "train_theta0@ai2thor"))

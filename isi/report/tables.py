@@ -19,7 +19,7 @@ ROOMS = ("bathroom", "bedroom", "kitchen", "living room")
 CONTROLS = ("mean", "gaussian", "gaussian_centred", "es_permuted")
 LABELS = {
     "xavier": "Xavier", "iu": "IU", "es": "ES", "rs": "RS", "ers": "ERS", "mean": "Mean", "gaussian": "Gaussian",
-    "gaussian_centred": "Gaussian, centred", "es_permuted": "ES, permuted words", JOINT: "Joint",
+    "gaussian_centred": "Centred Gaussian", "es_permuted": "Permuted ES", JOINT: "Joint",
 }  # fmt: skip
 HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity half", "mrr_star_relation": "relation half"}
 
