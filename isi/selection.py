@@ -33,7 +33,7 @@ def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequenc
     picked = 0
     for place in range(1, len(sizes) - 1):
         too_low = mrr_star[place] < max(mrr_star[:place]) - LOSS
-        no_gain = place > 1 and means[place - 2] - means[place - 1] < EPOCHS
+        no_gain = place > 1 and not means[place - 2] - means[place - 1] >= EPOCHS  # nor where there is no mean
         if too_low or no_gain:
             break
         picked = place

@@ -50,7 +50,7 @@ def what_was_run(params: Params, found: results.Results) -> dict[str, dict[str, 
         "Params": dict(_flat(values)),
         "Versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
         "Entities without a word vector": dict.fromkeys(
-            found.coverage.loc[found.coverage["served_by"].isna(), "entity"], ""
+            found.transfer.coverage.loc[found.transfer.coverage["served_by"].isna(), "entity"], ""
         ),
     }
 

@@ -6,6 +6,8 @@ import pandas as pd
 
 from isi import paths, tables
 from isi.experiments import affordances
+from isi.experiments.affordances import RankingTask
+from isi.experiments.executor import run
 from isi.experiments.store import Store
 from isi.stage import Params, Provenance, stage
 from stages.insert import insert_all
@@ -26,7 +28,14 @@ def transfer_insert(params: Params, provenance: Provenance, initializer: str) ->
     """
     store = Store(EXPERIMENT, provenance)
     done = insert_all(store, params, initializer, to_the_end=None)
-    ranked = [affordances.ranks(task, task.embedding, result.vectors) for task, result in done]
+    tasks = [
+        RankingTask(
+            task.graph, task.size, task.seeds, task.splits, task.novel, task.embedding, result.vectors,
+            experiment=EXPERIMENT,
+        )
+        for task, result in done
+    ]  # fmt: skip
+    ranked = run(affordances.ranks, tasks, params.compute, f"affordances, {initializer}")
     tables.write(paths.affordances(EXPERIMENT, initializer), pd.concat(ranked), tables.AFFORDANCES, provenance)
 
 

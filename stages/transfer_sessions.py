@@ -31,6 +31,9 @@ def transfer_sessions(params: Params, provenance: Provenance) -> None:
         triples = sessions.without(graph, np.setdiff1d(candidates, drawn))
         part = graph.part(triples)
         codes = sessions.split(part, root, seed, how.valid, how.test)
+        if not all((codes == held).any() for held in (sessions.VALID, sessions.TEST)):
+            expected = "expected shares that leave triples to each split"
+            raise InputError(paths.PARAMS, "sessions.valid, sessions.test", expected)
         pairs = sessions.draw_insert_triples(part, codes, drawn, root, seed, how.insert_fraction)
         splits.append(pd.DataFrame({"seed": seed, "triple": triples, "split": np.array(sessions.SPLITS)[codes]}))
         novel += [(size, seed, entity) for entity in drawn]

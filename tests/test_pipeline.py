@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import networkx as nx
 import pandas as pd
@@ -26,7 +27,7 @@ from tools import workspace
 #: The paper's, and one control.
 ISI = ("es", "rs", "ers")
 INITIALIZERS = ("xavier", "iu", "es", "rs", "ers", "es_permuted")
-SMALL = {
+SMALL: dict[str, Any] = {
     "sessions.seeds": 3, "sessions.sizes": [1, 2], "embedding.dimension": 8, "training.max_epochs": 4,
     "training.evaluate_every": 2, "finetuning.max_epochs": 3, "curves.sizes": [2], "compute.stack": 2,
     "sweep.k": [1, 8], "sweep.size": 2, "sweep.seeds": 2, "rates.size": 2, "approach.size": 2, "approach.epochs": 2,
@@ -213,6 +214,52 @@ def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
     runs = pd.read_parquet(folder / "data/runs/ai2thor/rs.parquet")
     at_once = runs[(runs["epoch"] == 0) & (runs["scope"] == "novel")]["mrr_star"].mean()
     assert metrics["immediate_mrr_star"]["novel"]["rs"] == pytest.approx(100 * at_once, abs=1e-3)
+
+
+def test_every_number_that_the_paper_states_has_a_row_beside_ours(folder: Path) -> None:
+    def leaves(value: Any) -> list[float]:
+        parts = list(value.values()) if isinstance(value, dict) else None
+        return [value] if parts is None else [leaf for part in parts for leaf in leaves(part)]
+
+    stated = yaml.safe_load((folder / "data/raw/paper/values.yaml").read_text(encoding="utf-8"))
+    rows = pd.read_csv(folder / "reports/tables/paper_against_this_run.csv")
+    given = rows["paper"].value_counts()
+    for number, times in pd.Series(leaves(stated)).value_counts().items():
+        assert given.get(number, 0) >= times or number in (41.4, 37.6, 42.1, 78.2), number
+    assert given[41.4] == 2  # the abstract's, which is ES's
+    assert rows["paper"].round(1).eq(40.4).sum() == 1
+    runs = pd.read_parquet(folder / "data/runs/transfer/es.parquet")
+    at_once = runs[(runs["epoch"] == 0) & (runs["scope"] == "novel")]["mrr_star"].mean()
+    own = rows[rows["what"] == "ES: MRR* at once, new entities' queries"].iloc[0]
+    assert (own["paper"], own["this run"]) == (85.7, pytest.approx(100 * at_once, rel=1e-5))
+
+
+def test_each_repeat_of_the_transfer_has_ai2thors_entities_and_its_ten(folder: Path) -> None:
+    def table(path: str) -> pd.DataFrame:
+        return pd.read_parquet(folder / f"data/{path}.parquet")
+
+    entities, triples = table("graph/transfer/entities"), table("graph/transfer/triples")
+    old = table("graph/ai2thor/entities")
+    assert entities["entity"][: len(old)].tolist() == old["entity"].tolist()
+    novel, told = table("sessions/transfer/novel"), table("sessions/transfer/insert_triples")
+    ids = dict(zip(entities["entity"], entities.index, strict=True))
+    answers = table("runs/transfer/es.affordances")
+    for seed, split in table("sessions/transfer/splits").groupby("seed"):
+        drawn = set(novel[novel["seed"] == seed]["entity"])
+        assert len(drawn) == 10
+        assert set(entities["source"].astype(str)[list(drawn)]) == {"mp3d"}
+        own = triples.loc[split["triple"]]
+        ends = {ids[name] for name in [*own["head"], *own["tail"]]}
+        assert ends == set(range(len(old))) | drawn
+        assert (own["source"] == "ai2thor").sum() == (triples["source"] == "ai2thor").sum()
+        train = set(split.loc[split["split"] == "train", "triple"])
+        assert set(told[told["seed"] == seed]["triple"]) <= train
+        ranked = answers[answers["seed"] == seed]
+        assert set(ranked["entity"]) == drawn
+        assert set(ranked["answer"]) == ends
+        assert (ranked.groupby("entity")["rank"].apply(sorted).map(len) == len(ends)).all()
+    runs = table("runs/transfer/es")
+    assert set(runs["epoch"]) == set(range(SMALL["finetuning.max_epochs"] + 1))  # followed to the last
 
 
 def test_editing_the_indicators_of_es_re_runs_es_and_the_report_alone(folder: Path) -> None:

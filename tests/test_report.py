@@ -28,7 +28,7 @@ def results(rows: list[tuple[str, str, int, int, int, float]], **others: Any) ->
     empty = dict.fromkeys(
         ("definitions", "observations", "entities", "triples", "coverage", "splits", "novel", "insert_triples",
          "theta0_log", "joint_log", "inserted", "ties", "sweep", "rates", "cross_validation", "affordances",
-         "transfer"), EMPTY,
+         "transfer", "mined"), EMPTY,
     )  # fmt: skip
     given = {"params": params.load(ROOT / "params.yaml"), "paper": PAPER, "runs": runs, "approach": {}}
     return Results(**(empty | given | others))

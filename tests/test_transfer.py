@@ -11,7 +11,7 @@ import torch
 
 from isi import paths, sessions, tables
 from isi.embeddings import analogy
-from isi.experiments.affordances import ranks, ranks_of
+from isi.experiments.affordances import RankingTask, ranks, ranks_of
 from isi.experiments.cells import Cells
 from isi.experiments.store import Store
 from isi.graph import Graph
@@ -68,8 +68,8 @@ def test_ranks_follow_the_scores_of_each_answer_one_by_one() -> None:
     graph = Graph(GRAPH.entities, ["atLocation", HAS_AFFORDANCE], GRAPH.triples, GRAPH.counts)
     theta0 = random_embedding(1, 7, 2, 8)
     vectors = random_embedding(1, 1, 1, 8, seed=5).entity
-    own = Cells(graph, 1, [3], cells().splits, cells().novel)
-    found = ranks(own, (theta0.entity.numpy(), theta0.relation.numpy()), vectors.numpy())
+    before = (theta0.entity.numpy(), theta0.relation.numpy())
+    found = ranks(RankingTask(graph, 1, [3], cells().splits, cells().novel, before, vectors.numpy()))
     table = theta0.entity[0].clone()
     table[5] = vectors[0, 0]
     candidates = [0, 1, 2, 3, 5]

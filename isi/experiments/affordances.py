@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pandas as pd
 import torch
@@ -14,19 +16,24 @@ from isi.experiments.insertion import put
 from isi.tables import HAS_AFFORDANCE
 
 
-def ranks(cells: Cells, theta0: tuple[np.ndarray, np.ndarray], vectors: np.ndarray) -> pd.DataFrame:
-    """Rank of every entity of D¹ as an affordance of each novel entity (``tables.AFFORDANCES``).
+@dataclass(frozen=True)
+class RankingTask(Cells):
+    """Rank what can be done with novel entities as they were inserted."""
 
-    Args:
-        theta0: entity and relation vectors of Θ⁰; shapes (M, E, d), (M, R, d).
-        vectors: of the novel entities, as inserted; shape (M, n, d).
-    """
-    session, novel = cells.joint, torch.as_tensor(cells.novel)
-    embedding = put(Embedding(*map(torch.as_tensor, theta0)), novel, torch.as_tensor(vectors))
-    relation = torch.full_like(novel, cells.graph.relations.index(HAS_AFFORDANCE))
-    rank = ranks_of(analogy.score_tails(embedding, novel, relation), session.entities[:, None])
-    model, place, answer = torch.nonzero(rank, as_tuple=True)
-    columns = {"seed": np.array(cells.seeds)[model], "entity": novel[model, place], "answer": answer}
+    #: (entity, relation) of Θ⁰ of each model; shapes: (M, E, d), (M, R, d)
+    embedding: tuple[np.ndarray, np.ndarray]
+    #: shape: (M, n, d)
+    vectors: np.ndarray
+
+
+def ranks(task: RankingTask) -> pd.DataFrame:
+    """Rank of every entity of D¹ as an affordance of each novel entity (``tables.AFFORDANCES``)."""
+    session, novel = task.joint, torch.as_tensor(task.novel)
+    embedding = put(Embedding(*map(torch.as_tensor, task.embedding)), novel, torch.as_tensor(task.vectors))
+    relation = torch.full_like(novel, task.graph.relations.index(HAS_AFFORDANCE))
+    rank = ranks_of(analogy.score_tails(embedding, novel, relation), session.entities[:, None]).cpu().numpy()
+    model, place, answer = rank.nonzero()
+    columns = {"seed": np.array(task.seeds)[model], "entity": task.novel[model, place], "answer": answer}
     return pd.DataFrame(columns | {"rank": rank[model, place, answer]})
 
 

@@ -55,13 +55,14 @@ def sentence(results: Results) -> str:
 
 
 def best(results: Results, factor: str) -> float:
-    """The value of one factor that did best, the others as chosen; the first of equals."""
+    """The value of one factor that did best, the others as chosen; the choice where it did as well."""
     others = [name for name in Setting.model_fields if name != factor]
     choice = pd.Series(results.params.choice.model_dump())
     rows = results.cross_validation
     own = rows[(rows[others] == choice[others]).all(axis=1)]
-    means = own.groupby(factor, sort=False)["mrr_star"].mean()
-    return float(means.index.to_numpy()[means.to_numpy().argmax()])
+    means = own.groupby(factor)["mrr_star"].mean()
+    top = means.index.to_numpy()[means.to_numpy() == means.max()]
+    return float(choice[factor] if choice[factor] in top else top[0])
 
 
 def _named(values: Mapping[str, float] | pd.Series) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations, groupby
 
 import numpy as np
@@ -43,6 +44,7 @@ class Pair(Difference):
     holm: float
 
 
+@lru_cache(maxsize=1)
 def compare(results: Results) -> list[Pair]:
     """Every pair of initializers by every headline measure.
 

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
-from isi.report import cross_validation, differences, gains, rates, sensitivity
+from isi.report import cross_validation, differences, gains, rates, sensitivity, transfer
 from isi.report.figures import Figure
 from isi.report.metrics import metrics, plots
 from isi.report.results import ISI, Results
@@ -110,6 +110,8 @@ def _html(
         level=differences.LEVEL,
         by_rate=rates.sentences(results),
         picked=sensitivity.picked_sizes(results),
+        used={name: getattr(results.params.initializers, name).k for name in ISI},
+        top=transfer.TOP,
         best_setting=cross_validation.sentence(results),
         params=results.params,
         paper=results.paper,

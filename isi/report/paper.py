@@ -34,7 +34,7 @@ def against(results: Results) -> Table:
 
 
 def _shown(value: float) -> str:
-    return f"{value:,.0f}" if float(value).is_integer() else f"{value:.1f}" if abs(value) >= 1 else f"{value:g}"
+    return f"{value:,.0f}" if float(value).is_integer() else f"{value:.1f}" if abs(value) >= 1 else f"{value:.2g}"
 
 
 def fewer_epochs(results: Results, scope: str = "all") -> dict[str, float]:
@@ -90,6 +90,19 @@ def _graph(results: Results) -> Iterator[Row]:
 
 
 def _settings(results: Results) -> Iterator[Row]:
+    stated, params = results.paper["settings"], results.params
+    yield "section 5.3", "repeats of each set size", stated["repeats"], params.sessions.seeds
+    yield "section 6.1", "novel entities inserted at once, at most", stated["largest_size"], max(params.sessions.sizes)
+    yield "section 6.2", "novel entities in the learning curves", stated["curve_size"], results.curve_size or np.nan
+    yield "section 5.3", "margin of convergence, points of MRR*", stated["margin"], 100 * params.convergence.margin
+    yield "section 5.3", "epochs of fine-tuning, at most", stated["max_epochs"], params.finetuning.max_epochs
+    yield "section 5.3", "fine-tuning rate", stated["finetuning_rate"], params.finetuning.learning_rate
+    yield "section 5.3", "ERS: candidates", stated["candidates"], params.initializers.ers.candidates
+    moved = stated["transfer"]
+    yield "section 6.3", "transfer: candidates", moved["candidates"], params.transfer.candidates
+    yield "section 6.3", "transfer: entities inserted at once", moved["size"], params.transfer.size
+    yield "section 6.3", "transfer: observations, at least", moved["min_observations"], params.mp3d.min_observations
+    yield "section 6.3", "transfer: repeats", moved["repeats"], params.transfer.seeds
     words = {"dimension": "dimension", "ratio": "negatives per positive", "learning_rate": "learning rate of Θ⁰",
              "weight_decay": "weight decay of Θ⁰"}  # fmt: skip
     for name, what in words.items():
@@ -99,7 +112,7 @@ def _settings(results: Results) -> Iterator[Row]:
         what = f"{label(name)}: indicator set size that the rule picks"
         yield "section 5.3", what, results.paper["indicators"][name], picked
     for name, best in sensitivity.best_sizes(results).items():
-        what = f"{label(name)}: indicator set size beyond which immediate MRR*, scope all, falls"
+        what = f"{label(name)}: indicator set size of the best immediate MRR*, scope all (paper: falls beyond)"
         yield "section 5.3", what, results.paper["indicators_degrade_after"], best
 
 
@@ -149,7 +162,7 @@ def _affordances(results: Results) -> Iterator[Row]:
         if name in results.initializers:
             answers = [answer for entity in results.params.affordances.entities
                        for answer in transfer.top_answers(results, name, entity)]  # fmt: skip
-            hits = sum(not answer.startswith("×") for answer in answers)
+            hits = sum(kind == "affordance" for _, kind in answers)
             what = f"{label(name)}: of {len(answers)} answers shown, how many are affordances"
             yield "Table 3", what, stated["xavier" if name == "xavier" else "isi"], hits
 

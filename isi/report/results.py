@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -17,14 +18,15 @@ from ruamel.yaml.error import YAMLError
 from isi import convergence, paths, tables
 from isi.errors import InputError
 from isi.experiments.tracing import TRACED
-from isi.params import Params
+from isi.params import MP3D, Params
+from isi.scenes import mp3d
 
 JOINT = "joint"
 #: The paper's, whose indicator set size is varied.
 ISI = ("es", "rs", "ers")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Experiment:
     """The tables of one experiment, with entities by id where the tables have ids."""
 
@@ -69,7 +71,7 @@ class Experiment:
         return convergence.epochs_to_convergence(runs, joint, margin, self.params.finetuning.max_epochs, by)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Results(Experiment):
     """The tables of the main experiment, and all that stands beside it."""
 
@@ -77,6 +79,8 @@ class Results(Experiment):
     definitions: pd.DataFrame
     #: from AI2-THOR to Matterport3D
     transfer: Experiment
+    #: instances of Matterport3D that are left after each step of mining, where tallies are its source
+    mined: Mapping[str, int]
     #: ``tables.AFFORDANCES`` of every initializer, told apart by a column ``model``
     affordances: pd.DataFrame
     #: ``tables.INDICATOR_SWEEP`` and ``tables.RATE_SWEEP``, likewise
@@ -85,6 +89,11 @@ class Results(Experiment):
     cross_validation: pd.DataFrame
     #: what became of one novel entity (see ``tracing.Trace``), by name
     approach: Mapping[str, np.ndarray]
+
+    @property
+    def experiments(self) -> dict[str, Experiment]:
+        """Both, by name."""
+        return {"ai2thor": self, "transfer": self.transfer}
 
     @cached_property
     def curve_size(self) -> int | None:
@@ -109,6 +118,7 @@ def read(params: Params) -> Results:
         paper=_read_paper(paths.PAPER),
         definitions=_read_definitions(paths.DEFINITIONS),
         transfer=_experiment(params, "transfer", "mp3d"),
+        mined=_mined(params.mp3d),
         affordances=_of_models(partial(paths.affordances, "transfer"), tables.AFFORDANCES, initializers),
         sweep=_of_models(paths.indicator_sweep, tables.INDICATOR_SWEEP, ISI),
         rates=_table(paths.rate_sweep(), tables.RATE_SWEEP).rename(columns={"initializer": "model"}),
@@ -144,6 +154,14 @@ def _table(path: Path, schema: pa.Schema) -> pd.DataFrame:
 
 def _of_models(path: Callable[[str], Path], schema: pa.Schema, models: Sequence[str]) -> pd.DataFrame:
     return pd.concat(_table(path(model), schema).assign(model=model) for model in models)
+
+
+def _mined(how: MP3D) -> Mapping[str, int]:
+    left: Counter[str] = Counter()
+    if how.source == "tallies":
+        words = mp3d.Vocabulary(how.rooms.tallies, how.structure, how.same_as)
+        deque(mp3d.mine([mp3d.tallies(paths.MP3D_TALLIES, how.rooms.tallies)], words, left), maxlen=0)
+    return left
 
 
 def _read_approach(path: Path) -> Mapping[str, np.ndarray]:

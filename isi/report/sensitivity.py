@@ -100,7 +100,7 @@ def picked_sizes(results: Results) -> dict[str, int]:
 def best_sizes(results: Results) -> dict[str, int]:
     """The size of the best immediate MRR* in scope all, for each initializer."""
     means = _means(results)["all: MRR*"]
-    return {model: int(means.loc[model].idxmax()) for model in ISI}
+    return {model: int(means.loc[model].dropna().idxmax()) for model in ISI if means.loc[model].notna().any()}
 
 
 def _means(results: Results) -> pd.DataFrame:

@@ -12,7 +12,7 @@ import pandas as pd
 
 from isi.convergence import SCOPES
 from isi.graph import KINDS
-from isi.report.results import JOINT, Results
+from isi.report.results import JOINT, Experiment, Results
 from isi.tables import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
 
 ROOMS = ("bathroom", "bedroom", "kitchen", "living room")
@@ -268,70 +268,83 @@ def names(text: str, phrase: str) -> bool:
 
 def fallbacks(results: Results) -> Table:
     """How often each initializer lacked what it needs, and what it fell back to."""
-    counts = (
-        results.inserted.groupby(["model", "fallback"], dropna=True).size().rename("inserted entities").reset_index()
-    )
+    parts = []
+    for name, experiment in results.experiments.items():
+        fell = experiment.inserted.groupby(["model", "fallback"], dropna=True).size().rename("inserted entities")
+        parts.append(fell.reset_index().assign(experiment=name))
+    counts = pd.concat(parts, ignore_index=True)
     counts["model"] = counts["model"].map(label)
     counts = counts.rename(columns={"model": "initializer", "fallback": "fell back to"})
-    return Table("fallbacks", "Fallbacks", f"Of {_inserted_entities(results)} inserted entities.", counts)
+    inserted = " and ".join(f"{len(one.novel):,} in {name}" for name, one in results.experiments.items())
+    caption = f"Of the inserted entities, {inserted}."
+    return Table("fallbacks", "Fallbacks", caption, counts[["experiment", *counts.columns.drop("experiment")]])
 
 
 def left_out(results: Results) -> Table:
     """What could not be asked, or took no part: counted."""
-    sets = results.at_once[results.at_once["model"] == results.initializers[0]]
+    counts = pd.DataFrame({name: _left_out(experiment) for name, experiment in results.experiments.items()})
+    sets = " and ".join(
+        f"{len(one.novel[['size', 'seed']].drop_duplicates())} in {name}" for name, one in results.experiments.items()
+    )
+    caption = f"Of the sets of novel entities, {sets}."
+    return Table("left_out", "What was left out", caption, counts.rename_axis("").reset_index())
+
+
+def _left_out(experiment: Experiment) -> dict[str, int]:
+    sets = experiment.at_once[experiment.at_once["model"] == experiment.initializers[0]]
     empty = sets[sets["queries"] == 0].groupby("scope").size()
-    lines = {
+    told = experiment.insert_triples[["size", "seed", "entity"]].drop_duplicates()
+    counts = {
         f"sets without queries in scope {scope}": int(empty.get(scope, 0)) for scope in sorted(sets["scope"].unique())
     }
-    lines["entities without a word vector"] = int(results.coverage["served_by"].isna().sum())
-    lines["inserted entities without insert triples"] = _inserted_entities(results) - len(
-        results.insert_triples[["size", "seed", "entity"]].drop_duplicates()
-    )
-    lines["known entities without training triples, over all sets"] = _orphans(results)
-    frame = pd.DataFrame({"": list(lines), "count": list(lines.values())})
-    number = len(sets[["size", "seed"]].drop_duplicates())
-    return Table("left_out", "What was left out", f"Of {number} sets of novel entities.", frame)
+    return counts | {
+        "entities without a word vector": int(experiment.coverage["served_by"].isna().sum()),
+        "inserted entities without insert triples": len(experiment.novel) - len(told),
+        "known entities without training triples, over all sets": _orphans(experiment),
+    }
 
 
 def ties(results: Results) -> Table:
     """Rivals whose score is tied with the answer's, at once: they count half in a rank."""
-    counts = results.ties.groupby(["model", "scope"])["ties"].sum()
-    lines = [
-        {"model": label(model)} | {scope: int(counts.get((model, scope), 0)) for scope in ("all", "novel")}
-        for model in results.models
-    ]
+    lines = []
+    for name, experiment in results.experiments.items():
+        counts = experiment.ties.groupby(["model", "scope"])["ties"].sum()
+        lines += [
+            {"experiment": name, "model": label(model)}
+            | {scope: int(counts.get((model, scope), 0)) for scope in ("all", "novel")}
+            for model in experiment.models
+        ]
     caption = "Rivals tied with the answer right after insertion, over all queries of all sets, by scope."
     return Table("ties", "Ties", caption, pd.DataFrame(lines))
 
 
-def _inserted_entities(results: Results) -> int:
-    return len(results.novel)
-
-
-def _orphans(results: Results) -> int:
+def _orphans(experiment: Experiment) -> int:
     """Known entities that lose all their training triples with the novel ones, over all cells."""
-    ids = {name: number for number, name in enumerate(results.entities["entity"])}
-    ends = results.triples[["head", "tail"]].replace(ids).to_numpy(np.int64)
+    ids = {name: number for number, name in enumerate(experiment.entities["entity"])}
+    ends = experiment.triples[["head", "tail"]].replace(ids).to_numpy(np.int64)
+    splits: dict[Any, pd.DataFrame] = dict(list(experiment.splits.groupby("seed")))
     orphans = 0
-    for (_, seed), cell in results.novel.groupby(["size", "seed"]):
-        split = results.splits[results.splits["seed"] == seed].sort_values("triple")["split"].to_numpy()
-        new = np.isin(ends, cell["entity"]).any(1)
-        trained = np.unique(ends[(split == "train") & ~new])
-        orphans += len(ids) - len(cell) - len(trained)
+    for (_, seed), cell in experiment.novel.groupby(["size", "seed"]):
+        own = splits[seed]
+        old = ~np.isin(ends[own["triple"]], cell["entity"]).any(1)
+        known = np.setdiff1d(ends[own["triple"]], cell["entity"])
+        orphans += len(np.setdiff1d(known, ends[own["triple"]][old & (own["split"] == "train").to_numpy()]))
     return orphans
 
 
 def training(results: Results) -> Table:
     """How long Θ⁰ and the joint model trained, and what validation MRR* they reached."""
     lines = []
-    for name, log in (("theta0", results.theta0_log), ("joint", results.joint_log)):
-        epochs = log.groupby(["size", "seed"])["epoch"].max()
-        kept = log[log["kept"]].groupby(["size", "seed"]).last()
-        lines.append(
-            {"model": name, "trained": len(epochs), "epochs": epochs.mean(), "best epoch": kept["epoch"].mean()}
-            | {f"validation {shown}": 100 * kept[column].mean() for column, shown in HALVES.items()}
-            | {"std": 100 * kept["mrr_star"].std(ddof=1)}
-        )
+    for experiment, found in results.experiments.items():
+        for name, log in (("theta0", found.theta0_log), ("joint", found.joint_log)):
+            epochs = log.groupby(["size", "seed"])["epoch"].max()
+            kept = log[log["kept"]].groupby(["size", "seed"]).last()
+            lines.append(
+                {"experiment": experiment, "model": name, "trained": len(epochs), "epochs": epochs.mean()}
+                | {"best epoch": kept["epoch"].mean()}
+                | {f"validation {shown}": 100 * kept[column].mean() for column, shown in HALVES.items()}
+                | {"std": 100 * kept["mrr_star"].std(ddof=1)}
+            )
     caption = "Means over all models; MRR* in points, its standard deviation over models."
     return Table("training", "Training of the initial and the joint models", caption, pd.DataFrame(lines))
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 
+from isi import candidates
 from isi.report.figures import Figure, follow
 from isi.report.results import JOINT, Results
 from isi.report.tables import HALVES, Table, label
@@ -17,17 +20,13 @@ _SHOWN = ("es", "rs", "ers", "xavier")
 
 def mined(results: Results) -> Table:
     """What Matterport3D adds to the graph."""
-    transfer = results.transfer
+    transfer, minimum = results.transfer, results.params.mp3d.min_observations
     new = transfer.entities["source"] == "mp3d"
-    observed = transfer.observations
-    known = set(transfer.entities.loc[~new, "entity"])
-    unknown = observed[~observed["head"].isin(known)].groupby("head")["count"].sum()
-    enough = unknown[unknown >= results.params.mp3d.min_observations]
-    lines = {
-        "observations in rooms that AI2-THOR has, structure left out": observed["count"].sum(),
-        "of these, of entities that AI2-THOR has, too": observed.loc[observed["head"].isin(known), "count"].sum(),
-        "entities that only Matterport3D has": len(unknown),
-        f"of these, with at least {results.params.mp3d.min_observations} observations": len(enough),
+    unknown = candidates.unknown_objects(transfer.observations, transfer.entities[~new], "mp3d")
+    lines = dict(results.mined) | {
+        "of these, of objects that AI2-THOR has not": int(unknown.sum()),
+        "kinds of such objects": len(unknown),
+        f"of these, with at least {minimum} observations": int((unknown >= minimum).sum()),
         "drawn as candidates": int(new.sum()),
         "unique triples of the candidates": int((transfer.triples["source"] == "mp3d").sum()),
         "inserted in a repeat": results.params.transfer.size,
@@ -47,6 +46,7 @@ def immediate(results: Results) -> Table:
     dropped = drop(results)
     epochs = transfer.convergence.groupby(["model", "scope"])["epochs"].mean()
     never = 1 - transfer.convergence.groupby(["model", "scope"])["converged"].mean()
+    heldout = transfer.at_once[(transfer.at_once["scope"] == "novel_heldout") & (transfer.at_once["model"] == JOINT)]
     lines = []
     for model in transfer.models:
         line: dict[str, object] = {"model": label(model)}
@@ -65,7 +65,9 @@ def immediate(results: Results) -> Table:
         "Matterport3D's entities inserted into AI2-THOR's embedding",
         "MRR* (points) right after insertion, with its entity and its relation half, over all queries and over those "
         "about the new entities; by how much MRR* over AI2-THOR's entities alone is lower with the new ones among the "
-        "candidates than without (known against known_closed), in per cent; epochs to convergence, as in Table 2.",
+        "candidates than without (known against known_closed), in per cent; epochs to convergence, as in Table 2. In "
+        f"scope novel_heldout there are {heldout['queries'].mean():.1f} triples a repeat to ask about, and none in "
+        f"{int((heldout['queries'] == 0).sum())} of {len(heldout)} repeats.",
         pd.DataFrame(lines),
     )
 
@@ -104,31 +106,47 @@ def figure4(results: Results) -> Figure:
 
 def affordances(results: Results) -> Table:
     """Table 3: what can be done with some of Matterport3D's entities, right after insertion."""
-    lines = []
-    for name in results.params.affordances.entities:
-        tops = {model: top_answers(results, model, name) for model in _SHOWN if model in results.initializers}
-        for place in range(TOP):
-            shown = {label(model): answers[place] if place < len(answers) else "–" for model, answers in tops.items()}
-            lines.append({"entity": name, "": f"{place + 1}.", **shown})
-    return Table(
+    return _ranked(
+        results,
+        _SHOWN,
         "table3_affordances",
         "Table 3. Affordances right after insertion",
-        f"The {TOP} highest-ranked answers to (entity, hasAffordance, ?) among AI2-THOR's entities, by mean rank over "
-        "the repeats that inserted the entity, of which it was told rooms alone. Answers that are no affordance are "
-        "marked × with their kind.",
-        pd.DataFrame(lines),
+        f"The {TOP} highest-ranked answers to (entity, hasAffordance, ?), each with its kind, by mean rank over the "
+        "repeats that inserted the entity, of which it was told rooms alone. Answers are AI2-THOR's entities, which "
+        "every repeat has. Those that are no affordance at all are marked ×.",
     )
 
 
-def top_answers(results: Results, model: str, entity: str) -> list[str]:
-    """The answers of lowest mean rank over the repeats that inserted an entity; the kind of those that are none."""
+def other_affordances(results: Results) -> Table:
+    """The same with the other initializers."""
+    others = tuple(name for name in results.initializers if name not in _SHOWN)
+    title = "Table 3 with the other initializers"
+    return _ranked(results, others, "table3_others", title, "As Table 3.")
+
+
+def _ranked(results: Results, models: Sequence[str], name: str, title: str, caption: str) -> Table:
+    lines = []
+    for entity in results.params.affordances.entities:
+        tops = {model: top_answers(results, model, entity) for model in models if model in results.initializers}
+        for place in range(TOP):
+            shown = {label(model): _marked(*answers[place]) if place < len(answers) else "–"
+                     for model, answers in tops.items()}  # fmt: skip
+            lines.append({"entity": entity, "": f"{place + 1}.", **shown})
+    return Table(name, title, caption, pd.DataFrame(lines))
+
+
+def _marked(answer: str, kind: str) -> str:
+    return f"{'' if kind == 'affordance' else '× '}{answer} ({kind})"
+
+
+def top_answers(results: Results, model: str, entity: str) -> list[tuple[str, str]]:
+    """The answers of lowest mean rank over the repeats that inserted an entity, each with its kind."""
     entities = results.transfer.entities
     rows = results.affordances
     own = rows[(rows["model"] == model) & (rows["entity"] == entities.index[entities["entity"] == entity][0])]
     old = own[own["answer"].map(entities["source"]) == "ai2thor"]
     best = old.groupby("answer")["rank"].mean().sort_values(kind="stable").index[:TOP]
-    kinds = entities.loc[best, ["entity", "kind"]].itertuples(index=False)
-    return [answer if kind == "affordance" else f"× {answer} ({kind})" for answer, kind in kinds]
+    return [(str(answer), str(kind)) for answer, kind in entities.loc[best, ["entity", "kind"]].to_numpy()]
 
 
 def shares(results: Results) -> dict[str, float]:
@@ -150,15 +168,16 @@ def affordance_shares(results: Results) -> Table:
     frame[f"top {TOP}: affordances %"] = pd.Series(shares(results)).reindex(names).to_numpy()
     frame["first: affordance %"] = first.reindex(names).to_numpy()
     inserted = len(results.transfer.novel)
+    affordances = int((results.transfer.entities["kind"] == "affordance").sum())
     return Table(
         "affordance_shares",
         "How often the highest-ranked answers are affordances",
-        f"Of the {TOP} highest-ranked answers to (entity, hasAffordance, ?), among all entities of D¹, over all "
-        f"{inserted} inserted entities: how many are affordances, whichever they are. All but 17 of the entities are "
-        "none.".replace("17", str(int((results.transfer.entities["kind"] == "affordance").sum()))),
+        f"Of the {TOP} highest-ranked answers to (entity, hasAffordance, ?) among all entities of D¹, in each repeat, "
+        f"over all {inserted} inserted entities: how many are affordances, whichever they are, of which there are "
+        f"{affordances}.",
         frame,
     )
 
 
-TABLES = (mined, immediate, affordances, affordance_shares)
+TABLES = (mined, immediate, affordances, other_affordances, affordance_shares)
 FIGURES = (figure4,)
