@@ -47,10 +47,13 @@ def test_improvement_is_the_ratio_of_means_at_each_size_averaged_over_sizes() ->
 
 
 def test_the_interval_is_students() -> None:
-    mean, low, high = figures.interval(pd.Series([1.0, 2.0, 3.0, np.nan]))
+    values, by = pd.Series([1.0, 2.0, 3.0, np.nan, 5.0, 4.0, 4.0]), pd.Series([7, 7, 7, 7, 8, 9, 9])
+    found = figures.intervals(values, by)
+    mean, low, high = found.loc[7]
     assert mean == 2
     assert (low, high) == pytest.approx((2 - 4.302653 / 3**0.5, 2 + 4.302653 / 3**0.5))  # t of 2 degrees, 97.5 %
-    assert figures.interval(pd.Series([5.0])) == (5, 5, 5)
+    assert found.loc[8].tolist() == [5, 5, 5]
+    assert found.loc[9].tolist() == [4, 4, 4]
 
 
 @pytest.mark.parametrize(

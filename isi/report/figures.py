@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from io import BytesIO
 from typing import Any
 
@@ -33,7 +34,7 @@ _STYLE: Any = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Figure:
     """A drawn figure."""
 
@@ -42,6 +43,7 @@ class Figure:
     caption: str
     canvas: Canvas
 
+    @cache  # noqa: B019  (as short-lived as the report)
     def rendered(self, form: str) -> bytes:
         """The figure as ``svg`` or ``png``; equal figures are equal bytes."""
         buffer = BytesIO()
@@ -125,14 +127,20 @@ def follow(experiment: Experiment, size: int, scopes: tuple[str, str], margin: f
     return canvas
 
 
-def interval(values: pd.Series) -> tuple[float, float, float]:
-    """Mean and 95 % interval (Student's t) of values, one a seed; without spread where there is one."""
-    known = values.dropna()
-    mean = float(known.mean()) if len(known) else np.nan
-    if len(known) < 2 or known.std(ddof=1) == 0:
-        return mean, mean, mean
-    low, high = stats.t.interval(0.95, len(known) - 1, loc=mean, scale=stats.sem(known))
-    return mean, float(low), float(high)
+def intervals(values: pd.Series, by: pd.Series) -> pd.DataFrame:
+    """Mean and 95 % interval (Student's t) of the values of each group; without spread where there is one.
+
+    Args:
+        values: one a seed; null ones are left out.
+        by: group of each.
+
+    Returns:
+        columns mean, low and high, by group.
+    """
+    groups = values.groupby(by)
+    mean, number = groups.mean(), groups.count()
+    reach = stats.t.ppf(0.975, (number - 1).clip(lower=1)) * groups.sem(ddof=1).where(number != 1, 0.0)
+    return pd.DataFrame({"mean": mean, "low": mean - reach, "high": mean + reach})
 
 
 def panels(number: int, columns: int = 2, height: float = 3.6) -> tuple[Canvas, list[Axes]]:
@@ -145,17 +153,17 @@ def _draw(axes: Axes, results: Experiment, model: str, rows: pd.DataFrame, x: st
     """Draw mean and interval over seeds by x: as a line with a band, or with bars, set apart a little."""
     if rows.empty:
         return
-    line = 100 * pd.DataFrame({key: interval(group) for key, group in rows.groupby(x)["mrr_star"]}).T
+    line = 100 * intervals(rows["mrr_star"], rows[x])
     how: Any = {"color": colour_of(results, model), "label": label(model), "ls": _DASHES.get(model, "-")}
     control = model in CONTROLS
     place = np.asarray(line.index, dtype=float)
     if bars:
         place += (results.models.index(model) - len(results.models) / 2) * 0.06
-        reach = np.stack([line[0] - line[1], line[2] - line[0]])
-        axes.errorbar(place, line[0], reach, **how, lw=0.9 if control else 1.2, marker="o", ms=2 if control else 3)
+        reach = np.stack([line["mean"] - line["low"], line["high"] - line["mean"]])
+        axes.errorbar(place, line["mean"], reach, **how, lw=0.9 if control else 1.2, marker="o", ms=2 if control else 3)
     else:
-        axes.plot(place, line[0], **how, lw=1 if control else 1.4)
-        axes.fill_between(place, line[1], line[2], color=how["color"], alpha=0.08 if control else 0.15, lw=0)
+        axes.plot(place, line["mean"], **how, lw=1 if control else 1.4)
+        axes.fill_between(place, line["low"], line["high"], color=how["color"], alpha=0.08 if control else 0.15, lw=0)
 
 
 def colour_of(results: Experiment, model: str) -> str:

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
 from isi.convergence import SCOPES
-from isi.report.figures import Figure, colour_of, interval, legend, panels
+from isi.report.figures import Figure, colour_of, intervals, legend, panels
 from isi.report.results import ISI, Results
 from isi.report.tables import Table, label
 from isi.selection import select_size
@@ -140,9 +140,9 @@ def _drawn(results: Results, rows: pd.DataFrame, scopes: tuple[str, ...], measur
 
 
 def _draw(axes: Axes, rows: pd.DataFrame, colour: str, name: str) -> None:
-    line = pd.DataFrame({k: interval(group["value"]) for k, group in rows.groupby("k")}).T
-    axes.plot(line.index, line[0], color=colour, label=name, lw=1.4)
-    axes.fill_between(line.index, line[1], line[2], color=colour, alpha=0.15, lw=0)
+    line = intervals(rows["value"], rows["k"])
+    axes.plot(line.index, line["mean"], color=colour, label=name, lw=1.4)
+    axes.fill_between(line.index, line["low"], line["high"], color=colour, alpha=0.15, lw=0)
 
 
 def _mark(axes: Axes, rows: pd.DataFrame, colour: str, chosen: dict[str, int]) -> None:
