@@ -105,7 +105,7 @@ def test_the_rule_picks_from_what_is_about_novel_entities() -> None:
     # epochs fall on and on; of MRR* size 4 has 7 points less than the best before it
     assert table["picked by the rule"].to_dict() == {"ES": 3, "RS": 3, "ERS": 3}
     assert table["paper"].to_dict() == {"ES": 8, "RS": 18, "ERS": 9}
-    assert table.loc["ES", ["MRR* at it", "epochs at it", "best MRR*", "of size"]].tolist() == [62, 10, 70, 5]
+    assert table.loc["ES", ["picked: MRR*", "picked: epochs", "best MRR*", "best at"]].tolist() == [62, 10, 70, 5]
 
 
 def test_cross_validation_marks_the_choices_and_gives_the_spread_over_folds() -> None:
@@ -161,3 +161,17 @@ def test_a_long_legend_has_two_rows_that_are_read_one_after_the_other() -> None:
     assert len(rows) == 2
     read = sorted(places, key=lambda name: (rows.index(round(places[name].y0)), places[name].x0))
     assert read == [tables.label(model) for model in models]
+
+
+@pytest.mark.parametrize(
+    ("heights", "placed"),
+    [
+        ([0.1, 0.5, 0.9], [0.1, 0.5, 0.9]),
+        ([0.1, 0.12, 0.5], [0.1, 0.2, 0.5]),
+        ([0.1, 0.1, 0.1], [0.1, 0.2, 0.3]),
+        ([0.2, 0.95, 0.97], [0.2, 0.9, 1.0]),  # no higher than the top
+        ([], []),
+    ],
+)
+def test_names_lie_a_gap_apart_and_near_what_they_name(heights: list[float], placed: list[float]) -> None:
+    assert approach.spread(np.array(heights), 0.1) == pytest.approx(placed)

@@ -22,8 +22,8 @@ def approach(results: Results) -> Figure:
     canvas, drawn = panels(4, columns=2, height=6.6)
     for panel, model in zip(drawn, ISI, strict=False):
         _known(panel, (vectors - centre) @ axes.T)
-        _indicators(panel, results, model, centre, axes)
         _path(panel, results, model, centre, axes)
+        _indicators(panel, results, model, centre, axes)
         panel.set_title(label(model))
     _known(drawn[-1], (vectors - centre) @ axes.T)
     for model in _RANDOM:
@@ -89,17 +89,29 @@ def _known(axes: Axes, points: np.ndarray) -> None:
 
 
 def _indicators(axes: Axes, results: Results, model: str, centre: np.ndarray, plane_axes: np.ndarray) -> None:
-    """Triangles, each with its name in the margin at the right, in the order of their heights."""
+    """Triangles, each with its name in the margin at the right: last, since it asks for the panel's limits."""
     chosen = np.flatnonzero(results.approach[f"{model}.indicators"])
     points = (results.approach["theta0"][chosen] - centre) @ plane_axes.T
     axes.plot(*points.T, ls="", marker="^", ms=5, color=colour_of(results, model), mec="white", mew=0.4, zorder=3)
-    heights = (np.arange(len(chosen)) + 0.5) / max(len(chosen), 1)
-    for height, number in zip(heights, points[:, 1].argsort(kind="stable"), strict=True):
+    order = points[:, 1].argsort(kind="stable")
+    low, high = axes.get_ylim()
+    for height, number in zip(spread((points[order, 1] - low) / (high - low), 0.055), order, strict=True):
         axes.annotate(
             results.entities["entity"][chosen[number]], tuple(points[number]), (1.03, height), fontsize=6.5,
             textcoords="axes fraction", va="center", annotation_clip=False,
-            arrowprops={"arrowstyle": "-", "lw": 0.4, "color": "#8a919c", "shrinkA": 0, "shrinkB": 2},
+            arrowprops={
+                "arrowstyle": "-", "lw": 0.4, "color": "#8a919c", "shrinkA": 1, "shrinkB": 2, "relpos": (0, 0.5)
+            },
         )  # fmt: skip
+
+
+def spread(heights: np.ndarray, gap: float) -> np.ndarray:
+    """Ascending heights in [0, 1], pushed up to lie a gap apart and down to stay below 1; a smaller gap for many."""
+    gap = min(gap, 1 / max(len(heights), 1))
+    steps = gap * np.arange(len(heights))
+    apart = np.maximum.accumulate(heights - steps)
+    spread_out: np.ndarray = np.minimum(apart, 1 - steps[-1:].sum()) + steps
+    return spread_out
 
 
 def _path(axes: Axes, results: Results, model: str, centre: np.ndarray, plane_axes: np.ndarray) -> None:
