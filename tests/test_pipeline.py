@@ -167,7 +167,7 @@ def test_the_entity_of_figure_1_starts_where_the_experiment_inserts_it(folder: P
     theta0 = load_file(folder / "data/embeddings/ai2thor/theta0/size=02.safetensors")
     assert traced["theta0"].equal(theta0["entity"][0])
     assert traced["known"].equal(theta0["known"][0])
-    for name in INITIALIZERS:
+    for name in ("xavier", "iu", *ISI):
         path, indicators = traced[f"{name}.path"], traced[f"{name}.indicators"]
         assert path[0].equal(load_file(folder / f"data/runs/ai2thor/{name}.safetensors")["size=02"][0, place])
         assert path.shape == (3, 8)
