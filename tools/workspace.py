@@ -16,7 +16,7 @@ COPIED = ("isi", "stages", "data/raw", "dvc.yaml", "pyproject.toml")
 
 YAML_1_2 = YAML()  # keeps the comments
 
-#: A grid that takes about three minutes.
+#: A grid that takes three to six minutes.
 QUICK = {
     "sessions.seeds": 6, "sessions.sizes": [1, 5], "finetuning.max_epochs": 60, "transfer.seeds": 6,
     "sweep.k": [1, 4, 8, 18, 30], "sweep.seeds": 3, "cross_validation.folds": 3, "cross_validation.dimension": [40],

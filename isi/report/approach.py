@@ -40,7 +40,8 @@ def approach(results: Results) -> Figure:
         f"The entities of one Θ⁰ (|ξ| = {how.size}, seed {how.seed}) in the plane of their two principal components, "
         f"which hold {100 * share:.0f} % of their variance, and the novel entity “{_name(results)}”: where each "
         f"initializer puts it, the indicators whose centroid that is (triangles), and its way through {how.epochs} "
-        "epochs of fine-tuning. Known entities are drawn where Θ⁰ has them; training moves them, too.",
+        "epochs of fine-tuning. Known entities are drawn where Θ⁰ has them; training moves them, too. "
+        "What looks central in the plane need not be so in all dimensions (see the table).",
         canvas,
     )
 
@@ -119,6 +120,7 @@ def _path(axes: Axes, results: Results, model: str, centre: np.ndarray, plane_ax
     points = (results.approach[f"{model}.path"] - centre) @ plane_axes.T
     colour = colour_of(results, model)
     axes.plot(*points.T, color=colour, lw=0.8, alpha=0.7, zorder=4)
+    axes.annotate(label(model), tuple(points[0]), (7, -9), fontsize=7, textcoords="offset points", color=colour)
     axes.plot(*points[0], ls="", marker="*", ms=11, color=colour, mec="black", mew=0.5, zorder=5)
     axes.annotate(
         "", tuple(points[-1]), tuple(points[0]), zorder=4,

@@ -98,7 +98,7 @@ def corruption(results: Results) -> Figure | None:
         "corruption",
         "Earlier knowledge during fine-tuning",
         f"MRR* of queries about known entities at |ξ| = {size}: with the novel entities among the candidates (left) "
-        "and without (right). A loss on the left alone is crowding, a loss on the right is damage.",
+        "and without (right). A loss on the left alone is crowding, a loss on the right is damage. Scales differ.",
         canvas,
     )
 
@@ -107,8 +107,7 @@ def follow(experiment: Experiment, size: int, scopes: tuple[str, str], margin: f
     """MRR* by epoch of fine-tuning in two scopes, with the joint model's level.
 
     Args:
-        margin: also draw where a run of mean joint performance counts as converged; without, both panels
-            have one scale.
+        margin: also draw where a run of mean joint performance counts as converged.
     """
     canvas, both = panels(2)
     runs = experiment.runs[experiment.runs["size"] == size]
@@ -121,8 +120,6 @@ def follow(experiment: Experiment, size: int, scopes: tuple[str, str], margin: f
         if margin is not None:
             axes.axhline(joint - 100 * margin, color=COLOURS[JOINT], lw=1, ls=":", label="converged")
         axes.set(title=f"scope {scope}", xlabel="epoch of fine-tuning", ylabel="MRR* (points)")
-    if margin is None:
-        both[1].set_ylim(both[0].get_ylim())
     legend(canvas, both[0])
     return canvas
 

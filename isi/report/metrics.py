@@ -23,7 +23,7 @@ def metrics(results: Results) -> Numbers:
         },
         **_of_experiment(results),
         "improvement_over_xavier_percent": {
-            scope: {name: round(value, 3) for name, value in improvement_over_xavier(results, scope).items()
+            scope: {name: round(value, 6) for name, value in improvement_over_xavier(results, scope).items()
                     if name not in ("xavier", JOINT)}
             for scope in ("all", "novel")
         },
@@ -66,10 +66,10 @@ def _of_experiment(experiment: Experiment) -> Numbers:
 
 def _by_scope(values: pd.Series, models: list[str]) -> dict[str, dict[str, float]]:
     return {
-        str(scope): {model: round(float(values[scope, model]), 3) for model in models if (scope, model) in values.index}
+        str(scope): {model: round(float(values[scope, model]), 6) for model in models if (scope, model) in values.index}
         for scope in values.index.unique("scope")
     }
 
 
 def _rounded(values: dict[str, float]) -> dict[str, float]:
-    return {name: round(value, 3) for name, value in values.items()}
+    return {name: round(value, 6) for name, value in values.items()}
