@@ -335,7 +335,8 @@ def test_nothing_goes_on_after_dvc_is_killed_and_nothing_half_done_counts(tmp_pa
     workspace.make(tmp_path, SMALL | {"training.max_epochs": 5000, "training.patience": 5000})
     dvc(tmp_path, "repro", "make_sessions")
     command = [sys.executable, "-m", "dvc", "repro", "train_theta0@ai2thor"]
-    run = subprocess.Popen(command, cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    environment = ENVIRONMENT | {"SHELL": "/bin/sh"}  # which, unlike bash, may wait for its last command
+    run = subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     assert wait_until(lambda: len(working_in(tmp_path)) >= 5, 60)  # dvc, the stage, its server and two workers
     run.kill()
     run.wait()

@@ -40,6 +40,11 @@ def test_a_stage_lists_the_params_that_shape_its_outputs(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", STAGES)
+def test_a_stage_takes_the_place_of_the_shell_that_starts_it(name: str) -> None:
+    assert STAGES[name]["cmd"].startswith(f"exec python -m stages.{name}")  # or it would outlive a killed DVC
+
+
+@pytest.mark.parametrize("name", STAGES)
 def test_outputs_persist(name: str) -> None:
     stage = STAGES[name]
     for out in [*stage.get("outs", []), *stage.get("metrics", [])]:
