@@ -6,6 +6,7 @@ from collections.abc import Collection
 
 import pandas as pd
 
+from isi import paths
 from isi.errors import InputError
 from isi.graph import count_triples, name_entities
 from isi.streams import stream
@@ -49,9 +50,9 @@ def draw(enough: pd.Series[int], number: int, always: Collection[str], root: int
     for name in always:
         if name not in enough.index:
             expected = "expected an object of Matterport3D that AI2-THOR lacks, with mp3d.min_observations or more"
-            raise InputError("params.yaml", "affordances.entities", f"{name!r}: {expected}")
+            raise InputError(paths.PARAMS, "affordances.entities", f"{name!r}: {expected}")
     if len(always) > number:
-        raise InputError("params.yaml", "transfer.candidates", f"fewer than the {len(always)} of affordances.entities")
+        raise InputError(paths.PARAMS, "transfer.candidates", f"fewer than the {len(always)} of affordances.entities")
     others = [str(name) for name in enough.index if name not in always]
     free = min(number - len(always), len(others))
     drawn = stream(root, "transfer candidates").choice(len(others), free, replace=False)

@@ -20,6 +20,7 @@ from numpy.random import Generator
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from isi import paths
 from isi.embeddings import analogy
 from isi.embeddings.stack import Embedding
 from isi.errors import InputError
@@ -94,11 +95,11 @@ def check(name: str, options: dict[str, Option]) -> None:
     """
     if name not in INITIALIZERS:
         known = ", ".join(INITIALIZERS)
-        raise InputError("params.yaml", "insert.initializers", f"expected one of {known}, got {name!r}")
+        raise InputError(paths.PARAMS, "insert.initializers", f"expected one of {known}, got {name!r}")
     try:
         inspect.signature(INITIALIZERS[name]).bind(None, **options)
     except TypeError as error:
-        raise InputError("params.yaml", f"initializers.{name}", str(error)) from error
+        raise InputError(paths.PARAMS, f"initializers.{name}", str(error)) from error
 
 
 @initializer("xavier")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from isi import paths
+from isi.errors import InputError
 from isi.graph import Graph
 from isi.streams import stream
 
@@ -85,6 +88,19 @@ def split(graph: Graph, root: int, seed: int, valid: float, test: float) -> np.n
     splits[free[:tests]] = TEST
     splits[free[tests : tests + valids]] = VALID
     return splits
+
+
+def check_held_out(splits: Iterable[np.ndarray], valid: float, test: float) -> None:
+    """See that each of some splits, shapes (T,), holds out the shares that it was to hold out.
+
+    Raises:
+        InputError: where one does not, because triples had to stay in train.
+    """
+    for codes in splits:
+        for code, share in ((VALID, valid), (TEST, test)):
+            if (codes == code).sum() < max(1, round(share * len(codes))):
+                expected = "expected shares that leave triples to each split (for every entity, one stays in train)"
+                raise InputError(paths.PARAMS, "sessions.valid, sessions.test", expected)
 
 
 def folds(graph: Graph, root: int, number: int) -> np.ndarray:

@@ -14,6 +14,7 @@ import numpy as np
 from gensim.models import KeyedVectors
 from smart_open import open as open_any
 
+from isi import paths
 from isi.errors import InputError
 
 
@@ -60,9 +61,9 @@ def load_vectors(source: str, sha256: str | None = None) -> KeyedVectors:
         found = gensim.downloader.load(source)
     except Exception as error:  # gensim lets every fault of the network and of its index through as it is
         expected = f"neither a file nor a gensim download that can be reached ({type(error).__name__})"
-        raise InputError("params.yaml", "words.source", f"{source!r} is {expected}") from error
+        raise InputError(paths.PARAMS, "words.source", f"{source!r} is {expected}") from error
     if not isinstance(found, KeyedVectors):
-        raise InputError("params.yaml", "words.source", f"{source!r} is a gensim download, but holds no word vectors")
+        raise InputError(paths.PARAMS, "words.source", f"{source!r} is a gensim download, but holds no word vectors")
     return found
 
 

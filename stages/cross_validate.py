@@ -8,7 +8,7 @@ from isi import paths, tables
 from isi.errors import InputError
 from isi.experiments import learning
 from isi.experiments.cross_validation import best_looks, fold_tasks
-from isi.experiments.executor import run
+from isi.experiments.executor import run, stack_height
 from isi.experiments.store import Store
 from isi.sessions import VALID
 from isi.stage import Params, Provenance, stage
@@ -21,7 +21,7 @@ from isi.stage import Params, Provenance, stage
 )  # fmt: skip
 def cross_validate(params: Params, provenance: Provenance) -> None:
     """Train the joint model with several settings on all but one fold, and measure it on that."""
-    tasks = fold_tasks(Store("ai2thor", provenance).graph(), params, "ai2thor")
+    tasks = fold_tasks(Store("ai2thor", provenance).graph(), params, "ai2thor", stack_height(params.compute))
     if not all((task.splits == VALID).any(1).all() for task in tasks):
         expected = "expected no more folds than triples that may leave train (some must stay, for every entity)"
         raise InputError(paths.PARAMS, "cross_validation.folds", expected)

@@ -9,8 +9,8 @@ from isi.experiments import affordances
 from isi.experiments.affordances import RankingTask
 from isi.experiments.executor import run
 from isi.experiments.store import Store
+from isi.experiments.tasks import insert_all
 from isi.stage import Params, Provenance, stage
-from stages.insert import insert_all
 
 EXPERIMENT = "transfer"
 

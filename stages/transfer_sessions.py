@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 
-from isi import paths, sessions, tables
+from isi import paths, sessions
 from isi.errors import InputError
-from isi.experiments.store import Store
+from isi.experiments.store import Store, write_sessions
 from isi.stage import Params, Provenance, stage
 
 EXPERIMENT = "transfer"
@@ -31,17 +30,12 @@ def transfer_sessions(params: Params, provenance: Provenance) -> None:
         triples = sessions.without(graph, np.setdiff1d(candidates, drawn))
         part = graph.part(triples)
         codes = sessions.split(part, root, seed, how.valid, how.test)
-        if not all((codes == held).any() for held in (sessions.VALID, sessions.TEST)):
-            expected = "expected shares that leave triples to each split"
-            raise InputError(paths.PARAMS, "sessions.valid, sessions.test", expected)
+        sessions.check_held_out([codes], how.valid, how.test)
         pairs = sessions.draw_insert_triples(part, codes, drawn, root, seed, how.insert_fraction)
-        splits.append(pd.DataFrame({"seed": seed, "triple": triples, "split": np.array(sessions.SPLITS)[codes]}))
+        splits.append((triples, codes))
         novel += [(size, seed, entity) for entity in drawn]
         insert += [(size, seed, entity, triples[triple]) for entity, triple in pairs]
-    tables.write(paths.splits(EXPERIMENT), pd.concat(splits), tables.SPLITS, provenance)
-    tables.write(paths.novel(EXPERIMENT), pd.DataFrame(novel, columns=tables.NOVEL.names), tables.NOVEL, provenance)
-    frame = pd.DataFrame(insert, columns=tables.INSERT_TRIPLES.names)
-    tables.write(paths.insert_triples(EXPERIMENT), frame, tables.INSERT_TRIPLES, provenance)
+    write_sessions(EXPERIMENT, splits, novel, insert, provenance)
 
 
 if __name__ == "__main__":

@@ -85,6 +85,8 @@ def test_without_a_gpu_auto_is_the_cpu_and_cuda_is_refused_by_name() -> None:
     assert executor.stack_height(Compute(workers=1, stack=7, device="auto")) == 7
     with pytest.raises(InputError, match=r"compute\.device"):
         executor.stack_height(Compute(workers=1, stack=7, device="cuda"))
+    with pytest.raises(InputError, match=r"compute\.device"):  # found by a worker, which may be another machine
+        executor.run(learn_joint, learning_tasks(2), Compute(workers=1, stack=2, device="cuda"), "refused")
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")

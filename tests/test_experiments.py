@@ -250,8 +250,7 @@ def test_cross_validation_gives_the_same_bits_for_any_height_of_stacks() -> None
     small = {"embedding": LEARNING.embedding, "training": LEARNING.training, "cross_validation": few}
     tables = []
     for height in (1, 2, 5):
-        how = raw.model_copy(update=small | {"compute": Compute(workers=1, stack=height)})
-        tasks = fold_tasks(GRAPH, how, "test")
+        tasks = fold_tasks(GRAPH, raw.model_copy(update=small), "test", height)
         assert max(len(task.seeds) for task in tasks) == height
         tables.append(csv(pd.concat(best_looks(task, learn_joint(task)) for task in tasks)))
     assert tables[0] == tables[1] == tables[2]
@@ -264,7 +263,7 @@ def test_the_best_look_at_a_fold_is_the_last_that_was_kept() -> None:
         {"seed": [0, 0, 0, 1, 1, 1], "epoch": [2, 4, 6] * 2, "mrr_star": [0.3, 0.5, 0.4, 0.6, 0.5, 0.2],
          "kept": [True, True, False, True, False, False]}
     )  # fmt: skip
-    task = fold_tasks(GRAPH, params.load(paths.PARAMS), "test")[0]
+    task = fold_tasks(GRAPH, params.load(paths.PARAMS), "test", 5)[0]
     nothing = np.zeros(0)
     best = best_looks(task, Learned(nothing, nothing, nothing, log)).set_index("fold")
     assert best["mrr_star"].to_dict() == {0: 0.5, 1: 0.6}

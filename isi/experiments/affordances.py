@@ -10,18 +10,15 @@ import torch
 from torch import Tensor
 
 from isi.embeddings import analogy
-from isi.embeddings.stack import Embedding
-from isi.experiments.cells import Cells
+from isi.experiments.cells import Embedded
 from isi.experiments.insertion import put
 from isi.tables import HAS_AFFORDANCE
 
 
 @dataclass(frozen=True)
-class RankingTask(Cells):
-    """Rank what can be done with novel entities as they were inserted."""
+class RankingTask(Embedded):
+    """Rank what can be done with novel entities as they were inserted into Θ⁰."""
 
-    #: (entity, relation) of Θ⁰ of each model; shapes: (M, E, d), (M, R, d)
-    embedding: tuple[np.ndarray, np.ndarray]
     #: shape: (M, n, d)
     vectors: np.ndarray
 
@@ -29,7 +26,7 @@ class RankingTask(Cells):
 def ranks(task: RankingTask) -> pd.DataFrame:
     """Rank of every entity of D¹ as an affordance of each novel entity (``tables.AFFORDANCES``)."""
     session, novel = task.joint, torch.as_tensor(task.novel)
-    embedding = put(Embedding(*map(torch.as_tensor, task.embedding)), novel, torch.as_tensor(task.vectors))
+    embedding = put(task.theta, novel, torch.as_tensor(task.vectors))
     relation = torch.full_like(novel, task.graph.relations.index(HAS_AFFORDANCE))
     rank = ranks_of(analogy.score_tails(embedding, novel, relation), session.entities[:, None]).cpu().numpy()
     model, place, answer = rank.nonzero()

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from isi.embeddings.stack import Embedding
 from isi.graph import Graph
 from isi.sessions import Session, initial_session, joint_session
 
@@ -50,3 +51,16 @@ class Cells:
     def initial(self) -> Session:
         """D⁰ of each cell."""
         return initial_session(self.graph, torch.as_tensor(self.splits), torch.as_tensor(self.novel))
+
+
+@dataclass(frozen=True)
+class Embedded(Cells):
+    """Cells with an embedding of each."""
+
+    #: (entity, relation); shapes: (M, E, d), (M, R, d)
+    embedding: tuple[np.ndarray, np.ndarray]
+
+    @property
+    def theta(self) -> Embedding:
+        """The embedding as a stack."""
+        return Embedding(*map(torch.as_tensor, self.embedding))

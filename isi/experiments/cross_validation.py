@@ -21,14 +21,14 @@ class FoldsTask(LearningTask):
     setting: Setting
 
 
-def fold_tasks(graph: Graph, params: Params, experiment: str) -> list[FoldsTask]:
-    """Every setting with every fold, in stacks of at most ``compute.stack`` folds."""
+def fold_tasks(graph: Graph, params: Params, experiment: str, stack: int) -> list[FoldsTask]:
+    """Every setting with every fold, in stacks of at most ``stack`` folds."""
     splits = sessions.folds(graph, params.seed, params.cross_validation.folds)
     tasks = []
     for setting in params.settings:
         how = _learning(params, setting)
-        for first in range(0, len(splits), params.compute.stack):
-            own = splits[first : first + params.compute.stack]
+        for first in range(0, len(splits), stack):
+            own = splits[first : first + stack]
             folds, nobody = list(range(first, first + len(own))), np.empty((len(own), 0), dtype=np.int64)
             tasks.append(FoldsTask(graph, JOINT, folds, own, nobody, how, setting, experiment=experiment))
     return tasks

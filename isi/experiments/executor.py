@@ -39,7 +39,7 @@ def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Comput
 
     Raises:
         TaskError: as soon as one task fails; those that have not begun never will.
-        InputError: where there is no such engine or scheduler.
+        InputError: where there is no such engine, scheduler or device.
     """
     engine = _dask if compute.engine == "dask" else _processes
     models = sum(len(task.seeds) for task in tasks)
@@ -49,7 +49,7 @@ def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Comput
             task = futures[future]
             try:
                 future.result()
-            except (BrokenExecutor, CancelledError):  # no task's own failure
+            except (InputError, BrokenExecutor, CancelledError):  # no task's own failure
                 raise
             except Exception as error:
                 raise TaskError(f"{task}: {type(error).__name__}: {error}") from error

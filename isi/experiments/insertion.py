@@ -100,7 +100,7 @@ def insertion_of(task: InsertTask) -> Insertion:
         return table
 
     return Insertion(
-        theta0=Embedding(*(torch.as_tensor(table) for table in task.embedding)),
+        theta0=task.theta,
         known=session.entities, eligible=session.trained(), novel=novel, words=torch.as_tensor(task.words),
         other=padded(torch.where(is_tail, head, tail)), relation=padded(relation), novel_is_tail=padded(is_tail),
         observed=padded(torch.ones_like(is_tail)),

@@ -10,17 +10,14 @@ import torch
 from torch import Tensor
 
 from isi import ranking
-from isi.embeddings.stack import Embedding
-from isi.experiments.cells import Cells
+from isi.experiments.cells import Cells, Embedded
 from isi.ranking import MEASURES, Result
 
 
 @dataclass(frozen=True)
-class JudgingTask(Cells):
+class JudgingTask(Embedded):
     """Measure given embeddings in every scope."""
 
-    #: (entity, relation) of each model; shapes: (M, E, d), (M, R, d)
-    embedding: tuple[np.ndarray, np.ndarray]
     #: (model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 3)
     insert_triples: np.ndarray
 
@@ -28,9 +25,8 @@ class JudgingTask(Cells):
 def judge(task: JudgingTask) -> pd.DataFrame:
     """Measures of embeddings as they are, in every scope (``tables.RUNS``, epoch 0)."""
     session, novel = task.joint, torch.as_tensor(task.novel)
-    embedding = Embedding(*(torch.as_tensor(table) for table in task.embedding))
-    results = ranking.evaluate(embedding, ranking.epoch_scopes(session, novel))
-    results |= ranking.evaluate(embedding, ranking.novel_scope(session, novel, insert_mask(task)))
+    results = ranking.evaluate(task.theta, ranking.epoch_scopes(session, novel))
+    results |= ranking.evaluate(task.theta, ranking.novel_scope(session, novel, insert_mask(task)))
     return run_rows(task, 0, torch.arange(len(task.seeds)), results)
 
 

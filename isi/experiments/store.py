@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -113,6 +113,32 @@ def joint_mrr_star(runs: pd.DataFrame, cells: Cells, scope: str) -> np.ndarray:
     """MRR* of the joint models of a stack of cells in a scope; NaN without queries; shape (M,)."""
     own = runs[(runs["size"] == cells.size) & (runs["scope"] == scope)].set_index("seed")["mrr_star"]
     return own.loc[cells.seeds].to_numpy(np.float64)
+
+
+def write_sessions(
+    experiment: str,
+    splits: Sequence[tuple[np.ndarray, np.ndarray]],
+    novel: Sequence[tuple[int, ...]],
+    insert: Sequence[tuple[int, ...]],
+    provenance: Provenance,
+) -> None:
+    """Write the learning sessions of an experiment.
+
+    Args:
+        splits: ids of the triples that take part and their splits, of each seed; shapes: (T,).
+        novel: rows of ``tables.NOVEL``.
+        insert: rows of ``tables.INSERT_TRIPLES``.
+    """
+    parts = [
+        pd.DataFrame({"seed": seed, "triple": triples, "split": np.array(SPLITS)[codes]})
+        for seed, (triples, codes) in enumerate(splits)
+    ]
+    tables.write(paths.splits(experiment), pd.concat(parts), tables.SPLITS, provenance)
+    for path, rows, schema in (
+        (paths.novel(experiment), novel, tables.NOVEL),
+        (paths.insert_triples(experiment), insert, tables.INSERT_TRIPLES),
+    ):
+        tables.write(path, pd.DataFrame(rows, columns=schema.names), schema, provenance)
 
 
 def write_runs(experiment: str, name: str, runs: pd.DataFrame, provenance: Provenance) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from isi import paths
 from isi.errors import InputError
 from isi.scenes.chunks import chunked, map_in_order
 from isi.tables import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, OBSERVATIONS
@@ -78,7 +79,7 @@ def locate(recording: str) -> Path:
     try:
         found = distribution("procthor").locate_file("procthor/databases/ai2thor-object-metadata.json")
     except PackageNotFoundError as error:
-        raise InputError("params.yaml", "ai2thor.recording", "the package procthor is not installed") from error
+        raise InputError(paths.PARAMS, "ai2thor.recording", "the package procthor is not installed") from error
     return Path(str(found))
 
 

@@ -12,6 +12,7 @@ from typing import Literal
 
 import pyarrow as pa
 
+from isi import paths
 from isi.errors import InputError
 from isi.tables import AT_LOCATION, OBSERVATIONS
 
@@ -113,7 +114,7 @@ def tallies(path: Path, regions: Collection[str]) -> list[Seen]:
         raise InputError(path, "", f"{twice[0][0]!r} in {twice[0][1]!r} is listed twice")
     unknown = set(regions) - {one.region for one in seen}
     if unknown:
-        raise InputError("params.yaml", "mp3d.rooms.tallies", f"{min(unknown)!r} is no room of {path}")
+        raise InputError(paths.PARAMS, "mp3d.rooms.tallies", f"{min(unknown)!r} is no room of {path}")
     return seen
 
 
