@@ -19,8 +19,8 @@ from isi.params import Negatives, Optimizer
 from isi.sessions import TRAIN, Session
 from isi.streams import stream
 
-#: Possible triples of a graph up to which batches are tables. One model is as fast either way at twice
-#: this; half of that keeps a stack's tables within a gigabyte.
+#: Possible triples of a graph up to which batches are tables: about where one model is as fast either way.
+#: A stack's tables then stay within a gigabyte.
 TABLE_CELLS = 2**23
 
 

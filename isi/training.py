@@ -32,8 +32,8 @@ def loss_gradient(embedding: Embedding, batch: Tables | Lists) -> Embedding:
         slope = torch.sigmoid_(scores).mul_(batch.positives + batch.negatives).sub_(batch.positives)
         return analogy.gradient(embedding, mapped, slope)
     ids = (batch.model, batch.head, batch.relation, batch.tail)
-    slope = torch.sigmoid(analogy.score_listed(embedding, *ids)) - batch.positive
-    return analogy.gradient_listed(embedding, *ids, slope)
+    scores, listed = analogy.score_listed(embedding, *ids)
+    return analogy.gradient_listed(embedding, listed, *ids, torch.sigmoid(scores) - batch.positive)
 
 
 def adagrad(state: State, gradient: Embedding, positives: Tensor, frozen: Tensor, settings: Optimizer) -> None:

@@ -11,6 +11,8 @@ so that a map costs two products, whatever it does with its result.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
@@ -98,24 +100,49 @@ def gradient(embedding: Embedding, mapped: Tensor, slope: Tensor) -> Embedding:
     return Embedding(entity, _by_factors(by_straight, by_crossed))
 
 
-def score_listed(embedding: Embedding, model: Tensor, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
-    """Scores of listed triples of the models of a stack; ids and result of shape (N,)."""
-    return score(embedding.entity[model, head], embedding.relation[model, relation], embedding.entity[model, tail])
+@dataclass(frozen=True)
+class Listed:
+    """What N listed triples take from the tables of a stack; shapes: (N, d)."""
+
+    #: vectors of the heads, and the same swapped
+    heads: Tensor
+    swapped: Tensor
+    #: the two factors of the relations' maps
+    straight: Tensor
+    crossed: Tensor
+    tails: Tensor
+    #: vₕᵀW
+    mapped: Tensor
+
+
+def score_listed(
+    embedding: Embedding, model: Tensor, head: Tensor, relation: Tensor, tail: Tensor
+) -> tuple[Tensor, Listed]:
+    """Scores of listed triples of the models of a stack, and what they come from; ids and scores of shape (N,)."""
+    entity, (straight, crossed) = embedding.entity, _factors(embedding.relation)
+    heads, tails = _listed(entity, model, head), _listed(entity, model, tail)
+    straight, crossed = _listed(straight, model, relation), _listed(crossed, model, relation)
+    swapped = _listed(swap(entity), model, head)
+    mapped = torch.addcmul(heads * straight, swapped, crossed)
+    return (mapped * tails).sum(-1), Listed(heads, swapped, straight, crossed, tails, mapped)
 
 
 def gradient_listed(
-    embedding: Embedding, model: Tensor, head: Tensor, relation: Tensor, tail: Tensor, slope: Tensor
+    embedding: Embedding, listed: Listed, model: Tensor, head: Tensor, relation: Tensor, tail: Tensor, slope: Tensor
 ) -> Embedding:
     """Gradient of Σ slope · f over listed triples; ids and slope of shape (N,)."""
     (models, entities, dimension), relations = embedding.entity.shape, embedding.relation.shape[1]
-    heads, maps = embedding.entity[model, head], embedding.relation[model, relation]
-    pulled = embedding.entity[model, tail] * slope[:, None]  # by vₕᵀW
-    by_entity = embedding.entity.new_zeros(models * entities, dimension)
-    by_entity.index_add_(0, model * entities + tail, transform(heads, maps) * slope[:, None])
-    by_entity.index_add_(0, model * entities + head, transform(pulled, transpose(maps)))
-    by_relation = embedding.entity.new_zeros(models * relations, dimension)
-    by_relation.index_add_(0, model * relations + relation, _by_factors(pulled * heads, pulled * swap(heads)))
-    return Embedding(by_entity.view(models, entities, dimension), by_relation.view(models, relations, dimension))
+
+    def summed(rows: Tensor, ids: Tensor, number: int) -> Tensor:
+        table = rows.new_zeros(models * number, dimension).index_add_(0, model * number + ids, rows)
+        return table.view(models, number, dimension)
+
+    pulled = listed.tails * slope[:, None]  # by vₕᵀW
+    entity = summed(listed.mapped * slope[:, None], tail, entities)
+    entity += summed((pulled * listed.straight).add_(swap(pulled * listed.crossed)), head, entities)
+    by_straight = summed(pulled * listed.heads, relation, relations)
+    by_crossed = summed(pulled * listed.swapped, relation, relations)
+    return Embedding(entity, _by_factors(by_straight, by_crossed))
 
 
 def resultants(known: Tensor, relation: Tensor, novel_is_tail: Tensor) -> Tensor:
@@ -155,3 +182,8 @@ def _by_factors(straight: Tensor, crossed: Tensor) -> Tensor:
 def _rows(table: Tensor, ids: Tensor) -> Tensor:
     """Rows of each model's table; shapes (M, N, d) and (M, Q), result (M, Q, d)."""
     return table.gather(1, ids[..., None].expand(-1, -1, table.shape[-1]))
+
+
+def _listed(table: Tensor, model: Tensor, ids: Tensor) -> Tensor:
+    """Rows of a stack of tables, one for each of a list; shapes (M, N, d), (L,) and (L,), result (L, d)."""
+    return table.flatten(0, 1).index_select(0, model * table.shape[1] + ids)
