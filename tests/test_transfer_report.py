@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isi.report import cross_validation, paper, transfer
+from isi.report import cross_validation, paper, tables, transfer
 from isi.report.results import Results
 from tests.test_report import results
 
@@ -61,6 +61,18 @@ def test_shares_count_affordances_among_the_first_four_of_every_inserted_entity(
         [], ranked("es", 0, [1, 0, 2, 3, 4]), ranked("es", 3, [0, 3, 4, 2, 1]), ranked("rs", 0, [1, 2, 4, 0, 3])
     )
     assert transfer.shares(found) == pytest.approx({"es": 100 * 3 / 8, "rs": 50})
+
+
+def test_a_definition_may_leak_triples_of_either_source() -> None:
+    rows = [("ai2thor", "shelf", "hasAffordance", "open", 3), ("mp3d", "fan", "atLocation", "kitchen", 2),
+            ("mp3d", "fan", "hasAffordance", "push", 1)]  # fmt: skip
+    triples = pd.DataFrame(rows, columns=["source", "head", "relation", "tail", "count"])
+    said = {"shelf": "a board that may be opened", "fan": "what cools the air of kitchens", "open": "to push a fan"}
+    definitions = pd.DataFrame({"phrase": list(said), "definition": list(said.values())})
+    there = results([], entities=ENTITIES.assign(phrase=ENTITIES["entity"]), triples=triples)
+    table = tables.leaks(results([], transfer=there, definitions=definitions))
+    assert table.frame[list(triples.columns)].to_numpy().tolist() == [list(row) for row in rows[:2]]
+    assert "2 of 3 unique triples" in table.caption
 
 
 def test_fewer_epochs_is_against_the_mean_of_xavier() -> None:

@@ -81,9 +81,9 @@ def curves(results: Results) -> Figure | None:
     return Figure(
         "figure3b_curves",
         "Figure 3b. Learning curves",
-        f"MRR* by epoch of fine-tuning at |ξ| = {size}, mean and 95 % interval over seeds, over all queries (left, the "
-        "paper's figure) and over held-out queries about novel entities (right). Dotted: where a run of mean joint "
-        "performance counts as converged.",
+        f"MRR* by epoch of fine-tuning at |ξ| = {size}, mean and (but for controls) 95 % interval over seeds, over all "
+        "queries (left, the paper's figure) and over held-out queries about novel entities (right). Dotted: where a "
+        "run of mean joint performance counts as converged.",
         canvas,
     )
 
@@ -97,8 +97,9 @@ def corruption(results: Results) -> Figure | None:
     return Figure(
         "corruption",
         "Earlier knowledge during fine-tuning",
-        f"MRR* of queries about known entities at |ξ| = {size}: with the novel entities among the candidates (left) "
-        "and without (right). A loss on the left alone is crowding, a loss on the right is damage. Scales differ.",
+        f"MRR* of queries about known entities at |ξ| = {size}, mean and (but for controls) 95 % interval over seeds: "
+        "with the novel entities among the candidates (left) and without (right). A loss on the left alone is "
+        "crowding, a loss on the right is damage. Scales differ.",
         canvas,
     )
 
@@ -147,7 +148,7 @@ def panels(number: int, columns: int = 2, height: float = 3.6) -> tuple[Canvas, 
 
 
 def _draw(axes: Axes, results: Experiment, model: str, rows: pd.DataFrame, x: str, bars: bool = False) -> None:
-    """Draw mean and interval over seeds by x: as a line with a band, or with bars, set apart a little."""
+    """Draw mean and interval over seeds by x: as a line, with a band but for controls, or with bars set apart."""
     if rows.empty:
         return
     line = 100 * intervals(rows["mrr_star"], rows[x])
@@ -160,7 +161,8 @@ def _draw(axes: Axes, results: Experiment, model: str, rows: pd.DataFrame, x: st
         axes.errorbar(place, line["mean"], reach, **how, lw=0.9 if control else 1.2, marker="o", ms=2 if control else 3)
     else:
         axes.plot(place, line["mean"], **how, lw=1 if control else 1.4)
-        axes.fill_between(place, line["low"], line["high"], color=how["color"], alpha=0.08 if control else 0.15, lw=0)
+        if not control:  # more bands on top of each other would hide all of them
+            axes.fill_between(place, line["low"], line["high"], color=how["color"], alpha=0.1, lw=0)
 
 
 def colour_of(results: Experiment, model: str) -> str:

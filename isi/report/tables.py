@@ -235,13 +235,14 @@ def every_scope(results: Results) -> Table:
 
 
 def leaks(results: Results) -> Table:
-    """Triples whose tail is named in the definition of their head: what definitions could leak."""
+    """Triples of both sources whose tail is named in the definition of their head: what definitions could leak."""
+    entities, triples = results.transfer.entities, results.transfer.triples  # AI2-THOR's among them
     definition = dict(zip(results.definitions["phrase"], results.definitions["definition"], strict=True))
-    phrase = dict(zip(results.entities["entity"], results.entities["phrase"], strict=True))
-    columns = ["head", "relation", "tail", "count"]
+    phrase = dict(zip(entities["entity"], entities["phrase"], strict=True))
+    columns = ["source", "head", "relation", "tail", "count"]
     rows = [
-        (head, relation, tail, count, definition[phrase[head]])
-        for head, relation, tail, count in results.triples[columns].itertuples(index=False)
+        (source, head, relation, tail, count, definition[phrase[head]])
+        for source, head, relation, tail, count in triples[columns].itertuples(index=False)
         if phrase[head] in definition and names(definition[phrase[head]], tail)
     ]
     used = results.params.words.source == "shipped" and results.params.words.text == "definition"
@@ -249,8 +250,8 @@ def leaks(results: Results) -> Table:
     return Table(
         "definition_leaks",
         "What definitions could leak",
-        f"{len(rows)} of {len(results.triples)} unique triples have a tail that is named in the definition of their "
-        "head, in the words themselves or with the first in a regular inflection. These definitions "
+        f"{len(rows)} of {len(triples)} unique triples of both sources have a tail that is named in the definition "
+        "of their head, in the words themselves or with the first in a regular inflection. These definitions "
         f"{behind} behind the word vectors of this run. What a phrase itself says (a desk lamp is of a desk) is not "
         "counted.",
         pd.DataFrame(rows, columns=[*columns, "definition of the head"]),

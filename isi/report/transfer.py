@@ -98,8 +98,9 @@ def figure4(results: Results) -> Figure:
         "figure4_transfer",
         "Figure 4. Earlier knowledge while Matterport3D's entities are learned",
         f"MRR* of queries about AI2-THOR's entities alone by epoch of further training on D¹, with {size} entities of "
-        "Matterport3D inserted, mean and 95 % interval over repeats: the new entities among the candidates (left, the "
-        "paper's figure) and not (right). What is lost on the left alone is crowding. Scales differ.",
+        "Matterport3D inserted, mean and (but for controls) 95 % interval over repeats: the new entities "
+        "among the candidates (left, the paper's figure) and not (right). What is lost on the left alone is "
+        "crowding. Scales differ.",
         canvas,
     )
 
