@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from isi.embeddings import analogy
 from isi.embeddings.stack import Embedding, select
@@ -15,6 +16,8 @@ from isi.ranking import Queries, Result, evaluate
 
 #: What Adagrad's accumulators start at.
 ACCUMULATOR = 1e-6
+#: A multiple of the numbers that PyTorch takes at once, on any processor.
+_REGISTER = 64
 
 
 @dataclass(frozen=True)
@@ -32,8 +35,16 @@ def loss_gradient(embedding: Embedding, batch: Tables | Lists) -> Embedding:
         slope = torch.sigmoid_(scores).mul_(batch.positives + batch.negatives).sub_(batch.positives)
         return analogy.gradient(embedding, mapped, slope)
     ids = (batch.model, batch.head, batch.relation, batch.tail)
-    scores, listed = analogy.score_listed(embedding, *ids)
-    return analogy.gradient_listed(embedding, listed, *ids, torch.sigmoid(scores) - batch.positive)
+    scores, rows = analogy.score_listed(embedding, *ids)
+    return analogy.gradient_listed(embedding, rows, *ids, _sigmoid(scores) - batch.positive)
+
+
+def _sigmoid(scores: Tensor) -> Tensor:
+    """σ of a list, to the same bits wherever a score stands in it; shape (N,).
+
+    PyTorch rounds the last few numbers, which fill no register, otherwise than the rest.
+    """
+    return torch.sigmoid(pad(scores, (0, -len(scores) % _REGISTER)))[: len(scores)]
 
 
 def adagrad(state: State, gradient: Embedding, positives: Tensor, frozen: Tensor, settings: Optimizer) -> None:

@@ -332,7 +332,7 @@ def test_an_initializer_of_ones_own_goes_from_function_to_report(folder: Path) -
 
 
 def test_nothing_goes_on_after_dvc_is_killed_and_nothing_half_done_counts(tmp_path: Path) -> None:
-    workspace.make(tmp_path, SMALL | {"training.max_epochs": 5000, "training.patience": 5000})
+    workspace.make(tmp_path, SMALL | {"training.max_epochs": 5000, "training.patience": 5000, "compute.workers": 2})
     dvc(tmp_path, "repro", "make_sessions")
     command = [sys.executable, "-m", "dvc", "repro", "train_theta0@ai2thor"]
     environment = ENVIRONMENT | {"SHELL": "/bin/sh"}  # which, unlike bash, may wait for its last command

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.colors import to_hex
 
 from isi import params
 from isi.report import approach, cross_validation, figures, page, rates, sensitivity, tables
@@ -149,6 +150,15 @@ def test_the_plane_is_that_of_the_covariances_first_eigenvectors() -> None:
     assert np.allclose(axes @ axes.T, np.eye(2), atol=1e-6)
     assert share == pytest.approx(values[-2:].sum() / values.sum(), abs=1e-4)
     assert (axes.max(1) == np.abs(axes).max(1)).all()
+
+
+def test_curves_have_bands_but_for_controls() -> None:
+    rows = [(model, "all", 5, seed, epoch, 0.5 + 0.1 * seed)
+            for model in ("es", "mean", "joint") for seed in (0, 1) for epoch in (0, 1)]  # fmt: skip
+    canvas = figures.follow(results(rows), 5, ("all", "all"))
+    bands = [to_hex(band.get_facecolor()[0]) for band in canvas.axes[0].collections]
+    assert bands == [figures.COLOURS["es"]]
+    assert len(canvas.axes[0].lines) == 3  # means of both, and the joint model's level
 
 
 def test_a_long_legend_has_two_rows_that_are_read_one_after_the_other() -> None:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from isi.errors import InputError
 from isi.graph import Graph
 from isi.sessions import (
     OUT,
     TEST,
     TRAIN,
     VALID,
+    check_held_out,
     draw_insert_triples,
     draw_novel,
     folds,
@@ -49,6 +53,21 @@ def test_shares_are_as_asked(seed: int, valid: int, test: int) -> None:
     graph = random_graph(5, 2, 50)  # at least 43 triples are free to leave train
     splits = split(graph, 0, seed, valid / 50, test / 50)
     assert [int((splits == part).sum()) for part in (TRAIN, VALID, TEST)] == [50 - valid - test, valid, test]
+
+
+@pytest.mark.parametrize(
+    ("valids", "tests", "enough"), [(10, 20, True), (9, 20, False), (10, 19, False), (11, 21, True)]
+)
+def test_a_split_that_holds_out_less_than_asked_is_refused(valids: int, tests: int, enough: bool) -> None:
+    splits = np.array([VALID] * valids + [TEST] * tests + [TRAIN] * (100 - valids - tests), dtype=np.int8)
+    good = np.array([VALID] * 10 + [TEST] * 20 + [TRAIN] * 70, dtype=np.int8)
+    with nullcontext() if enough else pytest.raises(InputError, match=r"sessions\.valid, sessions\.test"):
+        check_held_out([good, splits], 0.1, 0.2)
+
+
+def test_a_split_that_holds_out_nothing_is_refused_however_little_was_asked() -> None:
+    with pytest.raises(InputError, match=r"sessions\.valid, sessions\.test"):
+        check_held_out([np.array([TRAIN] * 9 + [TEST], dtype=np.int8)], 0.01, 0.1)
 
 
 @given(GRAPHS, SEEDS, st.integers(2, 7))

@@ -327,6 +327,14 @@ def test_a_plateau_is_no_better_one() -> None:
     assert [kept for _, _, kept in looks_of(0, looks)] == [True, *[False] * FITTING.patience]
 
 
+@pytest.fixture(params=["tables", "lists"])
+def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Batches in either form."""
+    if request.param == "lists":
+        monkeypatch.setattr(lessons, "TABLE_CELLS", 0)
+
+
+@pytest.mark.usefixtures("form")
 def test_fit_in_a_stack_is_fit_alone() -> None:
     together, looks = fitted([0, 1, 2, 3])
     for model in range(4):
@@ -411,6 +419,7 @@ def test_loss_gradient_is_bit_identical_whatever_the_stack(entities: int) -> Non
             assert same(select(together, some), alone)
 
 
+@pytest.mark.usefixtures("form")
 @pytest.mark.parametrize("models", [[1], [0, 2], [3, 2, 1, 0]])
 @pytest.mark.parametrize("entities", [12, 13])
 def test_epochs_are_bit_identical_whatever_the_stack(models: list[int], entities: int) -> None:

@@ -101,7 +101,7 @@ def gradient(embedding: Embedding, mapped: Tensor, slope: Tensor) -> Embedding:
 
 
 @dataclass(frozen=True)
-class Listed:
+class Rows:
     """What N listed triples take from the tables of a stack; shapes: (N, d)."""
 
     #: vectors of the heads, and the same swapped
@@ -117,31 +117,36 @@ class Listed:
 
 def score_listed(
     embedding: Embedding, model: Tensor, head: Tensor, relation: Tensor, tail: Tensor
-) -> tuple[Tensor, Listed]:
+) -> tuple[Tensor, Rows]:
     """Scores of listed triples of the models of a stack, and what they come from; ids and scores of shape (N,)."""
     entity, (straight, crossed) = embedding.entity, _factors(embedding.relation)
-    heads, tails = _listed(entity, model, head), _listed(entity, model, tail)
-    straight, crossed = _listed(straight, model, relation), _listed(crossed, model, relation)
-    swapped = _listed(swap(entity), model, head)
+    heads, tails = _gather(entity, model, head), _gather(entity, model, tail)
+    straight, crossed = _gather(straight, model, relation), _gather(crossed, model, relation)
+    swapped = _gather(swap(entity), model, head)
     mapped = torch.addcmul(heads * straight, swapped, crossed)
-    return (mapped * tails).sum(-1), Listed(heads, swapped, straight, crossed, tails, mapped)
+    return (mapped * tails).sum(-1), Rows(heads, swapped, straight, crossed, tails, mapped)
 
 
 def gradient_listed(
-    embedding: Embedding, listed: Listed, model: Tensor, head: Tensor, relation: Tensor, tail: Tensor, slope: Tensor
+    embedding: Embedding, rows: Rows, model: Tensor, head: Tensor, relation: Tensor, tail: Tensor, slope: Tensor
 ) -> Embedding:
-    """Gradient of Σ slope · f over listed triples; ids and slope of shape (N,)."""
+    """Gradient of Σ slope · f over listed triples; ids and slope of shape (N,).
+
+    Args:
+        rows: as ``score_listed`` gives them for the same embedding and ids.
+        slope: derivative by the score of each triple.
+    """
     (models, entities, dimension), relations = embedding.entity.shape, embedding.relation.shape[1]
 
-    def summed(rows: Tensor, ids: Tensor, number: int) -> Tensor:
-        table = rows.new_zeros(models * number, dimension).index_add_(0, model * number + ids, rows)
+    def summed(values: Tensor, ids: Tensor, number: int) -> Tensor:
+        table = values.new_zeros(models * number, dimension).index_add_(0, model * number + ids, values)
         return table.view(models, number, dimension)
 
-    pulled = listed.tails * slope[:, None]  # by vₕᵀW
-    entity = summed(listed.mapped * slope[:, None], tail, entities)
-    entity += summed((pulled * listed.straight).add_(swap(pulled * listed.crossed)), head, entities)
-    by_straight = summed(pulled * listed.heads, relation, relations)
-    by_crossed = summed(pulled * listed.swapped, relation, relations)
+    pulled = rows.tails * slope[:, None]  # by vₕᵀW
+    entity = summed(rows.mapped * slope[:, None], tail, entities)
+    entity += summed((pulled * rows.straight).add_(swap(pulled * rows.crossed)), head, entities)
+    by_straight = summed(pulled * rows.heads, relation, relations)
+    by_crossed = summed(pulled * rows.swapped, relation, relations)
     return Embedding(entity, _by_factors(by_straight, by_crossed))
 
 
@@ -184,6 +189,6 @@ def _rows(table: Tensor, ids: Tensor) -> Tensor:
     return table.gather(1, ids[..., None].expand(-1, -1, table.shape[-1]))
 
 
-def _listed(table: Tensor, model: Tensor, ids: Tensor) -> Tensor:
+def _gather(table: Tensor, model: Tensor, ids: Tensor) -> Tensor:
     """Rows of a stack of tables, one for each of a list; shapes (M, N, d), (L,) and (L,), result (L, d)."""
     return table.flatten(0, 1).index_select(0, model * table.shape[1] + ids)

@@ -24,9 +24,9 @@ class JudgingTask(Embedded):
 
 def judge(task: JudgingTask) -> pd.DataFrame:
     """Measures of embeddings as they are, in every scope (``tables.RUNS``, epoch 0)."""
-    session, novel = task.joint, torch.as_tensor(task.novel)
-    results = ranking.evaluate(task.theta, ranking.epoch_scopes(session, novel))
-    results |= ranking.evaluate(task.theta, ranking.novel_scope(session, novel, insert_mask(task)))
+    session, novel, theta = task.joint, torch.as_tensor(task.novel), task.theta
+    results = ranking.evaluate(theta, ranking.epoch_scopes(session, novel))
+    results |= ranking.evaluate(theta, ranking.novel_scope(session, novel, insert_mask(task)))
     return run_rows(task, 0, torch.arange(len(task.seeds)), results)
 
 

@@ -1,4 +1,4 @@
-"""An experiment's tables and tensors, read from where the pipeline keeps them into what a task carries."""
+"""An experiment's tables and tensors, between where the pipeline keeps them and what tasks take and give."""
 
 from __future__ import annotations
 
@@ -130,10 +130,11 @@ def write_sessions(
         insert: rows of ``tables.INSERT_TRIPLES``.
     """
     parts = [
-        pd.DataFrame({"seed": seed, "triple": triples, "split": np.array(SPLITS)[codes]})
-        for seed, (triples, codes) in enumerate(splits)
+        pd.DataFrame({"seed": seed, "triple": triples, "split": codes}) for seed, (triples, codes) in enumerate(splits)
     ]
-    tables.write(paths.splits(experiment), pd.concat(parts), tables.SPLITS, provenance)
+    table = pd.concat(parts)
+    table["split"] = np.array(SPLITS)[table["split"]]
+    tables.write(paths.splits(experiment), table, tables.SPLITS, provenance)
     for path, rows, schema in (
         (paths.novel(experiment), novel, tables.NOVEL),
         (paths.insert_triples(experiment), insert, tables.INSERT_TRIPLES),
