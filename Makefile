@@ -28,7 +28,8 @@ repro: $(INSTALLED)  ## run what is not up to date of the pipeline; then where t
 	@dvc repro
 	@python tools/headline.py reports
 
-quick: $(INSTALLED)  ## the same on a small grid, in three to six minutes, in the folder quick/
+quick: $(INSTALLED)  ## the same on a small grid, in two to three minutes, in the folder quick/
+	@python tools/check_params.py
 	@python tools/workspace.py quick
 	@cd quick && dvc repro
 	@python tools/headline.py quick/reports

@@ -152,6 +152,14 @@ def test_the_plane_is_that_of_the_covariances_first_eigenvectors() -> None:
     assert (axes.max(1) == np.abs(axes).max(1)).all()
 
 
+def test_without_a_followed_size_the_table_of_corruption_says_so() -> None:
+    how = params.load(ROOT / "params.yaml")
+    unfollowed = how.model_copy(update={"curves": how.curves.model_copy(update={"sizes": [99]})})
+    table = tables.corruption(results([("es", "known", 5, 0, 0, 0.5)], params=unfollowed))
+    assert table.frame.empty
+    assert "no size in curves.sizes was inserted" in table.caption
+
+
 def test_curves_have_bands_but_for_controls() -> None:
     rows = [(model, "all", 5, seed, epoch, 0.5 + 0.1 * seed)
             for model in ("es", "mean", "joint") for seed in (0, 1) for epoch in (0, 1)]  # fmt: skip

@@ -200,7 +200,9 @@ def novel_by_kind(results: Results) -> Table:
 
 def corruption(results: Results) -> Table:
     """Known against known_closed: crowding against damage, at the size whose curves are drawn."""
-    runs = results.runs[results.runs["size"] == results.curve_size]
+    size = results.curve_size
+    runs = results.runs[results.runs["size"] == size]
+    followed = "(no size in curves.sizes was inserted)" if size is None else f"at |ξ| = {size}"
     lines = []
     for model in results.models:
         for scope in ("known", "known_closed"):
@@ -214,7 +216,7 @@ def corruption(results: Results) -> Table:
     return Table(
         "corruption",
         "Earlier knowledge: crowding or damage",
-        f"MRR* (points) of queries about known entities at |ξ| = {results.curve_size}, mean over seeds, with its "
+        f"MRR* (points) of queries about known entities {followed}, mean over seeds, with its "
         "entity and its relation half, with the novel entities among the candidates (known) and without "
         "(known_closed). What is lost only in the former is crowding: novel entities rank above the answers. What is "
         "lost in the latter is damage. Lowest: over all epochs.",
