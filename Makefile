@@ -10,7 +10,7 @@ INSTALLED := $(VENV)/installed
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help repro quick test benchmark words readme lock clean
+.PHONY: help repro quick test benchmark words readme lock families clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*##/\1:/p' $(MAKEFILE_LIST)
@@ -25,13 +25,13 @@ $(INSTALLED): requirements.lock pyproject.toml
 
 repro: $(INSTALLED)  ## run what is not up to date of the pipeline; then where the report is, and its headline
 	@python tools/check_params.py
-	@dvc repro
+	@python tools/repro.py
 	@python tools/headline.py reports
 
 quick: $(INSTALLED)  ## the same on a small grid, in two to three minutes, in the folder quick/
 	@python tools/check_params.py
 	@python tools/workspace.py quick
-	@cd quick && dvc repro
+	@cd quick && python ../tools/repro.py
 	@python tools/headline.py quick/reports
 
 test: $(INSTALLED)  ## ruff, mypy and pytest
@@ -55,6 +55,9 @@ readme: $(INSTALLED)  ## put the report's tables and those of the benchmarks int
 
 lock: $(INSTALLED)  ## write requirements.lock from what is installed
 	$(BIN)/pip freeze --exclude-editable | sed 's/+cpu$$//' > requirements.lock
+
+families: $(INSTALLED)  ## choose rate, decay and margin of every embedding family again, in about ten minutes
+	python -m tools.choose_families
 
 clean:  ## remove the environment and quick/
 	rm -rf $(VENV) quick

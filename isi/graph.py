@@ -11,14 +11,10 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi.errors import InputError
-from isi.tables import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
+from isi.base.errors import InputError
 
-#: What the tail of a relation is; locations are rooms where they bear a room's name, else objects.
-_TAIL_KIND = {AT_LOCATION: "object", HAS_MATERIAL: "material", HAS_AFFORDANCE: "affordance"}
 #: Columns of ``Graph.triples``.
 HEAD, RELATION, TAIL = range(3)
-KINDS = ("object", "room", "material", "affordance")
 
 
 @dataclass(frozen=True)
@@ -73,36 +69,6 @@ class Graph:
 
 def _from_arrays(entities: list[str], relations: list[str], triples: np.ndarray, counts: np.ndarray) -> Graph:
     return Graph(entities, relations, torch.from_numpy(triples), torch.from_numpy(counts))
-
-
-def count_triples(observations: pd.DataFrame, source: str, min_count: int = 1) -> pd.DataFrame:
-    """Unique triples with their counts, in alphabetical order (``tables.TRIPLES``)."""
-    key = ["head", "relation", "tail"]
-    plain = observations.astype(dict.fromkeys(key, str))
-    counts = plain.groupby(key, sort=True, observed=True)["count"].sum().reset_index()
-    kept = counts[counts["count"] >= min_count].reset_index(drop=True)
-    return kept.assign(source=source).astype({"count": "int32"})
-
-
-def name_entities(triples: pd.DataFrame, rooms: set[str], source: str, file: object = "triples") -> pd.DataFrame:
-    """Entities of the triples in alphabetical order, with their kind (``tables.ENTITIES``).
-
-    Raises:
-        InputError: where a name would be of two kinds.
-    """
-    is_room = (triples["relation"] == AT_LOCATION) & triples["tail"].isin(rooms)
-    heads = pd.DataFrame({"entity": triples["head"], "kind": "object"})
-    tails = pd.DataFrame({"entity": triples["tail"], "kind": triples["relation"].map(_TAIL_KIND).mask(is_room, "room")})
-    kinds = pd.concat([heads, tails])
-    unique = kinds.drop_duplicates().sort_values("entity")
-    twice = unique[unique["entity"].duplicated(keep=False)]
-    if len(twice):
-        name, of = (
-            twice.iloc[0]["entity"],
-            " and ".join(sorted(twice[twice["entity"] == twice.iloc[0]["entity"]]["kind"])),
-        )
-        raise InputError(file, f"entity {name!r}", f"expected one kind, got {of}")
-    return unique.assign(source=source, phrase=unique["entity"]).reset_index(drop=True)
 
 
 def build(entities: pd.DataFrame, triples: pd.DataFrame) -> Graph:

@@ -1,307 +1,131 @@
-"""The params of the pipeline (``params.yaml``): typed, bounded, and refused when misspelt."""
+"""All of ``params.yaml``: every section's own model, and what they must agree on."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
+from pydantic import Field, field_validator, model_validator
 
-from isi.errors import InputError
+from isi.base import params, paths
+from isi.base.errors import InputError
+from isi.base.params import Count, Name, Section, Seed
+from isi.building import GraphOf
+from isi.experiments.executor import Compute
+from isi.families import EmbeddingParams, make
+from isi.insertion.registry import options_of
+from isi.insertion.tasks import Convergence, Listed
+from isi.learning.batches import Negatives
+from isi.learning.training import Optimizer, Training
+from isi.sessions.drawing import SessionsOf, Shares
+from isi.sources import settings_of
+from isi.studies.affordances import Affordances
+from isi.studies.cross_validation import CrossValidation, Setting
+from isi.studies.families import CompareFamilies
+from isi.studies.sweeps import Rates, Sweep
+from isi.studies.tracing import Approach
+from isi.words import Words
 
-Count = Annotated[int, Field(ge=1)]
-Fraction = Annotated[float, Field(gt=0, lt=1)]
-Positive = Annotated[float, Field(gt=0)]
-Decay = Annotated[float, Field(ge=0)]
-Dimension = Annotated[int, Field(ge=4, multiple_of=4)]
-Option = int | float | bool | str
 #: Of cross-validation, which trains a model for each setting and fold.
 MOST_SETTINGS = 13
 
 
-class Section(BaseModel):
-    """A mapping of ``params.yaml``: no unknown keys, no silent conversions."""
+class ExperimentOf(Section):
+    """An entry under ``experiments``."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-
-
-class AI2Thor(Section):
-    recording: str
-    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-
-
-#: AI2-THOR's.
-Room = Literal["bathroom", "bedroom", "kitchen", "living room"]
-#: Of a region in a ``.house`` file.
-RegionLabel = Annotated[str, Field(pattern=r"^[a-pr-zBCDSZ]$")]
-
-
-class RoomsOfRegions(Section):
-    tallies: Annotated[dict[str, Room], Field(min_length=1)]
-    house: Annotated[dict[RegionLabel, Room], Field(min_length=1)]
-
-
-class MP3D(Section):
-    source: Literal["tallies", "house"]
-    houses: str | None
-    category: Literal["category_mapping_name", "mpcat40"]
-    rooms: RoomsOfRegions
-    min_observations: Count
-    structure: list[str]
-    same_as: dict[str, str]
+    title: str
+    graph: GraphOf
+    sessions: SessionsOf
+    followed: list[Count]
+    initializers: Listed
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        if self.source == "house" and not self.houses:
-            raise ValueError("source house needs the folder of its files: mp3d.houses")
-        both = set(self.structure) & set(self.same_as)
-        if both:
-            raise ValueError(f"same_as: {min(both)!r} is in structure, too")
+    def _added_where_extended(self) -> Self:
+        if (self.sessions.novel == "added") != (self.graph.extend is not None):
+            raise ValueError("sessions.novel: added goes with graph.extend, and with nothing else")
+        if self.graph.extend and self.sessions.steps * max(self.sessions.sizes) > self.graph.extend.candidates:
+            most = f"graph.extend.candidates ({self.graph.extend.candidates})"
+            raise ValueError(f"sessions.steps times the largest of sessions.sizes must not be above {most}")
         return self
 
 
-class Materials(Section):
-    source: Literal["suncg", "simulator"]
+class Plots(Section):
+    """Lines of ``dvc plots``."""
 
-
-class GraphParams(Section):
-    min_count: Count
-
-
-class Words(Section):
-    source: str
-    text: Literal["definition", "phrase"]
-    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None
-
-
-class Sessions(Section):
-    seeds: Count
-    sizes: Annotated[list[Count], Field(min_length=1)]
-    valid: Fraction
-    test: Fraction
-    insert_fraction: Annotated[float, Field(gt=0, le=1)]
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        if self.valid + self.test >= 1:
-            raise ValueError("valid and test together must leave something to train on (below 1)")
-        if len(set(self.sizes)) < len(self.sizes):
-            raise ValueError("sizes must not repeat")
-        return self
-
-
-class EmbeddingParams(Section):
-    dimension: Dimension
-    init_range: Positive
-
-
-class Negatives(Section):
-    mode: Literal["sampled", "expected"]
-    ratio: Count
-    head_pool: Literal["unseen", "all"]
-
-
-class Optimizer(Section):
-    batch_size: Count
-    learning_rate: Positive
-    weight_decay: Decay
-    max_epochs: Count
-
-
-class Training(Optimizer):
-    evaluate_every: Count
-    patience: Count
-
-
-class Convergence(Section):
-    margin: Fraction
-
-
-class Insert(Section):
-    initializers: Annotated[list[str], Field(min_length=1)]
-
-
-class NoOptions(Section):
-    """An initializer without options."""
-
-
-class TopK(Section):
-    k: Count
-
-
-class TopKOf(TopK):
-    candidates: Count
-
-
-class Initializers(BaseModel):
-    """Options of each initializer; those of your own may be any scalars that their function takes."""
-
-    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
-    __pydantic_extra__: dict[str, dict[str, Option]] = Field(init=False)
-
-    xavier: NoOptions
-    iu: NoOptions
-    es: TopK
-    rs: TopK
-    ers: TopKOf
-    mean: NoOptions
-    gaussian: NoOptions
-    gaussian_centred: NoOptions
-    es_permuted: TopK
-
-    def options(self, name: str) -> dict[str, Option]:
-        """The options of one initializer, as keyword arguments of its function."""
-        options: dict[str, dict[str, Option]] = self.model_dump()
-        return options.get(name, {})
-
-
-class Curves(Section):
-    sizes: list[Count]
-
-
-class Sweep(Section):
-    k: Annotated[list[Count], Field(min_length=1)]
-    size: Count
-    seeds: Count
-
-    @model_validator(mode="after")
-    def _ascending(self) -> Self:
-        if sorted(set(self.k)) != self.k:
-            raise ValueError("k must ascend, without repeats")
-        return self
-
-
-class Rates(Section):
-    factors: Annotated[list[Positive], Field(min_length=1)]
-    size: Count
-
-    @model_validator(mode="after")
-    def _distinct(self) -> Self:
-        if 1 in self.factors or len(set(self.factors)) < len(self.factors):
-            raise ValueError("factors must not repeat, nor be 1, which is the main experiment")
-        return self
-
-
-class Setting(Section):
-    """What cross-validation compares."""
-
-    dimension: Dimension
-    ratio: Count
-    learning_rate: Positive
-    weight_decay: Decay
-
-
-class CrossValidation(Section):
-    folds: Annotated[int, Field(ge=2)]
-    dimension: list[Dimension]
-    ratio: list[Count]
-    learning_rate: list[Positive]
-    weight_decay: list[Decay]
-
-    def settings(self, choice: Setting) -> list[Setting]:
-        """The choice, then the choice with one factor at a time changed to each value listed."""
-        changes = [{factor: value} for factor in Setting.model_fields for value in getattr(self, factor)]
-        return list(dict.fromkeys([choice, *(choice.model_copy(update=change) for change in changes)]))
-
-
-class Approach(Section):
-    size: Count
-    seed: Annotated[int, Field(ge=0)]
-    epochs: Count
-
-
-class Transfer(Section):
-    candidates: Count
-    size: Count
-    seeds: Count
-
-    @model_validator(mode="after")
-    def _enough_candidates(self) -> Self:
-        if self.size > self.candidates:
-            raise ValueError(f"size must not be above candidates ({self.candidates})")
-        return self
-
-
-class Affordances(Section):
-    entities: Annotated[list[str], Field(min_length=1)]
-
-    @model_validator(mode="after")
-    def _once(self) -> Self:
-        if len(set(self.entities)) < len(self.entities):
-            raise ValueError("entities must not repeat")
-        return self
-
-
-class Compute(Section):
-    workers: Count | Literal["all"]
-    stack: Count
-    engine: Literal["processes", "dask"] = "processes"
-    scheduler: Annotated[str, Field(pattern=r"^tcp://[^/\s]+:[0-9]{1,5}$")] | None = None
-    device: Literal["cpu", "auto", "cuda"] = "cpu"
-
-    @model_validator(mode="after")
-    def _dask_has_a_scheduler(self) -> Self:
-        if self.engine == "dask" and self.scheduler is None:
-            raise ValueError("engine dask needs the address of its scheduler: compute.scheduler: tcp://host:port")
-        return self
+    initializers: list[Name]
 
 
 class Params(Section):
     """Everything in ``params.yaml``."""
 
-    seed: Annotated[int, Field(ge=0)]
-    ai2thor: AI2Thor
-    mp3d: MP3D
-    materials: Materials
-    graph: GraphParams
+    seed: Seed
+    sources: dict[Name, dict[str, Any]]
+    experiments: Annotated[dict[Name, ExperimentOf], Field(min_length=1)]
+    sessions: Shares
     words: Words
-    sessions: Sessions
     embedding: EmbeddingParams
+    families: dict[Name, dict[str, Any]]
     negatives: Negatives
     training: Training
     finetuning: Optimizer
     convergence: Convergence
-    insert: Insert
-    initializers: Initializers
-    curves: Curves
+    initializers: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)]
+    plots: Plots
     sweep: Sweep
     cross_validation: CrossValidation
     rates: Rates
     approach: Approach
-    transfer: Transfer
+    compare_families: CompareFamilies
     affordances: Affordances
     compute: Compute
 
+    @field_validator("initializers")
+    @classmethod
+    def _named(cls, value: dict[str, Any]) -> dict[str, Any]:
+        if "joint" in value:
+            raise ValueError("'joint' is the name of the joint model")
+        return value
+
     @model_validator(mode="after")
-    def _initializers_have_options(self) -> Self:
-        listed, given = self.insert.initializers, self.initializers.model_dump()
-        unused = set(self.initializers.__pydantic_extra__) - set(listed)
-        if unused:
-            raise ValueError(f"initializers.{min(unused)}: not in insert.initializers, and none of those that ship")
-        without = set(listed) - set(given)
-        if without:
-            raise ValueError(f"initializers.{min(without)}: expected its options ({{}} where it takes none)")
-        if len(set(listed)) < len(listed) or "joint" in listed:
-            raise ValueError("insert.initializers: expected names that do not repeat, none of them 'joint'")
+    def _names_are_known(self) -> Self:
+        asked = [("plots.initializers", name, self.initializers) for name in self.plots.initializers]
+        asked += [("sweep.initializers", name, self.initializers) for name in self.sweep.initializers]
+        asked += [("compare_families.families", name, self.families) for name in self.compare_families.families]
+        asked.append(("embedding.family", self.embedding.family, self.families))
+        for key, experiment in self.experiments.items():
+            where = f"experiments.{key}"
+            asked.append((f"{where}.graph.source", experiment.graph.source, self.sources))
+            if experiment.graph.extend:
+                asked.append((f"{where}.graph.extend.source", experiment.graph.extend.source, self.sources))
+            if experiment.initializers != "all":
+                asked += [(f"{where}.initializers", name, self.initializers) for name in experiment.initializers]
+        for key, name, known in asked:
+            if name not in known:
+                raise ValueError(f"{key}: expected names among {', '.join(known)}, got {name!r}")
         return self
 
     @model_validator(mode="after")
-    def _studies_fit_the_sessions(self) -> Self:
-        for name, size in (("sweep", self.sweep.size), ("rates", self.rates.size), ("approach", self.approach.size)):
-            if size not in self.sessions.sizes:
-                raise ValueError(f"{name}.size: expected one of sessions.sizes, got {size}")
-        for name, seeds in (("sweep.seeds", self.sweep.seeds), ("approach.seed", self.approach.seed + 1)):
-            if seeds > self.sessions.seeds:
-                raise ValueError(f"{name}: expected no more than sessions.seeds ({self.sessions.seeds}) allow")
+    def _studies_fit_their_experiments(self) -> Self:
+        asked = {"sweep.seeds": self.sweep.seeds, "approach.seed": self.approach.seed + 1,
+                 "compare_families.seeds": self.compare_families.seeds}  # fmt: skip
+        for name in ("sweep", "cross_validation", "rates", "approach", "compare_families", "affordances"):
+            study = getattr(self, name)
+            for experiment in study.experiments:
+                if experiment not in self.experiments:
+                    raise ValueError(f"{name}.experiments: expected some of experiments, got {experiment!r}")
+                sessions = self.experiments[experiment].sessions
+                if getattr(study, "size", sessions.sizes[0]) not in sessions.sizes:
+                    raise ValueError(f"{name}.size: expected one of the sizes of {experiment}, got {study.size}")
+        for key, seeds in asked.items():
+            for experiment in getattr(self, key.partition(".")[0]).experiments:
+                if seeds > self.experiments[experiment].sessions.seeds:
+                    raise ValueError(f"{key}: expected no more than the seeds of {experiment} allow")
         return self
 
     @model_validator(mode="after")
     def _few_settings(self) -> Self:
-        settings = len(self.settings)
-        if settings > MOST_SETTINGS:
-            raise ValueError(f"cross_validation: expected at most {MOST_SETTINGS} settings, got {settings}")
+        if len(self.settings) > MOST_SETTINGS:
+            raise ValueError(f"cross_validation: expected at most {MOST_SETTINGS} settings, got {len(self.settings)}")
         return self
 
     @property
@@ -319,36 +143,51 @@ class Params(Section):
         """What cross-validation compares, the choice first."""
         return self.cross_validation.settings(self.choice)
 
-    def pick(self, keys: tuple[str, ...]) -> dict[str, Any]:
-        """The values at dotted keys, for example ``("sessions.seeds",)``; absent ones are null."""
-        return {key: _at(self.model_dump(), key) for key in keys}
+    def initializers_of(self, experiment: str) -> list[str]:
+        """The initializers that an experiment runs, in the order of params."""
+        listed = self.experiments[experiment].initializers
+        return [name for name in self.initializers if listed == "all" or name in listed]
 
 
-def load(path: Path) -> Params:
-    """Read and check ``params.yaml``.
+def load(path: Path = paths.PARAMS) -> Params:
+    """Read and check all of ``params.yaml``.
 
     Raises:
         InputError: where the file is missing, is no YAML, or holds an unknown key, a wrong type
             or a value out of range; the message gives the key's path.
     """
+    found = params.check(params.read(path), Params, "", path)
     try:
-        raw = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))  # YAML 1.2, as DVC reads it
-        return Params.model_validate(raw)
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})") from error
-    except (YAMLError, UnicodeDecodeError) as error:
-        mark = getattr(error, "problem_mark", None)
-        place = f"line {mark.line + 1}" if mark else ""
-        raise InputError(path, place, f"expected YAML: {getattr(error, 'problem', error)}") from error
-    except ValidationError as error:
-        first = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")  # a misspelt key is missing, too
-        key = ".".join(str(part) for part in first["loc"] if part != "[key]")
-        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        got = "" if first["type"] in ("missing", "extra_forbidden", "value_error") else f", got {first['input']!r}"
-        raise InputError(path, key, first["msg"] + got + more) from error
+        for name, settings in found.sources.items():
+            settings_of(settings, f"sources.{name}")
+        for name, options in found.families.items():
+            make(name, options, f"families.{name}")
+        _check_dimensions(found)
+        for name, options in found.initializers.items():
+            options_of(name, options, f"initializers.{name}")
+        for name, options in found.sweep.initializers.items():
+            options_of(name, {**options, "k": found.sweep.k[0]}, f"sweep.initializers.{name}")
+    except InputError as error:
+        _, place, expected = error.args
+        raise InputError(path, place, expected) from error
+    return found
 
 
-def _at(values: Any, key: str) -> Any:
-    for part in key.split("."):
-        values = values.get(part) if isinstance(values, dict) else None
-    return values
+def _check_dimensions(found: Params) -> None:
+    """See that the families in use have vectors of the dimensions that are asked for.
+
+    Raises:
+        InputError: where one has none.
+    """
+    asked = [("embedding.dimension", found.embedding.family, found.embedding.dimension)]
+    if found.compare_families.experiments:
+        others = found.compare_families.families
+        asked += [("embedding.dimension", name, found.embedding.dimension) for name in others]
+    if found.cross_validation.experiments:
+        listed = found.cross_validation.dimension
+        asked += [("cross_validation.dimension", found.embedding.family, dimension) for dimension in listed]
+    for key, name, dimension in asked:
+        try:
+            make(name, found.families[name], f"families.{name}").width(dimension)
+        except InputError as error:
+            raise InputError(error.args[0], key, ": ".join(error.args[1:])) from error

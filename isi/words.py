@@ -9,13 +9,28 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from gensim.models import KeyedVectors
 from smart_open import open as open_any
 
-from isi import paths
-from isi.errors import InputError
+from isi.base import paths
+from isi.base.errors import InputError
+from isi.base.params import Section, Sha256
+
+
+class Words(Section):
+    """Which word vectors to take."""
+
+    source: str
+    text: Literal["definition", "phrase"]
+    sha256: Sha256 | None
+
+    @property
+    def shipped(self) -> bool:
+        """Whether they are those under ``data/raw``."""
+        return self.source == "shipped"
 
 
 @dataclass(frozen=True)
@@ -41,29 +56,31 @@ def look_up(words: KeyedVectors, phrases: Sequence[str]) -> WordVectors:
     return WordVectors(vectors, served)
 
 
-def load_vectors(source: str, sha256: str | None = None) -> KeyedVectors:
-    """Load the vectors that ``words.source`` names: a file, or else a gensim download.
+def load_vectors(given: Words) -> KeyedVectors:
+    """Load the word vectors that params name: those that ship, or a file, or else a gensim download.
 
     Raises:
-        InputError: where the file is broken or hashes to something else than ``sha256``, or there is
+        InputError: where the file is broken or hashes to something else than it should, or there is
             neither such a file nor such a download.
     """
-    path = Path(source)
+    if given.shipped:
+        return read_vectors(paths.shipped_vectors(given.text))
+    path = Path(given.source)
     if path.is_file():
-        check_sha256(path, sha256)
+        check_sha256(path, given.sha256)
         return read_vectors(path)
     if path.suffix or len(path.parts) > 1:
-        raise InputError(source, "", "no such file of word vectors (params.yaml: words.source)")
+        raise InputError(path, "", "expected a file of word vectors, but there is no such file")
     import gensim.downloader  # asks the network, so only where params ask for it
 
     logging.getLogger("gensim").setLevel(logging.ERROR)
     try:
-        found = gensim.downloader.load(source)
+        found = gensim.downloader.load(given.source)
     except Exception as error:  # gensim lets every fault of the network and of its index through as it is
         expected = f"neither a file nor a gensim download that can be reached ({type(error).__name__})"
-        raise InputError(paths.PARAMS, "words.source", f"{source!r} is {expected}") from error
+        raise InputError(given.source, "", expected) from error
     if not isinstance(found, KeyedVectors):
-        raise InputError(paths.PARAMS, "words.source", f"{source!r} is a gensim download, but holds no word vectors")
+        raise InputError(given.source, "", "a gensim download, but holds no word vectors")
     return found
 
 
@@ -74,7 +91,7 @@ def check_sha256(path: Path, expected: str | None) -> None:
     with path.open("rb") as file:
         got = hashlib.file_digest(file, "sha256").hexdigest()
     if got != expected:
-        raise InputError(path, "", f"expected SHA-256 {expected} (params.yaml: words.sha256), got {got}")
+        raise InputError(path, "", f"expected {expected} as its sha256, got {got}")
 
 
 def read_vectors(path: Path) -> KeyedVectors:

@@ -4,6 +4,12 @@ Importing the package, which running a stage does first of all, ties the process
 started it: DVC leaves its stage running when it is killed.
 """
 
-from isi.lifetime import tie_to_parent
+import sys
+from importlib.util import find_spec
+
+if find_spec("pydantic") is None:
+    sys.exit(f"stages: {sys.executable} lacks the packages of this project: use `make repro`, or activate .venv first")
+
+from isi.base.lifetime import tie_to_parent
 
 tie_to_parent()

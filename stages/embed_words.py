@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import torch
 
-from isi import paths, tables, words
-from isi.stage import Params, Provenance, stage
+from isi.base import paths, tables
+from isi.base.errors import InputError
+from isi.base.stage import Given, stage
+from isi.words import Words, load_vectors, look_up
 
 
-@stage("words.source", "words.text", "words.sha256", argument="experiment")
-def embed_words(params: Params, provenance: Provenance, experiment: str) -> None:
+@stage
+def embed_words(given: Given, experiment: str) -> None:
     """Look up the word vector of every entity."""
-    shipped = params.words.source == "shipped"
-    source = str(paths.shipped_vectors(params.words.text)) if shipped else params.words.source
+    which, provenance = given.section("words", Words), given.provenance
     entities = tables.read(paths.entities(experiment), tables.ENTITIES, provenance)
-    found = words.look_up(
-        words.load_vectors(source, None if shipped else params.words.sha256), list(entities["phrase"])
-    )
+    try:
+        found = look_up(load_vectors(which), list(entities["phrase"]))
+    except InputError as error:
+        raise InputError("words", "", str(error)) from error
     coverage = entities[["entity", "phrase"]].assign(served_by=found.served_by)
     tables.write_tensors(paths.vectors(experiment), {"vectors": torch.from_numpy(found.vectors)}, provenance)
     tables.write(paths.coverage(experiment), coverage, tables.COVERAGE, provenance)

@@ -2,19 +2,39 @@
 
 from __future__ import annotations
 
+import torch
+
+from isi.base import paths, tables
+from isi.base.params import Count
+from isi.base.stage import Given, stage
+from isi.experiments.executor import compute_of, run, stack_height
 from isi.experiments.store import Store
-from isi.experiments.tasks import insert_all
-from isi.stage import Params, Provenance, stage
+from isi.insertion.tasks import insert as insert_cells
+from isi.insertion.tasks import inserting, insertion_tasks, lists
 
 
-@stage(
-    "seed", "negatives.mode", "negatives.ratio", "negatives.head_pool", "finetuning.batch_size",
-    "finetuning.learning_rate", "finetuning.weight_decay", "finetuning.max_epochs", "convergence.margin",
-    "curves.sizes", "initializers.{initializer}", argument="initializer",
-)  # fmt: skip
-def insert(params: Params, provenance: Provenance, initializer: str) -> None:
-    """Insert novel entities into Θ⁰ with one initializer, measure at once, and fine-tune."""
-    insert_all(Store("ai2thor", provenance), params, initializer, params.curves.sizes)
+@stage
+def insert(given: Given, experiment: str, initializer: str) -> None:
+    """Insert novel entities into Θ⁰ with one initializer, measure at once, and fine-tune.
+
+    An initializer that the experiment does not list leaves tables without rows.
+    """
+    store, compute = Store(experiment, given.provenance), compute_of(given)
+    how = inserting(given, initializer, given.section(f"experiments.{experiment}.followed", list[Count]))
+    cells = store.cells(stack_height(compute)) if lists(given, experiment, initializer) else []
+    tasks = insertion_tasks(store, given, how, cells)
+    done = run(insert_cells, tasks, compute, f"{experiment}, {initializer}")
+    vectors: dict[str, list[torch.Tensor]] = {}
+    for task, result in zip(tasks, done, strict=True):
+        vectors.setdefault(f"size={task.cells.size:02d}", []).append(torch.from_numpy(result.vectors))
+    tensors = {name: torch.cat(parts) for name, parts in vectors.items()}
+    runs = tables.together((result.runs for result in done), tables.RUNS, tables.TIES)
+    inserted = tables.together((result.entities for result in done), tables.INSERTED)
+    inserted["kind"] = inserted["entity"].map(store.entities()["kind"].astype(str))
+    tables.write_tensors(paths.initial_vectors(experiment, initializer), tensors, given.provenance)
+    path = paths.inserted(experiment, initializer)
+    tables.write(path, inserted.sort_values(["size", "seed", "session", "entity"]), tables.INSERTED, given.provenance)
+    store.write_runs(initializer, runs)
 
 
 if __name__ == "__main__":

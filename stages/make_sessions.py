@@ -3,33 +3,60 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 
-from isi import paths, sessions
-from isi.errors import InputError
-from isi.experiments.store import Store, write_sessions
-from isi.stage import Params, Provenance, stage
+from isi.base import paths, tables
+from isi.base.errors import InputError
+from isi.base.stage import Given, stage
+from isi.graph import build
+from isi.sessions.drawing import SessionsOf, Shares, draw
+from isi.sessions.session import SPLITS
 
 
-@stage("seed", "sessions.seeds", "sessions.sizes", "sessions.valid", "sessions.test", "sessions.insert_fraction")
-def make_sessions(params: Params, provenance: Provenance) -> None:
-    """Draw splits, novel entities and insert triples for every size and seed."""
-    how, root = params.sessions, params.seed
-    graph = Store("ai2thor", provenance).graph()
-    if max(how.sizes) >= len(graph.entities):
-        raise InputError(
-            paths.PARAMS, "sessions.sizes", f"expected sizes below the graph's {len(graph.entities)} entities"
-        )
-    splits = [sessions.split(graph, root, seed, how.valid, how.test) for seed in range(how.seeds)]
-    sessions.check_held_out(splits, how.valid, how.test)
-    novel, insert = [], []
-    for size in sorted(how.sizes):
-        for seed, codes in enumerate(splits):
-            drawn = sessions.draw_novel(len(graph.entities), root, size, seed)
-            pairs = sessions.draw_insert_triples(graph, codes, drawn, root, seed, how.insert_fraction)
-            novel += [(size, seed, entity) for entity in drawn]
-            insert += [(size, seed, *pair) for pair in pairs]
-    everything = np.arange(len(graph.triples))
-    write_sessions("ai2thor", [(everything, codes) for codes in splits], novel, insert, provenance)
+@stage
+def make_sessions(given: Given, experiment: str) -> None:
+    """Draw splits, novel entities and insert triples for every size and seed.
+
+    D of the last session is all that is not replaceable, and who is drawn; the triples of the others have no split.
+    """
+    key = f"experiments.{experiment}.sessions"
+    how, provenance = given.section(key, SessionsOf), given.provenance
+    entities = tables.read(paths.entities(experiment), tables.ENTITIES, provenance)
+    graph = build(entities, tables.read(paths.triples(experiment), tables.TRIPLES, provenance))
+    added = np.flatnonzero(entities["source"].astype(str) != str(entities["source"].iloc[0]))
+    candidates = candidates_of(how, entities, added)
+    if how.steps * max(how.sizes) > len(candidates) - (how.novel != "added"):
+        few = f"expected fewer novel entities than the {len(candidates)} that may be novel"
+        raise InputError(paths.PARAMS, f"{key}.sizes", few)
+    shares = given.section("sessions", Shares)
+    drawn = list(draw(graph, candidates, added if how.novel == "added" else added[:0], how, shares, given.seed))
+    splits = pd.concat(
+        pd.DataFrame({"seed": one.seed, "triple": one.triples, "split": np.array(SPLITS)[one.splits]})
+        for one in drawn
+        if one.size == drawn[0].size  # once for each seed
+    )
+    novel = [
+        (one.size, one.seed, entity, session)
+        for one in drawn
+        for session, entities_of in enumerate(one.novel, 1)
+        for entity in entities_of
+    ]
+    told = [(o.size, o.seed, entity, triple, session) for o in drawn for session, entity, triple in o.insert_triples]
+    tables.write(paths.splits(experiment), splits, tables.SPLITS, provenance)
+    for path, rows, schema in (
+        (paths.novel(experiment), novel, tables.NOVEL),
+        (paths.insert_triples(experiment), told, tables.INSERT_TRIPLES),
+    ):
+        tables.write(path, pd.DataFrame(rows, columns=schema.names), schema, provenance)
+
+
+def candidates_of(how: SessionsOf, entities: pd.DataFrame, added: np.ndarray) -> np.ndarray:
+    """Ids of the entities that may be novel."""
+    if how.novel == "any":
+        return np.arange(len(entities))
+    if how.novel == "added":
+        return added
+    return np.flatnonzero(entities["kind"].astype(str).isin(how.novel))
 
 
 if __name__ == "__main__":

@@ -6,33 +6,32 @@ from dataclasses import replace
 
 import pandas as pd
 
-from isi import paths, tables
-from isi.errors import InputError
-from isi.experiments import insertion
-from isi.experiments.executor import run, stack_height
+from isi.base import paths, tables
+from isi.base.errors import InputError
+from isi.base.stage import Given, stage
+from isi.experiments.executor import compute_of, run, stack_height
 from isi.experiments.store import Store
-from isi.experiments.tasks import insertion_tasks
-from isi.stage import Params, Provenance, stage
+from isi.insertion.tasks import insert, inserting_with, insertion_tasks
+from isi.studies.sweeps import Sweep
 
 
-@stage(
-    "seed", "negatives.mode", "negatives.ratio", "negatives.head_pool", "finetuning.batch_size",
-    "finetuning.learning_rate", "finetuning.weight_decay", "finetuning.max_epochs", "convergence.margin",
-    "sweep.k", "sweep.size", "sweep.seeds", "initializers.ers.candidates", argument="initializer",
-)  # fmt: skip
-def sweep_indicators(params: Params, provenance: Provenance, initializer: str) -> None:
+@stage
+def sweep_indicators(given: Given, experiment: str, initializer: str) -> None:
     """Insert novel entities with indicator sets of several sizes, by one initializer, until convergence."""
-    how, most = params.sweep, params.initializers.options(initializer).get("candidates", max(params.sweep.k))
-    sizes = [k for k in how.k if k <= most]  # ERS chooses among its candidates: more are the same set
+    how = Sweep.of(given, initializer)
+    options, compute = how.initializers[initializer], compute_of(given)
+    key = f"sweep.initializers.{initializer}"
+    sizes = [k for k in how.k if k <= options.get("candidates", k)]  # ERS chooses among these: more are the same set
     if not sizes:
-        raise InputError(paths.PARAMS, "sweep.k", f"expected a size up to initializers.{initializer}.candidates")
-    store = Store("ai2thor", provenance)
-    tasks = insertion_tasks(store, params, initializer, store.cells(stack_height(params.compute), how.size, how.seeds))
-    swept = [replace(task, options=task.options | {"k": k}) for k in sizes for task in tasks]
-    done = run(insertion.insert, swept, params.compute, f"indicator sets, {initializer}")
-    runs = pd.concat(result.runs.assign(k=task.options["k"]) for task, result in zip(swept, done, strict=True))
-    runs = runs.sort_values(["k", "size", "seed", "epoch", "scope"])
-    tables.write(paths.indicator_sweep(initializer), runs, tables.INDICATOR_SWEEP, provenance)
+        raise InputError(paths.PARAMS, "sweep.k", f"expected a size up to {key}.candidates")
+    store = Store(experiment, given.provenance)
+    cells = store.cells(stack_height(compute), how.size, how.seeds)
+    first = insertion_tasks(store, given, inserting_with(given, initializer, {**options, "k": sizes[0]}, key), cells)
+    swept = [replace(task, how=replace(task.how, options={**options, "k": k})) for k in sizes for task in first]
+    done = run(insert, swept, compute, f"indicator sets, {initializer}")
+    runs = pd.concat(result.runs.assign(k=task.how.options["k"]) for task, result in zip(swept, done, strict=True))
+    runs = runs.sort_values(["k", "size", "seed", "session", "epoch", "scope"])
+    tables.write(paths.indicator_sweep(experiment, initializer), runs, tables.INDICATOR_SWEEP, given.provenance)
 
 
 if __name__ == "__main__":

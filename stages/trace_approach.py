@@ -2,43 +2,46 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 
-from isi import paths, tables
-from isi.errors import InputError
-from isi.experiments import tracing
-from isi.experiments.executor import run
+from isi.base import paths, tables
+from isi.base.errors import InputError
+from isi.base.stage import Given, stage
+from isi.experiments.executor import compute_of, run
 from isi.experiments.store import Store
-from isi.experiments.tasks import insertion_tasks
-from isi.experiments.tracing import TRACED, TraceTask
-from isi.stage import Params, Provenance, stage
+from isi.insertion.tasks import inserting, insertion_tasks
+from isi.studies.tracing import TRACED, Approach, TraceTask, place_of_interest, trace
 
 
-@stage(
-    "seed", "negatives.mode", "negatives.ratio", "negatives.head_pool", "finetuning.batch_size",
-    "finetuning.learning_rate", "finetuning.weight_decay", "approach.size", "approach.seed", "approach.epochs",
-    "initializers.xavier", "initializers.iu", "initializers.es", "initializers.rs", "initializers.ers",
-)  # fmt: skip
-def trace_approach(params: Params, provenance: Provenance) -> None:
+@stage
+def trace_approach(given: Given, experiment: str) -> None:
     """Follow one novel entity through fine-tuning, from where each initializer puts it."""
-    how, store = params.approach, Store("ai2thor", provenance)
-    (cell,) = (cell for cell in store.cells(1, how.size) if cell.seeds == [how.seed])
-    inserted = [task for name in TRACED for task in insertion_tasks(store, params, name, [cell])]
-    place = tracing.place_of_interest(inserted[0], store.entities()["kind"])
+    study = given.section("approach", Approach)
+    store = Store(experiment, given.provenance)
+    cell = next((cell for cell in store.cells(1, study.size) if cell.seeds == [study.seed]), None)
+    if cell is None:
+        raise InputError(paths.PARAMS, "approach.seed", f"expected one of the seeds of {experiment}, got {study.seed}")
+    inserted = []
+    for name in TRACED:
+        how = inserting(given, name)
+        followed = replace(how, optimizer=how.optimizer.model_copy(update={"max_epochs": study.epochs}))
+        inserted += insertion_tasks(store, given, followed, [cell])
+    place = place_of_interest(inserted[0], store.entities()["kind"])
     if place is None:
         expected = "expected a seed whose novel entities have an object with a word vector and insert triples"
         raise InputError(paths.PARAMS, "approach.seed", expected)
-    tasks = [TraceTask(**vars(task), place=place, epochs=how.epochs) for task in inserted]
-    traces = run(tracing.trace, tasks, params.compute, "approach")
+    traces = run(trace, [TraceTask(cell, task, place) for task in inserted], compute_of(given), "approach")
     tensors = {
-        "entity": torch.from_numpy(cell.novel[0, place : place + 1]),
-        "known": cell.initial.entities[0],
-        "theta0": torch.from_numpy(tasks[0].embedding[0][0]),
+        "entity": torch.from_numpy(cell.novel[0, 0, place : place + 1]),
+        "known": cell.session(0).entities[0],
+        "theta0": torch.from_numpy(inserted[0].theta0.entity[0]),
     }
-    for task, trace in zip(tasks, traces, strict=True):
-        tensors[f"{task.initializer}.path"] = torch.from_numpy(trace.path)
-        tensors[f"{task.initializer}.indicators"] = torch.from_numpy(trace.indicators)
-    tables.write_tensors(paths.approach("ai2thor"), tensors, provenance)
+    for name, traced in zip(TRACED, traces, strict=True):
+        tensors[f"{name}.path"] = torch.from_numpy(traced.path)
+        tensors[f"{name}.indicators"] = torch.from_numpy(traced.indicators)
+    tables.write_tensors(paths.approach(experiment), tensors, given.provenance)
 
 
 if __name__ == "__main__":

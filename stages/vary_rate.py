@@ -1,41 +1,34 @@
-"""Insert novel entities with every initializer again, fine-tuned until convergence at other rates."""
+"""Insert novel entities with one initializer again, fine-tuned until convergence at other rates."""
 
 from __future__ import annotations
 
-import pandas as pd
+from dataclasses import replace
 
-from isi import initializers, paths, tables
-from isi.experiments import insertion
-from isi.experiments.executor import run, stack_height
+from isi.base import paths, tables
+from isi.base.stage import Given, stage
+from isi.experiments.executor import compute_of, run, stack_height
 from isi.experiments.store import Store
-from isi.experiments.tasks import insertion_tasks
-from isi.stage import Params, Provenance, stage
+from isi.insertion.tasks import insert, inserting, insertion_tasks, lists
+from isi.studies.sweeps import Rates
 
 
-@stage(
-    "seed", "negatives.mode", "negatives.ratio", "negatives.head_pool", "finetuning.batch_size",
-    "finetuning.learning_rate", "finetuning.weight_decay", "finetuning.max_epochs", "convergence.margin",
-    "insert.initializers", "initializers", "rates.factors", "rates.size",
-)  # fmt: skip
-def vary_rate(params: Params, provenance: Provenance) -> None:
-    """Insert novel entities with every initializer again, fine-tuned until convergence at other rates."""
-    for initializer in params.insert.initializers:
-        initializers.check(initializer, params.initializers.options(initializer))
-    store = Store("ai2thor", provenance)
-    cells = store.cells(stack_height(params.compute), params.rates.size)
+@stage
+def vary_rate(given: Given, experiment: str, initializer: str) -> None:
+    """Insert novel entities with one initializer again, fine-tuned until convergence at other rates."""
+    study, how, compute = given.section("rates", Rates), inserting(given, initializer), compute_of(given)
+    store = Store(experiment, given.provenance)
     tasks, factors = [], []
-    for factor in params.rates.factors:
-        faster = params.finetuning.model_copy(update={"learning_rate": factor * params.finetuning.learning_rate})
-        at_rate = params.model_copy(update={"finetuning": faster})
-        for initializer in params.insert.initializers:
-            tasks += insertion_tasks(store, at_rate, initializer, cells)
+    if lists(given, experiment, initializer):
+        cells = store.cells(stack_height(compute), study.size)
+        for factor in study.factors:
+            at_rate = how.optimizer.model_copy(update={"learning_rate": factor * how.optimizer.learning_rate})
+            tasks += insertion_tasks(store, given, replace(how, optimizer=at_rate), cells)
             factors += [factor] * len(cells)
-    done = run(insertion.insert, tasks, params.compute, "rates")
-    runs = pd.concat(
-        result.runs.assign(initializer=task.initializer, factor=factor)
-        for task, factor, result in zip(tasks, factors, done, strict=True)
-    ).sort_values(["initializer", "factor", "size", "seed", "epoch", "scope"])
-    tables.write(paths.rate_sweep(), runs, tables.RATE_SWEEP, provenance)
+    done = run(insert, tasks, compute, f"rates, {initializer}")
+    runs = tables.together(
+        (result.runs.assign(factor=factor) for factor, result in zip(factors, done, strict=True)), tables.RATE_SWEEP
+    ).sort_values(["factor", "size", "seed", "session", "epoch", "scope"])
+    tables.write(paths.rate_sweep(experiment, initializer), runs, tables.RATE_SWEEP, given.provenance)
 
 
 if __name__ == "__main__":

@@ -8,10 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from isi.embeddings.family import Family
 from isi.embeddings.stack import Embedding
 from isi.experiments.cells import Cells
+from isi.families import make
 from isi.graph import Graph
-from isi.sessions import draw_insert_triples, draw_novel, split
+from isi.sessions.drawing import draw_insert_triples, draw_novel, split
 
 #: Head, relation and tail id.
 Triple = tuple[int, int, int]
@@ -41,35 +43,40 @@ def random_graph(entities: int, relations: int, triples: int, seed: int = 0) -> 
     return graph_of(random_counts(entities, relations, triples, seed), entities, relations)
 
 
-def random_embedding(models: int, entities: int, relations: int, dimension: int, seed: int = 0) -> Embedding:
+#: The family of tests that are about none.
+ANALOGY = make("analogy", {}, "families.analogy")
+
+
+def random_embedding(
+    models: int, entities: int, relations: int, dimension: int, seed: int = 0, family: Family = ANALOGY
+) -> Embedding:
     generator = torch.Generator().manual_seed(seed)
-    return Embedding(
-        torch.randn(models, entities, dimension, generator=generator),
-        torch.randn(models, relations, dimension, generator=generator),
-    )
+    entity = torch.randn(models, entities, dimension, generator=generator)
+    return Embedding(entity, torch.randn(models, relations, family.width(dimension), generator=generator), family)
 
 
-def cells_of(graph: Graph, size: int, seeds: Sequence[int], root: int = 0) -> Cells:
+def cells_of(graph: Graph, size: int, seeds: Sequence[int], root: int = 0, steps: int = 1) -> Cells:
     """Cells as the pipeline draws them, with a fifth of the triples each for validation and test."""
     splits = np.stack([split(graph, root, seed, 0.2, 0.2) for seed in seeds])
-    novel = np.stack([draw_novel(len(graph.entities), root, size, seed) for seed in seeds])
-    return Cells(graph, size, list(seeds), splits, novel)
+    everyone = np.arange(len(graph.entities))
+    novel = np.stack([draw_novel(everyone, root, size, seed, steps) for seed in seeds])
+    return Cells("home", graph, size, list(seeds), splits, novel)
 
 
-def insert_triples_of(cells: Cells, root: int = 0, fraction: float = 0.5) -> np.ndarray:
-    """(model, place in ``novel``, triple) of the insert triples, as a task carries them; shape (I, 3)."""
+def insert_triples_of(cells: Cells, session: int = 1, root: int = 0, fraction: float = 0.5) -> np.ndarray:
+    """(model, place in ``novel``, triple) of what is told in a session, as a step is told it; shape (I, 3)."""
     rows = [
-        (model, cells.novel[model].tolist().index(entity), triple)
+        (model, cells.novel[model, session - 1].tolist().index(entity), triple)
         for model, seed in enumerate(cells.seeds)
         for entity, triple in draw_insert_triples(
-            cells.graph, cells.splits[model], cells.novel[model], root, seed, fraction
+            cells.graph, cells.splits[model], cells.novel[model], session, root, seed, fraction
         )
     ]
     return np.array(rows, dtype=np.int64).reshape(-1, 3)
 
 
 def dense(relation: Tensor) -> Tensor:
-    """W of one relation of shape (d,) as a matrix (d, d), entry by entry from the design's vᵀW."""
+    """W of one of ANALOGY's relations, of shape (d,), as a matrix (d, d), entry by entry from the design's vᵀW."""
     dimension = len(relation)
     half, quarter = dimension // 2, dimension // 4
     matrix = torch.zeros(dimension, dimension, dtype=relation.dtype)

@@ -7,25 +7,27 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from collections.abc import Callable
 from timeit import Timer
 
 import numpy as np
 import torch
 
-from isi import lessons, paths, ranking, training
+from isi.base import params, paths
 from isi.embeddings.stack import uniform
+from isi.families import EmbeddingParams, make
 from isi.graph import Graph
-from isi.params import load
-from isi.sessions import TEST, TRAIN, VALID, joint_session, split
+from isi.learning import batches, training
+from isi.learning.ranks import evaluate, prepare, query_slots
+from isi.sessions.drawing import Shares, split
+from isi.sessions.session import TEST, TRAIN, VALID, everything
 from tests.houses import peak_mib
 
 RELATIONS = 3
 #: The share of an entity among heads (or tails) falls with this power of its place.
 POWER = 0.75
 TEST_TRIPLES = 200
-#: ``lessons.TABLE_CELLS`` that makes every graph take a form.
+#: ``batches.TABLE_CELLS`` that makes every graph take a form.
 CELLS = {"tables": 2**62, "lists": 0}
 
 
@@ -55,32 +57,35 @@ def main() -> None:
     given = parser.parse_args()
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
-    lessons.TABLE_CELLS = CELLS[given.form]
-    params, keys = load(paths.PARAMS), torch.zeros(1, 2, dtype=torch.int64)
-    graph = power_law_graph(given.entities, given.triples)
-    shares = params.sessions.valid, params.sessions.test
-    session = joint_session(graph, torch.from_numpy(split(graph, params.seed, 0, *shares))[None])
-    lesson = lessons.lesson(session, "training", keys, params.negatives.head_pool)
-    size, half_range = params.embedding.dimension, params.embedding.init_range
-    state = training.start(uniform(session.entities, RELATIONS, size, half_range, params.seed, keys))
+    batches.TABLE_CELLS = CELLS[given.form]
+    graph, keys, root = power_law_graph(given.entities, given.triples), torch.zeros(1, 2, dtype=torch.int64), 0
+    raw = params.read(paths.PARAMS)  # by section, since the whole of it loads sources, too
+    how = params.check(raw["embedding"], EmbeddingParams, "embedding")
+    negatives = params.check(raw["negatives"], batches.Negatives, "negatives")
+    settings = params.check(raw["training"], training.Training, "training")
+    shares = params.check(raw["sessions"], Shares, "sessions")
+    family = make(how.family, raw["families"][how.family], f"families.{how.family}")
+    session = everything(graph, torch.from_numpy(split(graph, root, 0, shares.valid, shares.test))[None])
+    data = batches.training_data(session, "training", keys, negatives.head_pool)
+    state = training.start(uniform(session.entities, RELATIONS, family, how.dimension, how.init_range, root, keys))
     asked = session.members(TEST)
     asked &= asked.cumsum(1) <= TEST_TRIPLES
 
     def epoch() -> None:
-        training.run_epoch(state, lesson, params.negatives, params.training, params.seed, 1)
+        training.run_epoch(state, data, negatives, settings, root, 1)
 
     def rank() -> None:
         learned = session.members(TRAIN, VALID)
-        queries = ranking.prepare(session, ranking.query_slots(asked), asked, learned, session.entities)
-        ranking.evaluate(state.embedding, {"test": queries})
+        queries = prepare(session, query_slots(asked), asked, learned, session.entities)
+        evaluate(state.embedding, {"test": queries})
 
-    before = peak_mib(os.getpid())
-    epoch_seconds, training_mib = seconds(epoch), peak_mib(os.getpid())
+    before = peak_mib()
+    epoch_seconds, training_mib = seconds(epoch), peak_mib()
     print(json.dumps({
         "entities": given.entities, "triples": given.triples, "form": given.form,
-        "observations": int(lesson.counts.sum()), "epoch_seconds": epoch_seconds, "ranked": int(asked.sum()),
+        "observations": int(data.counts.sum()), "epoch_seconds": epoch_seconds, "ranked": int(asked.sum()),
         "ranking_seconds": seconds(rank), "before_mib": before, "training_mib": training_mib,
-        "peak_mib": peak_mib(os.getpid()),
+        "peak_mib": peak_mib(),
     }))  # fmt: skip
 
 

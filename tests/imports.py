@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 PACKAGES = ("isi", "stages")
 
 
-def closure(path: Path) -> set[Path]:
-    """The project's files that importing a file loads, itself included."""
+def closure(*paths: Path) -> set[Path]:
+    """The project's files that importing some files loads, themselves included; plug-ins only where given."""
     found: set[Path] = set()
-    waiting = [path]
+    waiting = list(paths)
     while waiting:
         current = waiting.pop()
         if current not in found:
             found.add(current)
-            waiting += [
-                file for name in [".".join(current.with_suffix("").parts), *_imported(current)] for file in _files(name)
-            ]
+            waiting += _loads(current)
     return found
+
+
+@cache
+def _loads(path: Path) -> list[Path]:
+    return [file for name in [".".join(path.with_suffix("").parts), *_imported(path)] for file in _files(name)]
 
 
 def _imported(path: Path) -> list[str]:

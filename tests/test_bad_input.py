@@ -16,19 +16,25 @@ from pathlib import Path
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+import torch
 import yaml
 
-from isi import paths, tables
-from isi.tables import Provenance
+from isi.base import paths, tables
+from isi.base.tables import Provenance
 from tests import sleepers
 from tools.workspace import change
 
 ROOT = Path(__file__).parent.parent
+MADE = Provenance("an_earlier_stage", {})
 OBSERVED = pd.DataFrame(
     {"scene": ["FloorPlan1"], "room": ["kitchen"], "instance": ["Mug|1"], "head": ["mug"], "relation": ["atLocation"],
      "tail": ["kitchen"], "count": [1]}
 )  # fmt: skip
-KNOWN = pd.DataFrame({"entity": ["mug"], "kind": ["object"], "source": ["ai2thor"], "phrase": ["mug"]})
+KINDS = pd.DataFrame({"entity": ["kitchen", "mug"], "kind": ["room", "object"], "phrase": ["kitchen", "mug"]})
+HOUSES: dict[str, object] = {
+    "reader": "mp3d_houses", "folder": "houses", "category": "mpcat40", "rooms": {"k": "kitchen"}, "structure": [],
+    "same_as": {},
+}  # fmt: skip
 
 
 @pytest.fixture
@@ -37,7 +43,8 @@ def workspace(tmp_path: Path) -> Path:
     for name in ("isi", "stages", "data/raw"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).symlink_to(ROOT / name)
-    (tmp_path / "params.yaml").write_bytes((ROOT / "params.yaml").read_bytes())
+    for path in (paths.PARAMS, paths.PIPELINE):
+        (tmp_path / path).write_bytes((ROOT / path).read_bytes())
     return tmp_path
 
 
@@ -79,20 +86,53 @@ def leave(workspace: Path, *earlier: Path) -> None:
         (workspace / path).write_bytes(b"the last good one")
 
 
+def observed(workspace: Path, source: str, observations: pd.DataFrame, kinds: pd.DataFrame) -> None:
+    """What mining a source has given."""
+    tables.write(workspace / paths.observations(source), observations, tables.OBSERVATIONS, MADE)
+    tables.write(workspace / paths.kinds(source), kinds, tables.KINDS, MADE)
+
+
+def graph(workspace: Path, experiment: str) -> None:
+    """A graph of a mug in a kitchen."""
+    triples = OBSERVED[["head", "relation", "tail", "count"]].assign(source="ai2thor")
+    tables.write(workspace / paths.triples(experiment), triples, tables.TRIPLES, MADE)
+    tables.write(workspace / paths.entities(experiment), KINDS.assign(source="ai2thor"), tables.ENTITIES, MADE)
+
+
 @pytest.mark.parametrize(
-    ("key", "misspelt", "named"),
-    [("\nseed:", "\nsede:", "sede"), ("min_count: 1", "min_count: 0", "graph.min_count")],
+    ("key", "misspelt", "command", "named"),
+    [
+        ("\nseed:", "\nsede:", "mine ai2thor", "seed"),
+        ("reader: ai2thor", "reader: ai2tor", "mine ai2thor", "sources.ai2thor.reader"),
+        ("min_count: 1", "min_count: 0", "build_graph ai2thor", "experiments.ai2thor.graph.min_count"),
+        ("novel: any", "novel: nay", "make_sessions ai2thor", "experiments.ai2thor.sessions.novel"),
+        ("family: analogy", "family: analog", "train_theta0 ai2thor", "families.analog"),
+        ("\n    k: 8", "\n    kk: 8", "insert ai2thor es", "initializers.es.kk"),
+        ("initializers: all", "initializers: al", "vary_rate ai2thor es", "experiments.ai2thor.initializers"),
+    ],
 )
 def test_a_mistake_in_params_ends_a_stage_in_one_line_that_names_the_key(
-    workspace: Path, key: str, misspelt: str, named: str
+    workspace: Path, key: str, misspelt: str, command: str, named: str
 ) -> None:
-    leave(workspace, paths.observations("ai2thor"))
-    text = (workspace / "params.yaml").read_text(encoding="utf-8")
+    graph(workspace, "ai2thor")
+    text = (workspace / paths.PARAMS).read_text(encoding="utf-8")
     assert key in text
-    (workspace / "params.yaml").write_text(text.replace(key, misspelt), encoding="utf-8")
-    line = refusal(workspace, "stages.mine_ai2thor")
-    assert "params.yaml" in line
-    assert named in line
+    (workspace / paths.PARAMS).write_text(text.replace(key, misspelt), encoding="utf-8")
+    line = refusal(workspace, *f"stages.{command}".split())
+    assert line.startswith(f"{command.split()[0]}: params.yaml: {named}")
+
+
+@pytest.mark.parametrize(
+    ("command", "named"),
+    [
+        ("mine home", "sources.home"),
+        ("insert home es", "experiments.home.followed"),
+        ("sweep_indicators ai2thor mean", "sweep.initializers.mean"),
+    ],
+)
+def test_what_params_do_not_have_is_refused_by_its_key(workspace: Path, command: str, named: str) -> None:
+    graph(workspace, "home")
+    assert refusal(workspace, *f"stages.{command}".split()).startswith(f"{command.split()[0]}: params.yaml: {named}")
 
 
 def a_recording() -> dict[str, list[list[object]]]:
@@ -100,6 +140,10 @@ def a_recording() -> dict[str, list[list[object]]]:
     scenes: dict[str, list[list[object]]] = {key: [[] for _ in range(30)] for key in keys}
     scenes["kitchens"][4] = [{"objectType": "Mug", "objectId": "Mug|1", "parentReceptacles": ["Shelf|1"]}]
     return scenes
+
+
+def mined(source: str) -> list[Path]:
+    return [path(source) for path in (paths.observations, paths.kinds, paths.mined)]
 
 
 @pytest.mark.parametrize(
@@ -114,21 +158,22 @@ def a_recording() -> dict[str, list[list[object]]]:
 def test_a_broken_recording_is_named_and_the_earlier_observations_stay(
     workspace: Path, content: str | None, places: list[str]
 ) -> None:
-    leave(workspace, paths.observations("ai2thor"))
+    leave(workspace, *mined("ai2thor"))
     if content is not None:
         (workspace / "mine.json").write_text(content, encoding="utf-8")
     sha256 = hashlib.sha256((content or "").encode()).hexdigest()
-    set_params(workspace, {"ai2thor.recording": "mine.json", "ai2thor.sha256": sha256})
-    line = refusal(workspace, "stages.mine_ai2thor")
+    set_params(workspace, {"sources.ai2thor.recording": "mine.json", "sources.ai2thor.sha256": sha256})
+    line = refusal(workspace, "stages.mine", "ai2thor")
     assert "mine.json" in line
     assert all(place in line for place in places), line
 
 
 def test_another_recording_than_the_params_vouch_for_is_refused_and_no_output_begun(workspace: Path) -> None:
-    set_params(workspace, {"ai2thor.sha256": "0" * 64})
-    line = refusal(workspace, "stages.mine_ai2thor")
+    set_params(workspace, {"sources.ai2thor.sha256": "0" * 64})
+    line = refusal(workspace, "stages.mine", "ai2thor")
     assert "ai2thor-object-metadata.json" in line
-    assert "ai2thor.sha256" in line
+    assert "sources.ai2thor" in line
+    assert "sha256" in line
     assert outputs(workspace) == {}
 
 
@@ -141,7 +186,7 @@ def test_a_broken_file_of_word_vectors_is_named_and_the_earlier_vectors_stay(
     workspace: Path, content: str, place: str
 ) -> None:
     leave(workspace, paths.vectors("ai2thor"), paths.coverage("ai2thor"))
-    tables.write(workspace / paths.entities("ai2thor"), KNOWN, tables.ENTITIES, Provenance("build_graph", {}))
+    graph(workspace, "ai2thor")
     (workspace / "my.vec").write_text(content, encoding="utf-8")
     set_params(workspace, {"words.source": "my.vec"})
     line = refusal(workspace, "stages.embed_words", "ai2thor")
@@ -151,10 +196,10 @@ def test_a_broken_file_of_word_vectors_is_named_and_the_earlier_vectors_stay(
 
 def test_a_table_that_lacks_a_column_is_named_and_the_earlier_graph_stays(workspace: Path) -> None:
     leave(workspace, paths.entities("ai2thor"), paths.triples("ai2thor"))
-    observed = workspace / paths.observations("ai2thor")
-    tables.write(observed, OBSERVED, tables.OBSERVATIONS, Provenance("mine_ai2thor", {}))
-    pq.write_table(pq.read_table(observed).drop_columns(["room"]), observed)
-    line = refusal(workspace, "stages.build_graph")
+    observed(workspace, "ai2thor", OBSERVED, KINDS)
+    table = workspace / paths.observations("ai2thor")
+    pq.write_table(pq.read_table(table).drop_columns(["room"]), table)
+    line = refusal(workspace, "stages.build_graph", "ai2thor")
     assert str(paths.observations("ai2thor")) in line
     assert "column 'room'" in line
 
@@ -162,7 +207,7 @@ def test_a_table_that_lacks_a_column_is_named_and_the_earlier_graph_stays(worksp
 @pytest.mark.parametrize(
     ("content", "places"),
     [
-        (None, ["houses: ", "mp3d.houses"]),
+        (None, ["sources.mp3d", "houses: "]),
         ("ASCII 1.1\nH x - 0 0 0 0 0 1 0 0 0 0\n", ["x.house", "line 2", "objects"]),
     ],
     ids=["no house", "truncated"],
@@ -170,21 +215,21 @@ def test_a_table_that_lacks_a_column_is_named_and_the_earlier_graph_stays(worksp
 def test_a_broken_house_is_named_and_the_earlier_observations_stay(
     workspace: Path, content: str | None, places: list[str]
 ) -> None:
-    leave(workspace, paths.observations("mp3d"))
+    leave(workspace, *mined("mp3d"))
     (workspace / "houses").mkdir()
     if content is not None:
         (workspace / "houses/x.house").write_text(content, encoding="utf-8")
-    set_params(workspace, {"mp3d.source": "house", "mp3d.houses": "houses"})
-    line = refusal(workspace, "stages.mine_mp3d")
+    set_params(workspace, {"sources.mp3d": HOUSES})
+    line = refusal(workspace, "stages.mine", "mp3d")
     assert all(place in line for place in places), line
 
 
 @pytest.mark.parametrize(
     ("head", "count", "named"),
     [
-        ("mug", 6, "params.yaml: affordances.entities: 'fan'"),
-        ("fan", 5, "params.yaml: affordances.entities: 'fan'"),
-        ("kitchen", 6, f"{paths.observations('mp3d')}: object 'kitchen'"),
+        ("mug", 6, "params.yaml: experiments.transfer.graph.extend.always: 'fan'"),
+        ("fan", 5, "params.yaml: experiments.transfer.graph.extend.always: 'fan'"),
+        ("oven", 6, f"{paths.observations('mp3d')}: object 'oven'"),
     ],
     ids=["none of that name", "too few", "another kind"],
 )
@@ -192,47 +237,64 @@ def test_entities_that_cannot_join_the_graph_are_named_and_the_earlier_graph_sta
     workspace: Path, head: str, count: int, named: str
 ) -> None:
     leave(workspace, paths.entities("transfer"), paths.triples("transfer"))
-    triples = OBSERVED[["head", "relation", "tail", "count"]].assign(source="ai2thor")
-    tables.write(workspace / paths.triples("ai2thor"), triples, tables.TRIPLES, Provenance("build_graph", {}))
-    both = pd.concat([KNOWN, KNOWN.assign(entity="kitchen", phrase="kitchen", kind="room")])
-    tables.write(workspace / paths.entities("ai2thor"), both, tables.ENTITIES, Provenance("build_graph", {}))
+    made_of = OBSERVED.assign(relation="hasMaterial", tail="oven")
+    kinds = pd.concat([KINDS, pd.DataFrame({"entity": ["oven"], "kind": ["material"], "phrase": ["oven"]})])
+    observed(workspace, "ai2thor", pd.concat([OBSERVED, made_of]), kinds)
     seen = OBSERVED.assign(scene=None, instance=None, head=head, count=count)
-    tables.write(workspace / paths.observations("mp3d"), seen, tables.OBSERVATIONS, Provenance("mine_mp3d", {}))
-    line = refusal(workspace, "stages.transfer_graph")
+    observed(workspace, "mp3d", seen, KINDS.replace("mug", head))
+    line = refusal(workspace, "stages.build_graph", "transfer")
     assert named in line
 
 
 def test_more_novel_entities_than_the_graph_has_are_refused_by_their_key(workspace: Path) -> None:
-    triples = OBSERVED[["head", "relation", "tail", "count"]].assign(source="ai2thor")
-    tables.write(workspace / paths.triples("ai2thor"), triples, tables.TRIPLES, Provenance("build_graph", {}))
-    both = pd.concat([KNOWN, KNOWN.assign(entity="kitchen", phrase="kitchen", kind="room")])
-    tables.write(workspace / paths.entities("ai2thor"), both, tables.ENTITIES, Provenance("build_graph", {}))
-    line = refusal(workspace, "stages.make_sessions")
-    assert "params.yaml: sessions.sizes" in line
+    graph(workspace, "ai2thor")
+    line = refusal(workspace, "stages.make_sessions", "ai2thor")
+    assert "params.yaml: experiments.ai2thor.sessions.sizes" in line
 
 
 def test_an_unknown_initializer_is_refused_with_the_names_of_those_there_are(workspace: Path) -> None:
-    line = refusal(workspace, "stages.insert", "xaver")
+    line = refusal(workspace, "stages.insert", "ai2thor", "xaver")
     assert all(name in line for name in ("'xaver'", "xavier", "iu", "es", "rs", "ers"))
 
 
 def test_a_good_input_after_a_bad_one_replaces_the_earlier_output(workspace: Path) -> None:
     leave(workspace, paths.entities("ai2thor"), paths.triples("ai2thor"))
-    observed = workspace / paths.observations("ai2thor")
-    tables.write(observed, OBSERVED, tables.OBSERVATIONS, Provenance("mine_ai2thor", {}))
-    ended = run_stage(workspace, "stages.build_graph")
+    observed(workspace, "ai2thor", OBSERVED, KINDS)
+    ended = run_stage(workspace, "stages.build_graph", "ai2thor")
     assert (ended.returncode, ended.stderr) == (0, "")
     assert tables.read(workspace / paths.entities("ai2thor"), tables.ENTITIES)["entity"].tolist() == ["kitchen", "mug"]
-    expected = {str(path("ai2thor")) for path in (paths.observations, paths.entities, paths.triples)}
-    assert set(outputs(workspace)) == expected  # and no temporary file
+    of = (paths.observations, paths.kinds, paths.entities, paths.triples)
+    assert set(outputs(workspace)) == {str(path("ai2thor")) for path in of}  # and no temporary file
+
+
+def test_an_initializer_that_the_experiment_does_not_list_leaves_tables_without_rows(workspace: Path) -> None:
+    set_params(workspace, {"experiments.ai2thor.initializers": ["rs", "xavier"]})
+    graph(workspace, "ai2thor")
+    row = pd.DataFrame({"size": [1], "seed": [0], "entity": [1], "triple": [0], "session": [1], "split": ["train"]})
+    tables.write(workspace / paths.splits("ai2thor"), row, tables.SPLITS, MADE)
+    tables.write(workspace / paths.novel("ai2thor"), row, tables.NOVEL, MADE)
+    tables.write(workspace / paths.insert_triples("ai2thor"), row, tables.INSERT_TRIPLES, MADE)
+    tables.write(workspace / paths.runs("ai2thor", "joint"), tables.together([], tables.RUNS), tables.RUNS, MADE)
+    tables.write_tensors(workspace / paths.vectors("ai2thor"), {"vectors": torch.ones(2, 3)}, MADE)
+    for name in ("insert", "vary_rate"):
+        ended = run_stage(workspace, f"stages.{name}", "ai2thor", "es")
+        assert ended.returncode == 0, ended.stderr
+    for path, schema in (
+        (paths.runs("ai2thor", "es"), tables.RUNS),
+        (paths.ties("ai2thor", "es"), tables.TIES),
+        (paths.inserted("ai2thor", "es"), tables.INSERTED),
+        (paths.rate_sweep("ai2thor", "es"), tables.RATE_SWEEP),
+    ):
+        assert tables.read(workspace / path, schema).empty
+    assert tables.read_tensors(workspace / paths.initial_vectors("ai2thor", "es"), []) == {}
 
 
 def test_a_stage_explains_itself_without_running(workspace: Path) -> None:
-    (workspace / "params.yaml").unlink()  # not even read
+    (workspace / paths.PARAMS).unlink()  # not even read
     ended = run_stage(workspace, "stages.insert", "--help")
     assert ended.returncode == 0
     assert "python -m stages.insert" in ended.stdout
-    assert "initializer" in ended.stdout
+    assert "experiment initializer" in ended.stdout
 
 
 # Killed

@@ -20,16 +20,13 @@ import pytest
 import torch
 import yaml
 
-from isi import paths
-from isi.errors import InputError
+from isi.base import paths
+from isi.base.errors import InputError
 from isi.experiments import executor
-from isi.experiments.cells import Cells
-from isi.experiments.executor import TaskError, run
-from isi.experiments.insertion import insert
+from isi.experiments.executor import Compute, TaskError, run
 from isi.experiments.learning import Learned, LearningTask, learn_initial
-from isi.params import Compute
+from isi.insertion.tasks import insert
 from tests.test_experiments import insert_tasks, learning_tasks, tabled, theta0, whole
-from tools.workspace import change
 
 pytest.importorskip("distributed")
 
@@ -86,19 +83,19 @@ def compute(request: pytest.FixtureRequest) -> Compute:
     return PROCESSES if request.param == "processes" else request.getfixturevalue("cluster").compute
 
 
-def state(_: Cells) -> tuple[int, float]:
+def state(_: LearningTask) -> tuple[int, float]:
     """Threads of torch, and what becomes of a denormal number."""
     return torch.get_num_threads(), (torch.tensor([1e-40]) * 1).item()
 
 
-def fail(task: Cells) -> None:
-    if task.seeds == [2]:
+def fail(task: LearningTask) -> None:
+    if task.cells.seeds == [2]:
         raise ValueError("no such indicator")
 
 
 def noted(folder: Path, task: LearningTask) -> Learned:
     """Learn, having noted which process does it."""
-    (folder / f"{os.getpid()} {task.seeds[0]}").touch()
+    (folder / f"{os.getpid()} {task.cells.seeds[0]}").touch()
     time.sleep(0.5)
     return learn_initial(task)
 
@@ -108,7 +105,7 @@ def test_a_task_runs_on_one_thread_without_denormal_numbers(compute: Compute) ->
 
 
 def test_a_task_that_fails_names_its_cell_and_the_cause(compute: Compute) -> None:
-    with pytest.raises(TaskError, match=r"^ai2thor, size 2, seeds 2: ValueError: no such indicator$") as failed:
+    with pytest.raises(TaskError, match=r"^home, size 2, seeds 2: ValueError: no such indicator$") as failed:
         run(fail, learning_tasks(1), compute, "failing")
     assert isinstance(failed.value.__cause__, ValueError)
 
@@ -130,21 +127,21 @@ def test_a_cluster_gives_the_bytes_of_processes_though_a_worker_is_killed(cluste
     done_by = {pid: {path.name.split()[1] for path in tmp_path.glob(f"{pid} *")} for pid in cluster.workers}
     assert done_by[killed] <= done_by[other] == {"0", "1", "2", "3"}
     assert whole(learned) == expected
-    trained = theta0()
-    inserted, again = (run(insert, insert_tasks(2, "ers", trained), c, "ers") for c in (PROCESSES, cluster.compute))
+    told = insert_tasks(2, "ers", theta0(steps=2), steps=2)
+    inserted, again = (run(insert, told, compute, "ers") for compute in (PROCESSES, cluster.compute))
     assert tabled(inserted) == tabled(again)
 
 
 def test_a_scheduler_out_of_reach_ends_a_stage_in_one_line_that_names_the_key(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]  # free, once closed
-    params = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8"))
-    change(params, "compute.engine", "dask")
-    change(params, "compute.scheduler", f"tcp://127.0.0.1:{port}")
-    (tmp_path / paths.PARAMS).write_text(yaml.safe_dump(params), encoding="utf-8")
+    compute = {"workers": 1, "stack": 1, "engine": "dask", "scheduler": f"tcp://127.0.0.1:{port}"}
+    (tmp_path / paths.PARAMS).write_text(yaml.safe_dump({"compute": compute}), encoding="utf-8")
+    (tmp_path / paths.PIPELINE).write_text(yaml.safe_dump({"stages": {"nothing": {}}}), encoding="utf-8")
     stage = (
-        "from isi.experiments.executor import run; from isi.stage import stage\n"
-        "stage()(lambda params, provenance: run(print, [], params.compute, 'nothing'))()"
+        "from isi.base.stage import stage; from isi.experiments.executor import compute_of, run\n"
+        "def nothing(given): run(print, [], compute_of(given), 'nothing')\n"
+        "stage(nothing)()"
     )
     ended = subprocess.run(
         [sys.executable, "-c", stage], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},

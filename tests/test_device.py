@@ -10,17 +10,19 @@ import pandas as pd
 import pytest
 import torch
 
-from isi import lessons
-from isi.errors import InputError
+from isi.base.errors import InputError
 from isi.experiments import executor
-from isi.experiments.insertion import insert
+from isi.experiments.executor import Compute
 from isi.experiments.judging import JudgingTask, judge
 from isi.experiments.learning import learn_initial, learn_joint
-from isi.params import Compute
+from isi.families import FAMILIES, make
+from isi.insertion.tasks import insert
+from isi.learning import batches
+from isi.studies.tracing import TraceTask, trace
 from tests.pretend import DEVICE, Pretend
-from tests.test_experiments import INITIALIZERS, insert_tasks, learning_tasks, theta0
+from tests.test_experiments import FAMILY_OPTIONS, INITIALIZERS, LEARNING, insert_tasks, learning_tasks, theta0
 
-TRAINED = theta0()
+TRAINED = theta0(steps=2)
 
 
 @pytest.fixture
@@ -46,13 +48,14 @@ def test_the_device_that_pretends_refuses_what_a_gpu_refuses() -> None:
 
 
 @pytest.mark.usefixtures("pretend")
+@pytest.mark.parametrize("name", FAMILIES.names())
 @pytest.mark.parametrize("mode", ["sampled", "expected", "lists"])
-def test_training_on_another_device_is_training(mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_training_on_another_device_is_training(name: str, mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if mode == "lists":
-        monkeypatch.setattr(lessons, "TABLE_CELLS", 0)
-    (task,) = learning_tasks(4)
-    negatives = task.learning.negatives.model_copy(update={"mode": "expected" if mode == "expected" else "sampled"})
-    task = replace(task, learning=replace(task.learning, negatives=negatives))
+        monkeypatch.setattr(batches, "TABLE_CELLS", 0)
+    negatives = LEARNING.negatives.model_copy(update={"mode": "expected" if mode == "expected" else "sampled"})
+    family = make(name, FAMILY_OPTIONS.get(name, {}), f"families.{name}")
+    (task,) = learning_tasks(4, replace(LEARNING, family=family, negatives=negatives))
     for learn in (learn_initial, learn_joint):
         there, here = (executor.alone(learn, task, device) for device in ("cuda", "cpu"))
         assert np.array_equal(there.entity, here.entity)
@@ -62,7 +65,7 @@ def test_training_on_another_device_is_training(mode: str, monkeypatch: pytest.M
 @pytest.mark.usefixtures("pretend")
 @pytest.mark.parametrize("name", INITIALIZERS)
 def test_inserting_on_another_device_is_inserting(name: str) -> None:
-    (task,) = insert_tasks(4, name, TRAINED)
+    (task,) = insert_tasks(4, name, TRAINED, steps=2)
     there, here = (executor.alone(insert, task, device) for device in ("cuda", "cpu"))
     assert np.array_equal(there.vectors, here.vectors)
     pd.testing.assert_frame_equal(there.runs, here.runs)
@@ -71,12 +74,18 @@ def test_inserting_on_another_device_is_inserting(name: str) -> None:
 
 @pytest.mark.usefixtures("pretend")
 def test_judging_on_another_device_is_judging() -> None:
-    (task,) = insert_tasks(4, "es", TRAINED)
-    judged = JudgingTask(
-        task.graph, task.size, task.seeds, task.splits, task.novel, task.embedding, task.insert_triples
-    )
+    (task,) = insert_tasks(4, "es", TRAINED, steps=2)
+    judged = JudgingTask(task.cells, task.theta0, task.told.insert_triples)
     there, here = (executor.alone(judge, judged, device) for device in ("cuda", "cpu"))
     pd.testing.assert_frame_equal(there, here)
+
+
+@pytest.mark.usefixtures("pretend")
+def test_tracing_on_another_device_is_tracing() -> None:
+    task = insert_tasks(1, "es", TRAINED, steps=2)[0]
+    there, here = (executor.alone(trace, TraceTask(task.cells, task, 1), device) for device in ("cuda", "cpu"))
+    assert np.array_equal(there.path, here.path)
+    assert np.array_equal(there.indicators, here.indicators)
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from isi.report import differences, gains, page
-from isi.report.results import Results
-from isi.report.tables import CONTROLS
-from tests.test_report import results
+from isi.learning.convergence import epochs_to_convergence
+from isi.report import page
+from isi.report.sections import controls, differences
+from tests.reports import runs
 
 #: MRR* of one model by (size, seed).
 Cells = dict[tuple[int, int], float]
@@ -22,21 +22,36 @@ NOVEL = "immediate MRR*, scope novel"
 POINTS = st.lists(st.integers(-50, 50).map(lambda number: number / 4), min_size=2, max_size=12)
 
 
-def runs_of(models: dict[str, Cells], scope: str = "novel") -> Results:
-    """Results of these initializers alone, right after insertion."""
-    rows = [(model, scope, size, seed, 0, value) for model, cells in models.items()
-            for (size, seed), value in cells.items()]  # fmt: skip
-    made = results(rows)
-    insert = made.params.insert.model_copy(update={"initializers": [name for name in models if name != "joint"]})
-    return replace(made, params=made.params.model_copy(update={"insert": insert}))
+def at_once(models: dict[str, Cells], scope: str = "novel") -> pd.DataFrame:
+    """Runs of these models right after insertion."""
+    return runs([(model, scope, size, seed, 0, value) for model, cells in models.items()
+                 for (size, seed), value in cells.items()])  # fmt: skip
+
+
+def measures_of(models: dict[str, Cells]) -> dict[str, pd.DataFrame]:
+    """Measures of initializers of which nothing is known but how they start."""
+    nothing = pd.DataFrame(columns=["scope", "model", "session", "size", "seed", "epochs"])
+    return differences.measures(at_once(models), nothing, list(models))
+
+
+def pairs_of(models: dict[str, Cells]) -> list[differences.Pair]:
+    return differences.compare(measures_of(models), list(models), root=0)
+
+
+def short_table(models: dict[str, Cells]) -> pd.DataFrame:
+    return differences.differences_isi(pairs_of(models), list(measures_of(models)), list(models)).frame
+
+
+def by_measure(pairs: list[differences.Pair], measure: str) -> list[differences.Pair]:
+    return [pair for pair in pairs if pair.measure == measure]
+
+
+def shares_of(models: dict[str, Cells]) -> list[controls.Share]:
+    return controls.shares(at_once(models), list(models))
 
 
 def constant(value: float, seeds: int = 3) -> Cells:
     return {(1, seed): value for seed in range(seeds)}
-
-
-def compared(found: Results, measure: str) -> list[differences.Pair]:
-    return [pair for pair in differences.compare(found) if pair.measure == measure]
 
 
 # Holm
@@ -71,7 +86,7 @@ def test_cells_without_queries_for_either_are_left_out_of_both_sides() -> None:
     nan = np.nan
     first = {(1, 0): 0.6, (2, 0): 0.9, (1, 1): 0.5, (2, 1): 0.3, (1, 2): nan, (2, 2): 0.7}
     second = {(1, 0): 0.5, (2, 0): nan, (1, 1): 0.1, (2, 1): 0.5, (1, 2): 0.2, (2, 2): nan}
-    (found,) = compared(runs_of({"es": first, "rs": second}), NOVEL)
+    (found,) = by_measure(pairs_of({"es": first, "rs": second}), NOVEL)
     assert found.mean == pytest.approx((10 + (40 - 20) / 2) / 2)  # seed 2 has no cell of both
     assert found.seeds == 2
 
@@ -125,8 +140,8 @@ def test_rounding_is_no_difference() -> None:
 
 
 def test_identical_runs_give_none() -> None:
-    found = runs_of({"xavier": constant(0.4), "es": constant(0.6), "rs": constant(0.6)})
-    frame = differences.differences(found).frame
+    pairs = pairs_of({"xavier": constant(0.4), "es": constant(0.6), "rs": constant(0.6)})
+    frame = differences.differences(pairs).frame
     novel = frame[frame["measure"].str.endswith("scope novel")].set_index(["first", "second"])
     assert novel.loc[("ES", "RS"), ["p", "p (Holm)"]].tolist() == ["none", "none"]
     assert novel.loc[("ES", "RS"), "difference"] == 0
@@ -136,17 +151,18 @@ def test_identical_runs_give_none() -> None:
 
 
 def test_epochs_are_compared_in_the_scopes_of_convergence() -> None:
-    made = results(
-        [("joint", "all", 1, seed, 0, 0.7) for seed in range(2)]
-        + [("xavier", "all", 1, seed, epoch, mrr) for seed in range(2) for epoch, mrr in enumerate((0.1, 0.5, 0.65))]
+    joint = runs([("joint", "all", 1, seed, 0, 0.7) for seed in range(2)])
+    rows = runs(
+        [("xavier", "all", 1, seed, epoch, mrr) for seed in range(2) for epoch, mrr in enumerate((0.1, 0.5, 0.65))]
         + [("es", "all", 1, 0, 0, 0.66), ("es", "all", 1, 1, 0, 0.6), ("es", "all", 1, 1, 1, 0.7)]
     )
-    insert = made.params.insert.model_copy(update={"initializers": ["xavier", "es"]})
-    made = replace(made, params=made.params.model_copy(update={"insert": insert}))
-    (found,) = compared(made, "epochs to convergence, scope all")
-    assert (found.first, found.second) == ("es", "xavier")
-    assert found.mean == pytest.approx((0 + 1) / 2 - 2)
-    assert compared(made, "epochs to convergence, scope novel_heldout")[0].seeds == 0
+    convergence = epochs_to_convergence(rows, joint, 0.08, 150, ["model"]).assign(session=1)
+    found = differences.measures(rows[rows["epoch"] == 0], convergence, ["xavier", "es"])
+    pairs = differences.compare(found, ["xavier", "es"], root=0)
+    (pair,) = by_measure(pairs, "epochs to convergence, scope all")
+    assert (pair.first, pair.second) == ("es", "xavier")
+    assert pair.mean == pytest.approx((0 + 1) / 2 - 2)
+    assert by_measure(pairs, "epochs to convergence, scope novel_heldout")[0].seeds == 0
 
 
 def test_another_initializer_changes_nothing_but_the_correction() -> None:
@@ -154,7 +170,11 @@ def test_another_initializer_changes_nothing_but_the_correction() -> None:
     models = {name: {(size, seed): float(draw.random()) for size in (1, 2) for seed in range(8)}
               for name in ("xavier", "es", "mean")}  # fmt: skip
     few, more = (
-        next(pair for pair in compared(runs_of({name: models[name] for name in names}), NOVEL) if pair.second == "mean")
+        next(
+            pair
+            for pair in by_measure(pairs_of({name: models[name] for name in names}), NOVEL)
+            if pair.second == "mean"
+        )
         for names in (("es", "mean"), ("es", "mean", "xavier"))
     )
     assert replace(few, holm=0) == replace(more, holm=0)
@@ -163,9 +183,9 @@ def test_another_initializer_changes_nothing_but_the_correction() -> None:
 
 def test_the_short_table_sets_isi_against_all_others() -> None:
     seeds = 8
-    found = runs_of({"xavier": constant(0.4, seeds), "es": constant(0.6, seeds), "rs": constant(0.7, seeds),
-                     "mean": {(1, seed): 0.6 + 0.01 * (-1) ** seed for seed in range(seeds)}})  # fmt: skip
-    frame = differences.differences_isi(found).frame.set_index(["ISI", "against"])
+    models = {"xavier": constant(0.4, seeds), "es": constant(0.6, seeds), "rs": constant(0.7, seeds),
+              "mean": {(1, seed): 0.6 + 0.01 * (-1) ** seed for seed in range(seeds)}}  # fmt: skip
+    frame = short_table(models).set_index(["ISI", "against"])
     assert list(frame.index) == [("ES", "Xavier"), ("ES", "Mean"), ("RS", "Xavier"), ("RS", "Mean")]
     novel = frame[NOVEL]
     assert novel["RS", "Xavier"] == "+30.00 [+30.00, +30.00]"
@@ -177,30 +197,35 @@ def test_the_short_table_sets_isi_against_all_others() -> None:
 def test_sentences_name_the_pairs_that_are_not_told_apart() -> None:
     seeds = 8
     models = {"xavier": constant(0.4, seeds), "es": constant(0.6, seeds), "rs": constant(0.6, seeds)}
-    assert differences.sentences(runs_of(models)) == [
+    assert differences.sentences(pairs_of(models)) == [
         "Immediate MRR*, scope novel: 2 of 3 pairs are told apart, not so ES and RS."
     ]
     few = {name: constant(cells[1, 0], 6) for name, cells in models.items()}  # 3 pairs · 2 / 2⁶ is above 0.05
-    assert differences.sentences(runs_of(few)) == [
+    assert differences.sentences(pairs_of(few)) == [
         "Immediate MRR*, scope novel: 0 of 3 pairs are told apart (with 6 seeds none can be)."
     ]
     del models["rs"]
-    assert differences.sentences(runs_of(models)) == ["Immediate MRR*, scope novel: 1 of 1 pairs are told apart."]
+    assert differences.sentences(pairs_of(models)) == ["Immediate MRR*, scope novel: 1 of 1 pairs are told apart."]
 
 
 @pytest.mark.parametrize("names", [("xavier",), ("es",), ("xavier", "mean")])
 def test_tables_are_whole_where_there_is_nothing_to_compare(names: tuple[str, ...]) -> None:
-    found = runs_of({name: constant(0.5) for name in names})
-    for made in (*differences.TABLES, *gains.TABLES):
-        table = made(found)
-        shown = page.shorten(table.frame, table.formats)
-        assert len(shown.columns) == len(table.frame.columns) > 0
-        assert len(shown) == (4 if table.name == "differences" and len(names) == 2 else 0)
+    models = {name: constant(0.5) for name in names}
+    every, pairs = differences.differences(pairs_of(models)), 4 if len(names) == 2 else 0
+    shared = controls.shares_of_the_gain(shares_of(models))
+    for frame, formats, rows in (
+        (every.frame, every.formats, pairs),
+        (short_table(models), {}, 0),
+        (shared.frame, {}, 0),
+    ):
+        shown = page.shorten(frame, formats)
+        assert len(shown.columns) == len(frame.columns) > 0
+        assert len(shown) == rows
 
 
 def test_p_values_and_differences_are_shown_as_people_read_them() -> None:
     frame = pd.DataFrame({"p": [0.00042, 0.0314159, "none"], "difference": [0.014, -20.5, 0.0]})
-    table = differences.differences(runs_of({"es": constant(0.5), "rs": constant(0.6)}))
+    table = differences.differences(pairs_of({"es": constant(0.5), "rs": constant(0.6)}))
     shown = page.shorten(frame, table.formats)
     assert shown["p"].tolist() == ["< 0.001", "0.031", "none"]
     assert shown["difference"].tolist() == ["+0.01", "-20.50", "+0.00"]
@@ -210,20 +235,20 @@ def test_p_values_and_differences_are_shown_as_people_read_them() -> None:
 
 
 def test_shares_by_hand() -> None:
-    found = runs_of({"xavier": {(1, 0): 0.3, (2, 0): 0.5}, "es": {(1, 0): 0.5, (2, 0): 0.7},
-                     "mean": {(1, 0): 0.5, (2, 0): 0.5}, "gaussian": {(1, 0): 0.3, (2, 0): 0.4}})  # fmt: skip
-    mean, gaussian = gains.shares(found)
+    found = shares_of({"xavier": {(1, 0): 0.3, (2, 0): 0.5}, "es": {(1, 0): 0.5, (2, 0): 0.7},
+                       "mean": {(1, 0): 0.5, (2, 0): 0.5}, "gaussian": {(1, 0): 0.3, (2, 0): 0.4}})  # fmt: skip
+    mean, gaussian = found
     assert (mean.gain, mean.percent, mean.rest) == pytest.approx((20, 50, 10))
     assert (gaussian.gain, gaussian.percent, gaussian.rest) == pytest.approx((20, -25, 25))
-    frame = gains.shares_of_the_gain(found).frame
+    frame = controls.shares_of_the_gain(found).frame
     assert frame["scope"].tolist() == ["novel", "novel"]
     assert frame["share %"].tolist() == pytest.approx([50, -25])
 
 
-def said(es: float, **controls: float) -> str:
+def said(es: float, **others: float) -> str:
     """The sentence on ES where Xavier has 40 points."""
-    (text,) = gains.sentences(runs_of({"xavier": constant(0.4), "es": constant(es)}
-                                      | {name: constant(value) for name, value in controls.items()}))  # fmt: skip
+    cells = {name: constant(value) for name, value in others.items()}
+    (text,) = controls.sentences(shares_of({"xavier": constant(0.4), "es": constant(es)} | cells))
     return text
 
 
@@ -245,7 +270,7 @@ def test_sentences_are_true_whatever_the_numbers() -> None:
 @pytest.mark.parametrize(("es", "below"), [(0.4, ""), (0.3, ": it is 10.0 points below")])
 def test_where_nothing_is_gained_nothing_is_shared(es: float, below: str) -> None:
     assert said(es, mean=0.5) == f"In scope novel, ES gains nothing over Xavier{below}, so there is nothing to share."
-    (share,) = gains.shares(runs_of({"xavier": constant(0.4), "es": constant(es), "mean": constant(0.5)}))
+    (share,) = shares_of({"xavier": constant(0.4), "es": constant(es), "mean": constant(0.5)})
     assert np.isnan(share.percent)
     assert share.rest == pytest.approx(100 * (es - 0.5))
 
@@ -253,14 +278,12 @@ def test_where_nothing_is_gained_nothing_is_shared(es: float, below: str) -> Non
 @given(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1))
 @settings(max_examples=50, deadline=None)
 def test_share_and_rest_make_the_gain(xavier: float, es: float, control: float) -> None:
-    share = gains.Share("all", "es", 100 * (es - xavier), CONTROLS[0], 100 * (control - xavier))
+    share = controls.Share("all", "es", 100 * (es - xavier), "mean", 100 * (control - xavier))
     assert share.control_gain + share.rest == pytest.approx(share.gain, abs=1e-9)
     if es > xavier + 0.01:
         assert share.percent / 100 * share.gain == pytest.approx(share.control_gain, abs=1e-9)
-    assert "nan" not in gains.sentence([share])
+    assert "nan" not in controls.sentence([share])
 
 
 def test_without_xavier_there_is_no_gain() -> None:
-    found = runs_of({"es": constant(0.6), "mean": constant(0.5)})
-    assert gains.sentences(found) == []
-    assert gains.shares_of_the_gain(found).frame.empty
+    assert shares_of({"es": constant(0.6), "mean": constant(0.5)}) == []

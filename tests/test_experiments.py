@@ -2,82 +2,92 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import fields, replace
-from typing import Any, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
+import pytest
+import torch
 
-from isi import params, paths
+from isi.base.params import Option
 from isi.experiments import executor
-from isi.experiments.cells import Cells
-from isi.experiments.cross_validation import best_looks, fold_tasks
-from isi.experiments.insertion import FineTuning, Inserted, InsertTask, insert
+from isi.experiments.cells import Cells, Vectors
+from isi.experiments.executor import Compute, HasCells
 from isi.experiments.judging import JudgingTask, judge
 from isi.experiments.learning import Learned, Learning, LearningTask, as_tensors, learn_initial, learn_joint
-from isi.experiments.tracing import TraceTask, place_of_interest, trace
-from isi.params import Compute, CrossValidation, EmbeddingParams, Negatives, Optimizer, Option, Training
-from tests.graphs import cells_of, insert_triples_of, random_graph
+from isi.families import FAMILIES, make
+from isi.insertion.step import insertion_of
+from isi.insertion.tasks import Inserted, Inserting, InsertTask, TaskTold, fold, how_in, insert, told_in
+from isi.learning.batches import Negatives
+from isi.learning.convergence import SCOPES as CONVERGING
+from isi.learning.training import Optimizer, Training
+from isi.studies.cross_validation import CrossValidation, best_looks, fold_tasks
+from isi.studies.families import FamilyTask, measure, rows
+from isi.studies.tracing import TraceTask, place_of_interest, trace
+from tests.graphs import ANALOGY, cells_of, insert_triples_of, random_graph
 
 ENTITIES, RELATIONS, SIZE, SEEDS = 14, 3, 2, [0, 1, 2, 3]
-Task = TypeVar("Task", bound=Cells)
+Task = TypeVar("Task", bound=HasCells)
 Done = TypeVar("Done")
 GRAPH = random_graph(ENTITIES, RELATIONS, 90)
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
+#: Options of families that have no defaults.
+FAMILY_OPTIONS: dict[str, dict[str, Option]] = {
+    "transe": {"margin": 4.0, "squared": False}, "rotate": {"margin": 4.0, "squared": False},
+}  # fmt: skip
 LEARNING = Learning(
     root=0,
-    embedding=EmbeddingParams(dimension=12, init_range=0.01),
+    family=ANALOGY,
+    dimension=12,
+    init_range=0.01,
     negatives=SAMPLED,
     training=Training(
         batch_size=80, learning_rate=0.1, weight_decay=1e-3, max_epochs=8, evaluate_every=2, patience=1
     ),
 )  # fmt: skip
-TUNING = FineTuning(
-    root=0,
-    negatives=SAMPLED,
-    optimizer=Optimizer(batch_size=80, learning_rate=0.05, weight_decay=1e-3, max_epochs=5),
-    margin=0.05,
-    to_the_end=[],
-)
+OPTIMIZER = Optimizer(batch_size=80, learning_rate=0.05, weight_decay=1e-3, max_epochs=5)
+MARGIN = 0.05
 INITIALIZERS: dict[str, dict[str, Option]] = {
     "xavier": {}, "iu": {}, "es": {"k": 3}, "rs": {"k": 4}, "ers": {"k": 2, "candidates": 5},
     "mean": {}, "gaussian": {}, "gaussian_centred": {}, "es_permuted": {"k": 3},
 }  # fmt: skip
 WORDS = np.random.default_rng(0).normal(size=(ENTITIES, 6)).astype(np.float32)
 SCOPES = {"all", "known", "known_closed", "novel", "novel_heldout"}
+#: MRR* of the joint models: one that is soon reached, ..., one that never is.
+JOINT = np.array([0.1, 0.5, 0.6, 2.0])
 
 
-def stacks(height: int) -> list[Cells]:
-    return [cells_of(GRAPH, SIZE, SEEDS[first : first + height]) for first in range(0, len(SEEDS), height)]
+def stacks(height: int, steps: int = 1) -> list[Cells]:
+    firsts = range(0, len(SEEDS), height)
+    return [cells_of(GRAPH, SIZE, SEEDS[first : first + height], steps=steps) for first in firsts]
 
 
-def parts(cells: Cells) -> tuple[Any, ...]:
-    return tuple(getattr(cells, field.name) for field in fields(Cells) if not field.kw_only)
+def learning_tasks(height: int, how: Learning = LEARNING, steps: int = 1) -> list[LearningTask]:
+    return [LearningTask(cells, how) for cells in stacks(height, steps)]
 
 
-def learning_tasks(height: int) -> list[LearningTask]:
-    return [LearningTask(*parts(cells), LEARNING) for cells in stacks(height)]
+def theta0(how: Learning = LEARNING, steps: int = 1) -> Vectors:
+    (learned,) = (learn_initial(task) for task in learning_tasks(len(SEEDS), how, steps))
+    return Vectors(how.family, learned.entity, learned.relation)
 
 
-def theta0() -> tuple[np.ndarray, np.ndarray]:
-    (learned,) = (learn_initial(task) for task in learning_tasks(len(SEEDS)))
-    return learned.entity, learned.relation
+def told_to(cells: Cells, words: np.ndarray, joint: np.ndarray) -> TaskTold:
+    sessions = range(1, cells.sessions + 1)
+    rows = [np.insert(insert_triples_of(cells, session), 0, session, axis=1) for session in sessions]
+    return TaskTold(np.concatenate(rows), words, {(s, scope): joint.copy() for s in sessions for scope in CONVERGING})
 
 
 def insert_tasks(
-    height: int, name: str, trained: tuple[np.ndarray, np.ndarray], words: np.ndarray = WORDS
+    height: int, name: str, trained: Vectors, words: np.ndarray = WORDS, steps: int = 1, followed: Sequence[int] = ()
 ) -> list[InsertTask]:
+    how = Inserting(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, followed)
     tasks = []
-    for number, cells in enumerate(stacks(height)):
+    for number, cells in enumerate(stacks(height, steps)):
         rows = slice(number * height, (number + 1) * height)
-        embedding = (trained[0][rows], trained[1][rows])
-        joint = {scope: np.array([0.1, 0.5, 0.6, 2.0])[rows] for scope in ("all", "novel_heldout")}
-        tasks.append(
-            InsertTask(
-                *parts(cells), embedding, insert_triples_of(cells), name, INITIALIZERS[name], words, joint, TUNING
-            )
-        )  # fmt: skip
+        own = Vectors(trained.family, trained.entity[rows], trained.relation[rows])
+        tasks.append(InsertTask(cells, own, told_to(cells, words, JOINT[rows]), how))
     return tasks
 
 
@@ -91,15 +101,15 @@ def cut(tasks: Callable[[int], list[Task]], function: Callable[[Task], Done], wo
 
 def whole(learned: list[Learned]) -> dict[str, bytes]:
     """All that learning gave, in the order of seeds and epochs; floats in CSV are whole."""
-    tensors = as_tensors(stacks(len(SEEDS) // len(learned)), learned)
+    tensors = as_tensors(learning_tasks(len(SEEDS) // len(learned)), learned)
     log = pd.concat([result.log for result in learned]).sort_values(["seed", "epoch"])
     return {name: tensor.numpy().tobytes() for name, tensor in tensors.items()} | {"log": csv(log)}
 
 
 def tabled(inserted: list[Inserted]) -> dict[str, bytes]:
-    """All that insertion gave, in the order of seeds, epochs and scopes."""
-    runs = pd.concat([result.runs for result in inserted]).sort_values(["seed", "epoch", "scope"])
-    entities = pd.concat([result.entities for result in inserted]).sort_values(["seed", "entity"])
+    """All that insertion gave, in the order of seeds, sessions, epochs and scopes."""
+    runs = pd.concat([result.runs for result in inserted]).sort_values(["seed", "session", "epoch", "scope"])
+    entities = pd.concat([result.entities for result in inserted]).sort_values(["seed", "session", "entity"])
     vectors = np.concatenate([result.vectors for result in inserted])
     return {"vectors": vectors.tobytes(), "runs": csv(runs), "entities": csv(entities)}
 
@@ -118,26 +128,42 @@ def test_learning_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stac
 
 
 def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stacks() -> None:
-    trained, names = theta0(), ("xavier", "ers", "gaussian", "es_permuted")
+    trained = {steps: theta0(steps=steps) for steps in (1, 2)}
+    cases = [(name, steps) for name in ("xavier", "ers", "gaussian", "es_permuted") for steps in trained]
 
     def tasks(height: int) -> list[InsertTask]:
-        return [task for name in names for task in insert_tasks(height, name, trained)]
+        return [task for name, steps in cases for task in insert_tasks(height, name, trained[steps], steps=steps)]
 
     one, two = (cut(tasks, insert, workers) for workers in (1, 2))
-    for place in range(len(names)):
+    for place in range(len(cases)):
         grids = [
-            tabled(inserted[place * len(inserted) // len(names) : (place + 1) * len(inserted) // len(names)])
+            tabled(inserted[place * len(inserted) // len(cases) : (place + 1) * len(inserted) // len(cases)])
             for inserted in (*one.values(), *two.values())
         ]
         assert all(grid == grids[0] for grid in grids)
 
 
+@pytest.mark.parametrize("name", FAMILIES.names())
+def test_every_family_gives_the_same_bits_for_any_height_of_stacks(name: str) -> None:
+    how = replace(LEARNING, family=make(name, FAMILY_OPTIONS.get(name, {}), f"families.{name}"))
+    trained = theta0(how)
+    learned, inserted = (
+        [kind([function(task) for task in tasks(height)]) for height in (1, 2, 4)]
+        for kind, function, tasks in (
+            (whole, learn_joint, lambda height: learning_tasks(height, how)),
+            (tabled, insert, lambda height: insert_tasks(height, "ers", trained)),
+        )
+    )
+    for grids in (learned, inserted):
+        assert grids[0] == grids[1] == grids[2]
+
+
 def test_theta0_knows_no_novel_entity_and_the_joint_model_knows_all() -> None:
-    (task,) = learning_tasks(4)
+    (task,) = learning_tasks(4, steps=2)
     initial, joint = learn_initial(task), learn_joint(task)
-    for model, novel in enumerate(task.novel):
-        assert set(np.flatnonzero(~initial.known[model])) == set(novel.tolist())
-        assert set(np.flatnonzero((initial.entity[model] == 0).all(-1))) == set(novel.tolist())
+    for model, novel in enumerate(task.cells.novel):
+        assert set(np.flatnonzero(~initial.known[model])) == set(novel.ravel().tolist())
+        assert set(np.flatnonzero((initial.entity[model] == 0).all(-1))) == set(novel.ravel().tolist())
     assert joint.known.all()
     assert (joint.entity != 0).any(-1).all()
 
@@ -145,12 +171,12 @@ def test_theta0_knows_no_novel_entity_and_the_joint_model_knows_all() -> None:
 def test_novel_sets_and_queries_are_shared_by_all_initializers() -> None:
     trained = theta0()
     found = {name: insert(insert_tasks(4, name, trained)[0]) for name in INITIALIZERS}
-    key = ["size", "seed", "epoch", "scope"]
+    key = ["size", "seed", "session", "epoch", "scope"]
     at_once = {name: result.runs[result.runs["epoch"] == 0].set_index(key) for name, result in found.items()}
     first, first_own = at_once["xavier"], found["xavier"].entities
     for name, result in found.items():
         assert at_once[name]["queries"].equals(first["queries"])
-        own = result.entities[["size", "seed", "entity", "queries"]]
+        own = result.entities[["size", "seed", "session", "entity", "queries"]]
         assert own.equals(first_own[own.columns])
     assert len({result.vectors.tobytes() for result in found.values()}) == len(found)
 
@@ -158,58 +184,57 @@ def test_novel_sets_and_queries_are_shared_by_all_initializers() -> None:
 def test_batches_and_negatives_are_shared_by_all_initializers() -> None:
     trained, wordless = theta0(), np.zeros_like(WORDS)
     (by_words,), (by_relations,) = (insert_tasks(4, name, trained, wordless) for name in ("es", "rs"))
-    assert by_words.options != by_relations.options
-    same = [insert(replace(task, options={"k": 4})) for task in (by_words, by_relations)]
+    assert by_words.how.options != by_relations.how.options
+    same = [insert(replace(task, how=replace(task.how, options={"k": 4}))) for task in (by_words, by_relations)]
     assert same[0].vectors.tobytes() == same[1].vectors.tobytes()  # ES falls back to RS
     assert same[0].runs.equals(same[1].runs)
     assert set(same[0].entities["fallback"]) == {"rs"} != set(same[1].entities["fallback"])
 
 
 def test_insertion_measures_novel_once_and_the_other_scopes_every_epoch() -> None:
-    (task,) = insert_tasks(4, "es", theta0())
-    task = replace(task, tuning=replace(TUNING, to_the_end=[SIZE]))
-    runs = insert(task).runs
-    epochs = runs.groupby(["seed", "scope"])["epoch"].apply(list)
+    (task,) = insert_tasks(4, "es", theta0(), followed=[SIZE])
+    epochs = insert(task).runs.groupby(["seed", "scope"])["epoch"].apply(list)
     for seed in SEEDS:
         assert epochs[seed, "novel"] == [0]
         for scope in SCOPES - {"novel"}:
-            assert epochs[seed, scope] == list(range(TUNING.optimizer.max_epochs + 1))
+            assert epochs[seed, scope] == list(range(OPTIMIZER.max_epochs + 1))
 
 
 def test_insertion_stops_once_within_the_margin_of_the_joint_model() -> None:
     (task,) = insert_tasks(4, "es", theta0())
     at_once = insert(task).runs.query("seed == 1 and epoch == 0").set_index("scope")["mrr_star"]
-    for scope, joint in task.joint_mrr_star.items():
-        joint[1] = at_once[scope] + 0.8 * TUNING.margin
+    for (_, scope), joint in task.told.joint.items():
+        joint[1] = at_once[scope] + 0.8 * MARGIN
     runs = insert(task).runs.sort_values("epoch")
     reached_at = []
     for model, seed in enumerate(SEEDS):
         reached = []
-        for scope, joint in task.joint_mrr_star.items():
+        for (_, scope), joint in task.told.joint.items():
             mrr_star = runs[(runs["seed"] == seed) & (runs["scope"] == scope)]["mrr_star"]
-            reached.append(np.logical_or.accumulate(mrr_star.to_numpy() >= joint[model] - TUNING.margin))
+            reached.append(np.logical_or.accumulate(mrr_star.to_numpy() >= joint[model] - MARGIN))
         both = np.stack(reached).all(0)
         assert not both[:-1].any()
-        assert both[-1] or len(both) == TUNING.optimizer.max_epochs + 1
+        assert both[-1] or len(both) == OPTIMIZER.max_epochs + 1
         reached_at.append(len(both) - 1 if both[-1] else None)
     assert reached_at[:2] == [0, 0]
     assert reached_at[3] is None  # its joint model is out of reach
 
 
-def test_joint_is_judged_in_all_scopes_at_epoch_0() -> None:
-    (task,) = learning_tasks(4)
-    joint = learn_joint(task)
-    runs = judge(JudgingTask(*parts(task), (joint.entity, joint.relation), insert_triples_of(task)))
+def test_joint_is_judged_in_all_scopes_of_every_session_at_epoch_0() -> None:
+    (task,) = learning_tasks(4, steps=2)
+    cells, joint = task.cells, learn_joint(task)
+    told = told_to(cells, WORDS, JOINT).insert_triples
+    runs = judge(JudgingTask(cells, Vectors(LEARNING.family, joint.entity, joint.relation), told))
     assert set(runs["epoch"]) == {0}
     assert set(runs["size"]) == {SIZE}
-    assert sorted(zip(runs["seed"], runs["scope"], strict=True)) == sorted(
-        (s, scope) for s in SEEDS for scope in SCOPES
-    )
-    novel = runs[runs["scope"] == "novel"].set_index("seed")["queries"]
-    inserted = insert_triples_of(task)
+    found = sorted(zip(runs["session"], runs["seed"], runs["scope"], strict=True))
+    assert found == sorted((session, seed, scope) for session in (1, 2) for seed in SEEDS for scope in SCOPES)
+    novel = runs[runs["scope"] == "novel"].set_index(["session", "seed"])["queries"]
     for model, seed in enumerate(SEEDS):
-        touching = np.isin(task.graph.triples[:, [0, 2]], task.novel[model]).any(1).sum()
-        assert novel[seed] == touching - (inserted[:, 0] == model).sum()
+        touching, later = (np.isin(GRAPH.triples[:, [0, 2]], novel).any(1) for novel in cells.novel[model])
+        first, second = ((told[:, :2] == (session, model)).all(1).sum() for session in (1, 2))
+        assert novel[1, seed] == (touching & ~later).sum() - first
+        assert novel[2, seed] == later.sum() - second
     asked = runs[runs["queries"] > 0]
     assert asked["mrr_star"].between(0, 1).all()
     assert runs[runs["queries"] == 0]["mrr_star"].isna().all()
@@ -217,41 +242,151 @@ def test_joint_is_judged_in_all_scopes_at_epoch_0() -> None:
     assert asked[asked["scope"] == "all"]["mrr_star_entity"].mean() > 0.2
 
 
-def test_a_trace_is_of_one_entity_of_the_experiment_and_its_indicators() -> None:
+# Sessions that insert one after the other
+
+
+def joint_of(first: float, second: float) -> Mapping[tuple[int, str], np.ndarray]:
+    """MRR* to reach in two sessions: NaN, which is none to reach, or what never is."""
+    return {(s, scope): np.full(len(SEEDS), mrr) for s, mrr in ((1, first), (2, second)) for scope in CONVERGING}
+
+
+def two_sessions(name: str, first: float, second: float) -> InsertTask:
+    (task,) = insert_tasks(4, name, theta0(steps=2), steps=2)
+    return replace(task, told=replace(task.told, joint=joint_of(first, second)))
+
+
+def test_a_session_inserts_into_what_the_one_before_has_learned_and_leaves_it_as_it_is() -> None:
+    task = two_sessions("mean", 2.0, np.nan)  # the first session is fine-tuned, the second is not
+    (first, second), before = fold(task), task.theta0.entity
+    for model, (novel1, novel2) in enumerate(task.cells.novel):
+        learned, after = first.theta.entity[model], second.theta.entity[model]
+        d0, d1 = (task.cells.session(number).entities[model] for number in (0, 1))
+        assert not torch.equal(learned[d0], torch.from_numpy(before[model])[d0])
+        assert not torch.equal(learned[novel1], first.initial.vectors[model])
+        assert not learned[novel2].any()  # nobody knows them yet
+        assert torch.equal(after[d1], learned[d1])
+        assert torch.equal(after[novel2], second.initial.vectors[model])
+        assert torch.allclose(first.initial.vectors[model, 0], torch.from_numpy(before[model])[d0].mean(0), atol=1e-6)
+        assert torch.allclose(second.initial.vectors[model, 0], learned[d1].mean(0), atol=1e-6)
+    assert torch.equal(second.theta.relation, first.theta.relation)
+
+
+def test_known_entities_of_the_first_session_go_on_learning_in_the_second() -> None:
+    task = two_sessions("mean", np.nan, 2.0)  # the first session is not fine-tuned, the second is
+    first, second = fold(task)
+    for model, (novel1, novel2) in enumerate(task.cells.novel):
+        assert torch.equal(first.theta.entity[model, novel1], first.initial.vectors[model])
+        for novel in (novel1, novel2):
+            assert not torch.equal(second.theta.entity[model, novel], first.theta.entity[model, novel])
+
+
+def test_a_later_session_is_told_its_own_triples_and_knows_who_came_before() -> None:
+    task = two_sessions("rs", np.nan, np.nan)
+    first, _ = fold(task)
+    told, how = told_in(task, 2), how_in(task, 2)
+    seen = insertion_of(first.theta, task.cells.session(1), told, how)
+    came_before = 0
+    for model, (novel1, novel2) in enumerate(task.cells.novel):
+        assert seen.known[model, novel1].all()
+        assert not seen.known[model, novel2].any()
+        ends = set(seen.other[model][seen.observed[model]].tolist())
+        assert not ends & set(novel2.tolist())
+        came_before += len(ends & set(novel1.tolist()))
+        rows = told.insert_triples[told.insert_triples[:, 0] == model, 2]
+        assert seen.observed[model].sum() == len(rows)
+        assert np.isin(GRAPH.triples[rows][:, [0, 2]], novel2).any(1).all()
+    assert came_before  # some triple ties the two sessions
+    assert how.keys.tolist() == [[SIZE, seed, 2] for seed in SEEDS]
+    assert how_in(task, 1).keys.tolist() == [[SIZE, seed] for seed in SEEDS]
+
+
+def test_insertion_gives_rows_of_every_session() -> None:
+    (task,) = insert_tasks(4, "es", theta0(steps=2), steps=2, followed=[SIZE])
+    inserted = insert(task)
+    assert inserted.vectors.shape == (len(SEEDS), 2 * SIZE, LEARNING.dimension)
+    epochs = inserted.runs.groupby(["seed", "session", "scope"])["epoch"].apply(list)
+    rows = inserted.entities.sort_values(["seed", "session", "entity"])
+    for model, seed in enumerate(SEEDS):
+        for session in (1, 2):
+            assert epochs[seed, session, "novel"] == [0]
+            for scope in SCOPES - {"novel"}:
+                assert epochs[seed, session, scope] == list(range(OPTIMIZER.max_epochs + 1))
+            own = rows[(rows["seed"] == seed) & (rows["session"] == session)]
+            assert own["entity"].tolist() == task.cells.novel[model, session - 1].tolist()
+    known = inserted.runs.query("scope == 'known' and epoch == 0").set_index(["session", "seed"])["queries"]
+    for seed in SEEDS:
+        assert known[2, seed] > known[1, seed]
+
+
+@pytest.mark.parametrize("session", [1, 2])
+def test_each_session_stops_at_its_own_target(session: int) -> None:
+    targets = [2.0, 2.0]
+    targets[session - 1] = np.nan
+    last = insert(two_sessions("es", *targets)).runs.groupby("session")["epoch"].max()
+    assert last.to_dict() == {session: 0, 3 - session: OPTIMIZER.max_epochs}
+
+
+# Studies
+
+
+@pytest.mark.parametrize("name", INITIALIZERS)
+def test_a_trace_is_of_one_entity_of_the_experiment_and_its_indicators(name: str) -> None:
     trained = theta0()
-    for name in INITIALIZERS:
-        (stack,), alone = insert_tasks(4, name, trained), insert_tasks(1, name, trained)[2]
-        short, long = (trace(TraceTask(**vars(alone), place=1, epochs=epochs)) for epochs in (2, 4))
-        assert short.path[0].tobytes() == insert(stack).vectors[2, 1].tobytes()
-        assert short.path.tobytes() == long.path[:3].tobytes()
-        assert not np.array_equal(long.path[3], long.path[4])
-        assert short.indicators.sum() == INITIALIZERS[name].get("k", ENTITIES - SIZE if name == "mean" else 0)
-        if short.indicators.any():
-            assert np.allclose(trained[0][2][short.indicators].mean(0), short.path[0], atol=1e-6)
+    (stack,), alone = insert_tasks(4, name, trained), insert_tasks(1, name, trained)[2]
+
+    def followed(epochs: int) -> TraceTask:
+        how = replace(alone.how, optimizer=OPTIMIZER.model_copy(update={"max_epochs": epochs}))
+        return TraceTask(alone.cells, replace(alone, how=how), place=1)
+
+    short, long = (trace(followed(epochs)) for epochs in (2, 4))
+    assert (len(short.path), len(long.path)) == (3, 5)
+    assert short.path[0].tobytes() == insert(stack).vectors[2, 1].tobytes()
+    assert short.path.tobytes() == long.path[:3].tobytes()
+    assert not np.array_equal(long.path[3], long.path[4])
+    assert short.indicators.sum() == INITIALIZERS[name].get("k", ENTITIES - SIZE if name == "mean" else 0)
+    if short.indicators.any():
+        assert np.allclose(trained.entity[2][short.indicators].mean(0), short.path[0], atol=1e-6)
 
 
 def test_a_trace_takes_an_object_that_has_words_and_insert_triples() -> None:
     task = insert_tasks(1, "ers", theta0())[0]
-    first, second = task.novel[0]
+    first, second = task.cells.novel[0, 0]
     kinds = pd.Series("object", index=range(ENTITIES))
     assert place_of_interest(task, kinds) == 0
     assert place_of_interest(task, kinds.replace({"object": "room"})) is None
     assert place_of_interest(task, kinds.where(kinds.index != first, "room")) == 1
     wordless = WORDS * (np.arange(ENTITIES) != first)[:, None]
-    assert place_of_interest(replace(task, words=wordless), kinds) == 1
-    of_second = task.insert_triples[task.insert_triples[:, 1] == 1]
-    assert place_of_interest(replace(task, insert_triples=of_second), kinds) == 1
+    assert place_of_interest(replace(task, told=replace(task.told, words=wordless)), kinds) == 1
+    of_second = task.told.insert_triples[task.told.insert_triples[:, 2] == 1]
+    assert place_of_interest(replace(task, told=replace(task.told, insert_triples=of_second)), kinds) == 1
     assert second > first
 
 
+FEW = CrossValidation(
+    experiments=["home"], folds=5, dimension=[8], ratio=[], learning_rate=[], weight_decay=[]
+)  # fmt: skip
+
+
+def test_families_are_measured_over_all_test_triples_with_what_training_took() -> None:
+    (task,) = learning_tasks(4)
+    learned = learn_joint(task)
+    theta, log = Vectors(ANALOGY, learned.entity, learned.relation), learned.log
+    found = rows(measure(FamilyTask(task.cells, theta)), learned).set_index("seed")
+    runs = judge(JudgingTask(task.cells, theta, told_to(task.cells, WORDS, JOINT).insert_triples))
+    judged = runs[runs["scope"] == "all"].set_index("seed")
+    columns = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "queries"]
+    pd.testing.assert_frame_equal(found[columns], judged[columns])
+    for seed in SEEDS:
+        own = log[log["seed"] == seed]
+        assert found["epochs"][seed] == own["epoch"].max()
+        assert found["valid_mrr_star"][seed] == own["mrr_star"].max()
+
+
 def test_cross_validation_gives_the_same_bits_for_any_height_of_stacks() -> None:
-    raw = params.load(paths.PARAMS)
-    few = CrossValidation(folds=5, dimension=[8], ratio=[], learning_rate=[], weight_decay=[])
-    small = {"embedding": LEARNING.embedding, "training": LEARNING.training, "cross_validation": few}
     tables = []
     for height in (1, 2, 5):
-        tasks = fold_tasks(GRAPH, raw.model_copy(update=small), "test", height)
-        assert max(len(task.seeds) for task in tasks) == height
+        tasks = fold_tasks("home", GRAPH, FEW, LEARNING, height)
+        assert max(len(task.cells.seeds) for task in tasks) == height
         tables.append(csv(pd.concat(best_looks(task, learn_joint(task)) for task in tasks)))
     assert tables[0] == tables[1] == tables[2]
     rows = pd.concat(best_looks(task, learn_joint(task)) for task in tasks)
@@ -263,7 +398,7 @@ def test_the_best_look_at_a_fold_is_the_last_that_was_kept() -> None:
         {"seed": [0, 0, 0, 1, 1, 1], "epoch": [2, 4, 6] * 2, "mrr_star": [0.3, 0.5, 0.4, 0.6, 0.5, 0.2],
          "kept": [True, True, False, True, False, False]}
     )  # fmt: skip
-    task = fold_tasks(GRAPH, params.load(paths.PARAMS), "test", 5)[0]
+    task = fold_tasks("home", GRAPH, FEW, LEARNING, 5)[0]
     nothing = np.zeros(0)
     best = best_looks(task, Learned(nothing, nothing, nothing, log)).set_index("fold")
     assert best["mrr_star"].to_dict() == {0: 0.5, 1: 0.6}

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
+import importlib
+import sys
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 import torch
 
-from isi.errors import InputError
+from isi.base import paths
+from isi.base.errors import InputError
+from isi.base.params import Count, Option, read
+from isi.embeddings.stack import Embedding
 from isi.experiments.cells import Cells
-from isi.experiments.insertion import FineTuning, InsertTask, insertion_of, put
 from isi.graph import Graph
-from isi.initializers import FALLBACKS, INITIALIZERS, Initial, Insertion, check, permuted_words
-from isi.params import Negatives, Optimizer, Option, load
-from isi.sessions import TEST, TRAIN, VALID
+from isi.initializers import INITIALIZERS, initializer, options_of
+from isi.initializers.es_permuted import permuted_words
+from isi.insertion.core import FALLBACKS, Initial, Insertion, unaided
+from isi.insertion.step import How, Told, insertion_of, put
+from isi.learning.batches import Negatives
+from isi.learning.training import Optimizer
+from isi.sessions.session import TEST, TRAIN, VALID
 from tests.graphs import cells_of, dense, graph_of, insert_triples_of, random_counts, random_embedding
 
-ROOT = Path(__file__).parent.parent
 ENTITIES, RELATIONS, DIMENSION = 16, 3, 8
 #: Two models; in training 15 hangs on 0 alone, so that it is an orphan of both once 0 is novel.
 #: 3 and 9 have no word vector.
@@ -46,40 +52,64 @@ def orphaning_graph() -> Graph:
     return graph_of(counts | {(ORPHAN, 1, 0): 2, (0, 2, ORPHAN): 1, (ORPHAN, 0, 5): 1}, ENTITIES, RELATIONS)
 
 
-def task() -> InsertTask:
+@dataclass(frozen=True)
+class World:
+    """What a step of learning knows, and more: validation and test triples are in the splits."""
+
+    graph: Graph
+    splits: np.ndarray
+    theta0: Embedding
+    insert_triples: np.ndarray
+    words: np.ndarray
+
+
+def world() -> World:
     """Embeddings and word vectors at random; splits as the pipeline draws them, but for the orphan's."""
     graph = orphaning_graph()
     splits = cells_of(graph, 3, [5, 6]).splits
     splits[:, -3:] = TRAIN, TRAIN, VALID
-    cells = Cells(graph, 3, [5, 6], splits, NOVEL)
+    cells = cells_at(graph, splits)
     theta0 = random_embedding(2, ENTITIES, RELATIONS, DIMENSION)
-    entity = theta0.entity.numpy() * cells.initial.entities.numpy()[..., None]
     words = np.random.default_rng(1).normal(size=(ENTITIES, 6)).astype(np.float32)
     words[list(WORDLESS)] = 0
+    known = replace(theta0, entity=theta0.entity * cells.session(0).entities[..., None])
+    return World(graph, splits, known, insert_triples_of(cells), words)
+
+
+def cells_at(graph: Graph, splits: np.ndarray) -> Cells:
+    return Cells("home", graph, 3, [5, 6], splits, NOVEL[:, None])
+
+
+def seen(of: World) -> Insertion:
+    """What initializers are shown of it."""
+    cells = cells_at(of.graph, of.splits)
+    told = Told(torch.as_tensor(NOVEL), torch.as_tensor(of.insert_triples), torch.as_tensor(of.words))
+    negatives = Negatives(mode="sampled", ratio=2, head_pool="all")
     optimizer = Optimizer(batch_size=50, learning_rate=0.01, weight_decay=1e-3, max_epochs=2)
-    tuning = FineTuning(0, Negatives(mode="sampled", ratio=2, head_pool="all"), optimizer, 0.1, [])
-    return InsertTask(
-        graph, 3, [5, 6], cells.splits, NOVEL, (entity, theta0.relation.numpy()), insert_triples_of(cells),
-        "es", {"k": 3}, words, {}, tuning,
-    )  # fmt: skip
+    how = How("es", {"k": 3}, 0, cells.keys(), negatives, optimizer, {}, False)
+    return insertion_of(of.theta0, cells.session(0), told, how)
 
 
 def insertion() -> Insertion:
-    return insertion_of(task())
+    return seen(world())
+
+
+def insert(name: str, given: Insertion, **options: Option) -> Initial:
+    return INITIALIZERS.get(name, "initializers").function(given, **options)
 
 
 def initial(name: str, given: Insertion) -> Initial:
-    return INITIALIZERS[name](given, **EVERYONE[name])
+    return insert(name, given, **EVERYONE[name])
 
 
 class Plain:
     """Section 4 for one novel entity of one model, with dictionaries and loops."""
 
-    def __init__(self, of: InsertTask, model: int, place: int) -> None:
+    def __init__(self, of: World, model: int, place: int) -> None:
         self.novel = set(NOVEL[model].tolist())
         self.entity = int(NOVEL[model, place])
-        self.vectors = [row.astype(float) for row in of.embedding[0][model]]
-        self.maps = [dense(torch.from_numpy(row)).double().numpy() for row in of.embedding[1][model]]
+        self.vectors = [row.astype(float) for row in of.theta0.entity[model].numpy()]
+        self.maps = [dense(row).double().numpy() for row in of.theta0.relation[model]]
         self.words = {e: row.astype(float) for e, row in enumerate(of.words) if row.any()}
         triples = of.graph.triples.tolist()
         self.known = [e for e in range(ENTITIES) if e not in self.novel]
@@ -133,9 +163,9 @@ def best(score: dict[int, float], k: int) -> list[int]:
     return sorted(score, key=lambda e: (-score[e], e))[:k]
 
 
-def agree(of: InsertTask, name: str, **options: int) -> set[str | None]:
+def agree(of: World, name: str, **options: int) -> set[str | None]:
     """See that an initializer gives what the plain loop does; what it fell back to, over all novel entities."""
-    found = INITIALIZERS[name](insertion_of(of), **options)
+    found = insert(name, seen(of), **options)
     fallbacks = set()
     for model in range(len(NOVEL)):
         for place in range(NOVEL.shape[1]):
@@ -151,7 +181,7 @@ def agree(of: InsertTask, name: str, **options: int) -> set[str | None]:
 
 @pytest.mark.parametrize("k", [1, 3, 8, 40])
 def test_es_rs_and_ers_are_the_plain_loop(k: int) -> None:
-    of = task()
+    of = world()
     assert agree(of, "es", k=k) == {None, "rs"}  # 9 has no word vector
     assert agree(of, "rs", k=k) == {None}
     assert agree(of, "ers", k=k, candidates=5) == {None, "rs"}
@@ -159,7 +189,7 @@ def test_es_rs_and_ers_are_the_plain_loop(k: int) -> None:
 
 
 def test_fallbacks_are_the_plain_loop_with_the_k_of_the_one_that_fell_back() -> None:
-    of = task()
+    of = world()
     rows = of.insert_triples  # of the first model, the novel 0 and the wordless novel 9 lose theirs
     bare = replace(of, insert_triples=rows[(rows[:, 0] != 0) | (rows[:, 1] == 1)])
     assert agree(bare, "es", k=2) == {None, "centroid"}
@@ -174,7 +204,7 @@ def test_fallbacks_are_the_plain_loop_with_the_k_of_the_one_that_fell_back() -> 
 
 
 def test_centroid_is_over_all_known_entities_and_no_novel_one() -> None:
-    given = insertion_of(replace(task(), insert_triples=np.zeros((0, 3), dtype=np.int64)))
+    given = seen(replace(world(), insert_triples=np.zeros((0, 3), dtype=np.int64)))
     found = initial("rs", given)
     for model in range(2):
         known = [e for e in range(ENTITIES) if e not in NOVEL[model]]
@@ -184,10 +214,10 @@ def test_centroid_is_over_all_known_entities_and_no_novel_one() -> None:
 
 @pytest.mark.parametrize(("name", "wordless_serve"), [("es", False), ("rs", True), ("ers", False)])
 def test_neither_novel_nor_orphaned_nor_wordless_entities_are_indicators(name: str, wordless_serve: bool) -> None:
-    of = task()
-    given = insertion_of(of)
+    of = world()
+    given = seen(of)
     options = {"k": 99} | ({"candidates": 99} if name == "ers" else {})
-    found = INITIALIZERS[name](given, **options)
+    found = insert(name, given, **options)
     for model, place in ((0, 0), (0, 1), (1, 0), (1, 1), (1, 2)):
         barred = {*NOVEL[model].tolist(), ORPHAN} | (set() if wordless_serve else set(WORDLESS))
         others = [e for e in range(ENTITIES) if e not in barred]
@@ -197,7 +227,7 @@ def test_neither_novel_nor_orphaned_nor_wordless_entities_are_indicators(name: s
 
 def test_equal_word_similarities_go_to_the_lower_id() -> None:
     given = replace(insertion(), words=torch.ones(ENTITIES, 6))
-    found = INITIALIZERS["es"](given, k=3)
+    found = insert("es", given, k=3)
     for model, lowest in enumerate([[1, 2, 3], [1, 2, 3]]):
         torch.testing.assert_close(found.vectors[model], given.theta0.entity[model, lowest].mean(0).expand(3, -1))
 
@@ -207,19 +237,19 @@ def test_equal_relational_scores_go_to_the_lower_id(name: str, options: dict[str
     given = replace(insertion(), words=torch.ones(ENTITIES, 6))
     lengths = 2.0 ** torch.arange(ENTITIES)  # of one direction, so that cosines are equal and means are not
     entity = given.theta0.entity[:1, 1:2] * lengths[:, None] * given.known[..., None]
-    found = INITIALIZERS[name](replace(given, theta0=replace(given.theta0, entity=entity)), **options)
+    found = insert(name, replace(given, theta0=replace(given.theta0, entity=entity)), **options)
     for model in range(2):
         torch.testing.assert_close(found.vectors[model], entity[model, [1, 2, 3]].mean(0).expand(3, -1))
 
 
 def test_ers_candidates_go_to_the_lower_id() -> None:
     given = replace(insertion(), words=torch.ones(ENTITIES, 6))
-    found = INITIALIZERS["ers"](given, k=4, candidates=4)
+    found = insert("ers", given, k=4, candidates=4)
     for model, lowest in enumerate([[1, 2, 3, 5], [1, 2, 3, 4]]):
         torch.testing.assert_close(found.vectors[model], given.theta0.entity[model, lowest].mean(0).expand(3, -1))
 
 
-def rewired(of: InsertTask) -> InsertTask:
+def rewired(of: World) -> World:
     """The same, but with other validation and test triples, or with those two exchanged."""
     triples, counts = of.graph.triples.clone(), of.graph.counts.clone()
     out = torch.from_numpy((of.splits != TRAIN).all(0))  # held out in both models
@@ -232,14 +262,14 @@ def rewired(of: InsertTask) -> InsertTask:
 
 @pytest.mark.parametrize("name", EVERYONE)
 def test_no_validation_or_test_triple_reaches_an_initializer(name: str) -> None:
-    before, after = (initial(name, insertion_of(of)) for of in (task(), rewired(task())))
+    before, after = (initial(name, seen(of)) for of in (world(), rewired(world())))
     assert torch.equal(before.vectors, after.vectors)
     assert torch.equal(before.fallback, after.fallback)
 
 
 def test_an_insertion_holds_the_insert_triples_and_no_other() -> None:
-    of = task()
-    given = insertion_of(of)
+    of = world()
+    given = seen(of)
     for model in range(2):
         for place in range(3):
             listed = [
@@ -373,11 +403,11 @@ def test_the_gaussians_differ_in_the_centre_alone() -> None:
 
 
 def test_es_permuted_is_the_plain_es_under_the_permuted_words() -> None:
-    of = task()
-    given = insertion_of(of)
+    of = world()
+    given = seen(of)
     dealt, fallbacks = permuted_words(given).numpy(), set()
     for k in (1, 3, 8, 40):
-        found = INITIALIZERS["es_permuted"](given, k=k)
+        found = insert("es_permuted", given, k=k)
         assert found.indicators is not None
         for model in range(2):
             permuted = replace(of, words=of.words[dealt[model]])
@@ -406,10 +436,10 @@ def test_words_are_dealt_out_among_those_that_have_one_by_model() -> None:
 
 
 def test_es_permuted_falls_back_where_es_does() -> None:
-    of = task()
+    of = world()
     for words in (of.words, np.zeros_like(of.words)):
         for rows in (of.insert_triples, of.insert_triples[:0]):
-            given = insertion_of(replace(of, words=words, insert_triples=rows))
+            given = seen(replace(of, words=words, insert_triples=rows))
             assert torch.equal(initial("es_permuted", given).fallback, initial("es", given).fallback)
     alike = replace(insertion(), words=torch.ones(ENTITIES, 6))  # nothing to tell the permuted words by
     assert torch.equal(initial("es_permuted", alike).vectors, initial("es", alike).vectors)
@@ -428,27 +458,60 @@ def test_put_replaces_the_rows_of_novel_entities_alone() -> None:
 @pytest.mark.parametrize(
     ("name", "options", "says"),
     [
-        ("glorot", {}, ["insert.initializers", "'glorot'", "xavier, iu, es, rs, ers"]),
-        ("es", {"k": 3, "neighbours": 2}, ["initializers.es", "neighbours"]),
-        ("es", {}, ["initializers.es", "k"]),
-        ("xavier", {"k": 3}, ["initializers.xavier", "k"]),
+        ("glorot", {}, ["initializers.glorot", "'glorot'", "es, es_permuted, gaussian"]),
+        ("es", {"k": 3, "neighbours": 2}, ["initializers.es.neighbours"]),
+        ("es", {"neighbours": 2}, ["initializers.es", "1 more"]),
+        ("es", {}, ["initializers.es.k"]),
+        ("es", {"k": 0}, ["initializers.es.k", "0"]),
+        ("ers", {"k": 3, "candidates": "many"}, ["initializers.ers.candidates", "'many'"]),
+        ("xavier", {"k": 3}, ["initializers.xavier.k"]),
     ],
 )
-def test_check_refuses_in_one_line(name: str, options: dict[str, Option], says: list[str]) -> None:
+def test_options_that_an_initializer_does_not_take_are_refused_in_one_line(
+    name: str, options: dict[str, Option], says: list[str]
+) -> None:
     with pytest.raises(InputError) as caught:
-        check(name, options)
+        options_of(name, options, f"initializers.{name}")
     message = str(caught.value)
     assert "\n" not in message
     assert all(part in message for part in ["params.yaml", *says])
 
 
-@pytest.mark.parametrize("name", EVERYONE)
-def test_check_takes_the_initializers_that_ship(name: str) -> None:
-    check(name, EVERYONE[name])
+def test_options_come_from_the_signature_with_its_defaults() -> None:
+    @initializer("constant")
+    def constant(insertion: Insertion, at: float, times: Count = 2) -> Initial:
+        return unaided(torch.full((*insertion.novel.shape, DIMENSION), at * times))
+
+    given = options_of("constant", {"at": 1.5}, "initializers.constant")
+    assert given == {"at": 1.5, "times": 2}
+    found = insert("constant", insertion(), **given)
+    assert (found.vectors == 3).all()
+    assert not found.fallback.any()
+
+
+def test_one_of_ones_own_is_shown_by_its_name_unless_it_says_otherwise() -> None:
+    initializer("plain")(unaided)
+    initializer("fancy", label="Fancy", role="isi", colour="#123456")(unaided)
+    plain, fancy = (INITIALIZERS.get(name, "initializers") for name in ("plain", "fancy"))
+    assert (plain.label, plain.role, plain.colour) == ("plain", "own", None)
+    assert (fancy.label, fancy.role, fancy.colour) == ("Fancy", "isi", "#123456")
 
 
 def test_the_params_list_all_that_ship_with_their_options() -> None:
-    params = load(ROOT / "params.yaml")
-    assert params.insert.initializers == list(EVERYONE)
-    for name in params.insert.initializers:
-        check(name, params.initializers.options(name))
+    listed = read(paths.PARAMS)["initializers"]
+    assert list(listed) == list(EVERYONE)
+    assert set(listed) <= set(INITIALIZERS.names())
+    for name, options in listed.items():
+        assert options_of(name, options, f"initializers.{name}") == options
+    shown = [INITIALIZERS.get(name, "initializers") for name in listed]
+    assert len({one.label for one in shown}) == len({one.colour for one in shown}) == len(EVERYONE)
+    assert [one.role for one in shown] == ["paper"] * 2 + ["isi"] * 3 + ["control"] * 4
+
+
+@pytest.mark.parametrize("name", EVERYONE)
+def test_an_initializer_brings_no_other_with_it(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that a stage may depend on its module alone."""
+    for module in [module for module in sys.modules if module.startswith("isi.initializers.")]:
+        monkeypatch.delitem(sys.modules, module)
+    importlib.import_module(f"isi.initializers.{name}")
+    assert [module for module in sys.modules if module.startswith("isi.initializers.")] == [f"isi.initializers.{name}"]

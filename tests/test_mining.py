@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +13,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from isi import graph, paths, tables
-from isi.errors import InputError
-from isi.params import load
-from isi.scenes import ai2thor, materials
-from isi.scenes.ai2thor import CHUNK, MaterialsOf, Object, Scene
-from isi.scenes.chunks import IN_FLIGHT, chunked, map_in_order
-from isi.tables import Provenance
-from tests.houses import houses, workers
+from isi.base import paths, tables
+from isi.base.errors import InputError
+from isi.base.params import read as read_params
+from isi.base.tables import Provenance
+from isi.building import Seen, graph_of
+from isi.sources import Observed, ai2thor, settings_of
+from isi.sources import _materials as materials
+from isi.sources._household import entity_name, household
+from isi.sources.ai2thor import CHUNK, MaterialsOf, Object, Scene
+from tests.houses import houses
 
 KEYS = ("kitchens", "living_rooms", "bedrooms", "bathrooms")
 PROPERTIES = (
@@ -174,7 +175,7 @@ def test_all_properties_together_give_seventeen_affordances() -> None:
      ("Mug", "mug"), ("ToiletPaperHanger", "toilet paper hanger")],
 )  # fmt: skip
 def test_types_become_lower_case_words(kind: str, name: str) -> None:
-    assert ai2thor.entity_name(kind) == name
+    assert entity_name(kind) == name
 
 
 def test_the_floor_is_neither_object_nor_receptacle_while_other_receptacles_of_the_object_stay() -> None:
@@ -376,31 +377,20 @@ MANY += list(houses([Scene("FloorPlan302", 302, "bedroom", BEDROOM)], CHUNK + 10
 BROKEN = [*MANY, Scene("House7777", 7777, "kitchen", [thing("Mug", 9, ["Shelf|3"])])]
 
 
-@pytest.fixture(scope="module", params=[0, 1, 2], ids=["here", "one worker", "two workers"])
-def executor(request: pytest.FixtureRequest) -> Iterator[Executor | None]:
-    if request.param == 0:
-        yield None
-        return
-    with workers(request.param) as pool:
-        yield pool
-
-
-def mine_to(path: Path, scenes: list[Scene], materials_of: MaterialsOf, executor: Executor | None) -> bytes:
+def mine_to(path: Path, scenes: list[Scene], materials_of: MaterialsOf) -> bytes:
     """The bytes of the table of some scenes."""
-    parts = ai2thor.mine(scenes, materials_of, Path("recording.json"), executor)
+    parts = Observed(household).passing(ai2thor.mine(scenes, materials_of, Path("recording.json")))
     tables.write_stream(path, parts, tables.OBSERVATIONS, Provenance("mine", {}))
     return path.read_bytes()
 
 
-def test_many_scenes_give_the_same_bytes_wherever_they_are_mined(
-    tmp_path: Path, shares: pd.DataFrame, executor: Executor | None
-) -> None:
+def test_many_scenes_give_the_same_bytes_again(tmp_path: Path, shares: pd.DataFrame) -> None:
     drawn = materials.suncg(shares, 0)
-    assert mine_to(tmp_path / "1", MANY, drawn, executor) == mine_to(tmp_path / "2", MANY, drawn, None)
+    assert mine_to(tmp_path / "1", MANY, drawn) == mine_to(tmp_path / "2", MANY, drawn)
 
 
 def test_each_chunk_of_scenes_is_a_row_group_and_together_they_are_what_each_scene_gives_alone(tmp_path: Path) -> None:
-    mine_to(tmp_path / "table.parquet", MANY, materials.simulator, None)
+    mine_to(tmp_path / "table.parquet", MANY, materials.simulator)
     file = pq.ParquetFile(tmp_path / "table.parquet")
     scenes = [file.read_row_group(group)["scene"].to_pylist() for group in range(file.num_row_groups)]
     assert [len(set(names)) for names in scenes] == [CHUNK, CHUNK, 11]
@@ -410,17 +400,17 @@ def test_each_chunk_of_scenes_is_a_row_group_and_together_they_are_what_each_sce
 
 
 def test_scenes_without_observations_are_an_empty_part(tmp_path: Path) -> None:
-    mine_to(tmp_path / "table.parquet", [Scene("FloorPlan1", 1, "kitchen", [])], materials.simulator, None)
+    mine_to(tmp_path / "table.parquet", [Scene("FloorPlan1", 1, "kitchen", [])], materials.simulator)
     assert len(tables.read(tmp_path / "table.parquet", tables.OBSERVATIONS)) == 0
 
 
 def test_a_mistake_in_a_late_scene_is_told_in_one_line_and_the_old_table_stays(
-    tmp_path: Path, executor: Executor | None
+    tmp_path: Path,
 ) -> None:
     path = tmp_path / "table.parquet"
     path.write_bytes(b"the last good one")
     with pytest.raises(InputError) as refused:
-        mine_to(path, BROKEN, materials.simulator, executor)
+        mine_to(path, BROKEN, materials.simulator)
     missing = "its parent receptacle 'Shelf|3' is not in the scene"
     assert str(refused.value) == f"recording.json: House7777, object Mug|9: {missing}"
     assert path.read_bytes() == b"the last good one"
@@ -429,13 +419,16 @@ def test_a_mistake_in_a_late_scene_is_told_in_one_line_and_the_old_table_stays(
 
 def test_scenes_are_taken_only_as_they_are_needed() -> None:
     taken: list[int] = []
-    with ThreadPoolExecutor(2) as pool:
-        results = map_in_order(str, (taken.append(n) or n for n in range(1000)), pool)
-        for number in range(1000 - IN_FLIGHT):
-            assert next(results) == str(number)
-            assert len(taken) == number + IN_FLIGHT
-        assert len(list(results)) == IN_FLIGHT
-    assert [len(chunk) for chunk in chunked(range(7), 3)] == [3, 3, 1]
+
+    def scenes() -> Iterator[Scene]:
+        for number in range(10 * CHUNK):
+            taken.append(number)
+            yield Scene(f"House{number}", number, "kitchen", [thing("Mug")])
+
+    parts = ai2thor.mine(scenes(), materials.simulator, Path("recording.json"))
+    for part in range(1, 11):
+        assert next(parts).num_rows == CHUNK
+        assert len(taken) == part * CHUNK
 
 
 # The real recording
@@ -443,13 +436,16 @@ def test_scenes_are_taken_only_as_they_are_needed() -> None:
 
 @pytest.fixture(scope="module")
 def real() -> list[Scene]:
-    return ai2thor.read_recording(ai2thor.locate("procthor"), load(paths.PARAMS).ai2thor.sha256)
+    _, settings = settings_of(read_params(paths.PARAMS)["sources"]["ai2thor"], "sources.ai2thor")
+    return ai2thor.read_recording(ai2thor.locate("procthor"), settings["sha256"])
 
 
 def test_the_real_recording_gives_the_known_figures(real: list[Scene]) -> None:
-    observations = mined(real, materials.simulator, Path("recording"))
-    triples = graph.count_triples(observations, "ai2thor")
-    entities = graph.name_entities(triples, set(observations["room"]), "ai2thor")
+    observed = Observed(household)
+    parts = observed.passing(ai2thor.mine(real, materials.simulator, Path("recording")))
+    observations = pa.concat_tables(parts).to_pandas()
+    made = graph_of(Seen("ai2thor", observations, observed.kinds))
+    entities, triples = made.entities, made.triples
     assert (len(observations), len(triples), len(entities)) == (23_729, 1_036, 153)
     assert triples["count"].sum() == 23_729
     assert (entities["kind"] == "room").sum() == 4
@@ -468,5 +464,5 @@ def test_every_object_of_the_real_recording_but_the_floors_is_seen_once_in_its_r
 def test_every_mapped_object_is_a_type_of_the_recording(real: list[Scene], shares: pd.DataFrame) -> None:
     robothor = json.loads(ai2thor.locate("procthor").read_bytes())["robothor"]
     types = {thing["objectType"] for objects in [*(scene.objects for scene in real), *robothor] for thing in objects}
-    assert set(shares.index) <= {ai2thor.entity_name(kind) for kind in types}
+    assert set(shares.index) <= {entity_name(kind) for kind in types}
     assert shares.index.is_unique

@@ -1,31 +1,33 @@
-"""Matterport3D: tallies and houses as observations, and the graph that some of its entities join."""
+"""Matterport3D: tallies and houses as observations, in AI2-THOR's words."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pyarrow as pa
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from isi import candidates, paths, tables
-from isi.errors import InputError
-from isi.params import load
-from isi.scenes import ai2thor, materials, mp3d
-from isi.scenes.mp3d import STEPS, Seen, Vocabulary
+from isi.base import paths, tables
+from isi.base.errors import InputError
+from isi.base.params import read as read_params
+from isi.sources import _materials as materials
+from isi.sources import _mp3d as mp3d
+from isi.sources import ai2thor, settings_of
+from isi.sources._household import entity_name
+from isi.sources._mp3d import STEPS, Seen, Vocabulary
+from isi.sources.mp3d_houses import houses
+from isi.sources.mp3d_tallies import tallies
 
 WORDS = Vocabulary(
     {"a": "bathroom", "t": "bathroom", "b": "bedroom", "k": "kitchen", "l": "living room"},
     ["wall", "unknown"],
     {"night stand": "side table", "refridgerator": "fridge"},
 )
-LETTERS = ["kitchen", "bedroom", "fan", "stove", "bucket", "purse"]
 
 
 def mined(batches: Sequence[Sequence[Seen]], words: Vocabulary = WORDS) -> tuple[list[tuple[object, ...]], list[int]]:
@@ -43,7 +45,7 @@ def refusal(tmp_path: Path, content: str, name: str = "x.house") -> str:
     """The line that refuses a file of this content."""
     (tmp_path / name).write_bytes(content.encode())
     with pytest.raises(InputError) as refused:
-        list(mp3d.houses(tmp_path, "category_mapping_name"))
+        list(houses(tmp_path, "category_mapping_name"))
     line = str(refused.value)
     assert line.startswith(f"{tmp_path / name}: ")
     return line
@@ -115,7 +117,7 @@ def write(path: Path, content: str) -> None:
 @pytest.mark.parametrize("line_end", ["\n", "\r\n"])
 def test_objects_of_a_house_stand_in_the_room_of_their_region(tmp_path: Path, version: str, line_end: str) -> None:
     write(tmp_path / "x.house", house(version=version).replace("\n", line_end))
-    rows, left = mined(list(mp3d.houses(tmp_path, "category_mapping_name")))
+    rows, left = mined(list(houses(tmp_path, "category_mapping_name")))
     assert rows == EXPECTED
     assert left == [12, 9, 6, 4]  # three of no region or category; three in Z, - and ?; a wall and an unknown
 
@@ -123,7 +125,7 @@ def test_objects_of_a_house_stand_in_the_room_of_their_region(tmp_path: Path, ve
 def test_objects_go_by_the_other_name_where_params_say_so(tmp_path: Path) -> None:
     write(tmp_path / "x.house", house())
     words = Vocabulary(WORDS.rooms, ["wall", "void"], {})
-    heads = [row[3] for row in mined(list(mp3d.houses(tmp_path, "mpcat40")), words)[0]]
+    heads = [row[3] for row in mined(list(houses(tmp_path, "mpcat40")), words)[0]]
     assert heads == ["chest of drawers", "chest of drawers", "towel", "towel"]
 
 
@@ -139,7 +141,7 @@ def test_houses_are_found_in_folders_below_and_read_in_order(tmp_path: Path) -> 
     write(tmp_path / "b/house_segmentations/b.house", house(name="b"))
     write(tmp_path / "a/deep/down/a.house", house(OBJECTS[2:3], name="a"))
     write(tmp_path / "a/deep/down/a.fsegs.json", "{}")
-    rows, left = mined(list(mp3d.houses(tmp_path, "category_mapping_name")))
+    rows, left = mined(list(houses(tmp_path, "category_mapping_name")))
     assert rows == [("a", "bathroom", "2", "towel", "bathroom", 1), *[("b", *row[1:]) for row in EXPECTED]]
     assert left == [13, 10, 7, 5]
 
@@ -147,13 +149,13 @@ def test_houses_are_found_in_folders_below_and_read_in_order(tmp_path: Path) -> 
 def test_a_house_without_objects_in_rooms_has_no_observations(tmp_path: Path) -> None:
     write(tmp_path / "a.house", house((), name="a"))
     write(tmp_path / "b.house", house(OBJECTS[6:], name="b"))
-    assert mined(list(mp3d.houses(tmp_path, "category_mapping_name"))) == ([], [6, 3, 0, 0])
+    assert mined(list(houses(tmp_path, "category_mapping_name"))) == ([], [6, 3, 0, 0])
 
 
 def test_a_house_is_read_only_when_it_is_mined(tmp_path: Path) -> None:
     write(tmp_path / "a.house", house(name="a"))
     write(tmp_path / "b.house", "broken")
-    parts = mp3d.mine(mp3d.houses(tmp_path, "category_mapping_name"), WORDS, Counter())
+    parts = mp3d.mine(houses(tmp_path, "category_mapping_name"), WORDS, Counter())
     assert next(parts).num_rows == len(EXPECTED)
     with pytest.raises(InputError, match=r"b\.house"):
         next(parts)
@@ -221,7 +223,7 @@ def test_what_is_no_house_is_refused(tmp_path: Path, content: str) -> None:
 def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
     (tmp_path / "x.house").write_bytes(b"ASCII 1.1\nH \xff\xfe\n")
     with pytest.raises(InputError, match=r"x\.house: expected a \.house file"):
-        list(mp3d.houses(tmp_path, "category_mapping_name"))
+        list(houses(tmp_path, "category_mapping_name"))
 
 
 def test_the_same_house_twice_is_refused(tmp_path: Path) -> None:
@@ -234,8 +236,8 @@ def test_the_same_house_twice_is_refused(tmp_path: Path) -> None:
 def test_a_folder_without_houses_is_refused(tmp_path: Path) -> None:
     write(tmp_path / "scene/house_segmentations.zip", "")
     for folder in (tmp_path, tmp_path / "missing"):
-        with pytest.raises(InputError, match=rf"^{re.escape(str(folder))}: .*mp3d\.houses"):
-            list(mp3d.houses(folder, "mpcat40"))
+        with pytest.raises(InputError, match=rf"^{re.escape(str(folder))}: .*\.house files"):
+            list(houses(folder, "mpcat40"))
 
 
 # Tallies
@@ -254,7 +256,7 @@ ROOMS = {"bedroom": "bedroom", "living room": "living room", "family room": "liv
 
 def tallied(tmp_path: Path, content: str) -> list[Seen]:
     (tmp_path / "tallies.csv").write_text(content, encoding="utf-8")
-    return mp3d.tallies(tmp_path / "tallies.csv", ROOMS)
+    return tallies(tmp_path / "tallies.csv", ROOMS)
 
 
 def test_tallies_add_up_over_region_types_and_names_of_one_meaning(tmp_path: Path) -> None:
@@ -286,17 +288,22 @@ def test_broken_tallies_are_refused(tmp_path: Path, content: str, places: list[s
     assert all(place in line for place in places), line
 
 
-def test_a_region_type_that_the_tallies_lack_is_refused_by_its_param(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"mp3d\.rooms\.tallies: 'family room'"):
+def test_a_region_type_that_the_tallies_lack_is_refused_by_the_setting_that_names_it(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"tallies\.csv: room 'family room': .*setting rooms"):
         tallied(tmp_path, TALLIES.replace("family room", "lounge"))
 
 
 def test_missing_tallies_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.csv: expected a CSV file"):
-        mp3d.tallies(tmp_path / "none.csv", ROOMS)
+        tallies(tmp_path / "none.csv", ROOMS)
 
 
 # What ships
+
+
+def settings(source: str) -> dict[str, Any]:
+    """Those of params.yaml."""
+    return settings_of(read_params(paths.PARAMS)["sources"][source], f"sources.{source}")[1]
 
 
 @pytest.fixture(scope="module")
@@ -312,9 +319,8 @@ def test_the_published_tallies_are_whole(published: pd.DataFrame) -> None:
 
 
 def test_the_mined_tallies_add_up_to_the_published_ones(published: pd.DataFrame) -> None:
-    given = load(paths.PARAMS).mp3d
-    seen = mp3d.tallies(paths.MP3D_TALLIES, given.rooms.tallies)
-    rows, left = mined([seen], Vocabulary(given.rooms.tallies, given.structure, given.same_as))
+    words = Vocabulary(**settings("mp3d"))
+    rows, left = mined([tallies(paths.MP3D_TALLIES, words.rooms)], words)
     lounging = published["room"].isin(["living room", "family room", "lounge"])
     kept = published[lounging | published["room"].isin(["bathroom", "bedroom", "kitchen"])]
     no_structure = kept[~kept["object"].isin(["banister", "column", "door", "furniture", "handle", "railing", "stairs",
@@ -334,13 +340,13 @@ def test_the_mined_tallies_add_up_to_the_published_ones(published: pd.DataFrame)
 @pytest.fixture(scope="module")
 def ai2thor_names() -> dict[str, set[str]]:
     """What AI2-THOR calls its objects, materials of either source, affordances and rooms."""
-    given = load(paths.PARAMS).ai2thor
-    scenes = ai2thor.read_recording(ai2thor.locate(given.recording), given.sha256)
+    given = settings("ai2thor")
+    scenes = ai2thor.read_recording(ai2thor.locate(given["recording"]), given["sha256"])
     things = [thing for scene in scenes for thing in scene.objects]
     shares = materials.read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
     reported = {material for named in materials.simulator(0, things) for material in named}
     return {
-        "object": {ai2thor.entity_name(thing["objectType"]) for thing in things},
+        "object": {entity_name(thing["objectType"]) for thing in things},
         "material": set(shares.columns) | reported,
         "affordance": {name for pair in ai2thor.AFFORDANCES.values() for name in pair},
         "room": {room for _, room, _ in ai2thor.ROOMS},
@@ -348,116 +354,18 @@ def ai2thor_names() -> dict[str, set[str]]:
 
 
 def test_names_of_the_same_thing_lead_to_entities_of_ai2thor(ai2thor_names: dict[str, set[str]]) -> None:
-    given = load(paths.PARAMS).mp3d
-    assert set(given.same_as.values()) - ai2thor_names["object"] == {"drinking glass", "sheet of paper"}
-    assert not set(given.same_as) & ai2thor_names["object"]
+    words = Vocabulary(**settings("mp3d"))
+    assert set(words.same_as.values()) - ai2thor_names["object"] == {"drinking glass", "sheet of paper"}
+    assert not set(words.same_as) & ai2thor_names["object"]
 
 
 def test_published_categories_are_objects_of_ai2thor_or_bear_a_name_of_their_own_with_a_definition(
     published: pd.DataFrame, ai2thor_names: dict[str, set[str]]
 ) -> None:
-    given = load(paths.PARAMS).mp3d
-    named = {given.same_as.get(name, name) for name in set(published["object"]) - set(given.structure)}
+    words = Vocabulary(**settings("mp3d"))
+    named = {words.same_as.get(name, name) for name in set(published["object"]) - set(words.structure)}
     new = named - ai2thor_names["object"]
     assert not new & set().union(*ai2thor_names.values())
     assert new <= set(pd.read_csv(paths.DEFINITIONS)["phrase"])
-    assert set(load(paths.PARAMS).affordances.entities) <= new
-
-
-# The graph
-
-ENTITIES = pd.DataFrame(
-    [("bedroom", "room"), ("fabric", "material"), ("kitchen", "room"), ("lamp", "object"), ("open", "affordance"),
-     ("wood", "material")], columns=["entity", "kind"],
-).assign(source="ai2thor", phrase=lambda table: table["entity"])  # fmt: skip
-TRIPLES = pd.DataFrame(
-    [("lamp", "atLocation", "kitchen", 2), ("lamp", "hasMaterial", "wood", 3)],
-    columns=["head", "relation", "tail", "count"],
-).assign(source="ai2thor")
-
-
-def observed(*seen: tuple[str, str, int]) -> pd.DataFrame:
-    """Observations of (object, room, count)."""
-    frame = pd.DataFrame(seen, columns=["head", "tail", "count"])
-    return frame.assign(room=frame["tail"], relation="atLocation", scene=None, instance=None)
-
-
-OBSERVED = observed(
-    ("stove", "kitchen", 5), ("lamp", "kitchen", 9), ("fan", "kitchen", 2), ("fan", "bedroom", 4),
-    ("stove", "kitchen", 1), ("purse", "bedroom", 5),
-)  # fmt: skip
-
-
-def test_objects_that_the_graph_lacks_are_counted_over_rooms() -> None:
-    unknown = candidates.unknown_objects(OBSERVED, ENTITIES, "mp3d.parquet")
-    assert unknown.to_dict() == {"fan": 6, "purse": 5, "stove": 6}
-    assert candidates.frequent(unknown, 6, ENTITIES, "mp3d.parquet").to_dict() == {"fan": 6, "stove": 6}
-    assert list(candidates.frequent(unknown, 5, ENTITIES, "mp3d.parquet").index) == ["fan", "purse", "stove"]
-
-
-@pytest.mark.parametrize(("name", "kind"), [("wood", "material"), ("open", "affordance"), ("bedroom", "room")])
-def test_an_object_is_not_merged_with_an_entity_of_another_kind(name: str, kind: str) -> None:
-    unknown = candidates.unknown_objects(observed((name, "kitchen", 6)), ENTITIES, "mp3d.parquet")
-    assert candidates.frequent(unknown, 7, ENTITIES, "mp3d.parquet").empty
-    with pytest.raises(InputError, match=rf"mp3d\.parquet: object '{name}': .* {kind}.*mp3d\.same_as"):
-        candidates.frequent(unknown, 6, ENTITIES, "mp3d.parquet")
-
-
-def test_a_room_that_the_graph_lacks_is_refused() -> None:
-    with pytest.raises(InputError, match=r"mp3d\.parquet: room 'bathroom'"):
-        candidates.unknown_objects(observed(("fan", "bathroom", 6)), ENTITIES, "mp3d.parquet")
-
-
-def test_new_entities_and_their_triples_come_behind_those_of_the_graph() -> None:
-    encoded = TRIPLES.astype({"head": "category", "relation": "category", "tail": "category", "source": "category"})
-    entities, triples = candidates.extend(ENTITIES, encoded, OBSERVED, ["fan", "stove"], "mp3d")
-    pd.testing.assert_frame_equal(entities.iloc[: len(ENTITIES)], ENTITIES, check_dtype=False)
-    assert list(entities.iloc[len(ENTITIES) :][tables.ENTITIES.names].itertuples(index=False, name=None)) == [
-        ("fan", "object", "mp3d", "fan"),
-        ("stove", "object", "mp3d", "stove"),
-    ]
-    assert list(triples[tables.TRIPLES.names].itertuples(index=False, name=None)) == [
-        ("lamp", "atLocation", "kitchen", 2, "ai2thor"),  # none of the nine of Matterport3D
-        ("lamp", "hasMaterial", "wood", 3, "ai2thor"),
-        ("fan", "atLocation", "bedroom", 4, "mp3d"),
-        ("fan", "atLocation", "kitchen", 2, "mp3d"),
-        ("stove", "atLocation", "kitchen", 6, "mp3d"),
-    ]
-
-
-@given(
-    names=st.lists(st.text("abcxyz ", min_size=1), min_size=1, max_size=30, unique=True),
-    number=st.integers(1, 40),
-    root=st.integers(0, 5),
-    data=st.data(),
-)
-def test_as_many_as_there_are_or_are_asked_for_are_drawn_and_some_always(
-    names: list[str], number: int, root: int, data: st.DataObject
-) -> None:
-    always = data.draw(st.lists(st.sampled_from(names), unique=True, max_size=number))
-    enough = pd.Series(6, index=sorted(names))
-    drawn = candidates.draw(enough, number, always, root)
-    assert len(drawn) == min(number, len(names))
-    assert set(always) <= set(drawn) <= set(names)
-    assert all(one < other for one, other in pairwise(drawn))
-    assert drawn == candidates.draw(enough, number, always[::-1], root)
-
-
-def test_every_entity_is_as_likely_to_be_drawn() -> None:
-    enough = pd.Series(6, index=sorted(LETTERS))
-    times = Counter(name for root in range(400) for name in candidates.draw(enough, 3, ["fan"], root))
-    assert times.pop("fan") == 400
-    assert set(times) == set(LETTERS) - {"fan"}
-    assert all(120 < number < 200 for number in times.values())  # 160 expected, deviation 10
-
-
-@pytest.mark.parametrize(
-    ("always", "number", "key"),
-    [
-        (["bottle"], 3, "affordances.entities: 'bottle'"),
-        (["fan", "stove"], 1, "transfer.candidates: "),
-    ],
-)
-def test_entities_that_cannot_be_drawn_are_refused_by_their_param(always: list[str], number: int, key: str) -> None:
-    with pytest.raises(InputError, match=rf"^params\.yaml: {re.escape(key)}"):
-        candidates.draw(pd.Series(6, index=sorted(LETTERS)), number, always, 0)
+    extension = read_params(paths.PARAMS)["experiments"]["transfer"]["graph"]["extend"]
+    assert set(extension["always"]) <= new

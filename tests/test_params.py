@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 import yaml
 
-from isi import paths
-from isi.errors import InputError
+from isi.base import paths
+from isi.base.errors import InputError
+from isi.base.params import Count, Section, check, keywords, options
+from isi.base.stage import Given, Provenance
+from isi.initializers import options_of
 from isi.params import Params, load
-from tools.workspace import change
+from isi.studies.sweeps import Sweep
+from tools.workspace import DROP, change
 
 
 def changed(tmp_path: Path, changes: dict[str, Any]) -> Params:
@@ -20,13 +25,17 @@ def changed(tmp_path: Path, changes: dict[str, Any]) -> Params:
     for key, value in changes.items():
         change(raw, key, value)
     path = tmp_path / "params.yaml"
-    path.write_text(yaml.safe_dump(raw), encoding="utf-8")
+    path.write_text(yaml.safe_dump(raw, sort_keys=False), encoding="utf-8")
     return load(path)
 
 
 CROSS_VALIDATION: dict[str, object] = {
-    "folds": 5, "dimension": [40, 200], "ratio": [1, 5, 18], "learning_rate": [0.025, 0.05, 0.2, 0.4],
-    "weight_decay": [0.0, 0.0001, 0.01],
+    "experiments": ["ai2thor"], "folds": 5, "dimension": [40, 200], "ratio": [1, 5, 18],
+    "learning_rate": [0.025, 0.05, 0.2, 0.4], "weight_decay": [0.0, 0.0001, 0.01],
+}  # fmt: skip
+HOUSES: dict[str, object] = {
+    "reader": "mp3d_houses", "folder": "houses", "category": "mpcat40", "rooms": {"k": "kitchen"}, "structure": [],
+    "same_as": {},
 }  # fmt: skip
 
 
@@ -49,11 +58,12 @@ def renamed(key: str, misspelt: str) -> str:
 
 
 def test_the_params_of_the_repository_load_with_the_papers_values() -> None:
-    params = load(paths.PARAMS)
-    assert params.sessions.sizes == list(range(1, 11))
-    assert params.sessions.seeds == 30
-    assert params.initializers.options("xavier") == {}
-    assert params.initializers.options("ers") == {"k": 9, "candidates": 30}
+    params = load()
+    sessions = params.experiments["ai2thor"].sessions
+    assert (sessions.sizes, sessions.seeds, sessions.steps) == (list(range(1, 11)), 30, 1)
+    assert params.experiments["transfer"].sessions.sizes == [10]
+    assert params.initializers["xavier"] == {}
+    assert params.initializers["ers"] == {"k": 9, "candidates": 30}
 
 
 @pytest.mark.parametrize(
@@ -61,11 +71,13 @@ def test_the_params_of_the_repository_load_with_the_papers_values() -> None:
     [
         ("\nseed:", "\nsede:", "sede"),
         ("\nfinetuning:", "\nfinetunning:", "finetunning"),
-        ("min_count:", "min_cuont:", "graph.min_cuont"),
+        ("min_count: 1          #", "min_cuont: 1          #", "experiments.ai2thor.graph.min_cuont"),
         ("insert_fraction:", "insert_fration:", "sessions.insert_fration"),
-        ("candidates: 30", "canditates: 30", "initializers.ers.canditates"),
-        ("es:\n    k:", "es:\n    kk:", "initializers.es.kk"),
-        ("  ers:\n", "  esr:\n", "initializers.ers"),  # the one that is missing: others may be one's own
+        ("candidates: 30          #", "canditates: 30          #", "initializers.ers.canditates"),
+        ("\n  es:\n    k:", "\n  es:\n    kk:", "initializers.es.kk"),
+        ("\n  ers:\n    k", "\n  esr:\n    k", "'ers'"),  # a line of dvc plots is of it
+        ("\n  mp3d:\n", "\n  mp3:\n", "'mp3d'"),
+        ("\n  ai2thor:                  #", "\n  ai2tor:                  #", "'ai2thor'"),
     ],
 )
 def test_a_misspelt_key_is_refused_by_name(tmp_path: Path, key: str, misspelt: str, named: str) -> None:
@@ -73,10 +85,14 @@ def test_a_misspelt_key_is_refused_by_name(tmp_path: Path, key: str, misspelt: s
 
 
 @pytest.mark.parametrize(
-    ("key", "named"), [("typo", "typo"), ("graph.typo", "graph.typo"), ("initializers.es.typo", "initializers.es.typo")]
-)
-def test_a_key_too_many_is_refused(tmp_path: Path, key: str, named: str) -> None:
-    with pytest.raises(InputError, match=rf": {named}: "):
+    "key",
+    [
+        "typo", "experiments.ai2thor.typo", "experiments.transfer.graph.extend.typo", "initializers.es.typo",
+        "families.transe.typo", "sources.mp3d.typo", "sweep.typo", "compare_families.families.analogy.typo",
+    ],
+)  # fmt: skip
+def test_a_key_too_many_is_refused(tmp_path: Path, key: str) -> None:
+    with pytest.raises(InputError, match=rf": {key}: "):
         changed(tmp_path, {key: 1})
 
 
@@ -86,35 +102,57 @@ def test_a_key_too_many_is_refused(tmp_path: Path, key: str, named: str) -> None
         ("seed", "0"),
         ("seed", -1),
         ("seed", 0.5),
-        ("ai2thor.sha256", "5BB9"),
-        ("ai2thor.recording", None),
-        ("mp3d.source", "csv"),
-        ("mp3d.source", "house"),  # and no folder
-        ("mp3d.category", "nyu40"),
-        ("mp3d.rooms.tallies", {"spa": "spa"}),
-        ("mp3d.rooms.house", {"q": "kitchen"}),
-        ("mp3d.rooms.house", {}),
-        ("mp3d.min_observations", 0),
-        ("mp3d.structure", "wall"),
-        ("mp3d.same_as", {"wall": "painting"}),  # which is structure
-        ("materials.source", "sungc"),
-        ("graph.min_count", 0),
+        ("sources.ai2thor.sha256", "5BB9"),
+        ("sources.ai2thor.recording", None),
+        ("sources.ai2thor.materials", "sungc"),
+        ("sources.ai2thor.reader", "unity"),
+        ("sources.ai2thor.reader", None),
+        ("sources.ai2thor", 3),
+        ("sources.mp3d", {**HOUSES, "folder": None}),
+        ("sources.mp3d.rooms", {}),
+        ("sources.mp3d.structure", "wall"),
+        ("sources.mp3d.same_as", {"wall": "painting"}),  # which is structure
+        ("experiments", {}),
+        ("experiments.ai2thor.graph.source", "home"),
+        ("experiments.ai2thor.graph.min_count", 0),
+        ("experiments.transfer.graph.extend.source", "home"),
+        ("experiments.transfer.graph.extend.min_observations", 0),
+        ("experiments.transfer.graph.extend.candidates", 9),  # fewer than are drawn of them
+        ("experiments.transfer.graph.extend.always", ["fan", "fan"]),
+        ("experiments.transfer.sessions.sizes", [51]),
+        ("experiments.transfer.sessions.sizes", [5, 10]),  # where novel is added
+        ("experiments.transfer.sessions.steps", 6),  # of 10 of 50
+        ("experiments.transfer.sessions.novel", "any"),  # though its graph is extended
+        ("experiments.ai2thor.sessions.novel", "added"),  # though its graph is not
+        ("experiments.ai2thor.sessions.novel", "all"),
+        ("experiments.ai2thor.sessions.novel", 3),
+        ("experiments.ai2thor.sessions.seeds", True),
+        ("experiments.ai2thor.sessions.seeds", 0),
+        ("experiments.ai2thor.sessions.seeds", 30.0),
+        ("experiments.ai2thor.sessions.sizes", []),
+        ("experiments.ai2thor.sessions.sizes", 5),
+        ("experiments.ai2thor.sessions.sizes", [1, 0]),
+        ("experiments.ai2thor.sessions.sizes", [1, "2"]),
+        ("experiments.ai2thor.sessions.sizes", [1, 2, 1]),
+        ("experiments.ai2thor.sessions.steps", 0),
+        ("experiments.ai2thor.followed", 5),
+        ("experiments.ai2thor.initializers", "xavier"),
+        ("experiments.ai2thor.initializers", ["xaver"]),
         ("words.text", "definitions"),
-        ("sessions.seeds", True),
-        ("sessions.seeds", 0),
-        ("sessions.seeds", 30.0),
-        ("sessions.sizes", []),
-        ("sessions.sizes", 5),
-        ("sessions.sizes", [1, 0]),
-        ("sessions.sizes", [1, "2"]),
-        ("sessions.sizes", [1, 2, 1]),
+        ("words.sha256", "5BB9"),
         ("sessions.valid", 0.0),
         ("sessions.test", 1.0),
         ("sessions.test", 0.9),  # with 0.1 to validate on, nothing is left to train on
         ("sessions.insert_fraction", 0.0),
         ("sessions.insert_fraction", 1.01),
+        ("embedding.family", "analog"),
         ("embedding.dimension", 50),  # halves of 25 make no 2x2 blocks
+        ("embedding.dimension", 0),
         ("embedding.init_range", 0),
+        ("families.transe.margin", 0),
+        ("families.transe.squared", 1),
+        ("families.analogy", {"margin": 1.0}),
+        ("families.analog", {}),
         ("negatives.mode", "all"),
         ("negatives.ratio", "9"),
         ("negatives.head_pool", "none"),
@@ -127,31 +165,42 @@ def test_a_key_too_many_is_refused(tmp_path: Path, key: str, named: str) -> None
         ("training.patience", 0),
         ("finetuning.max_epochs", 0),
         ("convergence.margin", 1),
-        ("insert.initializers", []),
-        ("insert.initializers", "xavier"),
+        ("initializers", {}),
+        ("initializers.xaver", {}),
+        ("initializers.joint", {}),
         ("initializers.xavier", 3),
+        ("initializers.xavier", {"k": 3}),
+        ("initializers.es", {}),
         ("initializers.rs.k", 0),
         ("initializers.ers.candidates", "30"),
         ("initializers.es_permuted.k", 0),
         ("initializers.gaussian.k", 3),
-        ("curves.sizes", 5),
+        ("plots.initializers", ["xaver"]),
+        ("sweep.experiments", ["home"]),
+        ("sweep.initializers", {}),
+        ("sweep.initializers", {"xaver": {}}),
+        ("sweep.initializers.ers", {}),
+        ("sweep.initializers.es.candidates", 30),
         ("sweep.k", []),
         ("sweep.k", [2, 1]),
         ("sweep.k", [1, 1, 2]),
-        ("sweep.size", 11),  # none of sessions.sizes
-        ("sweep.seeds", 31),  # more than the sessions have
+        ("sweep.size", 11),  # none of its experiment's
+        ("sweep.seeds", 31),  # more than its experiment has
+        ("rates.experiments", ["home"]),
         ("rates.factors", []),
         ("rates.factors", [1]),
         ("rates.factors", [2.0, 2.0]),
         ("rates.size", 11),
+        ("cross_validation.experiments", "ai2thor"),
         ("cross_validation.folds", 1),
         ("cross_validation.dimension", [30]),
         ("cross_validation.learning_rate", [0.0]),
         ("cross_validation", CROSS_VALIDATION | {"ratio": [1, 2, 3, 4]}),  # 14 settings
         ("approach.size", 11),
         ("approach.seed", 30),
-        ("transfer.size", 51),
-        ("transfer.candidates", 9),
+        ("compare_families.seeds", 31),
+        ("compare_families.families", {"analog": {"learning_rate": 0.1, "weight_decay": 0.0}}),
+        ("affordances.experiments", ["home"]),
         ("affordances.entities", ["fan", "fan"]),
         ("affordances.entities", []),
         ("compute.workers", 0),
@@ -173,25 +222,61 @@ def test_a_wrong_type_or_a_value_out_of_range_is_refused_by_its_key(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("key", "value"),
-    [("seed", 0), ("sessions.insert_fraction", 1), ("sessions.insert_fraction", 1.0), ("embedding.dimension", 4),
-     ("training.weight_decay", 0), ("training.learning_rate", 1), ("compute.workers", 1), ("compute.workers", "all"),
-     ("curves.sizes", []), ("sweep.seeds", 1), ("sweep.seeds", 30), ("approach.seed", 29),
-     ("cross_validation.ratio", []), ("words.source", "word2vec-google-news-300"), ("materials.source", "simulator")],
+    "changes",
+    [
+        {"seed": 0},
+        {"sessions.insert_fraction": 1},
+        {"sessions.insert_fraction": 1.0},
+        {"embedding.dimension": 4, "cross_validation.dimension": []},
+        {"embedding.family": "distmult", "embedding.dimension": 7, "compare_families.experiments": []},  # no blocks
+        {"cross_validation.experiments": [], "cross_validation.dimension": [30]},  # left out
+        {"training.weight_decay": 0},
+        {"training.learning_rate": 1},
+        {"compute.workers": 1},
+        {"compute.workers": "all"},
+        {"experiments.ai2thor.followed": []},
+        {"experiments.ai2thor.initializers": ["xavier", "rs"]},
+        {"experiments.ai2thor.sessions.novel": ["object", "room"]},
+        {"experiments.ai2thor.sessions.steps": 3},
+        {"experiments.transfer.sessions.sizes": [50]},
+        {"experiments.transfer.sessions.steps": 5},
+        {"experiments.ai2thor.graph.extend": None},
+        {"experiments.published": DROP},
+        {"experiments.transfer": DROP, "affordances.experiments": []},
+        {"sweep.seeds": 1},
+        {"sweep.seeds": 30},
+        {"approach.seed": 29},
+        {"sweep.experiments": [], "sweep.size": 11},  # left out
+        {"cross_validation.ratio": []},
+        {"words.source": "word2vec-google-news-300"},
+        {"words.sha256": "0" * 64},
+        {"sources.ai2thor.materials": "simulator"},
+        {"sources.mp3d": HOUSES},
+        {"initializers.gaussian": DROP, "plots.initializers": ["xavier"]},
+    ],
+    ids=str,
+)
+def test_values_at_the_edge_of_their_range_are_accepted(tmp_path: Path, changes: dict[str, object]) -> None:
+    found: Any = changed(tmp_path, changes).model_dump()
+    for key, value in changes.items():
+        *parents, last = key.split(".")
+        section = found
+        for parent in parents:
+            section = section[parent]
+        assert last not in section if value is DROP else section[last] == value
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "seed", "training", "experiments.ai2thor.graph", "experiments.ai2thor.graph.min_count",
+        "experiments.ai2thor.sessions.seeds", "initializers.ers.k", "sources.mp3d.reader", "sources.mp3d.rooms",
+        "families.rotate.margin",
+    ],
 )  # fmt: skip
-def test_values_at_the_edge_of_their_range_are_accepted(tmp_path: Path, key: str, value: object) -> None:
-    assert changed(tmp_path, {key: value}).pick((key,)) == {key: value}
-
-
-@pytest.mark.parametrize("key", ["seed", "graph", "graph.min_count", "initializers.ers", "initializers.ers.k"])
 def test_a_missing_key_is_refused_by_its_path(tmp_path: Path, key: str) -> None:
-    raw = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
-    *parents, last = key.split(".")
-    section = raw
-    for parent in parents:
-        section = section[parent]
-    del section[last]
-    assert refusal(tmp_path, yaml.safe_dump(raw)).startswith(f"{key}: ")
+    with pytest.raises(InputError, match=rf"params\.yaml: {key}: "):
+        changed(tmp_path, {key: DROP})
 
 
 @pytest.mark.parametrize(
@@ -200,9 +285,9 @@ def test_a_missing_key_is_refused_by_its_path(tmp_path: Path, key: str) -> None:
         ("seed: 0\nai2thor: [\n", "line 3"),
         ("seed: 0\n\tgraph: 1\n", "line 2"),
         (b"seed: \xff\xfe\n", ""),
-        ("", "dictionary"),
-        ("- seed\n", "dictionary"),
-        ("a photograph, not YAML", "dictionary"),
+        ("", "mapping"),
+        ("- seed\n", "mapping"),
+        ("a photograph, not YAML", "mapping"),
     ],
 )
 def test_what_is_no_yaml_mapping_is_refused_with_its_line(tmp_path: Path, text: str | bytes, place: str) -> None:
@@ -214,12 +299,17 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         load(tmp_path / "params.yaml")
 
 
+def test_params_cannot_be_changed_after_they_were_checked() -> None:
+    with pytest.raises(ValueError, match="frozen"):
+        load().experiments["ai2thor"].graph.min_count = 2
+
+
 # Cross-validation
 
 
 def test_settings_are_the_choice_and_then_one_factor_changed_at_a_time(tmp_path: Path) -> None:
-    few = {"folds": 2, "dimension": [40], "ratio": [], "learning_rate": [0.1, 0.2], "weight_decay": [0]}
-    settings = changed(tmp_path, {"cross_validation": few}).settings
+    few = {"experiments": [], "folds": 2, "dimension": [40], "ratio": [], "learning_rate": [0.1, 0.2]}
+    settings = changed(tmp_path, {"cross_validation": few | {"weight_decay": [0]}}).settings
     assert [tuple(setting.model_dump().values()) for setting in settings] == [
         (100, 9, 0.1, 0.001),
         (40, 9, 0.1, 0.001),
@@ -234,56 +324,87 @@ def test_settings_move_with_the_choice(tmp_path: Path) -> None:
     assert len(moved.settings) == 12  # 0.2 is listed and 0.1 is not
 
 
-# Initializers of one's own
-
-OWN = {"insert.initializers": ["xavier", "mine"]}
+# Initializers of an experiment
 
 
-def test_options_of_an_own_initializer_are_taken_when_it_is_inserted(tmp_path: Path) -> None:
-    options = {"k": 3, "temperature": 0.5, "metric": "l2", "signed": True}
-    params = changed(tmp_path, OWN | {"initializers.mine": options})
-    assert params.initializers.options("mine") == options
-    assert params.pick(("initializers.mine", "initializers.mine.k")) == {
-        "initializers.mine": options,
-        "initializers.mine.k": 3,
-    }
+def test_an_experiment_runs_all_initializers_or_those_that_it_lists_in_the_order_of_params(tmp_path: Path) -> None:
+    params = changed(tmp_path, {"experiments.transfer.initializers": ["mean", "iu"]})
+    assert params.initializers_of("ai2thor") == list(params.initializers)
+    assert params.initializers_of("transfer") == ["iu", "mean"]
 
 
-def test_an_own_initializer_needs_an_entry_that_may_be_empty(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"initializers\.mine: expected its options"):
-        changed(tmp_path, OWN)
-    assert changed(tmp_path, OWN | {"initializers.mine": {}}).initializers.options("mine") == {}
+def test_a_sweep_of_one_initializer_needs_the_options_of_no_other() -> None:
+    values = {"sweep.experiments": ["home"], "sweep.k": [1, 4], "sweep.size": 2, "sweep.seeds": 3}
+    given = Given(values | {"sweep.initializers.ers": {"candidates": 30}}, Provenance("sweep_indicators", {}))
+    assert Sweep.of(given, "ers").model_dump() == {
+        "experiments": ["home"], "k": [1, 4], "size": 2, "seeds": 3, "initializers": {"ers": {"candidates": 30}}
+    }  # fmt: skip
+    with pytest.raises(LookupError, match=r"sweep\.initializers\.es"):
+        Sweep.of(given, "es")
+    other = Given({**given.values, "sweep.k": [4, 1]}, given.provenance)
+    with pytest.raises(InputError, match=r"^params\.yaml: sweep: k must ascend"):
+        Sweep.of(other, "ers")
 
 
-def test_options_of_an_own_initializer_are_refused_when_it_is_not_inserted(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"initializers\.mine.*insert\.initializers"):
-        changed(tmp_path, {"initializers.mine": {"k": 3}})
+# Options from a signature
 
 
-def test_options_of_the_papers_initializers_stay_checked_beside_an_own_one(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"initializers\.es\.typo"):
-        changed(tmp_path, OWN | {"initializers.mine": {"k": 3}, "initializers.es.typo": 3})
+def cook(dish: str, minutes: Count, heat: Literal["low", "high"] = "low", *, salt: float = 0.5) -> str:
+    return f"{dish}, {minutes} minutes, {heat}, {salt}"
 
 
-@pytest.mark.parametrize("options", [{"k": [1, 2]}, {"k": None}, {"k": {"a": 1}}, 3])
-def test_options_that_are_no_scalars_are_refused(tmp_path: Path, options: object) -> None:
-    with pytest.raises(InputError, match=r"params\.yaml: initializers\.mine"):
-        changed(tmp_path, OWN | {"initializers.mine": options})
+def raw(dish: str) -> str:
+    return dish
 
 
-# Picking
+def test_options_are_the_parameters_after_the_first_with_their_defaults() -> None:
+    section = options(cook)
+    assert issubclass(section, Section)
+    assert list(section.model_fields) == ["minutes", "heat", "salt"]
+    assert [name for name, field in section.model_fields.items() if field.is_required()] == ["minutes"]
+    assert list(options(raw).model_fields) == []
 
 
-def test_pick_gives_values_at_dotted_keys_sections_whole_and_null_for_the_absent() -> None:
-    params = load(paths.PARAMS)
-    assert params.pick(("sessions.seeds", "initializers.ers", "initializers.nobody", "graph.min_count.deeper")) == {
-        "sessions.seeds": 30,
-        "initializers.ers": {"k": 9, "candidates": 30},
-        "initializers.nobody": None,
-        "graph.min_count.deeper": None,
-    }
+def test_keywords_are_options_with_what_they_leave_out() -> None:
+    given = keywords(cook, {"minutes": 3}, "recipes.soup")
+    assert given == {"minutes": 3, "heat": "low", "salt": 0.5}
+    assert cook("soup", **given) == "soup, 3 minutes, low, 0.5"
+    assert keywords(cook, {"minutes": 3, "heat": "high", "salt": 1}, "recipes.soup")["heat"] == "high"
+    assert keywords(raw, {}, "recipes.carrot") == {}
 
 
-def test_params_cannot_be_changed_after_they_were_checked() -> None:
-    with pytest.raises(ValueError, match="frozen"):
-        load(paths.PARAMS).graph.min_count = 2
+@pytest.mark.parametrize(
+    ("function", "given", "named"),
+    [
+        (cook, {}, "recipes.soup.minutes: "),
+        (cook, {"minutes": 0}, "recipes.soup.minutes: .*got 0"),
+        (cook, {"minutes": True}, "recipes.soup.minutes: "),
+        (cook, {"minutes": "3"}, "recipes.soup.minutes: "),
+        (cook, {"minutes": 3, "heat": "medium"}, "recipes.soup.heat: .*got 'medium'"),
+        (cook, {"minutes": 3, "dish": "stew"}, "recipes.soup.dish: "),
+        (cook, {"minutes": 3, "tiem": 2, "salt": "no"}, r"recipes.soup.tiem: .*\(and 1 more\)"),
+        (raw, {"minutes": 3}, "recipes.soup.minutes: "),
+        (raw, None, "recipes.soup: .*got None"),
+        (cook, 3, "recipes.soup: .*got 3"),
+        (cook, [("minutes", 3)], "recipes.soup: "),
+    ],
+)
+def test_options_that_a_function_does_not_take_are_refused_by_name(
+    function: Callable[..., str], given: Any, named: str
+) -> None:
+    with pytest.raises(InputError, match=rf"^params\.yaml: {named}") as refused:
+        keywords(function, given, "recipes.soup")
+    assert "\n" not in str(refused.value)
+
+
+def test_an_unknown_initializer_is_refused_with_the_names_of_those_there_are() -> None:
+    with pytest.raises(InputError, match=r"^params\.yaml: initializers\.xaver: .*\bers, es, .*\bxavier, got 'xaver'$"):
+        options_of("xaver", {}, "initializers.xaver")
+
+
+def test_a_value_is_checked_against_any_type() -> None:
+    assert check([1, 2], list[Count], "sizes") == [1, 2]
+    with pytest.raises(InputError, match=r"^params\.yaml: sizes\.1: .*got 0$"):
+        check([1, 0], list[Count], "sizes")
+    with pytest.raises(InputError, match=r"^other\.yaml: seed: .*got None$"):
+        check(None, Count, "seed", Path("other.yaml"))  # type: ignore[arg-type]

@@ -22,18 +22,31 @@ import yaml
 from dvc.repo import Repo
 from safetensors.torch import load_file
 
+from tests import documented
 from tools import workspace
 
 #: The paper's, and one control.
 ISI = ("es", "rs", "ers")
+EXPERIMENTS = ("ai2thor", "transfer", "published")
 INITIALIZERS = ("xavier", "iu", "es", "rs", "ers", "es_permuted")
+FAMILIES = ("complex", "transe")
 SMALL: dict[str, Any] = {
-    "sessions.seeds": 3, "sessions.sizes": [1, 2], "embedding.dimension": 8, "training.max_epochs": 4,
-    "training.evaluate_every": 2, "finetuning.max_epochs": 3, "curves.sizes": [2], "compute.stack": 2,
-    "sweep.k": [1, 8], "sweep.size": 2, "sweep.seeds": 2, "rates.size": 2, "approach.size": 2, "approach.epochs": 2,
-    "cross_validation": {"folds": 3, "dimension": [12], "ratio": [], "learning_rate": [0.2], "weight_decay": []},
-    "insert.initializers": list(INITIALIZERS), "transfer.seeds": 3,
+    "experiments.ai2thor.sessions.seeds": 3, "experiments.ai2thor.sessions.sizes": [1, 2],
+    "experiments.ai2thor.followed": [2], "experiments.transfer.sessions.seeds": 3,
+    "experiments.published.sessions.seeds": 2, "experiments.published.sessions.sizes": [2],
+    "experiments.published.followed": [2], "experiments.published.initializers": ["xavier", "ers"],
+    "embedding.dimension": 8, "training.max_epochs": 4, "training.evaluate_every": 2, "finetuning.max_epochs": 3,
+    "compute.stack": 2, "sweep.k": [1, 8], "sweep.size": 2, "sweep.seeds": 2, "rates.size": 2,
+    "approach.size": 2, "approach.epochs": 2, "cross_validation.folds": 3, "cross_validation.dimension": [12],
+    "cross_validation.ratio": [], "cross_validation.learning_rate": [0.2], "cross_validation.weight_decay": [],
+    "initializers.gaussian": workspace.DROP, "initializers.gaussian_centred": workspace.DROP,
+    "initializers.mean": workspace.DROP, "plots.initializers": list(INITIALIZERS), "compare_families.seeds": 2,
+    "compare_families.families.analogy": workspace.DROP, "compare_families.families.distmult": workspace.DROP,
+    "compare_families.families.rotate": workspace.DROP,
 }  # fmt: skip
+#: Of its stages: 3 sources; graph, words, sessions, theta0 and joint of 3 experiments; insertion; affordances,
+#: cross-validation, the approach and the report; indicators; rates; families.
+STAGES = 3 + 3 * 5 + 3 * len(INITIALIZERS) + 4 + len(ISI) + len(INITIALIZERS) + len(FAMILIES)
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
 
@@ -83,7 +96,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A workspace in which the pipeline has run."""
     made = tmp_path_factory.mktemp("pipeline")
     workspace.make(made, SMALL)
-    assert len(ran(dvc(made, "repro"))) == 16 + 2 * len(INITIALIZERS) + len(ISI)
+    assert len(ran(dvc(made, "repro"))) == STAGES
     return made
 
 
@@ -126,11 +139,11 @@ def test_all_initializers_start_from_the_same_earlier_knowledge(folder: Path) ->
 
 def test_every_size_of_the_indicator_set_is_swept_with_the_first_seeds(folder: Path) -> None:
     for name in ISI:
-        runs = pd.read_parquet(folder / f"data/sweeps/indicators/{name}.parquet")
+        runs = pd.read_parquet(folder / f"data/studies/indicators/ai2thor/{name}.parquet")
         cells = runs[["k", "size", "seed"]].drop_duplicates()
         assert cells.to_numpy().tolist() == [[k, 2, seed] for k in (1, 8) for seed in (0, 1)]
         assert set(runs["scope"]) == SCOPES | {"novel"}
-    swept = pd.read_parquet(folder / "data/sweeps/indicators/es.parquet")
+    swept = pd.read_parquet(folder / "data/studies/indicators/ai2thor/es.parquet")
     main = pd.read_parquet(folder / "data/runs/ai2thor/es.parquet").query("size == 2")  # of 8 indicators
     same = swept.merge(main, on=["seed", "epoch", "scope"], suffixes=("", " of main")).dropna(subset=["mrr_star"])
     equal = (same["mrr_star"] == same["mrr_star of main"]).groupby(same["k"]).all()
@@ -138,13 +151,12 @@ def test_every_size_of_the_indicator_set_is_swept_with_the_first_seeds(folder: P
 
 
 def test_other_rates_start_from_the_same_vectors(folder: Path) -> None:
-    rates = pd.read_parquet(folder / "data/sweeps/rates.parquet")
-    assert set(rates["initializer"]) == set(INITIALIZERS)
-    assert set(rates["factor"]) == {0.5, 2.0}
     for name in INITIALIZERS:
+        rates = pd.read_parquet(folder / f"data/studies/rates/ai2thor/{name}.parquet")
+        assert set(rates["factor"]) == {0.5, 2.0}
         main = pd.read_parquet(folder / f"data/runs/ai2thor/{name}.parquet").query("size == 2")
         for factor in (0.5, 2.0):
-            own = rates[(rates["initializer"] == name) & (rates["factor"] == factor)]
+            own = rates[rates["factor"] == factor]
             both = own.merge(main, on=["seed", "epoch", "scope"], suffixes=("", " of main"))
             same = (both["mrr_star"] == both["mrr_star of main"]) | both["mrr_star"].isna()
             assert same[both["epoch"] == 0].all()
@@ -152,7 +164,7 @@ def test_other_rates_start_from_the_same_vectors(folder: Path) -> None:
 
 
 def test_every_setting_is_cross_validated_on_every_fold(folder: Path) -> None:
-    table = pd.read_parquet(folder / "data/cross_validation/ai2thor.parquet")
+    table = pd.read_parquet(folder / "data/studies/cross_validation/ai2thor.parquet")
     settings = table[["dimension", "ratio", "learning_rate", "weight_decay", "fold"]].to_numpy().tolist()
     expected = [(8, 9, 0.1, 0.001), (8, 9, 0.2, 0.001), (12, 9, 0.1, 0.001)]
     assert settings == [[*setting, fold] for setting in expected for fold in range(3)]
@@ -161,7 +173,7 @@ def test_every_setting_is_cross_validated_on_every_fold(folder: Path) -> None:
 
 
 def test_the_entity_of_figure_1_starts_where_the_experiment_inserts_it(folder: Path) -> None:
-    traced = load_file(folder / "data/approach/ai2thor.safetensors")
+    traced = load_file(folder / "data/studies/approach/ai2thor.safetensors")
     novel = pd.read_parquet(folder / "data/sessions/ai2thor/novel.parquet").query("size == 2 and seed == 0")["entity"]
     place = novel.tolist().index(int(traced["entity"]))
     theta0 = load_file(folder / "data/embeddings/ai2thor/theta0/size=02.safetensors")
@@ -199,7 +211,7 @@ def test_tables_name_their_stage_and_params(folder: Path) -> None:
 
 def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
     page = (folder / "reports/index.html").read_text(encoding="utf-8")
-    assert page.count("<svg") == 7
+    assert page.count("<svg") == 7 + 2 + 1  # two more of the paper's graph, and the map of families
     assert "src=" not in page
     assert "<script" not in page
     assert "<link" not in page
@@ -243,7 +255,7 @@ def test_each_repeat_of_the_transfer_has_ai2thors_entities_and_its_ten(folder: P
     assert entities["entity"][: len(old)].tolist() == old["entity"].tolist()
     novel, told = table("sessions/transfer/novel"), table("sessions/transfer/insert_triples")
     ids = dict(zip(entities["entity"], entities.index, strict=True))
-    answers = table("runs/transfer/es.affordances")
+    answers = table("studies/affordances/transfer").query("initializer == 'es'")
     for seed, split in table("sessions/transfer/splits").groupby("seed"):
         drawn = set(novel[novel["seed"] == seed]["entity"])
         assert len(drawn) == 10
@@ -267,23 +279,43 @@ def test_editing_the_indicators_of_es_re_runs_es_and_the_report_alone(folder: Pa
     before = {
         path: path.read_bytes()
         for path in files
-        if path.name.split(".")[0] not in ("es", "rates") and path.parent.name != "approach"
+        if path.name.split(".")[0] != "es" and path.parent.name not in ("approach", "affordances")
     }
     set_param(folder, "initializers.es.k", 3)
-    again = {"insert@es", "transfer_insert@es", "vary_rate", "trace_approach", "report"}
+    again = {*(f"insert@{name}-es" for name in EXPERIMENTS), "vary_rate@ai2thor-es", "trace_approach@ai2thor",
+             "rank_affordances@transfer", "report"}  # fmt: skip
     assert ran(dvc(folder, "repro")) == again
     assert {path: path.read_bytes() for path in before} == before
 
 
+def test_undoing_an_edit_runs_nothing_but_the_report(folder: Path) -> None:
+    edited = (folder / "data/runs/ai2thor/es.parquet").read_bytes()
+    set_param(folder, "initializers.es.k", 8)
+    assert ran(dvc(folder, "repro")) <= {"report"}  # whose outputs git keeps; all others come back from the cache
+    assert (folder / "data/runs/ai2thor/es.parquet").read_bytes() != edited
+    assert not json.loads(dvc(folder, "status", "--json"))
+
+
+def test_an_output_that_is_gone_comes_back_by_checkout(folder: Path) -> None:
+    path = folder / "data/runs/ai2thor/es.parquet"
+    before = path.read_bytes()
+    path.unlink()
+    dvc(folder, "checkout", "--force")
+    assert path.read_bytes() == before
+
+
 def test_editing_a_param_of_one_experiment_touches_that_experiment_and_the_report_alone(folder: Path) -> None:
     edits: dict[str, tuple[object, set[str]]] = {
-        "transfer.size": (9, {"transfer_sessions"}),
-        "mp3d.min_observations": (7, {"transfer_graph"}),
-        "sweep.k": ([2], {f"sweep_indicators@{name}" for name in ISI}),
-        "cross_validation.folds": (2, {"cross_validate"}),
-        "rates.factors": ([3.0], {"vary_rate"}),
-        "approach.epochs": (3, {"trace_approach"}),
-        "curves.sizes": ([1], {f"insert@{name}" for name in INITIALIZERS}),
+        "experiments.transfer.sessions.sizes": ([9], {"make_sessions@transfer"}),
+        "experiments.transfer.graph.extend.min_observations": (7, {"build_graph@transfer"}),
+        "sources.mp3d.structure": ([], {"mine@mp3d"}),
+        "sweep.k": ([2], {f"sweep_indicators@ai2thor-{name}" for name in ISI}),
+        "sweep.initializers.ers.candidates": (20, {"sweep_indicators@ai2thor-ers"}),
+        "cross_validation.folds": (2, {"cross_validate@ai2thor"}),
+        "rates.factors": ([3.0], {f"vary_rate@ai2thor-{name}" for name in INITIALIZERS}),
+        "approach.epochs": (3, {"trace_approach@ai2thor"}),
+        "compare_families.families.transe.learning_rate": (0.3, {"compare_families@ai2thor-transe"}),
+        "experiments.ai2thor.followed": ([1], {f"insert@ai2thor-{name}" for name in INITIALIZERS}),
     }
     params = (folder / "params.yaml").read_text(encoding="utf-8")
     assert not json.loads(dvc(folder, "status", "--json"))
@@ -293,14 +325,38 @@ def test_editing_a_param_of_one_experiment_touches_that_experiment_and_the_repor
         (folder / "params.yaml").write_text(params, encoding="utf-8")
 
 
+def test_an_edit_of_one_plug_in_touches_what_uses_it_alone(folder: Path) -> None:
+    own = {*(f"insert@{name}-rs" for name in EXPERIMENTS), "sweep_indicators@ai2thor-rs", "vary_rate@ai2thor-rs"}
+    edits = {
+        "isi/initializers/rs.py": own | {"trace_approach@ai2thor"},
+        "isi/families/transe.py": {"compare_families@ai2thor-transe"},
+        "isi/report/sections/__init__.py": set(),
+        "isi/studies/tracing.py": {"trace_approach@ai2thor"},
+    }
+    for name, expected in edits.items():
+        path = folder / name
+        text = path.read_text(encoding="utf-8")
+        path.write_text(f"{text}\n# edited\n", encoding="utf-8")
+        assert set(json.loads(dvc(folder, "status", "--json"))) == expected | {"report"}, name
+        path.write_text(text, encoding="utf-8")
+
+
 def test_nothing_of_one_experiment_depends_on_another() -> None:
     graph = Repo(str(workspace.ROOT)).index.graph  # from a stage to those that it depends on
     names = {stage: stage.addressing for stage in graph}
-    leaves = ("sweep_indicators", "vary_rate", "cross_validate", "trace_approach", "insert@")
+    leaves = (
+        "sweep_indicators",
+        "vary_rate",
+        "cross_validate",
+        "trace_approach",
+        "rank_affordances",
+        "compare_families",
+    )
     for stage, name in names.items():
         after = {names[other] for other in nx.ancestors(graph, stage)} - {"report"}
-        if "transfer" in name:
-            assert all("transfer" in other for other in after)
+        own = name.partition("@")[2].split("-")[0]
+        if own in EXPERIMENTS and not name.startswith("mine"):
+            assert all(other.partition("@")[2].split("-")[0] == own for other in after), name
         if name.startswith(leaves):
             assert not after
 
@@ -310,30 +366,65 @@ def test_the_number_of_workers_re_runs_nothing_and_changes_no_byte(folder: Path)
     set_param(folder, "compute.stack", 3)
     assert not ran(dvc(folder, "repro"))
     before = {path: path.read_bytes() for path in (folder / "data/runs").rglob("*.*")}
-    dvc(folder, "repro", "--force", "--single-item", "insert@rs")
+    dvc(folder, "repro", "--force", "--single-item", "insert@ai2thor-rs")
     assert {path: path.read_bytes() for path in before} == before
 
 
-def test_an_initializer_of_ones_own_goes_from_function_to_report(folder: Path) -> None:
-    """Follows the README's section on it, with its code."""
-    readme = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
-    code = readme.partition("<!-- own initializer -->\n```python\n")[2].partition("```")[0]
-    assert "@initializer" in code
-    with (folder / "isi/initializers.py").open("a", encoding="utf-8") as file:
-        file.write(f"\n\n{code}")
-    set_param(folder, "insert.initializers", [*INITIALIZERS, "nearest"])
-    set_param(folder, "initializers.nearest", {"scale": 0.5})
-    inserted = {f"{stage}@{name}" for stage in ("insert", "transfer_insert") for name in (*INITIALIZERS, "nearest")}
-    others = {f"sweep_indicators@{name}" for name in ISI} | {"vary_rate", "trace_approach", "report"}
-    assert ran(dvc(folder, "repro")) == inserted | others
-    assert "nearest" in (folder / "reports/tables/immediate.md").read_text(encoding="utf-8")
-    vectors = load_file(folder / "data/runs/ai2thor/nearest.safetensors")
-    assert vectors["size=02"].shape == (3, 2, 8)
+#: Household words, so that each has a word vector: head, relation, tail and count.
+NOTEBOOK = [
+    f"{head},{relation},{tail},{1 + number % 3}"
+    for relation, heads, tails in (
+        ("on", ("apple", "bowl", "bread", "cup", "egg", "fork", "knife", "pan", "plate"), ("shelf", "sink", "sofa")),
+        ("beside", ("lamp", "laptop", "mirror", "pillow", "safe", "spoon"), ("apple", "bowl", "bread", "toaster")),
+    )
+    for number, (head, tail) in enumerate((head, tail) for head in heads for tail in tails)
+]  # fmt: skip
+
+
+def test_things_of_ones_own_go_from_their_files_to_the_report(tmp_path: Path) -> None:
+    """Follows docs/extending.md, with its code and params."""
+    changes: dict[str, Any] = {key: value for key, value in SMALL.items() if not key.startswith("experiments.")}
+    changes |= {"training.batch_size": 64, "finetuning.batch_size": 64}
+    changes |= {f"experiments.{name}": workspace.DROP for name in EXPERIMENTS}
+    changes |= {f"sources.{name}": workspace.DROP for name in ("ai2thor", "mp3d", "published")}
+    for study in ("sweep", "cross_validation", "rates", "approach", "compare_families", "affordances"):
+        changes[f"{study}.experiments"] = []
+    for own in ("initializer", "family", "source", "experiment"):
+        changes |= documented.params(f"own {own} params")
+    workspace.make(tmp_path, changes)
+    for folder, name, own in (
+        ("isi/initializers", "nearest", "initializer"), ("isi/families", "transh", "family"),
+        ("isi/sources", "notebook", "source"), ("isi/report/sections", "queries", "section"),
+        ("stages", "count_triples", "stage"),
+    ):  # fmt: skip
+        (tmp_path / folder / f"{name}.py").write_text(documented.code(f"own {own}"), encoding="utf-8")
+    contents = tmp_path / "isi/report/contents.py"
+    listed = contents.read_text(encoding="utf-8")
+    assert listed.count('    "run",\n') == 1
+    contents.write_text(listed.replace('    "run",\n', '    "queries",\n    "run",\n'), encoding="utf-8")
+    pipeline = (tmp_path / "dvc.yaml").read_text(encoding="utf-8")
+    own_stage = documented.block("own stage dvc", "yaml").removeprefix("stages:\n")
+    (tmp_path / "dvc.yaml").write_text(pipeline.replace("\nplots:\n", f"\n{own_stage}\nplots:\n"), encoding="utf-8")
+    (tmp_path / "data/raw/notebook.csv").write_text(
+        "\n".join(["head,relation,tail,count", *NOTEBOOK]), encoding="utf-8"
+    )
+    set_param(tmp_path, "experiments.notebook.initializers", ["xavier", "nearest"])
+    stages = ran(dvc(tmp_path, "repro"))
+    assert {"mine@notebook", "train_theta0@notebook", "insert@notebook-nearest", "count_triples@notebook"} <= stages
+    runs = pd.read_parquet(tmp_path / "data/runs/notebook/nearest.parquet")
+    assert set(runs["session"]) == {1, 2}
+    joint = load_file(tmp_path / "data/embeddings/notebook/joint.safetensors")
+    assert joint["relation"].shape[1:] == (2, 16)  # TransH's rows are twice as long
+    assert "Nearest" in (tmp_path / "reports/tables/immediate.md").read_text(encoding="utf-8")
+    assert (tmp_path / "reports/tables/queries.csv").stat().st_size
+    assert "How much is asked" in (tmp_path / "reports/index.html").read_text(encoding="utf-8")
+    counted = pd.read_parquet(tmp_path / "data/studies/triples/notebook.parquet").set_index("entity")["triples"]
+    assert counted["apple"] == 3 + 6
 
 
 def test_nothing_goes_on_after_dvc_is_killed_and_nothing_half_done_counts(tmp_path: Path) -> None:
     workspace.make(tmp_path, SMALL | {"training.max_epochs": 5000, "training.patience": 5000, "compute.workers": 2})
-    dvc(tmp_path, "repro", "make_sessions")
+    dvc(tmp_path, "repro", "make_sessions@ai2thor")
     command = [sys.executable, "-m", "dvc", "repro", "train_theta0@ai2thor"]
     environment = ENVIRONMENT | {"SHELL": "/bin/sh"}  # which, unlike bash, may wait for its last command
     run = subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

@@ -1,22 +1,96 @@
-"""The README shows what the pipeline made, and nothing else."""
+"""The README and the pages of docs/ show what was made, and nothing else; their links lead somewhere."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
+import pytest
+
+from isi.base.params import read
 from tools import readme
 
-ROOT = Path(__file__).parent.parent
-TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [*readme.pages(), *(readme.ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md"))]
+LINK = re.compile(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)")
+HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
+
+each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
 
-def test_its_tables_are_those_that_were_made() -> None:
-    assert len(readme.PLACE.findall(TEXT)) >= 5
-    assert readme.filled(TEXT) == TEXT
+@each_page
+def test_what_pages_show_is_what_was_made(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert readme.filled(text) == text, "make readme"
+    assert len(re.findall("<!-- (?:table|value):", text)) == len(readme.PLACE.findall(text)), "a place without an end"
+    assert not re.search("^ {0,3}<!-- value", text, re.MULTILINE), "it would end the paragraph"
 
 
-def test_its_links_lead_somewhere() -> None:
-    links = re.findall(r"\]\(([^)#]+)\)", TEXT)
-    missing = [link for link in links if not link.startswith("https://") and not (ROOT / link).exists()]
-    assert not missing
+def test_pages_show_tables_of_the_report_and_of_the_benchmarks() -> None:
+    shown = {what for page in PAGES for _, _, what, *_ in readme.PLACE.findall(page.read_text(encoding="utf-8"))}
+    assert {path.split("/")[0].split(" ")[0] for path in shown} == {"docs", "reports", "params"}
+
+
+@each_page
+def test_links_lead_somewhere(page: Path) -> None:
+    for path, anchor in LINK.findall(page.read_text(encoding="utf-8")):
+        if path.startswith("https://"):
+            continue
+        target = page.parent / path if path else page
+        assert target.exists(), path
+        if anchor:
+            assert anchor in {slug(heading) for heading in HEADING.findall(target.read_text(encoding="utf-8"))}, anchor
+
+
+def slug(heading: str) -> str:
+    """What a heading is linked by, as forges make it."""
+    return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+
+
+def test_the_method_lists_every_stage() -> None:
+    text = (readme.ROOT / "docs/method.md").read_text(encoding="utf-8")
+    section = text.partition("## The stages\n")[2].partition("\n## ")[0]
+    listed = re.findall(r"^\| `(\w+)", section, re.MULTILINE)
+    assert listed == list(read(readme.ROOT / "dvc.yaml")["stages"])
+
+
+def test_what_the_method_says_of_rates_and_batches_is_in_its_tables() -> None:
+    training, tuning = (
+        {rate: float(readme.value(["docs/benchmarks/rates", row, str(rate)])) for rate in rates}
+        for row, rates in (("training", (0.1, 0.2, 0.4)), ("fine-tuning", (0.01, 0.02, 0.04, 0.08, 0.16)))
+    )
+    assert max(training.values()) - min(training.values()) <= 1
+    assert min(rate for rate in tuning if tuning[rate] >= max(tuning.values()) - 0.5) == 0.04
+    assert readme.value(["params", "finetuning.learning_rate"]) == "0.04"
+    assert readme.value(["params", "training.learning_rate"]) == "0.1"
+    for row in ("training", "fine-tuning"):
+        small, large = (float(readme.value(["docs/benchmarks/batch_sizes", row, size])) for size in ("512", "2,048"))
+        assert 0 <= round(small - large, 1) <= 0.5
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    (tmp_path / "reports").mkdir()
+    (tmp_path / "reports/times.md").write_text(
+        "| what | models |  ms |\n|:-----|-------:|----:|\n| a, b |      1 | 2.5 |\n| a, b |      5 |   3 |\n"
+    )
+    (tmp_path / "params.yaml").write_text("training: {rate: 0.10}  # a comment\n")
+    return tmp_path
+
+
+def test_places_take_tables_cells_and_params(small: Path) -> None:
+    page = (
+        "<!-- table: reports/times -->\nold\n<!-- end -->\n"
+        "takes <!-- value: reports/times | a, b | 5 | ms -->?<!-- end --> ms "
+        "at <!-- value: params | training.rate --><!-- end -->\n"
+    )
+    made = readme.filled(page, small)
+    assert "| a, b |      1 | 2.5 |\n" in made
+    assert "old" not in made
+    assert "| ms -->3<!-- end --> ms at <!-- value: params | training.rate -->0.1<!-- end -->\n" in made
+    assert readme.filled(made, small) == made
+
+
+@pytest.mark.parametrize("what", ["a, b | ms", "a, b | 6 | ms", "a, b | 5 | s"])
+def test_a_place_that_names_no_one_cell_is_refused(small: Path, what: str) -> None:
+    with pytest.raises(LookupError, match="rows, columns what, models, ms"):
+        readme.filled(f"<!-- value: reports/times | {what} -->1<!-- end -->", small)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,46 +10,42 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_hex
 
-from isi import params
-from isi.report import approach, cross_validation, figures, page, rates, sensitivity, tables
-from isi.report.results import Results
-
-ROOT = Path(__file__).parent.parent
-EMPTY = pd.DataFrame()
-PAPER = {
-    "indicators": {"es": 8, "rs": 18, "ers": 9},
-    "training": {"dimension": 100, "ratio": 9, "learning_rate": 0.2, "weight_decay": 0.001},
-}
+from isi.learning.convergence import epochs_to_convergence
+from isi.report import figures, page, statistics
+from isi.report.models import colour, label
+from isi.report.prose import joined, listed, reached
+from isi.report.sections import approach, cross_validation, earlier, families, rates, sensitivity, words
+from tests.reports import INITIALIZERS, runs, small_params
 
 
-def results(rows: list[tuple[str, str, int, int, int, float]], **others: Any) -> Results:
-    """Results of runs (model, scope, size, seed, epoch, MRR*), four queries each, and of other studies."""
-    columns = ["model", "scope", "size", "seed", "epoch", "mrr_star"]
-    runs = pd.DataFrame(rows, columns=columns).assign(queries=4)
-    empty = dict.fromkeys(
-        ("definitions", "observations", "entities", "triples", "coverage", "splits", "novel", "insert_triples",
-         "theta0_log", "joint_log", "inserted", "ties", "sweep", "rates", "cross_validation", "affordances",
-         "transfer", "mined"), EMPTY,
-    )  # fmt: skip
-    given = {"params": params.load(ROOT / "params.yaml"), "paper": PAPER, "runs": runs, "approach": {}}
-    return Results(**(empty | given | others))
+def converged(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
+    """Epochs to convergence against joint models of 70 points."""
+    cells = rows[["scope", "size", "seed"]].drop_duplicates().assign(mrr_star=0.7)
+    return epochs_to_convergence(rows, cells, 0.08, 150, by)
 
 
 def test_improvement_is_the_ratio_of_means_at_each_size_averaged_over_sizes() -> None:
-    made = results(
+    at_once = runs(
         [
             ("xavier", "all", 1, 0, 0, 0.2), ("xavier", "all", 1, 1, 0, 0.6), ("xavier", "all", 2, 0, 0, 0.5),
             ("es", "all", 1, 0, 0, 0.6), ("es", "all", 1, 1, 0, 0.6), ("es", "all", 2, 0, 0, 0.5),
-            ("es", "all", 2, 0, 1, 0.9),
         ]
     )  # fmt: skip
     # size 1: 0.6 / 0.4 = 1.5; size 2: 0.5 / 0.5 = 1: a quarter on average (the ratio of all means is another)
-    assert tables.improvement_over_xavier(made, "all")["es"] == pytest.approx(25)
+    assert statistics.improvement(at_once, "all")["es"] == pytest.approx(25)
+    assert statistics.improvement(at_once[at_once["model"] == "es"], "all") == {}
+
+
+def test_fewer_epochs_is_against_the_mean_of_xavier() -> None:
+    cells = [("xavier", 8), ("xavier", 12), ("es", 2), ("es", 3)]
+    convergence = pd.DataFrame(cells, columns=["model", "epochs"]).assign(scope="all")
+    assert statistics.fewer_epochs(convergence) == pytest.approx({"xavier": 0, "es": 75})
+    assert statistics.fewer_epochs(convergence, "novel") == {}
 
 
 def test_the_interval_is_students() -> None:
     values, by = pd.Series([1.0, 2.0, 3.0, np.nan, 5.0, 4.0, 4.0]), pd.Series([7, 7, 7, 7, 8, 9, 9])
-    found = figures.intervals(values, by)
+    found = statistics.intervals(values, by)
     mean, low, high = found.loc[7]
     assert mean == 2
     assert (low, high) == pytest.approx((2 - 4.302653 / 3**0.5, 2 + 4.302653 / 3**0.5))  # t of 2 degrees, 97.5 %
@@ -73,7 +69,7 @@ def test_the_interval_is_students() -> None:
     ],
 )
 def test_definitions_name_what_they_say_in_regular_inflections(text: str, phrase: str, named: bool) -> None:
-    assert tables.names(text, phrase) is named
+    assert words.names(text, phrase) is named
 
 
 def test_numbers_are_shown_as_people_read_them() -> None:
@@ -84,13 +80,22 @@ def test_numbers_are_shown_as_people_read_them() -> None:
     assert shown["text"].tolist() == ["a", "b", "c"]
 
 
+def test_numbers_in_sentences() -> None:
+    assert [joined([]), joined(["a"]), joined("abc")] == ["none", "a", "a, b and c"]
+    assert listed({"es": 1.25, "rs": 2.0, "xavier": 3.0}, ["xavier", "es", "ers"]) == "Xavier 3.0 and ES 1.2"
+    assert reached({"iu": 40.0, "es": 1.0}, {"iu": 12.4, "es": 0.0}, ["iu", "es"]) == (
+        "IU 40.0 (12 % of runs never get there) and ES 1.0"
+    )
+
+
 def test_the_rule_picks_from_what_is_about_novel_entities() -> None:
     novel, epochs = {1: 0.60, 2: 0.62, 3: 0.62, 4: 0.55, 5: 0.70}, {1: 30, 2: 20, 3: 10, 4: 5, 5: 0}
     columns = ["model", "k", "scope", "size", "seed", "epoch", "mrr_star", "queries"]
+    models = ["es", "rs", "ers"]
     swept = pd.DataFrame(
         [
             row
-            for model in ("es", "rs", "ers")
+            for model in models
             for k in novel
             for row in (
                 (model, k, "novel", 5, 0, 0, novel[k], 4),
@@ -101,23 +106,26 @@ def test_the_rule_picks_from_what_is_about_novel_entities() -> None:
         ],
         columns=columns,
     )
-    found = results([("joint", "all", 5, 0, 0, 0.7), ("joint", "novel_heldout", 5, 0, 0, 0.7)], sweep=swept)
-    table = sensitivity.indicator_sizes(found).frame.set_index("initializer")
+    found = sensitivity.means(swept[swept["epoch"] == 0], converged(swept, ["model", "k"]), models)
+    chosen = sensitivity.chosen_sizes(found, {"es": {"k": 4}, "rs": {}}, {"es": 8, "ers": 9})
+    table = sensitivity.indicator_sizes(found, chosen).frame.set_index("initializer")
     # epochs fall on and on; of MRR* size 4 has 7 points less than the best before it
     assert table["picked by the rule"].to_dict() == {"ES": 3, "RS": 3, "ERS": 3}
-    assert table["paper"].to_dict() == {"ES": 8, "RS": 18, "ERS": 9}
+    assert table["paper"].dropna().to_dict() == {"ES": 8, "ERS": 9}
+    assert table["this run"].dropna().to_dict() == {"ES": 4}
     assert table.loc["ES", ["picked: MRR*", "picked: epochs", "best MRR*", "best at"]].tolist() == [62, 10, 70, 5]
 
 
 def test_cross_validation_marks_the_choices_and_gives_the_spread_over_folds() -> None:
-    params_ = params.load(ROOT / "params.yaml")
+    settings = [setting.model_dump() for setting in small_params(["home"]).settings]
     rows = [
-        setting.model_dump() | {"fold": fold, "mrr_star": value, "mrr_star_entity": 0.5, "mrr_star_relation": 0.9,
-                                "mrr": 0.4, "epoch": 20}
-        for setting in params_.settings for fold, value in enumerate((0.6, 0.7))
+        setting | {"fold": fold, "mrr_star": value, "mrr_star_entity": 0.5, "mrr_star_relation": 0.9, "mrr": 0.4,
+                   "epoch": 20}
+        for setting in settings for fold, value in enumerate((0.6, 0.7))
     ]  # fmt: skip
     rows[0]["mrr_star"] = 0.4
-    table = cross_validation.cross_validation(results([], cross_validation=pd.DataFrame(rows))).frame
+    stated = {"dimension": 100, "ratio": 9, "learning_rate": 0.2, "weight_decay": 0.001}
+    table = cross_validation.cross_validation(pd.DataFrame(rows), settings, stated, 2).frame
     assert len(table) == 13
     ours, other = table.iloc[0], table[table["learning rate"] == "0.2"].iloc[0]
     assert (ours["choice of"], other["choice of"]) == ("this run", "paper")
@@ -126,19 +134,77 @@ def test_cross_validation_marks_the_choices_and_gives_the_spread_over_folds() ->
     assert other["MRR*"] == pytest.approx(65)
 
 
+def test_the_best_value_of_a_factor_has_the_others_as_chosen() -> None:
+    settings = [setting.model_dump() for setting in small_params(["home"]).settings]
+    rows = [setting | {"fold": fold, "mrr_star": 0.5} for setting in settings for fold in (0, 1)]
+    table, choice = pd.DataFrame(rows), settings[0]
+    table = table.sort_values(["dimension", "ratio", "learning_rate", "weight_decay"])
+    table.loc[table["dimension"] == 40, "mrr_star"] = [0.9, 0.4]
+    table.loc[table["learning_rate"] == 0.2, "mrr_star"] = [0.6, 0.6]
+    assert cross_validation.best(table, choice, "dimension") == 40
+    assert cross_validation.best(table, choice, "learning_rate") == 0.2
+    assert cross_validation.best(table, choice, "ratio") == choice["ratio"]  # equals: the choice, which is first
+    assert "dimension 40" in cross_validation.sentence(table, choice)
+    assert "65.0" in cross_validation.sentence(table, choice)
+    table["mrr_star"] = np.where(table["learning_rate"] == 0.1, table["mrr_star"], 0.1)
+    table.loc[table["dimension"] == 40, "mrr_star"] = 0.2
+    assert "no other setting has more" in cross_validation.sentence(table, choice)
+
+
+def test_families_stand_with_what_was_chosen_for_them_and_go_by_mrr_star() -> None:
+    columns = ["family", "seed", "mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "valid_mrr_star", "epochs"]
+    rows = pd.DataFrame(
+        [("transe", 0, 0.5, 0.1, 0.9, 0.3, 0.6, 40), ("transe", 1, 0.7, 0.3, 1.0, 0.5, 0.8, 60),
+         ("complex", 0, 0.9, 0.8, 1.0, 0.7, 0.9, 20)], columns=columns,
+    )  # fmt: skip
+    chosen = {"transe": {"learning_rate": 0.1, "weight_decay": 0.0, "margin": 4.0, "squared": False},
+              "complex": {"learning_rate": 0.05, "weight_decay": 0.001}}  # fmt: skip
+    table = families.families(rows, chosen, 2)
+    frame = table.frame.set_index("family")
+    assert list(frame.index) == ["TransE", "ComplEx"]
+    assert frame.loc["TransE", ["MRR*", "entity half", "relation half", "MRR", "epochs"]].tolist() == pytest.approx(
+        [60, 20, 95, 40, 50]
+    )
+    assert frame.loc["TransE", "std"] == pytest.approx(100 * 0.2 / 2**0.5)
+    assert frame.loc["TransE", ["learning rate", "weight decay", "margin", "squared"]].tolist() == [
+        "0.1",
+        "0",
+        "4",
+        "no",
+    ]
+    assert page.shorten(table.frame)["margin"].tolist() == ["4", "–"]
+    assert families.sentence(rows) == "MRR*, best first: ComplEx 90.0 and TransE 60.0."
+
+
 def test_the_order_at_other_rates_is_told_as_it_is() -> None:
     def run(model: str, factor: float, epoch: int) -> dict[str, Any]:
         cell = {"scope": "all", "size": 5, "seed": 0, "queries": 4}
         return {"model": model, "factor": factor, "epoch": epoch, "mrr_star": 0.7} | cell
 
-    main = [("joint", "all", 5, 0, 0, 0.7), ("es", "all", 5, 0, 3, 0.7), ("rs", "all", 5, 0, 4, 0.7)]
-    half = [run("es", 0.5, 6), run("rs", 0.5, 8)]
-    same = results(main, rates=pd.DataFrame([*half, run("es", 2, 1), run("rs", 2, 2)]))
-    assert "same at every rate, fewest epochs first: ES, RS." in rates.order_of_initializers(same, "all")
-    tied = results(main, rates=pd.DataFrame([*half, run("es", 2, 1), run("rs", 2, 1)]))
-    assert rates.order_of_initializers(tied, "all").endswith("ES, RS at ×0.5; ES, RS at ×1; ES = RS at ×2.")
-    table = rates.convergence_by_rate(tied).frame.set_index("initializer")
+    def cells(*rows: dict[str, Any]) -> pd.DataFrame:
+        every = [run("es", rates.AS_CHOSEN, 3), run("rs", rates.AS_CHOSEN, 4), run("es", 0.5, 6), run("rs", 0.5, 8)]
+        return converged(pd.DataFrame([*every, *rows]), ["model", "factor"])
+
+    same, tied = cells(run("es", 2, 1), run("rs", 2, 2)), cells(run("es", 2, 1), run("rs", 2, 1))
+    models = ["es", "rs"]
+    assert "same at every rate, fewest epochs first: ES, RS." in rates.order_of_initializers(same, models, "all")
+    text = rates.order_of_initializers(tied, models, "all")
+    assert text.endswith("ES, RS at ×0.5; ES, RS at ×1; ES = RS at ×2.")
+    assert "has no queries" in rates.order_of_initializers(tied, models, "novel_heldout")
+    table = rates.convergence_by_rate(tied, models, 5, 0.04).frame.set_index("initializer")
     assert table.loc["RS", ["×0.5: mean", "×1: mean", "×2: mean"]].tolist() == [8, 4, 1]
+
+
+def test_crowding_is_what_is_lost_with_the_novel_entities_alone() -> None:
+    rows = runs(
+        [("es", "known", 5, seed, epoch, value - seed / 10) for seed in (0, 1)
+         for epoch, value in enumerate((0.7, 0.5, 0.8))] + [("es", "known_closed", 5, 0, 0, 0.9)]
+    )  # fmt: skip
+    frame = earlier.corruption(rows.assign(mrr_star_entity=0.1, mrr_star_relation=1.0), ["es", "rs"], 5).frame
+    assert frame[["model", "scope"]].to_numpy().tolist() == [["ES", "known"], ["ES", "known_closed"]]
+    columns = ["lowest MRR*", "MRR* at once", "MRR* at the end"]
+    assert frame.loc[0, columns].tolist() == pytest.approx([45, 65, 75])
+    assert frame.loc[1, columns].tolist() == pytest.approx([90, 90, 90])
 
 
 def test_the_plane_is_that_of_the_covariances_first_eigenvectors() -> None:
@@ -152,33 +218,40 @@ def test_the_plane_is_that_of_the_covariances_first_eigenvectors() -> None:
     assert (axes.max(1) == np.abs(axes).max(1)).all()
 
 
-def test_without_a_followed_size_the_table_of_corruption_says_so() -> None:
-    how = params.load(ROOT / "params.yaml")
-    unfollowed = how.model_copy(update={"curves": how.curves.model_copy(update={"sizes": [99]})})
-    table = tables.corruption(results([("es", "known", 5, 0, 0, 0.5)], params=unfollowed))
-    assert table.frame.empty
-    assert "no size in curves.sizes was inserted" in table.caption
-
-
 def test_curves_have_bands_but_for_controls() -> None:
     rows = [(model, "all", 5, seed, epoch, 0.5 + 0.1 * seed)
             for model in ("es", "mean", "joint") for seed in (0, 1) for epoch in (0, 1)]  # fmt: skip
-    canvas = figures.follow(results(rows), 5, ("all", "all"))
+    canvas = figures.by_epoch(runs(rows), ["es", "mean"], ("all", "all"))
     bands = [to_hex(band.get_facecolor()[0]) for band in canvas.axes[0].collections]
-    assert bands == [figures.COLOURS["es"]]
-    assert len(canvas.axes[0].lines) == 3  # means of both, and the joint model's level
+    assert bands == [colour("es", ["es", "mean"])]
+    es, mean, level = canvas.axes[0].lines  # and the joint model's level
+    assert (es.get_linestyle(), mean.get_linestyle(), level.get_linestyle()) == ("-", "--", "-")
+    assert mean.get_linewidth() < es.get_linewidth()
+
+
+def test_sessions_of_a_seed_are_averaged_before_the_interval() -> None:
+    rows = runs([("es", "all", 1, seed, 0, value) for seed in (0, 1) for value in (0.2 + seed / 2, 0.4 + seed / 2)])
+    canvas = figures.by_epoch(rows, ["es"], ("all", "novel"))
+    heights = canvas.axes[0].collections[0].get_paths()[0].vertices[:, 1]  # of seeds with 30 and 80 points
+    assert heights.max() == pytest.approx(55 + 12.706205 * 50 / 2)  # t of 1 degree, 97.5 %
 
 
 def test_a_long_legend_has_two_rows_that_are_read_one_after_the_other() -> None:
-    models = [*params.load(ROOT / "params.yaml").insert.initializers, "joint"]
-    made = results([(model, scope, 1, 0, 0, 0.5) for model in models for scope in ("all", "novel")])
-    canvas = figures.immediate(made).canvas
+    models = [*INITIALIZERS, "gaussian", "gaussian_centred", "joint"]
+    rows = runs([(model, scope, 1, 0, 0, 0.5) for model in models for scope in ("all", "novel")])
+    canvas = figures.by_size(rows, models, ("all", "novel"))
     canvas.draw_without_rendering()
     places = {text.get_text(): text.get_window_extent() for text in canvas.legends[0].get_texts()}
-    rows = sorted({round(place.y0) for place in places.values()}, reverse=True)
-    assert len(rows) == 2
-    read = sorted(places, key=lambda name: (rows.index(round(places[name].y0)), places[name].x0))
-    assert read == [tables.label(model) for model in models]
+    rows_of = sorted({round(place.y0) for place in places.values()}, reverse=True)
+    assert len(rows_of) == 2
+    read = sorted(places, key=lambda name: (rows_of.index(round(places[name].y0)), places[name].x0))
+    assert read == [label(model) for model in models]
+
+
+def test_panels_beyond_the_number_stay_blank() -> None:
+    canvas, drawn = figures.panels(3)
+    assert len(drawn) == 3
+    assert [axes.axison for axes in canvas.axes] == [True, True, True, False]
 
 
 @pytest.mark.parametrize(

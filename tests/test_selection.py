@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from isi.selection import select_size
+from isi.report.selection import select_size
 
 LEVEL = [0.6] * 6
 

@@ -1,32 +1,43 @@
-"""Splits, novel sets and insert triples as properties of random graphs."""
+"""Splits, novel sets, insert triples and what they make of a graph, as properties of random graphs."""
 
 from __future__ import annotations
 
+import shutil
+import sys
+import zlib
 from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isi.errors import InputError
+from isi.base import paths, tables
+from isi.base.errors import InputError
+from isi.base.streams import stream
+from isi.base.tables import Provenance
+from isi.experiments.cells import Cells
+from isi.experiments.store import Store
 from isi.graph import Graph
-from isi.sessions import (
-    OUT,
-    TEST,
-    TRAIN,
-    VALID,
+from isi.sessions.drawing import (
+    SessionsOf,
+    Shares,
     check_held_out,
+    draw,
     draw_insert_triples,
     draw_novel,
     folds,
-    initial_session,
-    joint_session,
     split,
+    untouched,
 )
-from isi.streams import stream
-from tests.graphs import cells_of, graph_of, random_graph
+from isi.sessions.session import OUT, TEST, TRAIN, VALID, everything, without
+from stages.make_sessions import make_sessions
+from tests.graphs import cells_of, graph_of, insert_triples_of, random_graph
 
 GRAPHS = st.builds(random_graph, st.integers(4, 9), st.integers(1, 3), st.integers(9, 40), seed=st.integers(0, 10_000))
 SEEDS = st.integers(0, 10_000)
@@ -42,7 +53,7 @@ def test_every_entity_and_relation_is_in_train(graph: Graph, seed: int, valid: f
 
 @given(GRAPHS, SEEDS)
 def test_splits_are_disjoint_and_cover(graph: Graph, seed: int) -> None:
-    session = joint_session(graph, torch.from_numpy(split(graph, 0, seed, 0.2, 0.3))[None])
+    session = everything(graph, torch.from_numpy(split(graph, 0, seed, 0.2, 0.3))[None])
     members = torch.stack([session.members(part)[0] for part in (TRAIN, VALID, TEST)])
     assert (members.sum(0) == 1).all()
     assert torch.equal(session.members(TRAIN, VALID)[0], members[0] | members[1])
@@ -60,14 +71,13 @@ def test_shares_are_as_asked(seed: int, valid: int, test: int) -> None:
 )
 def test_a_split_that_holds_out_less_than_asked_is_refused(valids: int, tests: int, enough: bool) -> None:
     splits = np.array([VALID] * valids + [TEST] * tests + [TRAIN] * (100 - valids - tests), dtype=np.int8)
-    good = np.array([VALID] * 10 + [TEST] * 20 + [TRAIN] * 70, dtype=np.int8)
     with nullcontext() if enough else pytest.raises(InputError, match=r"sessions\.valid, sessions\.test"):
-        check_held_out([good, splits], 0.1, 0.2)
+        check_held_out(splits, 0.1, 0.2)
 
 
 def test_a_split_that_holds_out_nothing_is_refused_however_little_was_asked() -> None:
     with pytest.raises(InputError, match=r"sessions\.valid, sessions\.test"):
-        check_held_out([np.array([TRAIN] * 9 + [TEST], dtype=np.int8)], 0.01, 0.1)
+        check_held_out(np.array([TRAIN] * 9 + [TEST], dtype=np.int8), 0.01, 0.1)
 
 
 @given(GRAPHS, SEEDS, st.integers(2, 7))
@@ -94,13 +104,40 @@ def test_splits_differ_between_seeds_and_roots() -> None:
     assert (split(graph, 1, 2, 0.2, 0.2) == split(graph, 1, 2, 0.2, 0.2)).all()
 
 
+def sessions_of(cells: Cells) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Entities and splits of D⁰, D¹, ... of the first cell."""
+    found = [cells.session(number) for number in range(cells.sessions + 1)]
+    return [(session.entities[0].numpy(), session.splits[0].numpy()) for session in found]
+
+
 @given(GRAPHS, SEEDS, st.integers(1, 3))
 def test_d0_has_no_novel_entity_and_none_of_its_triples(graph: Graph, seed: int, size: int) -> None:
-    splits, novel = split(graph, 0, seed, 0.2, 0.2), draw_novel(len(graph.entities), 0, size, seed)
-    session = initial_session(graph, torch.from_numpy(splits)[None], torch.from_numpy(novel)[None])
-    assert set(np.flatnonzero(~session.entities[0].numpy())) == set(novel.tolist())
+    cells = cells_of(graph, size, [seed])
+    splits, novel = cells.splits[0], set(cells.novel[0, 0].tolist())
+    session = without(graph, torch.from_numpy(splits)[None], torch.from_numpy(cells.novel[:, 0]))
+    assert set(np.flatnonzero(~session.entities[0].numpy())) == novel
     for (head, _, tail), before, now in zip(graph.triples.tolist(), splits, session.splits[0], strict=True):
-        assert now == (OUT if {head, tail} & set(novel.tolist()) else before)
+        assert now == (OUT if {head, tail} & novel else before)
+
+
+@given(GRAPHS, SEEDS, st.integers(1, 2))
+def test_each_session_adds_its_novel_entities_and_their_triples_to_the_one_before(
+    graph: Graph, seed: int, size: int
+) -> None:
+    cells = cells_of(graph, size, [seed], steps=2)
+    (d0, of0), (d1, of1), (d2, of2) = sessions_of(cells)
+    first, second = (set(novel.tolist()) for novel in cells.novel[0])
+    assert len(first | second) == 2 * size
+    assert (set(np.flatnonzero(d1 & ~d0)), set(np.flatnonzero(d2 & ~d1))) == (first, second)
+    assert (d0 <= d1).all()
+    assert (d1 <= d2).all()
+    joint = cells.joint
+    assert (d2 == joint.entities[0].numpy()).all()
+    assert (of2 == joint.splits[0].numpy()).all()
+    assert (of2 == cells.splits[0]).all()
+    for (head, _, tail), before, between, after in zip(graph.triples.tolist(), of0, of1, of2, strict=True):
+        assert between == (OUT if {head, tail} & second else after)
+        assert before == (OUT if {head, tail} & (first | second) else after)
 
 
 @pytest.mark.parametrize("heldout", [VALID, TEST])
@@ -108,56 +145,265 @@ def test_known_entities_without_a_training_triple_are_told(heldout: int) -> None
     # 3 is tied to 0 alone, 4 to 2 by a held-out triple alone: both are orphans once 0 is novel
     graph = graph_of({(0, 0, 3): 1, (1, 0, 2): 1, (2, 0, 4): 1, (0, 0, 1): 1, (0, 0, 4): 1}, 5, 1)
     splits = torch.tensor([[TRAIN, TRAIN, heldout, TRAIN, TRAIN]], dtype=torch.int8)
-    session = initial_session(graph, splits, torch.tensor([[0]]))
+    session = without(graph, splits, torch.tensor([[0]]))
     assert session.entities[0].tolist() == [False, True, True, True, True]
     assert session.trained()[0].tolist() == [False, True, True, False, False]
 
 
-@given(GRAPHS, SEEDS, st.integers(1, 3), st.sampled_from([0.3, 0.5, 1.0]))
-def test_insert_triples_are_a_share_of_the_training_triples_to_known_ends(
-    graph: Graph, seed: int, size: int, fraction: float
+@given(GRAPHS, SEEDS, st.integers(1, 3), st.integers(1, 2), st.sampled_from([0.3, 0.5, 1.0]))
+def test_insert_triples_are_a_share_of_the_training_triples_to_ends_known_by_then(
+    graph: Graph, seed: int, size: int, steps: int, fraction: float
 ) -> None:
-    splits, novel = split(graph, 0, seed, 0.3, 0.2), draw_novel(len(graph.entities), 0, size, seed)
-    pairs = draw_insert_triples(graph, splits, novel, 0, seed, fraction)
-    assert len(set(pairs)) == len(pairs)
-    assert {entity for entity, _ in pairs} <= set(novel.tolist())
-    triples = graph.triples.tolist()
-    for entity in novel.tolist():
-        usable = set()
-        for number, (head, _, tail) in enumerate(triples):
-            others = [end for end in (head, tail) if end != entity]
-            if splits[number] == TRAIN and len(others) == 1 and others[0] not in novel.tolist():
-                usable.add(number)
-        own = {triple for of, triple in pairs if of == entity}
-        assert own <= usable
-        assert len(own) == (max(1, int(fraction * len(usable))) if usable else 0)
+    size = min(size, len(graph.entities) // steps)
+    splits = split(graph, 0, seed, 0.3, 0.2)
+    novel = draw_novel(np.arange(len(graph.entities)), 0, size, seed, steps)
+    for session in range(1, steps + 1):
+        pairs = draw_insert_triples(graph, splits, novel, session, 0, seed, fraction)
+        unknown = set(novel[session - 1 :].ravel().tolist())  # who came in an earlier session is known
+        assert len(set(pairs)) == len(pairs)
+        assert {entity for entity, _ in pairs} <= set(novel[session - 1].tolist())
+        for entity in novel[session - 1].tolist():
+            usable = set()
+            for number, (head, _, tail) in enumerate(graph.triples.tolist()):
+                others = [end for end in (head, tail) if end != entity]
+                if splits[number] == TRAIN and len(others) == 1 and others[0] not in unknown:
+                    usable.add(number)
+            own = {triple for of, triple in pairs if of == entity}
+            assert own <= usable
+            assert len(own) == (max(1, int(fraction * len(usable))) if usable else 0)
 
 
 def test_a_novel_entity_tied_only_to_novel_ones_has_no_insert_triple() -> None:
-    graph = graph_of({(0, 0, 1): 3, (0, 0, 0): 1, (1, 0, 2): 1}, 3, 1)
-    pairs = draw_insert_triples(graph, np.zeros(3, dtype=np.int8), np.array([0, 1]), 0, 0, 0.5)
-    assert pairs == [(1, 2)]
+    graph, splits = graph_of({(0, 0, 1): 3, (0, 0, 0): 1, (1, 0, 2): 1}, 3, 1), np.zeros(3, dtype=np.int8)
+    assert draw_insert_triples(graph, splits, np.array([[0, 1]]), 1, 0, 0, 0.5) == [(1, 2)]
+    one_by_one = np.array([[1], [0]])
+    assert draw_insert_triples(graph, splits, one_by_one, 1, 0, 0, 1.0) == [(1, 2)]
+    assert draw_insert_triples(graph, splits, one_by_one, 2, 0, 0, 1.0) == [(0, 0)]  # 1 came the session before
+
+
+# What draws depend on
+
+
+def drawn_novel(entities: int, root: int, size: int, seed: int) -> np.ndarray:
+    (novel,) = draw_novel(np.arange(entities), root, size, seed)
+    return novel
+
+
+def generator(purpose: str, *key: int) -> np.random.Generator:
+    """Numpy's own, as seeded for a purpose with root 0."""
+    return np.random.default_rng(np.random.SeedSequence([0, zlib.crc32(purpose.encode()), *key]))
 
 
 def test_novel_sets_depend_on_root_size_and_seed_alone() -> None:
-    first = draw_novel(40, 0, 5, 7)
+    first = drawn_novel(40, 0, 5, 7)
     stream(0, "novel", 5, 8).random(100)
     cells = [cells_of(random_graph(40, 2, 60, seed=which), 5, [3, 7]) for which in (0, 1)]
-    assert (first == draw_novel(40, 0, 5, 7)).all()
-    assert all((first == of.novel[1]).all() for of in cells)
-    others = [draw_novel(40, *key).tolist() for key in ((1, 5, 7), (0, 5, 8), (0, 5, 9))]
+    assert (first == drawn_novel(40, 0, 5, 7)).all()
+    assert all((first == of.novel[1, 0]).all() for of in cells)
+    others = [drawn_novel(40, *key).tolist() for key in ((1, 5, 7), (0, 5, 8), (0, 5, 9))]
     assert first.tolist() not in others
-    assert draw_novel(40, 0, 4, 7).tolist() != first[:4].tolist()
+    assert drawn_novel(40, 0, 4, 7).tolist() != first[:4].tolist()
 
 
-@pytest.mark.parametrize("size", [1, 3])
-def test_novel_sets_are_drawn_uniformly_without_repeats(size: int) -> None:
-    draws = np.array([draw_novel(6, 0, size, seed) for seed in range(1500)])
-    assert (np.diff(draws, axis=1) > 0).all()
+@pytest.mark.parametrize(("size", "steps"), [(1, 1), (3, 1), (2, 2)])
+def test_novel_sets_are_drawn_uniformly_without_repeats(size: int, steps: int) -> None:
+    draws = np.array([draw_novel(np.arange(6), 0, size, seed, steps) for seed in range(1500)])
+    assert draws.shape == (1500, steps, size)
+    assert (np.diff(draws, axis=2) > 0).all()
+    assert (np.diff(np.sort(draws.reshape(1500, -1)), axis=1) > 0).all()
     expected = 1500 * size / 6
-    assert np.abs(np.bincount(draws.ravel(), minlength=6) - expected).max() < 5 * expected**0.5
+    for session in range(steps):
+        assert np.abs(np.bincount(draws[:, session].ravel(), minlength=6) - expected).max() < 5 * expected**0.5
+
+
+def test_novel_sets_are_drawn_from_the_candidates_alone() -> None:
+    candidates = np.array([3, 4, 8, 20, 21])
+    drawn = [draw_novel(candidates, 0, 2, seed, 2) for seed in range(50)]
+    assert set(np.concatenate(drawn).ravel()) == set(candidates.tolist())
+    places = drawn_novel(5, 0, 2, 9)
+    assert (draw_novel(candidates, 0, 2, 9)[0] == candidates[places]).all()
+
+
+@pytest.mark.parametrize(("size", "seed"), [(1, 0), (4, 7)])
+def test_a_session_that_no_other_follows_draws_from_streams_of_size_and_seed(size: int, seed: int) -> None:
+    graph = random_graph(12, 2, 70)
+    splits, novel = split(graph, 0, seed, 0.2, 0.2), drawn_novel(12, 0, size, seed)
+    assert novel.tolist() == sorted(generator("novel", size, seed).choice(12, size, replace=False).tolist())
+    rng, expected = generator("insert triples", size, seed), []
+    for entity in novel.tolist():
+        own = [
+            number
+            for number, (head, _, tail) in enumerate(graph.triples.tolist())
+            if splits[number] == TRAIN
+            and entity in (head, tail)
+            and sum(end in novel for end in (head, tail)) == 1
+        ]  # fmt: skip
+        told = sorted(rng.choice(own, max(1, len(own) // 2), replace=False).tolist()) if own else []
+        expected += [(entity, triple) for triple in told]
+    assert draw_insert_triples(graph, splits, novel[None], 1, 0, seed, 0.5) == expected
+    assert cells_of(graph, size, [seed, seed + 1]).keys().tolist() == [[size, seed], [size, seed + 1]]
+
+
+def test_a_later_session_has_streams_of_its_own() -> None:
+    graph = random_graph(12, 2, 100)
+    cells = cells_of(graph, 1, [5], steps=2)
+    assert (cells.keys(1).tolist(), cells.keys(2).tolist()) == ([[1, 5]], [[1, 5, 2]])
+    novel, entity = cells.novel[0], int(cells.novel[0, 1, 0])
+    own = [
+        number
+        for number, (head, _, tail) in enumerate(graph.triples.tolist())
+        if cells.splits[0, number] == TRAIN and entity in (head, tail) and head != tail
+    ]
+    told = np.sort(generator("insert triples", 1, 5, 2).choice(own, len(own) // 2, replace=False))
+    assert len(told) > 1
+    pairs = draw_insert_triples(graph, cells.splits[0], novel, 2, 0, 5, 0.5)
+    assert pairs == [(entity, triple) for triple in told.tolist()]
 
 
 def test_streams_with_different_keys_differ() -> None:
     keys = [(0, "batches", 1, 2), (1, "batches", 1, 2), (0, "splits", 1, 2), (0, "batches", 2, 1), (0, "batches", 1, 3)]
     assert len({stream(*key).random() for key in keys}) == len(keys)
+
+
+# Parts of a graph
+
+#: Entities 0 to 3 are known; 4, 5 and 6 are candidates, of which 5 is drawn.
+ADDED = graph_of(
+    {(0, 0, 1): 3, (1, 0, 2): 1, (2, 1, 3): 2, (4, 0, 1): 7, (5, 0, 1): 6, (5, 0, 2): 8, (6, 0, 2): 9}, 7, 2
+)
+
+
+def test_entities_of_triples_without_a_split_take_no_part() -> None:
+    splits = np.array([[TRAIN, TRAIN, TRAIN, OUT, TRAIN, TEST, OUT]], dtype=np.int8)
+    cells = Cells("home", ADDED, 1, [3], splits, np.array([[[5]]]))
+    assert cells.joint.entities.tolist() == [[True, True, True, True, False, True, False]]
+    assert cells.session(1).entities.tolist() == cells.joint.entities.tolist()
+    assert cells.session(0).entities.tolist() == [[True, True, True, True, False, False, False]]
+
+
+def test_untouched_are_the_triples_that_have_none_of_the_entities() -> None:
+    assert untouched(ADDED, np.array([4, 6])).tolist() == [0, 1, 2, 4, 5]
+    assert untouched(ADDED, np.array([], dtype=int)).tolist() == list(range(7))
+
+
+def test_a_part_of_a_graph_keeps_the_ids_of_entities() -> None:
+    part = ADDED.part(np.array([1, 4]))
+    assert (part.triples.tolist(), part.counts.tolist()) == ([[1, 0, 2], [5, 0, 1]], [1, 6])
+    assert part.entities == ADDED.entities
+
+
+def test_who_is_replaceable_and_not_drawn_takes_no_part() -> None:
+    graph, added = random_graph(14, 2, 120), np.arange(8, 14)
+    how = SessionsOf(novel="added", sizes=[2], seeds=3, steps=2)
+    drawn = list(draw(graph, added, added, how, Shares(valid=0.1, test=0.1, insert_fraction=0.5), 0))
+    assert [(one.size, one.seed) for one in drawn] == [(2, 0), (2, 1), (2, 2)]
+    assert len({one.novel.tobytes() for one in drawn}) == 3
+    for one in drawn:
+        there = set(range(8)) | set(one.novel.ravel().tolist())
+        own = [number for number, (h, _, t) in enumerate(graph.triples.tolist()) if {h, t} <= there]
+        assert one.triples.tolist() == own
+        assert [int((one.splits == part).sum()) for part in (VALID, TEST)] == [round(0.1 * len(own))] * 2
+        train = set(one.triples[one.splits == TRAIN].tolist())
+        assert {triple for _, _, triple in one.insert_triples} <= train
+        for session, entity, triple in one.insert_triples:
+            assert entity in one.novel[session - 1]
+            assert entity in graph.triples[triple, [0, 2]].tolist()
+
+
+# The stage
+
+SHARES = {"valid": 0.2, "test": 0.2, "insert_fraction": 0.5}
+
+
+def make(folder: Path, monkeypatch: pytest.MonkeyPatch, graph: Graph, how: dict[str, Any], **columns: object) -> Store:
+    """What ``make_sessions`` draws of a graph, where entities have these columns."""
+    monkeypatch.chdir(folder)
+    shutil.copy(Path(__file__).parent.parent / paths.PIPELINE, paths.PIPELINE)
+    given = {"seed": 0, "sessions": SHARES, "experiments": {"home": {"sessions": how}}}
+    paths.PARAMS.write_text(yaml.safe_dump(given), encoding="utf-8")
+    made, names = Provenance("build_graph", {}), np.array(graph.entities)
+    entities = pd.DataFrame({"entity": names, "phrase": names, "kind": "object", "source": "here"} | columns)
+    head, relation, tail = graph.triples.numpy().T
+    triples = pd.DataFrame({"head": names[head], "relation": np.array(graph.relations)[relation], "tail": names[tail]})
+    triples = triples.assign(count=graph.counts.numpy(), source="here")
+    tables.write(paths.entities("home"), entities, tables.ENTITIES, made)
+    tables.write(paths.triples("home"), triples, tables.TRIPLES, made)
+    monkeypatch.setattr(sys, "argv", ["make_sessions", "home"])
+    make_sessions()
+    return Store("home", Provenance("test", {}))
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_cells_are_read_as_they_were_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
+    graph = random_graph(13, 2, 90)
+    store = make(tmp_path, monkeypatch, graph, {"novel": "any", "sizes": [3, 1], "seeds": 3, "steps": steps})
+    found, told = store.cells(2), store.insert_triples()
+    assert [(cells.size, cells.seeds) for cells in found] == [(1, [0, 1]), (1, [2]), (3, [0, 1]), (3, [2])]
+    for cells in found:
+        drawn = cells_of(graph, cells.size, cells.seeds, steps=steps)
+        assert torch.equal(cells.graph.triples, graph.triples)
+        assert (cells.novel == drawn.novel).all()
+        assert (cells.splits == drawn.splits).all()
+        rows = store.insert_triples_of(cells, told)
+        for session in range(1, steps + 1):
+            assert (rows[rows[:, 0] == session, 1:] == insert_triples_of(drawn, session)).all()
+        assert set(rows[:, 0]) == set(range(1, steps + 1))
+    (only,) = store.cells(5, size=3, seeds=2)
+    assert (only.size, only.seeds) == (3, [0, 1])
+
+
+def test_a_list_of_kinds_as_novel_draws_of_these_kinds_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kinds = np.array(["object", "room", "material"] * 4)
+    how = {"novel": ["room", "material"], "sizes": [2], "seeds": 20}
+    store = make(tmp_path, monkeypatch, random_graph(12, 2, 90), how, kind=kinds)
+    drawn = store.novel()["entity"]
+    assert set(drawn) == set(np.flatnonzero(kinds != "object").tolist())
+    assert set(store.splits()) == set(range(20))
+    assert all((splits != OUT).all() for splits in store.splits().values())  # who is not drawn is known
+
+
+def test_added_entities_are_novel_or_take_no_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    graph, source = random_graph(14, 2, 120), np.array(["here"] * 8 + ["there"] * 6)
+    how = {"novel": "added", "sizes": [3], "seeds": 4, "steps": 2}
+    store = make(tmp_path, monkeypatch, graph, how, source=source)
+    (cells,) = store.cells(4)
+    for model, novel in enumerate(cells.novel):
+        assert set(novel.ravel().tolist()) == set(range(8, 14))  # all of them, since there are no more
+        assert set(np.flatnonzero(cells.session(0).entities[model].numpy()).tolist()) == set(range(8))
+    store = make(tmp_path, monkeypatch, graph, how | {"sizes": [2], "steps": 1}, source=source)
+    (cells,) = store.cells(4)
+    for model, novel in enumerate(cells.novel):
+        there = set(np.flatnonzero(cells.joint.entities[model].numpy()).tolist())
+        assert there == set(range(8)) | set(novel.ravel().tolist())
+
+
+@pytest.mark.parametrize(
+    ("how", "candidates"),
+    [
+        ({"novel": "any", "sizes": [1, 12], "seeds": 1}, 12),
+        ({"novel": "any", "sizes": [6], "seeds": 1, "steps": 2}, 12),
+        ({"novel": ["room"], "sizes": [4], "seeds": 1}, 4),
+        ({"novel": ["rum"], "sizes": [1], "seeds": 1}, 0),
+        ({"novel": "added", "sizes": [1], "seeds": 1}, 0),
+    ],
+)
+def test_more_novel_entities_than_there_may_be_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: dict[str, Any], candidates: int
+) -> None:
+    kinds = np.array(["object", "room", "material"] * 4)
+    with pytest.raises(SystemExit, match=rf"experiments\.home\.sessions\.sizes: .*\b{candidates} that may be novel"):
+        make(tmp_path, monkeypatch, random_graph(12, 2, 90), how, kind=kinds)
+    assert not paths.splits("home").parent.exists()
+
+
+def test_triples_without_a_row_have_no_split(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    where = Provenance("test", {})
+    names = [("a", "on", "b"), ("b", "on", "a"), ("b", "of", "a")]
+    triples = pd.DataFrame(names, columns=["head", "relation", "tail"]).assign(count=1, source="here")
+    tables.write(paths.triples("home"), triples, tables.TRIPLES, where)
+    rows = [(1, 2, "test"), (0, 0, "train"), (1, 0, "train"), (0, 1, "valid")]
+    splits = pd.DataFrame(rows, columns=["seed", "triple", "split"])
+    tables.write(paths.splits("home"), splits, tables.SPLITS, where)
+    read = Store("home", where).splits()
+    assert {seed: codes.tolist() for seed, codes in read.items()} == {0: [0, 1, OUT], 1: [0, OUT, 2]}

@@ -1,21 +1,37 @@
-"""The pipeline's description against its code: what stages import, read and were locked with."""
+"""The pipeline's description against its code: what stages import, read and were locked with; what they are given."""
 
 from __future__ import annotations
 
-import importlib
+import ast
 import json
+import os
+import re
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from isi.base import paths
+from isi.base.params import Count, Section
+from isi.base.stage import Given, declared, stage
+from isi.families import FAMILIES
+from isi.initializers import INITIALIZERS
+from isi.sources import SOURCES
 from tests.imports import closure
 
 ROOT = Path(__file__).parent.parent
-STAGES: dict[str, dict[str, Any]] = yaml.safe_load((ROOT / "dvc.yaml").read_text(encoding="utf-8"))["stages"]
+STAGES: dict[str, dict[str, Any]] = yaml.safe_load((ROOT / paths.PIPELINE).read_text(encoding="utf-8"))["stages"]
+PARAMS: dict[str, Any] = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8"))
+PACKAGES = {plugins.package.replace(".", "/"): plugins for plugins in (FAMILIES, INITIALIZERS, SOURCES)}
+OPEN = re.compile(r"\$\{([^}]+)\}")
+#: Where the options of plug-ins stand in params, and their package.
+OPTIONS = {"families": "isi/families", "initializers": "isi/initializers", "sweep.initializers": "isi/initializers"}
+ONE = re.compile(rf"({'|'.join(map(re.escape, OPTIONS))})\.(.+)")
 
 
 @pytest.fixture(autouse=True)
@@ -23,43 +39,225 @@ def _in_root(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
 
 
-@pytest.mark.parametrize("name", STAGES)
-def test_a_stage_depends_on_every_module_that_it_imports(name: str) -> None:
-    imported = {str(path) for path in closure(Path(f"stages/{name}.py"))}
-    listed = [Path(dep) for dep in STAGES[name]["deps"]]
-    missing = [path for path in imported if not any(Path(path).is_relative_to(dep) for dep in listed)]
-    assert not missing
+def fillings(dep: str) -> list[str]:
+    """A dependency with the name of every plug-in of its package where it leaves one open."""
+    package = dep.rpartition("/")[0]
+    if not OPEN.search(dep) or package not in PACKAGES:
+        return [dep]
+    return [OPEN.sub(name, dep) for name in PACKAGES[package].names() if Path(package, f"{name}.py").is_file()]
+
+
+def cases(name: str) -> Iterator[dict[str, str]]:
+    """The arguments with which ``dvc.yaml`` runs a stage."""
+    matrix = STAGES[name].get("matrix", {})
+    listed = [list(at(OPEN.fullmatch(values)[1])) for values in matrix.values()]  # type: ignore[index]
+    for items in product(*listed):
+        yield dict(zip(matrix, items, strict=True))
+
+
+def at(key: str) -> Any:
+    """The value at a dotted key of ``params.yaml``, which must be there."""
+    value: Any = PARAMS
+    for part in key.split("."):
+        value = value[part]
+    return value
+
+
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+# What dvc.yaml says
 
 
 @pytest.mark.parametrize("name", STAGES)
-def test_a_stage_lists_the_params_that_shape_its_outputs(name: str) -> None:
-    declared = {key.replace("${item.", "{") for key in STAGES[name].get("params", [])}
-    stage = getattr(importlib.import_module(f"stages.{name}"), name)
-    assert declared == set(stage.keys)
-    assert not any(key.startswith("compute") for key in declared)
+def test_a_stage_depends_on_every_module_that_it_imports_and_that_those_import(name: str) -> None:
+    """Plug-ins, which are imported by name, among them: whichever a stage's dependencies leave open."""
+    filled = [fillings(dep) for dep in STAGES[name]["deps"]]
+    for number in range(max(map(len, filled))):
+        listed = [Path(options[min(number, len(options) - 1)]) for options in filled]
+        code = [path for path in listed if path.parts[0] in ("isi", "stages")]
+        files = [file for path in code for file in (path.rglob("*.py") if path.is_dir() else [path])]
+        assert Path(f"stages/{name}.py") in files
+        missing = [path for path in closure(*files) if not any(path.is_relative_to(dep) for dep in code)]
+        assert not [str(path) for path in missing if len(parsed(path).body) > 1]  # more than what it is about
 
 
 @pytest.mark.parametrize("name", STAGES)
-def test_a_stage_takes_the_place_of_the_shell_that_starts_it(name: str) -> None:
-    assert STAGES[name]["cmd"].startswith(f"exec python -m stages.{name}")  # or it would outlive a killed DVC
+def test_a_stage_depends_on_the_plugins_whose_options_it_is_given_alone(name: str) -> None:
+    deps, keys = STAGES[name]["deps"], STAGES[name].get("params", [])
+    modules = {dep for dep in deps if dep.rpartition("/")[0] in PACKAGES and not dep.endswith("__init__.py")}
+    of_one = {f"{OPTIONS[found[1]]}/{found[2]}.py" for key in keys if (found := ONE.fullmatch(key))}
+    of_all = {OPTIONS[key] for key in keys if key in OPTIONS}
+    assert of_one <= modules
+    assert all(module in of_one or module.rpartition("/")[0] in of_all for module in modules)
 
 
 @pytest.mark.parametrize("name", STAGES)
-def test_outputs_persist(name: str) -> None:
-    stage = STAGES[name]
-    for out in [*stage.get("outs", []), *stage.get("metrics", [])]:
-        (options,) = out.values()
-        assert options["persist"] is True
+def test_a_stage_lists_params_that_there_are_and_none_that_change_no_result(name: str) -> None:
+    for arguments in cases(name):
+        for key in declared(name, arguments, PARAMS):
+            at(key)
+            assert not key.startswith("compute")
+            assert not OPEN.search(key)
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_a_stage_is_called_by_its_arguments_and_takes_the_place_of_the_shell_that_starts_it(name: str) -> None:
+    tops = parsed(Path(f"stages/{name}.py")).body
+    (body,) = (node for node in tops if isinstance(node, ast.FunctionDef) and node.name == name)
+    _given, *arguments = [argument.arg for argument in body.args.args]
+    assert [*STAGES[name].get("matrix", {})] == arguments
+    items = [f"${{item.{argument}}}" for argument in arguments]
+    assert STAGES[name]["cmd"].split() == ["exec", "python", "-m", f"stages.{name}", *items]  # or it outlives DVC
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_outputs_persist_where_dvc_keeps_no_copy(name: str) -> None:
+    for out in [*STAGES[name].get("outs", []), *STAGES[name].get("metrics", [])]:
+        options = next(iter(out.values())) if isinstance(out, dict) else {}
+        assert options.get("persist", False) is not options.get("cache", True)
+
+
+def test_no_two_stages_write_the_same() -> None:
+    written = [
+        OPEN.sub(lambda part, items=items: items[part[1].removeprefix("item.")], out)
+        for name in STAGES
+        for items in cases(name)
+        for out in STAGES[name].get("outs", [])
+        if isinstance(out, str)
+    ]
+    assert len(set(written)) == len(written)
+    assert all(path.startswith("data/") and not path.startswith("data/raw/") for path in written)
 
 
 def test_the_lock_fits_the_pipeline_and_the_params() -> None:
     asked = [sys.executable, "-m", "dvc", "status", "--json"]
     status = json.loads(subprocess.run(asked, capture_output=True, text=True, check=True).stdout)
     changed = []
-    for stage, parts in status.items():
+    for stage_name, parts in status.items():
         for part in parts:
             if part == "changed command":
-                changed.append((stage, part))
+                changed.append((stage_name, part))
                 continue
-            changed += [(stage, path) for path, state in part.get("changed deps", {}).items() if state != "deleted"]
+            changed += [
+                (stage_name, path) for path, state in part.get("changed deps", {}).items() if state != "deleted"
+            ]
     assert not changed
+
+
+# What a stage is given
+
+PIPELINE = {
+    "cook": {"params": ["seed", "recipes.${item.dish}", "pots.${kitchen.pot}.size"]},
+    "wash": {},
+}  # fmt: skip
+KITCHEN = {
+    "seed": 7, "kitchen": {"pot": "big"}, "pots": {"big": {"size": 5, "lid": True}, "small": {"size": 2}},
+    "recipes": {"soup": {"minutes": 3, "heat": {"low": 1}}, "stew": {"minutes": 4}}, "compute": {"workers": 2},
+}  # fmt: skip
+
+
+class Recipe(Section):
+    minutes: Count
+    heat: dict[str, int]
+
+
+@pytest.fixture
+def kitchen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    paths.PIPELINE.write_text(yaml.safe_dump({"stages": PIPELINE}), encoding="utf-8")
+    paths.PARAMS.write_text(yaml.safe_dump(KITCHEN), encoding="utf-8")
+    return tmp_path
+
+
+def given_to(monkeypatch: pytest.MonkeyPatch, body: Callable[..., None], *arguments: str) -> None:
+    monkeypatch.setattr(sys, "argv", [body.__name__, *arguments])
+    stage(body)()
+
+
+@pytest.mark.usefixtures("kitchen")
+def test_a_stage_is_given_the_params_that_dvc_lists_for_it_and_no_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Given] = []
+
+    def cook(given: Given, dish: str) -> None:
+        assert dish == "soup"
+        seen.append(given)
+
+    given_to(monkeypatch, cook, "soup")
+    (given,) = seen
+    assert given.seed == 7
+    assert given.section("recipes.soup", Recipe) == Recipe(minutes=3, heat={"low": 1})
+    assert given.section("recipes.soup.minutes", int) == 3
+    assert given.raw("recipes.soup.heat.low") == 1
+    assert given.raw("recipes.soup.heat.high") is None  # below what is listed, and not there
+    assert given.section("pots.big.size", int) == 5
+    assert given.section("compute", dict[str, int]) == {"workers": 2}
+    for other in ("recipes", "recipes.stew", "recipes.soupy", "pots.big", "pots.big.lid", "pots.small.size", "kitchen"):
+        with pytest.raises(LookupError, match=rf"^cook reads {other}, which dvc\.yaml does not list for it$"):
+            given.raw(other)
+
+
+@pytest.mark.usefixtures("kitchen")
+def test_what_a_stage_writes_names_its_params_and_nothing_of_compute(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Given] = []
+
+    def cook(given: Given, dish: str) -> None:  # noqa: ARG001
+        seen.append(given)
+
+    given_to(monkeypatch, cook, "stew")
+    assert seen[0].provenance.stage == "cook"
+    assert seen[0].provenance.params == {"seed": 7, "recipes.stew": {"minutes": 4}, "pots.big.size": 5}
+
+
+@pytest.mark.usefixtures("kitchen")
+def test_a_stage_without_params_is_given_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    def wash(given: Given) -> None:
+        with pytest.raises(LookupError, match="wash reads seed"):
+            print(given.seed)
+
+    given_to(monkeypatch, wash)
+
+
+@pytest.mark.usefixtures("kitchen")
+@pytest.mark.parametrize(
+    ("dish", "line"),
+    [
+        ("stew", "cook: params.yaml: recipes.stew.heat: Field required"),
+        ("salad", "cook: params.yaml: recipes.salad: "),  # DVC never asks for it; a user may
+    ],
+)
+def test_a_mistake_ends_a_stage_in_one_line_that_names_the_key(
+    monkeypatch: pytest.MonkeyPatch, dish: str, line: str
+) -> None:
+    def cook(given: Given, dish: str) -> None:
+        given.section(f"recipes.{dish}", Recipe)
+
+    with pytest.raises(SystemExit) as ended:
+        given_to(monkeypatch, cook, dish)
+    assert str(ended.value).startswith(line)
+    assert "\n" not in str(ended.value)
+
+
+@pytest.mark.usefixtures("kitchen")
+@pytest.mark.parametrize("missing", [paths.PARAMS, paths.PIPELINE])
+def test_a_stage_away_from_its_files_says_so(monkeypatch: pytest.MonkeyPatch, missing: Path) -> None:
+    def wash(given: Given) -> None:
+        raise AssertionError(given)
+
+    missing.unlink()
+    with pytest.raises(SystemExit, match=rf"^wash: {missing}: cannot be read"):
+        given_to(monkeypatch, wash)
+
+
+def test_a_stage_without_the_packages_says_so_in_one_line() -> None:
+    """As where DVC is another installation's, whose Python runs the stages."""
+    ended = subprocess.run(
+        [sys.executable, "-S", "-m", "stages.insert", "ai2thor", "es"],
+        env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    (line,) = ended.stderr.splitlines()
+    assert re.fullmatch(r"stages: \S+ lacks the packages of this project: .*make repro.*\.venv.*", line)
+    assert ended.returncode == 1
+    assert ended.stdout == ""

@@ -12,12 +12,12 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 
-from isi import tables
-from isi.errors import InputError
-from isi.tables import Provenance
+from isi.base import tables
+from isi.base.errors import InputError
+from isi.base.tables import Provenance
 
 SCHEMAS = {name: schema for name, schema in vars(tables).items() if isinstance(schema, pa.Schema)}
-MADE = Provenance("some_stage", {"graph.min_count": 1})
+MADE = Provenance("some_stage", {"experiments.home.graph": 1})
 
 
 def values(kind: pa.DataType) -> list[Any]:
@@ -28,8 +28,8 @@ def values(kind: pa.DataType) -> list[Any]:
         return [0.1, None, 1 / 3]
     if pa.types.is_boolean(kind):
         return [True, False, True]
-    assert kind == pa.int32()
-    return [0, -7, 2**31 - 1]
+    assert kind in (pa.int32(), pa.int64())
+    return [0, -7, 2 ** (kind.bit_width - 1) - 1]
 
 
 def frame(schema: pa.Schema) -> pd.DataFrame:
@@ -41,7 +41,8 @@ def plain(table: pd.DataFrame) -> list[tuple[Any, ...]]:
 
 
 def novel(path: Path, provenance: Provenance = MADE) -> Path:
-    tables.write(path, pd.DataFrame({"size": [1], "seed": [0], "entity": [4]}), tables.NOVEL, provenance)
+    row = pd.DataFrame({"size": [1], "seed": [0], "entity": [4], "session": [1]})
+    tables.write(path, row, tables.NOVEL, provenance)
     return path
 
 
@@ -59,13 +60,14 @@ def test_a_table_comes_back_as_it_was_written(tmp_path: Path, name: str) -> None
     read = tables.read(path, schema)
     assert list(read.columns) == schema.names
     assert plain(read) == list(zip(*(values(field.type) for field in schema), strict=True))
-    assert set(read.select_dtypes("number").dtypes.astype(str)) <= {"int32", "float64"}
+    assert set(read.select_dtypes("number").dtypes.astype(str)) <= {"int32", "int64", "float64"}
 
 
 @pytest.mark.parametrize(
     ("schema", "repeated"),
     [
         (tables.OBSERVATIONS, {"scene", "room", "head", "relation", "tail"}),
+        (tables.KINDS, {"kind"}),
         (tables.ENTITIES, {"kind", "source"}),
         (tables.TRIPLES, {"head", "relation", "tail", "source"}),
         (tables.SPLITS, {"split"}),
@@ -113,6 +115,19 @@ def test_equal_streams_are_equal_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "1").read_bytes() == (tmp_path / "2").read_bytes()
 
 
+def test_no_parts_of_a_table_are_a_table_without_rows(tmp_path: Path) -> None:
+    nothing = tables.together([], tables.RUNS, tables.TIES)
+    for schema in (tables.RUNS, tables.TIES):
+        tables.write(tmp_path / "t.parquet", nothing, schema, MADE)
+        read = tables.read(tmp_path / "t.parquet", schema)
+        assert (len(read), list(read.columns)) == (0, schema.names)
+
+
+def test_parts_of_a_table_come_behind_each_other() -> None:
+    parts = [frame(tables.NOVEL)[:1], frame(tables.NOVEL)[1:]]
+    assert plain(tables.together(iter(parts), tables.NOVEL)) == plain(frame(tables.NOVEL))
+
+
 # Provenance
 
 
@@ -146,10 +161,10 @@ def test_equal_params_give_equal_bytes_of_tensors_every_time(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     "other",
     [
-        Provenance("other_stage", {"graph.min_count": 1}),
-        Provenance("some_stage", {"graph.min_count": 2}),
-        Provenance("some_stage", {"graph.min_cuont": 1}),
-        Provenance("some_stage", {"graph.min_count": 1}, {"aa"}),
+        Provenance("other_stage", {"experiments.home.graph": 1}),
+        Provenance("some_stage", {"experiments.home.graph": 2}),
+        Provenance("some_stage", {"experiments.hom.graph": 1}),
+        Provenance("some_stage", {"experiments.home.graph": 1}, {"aa"}),
     ],
 )
 def test_another_stage_param_or_input_gives_another_hash(other: Provenance) -> None:
@@ -158,7 +173,7 @@ def test_another_stage_param_or_input_gives_another_hash(other: Provenance) -> N
 
 def test_a_param_of_an_early_stage_reaches_the_hash_of_every_later_table(tmp_path: Path) -> None:
     def last(min_count: int) -> str:
-        novel(tmp_path / "first.parquet", Provenance("first", {"graph.min_count": min_count}))
+        novel(tmp_path / "first.parquet", Provenance("first", {"experiments.home.graph": min_count}))
         second = Provenance("second", {})
         tables.read(tmp_path / "first.parquet", tables.NOVEL, second)
         tables.write_tensors(tmp_path / "second.safetensors", {"entity": torch.zeros(1)}, second)
@@ -287,7 +302,7 @@ def test_an_interrupt_before_the_first_byte_leaves_the_old_file_and_nothing_else
 
 def test_a_frame_that_does_not_fit_its_schema_leaves_the_old_table(tmp_path: Path) -> None:
     before = novel(tmp_path / "novel.parquet").read_bytes()
-    for unfit in ({"size": [1], "seed": [0]}, {"size": [1], "seed": [0], "entity": ["mug"]}):
+    for unfit in ({"size": [1], "seed": [0]}, {"size": [1], "seed": [0], "entity": ["mug"], "session": [1]}):
         with pytest.raises((KeyError, pa.ArrowException)):
             tables.write(tmp_path / "novel.parquet", pd.DataFrame(unfit), tables.NOVEL, MADE)
     assert (tmp_path / "novel.parquet").read_bytes() == before

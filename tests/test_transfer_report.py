@@ -2,106 +2,136 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import pytest
 
-from isi.report import cross_validation, paper, tables, transfer
-from isi.report.results import Results
-from tests.test_report import results
+from isi.building import Seen
+from isi.report.sections import affordances, paper, run, transfer, words
+from isi.report.sections.affordances import Answers
+from tests.reports import runs
 
 KINDS = ["object", "affordance", "affordance", "room", "object"]
 ENTITIES = pd.DataFrame(
-    {"entity": ["shelf", "open", "push", "kitchen", "fan"], "kind": KINDS, "source": ["ai2thor"] * 4 + ["mp3d"]}
+    {"entity": ["shelf", "open", "push", "kitchen", "fan"], "kind": KINDS, "source": ["home"] * 4 + ["shop"]}
 )
 
 
-def ranked(model: str, seed: int, order: list[int]) -> list[dict[str, Any]]:
+def ranked(model: str, seed: int, order: list[int]) -> list[tuple[str, int, int, int, int]]:
     """Ranks of the answers about the fan, the first first."""
-    return [
-        {"model": model, "seed": seed, "entity": 4, "answer": answer, "rank": rank}
-        for rank, answer in enumerate(order, 1)
-    ]
+    return [(model, seed, 4, answer, rank) for rank, answer in enumerate(order, 1)]
 
 
-def moved(rows: list[tuple[str, str, int, int, int, float]], *answers: list[dict[str, Any]]) -> Results:
-    """Results whose transfer has these runs and these ranks."""
-    there = results(rows, entities=ENTITIES)
-    return results([], transfer=there, affordances=pd.DataFrame([row for rows in answers for row in rows]))
+def answers(*rows: list[tuple[str, int, int, int, int]]) -> Answers:
+    columns = ["model", "seed", "entity", "answer", "rank"]
+    ranks = pd.DataFrame([row for part in rows for row in part], columns=columns)
+    return Answers(ranks, ENTITIES, "hasAffordance", ["affordance"], "home")
 
 
 def test_the_drop_is_what_new_candidates_cost_at_once() -> None:
-    rows = [
-        ("xavier", "known", 10, 0, 0, 0.5), ("xavier", "known", 10, 1, 0, 0.4), ("xavier", "known", 10, 0, 9, 0.7),
-        ("xavier", "known_closed", 10, 0, 0, 0.7), ("xavier", "known_closed", 10, 1, 0, 0.8),
-        ("es", "known", 10, 0, 0, 0.75), ("es", "known_closed", 10, 0, 0, 0.75),
-        ("joint", "known", 10, 0, 0, 0.1), ("joint", "known_closed", 10, 0, 0, 0.9),
-    ]  # fmt: skip
-    assert transfer.drop(moved(rows)) == pytest.approx({"es": 0, "xavier": 100 * (1 - 0.9 / 1.5)})
+    at_once = runs(
+        [
+            ("xavier", "known", 10, 0, 0, 0.5), ("xavier", "known", 10, 1, 0, 0.4),
+            ("xavier", "known_closed", 10, 0, 0, 0.7), ("xavier", "known_closed", 10, 1, 0, 0.8),
+            ("es", "known", 10, 0, 0, 0.75), ("es", "known_closed", 10, 0, 0, 0.75),
+            ("joint", "known", 10, 0, 0, 0.1), ("joint", "known_closed", 10, 0, 0, 0.9),
+        ]
+    )  # fmt: skip
+    assert transfer.drop(at_once) == pytest.approx({"es": 0, "xavier": 100 * (1 - 0.9 / 1.5)})
+    assert transfer.drop(at_once[at_once["scope"] == "known"]) == {}
+
+
+def test_knowledge_at_the_end_is_that_of_the_last_epoch() -> None:
+    rows = runs([("es", "known_closed", 10, seed, epoch, (epoch + seed) / 10) for seed in (0, 1) for epoch in (0, 5)]
+                + [("es", "known", 10, 0, 5, 0.9)])  # fmt: skip
+    assert transfer.known_closed_at_the_end(rows, 5) == pytest.approx({"es": 55})
+    assert transfer.known_closed_at_the_end(rows, 6) == {}
+
+
+def test_what_was_mined_goes_on_to_what_was_inserted() -> None:
+    seen = pd.DataFrame([("fan", "kitchen", 4), ("shelf", "kitchen", 5), ("bin", "kitchen", 1)],
+                        columns=["head", "tail", "count"]).assign(relation="atLocation")  # fmt: skip
+    kinds = pd.DataFrame({"entity": ["fan", "shelf", "bin", "kitchen"], "kind": ["object"] * 3 + ["room"]})
+    triples = pd.DataFrame([("fan", "atLocation", "kitchen", "shop"), ("shelf", "hasAffordance", "open", "home")],
+                           columns=["head", "relation", "tail", "source"])  # fmt: skip
+    drawn = transfer.Drawn(ENTITIES, triples, Seen("shop", seen, kinds))
+    table = transfer.mined("moved", {"instances": 12}, drawn, "the home", 3, 10)
+    assert table.name == "moved_mined"
+    assert dict(table.frame.itertuples(index=False, name=None)) == {
+        "instances": 12, "of these, of objects that the home has not": 5, "kinds of such objects": 2,
+        "of these, with at least 3 observations": 1, "drawn as candidates": 1, "unique triples of the candidates": 1,
+        "inserted in a repeat": 10,
+    }  # fmt: skip
+    uncounted = transfer.mined("moved", {}, drawn, "the home", 3, 10).frame
+    assert uncounted.iloc[0, 0] == "instances of objects that the home has not"
 
 
 def test_answers_go_by_mean_rank_over_repeats_and_those_that_are_no_affordance_are_marked() -> None:
-    found = moved(
-        [], ranked("es", 0, [1, 0, 2, 3, 4]), ranked("es", 3, [2, 1, 4, 0, 3]), ranked("rs", 0, [3, 4, 2, 1, 0])
+    found = answers(
+        ranked("es", 0, [1, 0, 2, 3, 4]), ranked("es", 3, [2, 1, 4, 0, 3]), ranked("rs", 0, [3, 4, 2, 1, 0])
     )
-    # means: open 1.5, push 2, shelf 3, kitchen 4.5; the fan itself is of Matterport3D and no answer here
-    assert transfer.top_answers(found, "es", "fan") == [
+    # means: open 1.5, push 2, shelf 3, kitchen 4.5; the fan itself is of the other source and no answer here
+    assert found.top("es", "fan") == [
         ("open", "affordance"),
         ("push", "affordance"),
         ("shelf", "object"),
         ("kitchen", "room"),
     ]
-    assert transfer.top_answers(found, "rs", "fan")[0] == ("kitchen", "room")
+    assert found.top("rs", "fan")[0] == ("kitchen", "room")
+    assert found.top("es", "stove") == []
+    table = affordances.ranked(found, ["fan", "stove"], ["es"], "table", "Title", "Caption.").frame
+    assert table["ES"].tolist() == ["open (affordance)", "push (affordance)", "× shelf (object)", "× kitchen (room)",
+                                    *["–"] * 4]  # fmt: skip
 
 
 def test_shares_count_affordances_among_the_first_four_of_every_inserted_entity() -> None:
-    found = moved(
-        [], ranked("es", 0, [1, 0, 2, 3, 4]), ranked("es", 3, [0, 3, 4, 2, 1]), ranked("rs", 0, [1, 2, 4, 0, 3])
+    found = answers(
+        ranked("es", 0, [1, 0, 2, 3, 4]), ranked("es", 3, [0, 3, 4, 2, 1]), ranked("rs", 0, [1, 2, 4, 0, 3])
     )
-    assert transfer.shares(found) == pytest.approx({"es": 100 * 3 / 8, "rs": 50})
+    assert found.shares == pytest.approx({"es": 100 * 3 / 8, "rs": 50})
+    frame = affordances.shares(found, ["es", "rs", "iu"], 2).frame.set_index("initializer")
+    assert frame["top 4: affordances %"].dropna().to_dict() == pytest.approx({"ES": 37.5, "RS": 50})
+    assert frame["first: affordance %"].dropna().to_dict() == {"ES": 50, "RS": 100}
 
 
-def test_a_definition_may_leak_triples_of_either_source() -> None:
-    rows = [("ai2thor", "shelf", "hasAffordance", "open", 3), ("mp3d", "fan", "atLocation", "kitchen", 2),
-            ("mp3d", "fan", "hasAffordance", "push", 1)]  # fmt: skip
+def test_a_definition_may_leak_triples_of_any_source_and_each_counts_once() -> None:
+    rows = [("home", "shelf", "hasAffordance", "open", 3), ("shop", "fan", "atLocation", "kitchen", 2),
+            ("shop", "fan", "hasAffordance", "push", 1)]  # fmt: skip
     triples = pd.DataFrame(rows, columns=["source", "head", "relation", "tail", "count"])
     said = {"shelf": "a board that may be opened", "fan": "what cools the air of kitchens", "open": "to push a fan"}
-    definitions = pd.DataFrame({"phrase": list(said), "definition": list(said.values())})
-    there = results([], entities=ENTITIES.assign(phrase=ENTITIES["entity"]), triples=triples)
-    table = tables.leaks(results([], transfer=there, definitions=definitions))
+    named = ENTITIES.assign(phrase=ENTITIES["entity"])
+    graphs = [(named[:4], triples[:1]), (named, triples)]
+    table = words.leaks(graphs, said, used=True)
     assert table.frame[list(triples.columns)].to_numpy().tolist() == [list(row) for row in rows[:2]]
+    assert table.frame["definition of the head"].tolist() == [said["shelf"], said["fan"]]
     assert "2 of 3 unique triples" in table.caption
+    assert "definitions are behind" in table.caption
+    called = named.assign(phrase=named["phrase"].replace("kitchen", "air"))  # a tail goes by its phrase
+    assert words.leaks([(called, triples)], said, used=False).frame["tail"].tolist() == ["open", "kitchen"]
+    called = named.assign(phrase=named["phrase"].replace("kitchen", "hall"))
+    assert words.leaks([(called, triples)], said, used=False).frame["tail"].tolist() == ["open"]
 
 
-def test_fewer_epochs_is_against_the_mean_of_xavier() -> None:
-    rows = [("joint", "all", 1, seed, 0, 0.7) for seed in (0, 1)]
-    for model, epochs in (("xavier", (8, 12)), ("es", (2, 3))):
-        for seed, epoch in enumerate(epochs):
-            rows += [(model, "all", 1, seed, 0, 0.1), (model, "all", 1, seed, epoch, 0.7)]
-    assert paper.fewer_epochs(results(rows)) == pytest.approx({"xavier": 0, "es": 75})
+def test_orphans_are_known_entities_whose_training_triples_all_go() -> None:
+    entities = pd.DataFrame({"entity": ["a", "b", "c", "d"]})
+    triples = pd.DataFrame([("a", "b"), ("b", "c"), ("c", "d")], columns=["head", "tail"])
+    splits = pd.DataFrame({"seed": [0, 0, 0, 1, 1, 1], "triple": [0, 1, 2] * 2,
+                           "split": ["train"] * 5 + ["valid"]})  # fmt: skip
+    novel = pd.DataFrame({"size": [1, 1], "seed": [0, 1], "entity": [1, 1]})
+    # without b: a has none left; in the second cell nor have c and d, whose triple is not trained on
+    assert run.orphans(entities, triples, splits, novel) == 1 + 3
 
 
 @pytest.mark.parametrize(("value", "text"), [(15000.0, "15,000"), (41.4, "41.4"), (0.001, "0.001"), (3, "3")])
 def test_numbers_of_all_sizes_are_shown_in_one_column(value: float, text: str) -> None:
-    assert paper._shown(value) == text
+    assert paper.shown(value) == text
 
 
-def test_the_best_value_of_a_factor_has_the_others_as_chosen() -> None:
-    made = results([])
-    rows = [
-        setting.model_dump() | {"fold": fold, "mrr_star": 0.5} for setting in made.params.settings for fold in (0, 1)
-    ]
-    table = pd.DataFrame(rows).sort_values(["dimension", "ratio", "learning_rate", "weight_decay"])
-    table.loc[table["dimension"] == 40, "mrr_star"] = [0.9, 0.4]
-    table.loc[table["learning_rate"] == 0.2, "mrr_star"] = [0.6, 0.6]
-    found = results([], cross_validation=table)
-    assert cross_validation.best(found, "dimension") == 40
-    assert cross_validation.best(found, "learning_rate") == 0.2
-    assert cross_validation.best(found, "ratio") == made.params.negatives.ratio  # equals: the choice, which is first
-    assert "dimension 40" in cross_validation.sentence(found)
-    assert "65.0" in cross_validation.sentence(found)
-    table["mrr_star"] = np.where(table["learning_rate"] == 0.1, table["mrr_star"], 0.1)
-    table.loc[table["dimension"] == 40, "mrr_star"] = 0.2
-    assert "no other setting has more" in cross_validation.sentence(results([], cross_validation=table))
+def test_fallbacks_and_ties_are_counted_by_experiment() -> None:
+    inserted = pd.DataFrame({"model": ["es", "es", "rs", "rs"], "fallback": ["rs", None, "centroid", "centroid"]})
+    table = run.fallbacks({"home": inserted, "away": inserted.assign(fallback=np.nan)})
+    assert table.frame.to_numpy().tolist() == [["home", "ES", "rs", 1], ["home", "RS", "centroid", 2]]
+    assert table.caption.endswith("2 in home and 2 in away.")
+    ties = pd.DataFrame({"model": ["es", "es", "joint"], "scope": ["all", "all", "novel"], "ties": [2, 3, 4]})
+    found = run.ties({"home": ties}, {"home": ["es", "joint"]}).frame
+    assert found.to_numpy().tolist() == [["home", "ES", 5, 0], ["home", "Joint", 0, 4]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import hashlib
 import json
 import struct
 from collections.abc import Callable
@@ -13,9 +14,14 @@ import pandas as pd
 import pytest
 from gensim.models import KeyedVectors
 
-from isi import paths, words
-from isi.errors import InputError
-from isi.scenes import ai2thor
+from isi import words
+from isi.base import paths
+from isi.base.errors import InputError
+from isi.sources import ai2thor
+from isi.sources._household import entity_name
+from isi.sources.published import read_phrases
+from isi.words import Words
+from tools.embed_phrases import keep
 
 VECTORS = {
     "alarm": [1.0, 0.0, 0.0],
@@ -41,7 +47,12 @@ def binary(vectors: dict[str, list[float]] = VECTORS, header: str | None = None,
 
 def loaded(path: Path, content: bytes) -> KeyedVectors:
     path.write_bytes(content)
-    return words.load_vectors(str(path))
+    return words.load_vectors(named(path))
+
+
+def named(path: Path, sha256: str | None = None) -> Words:
+    """Params that name a file."""
+    return Words(source=str(path), text="definition", sha256=sha256)
 
 
 @pytest.mark.parametrize(
@@ -203,8 +214,16 @@ def test_a_damaged_gz_file_is_named(tmp_path: Path, damage: Callable[[bytes], by
 
 @pytest.mark.parametrize("name", ["nowhere.bin", "nowhere/vectors"])
 def test_a_missing_path_is_named_without_asking_the_network(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match=rf"{name}.*no such file.*words\.source"):
-        words.load_vectors(str(tmp_path / name))
+    with pytest.raises(InputError, match=rf"{name}.*no such file"):
+        words.load_vectors(named(tmp_path / name))
+
+
+def test_a_file_of_another_hash_is_refused_with_both_hashes(tmp_path: Path) -> None:
+    got = hashlib.sha256(text()).hexdigest()
+    assert len(loaded(tmp_path / "words.txt", text())) == len(VECTORS)
+    assert len(words.load_vectors(named(tmp_path / "words.txt", got))) == len(VECTORS)
+    with pytest.raises(InputError, match=rf"words\.txt.*{'0' * 64}.*sha256.*{got}"):
+        words.load_vectors(named(tmp_path / "words.txt", "0" * 64))
 
 
 # The shipped vectors
@@ -212,7 +231,7 @@ def test_a_missing_path_is_named_without_asking_the_network(tmp_path: Path, name
 
 @pytest.fixture(scope="module", params=["definition", "phrase"])
 def shipped(request: pytest.FixtureRequest) -> KeyedVectors:
-    return words.load_vectors(str(paths.shipped_vectors(request.param)))
+    return words.load_vectors(Words(source="shipped", text=request.param, sha256=None))
 
 
 def definitions() -> list[str]:
@@ -225,7 +244,7 @@ def definitions() -> list[str]:
 def object_types() -> list[str]:
     """All of AI2-THOR's and RoboTHOR's in the recording, the floor too."""
     scenes = json.loads(ai2thor.locate("procthor").read_bytes())
-    return sorted({ai2thor.entity_name(o["objectType"]) for rooms in scenes.values() for room in rooms for o in room})
+    return sorted({entity_name(o["objectType"]) for rooms in scenes.values() for room in rooms for o in room})
 
 
 ROOMS = ["bathroom", "bedroom", "kitchen", "living room"]
@@ -237,7 +256,8 @@ AFFORDANCES = ["open", "close", "pick up", "put", "turn on", "turn off", "fill",
 
 
 def test_the_shipped_vectors_serve_every_phrase_as_one_token(shipped: KeyedVectors) -> None:
-    phrases = [*definitions(), *object_types(), *ROOMS, *SUNCG, *SIMULATOR, *AFFORDANCES]
+    published = read_phrases(paths.PUBLISHED_PHRASES)["phrase"]
+    phrases = [*definitions(), *object_types(), *ROOMS, *SUNCG, *SIMULATOR, *AFFORDANCES, *published]
     assert words.look_up(shipped, phrases).served_by == [phrase.replace(" ", "_") for phrase in phrases]
 
 
@@ -254,3 +274,13 @@ def test_the_shipped_vectors_are_unit_length_rows_of_384_and_no_two_alike(shippe
 def test_the_shipped_vectors_know_what_is_alike(shipped: KeyedVectors) -> None:
     assert shipped.similarity("sofa", "arm_chair") > shipped.similarity("sofa", "egg")
     assert shipped.similarity("sink", "sink_basin") > shipped.similarity("sink", "alarm_clock")
+
+
+def test_embedding_again_keeps_the_bytes_of_vectors_that_differ_by_rounding_alone() -> None:
+    stored = KeyedVectors(3)
+    stored.add_vectors(["mug", "bowl"], np.array([[0.6, 0.8, 0.0], [0.0, 0.6, 0.8]], dtype=np.float32))
+    again = np.array([[0.600001, 0.8, 0.0], [0.0, 0.6, 0.8], [0.01, 0.59, 0.8]], dtype=np.float32)
+    new_bowl = again[2].copy()
+    assert keep(["mug", "pan", "bowl"], again, stored) == 1
+    assert again[0].tobytes() == stored["mug"].tobytes()
+    np.testing.assert_array_equal(again[1:], [np.array([0.0, 0.6, 0.8], dtype=np.float32), new_bowl])

@@ -12,16 +12,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from isi.lessons import TABLE_CELLS
-from tests.growth import RELATIONS
+from isi.learning.batches import TABLE_CELLS
+from isi.report.figures import STYLE
 
 FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 COLOURS = {"tables": "#d55e00", "lists": "#0072b2"}
-_STYLE: Any = {
-    "font.size": 9, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
-    "axes.grid": True, "grid.alpha": 0.3,
-    "legend.frameon": False, "svg.hashsalt": "isi", "svg.fonttype": "path", "figure.dpi": 160,
-}  # fmt: skip
 
 
 def machine(results: dict[str, Any]) -> str:
@@ -76,14 +71,12 @@ def growth(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def mining(rows: pd.DataFrame) -> pd.DataFrame:
-    """Mining in this process, and on workers."""
-    peak = rows["parent_mib"] + rows["workers"] * rows["largest_child_mib"]
+    """Mining in one process."""
     return pd.DataFrame({
         "houses": rows["houses"].map("{:,.0f}".format),
-        "workers": rows["workers"].map("{:.0f}".format),
         "observations": rows["observations"].map("{:,.0f}".format),
         "s": _figures(rows["seconds"]),
-        "peak MiB, all processes": peak.map("{:,.0f}".format),
+        "peak MiB": rows["peak_mib"].map("{:,.0f}".format),
     })  # fmt: skip
 
 
@@ -93,7 +86,12 @@ def crossing(rows: pd.DataFrame) -> float:
     ahead = np.log((both["tables"] / both["lists"]).to_numpy())
     last = np.flatnonzero(ahead < 0)[-1]
     about = slice(last, last + 2)
-    return RELATIONS * float(np.exp(np.interp(0, ahead[about], np.log(both.index[about])))) ** 2
+    return relations(rows) * float(np.exp(np.interp(0, ahead[about], np.log(both.index[about])))) ** 2
+
+
+def relations(rows: pd.DataFrame) -> int:
+    """Of the graphs that grow, which all have the same."""
+    return int(rows["relations"].iloc[0])
 
 
 def scaling(rows: pd.DataFrame) -> Figure:
@@ -107,12 +105,21 @@ def scaling(rows: pd.DataFrame) -> Figure:
     switches = (TABLE_CELLS, "--", "where batches become lists"), (crossing(rows), ":", "where both cost the same")
     for axes in (left, right):
         for cells, line, what in switches:
-            axes.axvline((cells / RELATIONS) ** 0.5, color="black", lw=0.8, ls=line, label=what)
+            axes.axvline((cells / relations(rows)) ** 0.5, color="black", lw=0.8, ls=line, label=what)
         axes.set_xlabel("entities (ten triples each)")
     left.set(title="an epoch of one model", ylabel="µs per observation")
     right.set(title="peak memory of the process", ylabel="MiB", ylim=(0, None))
     canvas.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return canvas
+
+
+def facts(rows: pd.DataFrame) -> pd.DataFrame:
+    """What benchmarks say of themselves: for those without a table of their own."""
+    shown = rows.drop(columns="median")
+    return pd.DataFrame({
+        name.replace("_", " "): _figures(shown[name]) if shown[name].dtype == float else shown[name].astype(str)
+        for name in shown
+    })  # fmt: skip
 
 
 def _per_observation(rows: pd.DataFrame) -> pd.Series:
@@ -134,19 +141,20 @@ def main() -> None:
     }
     FOLDER.mkdir(parents=True, exist_ok=True)
     (FOLDER / "machine.md").write_text(machine(results), encoding="utf-8")
-    for table in (training, ranking, growth, mining):
-        shown = table(groups[table.__name__])
+    tables = {"training": training, "ranking": ranking, "growth": growth, "mining": mining}
+    for name, rows in groups.items():
+        shown = tables.get(name, facts)(rows)
         text = shown.to_markdown(
             index=False, disable_numparse=True, colalign=["left", *["right"] * (shown.shape[1] - 1)]
         )
-        (FOLDER / f"{table.__name__}.md").write_text(text + "\n", encoding="utf-8")
+        (FOLDER / f"{name}.md").write_text(text + "\n", encoding="utf-8")
         print(f"\n{text}")
     even = float(f"{crossing(groups['growth']):.2g}")
     same = f"Tables and lists cost the same on a graph of {even:,.0f} possible triples"
     switch = f"{same}; batches become lists above {TABLE_CELLS:,}."
     (FOLDER / "switch.md").write_text(switch + "\n", encoding="utf-8")
     print(f"\n{switch}")
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         canvas = scaling(groups["growth"])
         canvas.savefig(FOLDER / "scaling.svg", metadata={"Date": None})
         canvas.savefig(FOLDER / "scaling.png")

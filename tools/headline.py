@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 #: Title in two lines, and where its numbers are in ``metrics.json``.
 COLUMNS = (
@@ -18,15 +20,24 @@ COLUMNS = (
 )
 
 
-def main(folder: Path) -> None:
-    metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+def headline(title: str, metrics: Mapping[str, Any]) -> str:
+    """One experiment's numbers, a line a model."""
     models = list(metrics["immediate_mrr_star"]["all"])
-    first = max(map(len, models)) + 2
-    print(f"\n{'':{first}}" + "".join(f"{upper:>14}" for upper, *_ in COLUMNS))
-    print(f"{'':{first}}" + "".join(f"{lower:>14}" for _, lower, *_ in COLUMNS))
+    first = max(map(len, [title, *models])) + 2
+    lines = [f"{title:{first}}" + "".join(f"{upper:>14}" for upper, *_ in COLUMNS)]
+    lines.append(f"{'':{first}}" + "".join(f"{lower:>14}" for _, lower, *_ in COLUMNS))
     for model in models:
-        values = [metrics[section].get(scope, {}).get(model) for *_, section, scope in COLUMNS]
-        print(f"{model:{first}}" + "".join(f"{'' if value is None else f'{value:.1f}':>14}" for value in values))
+        values = [metrics.get(section, {}).get(scope, {}).get(model) for *_, section, scope in COLUMNS]
+        lines.append(f"{model:{first}}" + "".join(f"{'' if value is None else f'{value:.1f}':>14}" for value in values))
+    return "\n".join(lines)
+
+
+def main(folder: Path) -> None:
+    """Those of the first experiment, then of each other under its name."""
+    metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+    others = {name: value for name, value in metrics.items() if "immediate_mrr_star" in value}
+    for title, own in {"": metrics, **others}.items():
+        print(f"\n{headline(title, own)}")
     print(f"\nThe report: {folder / 'index.html'}")
 
 

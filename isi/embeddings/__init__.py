@@ -1,1 +1,1 @@
-"""Multi-relational embeddings, as stacks of M models that train and score together."""
+"""Stacks of knowledge-graph embeddings, and what a family of them is made of."""

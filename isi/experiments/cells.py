@@ -6,15 +6,18 @@ however tasks are spread.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from isi.embeddings.family import Family
 from isi.embeddings.stack import Embedding
 from isi.graph import Graph
-from isi.sessions import Session, initial_session, joint_session
+from isi.sessions import session
+from isi.sessions.drawing import later_key
+from isi.sessions.session import Session
 
 #: Size that stands for no insertion, in keys of random streams and in logs.
 JOINT = 0
@@ -24,43 +27,51 @@ JOINT = 0
 class Cells:
     """Cells of one size, over one graph."""
 
+    experiment: str
     graph: Graph
     size: int
     seeds: list[int]
     #: of each seed; shape: (M, T), int8
     splits: np.ndarray
-    #: ids of the novel entities; shape: (M, size)
+    #: ids of the novel entities, by the session that inserts them; shape: (M, S, size)
     novel: np.ndarray
-    #: that they belong to
-    experiment: str = field(default="ai2thor", kw_only=True)
 
     def __str__(self) -> str:
         return f"{self.experiment}, size {self.size}, seeds {', '.join(map(str, self.seeds))}"
 
     @property
-    def keys(self) -> Tensor:
-        """(size, seed) of each model, for its random streams; shape: (M, 2)."""
-        return torch.tensor([[self.size, seed] for seed in self.seeds])
+    def sessions(self) -> int:
+        """How many sessions insert."""
+        return int(self.novel.shape[1])
+
+    def keys(self, number: int = 1) -> Tensor:
+        """(size, seed) of each model, for its random streams in a session; shape: (M, 2), (M, 3) after the first."""
+        return torch.tensor([[self.size, seed, *later_key(number)] for seed in self.seeds])
+
+    def session(self, number: int) -> Session:
+        """D of the session after which so many have inserted: D⁰, D¹, ..."""
+        absent = self.novel[:, number:].reshape(len(self.seeds), -1)
+        return session.without(self.graph, torch.as_tensor(self.splits), torch.as_tensor(absent))
 
     @property
     def joint(self) -> Session:
-        """D¹ of each cell."""
-        return joint_session(self.graph, torch.as_tensor(self.splits))
+        """D of the last session: all that has a split."""
+        return session.everything(self.graph, torch.as_tensor(self.splits))
 
-    @property
-    def initial(self) -> Session:
-        """D⁰ of each cell."""
-        return initial_session(self.graph, torch.as_tensor(self.splits), torch.as_tensor(self.novel))
+    def novel_in(self, number: int) -> Tensor:
+        """Ids of the entities that a session inserts, from 1; shape: (M, size)."""
+        return torch.as_tensor(self.novel[:, number - 1])
 
 
 @dataclass(frozen=True)
-class Embedded(Cells):
-    """Cells with an embedding of each."""
+class Vectors:
+    """An embedding of each cell of a stack, as it travels to a worker."""
 
-    #: (entity, relation); shapes: (M, E, d), (M, R, d)
-    embedding: tuple[np.ndarray, np.ndarray]
+    family: Family
+    #: shapes: (M, E, d), (M, R, w)
+    entity: np.ndarray
+    relation: np.ndarray
 
     @property
-    def theta(self) -> Embedding:
-        """The embedding as a stack."""
-        return Embedding(*map(torch.as_tensor, self.embedding))
+    def stack(self) -> Embedding:
+        return Embedding(torch.as_tensor(self.entity), torch.as_tensor(self.relation), self.family)

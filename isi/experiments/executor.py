@@ -9,20 +9,52 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TypeVar
+from typing import Annotated, Any, Literal, Protocol, Self, TypeVar
 
 import torch
+from pydantic import Field, model_validator
 from tqdm import tqdm
 
-from isi import paths
-from isi.errors import InputError
+from isi.base import paths
+from isi.base.errors import InputError
+from isi.base.lifetime import tie_to_parent
+from isi.base.params import Count, Section
+from isi.base.stage import COMPUTE, Given
 from isi.experiments.cells import Cells
-from isi.lessons import TABLE_CELLS
-from isi.lifetime import tie_to_parent
-from isi.params import Compute
+from isi.learning.batches import TABLE_CELLS
 
-Task = TypeVar("Task", bound=Cells)
+
+class HasCells(Protocol):
+    """A task: a data class with the cells that it is about, and all else that it needs."""
+
+    @property
+    def cells(self) -> Cells: ...
+
+
+Task = TypeVar("Task", bound=HasCells)
 Done = TypeVar("Done")
+
+
+class Compute(Section):
+    """Where and how tasks run: changes no result."""
+
+    workers: Count | Literal["all"]
+    stack: Count
+    engine: Literal["processes", "dask"] = "processes"
+    scheduler: Annotated[str, Field(pattern=r"^tcp://[^/\s]+:[0-9]{1,5}$")] | None = None
+    device: Literal["cpu", "auto", "cuda"] = "cpu"
+
+    @model_validator(mode="after")
+    def _dask_has_a_scheduler(self) -> Self:
+        if self.engine == "dask" and self.scheduler is None:
+            raise ValueError("engine dask needs the address of its scheduler: compute.scheduler: tcp://host:port")
+        return self
+
+
+def compute_of(given: Given) -> Compute:
+    """Where a stage's tasks run."""
+    return given.section(COMPUTE, Compute)
+
 
 #: Seconds in which a scheduler must answer.
 REACH = 5
@@ -42,7 +74,7 @@ def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Comput
         InputError: where there is no such engine, scheduler or device.
     """
     engine = _dask if compute.engine == "dask" else _processes
-    models = sum(len(task.seeds) for task in tasks)
+    models = sum(len(task.cells.seeds) for task in tasks)
     with engine(compute) as executor, tqdm(total=models, desc=name, unit="model", disable=None) as bar:
         futures = {executor.submit(alone, function, task, compute.device): task for task in tasks}
         for future in as_completed(futures):
@@ -52,8 +84,8 @@ def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Comput
             except (InputError, BrokenExecutor, CancelledError):  # no task's own failure
                 raise
             except Exception as error:
-                raise TaskError(f"{task}: {type(error).__name__}: {error}") from error
-            bar.update(len(task.seeds))
+                raise TaskError(f"{task.cells}: {type(error).__name__}: {error}") from error
+            bar.update(len(task.cells.seeds))
     return [future.result() for future in futures]
 
 
@@ -70,7 +102,8 @@ def alone(function: Callable[[Task], Done], task: Task, device: str) -> Done:
     if found.type == "cpu":
         return function(task)
     with found:
-        return function(replace(task, graph=task.graph.on(found)))
+        whole: Any = task
+        return function(replace(whole, cells=replace(task.cells, graph=task.cells.graph.on(found))))
 
 
 def device_of(name: str) -> torch.device:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,42 +10,45 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi import ranking
-from isi.experiments.cells import Cells, Embedded
-from isi.ranking import MEASURES, Result
+from isi.experiments.cells import Cells, Vectors
+from isi.learning import scopes
+from isi.learning.ranks import MEASURES, Result, evaluate
 
 
 @dataclass(frozen=True)
-class JudgingTask(Embedded):
-    """Measure given embeddings in every scope."""
+class JudgingTask:
+    """Measure given embeddings in every scope of every session that inserts."""
 
-    #: (model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 3)
+    cells: Cells
+    theta: Vectors
+    #: (session, model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 4)
     insert_triples: np.ndarray
 
 
 def judge(task: JudgingTask) -> pd.DataFrame:
     """Measures of embeddings as they are, in every scope (``tables.RUNS``, epoch 0)."""
-    session, novel, theta = task.joint, torch.as_tensor(task.novel), task.theta
-    results = ranking.evaluate(theta, ranking.epoch_scopes(session, novel))
-    results |= ranking.evaluate(theta, ranking.novel_scope(session, novel, insert_mask(task)))
-    return run_rows(task, 0, torch.arange(len(task.seeds)), results)
+    cells, theta, rows = task.cells, task.theta.stack, []
+    for number in range(1, cells.sessions + 1):
+        session, novel = cells.session(number), cells.novel_in(number)
+        told = task.insert_triples[task.insert_triples[:, 0] == number]
+        mask = torch.zeros(cells.splits.shape, dtype=torch.bool)
+        mask[told[:, 1], told[:, 3]] = True
+        results = evaluate(theta, scopes.epoch_scopes(session, novel))
+        results |= evaluate(theta, scopes.novel_scope(session, novel, mask))
+        rows.append(run_rows(cells, number, 0, torch.arange(len(cells.seeds)), results))
+    return pd.concat(rows)
 
 
-def insert_mask(task: JudgingTask) -> Tensor:
-    """The insert triples of each cell as a mask; shape (M, T)."""
-    mask = torch.zeros(task.splits.shape, dtype=torch.bool)
-    mask[task.insert_triples[:, 0], task.insert_triples[:, 2]] = True
-    return mask
-
-
-def run_rows(task: Cells, epoch: int, models: Tensor, results: dict[str, Result]) -> pd.DataFrame:
-    seeds = np.array(task.seeds)[models.cpu().numpy()]
+def run_rows(cells: Cells, session: int, epoch: int, models: Tensor, results: Mapping[str, Result]) -> pd.DataFrame:
+    """Measures of some models of a stack of cells after an epoch, by scope (``tables.RUNS`` and ``tables.TIES``)."""
+    seeds = np.array(cells.seeds)[models.cpu().numpy()]
     return pd.concat(
-        measure_columns(result).assign(size=task.size, seed=seeds, epoch=epoch, scope=scope)
+        measure_columns(result).assign(size=cells.size, seed=seeds, epoch=epoch, scope=scope, session=session)
         for scope, result in results.items()
     )
 
 
 def measure_columns(result: Result) -> pd.DataFrame:
+    """A result as columns, one row a model."""
     columns = dict(zip(MEASURES, result.measures.T.cpu().numpy(), strict=True))
     return pd.DataFrame(columns | {"queries": result.queries.cpu().numpy(), "ties": result.ties.cpu().numpy()})

@@ -10,12 +10,16 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi import lessons, ranking, training
+from isi.base.stage import Given
+from isi.embeddings.family import Family
 from isi.embeddings.stack import uniform
 from isi.experiments.cells import Cells
-from isi.params import EmbeddingParams, Negatives, Training
-from isi.ranking import MEASURES
-from isi.sessions import Session
+from isi.families import EmbeddingParams, make
+from isi.learning import training
+from isi.learning.batches import Negatives, training_data
+from isi.learning.ranks import MEASURES
+from isi.learning.training import Training
+from isi.sessions.session import Session
 
 
 @dataclass(frozen=True)
@@ -23,14 +27,19 @@ class Learning:
     """How Θ⁰ and the joint model are trained."""
 
     root: int
-    embedding: EmbeddingParams
+    family: Family
+    dimension: int
+    init_range: float
     negatives: Negatives
     training: Training
 
 
 @dataclass(frozen=True)
-class LearningTask(Cells):
-    learning: Learning
+class LearningTask:
+    """Train an embedding of each cell."""
+
+    cells: Cells
+    how: Learning
 
 
 @dataclass(frozen=True)
@@ -43,29 +52,41 @@ class Learned:
     log: pd.DataFrame
 
 
+def family_of(given: Given, name: str | None = None) -> Family:
+    """The embedding family of a name, or that a stage's params choose, with its options."""
+    name = name or given.section("embedding", EmbeddingParams).family
+    return make(name, given.raw(f"families.{name}"), f"families.{name}")
+
+
+def learning(given: Given, family: str | None = None) -> Learning:
+    """How a stage's params say that embeddings are trained, of the family that they choose or another one."""
+    embedding = given.section("embedding", EmbeddingParams)
+    return Learning(
+        given.seed, family_of(given, family), embedding.dimension, embedding.init_range,
+        given.section("negatives", Negatives), given.section("training", Training),
+    )  # fmt: skip
+
+
 def learn_initial(task: LearningTask) -> Learned:
     """Train Θ⁰ of each cell on its D⁰."""
-    return _learn(task, task.initial)
+    return _learn(task, task.cells.session(0))
 
 
 def learn_joint(task: LearningTask) -> Learned:
-    """Train the joint model of each seed on D¹ (section 5.3)."""
-    return _learn(task, task.joint)
+    """Train the joint model of each seed on all that has a split (section 5.3)."""
+    return _learn(task, task.cells.joint)
 
 
 def _learn(task: LearningTask, session: Session) -> Learned:
-    how, keys = task.learning, task.keys
-    graph = task.graph
-    start = uniform(
-        session.entities, len(graph.relations), how.embedding.dimension, how.embedding.init_range, how.root, keys
-    )
-    lesson = lessons.lesson(session, "training", keys, how.negatives.head_pool)
-    valid = ranking.validation(session)["valid"]
-    best, looks = training.fit(start, lesson, valid, how.negatives, how.training, how.root)
+    how, cells, keys = task.how, task.cells, task.cells.keys()
+    relations = len(cells.graph.relations)
+    start = uniform(session.entities, relations, how.family, how.dimension, how.init_range, how.root, keys)
+    data = training_data(session, "training", keys, how.negatives.head_pool)
+    best, looks = training.fit(start, data, how.negatives, how.training, how.root)
     log = pd.concat(
         pd.DataFrame(dict(zip(MEASURES, look.measures.T.cpu().numpy(), strict=True))).assign(
-            size=task.size,
-            seed=np.array(task.seeds)[look.models.cpu().numpy()],
+            size=cells.size,
+            seed=np.array(cells.seeds)[look.models.cpu().numpy()],
             epoch=look.epoch,
             kept=look.kept.cpu().numpy(),
         )
@@ -75,10 +96,10 @@ def _learn(task: LearningTask, session: Session) -> Learned:
     return Learned(entity, relation, known, log)
 
 
-def as_tensors(tasks: Sequence[Cells], learned: Sequence[Learned]) -> dict[str, Tensor]:
+def as_tensors(tasks: Sequence[LearningTask], learned: Sequence[Learned]) -> dict[str, Tensor]:
     """Trained embeddings of several tasks of one size, as the tensors of one file."""
     tensors = {
         name: torch.from_numpy(np.concatenate([getattr(result, name) for result in learned]))
         for name in ("entity", "relation", "known")
     }
-    return tensors | {"seed": torch.tensor([seed for task in tasks for seed in task.seeds])}
+    return tensors | {"seed": torch.tensor([seed for task in tasks for seed in task.cells.seeds])}

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from isi import paths, tables
-from isi.errors import InputError
-from isi.experiments.cells import Cells
+from isi.base import paths, tables
+from isi.base.errors import InputError
+from isi.base.tables import Provenance
+from isi.embeddings.family import Family
+from isi.experiments.cells import Cells, Vectors
 from isi.graph import Graph, build
-from isi.sessions import OUT, SPLITS
-from isi.tables import Provenance
+from isi.sessions.session import OUT, SPLITS
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,11 @@ class Store:
 
     def graph(self) -> Graph:
         return build(self.entities(), self.triples())
+
+    def words(self) -> np.ndarray:
+        """Word vectors of the entities; shape: (E, w)."""
+        (vectors,) = self.tensors(paths.vectors(self.experiment), "vectors")
+        return vectors
 
     def splits(self) -> dict[int, np.ndarray]:
         """Split of each unique triple, by seed, OUT where it has none; shapes: (T,), int8."""
@@ -61,12 +67,12 @@ class Store:
     def runs(self, name: str) -> pd.DataFrame:
         return tables.read(paths.runs(self.experiment, name), tables.RUNS, self.provenance)
 
-    def theta0(self, cells: Cells) -> tuple[np.ndarray, np.ndarray]:
-        """(entity, relation) of Θ⁰ of a stack of cells; shapes: (M, E, d), (M, R, d)."""
+    def theta0(self, cells: Cells, family: Family) -> Vectors:
+        """Θ⁰ of a stack of cells."""
         path = paths.theta0(self.experiment, cells.size)
         entity, relation, seed = self.tensors(path, "entity", "relation", "seed")
         rows = np.flatnonzero(np.isin(seed, cells.seeds))
-        return entity[rows], relation[rows]
+        return Vectors(family, entity[rows], relation[rows])
 
     def cells(self, stack: int, size: int | None = None, seeds: int | None = None) -> list[Cells]:
         """Every cell of the grid, in stacks of at most ``stack`` seeds of one size.
@@ -80,76 +86,49 @@ class Store:
             novel = novel[novel["size"] == size]
         if seeds is not None:
             novel = novel[novel["seed"] < seeds]
+        if size is not None and novel.empty:
+            raise InputError(paths.novel(self.experiment), "column 'size'", f"no set of {size} was drawn (params.yaml)")
         if len(novel) and novel["entity"].max() >= len(graph.entities):
             raise InputError(paths.novel(self.experiment), "column 'entity'", "expected ids of the graph's entities")
         if not set(novel["seed"]) <= set(splits):
             raise InputError(paths.novel(self.experiment), "column 'seed'", "expected seeds that have splits")
         return [
-            Cells(graph, size, seeds, np.stack([splits[seed] for seed in seeds]), drawn, experiment=self.experiment)
+            Cells(self.experiment, graph, size, seeds, np.stack([splits[seed] for seed in seeds]), drawn)
             for size, seeds, drawn in _stacks(novel, stack)
         ]
 
+    def insert_triples_of(self, cells: Cells, table: pd.DataFrame) -> np.ndarray:
+        """(session, model, place in ``novel``, triple) of the insert triples of a stack of cells; shape (I, 4)."""
+        own = table[(table["size"] == cells.size) & table["seed"].isin(cells.seeds)]
+        model = own["seed"].map({seed: number for number, seed in enumerate(cells.seeds)}).to_numpy(np.int64)
+        session = own["session"].to_numpy(np.int64)
+        place = (cells.novel[model, session - 1] == own["entity"].to_numpy()[:, None]).argmax(1)
+        rows = np.stack([session, model, place, own["triple"].to_numpy(np.int64)], 1)
+        return rows[np.lexsort(rows.T[::-1])]
+
+    def joint_mrr_star(self, runs: pd.DataFrame, cells: Cells, session: int, scope: str) -> np.ndarray:
+        """MRR* of the joint models of a stack of cells in a scope of a session; NaN without queries; shape (M,)."""
+        own = runs[(runs["size"] == cells.size) & (runs["scope"] == scope) & (runs["session"] == session)]
+        return own.set_index("seed")["mrr_star"].loc[cells.seeds].to_numpy(np.float64, copy=True)
+
+    def write_runs(self, name: str, runs: pd.DataFrame) -> None:
+        """Write the measures of a model at every epoch, and its ties at epoch 0."""
+        ordered = runs.sort_values(["size", "seed", "session", "epoch", "scope"])
+        at_once = ordered[ordered["epoch"] == 0]
+        tables.write(paths.ties(self.experiment, name), at_once, tables.TIES, self.provenance)
+        tables.write(paths.runs(self.experiment, name), ordered, tables.RUNS, self.provenance)
+
+    def write_log(self, model: str, log: pd.DataFrame) -> None:
+        """Write the looks at validation MRR* that training took."""
+        ordered = log.sort_values(["size", "seed", "epoch"])
+        tables.write(paths.training_log(self.experiment, model), ordered, tables.TRAINING_LOG, self.provenance)
+
 
 def _stacks(novel: pd.DataFrame, stack: int) -> Iterator[tuple[int, list[int], np.ndarray]]:
-    """Size, seeds and novel entities (M, size) of each stack of cells."""
+    """Size, seeds and novel entities (M, S, size) of each stack of cells."""
     for size in sorted(novel["size"].unique().tolist()):
         rows = novel[novel["size"] == size]
         seeds = rows["seed"].unique().tolist()
-        drawn = rows["entity"].to_numpy(np.int64).reshape(len(seeds), -1)
+        drawn = rows["entity"].to_numpy(np.int64).reshape(len(seeds), -1, size)
         for first in range(0, len(seeds), stack):
             yield size, seeds[first : first + stack], drawn[first : first + stack]
-
-
-def insert_triples_of(cells: Cells, table: pd.DataFrame) -> np.ndarray:
-    """(model, place in ``novel``, triple) of the insert triples of a stack of cells; shape (I, 3)."""
-    own = table[(table["size"] == cells.size) & table["seed"].isin(cells.seeds)]
-    model = own["seed"].map({seed: number for number, seed in enumerate(cells.seeds)}).to_numpy(np.int64)
-    place = (cells.novel[model] == own["entity"].to_numpy()[:, None]).argmax(1)
-    rows = np.stack([model, place, own["triple"].to_numpy(np.int64)], 1)
-    return rows[np.lexsort(rows.T[::-1])]
-
-
-def joint_mrr_star(runs: pd.DataFrame, cells: Cells, scope: str) -> np.ndarray:
-    """MRR* of the joint models of a stack of cells in a scope; NaN without queries; shape (M,)."""
-    own = runs[(runs["size"] == cells.size) & (runs["scope"] == scope)].set_index("seed")["mrr_star"]
-    return own.loc[cells.seeds].to_numpy(np.float64)
-
-
-def write_sessions(
-    experiment: str,
-    splits: Sequence[tuple[np.ndarray, np.ndarray]],
-    novel: Sequence[tuple[int, ...]],
-    insert: Sequence[tuple[int, ...]],
-    provenance: Provenance,
-) -> None:
-    """Write the learning sessions of an experiment.
-
-    Args:
-        splits: ids of the triples that take part and their splits, of each seed; shapes: (T,).
-        novel: rows of ``tables.NOVEL``.
-        insert: rows of ``tables.INSERT_TRIPLES``.
-    """
-    parts = [
-        pd.DataFrame({"seed": seed, "triple": triples, "split": codes}) for seed, (triples, codes) in enumerate(splits)
-    ]
-    table = pd.concat(parts)
-    table["split"] = np.array(SPLITS)[table["split"]]
-    tables.write(paths.splits(experiment), table, tables.SPLITS, provenance)
-    for path, rows, schema in (
-        (paths.novel(experiment), novel, tables.NOVEL),
-        (paths.insert_triples(experiment), insert, tables.INSERT_TRIPLES),
-    ):
-        tables.write(path, pd.DataFrame(rows, columns=schema.names), schema, provenance)
-
-
-def write_runs(experiment: str, name: str, runs: pd.DataFrame, provenance: Provenance) -> None:
-    """Write the measures of a model at every epoch, and its ties at epoch 0."""
-    ordered = runs.sort_values(["size", "seed", "epoch", "scope"])
-    tables.write(paths.ties(experiment, name), ordered[ordered["epoch"] == 0], tables.TIES, provenance)
-    tables.write(paths.runs(experiment, name), ordered, tables.RUNS, provenance)
-
-
-def write_log(experiment: str, model: str, log: pd.DataFrame, provenance: Provenance) -> None:
-    """Write the looks at validation MRR* that training took."""
-    ordered = log.sort_values(["size", "seed", "epoch"])
-    tables.write(paths.training_log(experiment, model), ordered, tables.TRAINING_LOG, provenance)

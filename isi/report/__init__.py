@@ -1,1 +1,1 @@
-"""The report: tables, figures and the page, from what the runs left behind."""
+"""The report: what was found, as tables, figures, headline metrics and one page."""

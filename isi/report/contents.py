@@ -1,32 +1,28 @@
-"""What the report holds: its tables and figures, by the modules that make them."""
+"""What the page holds: its sections, in order."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from importlib import import_module
 
-from isi.report import (
-    approach,
-    cross_validation,
-    differences,
-    figures,
-    gains,
-    paper,
-    rates,
-    sensitivity,
-    tables,
-    transfer,
-)
-from isi.report.figures import Figure
-from isi.report.results import Results
-from isi.report.tables import Table
+from isi.report.section import Section
 
-TABLES: tuple[Callable[[Results], Table], ...] = (
-    *tables.TABLES, *sensitivity.TABLES, *cross_validation.TABLES, *rates.TABLES, *approach.TABLES,
-    *transfer.TABLES, *paper.TABLES, *gains.TABLES, *differences.TABLES,
-)  # fmt: skip
-FIGURES: tuple[Callable[[Results], Figure | None], ...] = (
-    *figures.FIGURES,
-    *sensitivity.FIGURES,
-    *approach.FIGURES,
-    *transfer.FIGURES,
+#: Modules of ``isi/report/sections``, each of which exports its ``SECTION``.
+ORDER = (
+    "approach",
+    "graph",
+    "at_once",
+    "controls",
+    "epochs",
+    "differences",
+    "earlier",
+    "transfer",
+    "affordances",
+    "sensitivity",
+    "cross_validation",
+    "families",
+    "words",
+    "paper",
+    "run",
 )
+
+SECTIONS: tuple[Section, ...] = tuple(import_module(f"isi.report.sections.{name}").SECTION for name in ORDER)

@@ -3,48 +3,90 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from markupsafe import Markup, escape
 
-from isi.report import cross_validation, differences, gains, rates, sensitivity, transfer
-from isi.report.figures import Figure
+from isi.base.tables import atomically
+from isi.report import summary
+from isi.report.figures import STYLE, rendered
 from isi.report.metrics import metrics, plots
-from isi.report.results import ISI, Results
-from isi.report.tables import CONTROLS, Table, label
-from isi.tables import atomically
+from isi.report.results import Results
+from isi.report.section import Content, Figure, Section, Table
+
+#: Sections that have something to say, each with what it says.
+Made = Sequence[tuple[Section, Sequence[Content]]]
 
 
-def write(
-    folder: Path, results: Results, tables: Iterable[Table], figures: Iterable[Figure], run: Mapping[str, Any]
-) -> None:
-    """Write the page and everything beside it; each file whole or not at all.
-
-    Args:
-        run: what was run, by title: mappings of names to values.
-    """
-    tables, figures = list(tables), list(figures)
+def write(folder: Path, results: Results, sections: Sequence[Section]) -> None:
+    """Write the page and everything beside it, each file whole or not at all; files of an earlier report go."""
+    with mpl.rc_context(STYLE):
+        every = [(section, list(section.contents(results))) for section in sections]
+    made = [(section, contents) for section, contents in every if contents]
     files: dict[Path, bytes] = {}
-    for table in tables:
-        files |= {folder / "tables" / f"{table.name}.{form}": text.encode() for form, text in _forms(table).items()}
-    for figure in figures:
-        files |= {folder / "figures" / f"{figure.name}.{form}": figure.rendered(form) for form in ("svg", "png")}
+    drawings: dict[str, str] = {}
+    for content in [content for _, contents in made for content in contents]:
+        if isinstance(content, Table):
+            files |= {
+                folder / "tables" / f"{content.name}.{form}": text.encode() for form, text in forms(content).items()
+            }
+        elif isinstance(content, Figure):
+            drawn = {form: rendered(content.canvas, form) for form in ("svg", "png")}
+            files |= {folder / "figures" / f"{content.name}.{form}": drawing for form, drawing in drawn.items()}
+            drawings[content.name] = drawn["svg"].decode()
     for name, frame in plots(results).items():
         files[folder / "plots" / f"{name}.csv"] = frame.to_csv(index=False, float_format="%.4f").encode()
-    headline = metrics(results)
-    files[folder / "metrics.json"] = (json.dumps(headline, indent=2) + "\n").encode()
-    files[folder / "index.html"] = _html(results, tables, figures, headline, run).encode()
-    for path, content in files.items():
-        atomically(path, lambda temporary, content=content: temporary.write_bytes(content))  # type: ignore[misc]
+    files[folder / "metrics.json"] = (json.dumps(metrics(results), indent=2) + "\n").encode()
+    files[folder / "index.html"] = html(made, drawings, list(summary.paragraphs(results))).encode()
+    for path, data in files.items():
+        atomically(path, lambda temporary, data=data: temporary.write_bytes(data))  # type: ignore[misc]
     for part in ("tables", "figures", "plots"):
-        for path in set((folder / part).iterdir()) - set(files):
+        for path in set((folder / part).glob("*")) - set(files):
             path.unlink()
 
 
-def _forms(table: Table) -> dict[str, str]:
+def html(made: Made, drawings: Mapping[str, str], paragraphs: Sequence[str]) -> str:
+    """The page itself.
+
+    Args:
+        drawings: of figures as SVG, by name.
+        paragraphs: above all sections.
+    """
+    environment = Environment(
+        loader=PackageLoader("isi.report"), autoescape=select_autoescape(), undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    ids = {section.id for section, _ in made}
+    return environment.get_template("page.html").render(
+        title=summary.TITLE,
+        paragraphs=paragraphs,
+        made=made,
+        form=lambda content: type(content).__name__,
+        marked_up=lambda text: marked_up(text, ids),
+        shorten=shorten,
+        numeric=lambda table: [side == "right" for side in _alignment(table)],
+        svg=lambda figure: Markup(drawings[figure.name][drawings[figure.name].index("<svg") :]),  # noqa: S704
+    )
+
+
+def marked_up(text: str, ids: Collection[str]) -> Markup:
+    """Text with ```code``` and ``[links](#section)`` as elements; links lead to sections that are there."""
+
+    def link(place: re.Match[str]) -> str:
+        return f'<a href="#{place[2]}">{place[1]}</a>' if place[2] in ids else place[1]
+
+    linked = re.sub(r"\[([^\]]+)\]\(#([\w-]+)\)", link, str(escape(text)))
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", linked))  # noqa: S704
+
+
+def forms(table: Table) -> dict[str, str]:
+    """A table as CSV, Markdown and LaTeX."""
     shown = shorten(table.frame, table.formats)
     return {
         "csv": table.frame.to_csv(index=False, float_format="%.6g", lineterminator="\n"),
@@ -85,47 +127,3 @@ def _latex(table: Table, shown: pd.DataFrame) -> str:
     text = shown.replace("–", "--").style.hide(axis="index").format(escape="latex").format_index(escape="latex", axis=1)
     latex: str = text.to_latex(hrules=True, column_format=columns)
     return latex.replace("ξ", r"$\xi$").replace("Θ", r"$\Theta$")
-
-
-def _html(
-    results: Results, tables: list[Table], figures: list[Figure], headline: Mapping[str, Any], run: Mapping[str, Any]
-) -> str:
-    environment = Environment(
-        loader=PackageLoader("isi.report"), autoescape=select_autoescape(), undefined=StrictUndefined, trim_blocks=True
-    )
-    return environment.get_template("page.html").render(
-        tables={table.name: table for table in tables},
-        shorten=shorten,
-        numeric=lambda table: [side == "right" for side in _alignment(table)],
-        figures={figure.name: figure for figure in figures},
-        svg=_inline,
-        about_known=_share_about_known(results),
-        headline=headline,
-        label=label,
-        isi=[name for name in ISI if name in results.initializers],
-        contenders=[name for name in results.initializers if name not in CONTROLS],
-        controls=[name for name in CONTROLS if name in results.initializers],
-        gains=gains.sentences(results),
-        told_apart=differences.sentences(results),
-        level=differences.LEVEL,
-        by_rate=rates.sentences(results),
-        picked=sensitivity.picked_sizes(results),
-        used={name: getattr(results.params.initializers, name).k for name in ISI},
-        top=transfer.TOP,
-        best_setting=cross_validation.sentence(results),
-        params=results.params,
-        paper=results.paper,
-        run=run,
-    )
-
-
-def _inline(figure: Figure) -> str:
-    """A figure as an element of the page."""
-    text = figure.rendered("svg").decode()
-    return text[text.index("<svg") :]
-
-
-def _share_about_known(results: Results) -> float:
-    """Share of the queries of scope all that are about known entities alone."""
-    queries = results.at_once[results.at_once["model"] == results.initializers[0]].groupby("scope")["queries"].sum()
-    return float(queries["known"] / queries["all"])

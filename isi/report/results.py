@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -15,23 +14,25 @@ import pyarrow as pa
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from isi import convergence, paths, tables
-from isi.errors import InputError
-from isi.experiments.tracing import TRACED
-from isi.params import MP3D, Params
-from isi.scenes import mp3d
-
-JOINT = "joint"
-#: The paper's, whose indicator set size is varied.
-ISI = ("es", "rs", "ers")
+from isi.base import paths, tables
+from isi.base.errors import InputError
+from isi.building import Seen
+from isi.learning.convergence import epochs_to_convergence
+from isi.params import ExperimentOf, Params
+from isi.report.models import JOINT
+from isi.studies.tracing import TRACED
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
     """The tables of one experiment, with entities by id where the tables have ids."""
 
+    name: str
+    #: behind names of tables and figures; none for the first experiment
+    suffix: str
     params: Params
-    observations: pd.DataFrame
+    #: of the experiment
+    initializers: list[str]
     entities: pd.DataFrame
     triples: pd.DataFrame
     coverage: pd.DataFrame
@@ -47,8 +48,13 @@ class Experiment:
     ties: pd.DataFrame
 
     @property
-    def initializers(self) -> list[str]:
-        return self.params.insert.initializers
+    def how(self) -> ExperimentOf:
+        """What the params say of it."""
+        return self.params.experiments[self.name]
+
+    @property
+    def title(self) -> str:
+        return self.how.title
 
     @property
     def models(self) -> list[str]:
@@ -60,78 +66,130 @@ class Experiment:
         """Runs before any further training."""
         return self.runs[self.runs["epoch"] == 0]
 
+    @property
+    def curve_size(self) -> int | None:
+        """The first size that is followed to the end and was run: the one whose curves are drawn."""
+        return next((size for size in self.how.followed if size in self.how.sessions.sizes), None)
+
+    @property
+    def curves(self) -> pd.DataFrame:
+        """Runs of that size."""
+        return self.runs[self.runs["size"] == self.curve_size]
+
     @cached_property
     def convergence(self) -> pd.DataFrame:
         """Epochs to convergence of each initializer and cell (see ``converged``)."""
         return self.converged(self.runs[self.runs["model"] != JOINT], ["model"])
 
     def converged(self, runs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-        """Epochs to convergence of runs that ``by`` tells apart (``convergence.epochs_to_convergence``)."""
+        """Epochs to convergence of runs that ``by`` tells apart (``epochs_to_convergence``), session by session."""
         joint, margin = self.runs[self.runs["model"] == JOINT], self.params.convergence.margin
-        return convergence.epochs_to_convergence(runs, joint, margin, self.params.finetuning.max_epochs, by)
+        most = self.params.finetuning.max_epochs
+        found = [
+            epochs_to_convergence(own, joint[joint["session"] == session], margin, most, by).assign(session=session)
+            for session, own in runs.groupby("session")
+        ]
+        return pd.concat(found, ignore_index=True)
+
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
-class Results(Experiment):
-    """The tables of the main experiment, and all that stands beside it."""
+class Study(Generic[T]):
+    """What was found beside the runs of one experiment: the first that params list for the study."""
 
+    experiment: Experiment
+    found: T
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """The experiments that were run, and all that stands beside them; what was not run is None."""
+
+    params: Params
+    #: what was run, by title: mappings of names to values
+    run: Mapping[str, Mapping[str, Any]]
+    #: the paper's numbers, and what it calls things
     paper: Mapping[str, Any]
+    vocabulary: Mapping[str, Any]
+    #: columns phrase and definition
     definitions: pd.DataFrame
-    #: from AI2-THOR to Matterport3D
-    transfer: Experiment
-    #: instances of Matterport3D that are left after each step of mining, where tallies are its source
-    mined: Mapping[str, int]
-    #: ``tables.AFFORDANCES`` of every initializer, told apart by a column ``model``
-    affordances: pd.DataFrame
-    #: ``tables.INDICATOR_SWEEP`` and ``tables.RATE_SWEEP``, likewise
-    sweep: pd.DataFrame
-    rates: pd.DataFrame
-    cross_validation: pd.DataFrame
+    #: by name, in the order of the params
+    experiments: Mapping[str, Experiment]
+    #: what each source observed that the experiments draw on, and what mining it left (``tables.MINED``)
+    seen: Mapping[str, Seen]
+    mined: Mapping[str, pd.DataFrame]
+    #: ``tables.AFFORDANCES`` with the initializer as ``model``
+    affordances: Study[pd.DataFrame] | None = None
+    #: ``tables.INDICATOR_SWEEP`` and ``tables.RATE_SWEEP`` of each initializer, told apart by a column ``model``
+    sweep: Study[pd.DataFrame] | None = None
+    rates: Study[pd.DataFrame] | None = None
+    #: ``tables.CROSS_VALIDATION``
+    cross_validation: Study[pd.DataFrame] | None = None
+    #: ``tables.FAMILIES`` of each, told apart by a column ``family``
+    families: Study[pd.DataFrame] | None = None
     #: what became of one novel entity (see ``tracing.Trace``), by name
-    approach: Mapping[str, np.ndarray]
+    approach: Study[Mapping[str, np.ndarray]] | None = None
 
     @property
-    def experiments(self) -> dict[str, Experiment]:
-        """Both, by name."""
-        return {"ai2thor": self, "transfer": self.transfer}
+    def own(self) -> list[Experiment]:
+        """Experiments whose entities are all of one graph of their own."""
+        return [one for one in self.experiments.values() if one.how.graph.extend is None]
 
-    @cached_property
-    def curve_size(self) -> int | None:
-        """The first of ``curves.sizes`` that was run: the one that is drawn."""
-        return next((size for size in self.params.curves.sizes if size in self.params.sessions.sizes), None)
+    @property
+    def extended(self) -> list[Experiment]:
+        """Experiments that insert entities of another source."""
+        return [one for one in self.experiments.values() if one.how.graph.extend is not None]
 
-    @cached_property
-    def sweep_convergence(self) -> pd.DataFrame:
-        """Epochs to convergence of each initializer, indicator set size and cell."""
-        return self.converged(self.sweep, ["model", "k"])
+    def source_title(self, source: str) -> str:
+        """What people call a source: the experiment with its graph."""
+        return next((one.title for one in self.own if one.how.graph.source == source), source)
 
 
-def read(params: Params) -> Results:
-    """Read the tables of all experiments.
+def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
+    """Read the tables of all experiments, and of the studies of one of them.
 
     Raises:
         InputError: where one is missing or broken.
     """
-    main, initializers = "ai2thor", params.insert.initializers
+    experiments = {name: _experiment(params, name) for name in params.experiments}
+    graphs = [one.graph for one in params.experiments.values()]
+    sources = dict.fromkeys([*(one.source for one in graphs), *(one.extend.source for one in graphs if one.extend)])
     return Results(
-        **vars(_experiment(params, main, main)),
-        paper=_read_paper(paths.PAPER),
+        params=params,
+        run=run,
+        paper=_read_yaml(paths.PAPER),
+        vocabulary=_read_yaml(paths.PAPER.with_name("vocabulary.yaml")),
         definitions=_read_definitions(paths.DEFINITIONS),
-        transfer=_experiment(params, "transfer", "mp3d"),
-        mined=_mined(params.mp3d),
-        affordances=_of_models(partial(paths.affordances, "transfer"), tables.AFFORDANCES, initializers),
-        sweep=_of_models(paths.indicator_sweep, tables.INDICATOR_SWEEP, ISI),
-        rates=_table(paths.rate_sweep(), tables.RATE_SWEEP).rename(columns={"initializer": "model"}),
-        cross_validation=_table(paths.cross_validation(main), tables.CROSS_VALIDATION),
-        approach=_read_approach(paths.approach(main)),
+        experiments=experiments,
+        seen={name: _seen(name) for name in sources},
+        mined={name: _table(paths.mined(name), tables.MINED) for name in sources},
+        **_studies(params, experiments),
     )
 
 
-def _experiment(params: Params, name: str, source: str) -> Experiment:
-    initializers = params.insert.initializers
+def _studies(params: Params, experiments: Mapping[str, Experiment]) -> dict[str, Study[Any]]:
+    """The studies that were run, by the names that ``Results`` has for them."""
+    asked: dict[str, tuple[list[str], Callable[[str], Any]]] = {
+        "affordances": (params.affordances.experiments, _affordances),
+        "sweep": (params.sweep.experiments, partial(_sweep, params.sweep.initializers)),
+        "rates": (params.rates.experiments, partial(_rates, params)),
+        "cross_validation": (params.cross_validation.experiments, _cross_validation),
+        "families": (params.compare_families.experiments, partial(_families, params.compare_families.families)),
+        "approach": (params.approach.experiments, _approach),
+    }
+    first = {study: (listed[0], read) for study, (listed, read) in asked.items() if listed}
+    return {study: Study(experiments[name], read(name)) for study, (name, read) in first.items()}
+
+
+def _experiment(params: Params, name: str) -> Experiment:
+    initializers = params.initializers_of(name)
     return Experiment(
+        name=name,
+        suffix="" if name == next(iter(params.experiments)) else f"_{name}",
         params=params,
-        observations=_table(paths.observations(source), tables.OBSERVATIONS),
+        initializers=initializers,
         entities=_table(paths.entities(name), tables.ENTITIES),
         triples=_table(paths.triples(name), tables.TRIPLES),
         coverage=_table(paths.coverage(name), tables.COVERAGE),
@@ -140,10 +198,36 @@ def _experiment(params: Params, name: str, source: str) -> Experiment:
         insert_triples=_table(paths.insert_triples(name), tables.INSERT_TRIPLES),
         theta0_log=_table(paths.training_log(name, "theta0"), tables.TRAINING_LOG),
         joint_log=_table(paths.training_log(name, JOINT), tables.TRAINING_LOG),
-        runs=_of_models(partial(paths.runs, name), tables.RUNS, [*initializers, JOINT]),
-        inserted=_of_models(partial(paths.inserted, name), tables.INSERTED, initializers),
-        ties=_of_models(partial(paths.ties, name), tables.TIES, [*initializers, JOINT]),
+        runs=_of_each(partial(paths.runs, name), tables.RUNS, [*initializers, JOINT]),
+        inserted=_of_each(partial(paths.inserted, name), tables.INSERTED, initializers),
+        ties=_of_each(partial(paths.ties, name), tables.TIES, [*initializers, JOINT]),
     )
+
+
+def _seen(source: str) -> Seen:
+    return Seen(
+        source, _table(paths.observations(source), tables.OBSERVATIONS), _table(paths.kinds(source), tables.KINDS)
+    )
+
+
+def _affordances(experiment: str) -> pd.DataFrame:
+    return _table(paths.affordances(experiment), tables.AFFORDANCES).rename(columns={"initializer": "model"})
+
+
+def _sweep(initializers: Iterable[str], experiment: str) -> pd.DataFrame:
+    return _of_each(partial(paths.indicator_sweep, experiment), tables.INDICATOR_SWEEP, initializers)
+
+
+def _rates(params: Params, experiment: str) -> pd.DataFrame:
+    return _of_each(partial(paths.rate_sweep, experiment), tables.RATE_SWEEP, params.initializers_of(experiment))
+
+
+def _cross_validation(experiment: str) -> pd.DataFrame:
+    return _table(paths.cross_validation(experiment), tables.CROSS_VALIDATION)
+
+
+def _families(families: Iterable[str], experiment: str) -> pd.DataFrame:
+    return _of_each(partial(paths.families, experiment), tables.FAMILIES, families, column="family")
 
 
 def _table(path: Path, schema: pa.Schema) -> pd.DataFrame:
@@ -152,29 +236,23 @@ def _table(path: Path, schema: pa.Schema) -> pd.DataFrame:
     return frame.astype(dict.fromkeys(names, str))
 
 
-def _of_models(path: Callable[[str], Path], schema: pa.Schema, models: Sequence[str]) -> pd.DataFrame:
-    return pd.concat(_table(path(model), schema).assign(model=model) for model in models)
+def _of_each(
+    path: Callable[[str], Path], schema: pa.Schema, names: Iterable[str], column: str = "model"
+) -> pd.DataFrame:
+    return pd.concat(_table(path(name), schema).assign(**{column: name}) for name in names)
 
 
-def _mined(how: MP3D) -> Mapping[str, int]:
-    left: Counter[str] = Counter()
-    if how.source == "tallies":
-        words = mp3d.Vocabulary(how.rooms.tallies, how.structure, how.same_as)
-        deque(mp3d.mine([mp3d.tallies(paths.MP3D_TALLIES, how.rooms.tallies)], words, left), maxlen=0)
-    return left
-
-
-def _read_approach(path: Path) -> Mapping[str, np.ndarray]:
+def _approach(experiment: str) -> Mapping[str, np.ndarray]:
     of_each = [f"{model}.{what}" for model in TRACED for what in ("path", "indicators")]
-    tensors = tables.read_tensors(path, ["entity", "known", "theta0", *of_each])
+    tensors = tables.read_tensors(paths.approach(experiment), ["entity", "known", "theta0", *of_each])
     return {name: tensor.numpy() for name, tensor in tensors.items()}
 
 
-def _read_paper(path: Path) -> Mapping[str, Any]:
+def _read_yaml(path: Path) -> Mapping[str, Any]:
     try:
         values: Mapping[str, Any] = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
     except (OSError, YAMLError) as error:
-        raise InputError(path, "", f"expected the paper's values in YAML ({error})") from error
+        raise InputError(path, "", f"expected what the paper says, in YAML ({error})") from error
     return values
 
 

@@ -10,10 +10,12 @@ import pyarrow as pa
 import pytest
 import torch
 
-from isi import graph, paths
-from isi.graph import Graph
+from isi.base import paths
+from isi.base.params import read
+from isi.building import Seen, graph_of
+from isi.graph import Graph, build
 from isi.params import Params, load
-from isi.scenes import ai2thor, materials
+from isi.sources import Mining, Observed, settings_of
 
 
 def pytest_benchmark_update_machine_info(machine_info: dict[str, Any]) -> None:
@@ -34,12 +36,10 @@ def params() -> Params:
 
 
 @pytest.fixture(scope="session")
-def home(params: Params) -> Graph:
+def home() -> Graph:
     """The graph of AI2-THOR's scenes."""
-    recording = ai2thor.locate(params.ai2thor.recording)
-    shares = materials.read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
-    scenes = ai2thor.read_recording(recording, params.ai2thor.sha256)
-    mined = ai2thor.mine(scenes, materials.suncg(shares, params.seed), recording)
-    observations = pa.concat_tables(mined).to_pandas()
-    triples = graph.count_triples(observations, "ai2thor", params.graph.min_count)
-    return graph.build(graph.name_entities(triples, set(observations["room"].astype(str)), "ai2thor"), triples)
+    source, settings = settings_of(read(paths.PARAMS)["sources"]["ai2thor"], "sources.ai2thor")
+    observed = Observed(source.entities)
+    observations = pa.concat_tables(observed.passing(source.observe(Mining(0), **settings))).to_pandas()
+    made = graph_of(Seen("ai2thor", observations, observed.kinds))
+    return build(made.entities, made.triples)

@@ -1,8 +1,8 @@
 """Filtered ranking of test triples against PyKEEN's evaluator, with the same ranks.
 
-A ComplEx model is an ANALOGY model without scalars, so both rank by the same scores. Vectors are
-whole numbers: scores are then exact, and ties as frequent as they can be. Ours asks for relations,
-too, and compares with true ranks; PyKEEN gives the mean reciprocal rank of heads and tails alone.
+Both rank by the scores of one ComplEx model. Its vectors are whole numbers: scores are then exact,
+and ties as frequent as they can be. Ours asks for relations, too, and compares with true ranks;
+PyKEEN gives the mean reciprocal rank of heads and tails alone.
 """
 
 from __future__ import annotations
@@ -19,12 +19,14 @@ from pykeen.models import ComplEx
 from pykeen.triples import CoreTriplesFactory
 from torch import Tensor
 
-from isi import ranking
-from isi.embeddings.stack import Embedding
+from isi.embeddings.stack import Embedding, uniform
+from isi.families import make
 from isi.graph import Graph
+from isi.learning.ranks import Queries, evaluate, prepare, query_slots
+from isi.learning.scopes import epoch_scopes
 from isi.params import Params
-from isi.ranking import Queries
-from isi.sessions import TEST, TRAIN, VALID, Session, draw_novel, joint_session, split
+from isi.sessions.drawing import draw_novel, split
+from isi.sessions.session import TEST, TRAIN, VALID, Session, everything
 
 SCOPES_MODELS = 5
 NOVEL = 5
@@ -39,7 +41,7 @@ def measure(benchmark: Any, ranked: Callable[[], object], triples: int, **facts:
 
 def session_of(home: Graph, params: Params, models: int) -> Session:
     shares = params.sessions.valid, params.sessions.test
-    return joint_session(
+    return everything(
         home, torch.from_numpy(np.stack([split(home, params.seed, seed, *shares) for seed in range(models)]))
     )
 
@@ -61,22 +63,19 @@ def complex_model(home: Graph, params: Params) -> ComplEx:
 
 @pytest.fixture(scope="module")
 def embedding(complex_model: ComplEx) -> Embedding:
-    """The same model as ANALOGY, a stack of one."""
-
-    def blocks(vectors: Tensor) -> Tensor:
-        return torch.cat([torch.zeros(len(vectors), 2 * vectors.shape[1]), vectors.real, vectors.imag], -1)[None]
-
+    """The same model, as a stack of one."""
     entity, relation = (
-        part[0]() for part in (complex_model.entity_representations, complex_model.relation_representations)
+        part[0]().detach() for part in (complex_model.entity_representations, complex_model.relation_representations)
     )
-    return Embedding(blocks(entity.detach()), blocks(relation.detach()))
+    tables = (torch.cat([table.real, table.imag], -1)[None] for table in (entity, relation))
+    return Embedding(*tables, make("complex", {}, "families.complex"))
 
 
 def ask(session: Session) -> Queries:
     """The test triples, where no known triple is a rival, test triples among them."""
     asked = session.members(TEST)
     known = session.members(TRAIN, VALID, TEST)
-    return ranking.prepare(session, ranking.query_slots(asked), asked, known, session.entities)
+    return prepare(session, query_slots(asked), asked, known, session.entities)
 
 
 def mean_reciprocal_ranks(embedding: Embedding, session: Session) -> Tensor:
@@ -86,11 +85,13 @@ def mean_reciprocal_ranks(embedding: Embedding, session: Session) -> Tensor:
     asked = torch.zeros(number, session.splits.shape[1], dtype=torch.bool).scatter_(1, triples, True)
     everyone, known = (part.expand(number, -1) for part in (session.entities, session.members(TRAIN, VALID, TEST)))
     alone = Session(session.graph, everyone, session.splits.expand(number, -1))
-    queries = ranking.prepare(alone, triples, asked, known, everyone)
+    queries = prepare(alone, triples, asked, known, everyone)
     assert queries.rows is not None
     entities_only = replace(queries.rows, relation_weight=torch.zeros_like(queries.rows.relation_weight))
-    stack = Embedding(embedding.entity.expand(number, -1, -1), embedding.relation.expand(number, -1, -1))
-    return 2 * ranking.evaluate(stack, {"test": replace(queries, rows=entities_only)})["test"].measures[:, 3]
+    stack = Embedding(
+        embedding.entity.expand(number, -1, -1), embedding.relation.expand(number, -1, -1), embedding.family
+    )
+    return 2 * evaluate(stack, {"test": replace(queries, rows=entities_only)})["test"].measures[:, 3]
 
 
 @pytest.mark.parametrize("prepared", [True, False])
@@ -98,7 +99,7 @@ def test_ours(benchmark: Any, embedding: Embedding, session: Session, prepared: 
     ready = ask(session)
 
     def ranked() -> None:
-        ranking.evaluate(embedding, {"test": ready if prepared else ask(session)})
+        evaluate(embedding, {"test": ready if prepared else ask(session)})
 
     what = "isi, queries prepared before" if prepared else "isi, with preparing the queries"
     measure(benchmark, ranked, int(ready.asked.sum()), what=what)
@@ -120,12 +121,12 @@ def test_pykeen(benchmark: Any, complex_model: ComplEx, embedding: Embedding, se
 def test_scopes(benchmark: Any, home: Graph, params: Params) -> None:
     """What a stack is asked after each epoch of fine-tuning."""
     session = session_of(home, params, SCOPES_MODELS)
-    novel = np.stack([draw_novel(len(home.entities), params.seed, NOVEL, seed) for seed in range(SCOPES_MODELS)])
-    scopes = ranking.epoch_scopes(session, torch.from_numpy(novel))
-    entities, relations, dimension = len(home.entities), len(home.relations), params.embedding.dimension
-    generator = torch.Generator().manual_seed(params.seed)
-    table = torch.randn(SCOPES_MODELS, entities + relations, dimension, generator=generator)
-    stack = Embedding(table[:, :entities], table[:, entities:])
+    everyone = np.arange(len(home.entities))
+    novel = np.concatenate([draw_novel(everyone, params.seed, NOVEL, seed) for seed in range(SCOPES_MODELS)])
+    scopes = epoch_scopes(session, torch.from_numpy(novel))
+    how, keys = params.embedding, torch.arange(SCOPES_MODELS)[:, None]
+    family = make(how.family, params.families[how.family], f"families.{how.family}")
+    stack = uniform(session.entities, len(home.relations), family, how.dimension, 1.0, params.seed, keys)
     triples = sum(int(scope.asked.sum()) for scope in scopes.values())
     what = f"isi, a stack of {SCOPES_MODELS} in {len(scopes)} scopes"
-    measure(benchmark, lambda: ranking.evaluate(stack, scopes), triples, what=what)
+    measure(benchmark, lambda: evaluate(stack, scopes), triples, what=what)

@@ -22,11 +22,14 @@ from torchkge.models import AnalogyModel
 from torchkge.sampling import BernoulliNegativeSampler
 from torchkge.utils import LogisticLoss
 
-from isi import lessons, training
 from isi.embeddings.stack import uniform
+from isi.families import make
 from isi.graph import Graph
+from isi.learning import training
+from isi.learning.batches import training_data
 from isi.params import Params
-from isi.sessions import TRAIN, joint_session, split
+from isi.sessions.drawing import split
+from isi.sessions.session import TRAIN, everything
 
 ROUNDS = 5
 
@@ -51,22 +54,31 @@ def observations(home: Graph, params: Params) -> Tensor:
     return home.triples[train].repeat_interleave(home.counts[train], 0)
 
 
+def time_stack(benchmark: Any, home: Graph, params: Params, models: int, mode: str, family: str) -> None:
+    session = everything(home, splits(home, params, models))
+    keys = torch.tensor([[0, seed] for seed in range(models)])
+    negatives = params.negatives.model_copy(update={"mode": mode})
+    data = training_data(session, "training", keys, negatives.head_pool)
+    how, kind = params.embedding, make(family, params.families[family], f"families.{family}")
+    start = uniform(session.entities, len(home.relations), kind, how.dimension, how.init_range, params.seed, keys)
+    state = training.start(start)
+    scored = int(data.counts.sum()) * (1 + len(home.relations) * negatives.ratio)
+
+    def epoch() -> None:
+        training.run_epoch(state, data, negatives, params.training, params.seed, 1)
+
+    measure(benchmark, epoch, scored, library="isi", model=type(kind).__name__, negatives=mode, models=models)
+
+
 @pytest.mark.parametrize("mode", ["expected", "sampled"])
 @pytest.mark.parametrize("models", [1, 5, 10, 30])
 def test_stack(benchmark: Any, home: Graph, params: Params, models: int, mode: str) -> None:
-    session = joint_session(home, splits(home, params, models))
-    keys = torch.tensor([[0, seed] for seed in range(models)])
-    negatives = params.negatives.model_copy(update={"mode": mode})
-    lesson = lessons.lesson(session, "training", keys, negatives.head_pool)
-    size, half_range = params.embedding.dimension, params.embedding.init_range
-    start = uniform(session.entities, len(home.relations), size, half_range, params.seed, keys)
-    state = training.start(start)
-    scored = int(lesson.counts.sum()) * (1 + len(home.relations) * negatives.ratio)
+    time_stack(benchmark, home, params, models, mode, "analogy")
 
-    def epoch() -> None:
-        training.run_epoch(state, lesson, negatives, params.training, params.seed, 1)
 
-    measure(benchmark, epoch, scored, library="isi", model="ANALOGY", negatives=mode, models=models)
+@pytest.mark.parametrize("family", ["distmult", "complex", "transe", "rotate"])
+def test_family(benchmark: Any, home: Graph, params: Params, family: str) -> None:
+    time_stack(benchmark, home, params, 30, "expected", family)
 
 
 def test_torchkge(benchmark: Any, home: Graph, params: Params, observations: Tensor) -> None:

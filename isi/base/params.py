@@ -1,0 +1,124 @@
+"""Reading ``params.yaml``: each section is checked by the model of whoever reads it."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, cast, get_type_hints
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, create_model, field_validator
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from isi.base import paths
+from isi.base.errors import InputError
+
+Count = Annotated[int, Field(ge=1)]
+Seed = Annotated[int, Field(ge=0)]
+Fraction = Annotated[float, Field(gt=0, lt=1)]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+#: Of an experiment, a source, an initializer: it names files and stages.
+Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+Option = int | float | bool | str
+
+T = TypeVar("T")
+
+
+class Section(BaseModel):
+    """A mapping of ``params.yaml``: no unknown keys, no silent conversions."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class Study(Section):
+    """What is done beside the main pipeline, on the experiments that it lists."""
+
+    experiments: list[Name]
+
+    @field_validator("experiments")
+    @classmethod
+    def _each_once(cls, value: list[str]) -> list[str]:
+        if not distinct(value):
+            raise ValueError("names must not repeat")
+        return value
+
+    @property
+    def experiment(self) -> str | None:
+        """The one that the report shows."""
+        return self.experiments[0] if self.experiments else None
+
+
+def read(path: Path) -> dict[str, Any]:
+    """The mapping that a YAML file holds.
+
+    Raises:
+        InputError: where the file is missing, or is no YAML of a mapping.
+    """
+    try:
+        raw = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))  # YAML 1.2, as DVC reads it
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read ({error.strerror})") from error
+    except (YAMLError, UnicodeDecodeError) as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f"line {mark.line + 1}" if mark else ""
+        raise InputError(path, place, f"expected YAML: {getattr(error, 'problem', error)}") from error
+    if not isinstance(raw, dict):
+        raise InputError(path, "", "expected a mapping of keys to values")
+    return raw
+
+
+def check(value: Any, kind: type[T], key: str, path: Path = paths.PARAMS) -> T:
+    """A value as the type or section that it must be.
+
+    Raises:
+        InputError: naming the key that is unknown, missing, of another type or out of range.
+    """
+    try:
+        return TypeAdapter(kind).validate_python(value, strict=True)
+    except ValidationError as error:
+        first = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")  # a misspelt key is missing, too
+        where = ".".join([key] * bool(key) + [str(part) for part in first["loc"] if part != "[key]"])
+        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+        got = "" if first["type"] in ("missing", "extra_forbidden", "value_error") else f", got {first['input']!r}"
+        raise InputError(path, where, first["msg"].removeprefix("Value error, ") + got + more) from error
+
+
+@cache
+def options(function: Callable[..., Any]) -> type[Section]:
+    """The section that a function's options make: its parameters after the first, with their types and defaults."""
+    hints = get_type_hints(function, include_extras=True)
+    for name in list(inspect.signature(function).parameters)[1:]:
+        if name not in hints:
+            raise InputError(function.__module__, function.__name__, f"expected a type for its option {name!r}")
+    fields: dict[str, Any] = {
+        name: (hints[name], ... if parameter.default is parameter.empty else parameter.default)
+        for name, parameter in list(inspect.signature(function).parameters.items())[1:]
+    }
+    return cast("type[Section]", create_model(function.__name__, __base__=Section, **fields))
+
+
+def keywords(function: Callable[..., Any], given: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """Options as keyword arguments of a function.
+
+    Raises:
+        InputError: where the function does not take them; ``key`` is where they stand.
+    """
+    checked = check(dict(given) if isinstance(given, Mapping) else given, options(function), key)
+    return {name: getattr(checked, name) for name in type(checked).model_fields}
+
+
+def at(values: Any, key: str) -> Any:
+    """The value at a dotted key; null where there is none."""
+    for part in key.split("."):
+        values = values.get(part) if isinstance(values, dict) else None
+    return values
+
+
+def distinct(values: Iterable[Any]) -> bool:
+    """Whether no value repeats."""
+    listed = list(values)
+    return len(set(listed)) == len(listed)

@@ -1,0 +1,86 @@
+"""What every stage does around its work: read the params that are its own, and answer mistakes in one line."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import re
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from isi.base import params, paths
+from isi.base.errors import InputError
+from isi.base.tables import Provenance
+
+T = TypeVar("T")
+
+#: What changes no result: every stage may read it, and none lists it.
+COMPUTE = "compute"
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a stage was given: its params and no others, and the provenance of what it writes."""
+
+    #: by dotted key, as ``dvc.yaml`` lists them
+    values: Mapping[str, Any]
+    provenance: Provenance
+
+    def section(self, key: str, kind: type[T]) -> T:
+        """The checked value at a dotted key, one of the stage's own or below one.
+
+        Raises:
+            InputError: where ``params.yaml`` has there what it must not.
+            LookupError: where ``dvc.yaml`` does not list the key: a fault of the stage.
+        """
+        return params.check(self.raw(key), kind, key)
+
+    def raw(self, key: str) -> Any:
+        """The same, unchecked."""
+        for own, value in self.values.items():
+            if key == own:
+                return value
+            if key.startswith(f"{own}."):
+                return params.at(value, key.removeprefix(f"{own}."))
+        raise LookupError(f"{self.provenance.stage} reads {key}, which dvc.yaml does not list for it")
+
+    @property
+    def seed(self) -> int:
+        """Root of every random stream."""
+        return self.section("seed", params.Seed)
+
+
+def stage(body: Callable[..., None]) -> Callable[[], None]:
+    """Make a function of ``Given`` and names the command of the DVC stage of its own name."""
+    arguments = list(inspect.signature(body).parameters)[1:]
+
+    def main() -> None:
+        parser = argparse.ArgumentParser(prog=f"python -m stages.{body.__name__}", description=body.__doc__)
+        for argument in arguments:
+            parser.add_argument(argument)
+        named = vars(parser.parse_args())
+        try:
+            everything = params.read(paths.PARAMS)
+            picked = {key: params.at(everything, key) for key in declared(body.__name__, named, everything)}
+            provenance = Provenance(body.__name__, picked)
+            body(Given(picked | {COMPUTE: everything.get(COMPUTE)}, provenance), **named)
+        except InputError as error:
+            sys.exit(f"{body.__name__}: {error}")
+
+    return main
+
+
+def declared(name: str, arguments: Mapping[str, str], values: Mapping[str, Any]) -> list[str]:
+    """The keys of params that ``dvc.yaml`` lists for a stage, with what they leave open filled in as DVC does."""
+
+    def fill(open_part: re.Match[str]) -> str:
+        matrix, _, item = open_part[1].partition(".")
+        return str(arguments[item] if matrix == "item" else params.at(values, open_part[1]))
+
+    listed = params.read(paths.PIPELINE)["stages"][name].get("params", [])
+    return [re.sub(r"\$\{([^}]+)\}", fill, key) for key in listed]
+
+
+__all__ = ["COMPUTE", "Given", "Provenance", "stage"]

@@ -1,0 +1,1 @@
+"""Inserting novel entities into a trained embedding."""

@@ -1,0 +1,88 @@
+"""Similarity by words and by relations, and centroids of the most similar (section 4): what initializers share."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn.functional import normalize, one_hot
+
+from isi.insertion.core import CENTROID, NONE, RS, Initial, Insertion
+
+
+def word_similarity(insertion: Insertion) -> Tensor:
+    """Cosine of the word vectors of each novel entity and each entity (equation 3); shape (M, n, E)."""
+    return cosines(insertion.words)[insertion.novel]
+
+
+def relational_score(insertion: Insertion) -> Tensor:
+    """Σ_r cos(v_e, ᾱ_r) over the relations of the insert triples (equation 5); shape (M, n, E)."""
+    theta0 = insertion.theta0
+    models = torch.arange(len(insertion.novel))[:, None, None]
+    alpha = theta0.resultants(
+        theta0.entity[models, insertion.other], theta0.relation[models, insertion.relation], insertion.novel_is_tail
+    )
+    of = one_hot(insertion.relation, theta0.relation.shape[1]) * insertion.observed[..., None]
+    centroids = torch.einsum("mnir,mnid->mnrd", of.to(alpha.dtype), alpha)  # ᾱ, but for its length
+    return torch.einsum("mnrd,med->mne", normalize(centroids, dim=-1), normalize(theta0.entity, dim=-1))
+
+
+def top_k(score: Tensor, eligible: Tensor, k: int) -> Tensor:
+    """The k eligible entities of highest score, ties to the lower id, as a mask; shapes (M, n, E)."""
+    ranked = score.masked_fill(~eligible, -torch.inf).sort(dim=-1, descending=True, stable=True).indices[..., :k]
+    return torch.zeros_like(score, dtype=torch.bool).scatter(-1, ranked, True) & eligible
+
+
+def nearest_by_words(insertion: Insertion, similarity: Tensor, k: int) -> Initial:
+    """Centroid of the k entities of highest word similarity, (M, n, E); RS where there is no word vector."""
+    return first_that_can(
+        insertion,
+        (NONE, has_words(insertion), top_k(similarity, word_eligible(insertion), k)),
+        (RS, has_insert_triples(insertion), top_k(relational_score(insertion), insertion.eligible[:, None], k)),
+    )
+
+
+def first_that_can(insertion: Insertion, *ways: tuple[int, Tensor, Tensor]) -> Initial:
+    """Of ways (code, which novel entities it can serve, indicators), the first that can; else the centroid.
+
+    Shapes of a way: scalar, (M, n), (M, n, E). Codes are indices into ``FALLBACKS``.
+    """
+    chosen = everyone_known(insertion)
+    fallback = torch.full(insertion.novel.shape, CENTROID)
+    for code, able, indicators in reversed(ways):
+        able = able & indicators.any(-1)
+        chosen = torch.where(able[..., None], indicators, chosen)
+        fallback = torch.where(able, code, fallback)
+    return at_centroid(insertion, chosen, fallback)
+
+
+def at_centroid(insertion: Insertion, indicators: Tensor, fallback: Tensor) -> Initial:
+    """The mean vector of the indicators, a mask of shape (M, n, E) (equation 1)."""
+    weight = indicators.to(insertion.theta0.entity.dtype)
+    vectors = (weight @ insertion.theta0.entity) / weight.sum(-1, keepdim=True).clamp(min=1)
+    return Initial(vectors, fallback, indicators)
+
+
+def everyone_known(insertion: Insertion) -> Tensor:
+    """All known entities as the indicators of each novel one; shape (M, n, E), bool."""
+    return insertion.known[:, None].expand(-1, insertion.novel.shape[1], -1)
+
+
+def has_words(insertion: Insertion) -> Tensor:
+    """Novel entities with a word vector; shape (M, n), bool."""
+    return (insertion.words != 0).any(-1)[insertion.novel]
+
+
+def has_insert_triples(insertion: Insertion) -> Tensor:
+    """Novel entities with at least one insert triple; shape (M, n), bool."""
+    return insertion.observed.any(-1)
+
+
+def word_eligible(insertion: Insertion) -> Tensor:
+    """Entities that may be indicators of ES: eligible ones with a word vector; shape (M, 1, E), bool."""
+    return (insertion.eligible & (insertion.words != 0).any(-1))[:, None]
+
+
+def cosines(vectors: Tensor) -> Tensor:
+    """Cosine of each pair of rows, zero where one is zero; shape (E, E)."""
+    unit = normalize(vectors, dim=-1)
+    return unit @ unit.T

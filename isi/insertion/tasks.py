@@ -1,0 +1,171 @@
+"""Insertion over an experiment's cells: a fold of steps over the sessions, as tasks for workers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+import torch
+
+from isi.base.params import Fraction, Name, Option, Section
+from isi.base.stage import Given
+from isi.experiments.cells import Cells, Vectors
+from isi.experiments.judging import measure_columns, run_rows
+from isi.experiments.learning import family_of
+from isi.experiments.store import Store
+from isi.insertion.core import FALLBACKS
+from isi.insertion.registry import options_of
+from isi.insertion.step import How, Step, Told, step
+from isi.learning.batches import Negatives
+from isi.learning.convergence import SCOPES
+from isi.learning.training import Optimizer
+
+#: ``initializers`` of an experiment in params.
+Listed = Literal["all"] | list[Name]
+
+
+class Convergence(Section):
+    """When Θ¹ counts as about as good as the joint model."""
+
+    margin: Fraction
+
+
+@dataclass(frozen=True)
+class Inserting:
+    """How novel entities are inserted, and Θ is trained after that."""
+
+    initializer: str
+    options: Mapping[str, Option]
+    root: int
+    negatives: Negatives
+    optimizer: Optimizer
+    margin: float
+    #: sizes trained for all epochs; the others stop at convergence
+    followed: Sequence[int]
+
+
+@dataclass(frozen=True)
+class TaskTold:
+    """What initializers are told, and what convergence is measured against."""
+
+    #: (session, model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 4)
+    insert_triples: np.ndarray
+    #: word vectors; shape: (E, w)
+    words: np.ndarray
+    #: MRR* of the joint models, by session and scope; NaN without queries; shape: (M,)
+    joint: Mapping[tuple[int, str], np.ndarray]
+
+
+@dataclass(frozen=True)
+class InsertTask:
+    """Insert novel entities into Θ⁰ with one initializer and fine-tune, session by session."""
+
+    cells: Cells
+    theta0: Vectors
+    told: TaskTold
+    how: Inserting
+
+
+@dataclass(frozen=True)
+class Inserted:
+    """What became of a task's novel entities."""
+
+    #: as inserted, by session; shape: (M, S · size, d)
+    vectors: np.ndarray
+    #: in the columns of ``tables.RUNS`` and ``tables.INSERTED`` (entity kinds apart)
+    runs: pd.DataFrame
+    entities: pd.DataFrame
+
+
+def inserting(given: Given, initializer: str, followed: Sequence[int] = ()) -> Inserting:
+    """How a stage's params say that one initializer inserts."""
+    key = f"initializers.{initializer}"
+    return inserting_with(given, initializer, given.raw(key), key, followed)
+
+
+def inserting_with(
+    given: Given, initializer: str, options: Mapping[str, Any], key: str, followed: Sequence[int] = ()
+) -> Inserting:
+    """The same with other options, which stand at a key of params."""
+    return Inserting(
+        initializer, options_of(initializer, options, key), given.seed, given.section("negatives", Negatives),
+        given.section("finetuning", Optimizer), given.section("convergence", Convergence).margin, followed,
+    )  # fmt: skip
+
+
+def lists(given: Given, experiment: str, initializer: str) -> bool:
+    """Whether an experiment lists an initializer."""
+    listed: Listed = given.section(f"experiments.{experiment}.initializers", Listed)  # type: ignore[arg-type]
+    return listed == "all" or initializer in listed
+
+
+def insertion_tasks(store: Store, given: Given, how: Inserting, cells: Sequence[Cells]) -> list[InsertTask]:
+    """Insertion with one initializer, and fine-tuning, of cells of the store's experiment."""
+    insert_triples, joint, words = store.insert_triples(), store.runs("joint"), store.words()
+    family = family_of(given)
+
+    def told(cell: Cells) -> TaskTold:
+        reached = {
+            (session, scope): store.joint_mrr_star(joint, cell, session, scope)
+            for session in range(1, cell.sessions + 1)
+            for scope in SCOPES
+        }
+        return TaskTold(store.insert_triples_of(cell, insert_triples), words, reached)
+
+    return [InsertTask(cell, store.theta0(cell, family), told(cell), how) for cell in cells]
+
+
+def insert(task: InsertTask) -> Inserted:
+    """A fold of steps over the sessions: each inserts its entities into what the one before has learned."""
+    steps = list(fold(task))
+    vectors = torch.cat([done.initial.vectors for done in steps], 1).cpu().numpy()
+    runs = [frame for number, done in enumerate(steps, 1) for frame in _run_rows(task.cells, number, done)]
+    entities = pd.concat(_entity_rows(task.cells, number, done) for number, done in enumerate(steps, 1))
+    return Inserted(vectors, pd.concat(runs), entities)
+
+
+def fold(task: InsertTask) -> Iterator[Step]:
+    """The steps of a task's sessions, one after the other."""
+    theta = task.theta0.stack
+    for number in range(1, task.cells.sessions + 1):
+        before, after = task.cells.session(number - 1), task.cells.session(number)
+        done = step(theta, before, after, told_in(task, number), how_in(task, number))
+        yield done
+        theta = done.theta
+
+
+def told_in(task: InsertTask, session: int) -> Told:
+    """What is told in one session."""
+    table = task.told.insert_triples
+    own = torch.as_tensor(table[table[:, 0] == session, 1:])
+    return Told(task.cells.novel_in(session), own, torch.as_tensor(task.told.words))
+
+
+def how_in(task: InsertTask, session: int) -> How:
+    """How one session inserts and learns."""
+    how = task.how
+    targets = {scope: torch.as_tensor(task.told.joint[session, scope]) - how.margin for scope in SCOPES}
+    to_the_end = task.cells.size in how.followed
+    keys = task.cells.keys(session)
+    return How(how.initializer, how.options, how.root, keys, how.negatives, how.optimizer, targets, to_the_end)
+
+
+def _run_rows(cells: Cells, session: int, done: Step) -> Iterator[pd.DataFrame]:
+    yield run_rows(cells, session, 0, torch.arange(len(cells.seeds)), done.at_once)
+    for followed in done.followed:
+        yield run_rows(cells, session, followed.epoch, followed.models, followed.results)
+
+
+def _entity_rows(cells: Cells, session: int, done: Step) -> pd.DataFrame:
+    rows = []
+    for place, result in enumerate(done.own):
+        fell = pd.Series([FALLBACKS[code] for code in done.initial.fallback[:, place].tolist()], dtype="str")
+        columns: dict[str, Any] = {
+            "size": cells.size, "seed": cells.seeds, "entity": cells.novel[:, session - 1, place], "fallback": fell,
+            "session": session,
+        }  # fmt: skip
+        rows.append(measure_columns(result).assign(**columns))
+    return pd.concat(rows)

@@ -1,0 +1,1 @@
+"""Batches, gradients, training, ranks and scopes, for stacks of models of any family."""

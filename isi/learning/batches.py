@@ -1,0 +1,208 @@
+"""What a stack of models learns from: observations dealt into batches, and their corruptions.
+
+A batch has one of two forms. On a small graph it is two tables of counts over all triples,
+positives and negatives, and its gradient is a few matrix products. On a large one it is a list of
+triples, and costs as much as it has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from isi.base.params import Count, Section
+from isi.base.streams import stream
+from isi.embeddings.triples import Listed
+from isi.graph import Graph
+from isi.sessions.session import TRAIN, Session
+
+#: Possible triples of a graph up to which batches are tables: about where one model is as fast either way.
+#: A stack's tables then stay within a gigabyte.
+TABLE_CELLS = 2**23
+
+
+class Negatives(Section):
+    """How triples are corrupted."""
+
+    mode: Literal["sampled", "expected"]
+    ratio: Count
+    head_pool: Literal["unseen", "all"]
+
+
+@dataclass(frozen=True)
+class TrainingData:
+    """What a stack of models learns from: the training observations and the pools of negatives."""
+
+    session: Session
+    #: of each training triple, 0 where it is none; shape: (M, T), int64
+    counts: Tensor
+    #: entities that may be corrupted tails; shape: (M, E), float32 of 0 and 1
+    tail_pool: Tensor
+    #: entities that may be corrupted heads of a relation; shape: (M, R, E), float32
+    head_pool: Tensor
+    #: the same as ids, those that may be first; shape: (M, R, E), int64
+    head_ids: Tensor
+    #: what it is for: part of the purpose of its random streams
+    purpose: str
+    #: what each model's random streams depend on beside root, purpose and epoch; shape: (M, K)
+    keys: Tensor
+
+
+@dataclass(frozen=True)
+class Tables:
+    """A batch of each model of a stack as tables of counts."""
+
+    #: shape: (M, R, E, E), float32
+    positives: Tensor
+    #: shape: (M, R, E, E)
+    negatives: Tensor
+
+
+@dataclass(frozen=True)
+class Lists:
+    """A batch of each model of a stack as one list of N triples, positives before negatives."""
+
+    triples: Listed
+    #: 1 for positives, 0 for negatives; shape: (N,), float32
+    positive: Tensor
+
+
+def training_data(session: Session, purpose: str, keys: Tensor, head_pool: str) -> TrainingData:
+    """Collect what D (a stack of sessions) teaches; ``keys`` are (size, seed) of each model."""
+    graph = session.graph
+    train = session.members(TRAIN)
+    heads = torch.zeros(len(keys), len(graph.relations), len(graph.entities))
+    heads += session.entities[:, None]
+    if head_pool == "unseen":
+        seen = torch.zeros_like(heads, dtype=torch.bool)
+        models, triples = train.nonzero(as_tuple=True)
+        seen[models, graph.triples[triples, 1], graph.triples[triples, 0]] = True
+        unseen = heads * ~seen
+        heads = torch.where(unseen.sum(-1, keepdim=True) > 0, unseen, heads)
+    head_ids = torch.argsort(heads, dim=-1, descending=True, stable=True)
+    return TrainingData(session, train * graph.counts, session.entities.float(), heads, head_ids, purpose, keys)
+
+
+def deal(data: TrainingData, root: int, epoch: int, size: int) -> list[list[np.ndarray]]:
+    """Deal an epoch's observations into batches of even length, at most ``size``.
+
+    Returns:
+        The triples of each observation, by batch and model. Models with fewer batches than others
+        have empty ones at the end.
+    """
+    dealt = []
+    for counts, key in zip(data.counts.cpu().numpy(), data.keys.tolist(), strict=True):
+        observations = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+        stream(root, f"{data.purpose} batches", *key, epoch).shuffle(observations)
+        dealt.append(np.array_split(observations, max(1, -(-len(observations) // size))))
+    longest = max(len(batches) for batches in dealt)
+    nothing = np.empty(0, dtype=np.int32)
+    return [[batches[number] if number < len(batches) else nothing for batches in dealt] for number in range(longest)]
+
+
+def batches(
+    data: TrainingData, negatives: Negatives, batch_size: int, root: int, epoch: int
+) -> Iterator[tuple[Tables | Lists, Tensor]]:
+    """The batches of an epoch, in the form that suits the graph, with their numbers of positives, (M,).
+
+    On a graph that is too large for tables, negatives are always sampled.
+    """
+    for number, dealt in enumerate(deal(data, root, epoch, batch_size)):
+        positives = torch.tensor([len(observations) for observations in dealt])
+        if not fits_tables(data.session.graph):
+            yield as_lists(data, dealt, negatives.ratio, root, epoch, number), positives
+        elif negatives.mode == "expected":
+            counts = count_table(data, dealt)
+            yield Tables(counts, expected_negatives(data, counts, negatives.ratio)), positives
+        else:
+            lists = as_lists(data, dealt, negatives.ratio, root, epoch, number)
+            yield Tables(count_table(data, dealt), count_negatives(data, lists)), positives
+
+
+def fits_tables(graph: Graph) -> bool:
+    """Whether batches over a graph are tables."""
+    return len(graph.relations) * len(graph.entities) ** 2 <= TABLE_CELLS
+
+
+def count_table(data: TrainingData, dealt: list[np.ndarray]) -> Tensor:
+    """Observations of each model as a table of counts; shape (M, R, E, E), float32."""
+    graph = data.session.graph
+    relations, entities = len(graph.relations), len(graph.entities)
+    counts = [np.bincount(observations, minlength=len(graph.triples)) for observations in dealt]
+    head, relation, tail = graph.triples.T
+    table = torch.zeros(len(dealt), relations * entities * entities)
+    table[:, (relation * entities + head) * entities + tail] = torch.as_tensor(np.stack(counts), dtype=torch.float32)
+    return table.view(-1, relations, entities, entities)
+
+
+def expected_negatives(data: TrainingData, positives: Tensor, ratio: int) -> Tensor:
+    """How often each triple is expected among a batch's corrupted ones; shape (M, R, E, E).
+
+    For each positive, ``ratio`` corrupted tails, heads and relations: tails from the session's
+    entities, heads from the relation's pool, relations from all but the true one.
+    """
+    by_tail, by_head = positives.sum(-1), positives.sum(-2)  # of a head, of a tail: (M, R, E)
+    relations = positives.shape[1]
+    tails = data.tail_pool / data.tail_pool.sum(-1, keepdim=True)
+    heads = data.head_pool / data.head_pool.sum(-1, keepdim=True)
+    negatives = (by_tail * ratio)[..., None] * tails[:, None, None]
+    negatives.addcmul_(heads[..., None], (by_head * ratio)[:, :, None])
+    if relations > 1:
+        share = ratio / (relations - 1)
+        negatives.add_(positives.sum(1, keepdim=True), alpha=share).sub_(positives, alpha=share)
+    return negatives
+
+
+def as_lists(data: TrainingData, dealt: list[np.ndarray], ratio: int, root: int, epoch: int, number: int) -> Lists:
+    """A batch's observations and their corruptions, drawn as ``expected_negatives`` expects them.
+
+    The draws of a model are keyed by the model, the epoch and the number of the batch alone.
+    """
+    graph = data.session.graph
+    parts = []
+    for model, (observations, key) in enumerate(zip(dealt, data.keys.tolist(), strict=True)):
+        triples = graph.triples[torch.as_tensor(observations, dtype=torch.int64)]
+        corrupted = _corrupt(
+            stream(root, f"{data.purpose} negatives", *key, epoch, number), data, model, triples, ratio
+        )
+        parts.append((model, triples, torch.cat(corrupted)))
+    models = torch.cat([torch.full((len(p) + len(n),), m) for m, p, n in parts])
+    positive = torch.cat([torch.cat([torch.ones(len(p)), torch.zeros(len(n))]) for _, p, n in parts])
+    head, relation, tail = torch.cat([torch.cat([p, n]) for _, p, n in parts]).T
+    models_relations_entities = (len(dealt), len(graph.relations), len(graph.entities))
+    return Lists(Listed(models_relations_entities, models, head, relation, tail), positive)
+
+
+def _corrupt(rng: np.random.Generator, data: TrainingData, model: int, triples: Tensor, ratio: int) -> list[Tensor]:
+    """``ratio`` copies of triples, (N, 3), with another tail, with another head, and with another relation."""
+    relations = data.head_pool.shape[1]
+    repeated = triples.repeat_interleave(ratio, 0)
+
+    def draw(choices: Tensor | int) -> Tensor:
+        """A number below each of the choices (or below the one)."""
+        return (torch.as_tensor(rng.random(len(repeated))) * choices).long()
+
+    tails = data.tail_pool[model].nonzero()[:, 0]
+    by_tail, by_head, by_relation = repeated.clone(), repeated.clone(), repeated.clone()
+    by_tail[:, 2] = tails[draw(len(tails))]
+    pool = data.head_pool[model].sum(-1)[repeated[:, 1]]
+    by_head[:, 0] = data.head_ids[model, repeated[:, 1], draw(pool)]
+    if relations == 1:
+        return [by_tail, by_head]
+    other = draw(relations - 1)
+    by_relation[:, 1] = other + (other >= repeated[:, 1])
+    return [by_tail, by_head, by_relation]
+
+
+def count_negatives(data: TrainingData, lists: Lists) -> Tensor:
+    """The corrupted triples of a batch as a table of counts; shape (M, R, E, E), int64."""
+    models, relations, entities = data.head_pool.shape
+    triples = lists.triples
+    cell = ((triples.model * relations + triples.relation) * entities + triples.head) * entities + triples.tail
+    table = torch.bincount(cell[lists.positive == 0], minlength=models * relations * entities * entities)
+    return table.view(models, relations, entities, entities)

@@ -1,0 +1,211 @@
+"""Training a stack of models: Adagrad, the one loop over epochs, and who watches it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from isi.base.params import Count, NotNegative, Positive, Section
+from isi.embeddings.bits import apart
+from isi.embeddings.stack import Embedding, select
+from isi.learning.batches import Negatives, TrainingData, batches
+from isi.learning.gradients import loss_gradient
+from isi.learning.ranks import Queries, Result, evaluate
+from isi.learning.scopes import validation
+
+#: What Adagrad's accumulators start at.
+ACCUMULATOR = 1e-6
+
+
+class Optimizer(Section):
+    """How an embedding is trained."""
+
+    batch_size: Count
+    learning_rate: Positive
+    weight_decay: NotNegative
+    max_epochs: Count
+
+
+class Training(Optimizer):
+    """How Θ⁰ and the joint model are trained, and when they stop."""
+
+    evaluate_every: Count
+    patience: Count
+
+
+@dataclass(frozen=True)
+class State:
+    """An embedding in training: its vectors and Adagrad's sums of squared gradients."""
+
+    embedding: Embedding
+    squares: Embedding
+
+
+class Watch(Protocol):
+    """Looks at a stack in training before the first epoch (0) and after each."""
+
+    def __call__(self, epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
+        """Which of the models go on; shape (A,), bool.
+
+        Args:
+            embedding: of the models that are still in training.
+            models: their places in the stack; shape (A,).
+        """
+
+
+def train(
+    embedding: Embedding, data: TrainingData, negatives: Negatives, settings: Optimizer, root: int, watch: Watch
+) -> Embedding:
+    """Train each model for ``max_epochs``, or until the watch lets it go.
+
+    A model that goes leaves the stack, which changes nothing for the others.
+
+    Returns:
+        each model as it was when it left.
+    """
+    state, left = start(embedding), start(embedding).embedding
+    models = torch.arange(len(embedding.entity))
+    for epoch in range(settings.max_epochs + 1):
+        if epoch:
+            run_epoch(state, data, negatives, settings, root, epoch)
+        going = watch(epoch, state.embedding, models)
+        if going.all() and epoch < settings.max_epochs:
+            continue
+        leaving = ~going if epoch < settings.max_epochs else torch.ones_like(going)
+        for name in ("entity", "relation"):
+            getattr(left, name)[models[leaving]] = getattr(state.embedding, name)[leaving]
+        if leaving.all():
+            break
+        state, data, models = keep(state, going), select(data, going), models[going]
+    return left
+
+
+def run_epoch(
+    state: State, data: TrainingData, negatives: Negatives, settings: Optimizer, root: int, epoch: int
+) -> None:
+    """One pass over all observations of each model, in place."""
+    frozen = ~data.session.entities
+    for batch, positives in batches(data, negatives, settings.batch_size, root, epoch):
+        adagrad(state, loss_gradient(state.embedding, batch), positives, frozen, settings)
+
+
+def adagrad(state: State, gradient: Embedding, positives: Tensor, frozen: Tensor, settings: Optimizer) -> None:
+    """Update a stack in place from the gradient of a batch.
+
+    Args:
+        gradient: summed over the batch.
+        positives: observations in the batch; where there are none, a model stays as it is; shape (M,).
+        frozen: entities that take no part; shape (M, E), bool.
+    """
+    scale = (positives > 0) / positives.clamp(min=1)
+    decay = (settings.weight_decay * (positives > 0))[:, None, None]
+    gradient.entity.masked_fill_(frozen[..., None], 0.0)
+    for name in ("entity", "relation"):
+        table, squares = getattr(state.embedding, name), getattr(state.squares, name)
+        step = getattr(gradient, name).mul_(scale[:, None, None]).addcmul_(table, decay)
+        squares.addcmul_(step, step)
+        table.addcdiv_(step, squares.sqrt(), value=-settings.learning_rate)
+
+
+def start(embedding: Embedding) -> State:
+    """A copy of an embedding with fresh accumulators."""
+    entity, relation = (torch.full_like(table, ACCUMULATOR) for table in (embedding.entity, embedding.relation))
+    return State(_apart(embedding), _apart(Embedding(entity, relation, embedding.family)))
+
+
+def keep(state: State, staying: Tensor) -> State:
+    """The state of the models that stay."""
+    return State(_apart(select(state.embedding, staying)), _apart(select(state.squares, staying)))
+
+
+def _apart(embedding: Embedding) -> Embedding:
+    return Embedding(apart(embedding.entity), apart(embedding.relation), embedding.family)
+
+
+@dataclass(frozen=True)
+class Look:
+    """One look at the validation MRR* of some models of a stack."""
+
+    epoch: int
+    #: places in the stack; shape: (A,)
+    models: Tensor
+    #: in the order of ``MEASURES``; shape: (A, 4), float64
+    measures: Tensor
+    #: whether this is each model's best so far, and was kept; shape: (A,), bool
+    kept: Tensor
+
+
+class EarlyStopping:
+    """Keeps the best embedding of each model by validation MRR*, and lets it go when none better comes."""
+
+    def __init__(self, embedding: Embedding, valid: Queries, settings: Training) -> None:
+        self.best, self.looks = start(embedding).embedding, list[Look]()
+        self.valid, self.settings = valid, settings
+        self.highest = torch.full((len(embedding.entity),), -1.0, dtype=torch.float64)
+        self.since = torch.zeros(len(embedding.entity), dtype=torch.int64)
+
+    def __call__(self, epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
+        if not epoch or (epoch % self.settings.evaluate_every and epoch < self.settings.max_epochs):
+            return torch.ones(len(models), dtype=torch.bool)
+        measures = evaluate(embedding, {"valid": self.valid})["valid"].measures
+        mrr_star = measures[:, 0]
+        better = mrr_star > self.highest[models]
+        self.looks.append(Look(epoch, models, measures, better))
+        self.highest[models[better]] = mrr_star[better]
+        self.since[models] = torch.where(better, 0, self.since[models] + 1)
+        for name in ("entity", "relation"):
+            getattr(self.best, name)[models[better]] = getattr(embedding, name)[better]
+        going = self.since[models] < self.settings.patience
+        if not going.all():
+            self.valid = select(self.valid, going)
+        return going
+
+
+def fit(
+    embedding: Embedding, data: TrainingData, negatives: Negatives, settings: Training, root: int
+) -> tuple[Embedding, list[Look]]:
+    """Train each model until validation MRR* stops improving; the best embedding of each is kept."""
+    watch = EarlyStopping(embedding, validation(data.session)["valid"], settings)
+    train(embedding, data, negatives, settings, root, watch)
+    return watch.best, watch.looks
+
+
+@dataclass(frozen=True)
+class Followed:
+    """Measures of some models of a stack after an epoch (0: before the first), by scope."""
+
+    epoch: int
+    #: places in the stack; shape: (A,)
+    models: Tensor
+    results: dict[str, Result]
+
+
+class Following:
+    """Measures every model after every epoch, and lets it go when it has converged in every scope of the targets.
+
+    Args:
+        scopes: where to measure.
+        targets: MRR* from which a model counts as converged, by scope; NaN where it is not asked; (M,).
+        to_the_end: let no model go.
+    """
+
+    def __init__(self, scopes: dict[str, Queries], targets: dict[str, Tensor], to_the_end: bool) -> None:
+        self.followed = list[Followed]()
+        self.scopes, self.targets, self.to_the_end = scopes, targets, to_the_end
+        self.reached = {scope: torch.isnan(target) for scope, target in targets.items()}
+
+    def __call__(self, epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
+        results = evaluate(embedding, self.scopes)
+        self.followed.append(Followed(epoch, models, results))
+        for scope, target in self.targets.items():
+            self.reached[scope] |= results[scope].measures[:, 0] >= target
+        if self.to_the_end:
+            return torch.ones(len(models), dtype=torch.bool)
+        going = ~torch.stack(list(self.reached.values())).all(0)
+        if not going.all():
+            self.scopes, self.targets = select(self.scopes, going), select(self.targets, going)
+            self.reached = select(self.reached, going)
+        return going

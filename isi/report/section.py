@@ -1,0 +1,91 @@
+"""What a section of the page is made of, and how one says the same of several experiments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure as Canvas
+
+from isi.report.prose import capitalized
+from isi.report.results import Experiment, Results
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as shown: numbers are in the units that its caption names."""
+
+    name: str
+    title: str
+    caption: str
+    frame: pd.DataFrame
+    #: of columns that are not shown as other numbers are, how
+    formats: Mapping[str, Callable[[Any], str]] = field(default_factory=dict)
+    #: shown when asked for
+    folded: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """A drawn figure."""
+
+    name: str
+    title: str
+    caption: str
+    canvas: Canvas
+
+
+@dataclass(frozen=True)
+class Heading:
+    """Opens a part of a section."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """Paragraphs that are items of a list."""
+
+    texts: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Listing:
+    """Names and values, on the page alone."""
+
+    title: str
+    values: Mapping[str, Any]
+    folded: bool = True
+
+
+#: A string is a paragraph. In it and in bullets, ```code``` and ``[text](#section)`` are marked up; a link to a
+#: section that the page does not have is plain text.
+Content = str | Heading | Bullets | Listing | Table | Figure
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page: what it holds, in order, made from the results. Without contents it is left out."""
+
+    id: str
+    title: str
+    contents: Callable[[Results], Iterable[Content]]
+
+
+def by_experiment(results: Results, contents: Callable[[Results, Experiment], Iterable[Content]]) -> Iterator[Content]:
+    """The same contents of every experiment with a graph of its own, under headings where there are several."""
+    for experiment in results.own:
+        if len(results.own) > 1:
+            yield Heading(capitalized(experiment.title))
+        for content in contents(results, experiment):
+            yield belonging(content, experiment)
+
+
+def belonging(content: Content, experiment: Experiment) -> Content:
+    """Contents with an experiment's own names and titles; those of the first are as they are."""
+    if experiment.suffix and isinstance(content, Table | Figure):
+        title = f"{content.title} ({experiment.title})"
+        return replace(content, name=f"{content.name}{experiment.suffix}", title=title)
+    return content

@@ -1,0 +1,65 @@
+"""Table 2 at other fine-tuning rates: a part of the section on epochs to convergence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from isi.learning.convergence import SCOPES
+from isi.report.models import label
+from isi.report.section import Table
+
+#: Factor on the fine-tuning rate of the main runs.
+AS_CHOSEN = 1.0
+
+
+def convergence_by_rate(cells: pd.DataFrame, initializers: Sequence[str], size: int, rate: float) -> Table:
+    """Epochs to convergence at one size, by the factor on the fine-tuning rate.
+
+    Args:
+        cells: epochs to convergence of each initializer, factor and cell, those of the main runs among them.
+    """
+    groups = cells.groupby(["scope", "model", "factor"])
+    mean, deviation, never = (
+        groups["epochs"].mean(), groups["epochs"].std(ddof=1), 100 * (1 - groups["converged"].mean())
+    )  # fmt: skip
+    lines = []
+    for scope in (scope for scope in SCOPES if scope in set(cells["scope"])):
+        for model in initializers:
+            line: dict[str, object] = {"scope": scope, "initializer": label(model)}
+            for factor in sorted(cells["factor"].unique()):
+                key = (scope, model, factor)
+                line |= {
+                    f"×{factor:g}: mean": mean.get(key),
+                    f"×{factor:g}: std": deviation.get(key),
+                    f"×{factor:g}: unconverged %": never.get(key),
+                }
+            lines.append(line)
+    return Table(
+        "convergence_by_rate",
+        "Epochs to convergence at other fine-tuning rates",
+        f"As Table 2, at |ξ| = {size} alone, with multiples of the fine-tuning rate of {rate:g}.",
+        pd.DataFrame(lines),
+    )
+
+
+def order_of_initializers(cells: pd.DataFrame, initializers: Sequence[str], scope: str) -> str:
+    """A sentence: the initializers in order of their mean epochs, and whether it depends on the rate."""
+    means = cells[cells["scope"] == scope].groupby(["factor", "model"])["epochs"].mean()
+    orders = {float(factor): _order(means[factor], initializers) for factor in means.index.unique("factor")}
+    if not orders:
+        return f"Scope {scope} has no queries here."
+    if len(set(orders.values())) == 1:
+        only = next(iter(orders.values()))
+        return f"In scope {scope} the order is the same at every rate, fewest epochs first: {only}."
+    told = "; ".join(f"{order} at ×{factor:g}" for factor, order in sorted(orders.items()))
+    return f"In scope {scope} the order depends on the rate, fewest epochs first: {told}."
+
+
+def _order(means: pd.Series, models: Sequence[str]) -> str:
+    """Models by ascending mean, those of equal means joined by =."""
+    groups: dict[float, list[str]] = {}
+    for model in (model for model in models if model in means.index):
+        groups.setdefault(float(means[model]), []).append(label(model))
+    return ", ".join(" = ".join(groups[mean]) for mean in sorted(groups))

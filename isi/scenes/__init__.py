@@ -1,1 +1,0 @@
-"""Sources of observations: one module each."""

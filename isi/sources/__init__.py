@@ -1,0 +1,106 @@
+"""Sources of observations, one module each: scenes or tallies as (head, relation, tail), with what they left out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+
+from isi.base.errors import InputError
+from isi.base.params import Name, check, keywords
+from isi.base.plugins import Plugins
+from isi.base.tables import OBSERVATIONS
+
+_TRIPLE = ["head", "relation", "tail"]
+#: Names the entities of a source (``tables.KINDS``), given its unique triples and the names of its rooms.
+Entities = Callable[[pd.DataFrame, Collection[str]], pd.DataFrame]
+
+
+@dataclass(frozen=True)
+class Mining:
+    """What a source is given beside its settings, and where it counts what it leaves out."""
+
+    #: root of every random stream
+    seed: int
+    #: instances left after each step, in the order of the steps; stays empty where a source does not count
+    left: Counter[str] = field(default_factory=Counter)
+
+
+@dataclass(frozen=True)
+class Source:
+    """How to observe, and how to name what was observed."""
+
+    #: gives observations part by part (``tables.OBSERVATIONS``), from a ``Mining`` and its settings
+    observe: Callable[..., Iterable[pa.Table]]
+    entities: Entities
+
+
+SOURCES: Plugins[Source] = Plugins("isi.sources")
+
+
+def source(name: str, entities: Entities) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Make a function of a ``Mining`` and settings a source; the settings are checked by their types."""
+
+    def register(observe: Callable[..., Any]) -> Callable[..., Any]:
+        SOURCES.register(name, Source(observe, entities))
+        return observe
+
+    return register
+
+
+def settings_of(values: object, key: str) -> tuple[Source, dict[str, Any]]:
+    """The source that a section of params names as its ``reader``, and its other keys as keyword arguments.
+
+    Raises:
+        InputError: where there is no such source, or it does not take these settings; ``key`` is where they stand.
+    """
+    given = dict(check(values, dict[str, Any], key))
+    reader = check(given.pop("reader", None), Name, f"{key}.reader")
+    found = SOURCES.get(reader, f"{key}.reader")
+    return found, keywords(found.observe, given, key)
+
+
+def part(rows: Sequence[Sequence[str | int | None]]) -> pa.Table:
+    """A part of a source's observations: rows of scene, room, instance (null where there is none) ... and count."""
+    columns = zip(*rows, strict=True) if rows else [()] * len(OBSERVATIONS)
+    arrays = [pa.array(column, field.type) for column, field in zip(columns, OBSERVATIONS, strict=True)]
+    return pa.Table.from_arrays(arrays, schema=OBSERVATIONS)
+
+
+@dataclass
+class Observed:
+    """Passes observations on, and names the entities of all of them when they end."""
+
+    entities: Entities
+    #: of the entities (``tables.KINDS``), once the observations have ended
+    kinds: pd.DataFrame = field(init=False)
+
+    def passing(self, parts: Iterable[pa.Table]) -> Iterator[pa.Table]:
+        """The parts, as they come.
+
+        Raises:
+            InputError: at their end, where an entity has no kind, or more than one.
+        """
+        triples: set[tuple[str, str, str]] = set()
+        rooms: set[str] = set()
+        for table in parts:
+            triples |= _distinct(table, _TRIPLE)
+            rooms |= {room for (room,) in _distinct(table, ["room"]) if room is not None}
+            yield table
+        self.kinds = self.entities(pd.DataFrame(sorted(triples), columns=_TRIPLE), rooms)
+        named = list(self.kinds["entity"])
+        missing = {name for head, _, tail in triples for name in (head, tail)} - set(named)
+        if missing or len(set(named)) < len(named):
+            name = min(missing) if missing else self.kinds.loc[self.kinds["entity"].duplicated(), "entity"].iloc[0]
+            raise InputError(f"entity {name!r}", "", "expected its source to give it one kind")
+
+
+def _distinct(table: pa.Table, columns: list[str]) -> set[tuple[Any, ...]]:
+    """Rows of some columns that differ."""
+    plain = table.select(columns).cast(pa.schema([(name, pa.string()) for name in columns]))
+    unique = plain.group_by(columns).aggregate([])
+    return set(zip(*(unique[name].to_pylist() for name in columns), strict=True))

@@ -1,0 +1,85 @@
+"""Materials of object instances: drawn as in SUNCG (section 5.1), or as the simulator reports them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import compress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from isi.base.errors import InputError
+from isi.base.streams import stream
+from isi.sources._household import entity_name
+
+#: As the simulator reports it.
+Object = dict[str, Any]
+#: Gives the materials of each object of a scene: from the scene's number, and its objects.
+MaterialsOf = Callable[[int, Sequence[Object]], list[list[str]]]
+
+
+def read_shares(shares: Path, categories: Path) -> pd.DataFrame:
+    """Share of instances with each material: one row per object name, one column per material.
+
+    Args:
+        shares: CSV of ``concept,material,share`` (SUNCG categories).
+        categories: CSV of ``object,category`` that maps object names to those categories.
+
+    Raises:
+        InputError: where a file is missing or broken, or maps to a category without shares.
+    """
+    listed = _read_csv(shares, ["concept", "material", "share"])
+    twice = listed.loc[listed.duplicated(["concept", "material"])]
+    if len(twice):
+        concept, material = twice.iloc[0][["concept", "material"]]
+        raise InputError(shares, f"line {int(twice.index[0]) + 2}", f"{concept!r} and {material!r} are listed twice")
+    table = listed.pivot(index="concept", columns="material", values="share")
+    if not table.fillna(0).map(lambda share: isinstance(share, float | int) and 0 <= share <= 1).all(axis=None):
+        raise InputError(shares, "column 'share'", "expected numbers from 0 to 1")
+    mapping = _read_csv(categories, ["object", "category"])
+    again = mapping.loc[mapping["object"].duplicated()]
+    if len(again):
+        raise InputError(categories, f"line {int(again.index[0]) + 2}", f"{again.iloc[0]['object']!r} is listed twice")
+    unknown = mapping.loc[~mapping["category"].isin(table.index)]
+    if len(unknown):
+        line = int(unknown.index[0]) + 2
+        raise InputError(categories, f"line {line}", f"no shares for category {unknown.iloc[0]['category']!r}")
+    return table.loc[mapping["category"]].set_axis(pd.Index(mapping["object"]), axis=0).fillna(0.0)
+
+
+def suncg(shares: pd.DataFrame, root: int) -> MaterialsOf:
+    """Draw each material of each instance with the share of its category; none without a category.
+
+    One stream per scene, so that a scene's draws depend on nothing but its number and its objects.
+    """
+    materials = list(shares.columns)
+    rows = {name: row for row, name in enumerate(shares.index)}
+    table = np.vstack([shares.to_numpy(dtype=float), np.zeros(len(materials))])
+    return partial(_draw, root, materials, rows, table)
+
+
+def _draw(
+    root: int, materials: list[str], rows: dict[str, int], table: np.ndarray, scene: int, objects: Sequence[Object]
+) -> list[list[str]]:
+    row = [rows.get(entity_name(thing["objectType"]), -1) for thing in objects]
+    drawn = stream(root, "materials", scene).random((len(objects), len(materials))) < table[row]
+    return [list(compress(materials, has)) for has in drawn.tolist()]
+
+
+def simulator(_scene: int, objects: Sequence[Object]) -> list[list[str]]:
+    """The ``salientMaterials`` that the simulator reports, in lower case."""
+    return [[material.lower() for material in thing.get("salientMaterials") or ()] for thing in objects]
+
+
+def _read_csv(path: Path, columns: list[str]) -> pd.DataFrame:
+    try:
+        table = pd.read_csv(path, keep_default_na=False)
+    except (OSError, ValueError) as error:
+        raise InputError(path, "", f"expected a CSV file ({error})") from error
+    missing = [column for column in columns if column not in table.columns]
+    if missing:
+        raise InputError(path, f"column {missing[0]!r}", "missing")
+    return table[columns]

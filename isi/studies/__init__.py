@@ -1,0 +1,1 @@
+"""Studies beside the main experiment, each of one experiment of params."""

@@ -1,0 +1,175 @@
+"""Small results of experiments and studies, for tests of the report to share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+
+from isi.base import paths
+from isi.base.params import check
+from isi.building import Seen
+from isi.params import Params
+from isi.report.models import JOINT
+from isi.report.results import Experiment, Results, Study
+
+ROOT = Path(__file__).parent.parent
+SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
+EPOCHS = 3
+#: Of the small results: two graphs of their own, and one that is extended.
+GRAPHS = {
+    "home": {"source": "home", "min_count": 1},
+    "away": {"source": "away", "min_count": 1},
+    "moved": {
+        "source": "home", "min_count": 1,
+        "extend": {"source": "shop", "min_observations": 2, "candidates": 2, "always": ["fan"]},
+    },
+}  # fmt: skip
+INITIALIZERS = ["xavier", "iu", "es", "rs", "ers", "mean", "es_permuted"]
+
+
+def runs(rows: Sequence[tuple[str, str, int, int, int, float]]) -> pd.DataFrame:
+    """Runs of (model, scope, size, seed, epoch, MRR*) in one session, four queries each."""
+    columns = ["model", "scope", "size", "seed", "epoch", "mrr_star"]
+    return pd.DataFrame(rows, columns=columns).assign(queries=4, session=1)
+
+
+def small_params(experiments: Sequence[str], **changes: Any) -> Params:
+    """The params of this repository with small experiments and, by dotted key, other changes."""
+    values = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))
+    values["sources"] = {name: {"reader": "published"} for name in ("home", "away", "shop")}
+    sessions = {"novel": "any", "sizes": [1, 2], "seeds": 2, "steps": 1}
+    values["experiments"] = {
+        name: {"title": f"the {name} graph", "graph": GRAPHS[name], "followed": [2], "initializers": "all",
+               "sessions": sessions | ({"novel": "added", "sizes": [2]} if name == "moved" else {})}
+        for name in experiments
+    }  # fmt: skip
+    studies: dict[str, dict[str, Any]] = {
+        "sweep": {"size": 2, "seeds": 2, "k": [1, 2, 4]}, "rates": {"size": 2}, "approach": {"size": 2},
+        "cross_validation": {}, "compare_families": {"seeds": 2}, "affordances": {"entities": ["fan"]},
+    }  # fmt: skip
+    for name, changed in studies.items():
+        values[name] |= changed | {"experiments": []}
+    values["finetuning"]["max_epochs"] = EPOCHS
+    values["initializers"] = {name: values["initializers"][name] for name in INITIALIZERS}
+    values["plots"] = {"initializers": ["es"]}
+    for key, value in changes.items():
+        place, _, last = key.rpartition(".")
+        (values[place] if place else values)[last] = value
+    return check(values, Params, "")
+
+
+@cache
+def stated() -> tuple[Any, Any]:
+    """The paper's numbers and its vocabulary."""
+    folder = ROOT / paths.PAPER.parent
+    return tuple(yaml.safe_load((folder / f"{name}.yaml").read_text("utf-8")) for name in ("values", "vocabulary"))  # type: ignore[return-value]
+
+
+def small_results(names: Sequence[str] = tuple(GRAPHS), studies: bool = True, **changes: Any) -> Results:
+    """Results of experiments with random numbers in every cell, and of all studies or of none."""
+    how = small_params(names, **changes)
+    experiments = {name: _experiment(how, name) for name in names}
+    values, vocabulary = stated()
+    definitions = pd.DataFrame({"phrase": ["cup", "fan"], "definition": ["it breaks", "cools the kitchen"]})
+    found = {"params": how, "run": {"Versions": {"python": "3"}}, "paper": values, "vocabulary": vocabulary,
+             "definitions": definitions, "experiments": experiments, "seen": _seen(), "mined": _mined()}  # fmt: skip
+    return Results(**found, **(_studies(how, experiments) if studies else {}))
+
+
+def _numbers(rows: list[dict[str, Any]], key: str) -> pd.DataFrame:
+    """Rows with measures drawn from a stream of their own; MRR* is the mean of its halves."""
+    frame = pd.DataFrame(rows)
+    rng = np.random.default_rng(sum(map(ord, key)))
+    halves = rng.uniform(0.2, 0.9, (2, len(frame)))
+    return frame.assign(mrr_star_entity=halves[0], mrr_star_relation=halves[1], mrr_star=halves.mean(0), mrr=halves[0])
+
+
+def _cells(models: Sequence[str], sizes: Sequence[int], epochs: int = EPOCHS, **more: Any) -> list[dict[str, Any]]:
+    return [
+        {"model": model, "scope": scope, "size": size, "seed": seed, "epoch": epoch, "queries": 4, "session": 1} | more
+        for model, scope, size, seed in product(models, SCOPES, sizes, (0, 1))
+        for epoch in range(1 if model == JOINT or scope == "novel" else epochs + 1)
+    ]
+
+
+def _experiment(how: Params, name: str) -> Experiment:
+    initializers, sizes = how.initializers_of(name), how.experiments[name].sessions.sizes
+    kinds = {"cup": "object", "kitchen": "room", "break": "affordance", "table": "object"}
+    entities = pd.DataFrame({"entity": list(kinds), "kind": list(kinds.values())}).assign(source=GRAPHS[name]["source"])
+    triples = [("cup", "atLocation", "kitchen", 3), ("cup", "hasAffordance", "break", 2),
+               ("table", "atLocation", "kitchen", 1)]  # fmt: skip
+    frame = pd.DataFrame(triples, columns=["head", "relation", "tail", "count"]).assign(source=GRAPHS[name]["source"])
+    if name == "moved":
+        new = pd.DataFrame({"entity": ["fan"], "kind": ["object"], "source": ["shop"]})
+        entities = pd.concat([entities, new], ignore_index=True)
+        frame.loc[len(frame)] = ["fan", "atLocation", "kitchen", 2, "shop"]
+    novel = pd.DataFrame(
+        [{"size": size, "seed": seed, "entity": entity, "session": 1}
+         for size, seed in product(sizes, (0, 1)) for entity in range(size)]
+    )  # fmt: skip
+    inserted = [row | {"kind": "object", "fallback": None, "queries": 4, "ties": 0, "model": model}
+                for model in initializers for row in novel.to_dict("records")]  # fmt: skip
+    inserted[0]["fallback"] = "es"
+    log = [{"size": 1, "seed": seed, "epoch": epoch, "kept": epoch == 5} for seed in (0, 1) for epoch in (5, 10)]
+    splits = pd.DataFrame([{"seed": seed, "triple": triple, "split": "train"}
+                           for seed in (0, 1) for triple in range(len(frame))])  # fmt: skip
+    return Experiment(
+        name=name, suffix="" if name == next(iter(how.experiments)) else f"_{name}", params=how,
+        initializers=initializers, entities=entities.assign(phrase=entities["entity"]), triples=frame,
+        coverage=entities.assign(served_by=["file"] * (len(entities) - 1) + [None]), splits=splits, novel=novel,
+        insert_triples=novel.assign(triple=0), theta0_log=_numbers(log, name), joint_log=_numbers(log, f"{name} joint"),
+        runs=_numbers(_cells([*initializers, JOINT], sizes), name), inserted=_numbers(inserted, name),
+        ties=pd.DataFrame(_cells([*initializers, JOINT], sizes, epochs=0)).assign(ties=1),
+    )  # fmt: skip
+
+
+def _seen() -> dict[str, Seen]:
+    columns = ["scene", "room", "instance", "head", "relation", "tail", "count"]
+    home = [("one", "kitchen", "c", "cup", "atLocation", "kitchen", 1),
+            ("one", "kitchen", "c", "cup", "hasAffordance", "break", 1)]  # fmt: skip
+    shop = [(None, "kitchen", None, "fan", "atLocation", "kitchen", 2),
+            (None, "kitchen", None, "cup", "atLocation", "kitchen", 5)]  # fmt: skip
+    kinds = pd.DataFrame({"entity": ["cup", "fan", "kitchen"], "kind": ["object", "object", "room"]})
+    return {
+        "home": Seen("home", pd.DataFrame(home, columns=columns), kinds),
+        "away": Seen("away", pd.DataFrame(home, columns=columns).assign(scene=None), kinds),
+        "shop": Seen("shop", pd.DataFrame(shop, columns=columns), kinds),
+    }
+
+
+def _mined() -> dict[str, pd.DataFrame]:
+    nothing = pd.DataFrame({"step": pd.Series(dtype=str), "instances": pd.Series(dtype=int)})
+    return {"home": nothing, "away": nothing, "shop": pd.DataFrame({"step": ["instances"], "instances": [7]})}
+
+
+def _studies(how: Params, experiments: dict[str, Experiment]) -> dict[str, Study[Any]]:
+    """Of the first experiment, but for affordances, which are of the last."""
+    first, last = (list(experiments.values())[place] for place in (0, -1))
+    swept = [row for k in how.sweep.k for row in _cells(list(how.sweep.initializers), [2], k=k)]
+    rates = [row for factor in (0.5, 2.0) for row in _cells(first.initializers, [2], factor=factor)]
+    folds = [setting.model_dump() | {"fold": fold, "epoch": 20} for setting in how.settings for fold in (0, 1)]
+    families = [{"family": name, "seed": seed, "epochs": 50, "valid_mrr_star": 0.5, "queries": 4}
+                for name in how.compare_families.families for seed in (0, 1)]  # fmt: skip
+    answers = [{"model": model, "seed": 0, "entity": len(last.entities) - 1, "answer": answer, "rank": answer + 1}
+               for model in last.initializers for answer in range(len(last.entities))]  # fmt: skip
+    rng, number = np.random.default_rng(7), len(first.entities)
+    approach: dict[str, np.ndarray] = {"entity": np.array([0]), "known": np.arange(number) > 0}
+    approach["theta0"] = rng.normal(size=(number, 4))
+    for model in ("xavier", "iu", "es", "rs", "ers"):
+        approach[f"{model}.path"] = rng.normal(size=(3, 4))
+        approach[f"{model}.indicators"] = np.arange(number) > (1 if model in ("es", "rs", "ers") else number)
+    return {
+        "sweep": Study(first, _numbers(swept, "sweep")),
+        "rates": Study(first, _numbers(rates, "rates")),
+        "cross_validation": Study(first, _numbers(folds, "folds")),
+        "families": Study(first, _numbers(families, "families")),
+        "affordances": Study(last, pd.DataFrame(answers)),
+        "approach": Study(first, approach),
+    }

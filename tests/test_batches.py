@@ -1,0 +1,197 @@
+"""Observations dealt into batches, and their corruptions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from isi.embeddings.stack import select
+from isi.experiments.cells import Cells
+from isi.learning.batches import (
+    Lists,
+    Negatives,
+    Tables,
+    TrainingData,
+    as_lists,
+    batches,
+    count_negatives,
+    count_table,
+    deal,
+    expected_negatives,
+    training_data,
+)
+from isi.sessions.session import OUT, TRAIN, Session, everything
+from tests.graphs import cells_of, graph_of, random_graph
+
+
+def one_triple(head_pool: str, count: int = 2, relations: int = 2, entities: int = 4) -> TrainingData:
+    """Trains on (0, 0, 1) alone; entity 3 takes no part."""
+    graph = graph_of({(0, 0, 1): count, (2, 0, 3): 5}, entities, relations)
+    members = torch.tensor([[number != 3 for number in range(entities)]])
+    session = Session(graph, members, torch.tensor([[TRAIN, OUT]], dtype=torch.int8))
+    return training_data(session, "test", torch.tensor([[1, 0]]), head_pool)
+
+
+def observations(data: TrainingData) -> list[np.ndarray]:
+    """All training observations of each model, as one batch."""
+    return [np.repeat(np.arange(len(counts)), counts) for counts in data.counts.numpy()]
+
+
+def sampled(data: TrainingData, ratio: int, root: int, epoch: int) -> Tensor:
+    """Corrupted triples of all observations as one batch; shape (M, 1, R, E, E)."""
+    lists = as_lists(data, observations(data), ratio, root, epoch, 0)
+    return count_negatives(data, lists)[:, None]
+
+
+def dealt_counts(data: TrainingData, root: int, epoch: int, size: int) -> Tensor:
+    """How often each triple stands in each batch; shape (M, B, T)."""
+    dealt = deal(data, root, epoch, size)
+    return torch.stack([torch.stack([torch.bincount(torch.as_tensor(one, dtype=torch.int64),
+                        minlength=data.counts.shape[1]) for one in batch]) for batch in dealt], 1)  # fmt: skip
+
+
+def small_cells() -> Cells:
+    return cells_of(random_graph(13, 3, 80), 2, [0, 1, 2, 3])
+
+
+def test_expected_negatives_by_hand() -> None:
+    data = one_triple("unseen")
+    found = expected_negatives(data, count_table(data, observations(data)), 9)[0]
+    # 2 observations × 9: 18 tails over the entities 0 to 2, 18 heads over those never a head (1, 2), 18 of relation 1
+    expected = torch.zeros(2, 4, 4)
+    expected[0, 0, :3] = 6
+    expected[0, 1:3, 1] = 9
+    expected[1, 0, 1] = 18
+    torch.testing.assert_close(found, expected)
+
+
+def test_heads_come_from_everyone_where_asked_or_where_the_pool_is_empty() -> None:
+    everyone = torch.tensor([1.0, 1, 1, 0])
+    assert torch.equal(one_triple("all").head_pool, everyone.expand(1, 2, 4))
+    unseen = one_triple("unseen").head_pool[0]
+    assert torch.equal(unseen, torch.stack([torch.tensor([0.0, 1, 1, 0]), everyone]))
+    graph = graph_of({(0, 0, 1): 1, (1, 0, 2): 1, (2, 0, 0): 1}, 3, 1)
+    session = everything(graph, torch.zeros(1, 3, dtype=torch.int8))
+    data = training_data(session, "test", torch.tensor([[0, 0]]), "unseen")
+    assert torch.equal(data.head_pool, torch.ones(1, 1, 3))
+
+
+@pytest.mark.parametrize("head_pool", ["unseen", "all"])
+def test_expected_negatives_are_the_mean_of_sampled_ones(head_pool: str) -> None:
+    cells, draws, ratio = cells_of(random_graph(6, 3, 20), 1, [0, 1]), 600, 4
+    data = training_data(cells.session(0), "test", cells.keys(), head_pool)
+    expected = expected_negatives(data, count_table(data, observations(data)), ratio)
+    total = torch.zeros_like(expected)
+    for epoch in range(draws):
+        total += sampled(data, ratio, 0, epoch)[:, 0]
+    assert (total[expected == 0] == 0).all()
+    assert ((total / draws - expected).abs() <= 5 * (expected / draws).sqrt() + 1e-4).all()
+
+
+def test_sampled_negatives_are_ratio_times_positives_of_each_kind() -> None:
+    data = one_triple("unseen", count=7, relations=3)
+    drawn = sampled(data, 9, 0, 1)[0, 0]
+    heads = drawn[0, :, 1].clone()
+    heads[0] = 0  # 0 is a head of relation 0 and not in its pool: a corrupted tail
+    assert drawn[0, 0].sum() == 63
+    assert heads.sum() == 63
+    assert drawn[1:, 0, 1].sum() == 63
+    assert drawn.sum() == 3 * 63
+    assert (drawn[1:, 0, 1] > 0).all()
+
+
+def test_sampled_negatives_stay_in_the_session_and_with_their_batch() -> None:
+    cells = small_cells()
+    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
+    for number, dealt in enumerate(deal(data, 0, 1, 30)):
+        drawn = count_negatives(data, as_lists(data, dealt, 3, 0, 1, number))
+        assert drawn.sum((1, 2, 3)).tolist() == [9 * len(one) for one in dealt]
+        for model in range(4):
+            outside = ~data.session.entities[model]
+            assert drawn[model][..., outside, :].sum() == 0
+            assert drawn[model][..., outside].sum() == 0
+
+
+def test_true_relation_is_never_a_corrupted_one() -> None:
+    data = one_triple("unseen", count=50, relations=2, entities=5)
+    drawn = sampled(data, 9, 0, 1)[0, 0]
+    assert drawn[1, 0, 1] == 450
+    assert drawn[1].sum() == 450
+
+
+def test_a_lone_relation_is_not_corrupted() -> None:
+    data = one_triple("unseen", count=5, relations=1)
+    assert sampled(data, 9, 0, 1).sum() == 2 * 45
+    assert expected_negatives(data, count_table(data, observations(data)), 9).sum() == pytest.approx(90)
+
+
+def test_many_negatives_on_one_triple_do_not_overflow() -> None:
+    data = one_triple("unseen", count=5000)
+    drawn = sampled(data, 9, 0, 1)
+    assert drawn[0, 0, 1, 0, 1].item() == 45_000
+
+
+def test_negatives_are_keyed_by_model_purpose_and_epoch() -> None:
+    cells = small_cells()
+    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
+    drawn = {(root, epoch): sampled(data, 3, root, epoch) for root in (0, 1) for epoch in (1, 2)}
+    assert torch.equal(drawn[0, 1], sampled(data, 3, 0, 1))
+    assert not torch.equal(drawn[0, 1], drawn[0, 2])
+    assert not torch.equal(drawn[0, 1], drawn[1, 1])
+    other = replace(data, keys=data.keys + torch.tensor([1, 0]))
+    assert not torch.equal(drawn[0, 1], sampled(other, 3, 0, 1))
+    assert not torch.equal(drawn[0, 1], sampled(replace(data, purpose="other"), 3, 0, 1))
+    assert torch.equal(drawn[0, 1][2:3], sampled(select(data, torch.tensor([2])), 3, 0, 1))
+
+
+@pytest.mark.parametrize("size", [1, 7, 30, 10_000])
+def test_batches_hold_each_observation_once_and_are_even(size: int) -> None:
+    cells = small_cells()
+    data = training_data(cells.session(0), "test", cells.keys(), "all")
+    dealt = dealt_counts(data, 0, 1, size)
+    assert torch.equal(dealt.sum(1), data.counts)
+    for model in range(4):
+        lengths = dealt[model].sum(1)
+        used = lengths[lengths > 0]
+        assert used.max() <= size
+        assert used.max() - used.min() <= 1
+        assert len(used) == -(-int(data.counts[model].sum()) // size)
+        assert (lengths[: len(used)] > 0).all()
+
+
+def test_batches_are_keyed_by_model_and_epoch() -> None:
+    cells = small_cells()
+    data = training_data(cells.session(0), "test", cells.keys(), "all")
+    dealt = dealt_counts(data, 0, 1, 10)
+    assert torch.equal(dealt, dealt_counts(data, 0, 1, 10))
+    assert not torch.equal(dealt, dealt_counts(data, 0, 2, 10))
+    assert not torch.equal(dealt, dealt_counts(data, 1, 1, 10))
+    other = replace(data, keys=data.keys + torch.tensor([1, 0]))
+    assert not torch.equal(dealt, dealt_counts(other, 0, 1, 10))
+    alone = dealt_counts(select(data, torch.tensor([3])), 0, 1, 10)
+    assert torch.equal(dealt[3:, : alone.shape[1]], alone)
+
+
+def test_data_count_training_observations_alone() -> None:
+    cells = small_cells()
+    data = training_data(cells.joint, "test", cells.keys(), "all")
+    train = torch.from_numpy(cells.splits) == TRAIN
+    assert torch.equal(data.counts, torch.where(train, cells.graph.counts, 0))
+
+
+@pytest.mark.parametrize(("mode", "cells"), [("expected", 2**23), ("sampled", 2**23), ("expected", 0), ("sampled", 0)])
+def test_a_batch_has_the_form_that_suits_the_graph(mode: str, cells: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("isi.learning.batches.TABLE_CELLS", cells)
+    grid = small_cells()
+    data = training_data(grid.session(0), "test", grid.keys(), "unseen")
+    for batch, positives in batches(data, Negatives(mode=mode, ratio=3, head_pool="unseen"), 40, 0, 1):
+        if cells:
+            assert isinstance(batch, Tables)
+            assert torch.equal(batch.positives.sum((1, 2, 3)), positives.float())
+        else:
+            assert isinstance(batch, Lists)
+            assert torch.equal(torch.bincount(batch.triples.model[batch.positive > 0]), positives)

@@ -1,0 +1,221 @@
+"""The graph of an experiment: counted from observations, and extended by what another source has."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import pairwise
+
+import pandas as pd
+import pyarrow as pa
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from isi import building
+from isi.base import tables
+from isi.base.errors import InputError
+from isi.base.params import check
+from isi.building import Extension, GraphOf, Seen, Tables
+
+#: (head, relation, tail, how many observations), in the order in which they were seen.
+SEEN = [
+    ("mug", "hasMaterial", "wood", 1),
+    ("mug", "atLocation", "kitchen", 2),
+    ("cabinet", "atLocation", "kitchen", 1),
+    ("mug", "hasAffordance", "fill", 1),
+    ("mug", "atLocation", "cabinet", 1),
+    ("mug", "atLocation", "kitchen", 3),
+]
+
+
+def observations(seen: list[tuple[str, str, str, int]] = SEEN) -> pd.DataFrame:
+    return pd.DataFrame(seen, columns=["head", "relation", "tail", "count"])
+
+
+def kinds_of(**kinds: str) -> pd.DataFrame:
+    """As ``tables.KINDS``."""
+    names = list(kinds)
+    return pd.DataFrame({"entity": names, "kind": list(kinds.values()), "phrase": [f"a {name}" for name in names]})
+
+
+#: In an order that is not alphabetical.
+KINDS = kinds_of(mug="object", wood="material", kitchen="room", fill="affordance", cabinet="object")
+
+
+def rows(table: pd.DataFrame, schema: pa.Schema) -> list[tuple[object, ...]]:
+    return list(table[schema.names].itertuples(index=False, name=None))
+
+
+def test_observations_of_a_triple_add_up() -> None:
+    assert rows(building.count_triples(observations(), "home"), tables.TRIPLES) == [
+        ("cabinet", "atLocation", "kitchen", 1, "home"),
+        ("mug", "atLocation", "cabinet", 1, "home"),
+        ("mug", "atLocation", "kitchen", 5, "home"),
+        ("mug", "hasAffordance", "fill", 1, "home"),
+        ("mug", "hasMaterial", "wood", 1, "home"),
+    ]
+
+
+def test_columns_with_categories_count_like_plain_ones() -> None:
+    encoded = observations().astype({"head": "category", "relation": "category", "tail": "category"})
+    encoded = encoded[encoded["head"] == "mug"]  # leaves a category without rows
+    triples = building.count_triples(encoded, "home")
+    assert len(triples) == 4
+    assert triples["count"].sum() == 8
+
+
+@pytest.mark.parametrize(("min_count", "kept"), [(1, 5), (2, 1), (5, 1), (6, 0)])
+def test_triples_below_the_minimum_count_are_dropped_and_those_at_it_stay(min_count: int, kept: int) -> None:
+    triples = building.count_triples(observations(), "home", min_count)
+    assert len(triples) == kept
+    assert triples.index.tolist() == list(range(kept))
+
+
+def test_an_entity_whose_triples_were_all_dropped_is_gone() -> None:
+    graph = building.graph_of(Seen("home", observations(), KINDS), 2)
+    assert graph.entities["entity"].tolist() == ["kitchen", "mug"]
+
+
+def test_entities_are_in_alphabetical_order_with_the_kinds_and_phrases_of_their_source() -> None:
+    graph = building.graph_of(Seen("home", observations(), KINDS))
+    assert rows(graph.entities, tables.ENTITIES) == [
+        ("cabinet", "object", "home", "a cabinet"),
+        ("fill", "affordance", "home", "a fill"),
+        ("kitchen", "room", "home", "a kitchen"),
+        ("mug", "object", "home", "a mug"),
+        ("wood", "material", "home", "a wood"),
+    ]
+
+
+def test_relations_and_kinds_may_have_any_name_and_an_entity_be_head_and_tail() -> None:
+    seen = Seen("zoo", observations([("cat", "eats", "bird", 2), ("bird", "fears", "cat", 1)]),
+                kinds_of(cat="animal", bird="animal"))  # fmt: skip
+    graph = building.graph_of(seen)
+    assert list(graph.entities["kind"]) == ["animal", "animal"]
+    assert list(graph.triples["relation"]) == ["fears", "eats"]
+
+
+def test_an_entity_without_a_kind_is_refused() -> None:
+    with pytest.raises(InputError, match=r"home\.entities\.parquet.*'wood'"):
+        building.graph_of(Seen("home", observations(), KINDS[KINDS["entity"] != "wood"]))
+
+
+# Extended
+
+ENTITIES = pd.DataFrame(
+    [("bedroom", "room"), ("fabric", "material"), ("kitchen", "room"), ("lamp", "object"), ("open", "affordance"),
+     ("wood", "material")], columns=["entity", "kind"],
+).assign(source="home", phrase=lambda table: table["entity"])  # fmt: skip
+TRIPLES = pd.DataFrame(
+    [("lamp", "atLocation", "kitchen", 2), ("lamp", "hasMaterial", "wood", 3)],
+    columns=["head", "relation", "tail", "count"],
+).assign(source="home")
+LETTERS = ["kitchen", "bedroom", "fan", "stove", "bucket", "purse"]
+
+
+def seen_elsewhere(*seen: tuple[str, str, int]) -> Seen:
+    """Observations of (object, room, count) by another source."""
+    frame = observations([(head, "atLocation", room, count) for head, room, count in seen])
+    kinds = {room: "room" for _, room, _ in seen} | {head: "object" for head, _, _ in seen}
+    return Seen("shop", frame, kinds_of(**kinds))
+
+
+SHOP = seen_elsewhere(
+    ("stove", "kitchen", 5), ("lamp", "kitchen", 9), ("fan", "kitchen", 2), ("fan", "bedroom", 4),
+    ("stove", "kitchen", 1), ("purse", "bedroom", 5),
+)  # fmt: skip
+
+
+def test_heads_that_the_graph_lacks_are_counted_over_their_triples() -> None:
+    new = building.newcomers(SHOP, ENTITIES)
+    assert new.to_dict() == {"fan": 6, "purse": 5, "stove": 6}
+    assert building.frequent(new, SHOP, ENTITIES, 6).to_dict() == {"fan": 6, "stove": 6}
+    assert list(building.frequent(new, SHOP, ENTITIES, 5).index) == ["fan", "purse", "stove"]
+
+
+@pytest.mark.parametrize(("name", "kind"), [("wood", "material"), ("open", "affordance"), ("bedroom", "room")])
+def test_an_object_is_not_merged_with_an_entity_of_another_kind(name: str, kind: str) -> None:
+    seen = seen_elsewhere((name, "kitchen", 6))
+    new = building.newcomers(seen, ENTITIES)
+    assert building.frequent(new, seen, ENTITIES, 7).empty
+    with pytest.raises(InputError, match=rf"shop\.parquet: object '{name}': .* {kind}.*source"):
+        building.frequent(new, seen, ENTITIES, 6)
+
+
+@pytest.mark.parametrize("room", ["bathroom", "lamp"])
+def test_a_room_that_the_graph_lacks_is_refused(room: str) -> None:
+    with pytest.raises(InputError, match=rf"shop\.parquet: room '{room}'"):
+        building.newcomers(seen_elsewhere(("fan", room, 6)), ENTITIES)
+
+
+def test_new_entities_and_their_triples_come_behind_those_of_the_graph() -> None:
+    encoded = TRIPLES.astype({"head": "category", "relation": "category", "tail": "category", "source": "category"})
+    extended = building.extend(Tables(ENTITIES, encoded), SHOP, ["fan", "stove"])
+    pd.testing.assert_frame_equal(extended.entities.iloc[: len(ENTITIES)], ENTITIES, check_dtype=False)
+    assert rows(extended.entities.iloc[len(ENTITIES) :], tables.ENTITIES) == [
+        ("fan", "object", "shop", "a fan"),
+        ("stove", "object", "shop", "a stove"),
+    ]
+    assert rows(extended.triples, tables.TRIPLES) == [
+        ("lamp", "atLocation", "kitchen", 2, "home"),  # none of the nine that the other source saw
+        ("lamp", "hasMaterial", "wood", 3, "home"),
+        ("fan", "atLocation", "bedroom", 4, "shop"),
+        ("fan", "atLocation", "kitchen", 2, "shop"),
+        ("stove", "atLocation", "kitchen", 6, "shop"),
+    ]
+
+
+def test_a_triple_between_two_newcomers_joins_when_both_do() -> None:
+    between = [("fan", "standsOn", "stove", 6), ("stove", "standsOn", "fan", 6), ("fan", "atLocation", "kitchen", 1)]
+    seen = Seen("shop", observations(between), kinds_of(fan="object", stove="object", kitchen="room"))
+    assert list(building.newcomers(seen, ENTITIES).index) == ["fan", "stove"]
+    home = Tables(ENTITIES, TRIPLES)
+    alone, both = (
+        building.extend(home, seen, added).triples.iloc[len(TRIPLES) :] for added in (["fan"], ["fan", "stove"])
+    )
+    assert list(alone["tail"]) == ["kitchen"]
+    assert list(both["tail"]) == ["kitchen", "stove", "fan"]
+
+
+def extension(candidates: int, *always: str) -> Extension:
+    return Extension(source="shop", min_observations=6, candidates=candidates, always=list(always))
+
+
+@given(
+    names=st.lists(st.text("abcxyz ", min_size=1), min_size=1, max_size=30, unique=True),
+    number=st.integers(1, 40),
+    root=st.integers(0, 5),
+    data=st.data(),
+)
+def test_as_many_as_there_are_or_are_asked_for_are_drawn_and_some_always(
+    names: list[str], number: int, root: int, data: st.DataObject
+) -> None:
+    always = data.draw(st.lists(st.sampled_from(names), unique=True, max_size=number))
+    enough = pd.Series(6, index=sorted(names))
+    drawn = building.draw(enough, extension(number, *always), "key", root)
+    assert len(drawn) == min(number, len(names))
+    assert set(always) <= set(drawn) <= set(names)
+    assert all(one < other for one, other in pairwise(drawn))
+    assert drawn == building.draw(enough, extension(number, *always[::-1]), "key", root)
+
+
+def test_every_entity_is_as_likely_to_be_drawn() -> None:
+    enough = pd.Series(6, index=sorted(LETTERS))
+    times = Counter(name for root in range(400) for name in building.draw(enough, extension(3, "fan"), "key", root))
+    assert times.pop("fan") == 400
+    assert set(times) == set(LETTERS) - {"fan"}
+    assert all(120 < number < 200 for number in times.values())  # 160 expected, deviation 10
+
+
+def test_an_entity_that_cannot_be_drawn_is_refused_by_its_param() -> None:
+    with pytest.raises(
+        InputError, match=r"^params\.yaml: experiments\.x\.graph\.extend\.always: 'bottle': .*shop.* 6 "
+    ):
+        building.draw(pd.Series(6, index=LETTERS), extension(3, "bottle"), "experiments.x.graph.extend", 0)
+
+
+@pytest.mark.parametrize("always", [["fan", "stove"], ["fan", "fan"]])
+def test_more_entities_that_are_always_drawn_than_are_drawn_are_refused(always: list[str]) -> None:
+    values = {"source": "shop", "min_observations": 6, "candidates": 1, "always": always}
+    with pytest.raises(InputError, match=r"^params\.yaml: experiments\.x\.graph\.extend: .*always"):
+        check({"source": "home", "min_count": 1, "extend": values}, GraphOf, "experiments.x.graph")

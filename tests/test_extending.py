@@ -1,0 +1,69 @@
+"""Each thing of one's own does what docs/extending.md says, with the page's own code."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+import torch
+from torch.nn.functional import normalize
+
+from isi.embeddings.stack import uniform
+from isi.families import make
+from isi.initializers import INITIALIZERS, options_of
+from isi.sources import Mining, Observed, settings_of
+from tests.documented import code, params
+from tests.test_initializers import insertion
+
+
+@pytest.fixture
+def own(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> ModuleType:
+    """The module that the page shows for a thing."""
+    module = ModuleType(request.param.replace(" ", "_"))
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    exec(compile(code(request.param), request.param, "exec"), module.__dict__)  # noqa: S102
+    return module
+
+
+@pytest.mark.parametrize("own", ["own initializer"], indirect=True)
+@pytest.mark.usefixtures("own")
+def test_an_initializer() -> None:
+    given, (shown,) = insertion(), params("own initializer params").values()
+    found = INITIALIZERS.get("nearest", "").function(given, **options_of("nearest", shown, "initializers.nearest"))
+    units = normalize(given.words, dim=-1)
+    for model, entity in enumerate(given.novel[:, 0].tolist()):
+        able = given.eligible[model] & (given.words != 0).any(-1)
+        nearest = int((units @ units[entity]).masked_fill(~able, -2).argmax())
+        torch.testing.assert_close(found.vectors[model, 0], shown["scale"] * given.theta0.entity[model, nearest])
+
+
+@pytest.mark.parametrize("own", ["own family"], indirect=True)
+@pytest.mark.usefixtures("own")
+def test_a_family() -> None:
+    family = make("transh", params("own family params")["families.transh"], "families.transh")
+    everyone = torch.ones(2, 6, dtype=torch.bool)
+    theta = uniform(everyone, 3, family, 4, 0.5, 0, torch.tensor([[0], [1]]))
+    scores = theta.score_all()
+    for model, relation, head, tail in np.ndindex(2, 3, 6, 6):
+        normal, translation = theta.relation[model, relation].double().split(4)
+        normal = normal / normal.norm()
+        ends = [v - (v @ normal) * normal for v in theta.entity[model, [head, tail]].double()]
+        expected = family.margin - (ends[0] + translation - ends[1]).norm()
+        assert abs(float(scores[model, relation, head, tail]) - float(expected)) < 1e-5
+
+
+@pytest.mark.parametrize("own", ["own source"], indirect=True)
+@pytest.mark.usefixtures("own")
+def test_a_source(tmp_path: Path) -> None:
+    path, (settings,) = tmp_path / "notebook.csv", params("own source params").values()
+    path.write_text("head,relation,tail,count\nspoon,liesIn,drawer,3\ndrawer,isPartOf,table,1\n", encoding="utf-8")
+    source, given = settings_of(settings | {"path": str(path)}, "sources.notebook")
+    observed = Observed(source.entities)
+    (table,) = observed.passing(source.observe(Mining(0), **given))
+    rows = Counter({(row["head"], row["relation"], row["tail"]): row["count"] for row in table.to_pylist()})
+    assert rows == {("spoon", "liesIn", "drawer"): 3, ("drawer", "isPartOf", "table"): 1}
+    assert observed.kinds.to_numpy().tolist() == [[name, "thing", name] for name in ("drawer", "spoon", "table")]

@@ -1,0 +1,398 @@
+"""One battery over every family of the registry, and what each scores by hand."""
+
+from __future__ import annotations
+
+import cmath
+import math
+import pickle
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+import torch
+from torch import Tensor
+from torch.nn.functional import logsigmoid
+
+from isi.base import params, paths
+from isi.base.errors import InputError
+from isi.embeddings.blocks import Blocks
+from isi.embeddings.family import Family, Mapping
+from isi.embeddings.meeting import EPSILON, Distance, Meeting
+from isi.embeddings.stack import Embedding, select, uniform
+from isi.embeddings.triples import Every, Listed
+from isi.families import FAMILIES, family, make
+from isi.learning import training
+from isi.learning.batches import Negatives, Tables, batches, training_data
+from isi.learning.training import Optimizer
+from isi.sessions.session import everything
+from tests.graphs import ANALOGY, cells_of, dense, graph_of, random_embedding, random_graph
+
+DIMENSION = 12
+MODELS, ENTITIES, RELATIONS = 3, 5, 2
+
+
+@family("transh")
+@dataclass(frozen=True)
+class TransH(Family):
+    """A family of a user's own with a score alone: -‖h' + r - t'‖², head and tail projected on r's hyperplane."""
+
+    def width(self, dimension: int) -> int:
+        return 2 * dimension
+
+    def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
+        return -(self.transform(head, relation) - self._project(tail, relation)).square().sum(-1)
+
+    def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
+        return self._project(vectors, relation) + relation.chunk(2, -1)[1]
+
+    def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:
+        return self._project(vectors, relation) - relation.chunk(2, -1)[1]
+
+    def _project(self, vectors: Tensor, relation: Tensor) -> Tensor:
+        normal = torch.nn.functional.normalize(relation.chunk(2, -1)[0], dim=-1)
+        return vectors - (vectors * normal).sum(-1, keepdim=True) * normal
+
+
+@family("stretch")
+@dataclass(frozen=True)
+class Stretch(Mapping):
+    """A family of a user's own that leaves the gradient of its map to autograd: f = ⟨shift(h ⊙ exp(r)), t⟩."""
+
+    @property
+    def meeting(self) -> Meeting:
+        return ANALOGY.meeting  # type: ignore[attr-defined, no-any-return]
+
+    def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
+        return (vectors * relation.exp()).roll(1, -1)
+
+    def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:
+        return vectors.roll(-1, -1) * (-relation).exp()
+
+    def pullback(self, vectors: Tensor, relation: Tensor) -> Tensor:
+        return vectors.roll(-1, -1) * relation.exp()
+
+
+def registered() -> dict[str, Family]:
+    """Every family with the options that it has in params, and with its square where it has that option."""
+    options = params.read(paths.PARAMS)["families"]
+    every = {name: make(name, options.get(name, {}), name) for name in FAMILIES.names()}
+    squares = {name: dict(own, squared=True) for name, own in options.items() if "squared" in own}
+    return every | {f"{name} squared": make(name, own, name) for name, own in squares.items()}
+
+
+BATTERY = registered()
+#: Those whose inverse undoes the transform; a projection cannot be undone.
+INVERTIBLE = {name: family for name, family in BATTERY.items() if name != "transh"}
+over_all = pytest.mark.parametrize("kind", BATTERY.values(), ids=BATTERY)
+
+
+def precise(kind: Family, models: int = MODELS, entities: int = ENTITIES) -> Embedding:
+    """A random embedding in float64."""
+    embedding = random_embedding(models, entities, RELATIONS, DIMENSION, seed=4, family=kind)
+    return Embedding(embedding.entity.double(), embedding.relation.double(), kind)
+
+
+def all_ids(entities: int = ENTITIES) -> tuple[Tensor, Tensor, Tensor]:
+    """Head, relation and tail of every triple, by relation, head and tail."""
+    relation, head, tail = torch.cartesian_prod(
+        torch.arange(RELATIONS), torch.arange(entities), torch.arange(entities)
+    ).T
+    return head, relation, tail
+
+
+def all_listed(models: int = MODELS, entities: int = ENTITIES) -> Listed:
+    """Every triple of every model, as one list."""
+    ids = (ids.repeat(models) for ids in all_ids(entities))
+    model = torch.arange(models).repeat_interleave(RELATIONS * entities**2)
+    return Listed((models, RELATIONS, entities), model, *ids)
+
+
+def one_score(embedding: Embedding, model: int, head: int, relation: int, tail: int) -> Tensor:
+    entity = embedding.entity[model]
+    return embedding.family.score(entity[head], embedding.relation[model, relation], entity[tail])
+
+
+@over_all
+def test_all_ways_to_score_agree(kind: Family) -> None:
+    embedding = precise(kind)
+    ids = [ids.expand(MODELS, -1) for ids in all_ids()]
+    head, relation, tail = ids
+    expected = torch.stack([
+        torch.stack([one_score(embedding, model, *one) for one in torch.stack(ids, -1)[model].tolist()])
+        for model in range(MODELS)
+    ])  # fmt: skip
+    assert expected.std() > 0.1
+
+    def close(found: Tensor) -> None:
+        torch.testing.assert_close(found, expected)
+
+    close(embedding.score(head, relation, tail))
+    close(embedding.score_all().flatten(1))
+    close(embedding.score_tails(head, relation).gather(2, tail[..., None])[..., 0])
+    close(embedding.score_heads(relation, tail).gather(2, head[..., None])[..., 0])
+    close(embedding.score_relations(head, tail).gather(2, relation[..., None])[..., 0])
+    close(kind.scores(embedding.entity, embedding.relation, all_listed())[0].view_as(expected))
+
+
+@over_all
+@pytest.mark.parametrize("form", ["tables", "lists"])
+def test_gradient_is_that_of_autograd(kind: Family, form: str) -> None:
+    embedding = precise(kind)
+    slope = torch.randn(MODELS, RELATIONS, ENTITIES, ENTITIES, generator=torch.Generator().manual_seed(1)).double()
+    entity, relation = (table.requires_grad_() for table in (embedding.entity, embedding.relation))
+    total = sum(
+        slope[model, r, h, t] * one_score(embedding, model, h, r, t)
+        for model in range(MODELS)
+        for h, r, t in torch.stack(all_ids(), -1).tolist()
+    )
+    by_entity, by_relation = torch.autograd.grad(total, (entity, relation))  # type: ignore[arg-type]
+    entity, relation = entity.detach(), relation.detach()
+    triples = Every.of(entity, relation) if form == "tables" else all_listed()
+    scores, pull = kind.scores(entity, relation, triples)
+    found_entity, found_relation = pull(slope.view_as(scores))
+    torch.testing.assert_close(found_entity, by_entity)
+    torch.testing.assert_close(found_relation, by_relation)
+
+
+@pytest.mark.parametrize("kind", INVERTIBLE.values(), ids=INVERTIBLE)
+def test_inverse_undoes_the_transform_and_the_other_way_round(kind: Family) -> None:
+    embedding = precise(kind)
+    vectors, relation = embedding.entity, embedding.relation[:, :1]
+    torch.testing.assert_close(kind.inverse(kind.transform(vectors, relation), relation), vectors)
+    torch.testing.assert_close(kind.transform(kind.inverse(vectors, relation), relation), vectors)
+    assert not torch.allclose(kind.transform(vectors, relation), vectors)
+
+
+@over_all
+def test_resultants_put_the_novel_entity_where_the_relation_takes_the_head_or_comes_from(kind: Family) -> None:
+    embedding = precise(kind)
+    known, row = embedding.entity, embedding.relation[:, :1].expand(-1, ENTITIES, -1)
+    is_tail = torch.arange(MODELS * ENTITIES).view(MODELS, ENTITIES) % 2 == 0
+    alpha = embedding.resultants(known, row, is_tail)
+    for place in torch.cartesian_prod(torch.arange(MODELS), torch.arange(ENTITIES)).tolist():
+        model, entity = place
+        move = kind.transform if is_tail[model, entity] else kind.inverse
+        torch.testing.assert_close(alpha[model, entity], move(known[model, entity], row[model, entity]))
+
+
+@over_all
+@pytest.mark.parametrize("entities", [11, 12, 13, 30])
+def test_scores_and_gradients_are_bit_identical_whatever_the_stack(kind: Family, entities: int) -> None:
+    models = 6
+    embedding = random_embedding(models, entities, RELATIONS, DIMENSION, family=kind)
+    head, relation, tail = (ids.expand(models, -1) for ids in all_ids(entities))
+
+    def results(some: Tensor) -> list[Tensor]:
+        """Scores and gradients of some of the models, in both forms."""
+        stack, found = select(embedding, some), []
+        number = len(some)
+        listed = all_listed(number, entities)
+        for triples in (Every.of(stack.entity, stack.relation), listed):
+            scores, pull = kind.scores(stack.entity, stack.relation, triples)
+            by_entity, by_relation = pull(scores / 8)
+            found += [scores.reshape(number, -1), by_entity, by_relation]
+        found.append(stack.score_tails(head[some], relation[some]))
+        found.append(stack.score_heads(relation[some], tail[some]))
+        return [*found, stack.score_relations(head[some], tail[some]), stack.resultants(
+            stack.entity[:, :2], stack.relation[:, :2], torch.tensor([True, False]).expand(number, 2)
+        )]  # fmt: skip
+
+    together = results(torch.arange(models))
+    for height in (1, 4):
+        for some in torch.arange(models).split(height):
+            for one, alone in zip(together, results(some), strict=True):
+                assert torch.equal(one[some], alone)
+
+
+@over_all
+@pytest.mark.parametrize("models", [[1], [0, 2], [3, 2, 1, 0]])
+@pytest.mark.parametrize("cells", [0, 2**23], ids=["lists", "tables"])
+def test_epochs_are_bit_identical_whatever_the_stack(
+    kind: Family, models: list[int], cells: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("isi.learning.batches.TABLE_CELLS", cells)
+    some, settings = torch.tensor(models), Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=1)
+    grid = cells_of(random_graph(13, RELATIONS, 60), 2, [0, 1, 2, 3])
+    start = uniform(grid.session(0).entities, RELATIONS, kind, DIMENSION, 0.5, 0, grid.keys())
+    negatives = Negatives(mode="sampled", ratio=3, head_pool="unseen")
+    data = training_data(grid.session(0), "test", grid.keys(), "unseen")
+    together, alone = training.start(start), training.start(select(start, some))
+    for epoch in (1, 2, 3):
+        training.run_epoch(together, data, negatives, settings, 0, epoch)
+        training.run_epoch(alone, select(data, some), negatives, settings, 0, epoch)
+    for table in ("entity", "relation"):
+        assert torch.equal(getattr(together.embedding, table)[some], getattr(alone.embedding, table))
+        assert not torch.equal(getattr(together.embedding, table), getattr(start, table))
+
+
+@over_all
+def test_it_learns_steps_along_a_line_better_than_any_constant_score_would(kind: Family) -> None:
+    entities, ratio = 13, 5
+    steps = {(e, step - 1, e + step): 1 for step in (1, 2) for e in range(entities - step)}
+    session = everything(graph_of(steps, entities, 2), torch.zeros(1, len(steps), dtype=torch.int8))
+    data = training_data(session, "test", torch.zeros(1, 2, dtype=torch.int64), "all")
+    negatives = Negatives(mode="expected", ratio=ratio, head_pool="all")
+    settings = Optimizer(batch_size=50, learning_rate=0.3, weight_decay=0.0, max_epochs=300)
+    state = training.start(uniform(session.entities, 2, kind, DIMENSION, 0.1, 0, data.keys))
+    for epoch in range(settings.max_epochs):
+        training.run_epoch(state, data, negatives, settings, 0, epoch)
+    batch, _ = next(batches(data, negatives, settings.batch_size, 0, 1))
+    assert isinstance(batch, Tables)
+    scores, share = state.embedding.score_all(), 1 / (1 + 3 * ratio)
+    loss = -(batch.positives * logsigmoid(scores) + batch.negatives * logsigmoid(-scores)).sum() / len(steps)
+    assert loss < 0.9 * -(math.log(share) + 3 * ratio * math.log(1 - share))
+
+
+@over_all
+def test_it_travels_to_another_process(kind: Family) -> None:
+    assert pickle.loads(pickle.dumps(kind)) == kind  # noqa: S301
+
+
+@pytest.mark.parametrize(
+    ("name", "dimension"), [("analogy", 6), ("analogy", 9), ("complex", 7), ("rotate", 5)]
+)  # fmt: skip
+def test_an_impossible_dimension_is_refused_by_name(name: str, dimension: int) -> None:
+    with pytest.raises(InputError, match=rf"dimension {dimension}: expected a multiple of [24], as \w+ needs"):
+        uniform(torch.ones(1, 3, dtype=torch.bool), 2, BATTERY[name], dimension, 0.1, 0, torch.zeros(1, 2))
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "said"),
+    [
+        ("transe", {"margin": 1.0}, "key.squared: Field required"),
+        ("transe", {"margin": -1.0, "squared": False}, "key.margin: Input should be greater than 0"),
+        ("rotate", {"margin": 1.0, "squared": "yes"}, "key.squared: Input should be a valid boolean"),
+        ("distmult", {"margin": 1.0}, "key.margin: Extra inputs are not permitted"),
+        ("hole", {}, "key: expected one of analogy, complex, distmult, rotate, str"),
+    ],
+)
+def test_options_are_checked_by_name(name: str, options: dict[str, object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        make(name, options, "key")
+
+
+# By hand: a dictionary of numbers each, no tensor.
+
+
+def complex_score(head: list[complex], relation: list[complex], tail: list[complex]) -> float:
+    return sum((h * r * t.conjugate()).real for h, r, t in zip(head, relation, tail, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "relation", "expected"),
+    [
+        # scalars 2 and -1, block x = 3, y = 4: 2·1 + (-2)·0.5 + 13·(-1) + 9·2
+        ("analogy", [2.0, -1.0, 3.0, 4.0], 6.0),
+        # 1·2·1 + 2·(-1)·0.5 + 3·3·(-1) + (-1)·4·2
+        ("distmult", [2.0, -1.0, 3.0, 4.0], -16.0),
+        # pairs (1, 3), (2, -1) by (2, 3), (-1, 4) with (1, -1), (0.5, 2)
+        ("complex", [2.0, -1.0, 3.0, 4.0], complex_score([1 + 3j, 2 - 1j], [2 + 3j, -1 + 4j], [1 - 1j, 0.5 + 2j])),
+        # 4 less the length of (1 + 2 - 1, 2 - 1 - 0.5, 3 + 3 + 1, -1 + 4 - 2)
+        ("transe", [2.0, -1.0, 3.0, 4.0], 4 - math.sqrt(4 + 0.25 + 49 + 1)),
+        ("transe squared", [2.0, -1.0, 3.0, 4.0], 4 - 54.25),
+        # (1 + 3i) turned by a right angle is -3 + i; (2 - i) by half a turn is -2 + i
+        ("rotate", [math.pi / 2, math.pi], 4 - math.sqrt(16 + 4 + 6.25 + 1)),
+        ("rotate squared", [math.pi / 2, math.pi], 4 - 27.25),
+    ],
+)
+def test_score_by_hand(name: str, relation: list[float], expected: float) -> None:
+    head, tail = torch.tensor([1.0, 2.0, 3.0, -1.0]), torch.tensor([1.0, 0.5, -1.0, 2.0])
+    assert BATTERY[name].score(head, torch.tensor(relation), tail).item() == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "relation", "there", "back"),
+    [
+        # 1·2; 2·(-1); 3·3 - (-1)·4; (-1)·3 + 3·4. Back: 1/2; 2/(-1); the block of (3, -4)/25
+        ("analogy", [2.0, -1.0, 3.0, 4.0], [2, -2, 13, 9], [0.5, -2, 0.2, -0.6]),
+        ("distmult", [2.0, -1.0, 4.0, 5.0], [2, -2, 12, -5], [0.5, -2, 0.75, -0.2]),
+        # (1 + 3i)·2i = -6 + 2i, (2 - i)·i = 1 + 2i; over 2i: 1.5 - 0.5i, over i: -1 - 2i
+        ("complex", [0.0, 0.0, 2.0, 1.0], [-6, 1, 2, 2], [1.5, -1, -0.5, -2]),
+        ("transe", [2.0, -1.0, 3.0, 4.0], [3, 1, 6, 3], [-1, 3, 0, -5]),
+        ("rotate", [math.pi / 2, math.pi], [-3, -2, 1, 1], [3, -2, -1, 1]),
+    ],
+)
+def test_maps_by_hand(name: str, relation: list[float], there: list[float], back: list[float]) -> None:
+    vector, row = torch.tensor([1.0, 2.0, 3.0, -1.0]), torch.tensor(relation)
+    torch.testing.assert_close(BATTERY[name].transform(vector, row), torch.tensor(there, dtype=torch.float32))
+    torch.testing.assert_close(BATTERY[name].inverse(vector, row), torch.tensor(back, dtype=torch.float32))
+
+
+def test_rotate_turns_each_pair_as_complex_numbers_do() -> None:
+    embedding = random_embedding(1, 1, 1, DIMENSION, family=BATTERY["rotate"])
+    real, imaginary = embedding.entity[0, 0].chunk(2)
+    turned = [
+        complex(a, b) * cmath.exp(1j * phase)
+        for a, b, phase in zip(real.tolist(), imaginary.tolist(), embedding.relation[0, 0].tolist(), strict=True)
+    ]
+    expected = torch.tensor([*(z.real for z in turned), *(z.imag for z in turned)])
+    torch.testing.assert_close(BATTERY["rotate"].transform(embedding.entity[0, 0], embedding.relation[0, 0]), expected)
+
+
+def test_rotate_starts_with_phases_all_around() -> None:
+    start = uniform(torch.ones(2, 5, dtype=torch.bool), 200, BATTERY["rotate"], 8, 0.01, 0, torch.zeros(2, 2).long())
+    assert start.relation.shape == (2, 200, 4)
+    assert start.entity.abs().max() <= 0.01
+    assert 3.1 < start.relation.abs().max() <= math.pi
+
+
+def test_distmult_cannot_tell_a_triple_from_its_reverse_and_others_can() -> None:
+    for name, kind in BATTERY.items():
+        scores = precise(kind).score_all()
+        assert torch.allclose(scores, scores.mT) == (name == "distmult")
+
+
+def test_a_halves_stand_before_b_halves() -> None:
+    relation = torch.tensor([1.0, 1, 1, 1, 2, 3, 5, 7])  # blocks (x, y): (2, 5) and (3, 7)
+    vector = torch.tensor([0.0, 0, 0, 0, 1, 0, 0, 1])  # blocks (a, b): (1, 0) and (0, 1)
+    assert ANALOGY.transform(vector, relation).tolist() == [0, 0, 0, 0, 2, -7, 5, 3]
+
+
+@pytest.mark.parametrize("dimension", [4, 12, 100])
+def test_maps_of_analogy_are_dense_matrices(dimension: int) -> None:
+    embedding = random_embedding(1, 2, 1, dimension, seed=dimension)
+    head, tail, relation = embedding.entity[0, 0], embedding.entity[0, 1], embedding.relation[0, 0]
+    matrix = dense(relation)
+    assert isinstance(ANALOGY, Blocks)
+    torch.testing.assert_close(ANALOGY.transform(head, relation), head @ matrix)
+    torch.testing.assert_close(ANALOGY.pullback(head, relation), head @ matrix.T)
+    torch.testing.assert_close(ANALOGY.score(head, relation, tail), head @ matrix @ tail)
+    inverse = torch.linalg.inv(matrix.double()).float()
+    torch.testing.assert_close(ANALOGY.inverse(tail, relation), tail @ inverse, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("tiny", [0.0, 1e-30, -1e-30])
+def test_inverse_near_zero_is_finite_and_keeps_the_sign(tiny: float) -> None:
+    there = ANALOGY.inverse(torch.tensor([1.0, 1.0, 100.0, 100.0]), torch.full((4,), tiny))
+    assert torch.isfinite(there).all()
+    assert there[:2].sign().tolist() == [-1.0 if tiny < 0 else 1.0] * 2
+
+
+def test_clamp_leaves_ordinary_relations_alone() -> None:
+    relation, vector = torch.tensor([-2e-3, 5e-3, 3e-3, -4e-3]), torch.tensor([1.0, 2.0, 3.0, -1.0])
+    torch.testing.assert_close(ANALOGY.inverse(ANALOGY.transform(vector, relation), relation), vector)
+
+
+@pytest.mark.parametrize("squared", [False, True])
+def test_a_distance_of_nothing_has_a_finite_gradient(squared: bool) -> None:
+    meeting, points = Distance(2.0, squared), torch.full((1, 2, 4), 0.3)
+    scores, pull = meeting.pairs(points, points)
+    nearest = 2 - (EPSILON if squared else math.sqrt(EPSILON))
+    assert scores.flatten().tolist() == pytest.approx([nearest] * 4, abs=1e-3)
+    for table in pull(torch.ones(1, 2, 2)):
+        assert table.abs().max() < 1e-3
+    listed, pull = meeting.rows(points[0], points[0])
+    assert listed.tolist() == pytest.approx([nearest] * 2)
+    for table in pull(torch.ones(2)):
+        assert table.abs().max() == 0
+
+
+def test_numbers_apart_from_their_neighbours_are_bit_identical() -> None:
+    from isi.embeddings import bits
+
+    values = torch.linspace(-7, 7, 1003)
+    functions: list[Callable[[Tensor], Tensor]] = [torch.sigmoid, torch.cos, torch.sin]
+    for function in functions:
+        whole = bits.padded(function, values)
+        assert all(torch.equal(bits.padded(function, values[first:]), whole[first:]) for first in range(40))
+        assert torch.equal(bits.padded(function, values[:1000].view(10, 100)).flatten(), whole[:1000])

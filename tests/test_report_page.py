@@ -1,0 +1,251 @@
+"""The page as a whole: whatever was run, it has a part for it and for nothing else."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from itertools import chain, combinations
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isi.report import contents, page, summary
+from isi.report.metrics import metrics, plots
+from isi.report.models import described, label
+from isi.report.results import Results
+from isi.report.section import Bullets, Content, Figure, Heading, Section, Table
+from isi.report.sections import at_once
+from isi.report.sections.graph import graph_statistics, in_order_of
+from tests.reports import GRAPHS, INITIALIZERS, ROOT, small_results, stated
+
+STUDIES = {"approach", "sensitivity", "cross-validation", "families", "affordances"}
+SUBSETS = list(chain.from_iterable(combinations(GRAPHS, number) for number in (1, 2, 3)))
+
+
+@cache
+def results_of(experiments: tuple[str, ...] = tuple(GRAPHS), studies: bool = True) -> Results:
+    return small_results(experiments, studies)
+
+
+@cache
+def made_of(results: Results) -> list[tuple[Section, list[Content]]]:
+    """Every section that has something to say."""
+    every = [(section, list(section.contents(results))) for section in contents.SECTIONS]
+    return [(section, found) for section, found in every if found]
+
+
+def names(results: Results, kind: type[Table] | type[Figure]) -> list[str]:
+    return [content.name for _, found in made_of(results) for content in found if isinstance(content, kind)]
+
+
+def table_of(results: Results, name: str) -> Table:
+    (found,) = (content for _, every in made_of(results) for content in every
+                if isinstance(content, Table) and content.name == name)  # fmt: skip
+    return found
+
+
+def rendered(results: Results) -> str:
+    made = made_of(results)
+    drawings = {content.name: "<svg></svg>" for _, found in made for content in found if isinstance(content, Figure)}
+    return page.html(made, drawings, list(summary.paragraphs(results)))
+
+
+@pytest.mark.parametrize("experiments", SUBSETS, ids=" ".join)
+@pytest.mark.parametrize("studies", [True, False], ids=["with studies", "without"])
+def test_any_experiments_and_studies_make_a_whole_page(experiments: tuple[str, ...], studies: bool) -> None:
+    results = results_of(experiments, studies)
+    text, ids = rendered(results), {section.id for section, _ in made_of(results)}
+    assert (STUDIES & ids) == (STUDIES if studies else set())
+    assert ("transfer" in ids) == ("moved" in experiments)
+    assert ({"at-once", "epochs", "paper"} <= ids) == any(name != "moved" for name in experiments)
+    found = re.findall(r'id="([^"]+)"', text)
+    assert len(set(found)) == len(found)
+    assert set(re.findall(r'href="#([^"]+)"', text)) <= set(found)
+    for kind in (Table, Figure):
+        assert len(set(names(results, kind))) == len(names(results, kind))
+    assert json.loads(json.dumps(metrics(results)))["immediate_mrr_star"]["all"].keys() == {*INITIALIZERS, "joint"}
+    assert "nan" not in re.sub(r"<[^>]*>", " ", text).lower().split()
+
+
+def test_the_first_graph_has_plain_names_and_others_bear_their_own() -> None:
+    everything = results_of()
+    figures, tables = names(everything, Figure), names(everything, Table)
+    of_each = ["figure3a_immediate", "figure3b_curves", "corruption"]
+    assert [name for name in figures if name.startswith(tuple(of_each))] == [
+        f"{name}{suffix}" for name in of_each for suffix in ("", "_away")
+    ]
+    assert "figure4_moved" in figures
+    assert {"moved_mined", "moved_immediate"} <= set(tables)
+    for name in ("immediate", "improvement", "table2_convergence", "differences", "graph_totals", "shares_of_the_gain"):
+        assert {name, f"{name}_away"} <= set(tables)
+    assert "table1_graph_statistics" in tables
+    assert "table1_graph_statistics_away" not in tables  # which tells no scenes apart
+    assert set(plots(everything)) == {
+        *(f"immediate_{scope}{suffix}" for scope in ("all", "novel") for suffix in ("", "_away")),
+        *(f"{name}_{scope}{suffix}" for name, suffix in (("curves", ""), ("curves", "_away"), ("moved", ""))
+          for scope in ("all", "novel_heldout", "known", "known_closed")),
+    }  # fmt: skip
+
+
+def test_metrics_hold_each_other_experiment_under_its_name() -> None:
+    everything = results_of()
+    found = metrics(everything)
+    home, moved = everything.experiments["home"], everything.experiments["moved"]
+    own = home.at_once[(home.at_once["scope"] == "novel") & (home.at_once["model"] == "rs")]
+    assert found["immediate_mrr_star"]["novel"]["rs"] == pytest.approx(100 * own["mrr_star"].mean(), abs=1e-6)
+    assert found["graph"] == {"observations": 6, "unique_triples": 3, "entities": 4}
+    assert list(found["away"]) == [name for name in found if name not in ("away", "moved")]
+    there = moved.at_once[(moved.at_once["scope"] == "all") & (moved.at_once["model"] == "es")]
+    assert found["moved"]["immediate_mrr_star"]["all"]["es"] == pytest.approx(100 * there["mrr_star"].mean(), abs=1e-6)
+    assert {"drop_percent", "known_closed_at_the_end", "affordances_percent"} <= set(found["moved"])
+
+
+def test_the_paper_stands_beside_every_graph_of_its_own() -> None:
+    everything = results_of()
+    frame = table_of(everything, "paper_against_this_run").frame.set_index(["where", "what"])
+    assert list(frame.columns) == ["paper", "this run", "away"]
+    assert frame.index.is_unique
+    home, away = frame["this run"], frame["away"]
+    assert home["section 5.1", "unique triples"] == away["section 5.1", "unique triples"] == 3
+    assert home["section 5.1", "household concepts: objects and rooms"] == 3
+    for name in ("this run", "away"):
+        cells = everything.experiments["home" if name == "this run" else "away"].convergence
+        own = cells[(cells["scope"] == "all") & (cells["model"] == "es")]["epochs"]
+        assert frame[name]["Table 2", "ES: epochs to convergence, mean"] == pytest.approx(own.mean())
+    # the graph that was extended has what became of it, the other has not; and no scenes
+    moved = [key for key in frame.index if key[0] in ("section 6.3", "Table 3")]
+    assert home[moved].notna().all()
+    assert away[moved].isna().all()
+    assert home["Table 1", "kitchen: rooms"] == 1
+    assert np.isnan(away["Table 1", "kitchen: rooms"])
+    studied = [key for key in frame.index if "cross-validation" in key[1] or "the rule picks" in key[1]]
+    assert home[studied].notna().all()
+    assert away[studied].isna().all()
+
+
+def test_every_number_of_the_paper_has_a_row_whatever_was_run() -> None:
+    few, all_of_it = (table_of(found, "paper_against_this_run").frame[["where", "paper"]]
+                      for found in (results_of(("away",), False), results_of()))  # fmt: skip
+    pd.testing.assert_frame_equal(few, all_of_it)
+
+
+def test_a_section_without_contents_is_left_out_and_one_more_is_one_more(tmp_path: Path) -> None:
+    results = results_of(("away",), False)
+    frame = pd.DataFrame({"a": [1, 2]})
+
+    def said(found: Results) -> Iterator[Content]:
+        yield f"There are {len(found.experiments)} `experiments`; see [nothing](#nothing) and [this](#one)."
+        yield Heading("Part")
+        yield Bullets(["first <b>", "second"])
+        yield Table("own_table", "A table", "Of two rows.", frame)
+
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "tables/of_an_earlier_run.csv").touch()
+    sections = (Section("none", "Nothing", lambda _: []), Section("one", "One", said), at_once.SECTION)
+    page.write(tmp_path, results, sections)
+    text = (tmp_path / "index.html").read_text("utf-8")
+    assert '<section id="one"><h2>One</h2>' in text
+    assert 'There are 1 <code>experiments</code>; see nothing and <a href="#one">this</a>.' in text
+    assert "<li>first &lt;b&gt;</li>" in text
+    assert 'id="none"' not in text
+    assert "Nothing" not in text
+    assert text.index('href="#one"') < text.index('href="#at-once"')
+    assert text.count("<svg") == 1
+    assert (tmp_path / "tables/own_table.csv").read_text("utf-8") == "a\n1\n2\n"
+    for form in ("md", "tex"):
+        assert (tmp_path / f"tables/own_table.{form}").stat().st_size
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == {
+        "figure3a_immediate.svg",
+        "figure3a_immediate.png",
+    }
+    assert not (tmp_path / "tables/of_an_earlier_run.csv").exists()
+    assert json.loads((tmp_path / "metrics.json").read_text("utf-8")) == metrics(results)
+
+
+def test_equal_results_make_equal_bytes(tmp_path: Path) -> None:
+    for folder in ("one", "other"):
+        page.write(tmp_path / folder, small_results(["home"], studies=False), (at_once.SECTION,))
+    one, other = ({path.relative_to(tmp_path / folder): path.read_bytes() for path in (tmp_path / folder).rglob("*.*")}
+                  for folder in ("one", "other"))  # fmt: skip
+    assert len(one) > 5
+    assert one == other
+
+
+def test_without_a_followed_size_there_is_no_curve_and_the_page_says_so() -> None:
+    results = results_of(("home",), False)
+    how = results.params.experiments["home"].model_copy(update={"followed": [99]})
+    unfollowed = results.params.model_copy(update={"experiments": {"home": how}})
+    home = replace(results.experiments["home"], params=unfollowed)
+    other = replace(results, params=unfollowed, experiments={"home": home})
+    assert "corruption" not in names(other, Table)
+    assert "figure3b_curves" not in names(other, Figure)
+    text = rendered(other)
+    assert text.count("No size in <code>experiments.home.followed</code> was inserted") == 2
+
+
+def test_several_sessions_are_told_apart_and_each_converges_against_its_own_joint_model() -> None:
+    results = results_of(("home",), False)
+    runs = results.experiments["home"].runs
+    assert "sessions" not in names(results, Table)
+    sessions = results.params.experiments["home"].sessions.model_copy(update={"steps": 2})
+    how = results.params.experiments["home"].model_copy(update={"sessions": sessions})
+    two = results.params.model_copy(update={"experiments": {"home": how}})
+    second = runs.assign(session=2, mrr_star=runs["mrr_star"].mask(runs["model"] == "joint", 2.0))  # out of reach
+    home = replace(results.experiments["home"], params=two, runs=pd.concat([runs, second]))
+    assert home.convergence.groupby("session")["converged"].mean()[2] == 0
+    first = home.convergence[home.convergence["session"] == 1].drop(columns="session").reset_index(drop=True)
+    alone = results.experiments["home"].convergence.drop(columns="session")
+    pd.testing.assert_frame_equal(first, alone)
+    other = replace(results, params=two, experiments={"home": home})
+    assert "sessions" in names(other, Table)
+    rendered(other)
+
+
+def test_runs_that_params_do_not_list_take_no_part() -> None:
+    fewer = {"initializers": {"xavier": {}, "es": {"k": 8}}, "plots": {"initializers": []}}
+    listed = small_results(["home"], studies=False, **fewer, **{"sweep.initializers": {"es": {}}})
+    assert listed.experiments["home"].models == ["xavier", "es", "joint"]
+    text = rendered(listed)
+    assert "Permuted" not in text
+    assert 'id="controls"' not in text
+    assert "what the gain is made of" not in text.lower()
+
+
+def test_table_1_has_the_rooms_and_relations_of_its_source() -> None:
+    rows = [("s1", "cellar", "wine", "liesIn", "rack"), ("s1", "cellar", "rack", "atLocation", "cellar"),
+            ("s2", "kitchen", "cup", "atLocation", "kitchen"), ("s2", "kitchen", "jug", "atLocation", "kitchen"),
+            ("s3", "kitchen", "cup", "atLocation", "kitchen")]  # fmt: skip
+    observations = pd.DataFrame(rows, columns=["scene", "room", "head", "relation", "tail"])
+    values, vocabulary = stated()
+    table = graph_statistics(observations, values["graph"]["median_per_environment"], vocabulary["relations"])
+    frame = table.frame.set_index("room")
+    assert list(frame.index) == ["kitchen", "cellar", "all"]
+    assert frame.loc["kitchen", ["location", "location (paper)", "liesIn", "object types", "rooms"]].tolist() == [
+        1.5, 59.5, 0, 1.5, 2,
+    ]  # fmt: skip
+    assert frame.loc["cellar", ["location", "liesIn", "rooms"]].tolist() == [1, 1, 1]
+    assert np.isnan(frame.loc["cellar", "location (paper)"])
+    assert "liesIn (paper)" not in frame
+
+
+def test_values_come_in_their_order_and_others_behind() -> None:
+    assert in_order_of(["x", "room", "a", "object"], ["object", "room", "material"]) == ["object", "room", "x", "a"]
+
+
+def test_what_ships_is_known_by_its_label_and_described_by_its_module() -> None:
+    assert label("es_permuted") == "Permuted ES"
+    assert label("joint") == "Joint"
+    assert described("mean").startswith("Mean: the centre")
+
+
+def test_the_report_names_no_experiment_and_no_source() -> None:
+    files = [*(ROOT / "isi/report").rglob("*.py"), ROOT / "stages/report.py"]
+    named = re.compile(r"[\"'](ai2thor|mp3d|transfer|published)[\"']")
+    found = [(path.name, place[1]) for path in files for place in named.finditer(path.read_text("utf-8"))]
+    assert {name for _, name in found} <= {"transfer"}
+    assert {path for path, _ in found} <= {"contents.py", "paper.py", "transfer.py"}  # a section, what the paper states
