@@ -1,0 +1,100 @@
+"""The graph that the paper's first author published: whole, and under names that people read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pytest
+
+from isi.base import paths
+from isi.base.errors import InputError
+from isi.building import Seen, Tables, graph_of
+from isi.sources import Mining, Observed, published
+from isi.sources._household import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
+
+PLACES = ["cabinet", "fridge", "hanger", "table", "towel holder"]
+
+
+@pytest.fixture(scope="module")
+def graph() -> Tables:
+    observed = Observed(published.entities)
+    observations = pa.concat_tables(observed.passing(published.published(Mining(0)))).to_pandas()
+    assert observations[["scene", "room", "instance"]].isna().all(axis=None)
+    return graph_of(Seen("published", observations, observed.kinds))
+
+
+def test_it_has_the_triples_and_observations_of_its_authors(graph: Tables) -> None:
+    assert len(graph.triples) == 352
+    assert graph.triples["count"].sum() == 14_759
+    assert set(graph.triples["relation"]) == {AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL}
+
+
+def test_it_has_as_many_affordances_and_materials_as_the_paper_says(graph: Tables) -> None:
+    assert graph.entities["kind"].value_counts().to_dict() == {"object": 73, "room": 4, "affordance": 17, "material": 7}
+
+
+def test_bowls_are_in_cabinets_as_often_as_the_paper_says(graph: Tables) -> None:
+    phrase = dict(zip(graph.entities["entity"], graph.entities["phrase"], strict=True))
+    triples = graph.triples.assign(of=graph.triples["head"].map(phrase), where=graph.triples["tail"].map(phrase))
+    bowls = triples[(triples["of"] == "bowl") & (triples["where"] == "cabinet")]
+    assert bowls[["head", "relation", "tail", "count"]].values.tolist() == [
+        ["bowl", AT_LOCATION, "cabinet (place)", 22]
+    ]
+
+
+def test_what_is_a_place_and_a_thing_is_two_entities_of_one_phrase(graph: Tables) -> None:
+    entities = graph.entities.set_index("entity")
+    shared = entities[entities["phrase"].duplicated(keep=False)]
+    assert sorted(shared.index) == sorted(name for place in PLACES for name in (place, f"{place} (place)"))
+    heads, tails = set(graph.triples["head"]), set(graph.triples["tail"])
+    for place in PLACES:
+        assert entities.loc[place, "phrase"] == entities.loc[f"{place} (place)", "phrase"]
+        assert f"{place} (place)" in tails - heads
+        assert place in heads - tails
+
+
+def test_what_is_found_in_a_room_is_an_object_though_others_be_made_of_it(graph: Tables) -> None:
+    heads = set(graph.triples["head"])
+    made_of = set(graph.triples.loc[graph.triples["relation"] == HAS_MATERIAL, "tail"])
+    assert heads & made_of == {"fabric", "mirror"}
+    assert set(graph.entities.loc[graph.entities["entity"].isin(heads), "kind"]) == {"object"}
+
+
+def test_every_phrase_names_a_synset_of_the_triples() -> None:
+    listed = published.read_phrases(paths.PUBLISHED_PHRASES)
+    triples = pd.read_csv(paths.PUBLISHED_TRIPLES)
+    assert sorted(listed["synset"]) == sorted({*triples["head"], *triples["tail"]})
+    assert len(listed) == 101
+
+
+@pytest.mark.parametrize(
+    ("content", "places"),
+    [
+        (None, ["expected a CSV file"]),
+        ("head,relation,tail\nmug.n.04,atLocation,kitchen.l.01\n", ["head, relation, tail, count"]),
+        ("head,relation,tail,count\nmug.n.04,atLocation,kitchen.l.01,many\n", ["many"]),
+        ("head,relation,tail,count\nmug.n.04,atLocation,kitchen.l.01,1\nmug.n.04,atLocation,cave.l.01,1\n",
+         ["line 3", "'cave.l.01'"]),
+        ("head,relation,tail,count\n" + 2 * "mug.n.04,atLocation,kitchen.l.01,1\n", ["line 3", "twice"]),
+    ],
+    ids=["no file", "no counts", "no number", "no entity", "twice"],
+)  # fmt: skip
+def test_broken_triples_are_refused(tmp_path: Path, content: str | None, places: list[str]) -> None:
+    path = tmp_path / "triples.csv"
+    if content is not None:
+        path.write_text(content, encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        published.observations(path, {"mug.n.04": "mug", "kitchen.l.01": "kitchen"})
+    line = str(refused.value)
+    assert line.startswith(f"{path}: ")
+    assert all(place in line for place in places), line
+
+
+@pytest.mark.parametrize("twice", ["mug.n.04,cup,cup,object", "cup.n.01,mug,cup,object"])
+def test_a_synset_or_an_entity_that_is_named_twice_is_refused(tmp_path: Path, twice: str) -> None:
+    path = tmp_path / "phrases.csv"
+    path.write_text(f"synset,entity,phrase,kind\nmug.n.04,mug,mug,object\n{twice}\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"phrases\.csv: line 3: .*twice"):
+        published.read_phrases(path)
