@@ -1,0 +1,80 @@
+"""How the joint model does as another family of embeddings, each trained as validation triples alone advise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import pandas as pd
+
+from isi.families import FAMILIES
+from isi.report.prose import joined
+from isi.report.results import Results
+from isi.report.section import Content, Section, Table
+from isi.report.statistics import HALVES
+
+#: By family, names to values: how it is trained, and its own options.
+Chosen = Mapping[str, Mapping[str, Any]]
+
+
+def contents(results: Results) -> Iterator[Content]:
+    """Who is ahead in words, and a row for each."""
+    if results.families is None:
+        return
+    rows, how = results.families.found, results.params.compare_families
+    chosen = {name: trained.model_dump() | results.params.families[name] for name, trained in how.families.items()}
+    yield (
+        f"The joint model, trained on everything, of every family on the graph of {results.families.experiment.title}, "
+        f"over test triples. Everything else here is with {called(results.params.embedding.family)}. {sentence(rows)}"
+    )
+    yield families(rows, chosen, how.seeds)
+
+
+def called(family: str) -> str:
+    """What people call a family: the name of its class."""
+    return FAMILIES.get(family, f"families.{family}").__name__
+
+
+def sentence(rows: pd.DataFrame) -> str:
+    """The families in order of MRR*."""
+    means = 100 * rows.groupby("family")["mrr_star"].mean().sort_values(ascending=False, kind="stable")
+    return f"MRR*, best first: {joined(f'{called(str(name))} {value:.1f}' for name, value in means.items())}."
+
+
+def families(rows: pd.DataFrame, chosen: Chosen, seeds: int) -> Table:
+    """Measures of each family over seeds, with what was chosen for it.
+
+    Args:
+        rows: ``tables.FAMILIES``, with a column ``family``.
+    """
+    lines = []
+    for name, values in chosen.items():
+        own = rows[rows["family"] == name]
+        measures = 100 * own[[*HALVES, "mrr", "valid_mrr_star"]].mean()
+        lines.append(
+            {"family": called(name), "MRR*": measures["mrr_star"], "std": 100 * own["mrr_star"].std(ddof=1)}
+            | {half: measures[column] for column, half in list(HALVES.items())[1:]}
+            | {"MRR": measures["mrr"], "validation MRR*": measures["valid_mrr_star"], "epochs": own["epochs"].mean()}
+            | {what.replace("_", " "): _shown(value) for what, value in values.items()}
+        )
+    return Table(
+        "families",
+        "Families of embeddings",
+        f"MRR* (points) of the joint model over test triples, mean and standard deviation over {seeds} seeds, with its "
+        "entity and its relation half; MRR: of heads and tails alone, as others state it; MRR* on validation triples; "
+        "how long training took; rate, weight decay and the options of a family, chosen on validation triples.",
+        pd.DataFrame(lines),
+    )
+
+
+def _shown(value: object) -> str:
+    return (
+        ("yes" if value else "no")
+        if isinstance(value, bool)
+        else f"{value:g}"
+        if isinstance(value, float)
+        else str(value)
+    )
+
+
+SECTION = Section("families", "Families of embeddings", contents)

@@ -1,0 +1,81 @@
+"""Compare rates, weight decays and margins of every embedding family on validation MRR*, as params.yaml's were chosen.
+
+Each setting trains the joint model of a few seeds; the best validation MRR* of each is averaged. No test triple
+is looked at. Writes the table that the documentation shows.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from isi.base.stage import Provenance
+from isi.experiments.cells import JOINT
+from isi.experiments.executor import run
+from isi.experiments.learning import Learning, LearningTask, learn_joint
+from isi.experiments.store import Store
+from isi.families import FAMILIES, make
+from isi.params import Params, load
+
+FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
+
+
+def settings_of(params: Params, family: str, given: argparse.Namespace) -> list[dict[str, float | bool]]:
+    """The grid of a family: rates, decays, and what its options may be."""
+    grid: dict[str, list[float] | list[bool]] = {"learning_rate": given.rates, "weight_decay": given.decays}
+    if "margin" in params.families[family]:
+        grid |= {"margin": given.margins, "squared": [False, True]}
+    return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
+
+
+def learning_of(params: Params, family: str, setting: dict[str, float | bool]) -> Learning:
+    """How a family is trained with a setting."""
+    options = params.families[family] | {key: setting[key] for key in setting if key in params.families[family]}
+    update = {key: value for key, value in setting.items() if key in type(params.training).model_fields}
+    how = params.embedding
+    return Learning(
+        params.seed, make(family, options, f"families.{family}"), how.dimension, how.init_range, params.negatives,
+        params.training.model_copy(update=update),
+    )  # fmt: skip
+
+
+def best_valid(task: LearningTask) -> float:
+    """Best validation MRR* of the joint models, averaged."""
+    return float(learn_joint(task).log.groupby("seed")["mrr_star"].max().mean())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--families", nargs="+", help="default: all")
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--rates", type=float, nargs="+", default=[0.05, 0.1, 0.2])
+    parser.add_argument("--decays", type=float, nargs="+", default=[0.0, 1e-4, 1e-3])
+    parser.add_argument("--margins", type=float, nargs="+", default=[1.0, 2.0, 4.0, 8.0])
+    given = parser.parse_args()
+    params = load()
+    experiment = params.compare_families.experiment or next(iter(params.experiments))
+    cells = Store(experiment, Provenance("choose_families", {})).cells(given.seeds, seeds=given.seeds)[0]
+    joint = replace(cells, size=JOINT, novel=cells.novel[:, :0])
+    rows, tasks = [], []
+    for family in given.families or FAMILIES.names():
+        for setting in settings_of(params, family, given):
+            rows.append({"family": family, **setting})
+            tasks.append(LearningTask(joint, learning_of(params, family, setting)))
+    found = 100 * np.array(run(best_valid, tasks, params.compute, "families"))
+    table = pd.DataFrame(rows).assign(**{"validation MRR*": found.round(2)})
+    shown = table.sort_values(["family", "validation MRR*"], ascending=[True, False]).astype(object).fillna("–")
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    shown.to_csv(FOLDER / "families.csv", index=False)
+    best = shown.groupby("family", sort=False).head(3)
+    text = best.astype(str).to_markdown(index=False, disable_numparse=True)
+    (FOLDER / "families.md").write_text(text + "\n", encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
