@@ -82,7 +82,7 @@ def main() -> None:
     before = peak_mib()
     epoch_seconds, training_mib = seconds(epoch), peak_mib()
     print(json.dumps({
-        "entities": given.entities, "triples": given.triples, "form": given.form,
+        "entities": given.entities, "triples": given.triples, "form": given.form, "relations": RELATIONS,
         "observations": int(data.counts.sum()), "epoch_seconds": epoch_seconds, "ranked": int(asked.sum()),
         "ranking_seconds": seconds(rank), "before_mib": before, "training_mib": training_mib,
         "peak_mib": peak_mib(),

@@ -14,14 +14,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from isi.initializers import INITIALIZERS, Registered
 from isi.report import contents, page, summary
 from isi.report.metrics import metrics, plots
-from isi.report.models import described, label
+from isi.report.models import colour, contenders, controls, described, label
 from isi.report.results import Results
 from isi.report.section import Bullets, Content, Figure, Heading, Section, Table
 from isi.report.sections import at_once
 from isi.report.sections.graph import graph_statistics, in_order_of
-from tests.reports import GRAPHS, INITIALIZERS, ROOT, small_results, stated
+from tests.reports import GRAPHS, ROOT, small_results, stated
+from tests.reports import INITIALIZERS as SHIPPED
 
 STUDIES = {"approach", "sensitivity", "cross-validation", "families", "affordances"}
 SUBSETS = list(chain.from_iterable(combinations(GRAPHS, number) for number in (1, 2, 3)))
@@ -68,7 +70,7 @@ def test_any_experiments_and_studies_make_a_whole_page(experiments: tuple[str, .
     assert set(re.findall(r'href="#([^"]+)"', text)) <= set(found)
     for kind in (Table, Figure):
         assert len(set(names(results, kind))) == len(names(results, kind))
-    assert json.loads(json.dumps(metrics(results)))["immediate_mrr_star"]["all"].keys() == {*INITIALIZERS, "joint"}
+    assert json.loads(json.dumps(metrics(results)))["immediate_mrr_star"]["all"].keys() == {*SHIPPED, "joint"}
     assert "nan" not in re.sub(r"<[^>]*>", " ", text).lower().split()
 
 
@@ -103,6 +105,7 @@ def test_metrics_hold_each_other_experiment_under_its_name() -> None:
     there = moved.at_once[(moved.at_once["scope"] == "all") & (moved.at_once["model"] == "es")]
     assert found["moved"]["immediate_mrr_star"]["all"]["es"] == pytest.approx(100 * there["mrr_star"].mean(), abs=1e-6)
     assert {"drop_percent", "known_closed_at_the_end", "affordances_percent"} <= set(found["moved"])
+    assert "affordances_percent" not in found  # they are those of the other study
 
 
 def test_the_paper_stands_beside_every_graph_of_its_own() -> None:
@@ -241,6 +244,19 @@ def test_what_ships_is_known_by_its_label_and_described_by_its_module() -> None:
     assert label("es_permuted") == "Permuted ES"
     assert label("joint") == "Joint"
     assert described("mean").startswith("Mean: the centre")
+
+
+def test_ones_own_initializers_take_spare_colours_and_all_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = ["own", "another"]
+    for name in own:
+        plain = Registered(lambda insertion: insertion, name.capitalize(), "own", None)
+        monkeypatch.setitem(INITIALIZERS._registered, name, plain)
+    models = ["own", *SHIPPED, "another", "joint"]
+    colours = [colour(model, models) for model in models]
+    assert len(set(colours)) == len(models)
+    assert colour("es", models) == INITIALIZERS.get("es", "").colour
+    assert contenders(models) == ["own", "xavier", "iu", "es", "rs", "ers", "another"]
+    assert controls(models) == ["mean", "es_permuted"]
 
 
 def test_the_report_names_no_experiment_and_no_source() -> None:

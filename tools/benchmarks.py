@@ -80,6 +80,16 @@ def mining(rows: pd.DataFrame) -> pd.DataFrame:
     })  # fmt: skip
 
 
+def umls(rows: pd.DataFrame) -> pd.DataFrame:
+    """Mean reciprocal rank of families beside PyKEEN's."""
+    return pd.DataFrame({
+        "": rows["model"],
+        "test triples": rows["triples"].map("{:,.0f}".format),
+        "isi: MRR": rows["isi"].map("{:.3f}".format),
+        "PyKEEN: MRR": rows["pykeen"].map("{:.3f}".format),
+    })  # fmt: skip
+
+
 def crossing(rows: pd.DataFrame) -> float:
     """Possible triples of a graph on which the two forms cost the same (log-log interpolation)."""
     both = rows.assign(cost=_per_observation(rows)).pivot(index="entities", columns="form", values="cost").dropna()
@@ -141,7 +151,7 @@ def main() -> None:
     }
     FOLDER.mkdir(parents=True, exist_ok=True)
     (FOLDER / "machine.md").write_text(machine(results), encoding="utf-8")
-    tables = {"training": training, "ranking": ranking, "growth": growth, "mining": mining}
+    tables = {"training": training, "ranking": ranking, "growth": growth, "mining": mining, "umls": umls}
     for name, rows in groups.items():
         shown = tables.get(name, facts)(rows)
         text = shown.to_markdown(
