@@ -7,6 +7,7 @@ TORCH ?=
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
 INSTALLED := $(VENV)/installed
+CHECKED := $(VENV)/params-checked
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
@@ -23,13 +24,15 @@ $(INSTALLED): requirements.lock pyproject.toml
 	$(BIN)/pip install --quiet --no-deps --editable .
 	@touch $@
 
-repro: $(INSTALLED)  ## run what is not up to date of the pipeline; then where the report is, and its headline
+$(CHECKED): params.yaml $(INSTALLED)
 	@python tools/check_params.py
+	@touch $@
+
+repro: $(CHECKED)  ## run what is not up to date of the pipeline; then where the report is, and its headline
 	@python tools/repro.py
 	@python tools/headline.py reports
 
-quick: $(INSTALLED)  ## the same on a small grid, in two to three minutes, in the folder quick/
-	@python tools/check_params.py
+quick: $(CHECKED)  ## the same on a small grid, in two to three minutes, in the folder quick/
 	@python tools/workspace.py quick
 	@cd quick && python ../tools/repro.py
 	@python tools/headline.py quick/reports
@@ -50,7 +53,7 @@ words: $(INSTALLED)  ## embed data/raw/words/definitions.csv again (installs the
 	$(BIN)/pip install --quiet --editable '.[words]'
 	python -m tools.embed_phrases
 
-readme: $(INSTALLED)  ## put the report's tables and those of the benchmarks into the README
+readme: $(INSTALLED)  ## put the tables and numbers of the report and of the benchmarks into the README and docs/
 	python tools/readme.py
 
 lock: $(INSTALLED)  ## write requirements.lock from what is installed

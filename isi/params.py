@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from isi.base import params, paths
 from isi.base.errors import InputError
-from isi.base.params import Count, Name, Section, Seed
+from isi.base.params import Count, Name, Section, Seed, distinct
 from isi.building import GraphOf
 from isi.experiments.executor import Compute
 from isi.families import EmbeddingParams, make
@@ -23,7 +23,7 @@ from isi.studies.affordances import Affordances
 from isi.studies.cross_validation import CrossValidation, Setting
 from isi.studies.families import CompareFamilies
 from isi.studies.sweeps import Rates, Sweep
-from isi.studies.tracing import Approach
+from isi.studies.tracing import TRACED, Approach
 from isi.words import Words
 
 #: Of cross-validation, which trains a model for each setting and fold.
@@ -38,6 +38,13 @@ class ExperimentOf(Section):
     sessions: SessionsOf
     followed: list[Count]
     initializers: Listed
+
+    @model_validator(mode="after")
+    def _lists_name_something_once(self) -> Self:
+        for key, listed in (("initializers", self.initializers), ("sessions.novel", self.sessions.novel)):
+            if isinstance(listed, list) and not (listed and distinct(listed)):
+                raise ValueError(f"{key}: expected a list of names that do not repeat")
+        return self
 
     @model_validator(mode="after")
     def _added_where_extended(self) -> Self:
@@ -91,6 +98,8 @@ class Params(Section):
         asked = [("plots.initializers", name, self.initializers) for name in self.plots.initializers]
         asked += [("sweep.initializers", name, self.initializers) for name in self.sweep.initializers]
         asked += [("compare_families.families", name, self.families) for name in self.compare_families.families]
+        if self.approach.experiments:
+            asked += [("approach.experiments: its initializers", name, self.initializers) for name in TRACED]
         asked.append(("embedding.family", self.embedding.family, self.families))
         for key, experiment in self.experiments.items():
             where = f"experiments.{key}"
@@ -168,8 +177,8 @@ def load(path: Path = paths.PARAMS) -> Params:
         for name, options in found.sweep.initializers.items():
             options_of(name, {**options, "k": found.sweep.k[0]}, f"sweep.initializers.{name}")
     except InputError as error:
-        _, place, expected = error.args
-        raise InputError(path, place, expected) from error
+        file, place, expected = error.args
+        raise (InputError(path, place, expected) if file == str(paths.PARAMS) else error) from error
     return found
 
 

@@ -28,9 +28,9 @@ def trace_approach(given: Given, experiment: str) -> None:
         how = inserting(given, name)
         followed = replace(how, optimizer=how.optimizer.model_copy(update={"max_epochs": study.epochs}))
         inserted += insertion_tasks(store, given, followed, [cell])
-    place = place_of_interest(inserted[0], store.entities()["kind"])
+    place = place_of_interest(inserted[0], store.entities()["kind"], study.kind)
     if place is None:
-        expected = "expected a seed whose novel entities have an object with a word vector and insert triples"
+        expected = "expected a seed with a novel {study.kind} that has a word vector and insert triples"
         raise InputError(paths.PARAMS, "approach.seed", expected)
     traces = run(trace, [TraceTask(cell, task, place) for task in inserted], compute_of(given), "approach")
     tensors = {

@@ -76,7 +76,7 @@ def insert_triples_of(cells: Cells, session: int = 1, root: int = 0, fraction: f
 
 
 def dense(relation: Tensor) -> Tensor:
-    """W of one of ANALOGY's relations, of shape (d,), as a matrix (d, d), entry by entry from the design's vᵀW."""
+    """W of one of ANALOGY's relations, of shape (d,), as a matrix (d, d), entry by entry from vᵀW (docs/method.md)."""
     dimension = len(relation)
     half, quarter = dimension // 2, dimension // 4
     matrix = torch.zeros(dimension, dimension, dtype=relation.dtype)

@@ -352,13 +352,13 @@ def test_a_trace_takes_an_object_that_has_words_and_insert_triples() -> None:
     task = insert_tasks(1, "ers", theta0())[0]
     first, second = task.cells.novel[0, 0]
     kinds = pd.Series("object", index=range(ENTITIES))
-    assert place_of_interest(task, kinds) == 0
-    assert place_of_interest(task, kinds.replace({"object": "room"})) is None
-    assert place_of_interest(task, kinds.where(kinds.index != first, "room")) == 1
+    assert place_of_interest(task, kinds, "object") == 0
+    assert place_of_interest(task, kinds.replace({"object": "room"}), "object") is None
+    assert place_of_interest(task, kinds.where(kinds.index != first, "room"), "object") == 1
     wordless = WORDS * (np.arange(ENTITIES) != first)[:, None]
-    assert place_of_interest(replace(task, told=replace(task.told, words=wordless)), kinds) == 1
+    assert place_of_interest(replace(task, told=replace(task.told, words=wordless)), kinds, "object") == 1
     of_second = task.told.insert_triples[task.told.insert_triples[:, 2] == 1]
-    assert place_of_interest(replace(task, told=replace(task.told, insert_triples=of_second)), kinds) == 1
+    assert place_of_interest(replace(task, told=replace(task.told, insert_triples=of_second)), kinds, "object") == 1
     assert second > first
 
 

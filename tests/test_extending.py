@@ -13,9 +13,9 @@ import torch
 from torch.nn.functional import normalize
 
 from isi.embeddings.stack import uniform
-from isi.families import make
+from isi.families import FAMILIES, make
 from isi.initializers import INITIALIZERS, options_of
-from isi.sources import Mining, Observed, settings_of
+from isi.sources import SOURCES, Mining, Observed, settings_of
 from tests.documented import code, params
 from tests.test_initializers import insertion
 
@@ -23,6 +23,8 @@ from tests.test_initializers import insertion
 @pytest.fixture
 def own(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> ModuleType:
     """The module that the page shows for a thing."""
+    for plugins in (FAMILIES, INITIALIZERS, SOURCES):  # what the page registers goes when the test does
+        monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
     module = ModuleType(request.param.replace(" ", "_"))
     monkeypatch.setitem(sys.modules, module.__name__, module)
     exec(compile(code(request.param), request.param, "exec"), module.__dict__)  # noqa: S102

@@ -211,7 +211,7 @@ def test_tables_name_their_stage_and_params(folder: Path) -> None:
 
 def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
     page = (folder / "reports/index.html").read_text(encoding="utf-8")
-    assert page.count("<svg") == 7 + 2 + 1  # two more of the paper's graph, and the map of families
+    assert page.count("<svg") == 7 + 3  # three more of the paper's graph
     assert "src=" not in page
     assert "<script" not in page
     assert "<link" not in page

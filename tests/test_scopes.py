@@ -33,7 +33,7 @@ def test_known_closed_does_not_see_the_novel_vectors() -> None:
     assert (before["known"].measures != after["known"].measures).any()
 
 
-# Brute force, from design.md alone: a triple, a split or a score is looked up, nothing is vectorized.
+# Brute force, from docs/method.md alone: a triple, a split or a score is looked up, nothing is vectorized.
 
 Score = Callable[[int, int, int], float]
 
@@ -122,7 +122,7 @@ def brute_force(
 
 
 def scopes(world: World, model: int) -> dict[str, tuple[set[Triple], set[Triple], set[int]]]:
-    """Queries, filter and candidates of each scope, as the design's table has them."""
+    """Queries, filter and candidates of each scope, as the table of docs/method.md has them."""
     d1, train = world.of(model, TRAIN, VALID, TEST), world.of(model, TRAIN)
     learned, test = world.of(model, TRAIN, VALID), world.of(model, TEST)
     everyone, novel = world.members[model], set(world.novel[model])

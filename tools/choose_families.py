@@ -29,7 +29,9 @@ def settings_of(params: Params, family: str, given: argparse.Namespace) -> list[
     """The grid of a family: rates, decays, and what its options may be."""
     grid: dict[str, list[float] | list[bool]] = {"learning_rate": given.rates, "weight_decay": given.decays}
     if "margin" in params.families[family]:
-        grid |= {"margin": given.margins, "squared": [False, True]}
+        grid["margin"] = given.margins
+    if "squared" in params.families[family]:
+        grid["squared"] = [False, True]
     return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
 
 
@@ -55,7 +57,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--rates", type=float, nargs="+", default=[0.05, 0.1, 0.2])
     parser.add_argument("--decays", type=float, nargs="+", default=[0.0, 1e-4, 1e-3])
-    parser.add_argument("--margins", type=float, nargs="+", default=[1.0, 2.0, 4.0, 8.0])
+    parser.add_argument("--margins", type=float, nargs="+", default=[2.0, 4.0, 8.0])
     given = parser.parse_args()
     params = load()
     experiment = params.compare_families.experiment or next(iter(params.experiments))

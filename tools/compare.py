@@ -59,7 +59,7 @@ def main() -> None:
         for path in sorted(only):
             print(f"{path}: only in {folder}")
     print(f"{len(found)} files in both, {sum(what is not None for what in found.values())} differ")
-    sys.exit(any(found.values()))
+    sys.exit(any(found.values()) or files[0] != files[1])
 
 
 if __name__ == "__main__":

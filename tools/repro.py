@@ -9,11 +9,12 @@ import sys
 import time
 from pathlib import Path
 
-from dvc.repo import Repo
-
-#: Seconds that each stage took when it last ran here; before that, on the machine of the documentation.
+#: Seconds that each stage took when it last ran here; before that, in the run that the documentation tells of.
 HERE = Path(".dvc/tmp/stage_seconds.json")
-SHIPPED = Path(__file__).parent.parent / "docs" / "benchmarks" / "stage_seconds.json"
+ROOT = Path(__file__).parent.parent
+SHIPPED = ROOT / "docs" / "benchmarks" / "stage_seconds.json"
+#: Names the stages of the last run, sooner than DVC does.
+LOCK = Path("dvc.lock")
 BEGINS = re.compile(r"^Running stage '(?P<stage>[^']+)'|^Stage '(?P<same>[^']+)' (didn't change|is cached)")
 
 
@@ -21,12 +22,13 @@ class Progress:
     """Stages that are still to come, and how long each takes."""
 
     def __init__(self, stages: list[str], seconds: dict[str, float]) -> None:
-        self.number, self.waiting, self.seconds = len(stages), set(stages), seconds
+        self.seen, self.waiting, self.seconds = 0, set(stages), seconds
         self.start, self.running, self.since = time.monotonic(), "", 0.0
 
     def begin(self, stage: str, runs: bool) -> str | None:
         """Note that a stage begins, or is skipped; where that leaves us, if it runs."""
         self.end()
+        self.seen += 1
         self.waiting.discard(stage)
         if not runs:
             return None
@@ -34,7 +36,7 @@ class Progress:
         gone = f"{(self.since - self.start) / 60:.0f} min gone"
         left = sum(self.seconds.get(name, 0) for name in [stage, *self.waiting]) / 60
         about = f"; at most about {left:.0f} min left" if left >= 1 else ""
-        return f"[{self.number - len(self.waiting)} of {self.number}; {gone}{about}]"
+        return f"[{self.seen} of {self.seen + len(self.waiting)}; {gone}{about}]"
 
     def end(self) -> None:
         """Note how long the stage that ran took."""
@@ -45,7 +47,8 @@ class Progress:
 
 def main(arguments: list[str]) -> int:
     """Run DVC, passing its output on; its exit status."""
-    progress = Progress([stage.addressing for stage in Repo().index.stages], {**_read(SHIPPED), **_read(HERE)})
+    known = {**(_read(SHIPPED) if Path.cwd() == ROOT else {}), **_read(HERE)}
+    progress = Progress(stages(), known)
     command = [sys.executable, "-m", "dvc", "repro", *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, bufsize=1) as dvc:
         try:
@@ -60,6 +63,15 @@ def main(arguments: list[str]) -> int:
     HERE.parent.mkdir(parents=True, exist_ok=True)
     HERE.write_text(json.dumps(progress.seconds, indent=1, sort_keys=True), encoding="utf-8")
     return dvc.returncode
+
+
+def stages() -> list[str]:
+    """Names of the pipeline's stages: those of the lock file, or else what DVC makes of ``dvc.yaml``."""
+    if LOCK.exists():
+        return re.findall(r"^  ([a-z]\S*):$", LOCK.read_text(encoding="utf-8"), re.MULTILINE)
+    from dvc.repo import Repo  # which takes seconds to import
+
+    return [stage.addressing for stage in Repo().index.stages]
 
 
 def _read(path: Path) -> dict[str, float]:

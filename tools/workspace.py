@@ -43,7 +43,7 @@ def make(folder: Path, changes: dict[str, Any]) -> None:
         else:
             shutil.copy2(ROOT / name, target)
     params = YAML_1_2.load(ROOT / "params.yaml")
-    for key, value in changes.items():
+    for key, value in fitting(params, changes).items():
         change(params, key, value)
     YAML_1_2.dump(params, folder / "params.yaml")
     if not (folder / ".dvc").exists():
@@ -59,9 +59,24 @@ def change(params: dict[str, Any], key: str, value: Any) -> None:
     for parent in parents:
         params = params.setdefault(parent, {})
     if value is DROP:
-        del params[last]
+        params.pop(last, None)
     else:
         params[last] = value
+
+
+def fitting(params: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Those changes that are of something that params still have: lists in them may be shortened."""
+    kept = {key: value for key, value in changes.items() if _has_parent(params, key)}
+    listed = [name for name in kept.get("plots.initializers", []) if name in params["initializers"]]
+    return kept | ({"plots.initializers": listed} if listed else {})
+
+
+def _has_parent(params: dict[str, Any], key: str) -> bool:
+    for part in key.split(".")[:-1]:
+        if part not in params:
+            return False
+        params = params[part]
+    return True
 
 
 def main() -> None:

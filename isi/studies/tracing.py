@@ -20,15 +20,12 @@ from isi.insertion.tasks import InsertTask, how_in, told_in
 TRACED = ("xavier", "iu", "es", "rs", "ers")
 
 
-#: Kind of the entity that is followed.
-OF_INTEREST = "object"
-
-
 class Approach(Study):
     """``approach`` in params: which set is followed, and for how long."""
 
     size: Count
     seed: Seed
+    kind: str
     epochs: Count
 
 
@@ -69,13 +66,13 @@ def trace(task: TraceTask) -> Trace:
     return Trace(torch.stack(path).cpu().numpy(), chosen.cpu().numpy())
 
 
-def place_of_interest(task: InsertTask, kinds: pd.Series) -> int | None:
-    """Place of the first novel object with a word vector and insert triples in a cell; None where there is none.
+def place_of_interest(task: InsertTask, kinds: pd.Series, kind: str) -> int | None:
+    """Place of the first novel entity of a kind that has a word vector and insert triples; None where there is none.
 
     Args:
         kinds: of entities, by id.
     """
     insertion = insertion_of(task.theta0.stack, task.cells.session(0), told_in(task, 1), how_in(task, 1))
     able = (has_words(insertion) & has_insert_triples(insertion))[0].numpy()
-    places = np.flatnonzero(able & (kinds.astype(str)[task.cells.novel[0, 0]] == OF_INTEREST).to_numpy())
+    places = np.flatnonzero(able & (kinds.astype(str)[task.cells.novel[0, 0]] == kind).to_numpy())
     return int(places[0]) if len(places) else None

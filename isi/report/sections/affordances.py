@@ -83,7 +83,7 @@ def contents(results: Results) -> Iterator[Content]:
     if others:
         title = "Table 3 with the other initializers"
         yield ranked(found, how.entities, others, "table3_others", title, "As Table 3.", folded=True)
-    yield shares(found, initializers, len(experiment.novel))
+    yield shares(found, initializers, int((experiment.novel["session"] == 1).sum()))
 
 
 def in_words(found: Answers, initializers: Sequence[str]) -> str:

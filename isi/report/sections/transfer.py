@@ -37,7 +37,7 @@ def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]
     yield at_once_in_words(experiment, base, extend.source, stated)
     left = dict(results.mined[extend.source].itertuples(index=False, name=None))
     drawn = Drawn(experiment.entities, experiment.triples, results.seen[extend.source])
-    yield mined(experiment.name, left, drawn, base, extend.min_observations, size)
+    yield mined(experiment.name, left, drawn, base, extend.min_observations, experiment.how.sessions.steps * size)
     yield immediate(experiment.name, experiment.at_once, experiment.convergence, experiment.models, stated)
     yield earlier_in_words(experiment, base, stated["drop"])
     if experiment.curve_size is not None:
@@ -103,7 +103,7 @@ def earlier_in_words(experiment: Experiment, base: str, stated: Mapping[str, flo
     return f"{text}."
 
 
-def mined(name: str, left: Mapping[str, int], drawn: Drawn, base: str, minimum: int, size: int) -> Table:
+def mined(name: str, left: Mapping[str, int], drawn: Drawn, base: str, minimum: int, inserted: int) -> Table:
     """What the other source adds to the graph.
 
     Args:
@@ -116,7 +116,7 @@ def mined(name: str, left: Mapping[str, int], drawn: Drawn, base: str, minimum: 
         f"of these, with at least {minimum} observations": int((unknown >= minimum).sum()),
         "drawn as candidates": drawn.candidates,
         "unique triples of the candidates": len(drawn.added),
-        "inserted in a repeat": size,
+        "inserted in a repeat": inserted,
     }
     told = joined(sorted(drawn.added["relation"].unique()))
     return Table(
