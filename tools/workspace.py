@@ -51,6 +51,7 @@ def make(folder: Path, changes: dict[str, Any]) -> None:
         subprocess.run([*dvc, "init", "--no-scm", "-q"], cwd=folder, check=True)
         for option in ("core.analytics", "core.check_update"):
             subprocess.run([*dvc, "config", option, "false"], cwd=folder, check=True)
+    shutil.copy2(ROOT / ".dvcignore", folder)  # over the empty one of `dvc init`: bytecode is no dependency
 
 
 def change(params: dict[str, Any], key: str, value: Any) -> None:

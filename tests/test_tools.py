@@ -1,0 +1,108 @@
+"""The tools around the pipeline: what they say, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+import yaml
+
+from isi.params import load
+from tools import compare, headline, repro, workspace
+
+ROOT = Path(__file__).parent.parent
+
+
+def test_a_mistake_in_params_is_one_line_and_a_status(tmp_path: Path) -> None:
+    text = (ROOT / "params.yaml").read_text(encoding="utf-8")
+    (tmp_path / "params.yaml").write_text(text.replace("patience:", "patients:"), encoding="utf-8")
+    command = [sys.executable, str(ROOT / "tools/check_params.py")]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines() == [ended.stderr.strip()]
+    assert "training.patients" in ended.stderr
+    assert subprocess.run(command, cwd=ROOT, capture_output=True, check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    "gone",
+    [[], ["initializers.gaussian"], ["experiments.published", "sources.published"], ["initializers.mean"]],
+    ids=["nothing", "an initializer", "an experiment", "another initializer"],
+)
+def test_the_quick_grid_fits_params_from_which_something_was_left_out(tmp_path: Path, gone: list[str]) -> None:
+    params = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))
+    for key in gone:
+        workspace.change(params, key, workspace.DROP)
+    for key, value in workspace.fitting(params, workspace.QUICK).items():
+        workspace.change(params, key, value)
+    (tmp_path / "params.yaml").write_text(yaml.safe_dump(params), encoding="utf-8")
+    quick = load(tmp_path / "params.yaml")
+    assert quick.experiments["ai2thor"].sessions.seeds == 4
+    assert set(quick.plots.initializers) <= set(quick.initializers)
+    assert "published" not in quick.experiments
+
+
+def test_a_change_of_what_was_left_out_is_no_change() -> None:
+    params: dict[str, Any] = {"experiments": {"here": {"seeds": 3}}, "initializers": {}}
+    fitting = workspace.fitting(params, {"experiments.gone.seeds": 4, "experiments.here.seeds": 5})
+    assert fitting == {"experiments.here.seeds": 5}
+
+
+def test_the_headline_has_a_part_for_each_experiment(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    own = {"immediate_mrr_star": {"all": {"es": 71.25}, "novel": {"es": 60.0}}}
+    other = {"immediate_mrr_star": {"all": {"rs": 50.0}, "novel": {}}}
+    (tmp_path / "metrics.json").write_text(json.dumps({**own, "graph": {"entities": 3}, "elsewhere": other}))
+    headline.main(tmp_path)
+    said = capsys.readouterr().out
+    lines = [line.split() for line in said.splitlines() if line]
+    assert ["es", "71.2", "60.0"] in lines
+    assert lines.index(["rs", "50.0"]) > next(place for place, line in enumerate(lines) if line[0] == "elsewhere")
+    assert said.rstrip().endswith("index.html")
+
+
+def test_progress_counts_what_runs_and_what_is_skipped() -> None:
+    progress = repro.Progress(["mine", "train", "report"], {"mine": 1.0, "train": 60.0, "report": 120.0})
+    said = []
+    for line in (
+        "Stage 'mine' didn't change, skipping",
+        "Running stage 'train':",
+        "> exec python",
+        "Running stage 'report':",
+    ):
+        if found := repro.BEGINS.match(line):
+            said.append(progress.begin(found["stage"] or found["same"], bool(found["stage"])))
+    assert said == [
+        None,
+        "[2 of 3; 0 min gone; at most about 3 min left]",
+        "[3 of 3; 0 min gone; at most about 2 min left]",
+    ]
+    assert progress.seconds["train"] < 60  # as it took here
+
+
+def test_stages_are_read_from_the_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    lock = "schema: '2.0'\nstages:\n  mine@here:\n    cmd: mine\n    deps:\n    - path: a\n  report:\n    cmd: report\n"
+    (tmp_path / "dvc.lock").write_text(lock)
+    assert repro.stages() == ["mine@here", "report"]
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({}, None),
+        ({"mrr": [0.5, 0.25]}, "columns mrr"),
+        ({"extra": [1, 2]}, "only in one: extra"),
+        ({"seed": [0]}, "2 rows against 1"),
+    ],
+)
+def test_tables_are_compared_by_their_values(tmp_path: Path, change: dict[str, Any], expected: str | None) -> None:
+    columns: dict[str, Any] = {"seed": [0, 1], "mrr": [0.5, 0.75]}
+    pd.DataFrame(columns).to_parquet(tmp_path / "one.parquet")
+    changed = {name: values[: len(change.get("seed", [0, 1]))] for name, values in (columns | change).items()}
+    pd.DataFrame(changed).astype({"seed": "int64"}).to_parquet(tmp_path / "other.parquet", compression="zstd")
+    assert compare.different(tmp_path / "one.parquet", tmp_path / "other.parquet") == expected
