@@ -32,7 +32,7 @@ repro: $(CHECKED)  ## run what is not up to date of the pipeline; then where the
 	@python tools/repro.py
 	@python tools/headline.py reports
 
-quick: $(CHECKED)  ## the same on a small grid, in two to three minutes, in the folder quick/
+quick: $(CHECKED)  ## the same on a small grid, in about five minutes, in the folder quick/
 	@python tools/workspace.py quick
 	@cd quick && python ../tools/repro.py
 	@python tools/headline.py quick/reports

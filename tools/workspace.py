@@ -19,7 +19,7 @@ YAML_1_2 = YAML()  # keeps the comments
 #: Value of a key that is to go.
 DROP = object()
 
-#: A grid that takes two to three minutes: fewer of everything, the plain mean the only control.
+#: A grid that takes about five minutes: fewer of everything, the plain mean the only control.
 QUICK: dict[str, Any] = {
     "experiments.published": DROP, "sources.published": DROP,
     "initializers.gaussian": DROP, "initializers.gaussian_centred": DROP, "initializers.es_permuted": DROP,
