@@ -9,12 +9,12 @@ from pydantic import Field, field_validator, model_validator
 
 from isi.base import params, paths
 from isi.base.errors import InputError
-from isi.base.params import Count, Name, Section, Seed, distinct
+from isi.base.params import Name, Section, Seed, distinct
 from isi.building import GraphOf
 from isi.experiments.executor import Compute
 from isi.families import EmbeddingParams, make
 from isi.insertion.registry import options_of
-from isi.insertion.tasks import Convergence, Listed
+from isi.insertion.tasks import Convergence, Listed, ToTheEnd, among
 from isi.learning.batches import Negatives
 from isi.learning.training import Optimizer, Training
 from isi.sessions.drawing import SessionsOf, Shares
@@ -36,12 +36,14 @@ class ExperimentOf(Section):
     title: str
     graph: GraphOf
     sessions: SessionsOf
-    followed: list[Count]
+    followed: ToTheEnd
     initializers: Listed
 
     @model_validator(mode="after")
     def _lists_name_something_once(self) -> Self:
-        for key, listed in (("initializers", self.initializers), ("sessions.novel", self.sessions.novel)):
+        names = (("initializers", self.initializers), ("followed.initializers", self.followed.initializers),
+                 ("sessions.novel", self.sessions.novel))  # fmt: skip
+        for key, listed in names:
             if isinstance(listed, list) and not (listed and distinct(listed)):
                 raise ValueError(f"{key}: expected a list of names that do not repeat")
         return self
@@ -96,7 +98,9 @@ class Params(Section):
     @model_validator(mode="after")
     def _names_are_known(self) -> Self:
         asked = [("plots.initializers", name, self.initializers) for name in self.plots.initializers]
-        asked += [("sweep.initializers", name, self.initializers) for name in self.sweep.initializers]
+        for study, named in (("sweep", self.sweep.initializers), ("rates", self.rates.initializers)):
+            if getattr(self, study).experiments:
+                asked += [(f"{study}.initializers", name, self.initializers) for name in named]
         asked += [("compare_families.families", name, self.families) for name in self.compare_families.families]
         if self.approach.experiments:
             asked += [("approach.experiments: its initializers", name, self.initializers) for name in TRACED]
@@ -106,8 +110,9 @@ class Params(Section):
             asked.append((f"{where}.graph.source", experiment.graph.source, self.sources))
             if experiment.graph.extend:
                 asked.append((f"{where}.graph.extend.source", experiment.graph.extend.source, self.sources))
-            if experiment.initializers != "all":
-                asked += [(f"{where}.initializers", name, self.initializers) for name in experiment.initializers]
+            for part, named in (("", experiment.initializers), ("followed.", experiment.followed.initializers)):
+                if named != "all":
+                    asked += [(f"{where}.{part}initializers", name, self.initializers) for name in named]
         for key, name, known in asked:
             if name not in known:
                 raise ValueError(f"{key}: expected names among {', '.join(known)}, got {name!r}")
@@ -154,8 +159,7 @@ class Params(Section):
 
     def initializers_of(self, experiment: str) -> list[str]:
         """The initializers that an experiment runs, in the order of params."""
-        listed = self.experiments[experiment].initializers
-        return [name for name in self.initializers if listed == "all" or name in listed]
+        return [name for name in self.initializers if among(self.experiments[experiment].initializers, name)]
 
 
 def load(path: Path = paths.PARAMS) -> Params:

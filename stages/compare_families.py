@@ -23,8 +23,7 @@ def compare_families(given: Given, experiment: str, family: str) -> None:
     store = Store(experiment, given.provenance)
     first = store.cells(stack_height(compute), seeds=given.section("compare_families.seeds", Count))
     cells = [replace(cell, size=JOINT, novel=cell.novel[:, :0]) for cell in first if cell.size == first[0].size]
-    how = learning(given, family)
-    how = replace(how, training=how.training.model_copy(update=trained.model_dump()))
+    how = learning(given, family, **trained.model_dump())
     learned = run(learn_joint, [LearningTask(cell, how) for cell in cells], compute, f"families, {family}")
     judged = [
         FamilyTask(cell, Vectors(how.family, one.entity, one.relation))

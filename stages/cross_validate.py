@@ -11,13 +11,13 @@ from isi.experiments.executor import compute_of, run, stack_height
 from isi.experiments.learning import learn_joint, learning
 from isi.experiments.store import Store
 from isi.sessions.session import VALID
-from isi.studies.cross_validation import CrossValidation, best_looks, fold_tasks
+from isi.studies.cross_validation import Factors, best_looks, fold_tasks
 
 
 @stage
 def cross_validate(given: Given, experiment: str) -> None:
     """Train the joint model with several settings on all but one fold, and measure it on that."""
-    study, compute = given.section("cross_validation", CrossValidation), compute_of(given)
+    study, compute = given.section("cross_validation", Factors), compute_of(given)
     graph = Store(experiment, given.provenance).graph()
     tasks = fold_tasks(experiment, graph, study, learning(given), stack_height(compute))
     if not all((task.cells.splits == VALID).any(1).all() for task in tasks):

@@ -5,12 +5,11 @@ from __future__ import annotations
 import torch
 
 from isi.base import paths, tables
-from isi.base.params import Count
 from isi.base.stage import Given, stage
 from isi.experiments.executor import compute_of, run, stack_height
 from isi.experiments.store import Store
+from isi.insertion.tasks import followed_sizes, inserting, insertion_tasks, lists
 from isi.insertion.tasks import insert as insert_cells
-from isi.insertion.tasks import inserting, insertion_tasks, lists
 
 
 @stage
@@ -20,7 +19,7 @@ def insert(given: Given, experiment: str, initializer: str) -> None:
     An initializer that the experiment does not list leaves tables without rows.
     """
     store, compute = Store(experiment, given.provenance), compute_of(given)
-    how = inserting(given, initializer, given.section(f"experiments.{experiment}.followed", list[Count]))
+    how = inserting(given, initializer, followed_sizes(given, experiment, initializer))
     cells = store.cells(stack_height(compute)) if lists(given, experiment, initializer) else []
     tasks = insertion_tasks(store, given, how, cells)
     done = run(insert_cells, tasks, compute, f"{experiment}, {initializer}")

@@ -9,13 +9,13 @@ from isi.experiments.executor import compute_of, run, stack_height
 from isi.experiments.learning import family_of
 from isi.experiments.store import Store
 from isi.insertion.tasks import lists
-from isi.studies.affordances import Affordances, RankingTask, ranks
+from isi.studies.affordances import Asked, RankingTask, ranks
 
 
 @stage
 def rank_affordances(given: Given, experiment: str) -> None:
     """Rank what can be done with inserted entities, from the vectors that were inserted."""
-    study, compute, family = given.section("affordances", Affordances), compute_of(given), family_of(given)
+    study, compute, family = given.section("affordances", Asked), compute_of(given), family_of(given)
     store = Store(experiment, given.provenance)
     cells = store.cells(stack_height(compute))
     relations = store.graph().relations

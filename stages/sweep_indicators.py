@@ -12,13 +12,13 @@ from isi.base.stage import Given, stage
 from isi.experiments.executor import compute_of, run, stack_height
 from isi.experiments.store import Store
 from isi.insertion.tasks import insert, inserting_with, insertion_tasks
-from isi.studies.sweeps import Sweep
+from isi.studies.sweeps import Indicators
 
 
 @stage
 def sweep_indicators(given: Given, experiment: str, initializer: str) -> None:
     """Insert novel entities with indicator sets of several sizes, by one initializer, until convergence."""
-    how = Sweep.of(given, initializer)
+    how = given.section("sweep", Indicators)
     options, compute = how.initializers[initializer], compute_of(given)
     key = f"sweep.initializers.{initializer}"
     sizes = [k for k in how.k if k <= options.get("candidates", k)]  # ERS chooses among these: more are the same set

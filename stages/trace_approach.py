@@ -12,13 +12,13 @@ from isi.base.stage import Given, stage
 from isi.experiments.executor import compute_of, run
 from isi.experiments.store import Store
 from isi.insertion.tasks import inserting, insertion_tasks
-from isi.studies.tracing import TRACED, Approach, TraceTask, place_of_interest, trace
+from isi.studies.tracing import TRACED, Approached, TraceTask, place_of_interest, trace
 
 
 @stage
 def trace_approach(given: Given, experiment: str) -> None:
     """Follow one novel entity through fine-tuning, from where each initializer puts it."""
-    study = given.section("approach", Approach)
+    study = given.section("approach", Approached)
     store = Store(experiment, given.provenance)
     cell = next((cell for cell in store.cells(1, study.size) if cell.seeds == [study.seed]), None)
     if cell is None:
@@ -30,7 +30,7 @@ def trace_approach(given: Given, experiment: str) -> None:
         inserted += insertion_tasks(store, given, followed, [cell])
     place = place_of_interest(inserted[0], store.entities()["kind"], study.kind)
     if place is None:
-        expected = "expected a seed with a novel {study.kind} that has a word vector and insert triples"
+        expected = f"expected a seed with a novel {study.kind} that has a word vector and insert triples"
         raise InputError(paths.PARAMS, "approach.seed", expected)
     traces = run(trace, [TraceTask(cell, task, place) for task in inserted], compute_of(given), "approach")
     tensors = {

@@ -46,7 +46,7 @@ def small_params(experiments: Sequence[str], **changes: Any) -> Params:
     values["sources"] = {name: {"reader": "published"} for name in ("home", "away", "shop")}
     sessions = {"novel": "any", "sizes": [1, 2], "seeds": 2, "steps": 1}
     values["experiments"] = {
-        name: {"title": f"the {name} graph", "graph": GRAPHS[name], "followed": [2], "initializers": "all",
+        name: {"title": f"the {name} graph", "graph": GRAPHS[name], "followed": {"sizes": [2]}, "initializers": "all",
                "sessions": sessions | ({"novel": "added", "sizes": [2]} if name == "moved" else {})}
         for name in experiments
     }  # fmt: skip

@@ -32,8 +32,8 @@ OBSERVED = pd.DataFrame(
 )  # fmt: skip
 KINDS = pd.DataFrame({"entity": ["kitchen", "mug"], "kind": ["room", "object"], "phrase": ["kitchen", "mug"]})
 HOUSES: dict[str, object] = {
-    "reader": "mp3d_houses", "folder": "houses", "category": "mpcat40", "rooms": {"k": "kitchen"}, "structure": [],
-    "same_as": {},
+    "reader": "mp3d_houses", "folder": "houses", "category": "mpcat40", "rooms": {"k": "kitchen"},
+    "vocabulary": "data/raw/mp3d/vocabulary.yaml",
 }  # fmt: skip
 
 
@@ -222,6 +222,28 @@ def test_a_broken_house_is_named_and_the_earlier_observations_stay(
     set_params(workspace, {"sources.mp3d": HOUSES})
     line = refusal(workspace, "stages.mine", "mp3d")
     assert all(place in line for place in places), line
+
+
+@pytest.mark.parametrize("settings", [{}, HOUSES], ids=["tallies", "houses"])
+@pytest.mark.parametrize(
+    ("content", "place"),
+    [
+        (None, "cannot be read"),
+        ("structure: [\n", "line 2: expected YAML"),
+        ("structure: wall\nsame_as: {}\n", "structure: "),
+        ("structure: [wall]\nsame_as: {wall: painting}\n", "same_as: 'wall' is in structure"),
+    ],
+    ids=["no file", "no YAML", "wrong type", "in both"],
+)
+def test_a_broken_vocabulary_is_named_and_the_earlier_observations_stay(
+    workspace: Path, settings: dict[str, object], content: str | None, place: str
+) -> None:
+    leave(workspace, *mined("mp3d"))
+    if content is not None:
+        (workspace / "words.yaml").write_text(content, encoding="utf-8")
+    changes: dict[str, object] = {"sources.mp3d": settings} if settings else {}
+    set_params(workspace, {**changes, "sources.mp3d.vocabulary": "words.yaml"})
+    assert f"sources.mp3d: words.yaml: {place}" in refusal(workspace, "stages.mine", "mp3d")
 
 
 @pytest.mark.parametrize(

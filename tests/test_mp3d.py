@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,21 +19,20 @@ from isi.sources import _materials as materials
 from isi.sources import _mp3d as mp3d
 from isi.sources import ai2thor, settings_of
 from isi.sources._household import entity_name
-from isi.sources._mp3d import STEPS, Seen, Vocabulary
+from isi.sources._mp3d import STEPS, Counted, Vocabulary, read_vocabulary
 from isi.sources.mp3d_houses import houses
 from isi.sources.mp3d_tallies import tallies
 
-WORDS = Vocabulary(
-    {"a": "bathroom", "t": "bathroom", "b": "bedroom", "k": "kitchen", "l": "living room"},
-    ["wall", "unknown"],
-    {"night stand": "side table", "refridgerator": "fridge"},
-)
+LABELS = {"a": "bathroom", "t": "bathroom", "b": "bedroom", "k": "kitchen", "l": "living room"}
+WORDS = Vocabulary(structure=["wall", "unknown"], same_as={"night stand": "side table", "refridgerator": "fridge"})
 
 
-def mined(batches: Sequence[Sequence[Seen]], words: Vocabulary = WORDS) -> tuple[list[tuple[object, ...]], list[int]]:
+def mined(
+    batches: Sequence[Sequence[Counted]], rooms: Mapping[str, str] = LABELS, words: Vocabulary = WORDS
+) -> tuple[list[tuple[object, ...]], list[int]]:
     """Rows of scene, room, instance, head, tail, count; and the instances left after each step."""
     left: Counter[str] = Counter()
-    table = pa.concat_tables(mp3d.mine(batches, words, left))
+    table = pa.concat_tables(mp3d.mine(batches, rooms, words, left))
     assert table.schema.equals(tables.OBSERVATIONS)
     frame = pd.DataFrame(table.to_pydict())
     assert set(frame["relation"]) <= {"atLocation"}
@@ -124,8 +123,8 @@ def test_objects_of_a_house_stand_in_the_room_of_their_region(tmp_path: Path, ve
 
 def test_objects_go_by_the_other_name_where_params_say_so(tmp_path: Path) -> None:
     write(tmp_path / "x.house", house())
-    words = Vocabulary(WORDS.rooms, ["wall", "void"], {})
-    heads = [row[3] for row in mined(list(houses(tmp_path, "mpcat40")), words)[0]]
+    words = Vocabulary(structure=["wall", "void"], same_as={})
+    heads = [row[3] for row in mined(list(houses(tmp_path, "mpcat40")), words=words)[0]]
     assert heads == ["chest of drawers", "chest of drawers", "towel", "towel"]
 
 
@@ -155,7 +154,7 @@ def test_a_house_without_objects_in_rooms_has_no_observations(tmp_path: Path) ->
 def test_a_house_is_read_only_when_it_is_mined(tmp_path: Path) -> None:
     write(tmp_path / "a.house", house(name="a"))
     write(tmp_path / "b.house", "broken")
-    parts = mp3d.mine(houses(tmp_path, "category_mapping_name"), WORDS, Counter())
+    parts = mp3d.mine(houses(tmp_path, "category_mapping_name"), LABELS, WORDS, Counter())
     assert next(parts).num_rows == len(EXPECTED)
     with pytest.raises(InputError, match=r"b\.house"):
         next(parts)
@@ -254,13 +253,13 @@ wall,bedroom,9
 ROOMS = {"bedroom": "bedroom", "living room": "living room", "family room": "living room"}
 
 
-def tallied(tmp_path: Path, content: str) -> list[Seen]:
+def tallied(tmp_path: Path, content: str) -> list[Counted]:
     (tmp_path / "tallies.csv").write_text(content, encoding="utf-8")
     return tallies(tmp_path / "tallies.csv", ROOMS)
 
 
 def test_tallies_add_up_over_region_types_and_names_of_one_meaning(tmp_path: Path) -> None:
-    rows, left = mined([tallied(tmp_path, TALLIES)], Vocabulary(ROOMS, WORDS.structure, WORDS.same_as))
+    rows, left = mined([tallied(tmp_path, TALLIES)], ROOMS)
     assert rows == [
         (None, "bedroom", None, "fan", "bedroom", 3),
         (None, "living room", None, "fan", "living room", 3),
@@ -298,12 +297,55 @@ def test_missing_tallies_are_named(tmp_path: Path) -> None:
         tallies(tmp_path / "none.csv", ROOMS)
 
 
+# Vocabularies
+
+VOCABULARY = "structure: [wall, door]\nsame_as:\n  tv: television\n"
+
+
+def test_a_vocabulary_is_read_whichever_of_its_keys_comes_first(tmp_path: Path) -> None:
+    whole = Vocabulary(structure=["wall", "door"], same_as={"tv": "television"})
+    for content in (VOCABULARY, "same_as: {tv: television}\nstructure: [wall, door]\n"):
+        write(tmp_path / "words.yaml", content)
+        assert read_vocabulary(tmp_path / "words.yaml") == whole
+
+
+@pytest.mark.parametrize(
+    ("content", "place"),
+    [
+        (None, "cannot be read"),
+        ("structure: [wall\nsame_as: {}\n", "line 2: expected YAML"),
+        ("", "expected a mapping"),
+        ("[wall, door]\n", "expected a mapping"),
+        ("structure: [wall]\n", "same_as: "),
+        ("same_as: {}\n", "structure: "),
+        (VOCABULARY + "rooms: {}\n", "rooms: "),
+        (VOCABULARY.replace("structure", "stucture"), "stucture: "),
+        (VOCABULARY.replace("[wall, door]", "wall"), "structure: "),
+        (VOCABULARY.replace("wall", "3"), "structure.0: "),
+        (VOCABULARY.replace("television", "3"), "same_as.tv: "),
+        (VOCABULARY.replace("\n  tv: television", " [tv]"), "same_as: "),
+        (VOCABULARY.replace("tv", "tv: television\n  door"), "same_as: 'door' is in structure"),
+        ("same_as: {door: painting}\nstructure: [wall, door]\n", "same_as: 'door' is in structure"),
+    ],
+)
+def test_a_broken_vocabulary_is_refused_by_its_key(tmp_path: Path, content: str | None, place: str) -> None:
+    path = tmp_path / "words.yaml"
+    if content is not None:
+        write(path, content)
+    with pytest.raises(InputError, match=rf"^{re.escape(f'{path}: {place}')}"):
+        read_vocabulary(path)
+
+
 # What ships
 
 
 def settings(source: str) -> dict[str, Any]:
     """Those of params.yaml."""
     return settings_of(read_params(paths.PARAMS)["sources"][source], f"sources.{source}")[1]
+
+
+def shipped_words() -> Vocabulary:
+    return read_vocabulary(Path(settings("mp3d")["vocabulary"]))
 
 
 @pytest.fixture(scope="module")
@@ -319,8 +361,8 @@ def test_the_published_tallies_are_whole(published: pd.DataFrame) -> None:
 
 
 def test_the_mined_tallies_add_up_to_the_published_ones(published: pd.DataFrame) -> None:
-    words = Vocabulary(**settings("mp3d"))
-    rows, left = mined([tallies(paths.MP3D_TALLIES, words.rooms)], words)
+    rooms = settings("mp3d")["rooms"]
+    rows, left = mined([tallies(paths.MP3D_TALLIES, rooms)], rooms, shipped_words())
     lounging = published["room"].isin(["living room", "family room", "lounge"])
     kept = published[lounging | published["room"].isin(["bathroom", "bedroom", "kitchen"])]
     no_structure = kept[~kept["object"].isin(["banister", "column", "door", "furniture", "handle", "railing", "stairs",
@@ -354,7 +396,7 @@ def ai2thor_names() -> dict[str, set[str]]:
 
 
 def test_names_of_the_same_thing_lead_to_entities_of_ai2thor(ai2thor_names: dict[str, set[str]]) -> None:
-    words = Vocabulary(**settings("mp3d"))
+    words = shipped_words()
     assert set(words.same_as.values()) - ai2thor_names["object"] == {"drinking glass", "sheet of paper"}
     assert not set(words.same_as) & ai2thor_names["object"]
 
@@ -362,7 +404,7 @@ def test_names_of_the_same_thing_lead_to_entities_of_ai2thor(ai2thor_names: dict
 def test_published_categories_are_objects_of_ai2thor_or_bear_a_name_of_their_own_with_a_definition(
     published: pd.DataFrame, ai2thor_names: dict[str, set[str]]
 ) -> None:
-    words = Vocabulary(**settings("mp3d"))
+    words = shipped_words()
     named = {words.same_as.get(name, name) for name in set(published["object"]) - set(words.structure)}
     new = named - ai2thor_names["object"]
     assert not new & set().union(*ai2thor_names.values())

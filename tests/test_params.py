@@ -15,7 +15,7 @@ from isi.base.params import Count, Section, check, keywords, options
 from isi.base.stage import Given, Provenance
 from isi.initializers import options_of
 from isi.params import Params, load
-from isi.studies.sweeps import Sweep
+from isi.studies.sweeps import Indicators
 from tools.workspace import DROP, change
 
 
@@ -34,8 +34,8 @@ CROSS_VALIDATION: dict[str, object] = {
     "learning_rate": [0.025, 0.05, 0.2, 0.4], "weight_decay": [0.0, 0.0001, 0.01],
 }  # fmt: skip
 HOUSES: dict[str, object] = {
-    "reader": "mp3d_houses", "folder": "houses", "category": "mpcat40", "rooms": {"k": "kitchen"}, "structure": [],
-    "same_as": {},
+    "reader": "mp3d_houses", "folder": "houses", "category": "mpcat40", "rooms": {"k": "kitchen"},
+    "vocabulary": "data/raw/mp3d/vocabulary.yaml",
 }  # fmt: skip
 
 
@@ -110,8 +110,7 @@ def test_a_key_too_many_is_refused(tmp_path: Path, key: str) -> None:
         ("sources.ai2thor", 3),
         ("sources.mp3d", {**HOUSES, "folder": None}),
         ("sources.mp3d.rooms", {}),
-        ("sources.mp3d.structure", "wall"),
-        ("sources.mp3d.same_as", {"wall": "painting"}),  # which is structure
+        ("sources.mp3d.vocabulary", {"structure": []}),  # which is a file's
         ("experiments", {}),
         ("experiments.ai2thor.graph.source", "home"),
         ("experiments.ai2thor.graph.min_count", 0),
@@ -135,7 +134,11 @@ def test_a_key_too_many_is_refused(tmp_path: Path, key: str) -> None:
         ("experiments.ai2thor.sessions.sizes", [1, "2"]),
         ("experiments.ai2thor.sessions.sizes", [1, 2, 1]),
         ("experiments.ai2thor.sessions.steps", 0),
-        ("experiments.ai2thor.followed", 5),
+        ("experiments.ai2thor.followed", [5]),
+        ("experiments.ai2thor.followed.sizes", 5),
+        ("experiments.ai2thor.followed.initializers", []),
+        ("experiments.ai2thor.followed.initializers", ["xaver"]),
+        ("rates.initializers", ["xaver"]),
         ("experiments.ai2thor.initializers", "xavier"),
         ("experiments.ai2thor.initializers", ["xaver"]),
         ("words.text", "definitions"),
@@ -234,7 +237,8 @@ def test_a_wrong_type_or_a_value_out_of_range_is_refused_by_its_key(tmp_path: Pa
         {"training.learning_rate": 1},
         {"compute.workers": 1},
         {"compute.workers": "all"},
-        {"experiments.ai2thor.followed": []},
+        {"experiments.ai2thor.followed.sizes": []},
+        {"experiments.ai2thor.followed.initializers": ["xavier"]},
         {"experiments.ai2thor.initializers": ["xavier", "rs"]},
         {"experiments.ai2thor.sessions.novel": ["object", "room"]},
         {"experiments.ai2thor.sessions.steps": 3},
@@ -334,16 +338,14 @@ def test_an_experiment_runs_all_initializers_or_those_that_it_lists_in_the_order
 
 
 def test_a_sweep_of_one_initializer_needs_the_options_of_no_other() -> None:
-    values = {"sweep.experiments": ["home"], "sweep.k": [1, 4], "sweep.size": 2, "sweep.seeds": 3}
+    values = {"sweep.k": [1, 4], "sweep.size": 2, "sweep.seeds": 3}
     given = Given(values | {"sweep.initializers.ers": {"candidates": 30}}, Provenance("sweep_indicators", {}))
-    assert Sweep.of(given, "ers").model_dump() == {
-        "experiments": ["home"], "k": [1, 4], "size": 2, "seeds": 3, "initializers": {"ers": {"candidates": 30}}
+    assert given.section("sweep", Indicators).model_dump() == {
+        "k": [1, 4], "size": 2, "seeds": 3, "initializers": {"ers": {"candidates": 30}}
     }  # fmt: skip
-    with pytest.raises(LookupError, match=r"sweep\.initializers\.es"):
-        Sweep.of(given, "es")
     other = Given({**given.values, "sweep.k": [4, 1]}, given.provenance)
     with pytest.raises(InputError, match=r"^params\.yaml: sweep: k must ascend"):
-        Sweep.of(other, "ers")
+        other.section("sweep", Indicators)
 
 
 # Options from a signature

@@ -193,7 +193,8 @@ def test_a_stage_is_given_the_params_that_dvc_lists_for_it_and_no_others(monkeyp
     assert given.raw("recipes.soup.heat.high") is None  # below what is listed, and not there
     assert given.section("pots.big.size", int) == 5
     assert given.section("compute", dict[str, int]) == {"workers": 2}
-    for other in ("recipes", "recipes.stew", "recipes.soupy", "pots.big", "pots.big.lid", "pots.small.size", "kitchen"):
+    assert given.raw("pots") == {"big": {"size": 5}}  # above what is listed: that alone
+    for other in ("recipes.stew", "recipes.soupy", "pots.big.lid", "pots.small.size", "pot", "kitchen"):
         with pytest.raises(LookupError, match=rf"^cook reads {other}, which dvc\.yaml does not list for it$"):
             given.raw(other)
 

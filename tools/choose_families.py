@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from isi.base.stage import Provenance
+from isi.base import paths
+from isi.base.params import read
+from isi.base.stage import Given, Provenance
 from isi.experiments.cells import JOINT
 from isi.experiments.executor import run
-from isi.experiments.learning import Learning, LearningTask, learn_joint
+from isi.experiments.learning import Learning, LearningTask, learn_joint, learning
 from isi.experiments.store import Store
 from isi.families import FAMILIES, make
 from isi.params import Params, load
@@ -25,25 +27,22 @@ from isi.params import Params, load
 FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 
 
-def settings_of(params: Params, family: str, given: argparse.Namespace) -> list[dict[str, float | bool]]:
+def settings_of(params: Params, family: str, asked: argparse.Namespace) -> list[dict[str, float | bool]]:
     """The grid of a family: rates, decays, and what its options may be."""
-    grid: dict[str, list[float] | list[bool]] = {"learning_rate": given.rates, "weight_decay": given.decays}
+    grid: dict[str, list[float] | list[bool]] = {"learning_rate": asked.rates, "weight_decay": asked.decays}
     if "margin" in params.families[family]:
-        grid["margin"] = given.margins
+        grid["margin"] = asked.margins
     if "squared" in params.families[family]:
         grid["squared"] = [False, True]
     return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
 
 
-def learning_of(params: Params, family: str, setting: dict[str, float | bool]) -> Learning:
+def learning_of(given: Given, family: str, setting: dict[str, float | bool]) -> Learning:
     """How a family is trained with a setting."""
-    options = params.families[family] | {key: setting[key] for key in setting if key in params.families[family]}
-    update = {key: value for key, value in setting.items() if key in type(params.training).model_fields}
-    how = params.embedding
-    return Learning(
-        params.seed, make(family, options, f"families.{family}"), how.dimension, how.init_range, params.negatives,
-        params.training.model_copy(update=update),
-    )  # fmt: skip
+    options = given.raw(f"families.{family}")
+    own = {key: setting[key] for key in setting if key in options}
+    how = learning(given, family, **{key: value for key, value in setting.items() if key not in options})
+    return replace(how, family=make(family, options | own, f"families.{family}"))
 
 
 def best_valid(task: LearningTask) -> float:
@@ -57,17 +56,17 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--rates", type=float, nargs="+", default=[0.05, 0.1, 0.2])
     parser.add_argument("--decays", type=float, nargs="+", default=[0.0, 1e-4, 1e-3])
-    parser.add_argument("--margins", type=float, nargs="+", default=[2.0, 4.0, 8.0])
-    given = parser.parse_args()
-    params = load()
+    parser.add_argument("--margins", type=float, nargs="+", default=[0.5, 1.0, 2.0, 4.0, 8.0])
+    asked = parser.parse_args()
+    params, everything = load(), Given(read(paths.PARAMS), Provenance("choose_families", {}))
     experiment = params.compare_families.experiment or next(iter(params.experiments))
-    cells = Store(experiment, Provenance("choose_families", {})).cells(given.seeds, seeds=given.seeds)[0]
+    cells = Store(experiment, everything.provenance).cells(asked.seeds, seeds=asked.seeds)[0]
     joint = replace(cells, size=JOINT, novel=cells.novel[:, :0])
     rows, tasks = [], []
-    for family in given.families or FAMILIES.names():
-        for setting in settings_of(params, family, given):
+    for family in asked.families or FAMILIES.names():
+        for setting in settings_of(params, family, asked):
             rows.append({"family": family, **setting})
-            tasks.append(LearningTask(joint, learning_of(params, family, setting)))
+            tasks.append(LearningTask(joint, learning_of(everything, family, setting)))
     found = 100 * np.array(run(best_valid, tasks, params.compute, "families"))
     table = pd.DataFrame(rows).assign(**{"validation MRR*": found.round(2)})
     shown = table.sort_values(["family", "validation MRR*"], ascending=[True, False]).astype(object).fillna("–")

@@ -15,20 +15,21 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi.base.stage import Provenance
+from isi.base import paths
+from isi.base.params import read
+from isi.base.stage import Given, Provenance
 from isi.embeddings.stack import Embedding
 from isi.experiments.cells import JOINT, Cells, Vectors
 from isi.experiments.executor import run
-from isi.experiments.learning import Learning, LearningTask, learn_initial, learn_joint
+from isi.experiments.learning import LearningTask, learn_initial, learn_joint, learning
 from isi.experiments.store import Store
-from isi.families import make
-from isi.initializers import INITIALIZERS, options_of
+from isi.initializers import INITIALIZERS
 from isi.insertion.step import initialize, learn, put
-from isi.insertion.tasks import Inserting, InsertTask, TaskTold, how_in, told_in
+from isi.insertion.tasks import Inserting, InsertTask, TaskTold, how_in, inserting, told_in
 from isi.learning.convergence import SCOPES
 from isi.learning.ranks import evaluate
 from isi.learning.scopes import validation
-from isi.params import Params, load
+from isi.params import load
 
 
 @dataclass(frozen=True)
@@ -60,19 +61,10 @@ def best_valid(task: LearningTask) -> np.ndarray:
     return learn_joint(task).log.groupby("seed")["mrr_star"].max().to_numpy()
 
 
-def learning_of(params: Params, batch: int, rate: float) -> Learning:
-    """How params train, with another batch size and rate."""
-    family = make(params.embedding.family, params.families[params.embedding.family], "families")
-    optimizer = params.training.model_copy(update={"batch_size": batch, "learning_rate": rate})
-    how = params.embedding
-    return Learning(params.seed, family, how.dimension, how.init_range, params.negatives, optimizer)
-
-
-def inserting_of(params: Params, name: str, batch: int, rate: float) -> Inserting:
+def inserting_of(given: Given, name: str, batch: int, rate: float) -> Inserting:
     """How params insert and fine-tune, with another batch size and rate."""
-    optimizer = params.finetuning.model_copy(update={"batch_size": batch, "learning_rate": rate})
-    options = options_of(name, params.initializers[name], f"initializers.{name}")
-    return Inserting(name, options, params.seed, params.negatives, optimizer, params.convergence.margin, [])
+    how = inserting(given, name)
+    return replace(how, optimizer=how.optimizer.model_copy(update={"batch_size": batch, "learning_rate": rate}))
 
 
 def main() -> None:
@@ -84,17 +76,21 @@ def main() -> None:
     parser.add_argument("--training", type=float, nargs="+", default=[0.05, 0.1, 0.2, 0.4])
     parser.add_argument("--finetuning", type=float, nargs="+", default=[0.01, 0.02, 0.04, 0.08, 0.16])
     given = parser.parse_args()
-    params = load()
-    store = Store(given.experiment or next(iter(params.experiments)), Provenance("choose_rates", {}))
+    params, everything = load(), Given(read(paths.PARAMS), Provenance("choose_rates", {}))
+    store = Store(given.experiment or next(iter(params.experiments)), everything.provenance)
     single = store.cells(1, given.size, given.seeds)
 
     grid = list(product(given.batches, given.training))
     joint = [replace(cells, size=JOINT, novel=cells.novel[:, :0]) for cells in single]
-    tasks = [LearningTask(cells, learning_of(params, *point)) for point in grid for cells in joint]
+    tasks = [
+        LearningTask(cells, learning(everything, batch_size=batch, learning_rate=rate))
+        for batch, rate in grid
+        for cells in joint
+    ]
     looks = np.concatenate(run(best_valid, tasks, params.compute, "training"))
     show("training", grid, looks.reshape(len(grid), -1).mean(1))
 
-    chosen = learning_of(params, params.training.batch_size, params.training.learning_rate)
+    chosen = learning(everything)
     theta0 = run(learn_initial, [LearningTask(cells, chosen) for cells in single], params.compute, "theta0")
     table, words = store.insert_triples(), store.words()
     grid = list(product(given.batches, given.finetuning))
@@ -104,7 +100,7 @@ def main() -> None:
         nowhere = {(1, scope): np.full(len(cells.seeds), np.nan) for scope in SCOPES}
         told = TaskTold(store.insert_triples_of(cells, table), words, nowhere)
         vectors = Vectors(chosen.family, learned.entity, learned.relation)
-        task = InsertTask(cells, vectors, told, inserting_of(params, name, *point))
+        task = InsertTask(cells, vectors, told, inserting_of(everything, name, *point))
         tuned.append(TuningTask(cells, task, every=10))
     means = np.reshape(run(fine_tune, tuned, params.compute, "fine-tuning"), (len(grid), -1)).mean(1)
     show("fine-tuning", grid, means)

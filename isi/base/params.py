@@ -35,7 +35,10 @@ class Section(BaseModel):
 
 
 class Study(Section):
-    """What is done beside the main pipeline, on the experiments that it lists."""
+    """What is done beside the main pipeline, on the experiments that it lists.
+
+    What one run of it reads stands in a section of its own, so that another experiment in the list changes no run.
+    """
 
     experiments: list[Name]
 

@@ -29,7 +29,7 @@ class Given:
     provenance: Provenance
 
     def section(self, key: str, kind: type[T]) -> T:
-        """The checked value at a dotted key, one of the stage's own or below one.
+        """The checked value at a dotted key: one of the stage's own, below one, or above some.
 
         Raises:
             InputError: where ``params.yaml`` has there what it must not.
@@ -38,12 +38,15 @@ class Given:
         return params.check(self.raw(key), kind, key)
 
     def raw(self, key: str) -> Any:
-        """The same, unchecked."""
+        """The same, unchecked; of a mapping that is not listed whole, what is listed of it."""
         for own, value in self.values.items():
             if key == own:
                 return value
             if key.startswith(f"{own}."):
                 return params.at(value, key.removeprefix(f"{own}."))
+        below = [own.removeprefix(f"{key}.").partition(".")[0] for own in self.values if own.startswith(f"{key}.")]
+        if below:
+            return {name: self.raw(f"{key}.{name}") for name in dict.fromkeys(below)}
         raise LookupError(f"{self.provenance.stage} reads {key}, which dvc.yaml does not list for it")
 
     @property

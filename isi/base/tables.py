@@ -56,7 +56,7 @@ CROSS_VALIDATION = pa.schema([("dimension", pa.int32()), ("ratio", pa.int32()), 
 #: Measures of the joint model of each embedding family.
 FAMILIES = pa.schema([("seed", pa.int32()), ("epochs", pa.int32()), *_MEASURES, ("valid_mrr_star", pa.float64()),
                       ("queries", pa.int32())])  # fmt: skip
-#: Rank of each answer to (entity, hasAffordance, ?) right after insertion.
+#: Rank of each answer to (entity, relation, ?) right after insertion.
 AFFORDANCES = pa.schema(
     [("initializer", _NAME), ("seed", pa.int32()), ("entity", pa.int32()), ("answer", pa.int32()), ("rank", pa.int32())]
 )

@@ -30,7 +30,7 @@ CLAMP = 1e-6
 class Blocks(Mapping):
     """f(h, r, t) = ⟨vₕᵀW, vₜ⟩, where W has scalars and blocks on its diagonal."""
 
-    #: of the coordinates, how many in a hundred are scalars
+    #: of a hundred coordinates, how many are scalars
     scalars: ClassVar[int]
 
     @property
@@ -38,7 +38,7 @@ class Blocks(Mapping):
         return Product()
 
     def width(self, dimension: int) -> int:
-        multiple = {0: 2, 50: 4, 100: 1}[self.scalars]
+        multiple = next(m for m in range(1, 201) if m * self.scalars % 100 == 0 == m * (100 - self.scalars) % 200)
         if dimension % multiple:
             expected = f"expected a multiple of {multiple}, as {type(self).__name__} needs"
             raise InputError(paths.PARAMS, f"dimension {dimension}", expected)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import multiprocessing
 import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -75,17 +76,18 @@ def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Comput
     """
     engine = _dask if compute.engine == "dask" else _processes
     models = sum(len(task.cells.seeds) for task in tasks)
-    with engine(compute) as executor, tqdm(total=models, desc=name, unit="model", disable=None) as bar:
+    with engine(compute) as executor:
         futures = {executor.submit(alone, function, task, compute.device): task for task in tasks}
-        for future in as_completed(futures):
-            task = futures[future]
-            try:
-                future.result()
-            except (InputError, BrokenExecutor, CancelledError):  # no task's own failure
-                raise
-            except Exception as error:
-                raise TaskError(f"{task.cells}: {type(error).__name__}: {error}") from error
-            bar.update(len(task.cells.seeds))
+        with tqdm(total=models, desc=name, unit="model", disable=None) as bar:  # it starts a thread: workers come first
+            for future in as_completed(futures):
+                task = futures[future]
+                try:
+                    future.result()
+                except (InputError, BrokenExecutor, CancelledError):  # no task's own failure
+                    raise
+                except Exception as error:
+                    raise TaskError(f"{task.cells}: {type(error).__name__}: {error}") from error
+                bar.update(len(task.cells.seeds))
     return [future.result() for future in futures]
 
 
@@ -127,8 +129,13 @@ def stack_height(compute: Compute) -> int:
 
 @contextmanager
 def _processes(compute: Compute) -> Iterator[Executor]:
-    """Worker processes of this machine."""
-    context = multiprocessing.get_context("spawn")  # a worker is then a child of the stage, and dies with it
+    """Worker processes of this machine: children of the stage, which die with it.
+
+    On Linux they are forked, and need not import everything again (seconds a stage); but a GPU cannot be
+    used by a forked process.
+    """
+    forked = sys.platform == "linux" and compute.device == "cpu"
+    context = multiprocessing.get_context("fork" if forked else "spawn")
     with ProcessPoolExecutor(
         _workers(compute), context, initializer=tie_to_parent, initargs=(os.getpid(),)
     ) as executor:

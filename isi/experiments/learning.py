@@ -10,6 +10,7 @@ import pandas as pd
 import torch
 from torch import Tensor
 
+from isi.base.params import check
 from isi.base.stage import Given
 from isi.embeddings.family import Family
 from isi.embeddings.stack import uniform
@@ -54,16 +55,21 @@ class Learned:
 
 def family_of(given: Given, name: str | None = None) -> Family:
     """The embedding family of a name, or that a stage's params choose, with its options."""
-    name = name or given.section("embedding", EmbeddingParams).family
+    name = name or given.section("embedding.family", str)
     return make(name, given.raw(f"families.{name}"), f"families.{name}")
 
 
-def learning(given: Given, family: str | None = None) -> Learning:
-    """How a stage's params say that embeddings are trained, of the family that they choose or another one."""
-    embedding = given.section("embedding", EmbeddingParams)
+def learning(given: Given, family: str | None = None, **changed: float) -> Learning:
+    """How a stage's params say that embeddings are trained, of the family that they choose or another one.
+
+    Args:
+        changed: values of ``training`` in place of those of params.
+    """
+    named = {"family": family} if family else {}
+    embedding = check({**given.raw("embedding"), **named}, EmbeddingParams, "embedding")
     return Learning(
-        given.seed, family_of(given, family), embedding.dimension, embedding.init_range,
-        given.section("negatives", Negatives), given.section("training", Training),
+        given.seed, family_of(given, embedding.family), embedding.dimension, embedding.init_range,
+        given.section("negatives", Negatives), check({**given.raw("training"), **changed}, Training, "training"),
     )  # fmt: skip
 
 

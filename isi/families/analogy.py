@@ -10,7 +10,7 @@ from isi.families import family
 
 @family("analogy")
 @dataclass(frozen=True)
-class Analogy(Blocks):
+class ANALOGY(Blocks):
     """f(h, r, t) = ⟨vₕᵀW, vₜ⟩: half of the coordinates are scalars, half are of blocks."""
 
     scalars = 50

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from isi.base.params import Fraction, Name, Option, Section
+from isi.base.params import Count, Fraction, Name, Option, Section
 from isi.base.stage import Given
 from isi.experiments.cells import Cells, Vectors
 from isi.experiments.judging import measure_columns, run_rows
@@ -25,6 +25,13 @@ from isi.learning.training import Optimizer
 
 #: ``initializers`` of an experiment in params.
 Listed = Literal["all"] | list[Name]
+
+
+class ToTheEnd(Section):
+    """``followed`` of an experiment in params: what is fine-tuned for all epochs; all else stops at convergence."""
+
+    sizes: list[Count]
+    initializers: Listed = "all"
 
 
 class Convergence(Section):
@@ -43,7 +50,7 @@ class Inserting:
     negatives: Negatives
     optimizer: Optimizer
     margin: float
-    #: sizes trained for all epochs; the others stop at convergence
+    #: sizes fine-tuned for all epochs; the others stop at convergence
     followed: Sequence[int]
 
 
@@ -99,7 +106,18 @@ def inserting_with(
 def lists(given: Given, experiment: str, initializer: str) -> bool:
     """Whether an experiment lists an initializer."""
     listed: Listed = given.section(f"experiments.{experiment}.initializers", Listed)  # type: ignore[arg-type]
+    return among(listed, initializer)
+
+
+def among(listed: Listed, initializer: str) -> bool:
+    """Whether a list of initializers names one, or all."""
     return listed == "all" or initializer in listed
+
+
+def followed_sizes(given: Given, experiment: str, initializer: str) -> list[int]:
+    """The sizes at which an experiment follows an initializer to the end."""
+    followed = given.section(f"experiments.{experiment}.followed", ToTheEnd)
+    return followed.sizes if among(followed.initializers, initializer) else []
 
 
 def insertion_tasks(store: Store, given: Given, how: Inserting, cells: Sequence[Cells]) -> list[InsertTask]:

@@ -41,7 +41,7 @@ def _of_experiment(results: Results, experiment: Experiment) -> Numbers:
     else:
         last = experiment.params.finetuning.max_epochs
         numbers["drop_percent"] = transfer.drop(experiment.at_once)
-        numbers["known_closed_at_the_end"] = transfer.known_closed_at_the_end(experiment.runs, last)
+        numbers["known_closed_at_the_end"] = transfer.known_closed_at_the_end(experiment.curves, last)
     study = results.affordances
     if study and study.experiment is experiment:
         numbers["affordances_percent"] = affordances.answers(study, results.params.affordances.relation).shares
@@ -72,4 +72,5 @@ def _curves(experiment: Experiment, scope: str) -> pd.DataFrame:
     own = runs[(runs["scope"] == scope) & (runs["model"] != JOINT)]
     if own.empty:
         return pd.DataFrame(columns=["epoch", *experiment.initializers])
-    return (100 * own.groupby(["epoch", "model"])["mrr_star"].mean().unstack("model")).reset_index()
+    means = own.groupby(["epoch", "model"])["mrr_star"].mean().unstack("model")
+    return (100 * means.reindex(columns=experiment.initializers)).reset_index()

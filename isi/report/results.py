@@ -17,6 +17,7 @@ from ruamel.yaml.error import YAMLError
 from isi.base import paths, tables
 from isi.base.errors import InputError
 from isi.building import Seen
+from isi.insertion.tasks import among
 from isi.learning.convergence import epochs_to_convergence
 from isi.params import ExperimentOf, Params
 from isi.report.models import JOINT
@@ -69,12 +70,13 @@ class Experiment:
     @property
     def curve_size(self) -> int | None:
         """The first size that is followed to the end and was run: the one whose curves are drawn."""
-        return next((size for size in self.how.followed if size in self.how.sessions.sizes), None)
+        return next((size for size in self.how.followed.sizes if size in self.how.sessions.sizes), None)
 
     @property
     def curves(self) -> pd.DataFrame:
-        """Runs of that size."""
-        return self.runs[self.runs["size"] == self.curve_size]
+        """Runs of that size by those who are followed, and of the joint model."""
+        followed = [name for name in self.initializers if among(self.how.followed.initializers, name)]
+        return self.runs[(self.runs["size"] == self.curve_size) & self.runs["model"].isin([*followed, JOINT])]
 
     @cached_property
     def convergence(self) -> pd.DataFrame:
@@ -219,7 +221,7 @@ def _sweep(initializers: Iterable[str], experiment: str) -> pd.DataFrame:
 
 
 def _rates(params: Params, experiment: str) -> pd.DataFrame:
-    return _of_each(partial(paths.rate_sweep, experiment), tables.RATE_SWEEP, params.initializers_of(experiment))
+    return _of_each(partial(paths.rate_sweep, experiment), tables.RATE_SWEEP, params.rates.initializers)
 
 
 def _cross_validation(experiment: str) -> pd.DataFrame:

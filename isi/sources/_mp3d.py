@@ -4,34 +4,27 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import pyarrow as pa
-from pydantic import AfterValidator, Field, ValidationInfo
+from pydantic import Field, ValidationInfo, field_validator
 
+from isi.base import params
+from isi.base.params import Section
 from isi.sources import part
 from isi.sources._household import AT_LOCATION
 
 #: What is left after each step of mining.
 STEPS = ("instances", "of a category and in a region", "in AI2-THOR's rooms", "without structure")
-
-
-def _not_structure(same_as: dict[str, str], given: ValidationInfo) -> dict[str, str]:
-    both = set(same_as) & set(given.data.get("structure", ()))
-    if both:
-        raise ValueError(f"{min(both)!r} is in structure, too")
-    return same_as
-
-
-#: Settings: room of each type of region, and other names of categories (which come after ``structure``).
+#: A setting: room of each type of region; other regions are left out.
 Rooms = Annotated[dict[str, str], Field(min_length=1)]
-SameAs = Annotated[dict[str, str], AfterValidator(_not_structure)]
 
 
 @dataclass(frozen=True)
-class Seen:
+class Counted:
     """Objects of one category in one region: an instance of a house, or a tally."""
 
     scene: str | None
@@ -43,37 +36,55 @@ class Seen:
     count: int
 
 
-@dataclass(frozen=True)
-class Vocabulary:
-    """What the other source calls things; regions that are none of its rooms are left out, and so is structure."""
+class Vocabulary(Section):
+    """Which categories are left out, and what AI2-THOR calls those that it has under another name."""
 
-    rooms: Mapping[str, str]
-    structure: Collection[str]
-    same_as: Mapping[str, str]
+    structure: list[str]
+    same_as: dict[str, str]
+
+    @field_validator("same_as")
+    @classmethod
+    def _not_structure(cls, value: dict[str, str], given: ValidationInfo) -> dict[str, str]:
+        both = set(value) & set(given.data.get("structure", ()))
+        if both:
+            raise ValueError(f"{min(both)!r} is in structure, too")
+        return value
 
 
-def mine(batches: Iterable[Sequence[Seen]], words: Vocabulary, left: Counter[str]) -> Iterator[pa.Table]:
+def read_vocabulary(path: Path) -> Vocabulary:
+    """The vocabulary in a YAML file; it is no setting itself, since DVC parses the params once a stage.
+
+    Raises:
+        InputError: where the file is missing or no YAML, or does not hold what a vocabulary does.
+    """
+    return params.check(params.read(path), Vocabulary, "", path)
+
+
+def mine(
+    batches: Iterable[Sequence[Counted]], rooms: Mapping[str, str], words: Vocabulary, left: Counter[str]
+) -> Iterator[pa.Table]:
     """Observations in the columns of ``tables.OBSERVATIONS``: one table per batch, with equal ones added up.
 
     Args:
         batches: what was seen, for example in one house; only one is held at once.
-        words: its names in AI2-THOR's words.
+        rooms: of each type of region; other regions are left out.
+        words: what is left out, too, and the names of what is not.
         left: grows, as batches go by, by the instances that are left after each of ``STEPS``.
     """
     for batch in batches:
         placed = [seen for seen in batch if seen.region is not None and seen.category is not None]
-        in_rooms = [seen for seen in placed if seen.region in words.rooms]
+        in_rooms = [seen for seen in placed if seen.region in rooms]
         objects = [seen for seen in in_rooms if seen.category not in words.structure]
         for step, kept in zip(STEPS, (batch, placed, in_rooms, objects), strict=True):
             left[step] += sum(seen.count for seen in kept)
-        yield _table(objects, words)
+        yield _table(objects, rooms, words)
 
 
-def _table(objects: Sequence[Seen], words: Vocabulary) -> pa.Table:
+def _table(objects: Sequence[Counted], rooms: Mapping[str, str], words: Vocabulary) -> pa.Table:
     counts: Counter[tuple[str | None, str, str | None, str]] = Counter()
     for seen in objects:
         region, category = str(seen.region), str(seen.category)
-        counts[seen.scene, words.rooms[region], seen.instance, words.same_as.get(category, category)] += seen.count
+        counts[seen.scene, rooms[region], seen.instance, words.same_as.get(category, category)] += seen.count
     return part(
         [
             (scene, room, instance, head, AT_LOCATION, room, count)

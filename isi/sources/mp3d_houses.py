@@ -15,13 +15,13 @@ from pydantic import Field
 from isi.base.errors import InputError
 from isi.sources import Mining, source
 from isi.sources._household import household
-from isi.sources._mp3d import SameAs, Seen, Vocabulary, entity_name, mine
+from isi.sources._mp3d import Counted, entity_name, mine, read_vocabulary
 
 #: Where a record ``C`` has the name of its category.
 CATEGORY_FIELD = {"category_mapping_name": 3, "mpcat40": 5}
 #: Kinds of records as their header counts them, in its order; panoramas and portals are both ``P``.
 HEADERS = {"1.0": "IPVSRL", "1.1": "IPVSEOCRPL"}
-KINDS = {
+RECORD_KINDS = {
     "I": "images", "P": "panoramas and portals", "V": "vertices", "S": "surfaces", "E": "segments", "O": "objects",
     "C": "categories", "R": "regions", "L": "levels",
 }  # fmt: skip
@@ -35,8 +35,7 @@ def mp3d_houses(
     folder: str,
     category: Literal["category_mapping_name", "mpcat40"],
     rooms: Annotated[dict[Label, str], Field(min_length=1)],
-    structure: list[str],
-    same_as: SameAs,
+    vocabulary: str,
 ) -> Iterator[pa.Table]:
     """Observations of objects in rooms.
 
@@ -45,11 +44,10 @@ def mp3d_houses(
         folder: has the files, in it or in folders below.
         category: which of their two names objects go by.
         rooms: room of each label of a region; other regions are left out.
-        structure: categories that are left out.
-        same_as: other names of categories.
+        vocabulary: path of the file that says which categories are left out, and which have another name.
     """
-    words = Vocabulary(rooms, structure, same_as)
-    return mine(houses(Path(folder), category), words, mining.left)
+    words = read_vocabulary(Path(vocabulary))
+    return mine(houses(Path(folder), category), rooms, words, mining.left)
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ class Record:
         return InputError(self.path, f"line {self.line}", expected)
 
 
-def houses(folder: Path, category: Literal["category_mapping_name", "mpcat40"]) -> Iterator[list[Seen]]:
+def houses(folder: Path, category: Literal["category_mapping_name", "mpcat40"]) -> Iterator[list[Counted]]:
     """The objects of each ``*.house`` file in a folder and the folders in it, in the order of their paths.
 
     Args:
@@ -97,7 +95,7 @@ def houses(folder: Path, category: Literal["category_mapping_name", "mpcat40"]) 
         yield seen
 
 
-def read_house(path: Path, category_field: int) -> tuple[str, list[Seen]]:
+def read_house(path: Path, category_field: int) -> tuple[str, list[Counted]]:
     """The name of a house, and its objects.
 
     Raises:
@@ -114,8 +112,8 @@ def read_house(path: Path, category_field: int) -> tuple[str, list[Seen]]:
         raise InputError(path, f"line {header.line if header else 2}", "expected the header, a record H")
     for record in records:
         kind = record.fields[0]
-        if kind not in KINDS:
-            raise record.error(f"expected a record of a kind {', '.join(KINDS)}, got {kind!r}")
+        if kind not in RECORD_KINDS:
+            raise record.error(f"expected a record of a kind {', '.join(RECORD_KINDS)}, got {kind!r}")
         found[kind] += 1
         if kind in kept:
             kept[kind].append(record)
@@ -124,7 +122,7 @@ def read_house(path: Path, category_field: int) -> tuple[str, list[Seen]]:
     categories = {number: entity_name(name) for number, name in _numbered(kept["C"], category_field).items()}
     house = header.text(1).replace("#", " ")
     return house, [
-        Seen(house, str(number), _named(record, 2, "region", regions), _named(record, 3, "category", categories), 1)
+        Counted(house, str(number), _named(record, 2, "region", regions), _named(record, 3, "category", categories), 1)
         for number, record in _unique(kept["O"]).items()
     ]
 
@@ -149,7 +147,7 @@ def _check_counts(header: Record, kinds: str, found: Counter[str]) -> None:
         expected[kind] += header.integer(place)
     for kind, count in expected.items():
         if found[kind] != count:
-            raise header.error(f"the header counts {count} {KINDS[kind]} ({kind}), the file has {found[kind]}")
+            raise header.error(f"the header counts {count} {RECORD_KINDS[kind]} ({kind}), the file has {found[kind]}")
 
 
 def _numbered(records: Sequence[Record], field: int) -> dict[int, str]:

@@ -14,26 +14,25 @@ from isi.base import paths
 from isi.base.errors import InputError
 from isi.sources import Mining, source
 from isi.sources._household import household
-from isi.sources._mp3d import Rooms, SameAs, Seen, Vocabulary, entity_name, mine
+from isi.sources._mp3d import Counted, Rooms, entity_name, mine, read_vocabulary
 
 COLUMNS = ("object", "room", "count")
 
 
 @source("mp3d_tallies", entities=household)
-def mp3d_tallies(mining: Mining, rooms: Rooms, structure: list[str], same_as: SameAs) -> Iterator[pa.Table]:
+def mp3d_tallies(mining: Mining, rooms: Rooms, vocabulary: str) -> Iterator[pa.Table]:
     """Observations of objects in rooms.
 
     Args:
         mining: counts what is left after each step.
         rooms: room of each type of region; other regions are left out.
-        structure: categories that are left out.
-        same_as: other names of categories.
+        vocabulary: path of the file that says which categories are left out, and which have another name.
     """
-    words = Vocabulary(rooms, structure, same_as)
-    return mine([tallies(paths.MP3D_TALLIES, rooms)], words, mining.left)
+    words = read_vocabulary(Path(vocabulary))
+    return mine([tallies(paths.MP3D_TALLIES, rooms)], rooms, words, mining.left)
 
 
-def tallies(path: Path, regions: Collection[str]) -> list[Seen]:
+def tallies(path: Path, regions: Collection[str]) -> list[Counted]:
     """Published counts of objects by region type, over all houses.
 
     Args:
@@ -61,8 +60,8 @@ def tallies(path: Path, regions: Collection[str]) -> list[Seen]:
     return seen
 
 
-def _tally(path: Path, line: int, row: dict[str, str]) -> Seen:
+def _tally(path: Path, line: int, row: dict[str, str]) -> Counted:
     category, region, count = (row[column] for column in COLUMNS)
     if not category or not region or not re.fullmatch(r"[0-9]+", count):
         raise InputError(path, f"line {line}", "expected an object, a room and a count")
-    return Seen(None, None, region, entity_name(category), int(count))
+    return Counted(None, None, region, entity_name(category), int(count))

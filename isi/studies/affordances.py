@@ -11,15 +11,20 @@ import torch
 from pydantic import Field, model_validator
 from torch import Tensor
 
-from isi.base.params import Study, distinct
+from isi.base.params import Section, Study, distinct
 from isi.experiments.cells import Cells, Vectors
 from isi.insertion.step import put
 
 
-class Affordances(Study):
-    """``affordances`` in params: of which experiment, by which relation, and whose the table shows."""
+class Asked(Section):
+    """What is asked of novel entities."""
 
     relation: str
+
+
+class Affordances(Asked, Study):
+    """``affordances`` in params: of which experiment, by which relation, and whose the table shows."""
+
     entities: Annotated[list[str], Field(min_length=1)]
 
     @model_validator(mode="after")

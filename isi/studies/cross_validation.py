@@ -35,8 +35,8 @@ class Setting(Section):
         )
 
 
-class CrossValidation(Study):
-    """``cross_validation`` in params: the values that each factor takes beside the choice."""
+class Factors(Section):
+    """The values that each factor takes beside the choice."""
 
     folds: Annotated[int, Field(ge=2)]
     dimension: list[Count]
@@ -50,9 +50,11 @@ class CrossValidation(Study):
         return list(dict.fromkeys([choice, *(choice.model_copy(update=change) for change in changes)]))
 
 
-def fold_tasks(
-    experiment: str, graph: Graph, study: CrossValidation, choice: Learning, stack: int
-) -> list[LearningTask]:
+class CrossValidation(Factors, Study):
+    """``cross_validation`` in params."""
+
+
+def fold_tasks(experiment: str, graph: Graph, study: Factors, choice: Learning, stack: int) -> list[LearningTask]:
     """Every setting with every fold, in stacks of at most ``stack`` folds; the cells' seeds are the folds' numbers."""
     splits = folds(graph, choice.root, study.folds)
     tasks = []

@@ -6,13 +6,14 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from isi.base.params import Count, Name, Option, Positive, Study, check, distinct
-from isi.base.stage import Given
+from isi.base.params import Count, Name, Option, Positive, Section, Study, distinct
 
 
-class SweepOf(Study):
-    """``sweep`` in params, less its initializers."""
+class Indicators(Section):
+    """Which sizes of indicator sets are tried, of whom, and on which cells."""
 
+    #: options beside k, by initializer
+    initializers: Annotated[dict[Name, dict[str, Option]], Field(min_length=1)]
     k: Annotated[list[Count], Field(min_length=1)]
     size: Count
     seeds: Count
@@ -24,22 +25,12 @@ class SweepOf(Study):
         return self
 
 
-class Sweep(SweepOf):
+class Sweep(Indicators, Study):
     """``sweep`` in params."""
 
-    #: options beside k, by initializer
-    initializers: Annotated[dict[Name, dict[str, Option]], Field(min_length=1)]
 
-    @classmethod
-    def of(cls, given: Given, initializer: str) -> Sweep:
-        """The sweep of one initializer: all that its stage is given."""
-        values = {name: given.raw(f"sweep.{name}") for name in SweepOf.model_fields}
-        own = given.raw(f"sweep.initializers.{initializer}")
-        return check(values | {"initializers": {initializer: own}}, cls, "sweep")
-
-
-class Rates(Study):
-    """``rates`` in params."""
+class Factors(Section):
+    """Multiples of the fine-tuning rate, and the size at which they are tried."""
 
     factors: Annotated[list[Positive], Field(min_length=1)]
     size: Count
@@ -49,3 +40,9 @@ class Rates(Study):
         if 1 in self.factors or not distinct(self.factors):
             raise ValueError("factors must not repeat, nor be 1, which is the main experiment")
         return self
+
+
+class Rates(Factors, Study):
+    """``rates`` in params."""
+
+    initializers: list[Name]

@@ -9,7 +9,7 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi.base.params import Count, Seed, Study
+from isi.base.params import Count, Section, Seed, Study
 from isi.embeddings.stack import Embedding
 from isi.experiments.cells import Cells
 from isi.insertion.similarity import has_insert_triples, has_words
@@ -20,13 +20,17 @@ from isi.insertion.tasks import InsertTask, how_in, told_in
 TRACED = ("xavier", "iu", "es", "rs", "ers")
 
 
-class Approach(Study):
-    """``approach`` in params: which set is followed, and for how long."""
+class Approached(Section):
+    """Which set is followed, and for how long."""
 
     size: Count
     seed: Seed
     kind: str
     epochs: Count
+
+
+class Approach(Approached, Study):
+    """``approach`` in params."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from isi.learning.convergence import SCOPES
 from isi.params import Params
 from isi.report import statistics
 from isi.report.figures import by_epoch
-from isi.report.models import JOINT, contenders, label
+from isi.report.models import contenders, label
 from isi.report.prose import reached
 from isi.report.results import Experiment, Results
 from isi.report.section import Content, Figure, Section, Table, by_experiment
@@ -41,17 +41,17 @@ def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]
 
 def at_other_rates(params: Params, experiment: Experiment, runs: pd.DataFrame) -> Iterator[Content]:
     """The study of rates."""
-    size = params.rates.size
-    main = experiment.runs[(experiment.runs["size"] == size) & (experiment.runs["model"] != JOINT)]
-    both = pd.concat([main.assign(factor=rates.AS_CHOSEN), runs])
+    size, varied = params.rates.size, [name for name in experiment.initializers if name in params.rates.initializers]
+    main = experiment.runs[(experiment.runs["size"] == size) & experiment.runs["model"].isin(varied)]
+    both = pd.concat([main.assign(factor=rates.AS_CHOSEN), runs[runs["model"].isin(varied)]])
     cells = experiment.converged(both, ["model", "factor"])
-    told = " ".join(rates.order_of_initializers(cells, experiment.initializers, scope) for scope in SCOPES)
+    told = " ".join(rates.order_of_initializers(cells, varied, scope) for scope in SCOPES)
     tuned = params.finetuning
     yield (
         "How many epochs anything takes depends on the fine-tuning rate, which is a choice "
         f"({tuned.learning_rate} here, in batches of {tuned.batch_size:,}). {told}"
     )
-    yield rates.convergence_by_rate(cells, experiment.initializers, size, tuned.learning_rate)
+    yield rates.convergence_by_rate(cells, varied, size, tuned.learning_rate)
 
 
 def in_words(convergence: pd.DataFrame, initializers: Sequence[str], margin: float, most: int) -> str:

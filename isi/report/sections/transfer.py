@@ -89,7 +89,7 @@ def earlier_in_words(experiment: Experiment, base: str, stated: Mapping[str, flo
     """What the new entities cost earlier knowledge, beside the paper's."""
     tested = contenders(experiment.initializers)
     dropped = listed(drop(experiment.at_once), tested, "{:.1f} %")
-    end = known_closed_at_the_end(experiment.runs, experiment.params.finetuning.max_epochs)
+    end = known_closed_at_the_end(experiment.curves, experiment.params.finetuning.max_epochs)
     text = f"By how much MRR* over the entities of {base} alone is lower right after insertion than before: {dropped}"
     if BASELINE in stated:
         text += f" (paper: {stated[BASELINE]} % with Xavier, nothing to speak of with the others)"
