@@ -49,17 +49,17 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class Tables:
+class GraphTables:
     """A graph as it is stored: ``tables.ENTITIES`` and ``tables.TRIPLES``."""
 
     entities: pd.DataFrame
     triples: pd.DataFrame
 
 
-def graph_of(seen: Seen, min_count: int = 1) -> Tables:
+def graph_of(seen: Seen, min_count: int = 1) -> GraphTables:
     """The graph of a source; an entity whose triples were all dropped is none of its."""
     triples = count_triples(seen.observations, seen.source, min_count)
-    return Tables(entities_of(triples, seen), triples)
+    return GraphTables(entities_of(triples, seen), triples)
 
 
 def count_triples(observations: pd.DataFrame, source: str, min_count: int = 1) -> pd.DataFrame:
@@ -137,7 +137,7 @@ def draw(enough: pd.Series[int], how: Extension, key: str, root: int) -> list[st
     return sorted([*how.always, *(others[place] for place in drawn)])
 
 
-def extend(home: Tables, seen: Seen, added: Collection[str]) -> Tables:
+def extend(home: GraphTables, seen: Seen, added: Collection[str]) -> GraphTables:
     """A graph with entities added behind its own, and their triples behind its own.
 
     Args:
@@ -150,7 +150,7 @@ def extend(home: Tables, seen: Seen, added: Collection[str]) -> Tables:
     more = count_triples(observed[observed["head"].isin(added) & observed["tail"].isin(joined)], seen.source)
     named = entities_of(more, seen)
     new = named[~named["entity"].isin(home.entities["entity"])]
-    return Tables(_behind(home.entities, new), _behind(home.triples, more))
+    return GraphTables(_behind(home.entities, new), _behind(home.triples, more))
 
 
 def _kinds(entities: pd.DataFrame) -> dict[str, str]:

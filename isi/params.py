@@ -98,9 +98,9 @@ class Params(Section):
     @model_validator(mode="after")
     def _names_are_known(self) -> Self:
         asked = [("plots.initializers", name, self.initializers) for name in self.plots.initializers]
-        for study, named in (("sweep", self.sweep.initializers), ("rates", self.rates.initializers)):
+        for study, varied in (("sweep", list(self.sweep.initializers)), ("rates", self.rates.initializers)):
             if getattr(self, study).experiments:
-                asked += [(f"{study}.initializers", name, self.initializers) for name in named]
+                asked += [(f"{study}.initializers", name, self.initializers) for name in varied]
         asked += [("compare_families.families", name, self.families) for name in self.compare_families.families]
         if self.approach.experiments:
             asked += [("approach.experiments: its initializers", name, self.initializers) for name in TRACED]

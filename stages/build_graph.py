@@ -5,7 +5,7 @@ from __future__ import annotations
 from isi import building
 from isi.base import paths, tables
 from isi.base.stage import Given, Provenance, stage
-from isi.building import Extension, GraphOf, Seen, Tables
+from isi.building import Extension, GraphOf, GraphTables, Seen
 
 
 @stage
@@ -28,7 +28,7 @@ def seen_by(source: str, provenance: Provenance) -> Seen:
     return Seen(source, observations, tables.read(paths.kinds(source), tables.KINDS, provenance))
 
 
-def extended(graph: Tables, seen: Seen, how: Extension, key: str, root: int) -> Tables:
+def extended(graph: GraphTables, seen: Seen, how: Extension, key: str, root: int) -> GraphTables:
     """The graph with entities that another source has and it lacks."""
     newcomers = building.newcomers(seen, graph.entities)
     enough = building.frequent(newcomers, seen, graph.entities, how.min_observations)

@@ -9,7 +9,7 @@ from isi.base import paths, tables
 from isi.base.errors import InputError
 from isi.base.stage import Given, stage
 from isi.graph import build
-from isi.sessions.drawing import SessionsOf, Shares, draw
+from isi.sessions.drawing import SessionsOf, Shares, candidates_of, draw
 from isi.sessions.session import SPLITS
 
 
@@ -24,7 +24,7 @@ def make_sessions(given: Given, experiment: str) -> None:
     entities = tables.read(paths.entities(experiment), tables.ENTITIES, provenance)
     graph = build(entities, tables.read(paths.triples(experiment), tables.TRIPLES, provenance))
     added = np.flatnonzero(entities["source"].astype(str) != str(entities["source"].iloc[0]))
-    candidates = candidates_of(how, entities, added)
+    candidates = candidates_of(how, entities["kind"].to_numpy(str), added)
     if how.steps * max(how.sizes) > len(candidates) - (how.novel != "added"):
         few = f"expected fewer novel entities than the {len(candidates)} that may be novel"
         raise InputError(paths.PARAMS, f"{key}.sizes", few)
@@ -48,15 +48,6 @@ def make_sessions(given: Given, experiment: str) -> None:
         (paths.insert_triples(experiment), told, tables.INSERT_TRIPLES),
     ):
         tables.write(path, pd.DataFrame(rows, columns=schema.names), schema, provenance)
-
-
-def candidates_of(how: SessionsOf, entities: pd.DataFrame, added: np.ndarray) -> np.ndarray:
-    """Ids of the entities that may be novel."""
-    if how.novel == "any":
-        return np.arange(len(entities))
-    if how.novel == "added":
-        return added
-    return np.flatnonzero(entities["kind"].astype(str).isin(how.novel))
 
 
 if __name__ == "__main__":

@@ -108,7 +108,7 @@ def graph(workspace: Path, experiment: str) -> None:
         ("novel: any", "novel: nay", "make_sessions ai2thor", "experiments.ai2thor.sessions.novel"),
         ("family: analogy", "family: analog", "train_theta0 ai2thor", "families.analog"),
         ("\n    k: 8", "\n    kk: 8", "insert ai2thor es", "initializers.es.kk"),
-        ("initializers: all", "initializers: al", "vary_rate ai2thor es", "experiments.ai2thor.initializers"),
+        ("\n    initializers: all", "\n    initializers: al", "insert ai2thor es", "experiments.ai2thor.initializers"),
     ],
 )
 def test_a_mistake_in_params_ends_a_stage_in_one_line_that_names_the_key(
@@ -298,14 +298,12 @@ def test_an_initializer_that_the_experiment_does_not_list_leaves_tables_without_
     tables.write(workspace / paths.insert_triples("ai2thor"), row, tables.INSERT_TRIPLES, MADE)
     tables.write(workspace / paths.runs("ai2thor", "joint"), tables.together([], tables.RUNS), tables.RUNS, MADE)
     tables.write_tensors(workspace / paths.vectors("ai2thor"), {"vectors": torch.ones(2, 3)}, MADE)
-    for name in ("insert", "vary_rate"):
-        ended = run_stage(workspace, f"stages.{name}", "ai2thor", "es")
-        assert ended.returncode == 0, ended.stderr
+    ended = run_stage(workspace, "stages.insert", "ai2thor", "es")
+    assert ended.returncode == 0, ended.stderr
     for path, schema in (
         (paths.runs("ai2thor", "es"), tables.RUNS),
         (paths.ties("ai2thor", "es"), tables.TIES),
         (paths.inserted("ai2thor", "es"), tables.INSERTED),
-        (paths.rate_sweep("ai2thor", "es"), tables.RATE_SWEEP),
     ):
         assert tables.read(workspace / path, schema).empty
     assert tables.read_tensors(workspace / paths.initial_vectors("ai2thor", "es"), []) == {}

@@ -15,7 +15,7 @@ from isi import building
 from isi.base import tables
 from isi.base.errors import InputError
 from isi.base.params import check
-from isi.building import Extension, GraphOf, Seen, Tables
+from isi.building import Extension, GraphOf, GraphTables, Seen
 
 #: (head, relation, tail, how many observations), in the order in which they were seen.
 SEEN = [
@@ -150,7 +150,7 @@ def test_a_room_that_the_graph_lacks_is_refused(room: str) -> None:
 
 def test_new_entities_and_their_triples_come_behind_those_of_the_graph() -> None:
     encoded = TRIPLES.astype({"head": "category", "relation": "category", "tail": "category", "source": "category"})
-    extended = building.extend(Tables(ENTITIES, encoded), SHOP, ["fan", "stove"])
+    extended = building.extend(GraphTables(ENTITIES, encoded), SHOP, ["fan", "stove"])
     pd.testing.assert_frame_equal(extended.entities.iloc[: len(ENTITIES)], ENTITIES, check_dtype=False)
     assert rows(extended.entities.iloc[len(ENTITIES) :], tables.ENTITIES) == [
         ("fan", "object", "shop", "a fan"),
@@ -169,7 +169,7 @@ def test_a_triple_between_two_newcomers_joins_when_both_do() -> None:
     between = [("fan", "standsOn", "stove", 6), ("stove", "standsOn", "fan", 6), ("fan", "atLocation", "kitchen", 1)]
     seen = Seen("shop", observations(between), kinds_of(fan="object", stove="object", kitchen="room"))
     assert list(building.newcomers(seen, ENTITIES).index) == ["fan", "stove"]
-    home = Tables(ENTITIES, TRIPLES)
+    home = GraphTables(ENTITIES, TRIPLES)
     alone, both = (
         building.extend(home, seen, added).triples.iloc[len(TRIPLES) :] for added in (["fan"], ["fan", "stove"])
     )

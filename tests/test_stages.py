@@ -131,6 +131,12 @@ def test_no_two_stages_write_the_same() -> None:
     assert all(path.startswith("data/") and not path.startswith("data/raw/") for path in written)
 
 
+def test_the_lock_has_the_stages_that_there_are() -> None:
+    """DVC keeps those that are no more, and reads them all at every start."""
+    there = {"@".join(filter(None, [name, "-".join(items.values())])) for name in STAGES for items in cases(name)}
+    assert set(yaml.safe_load(Path("dvc.lock").read_text(encoding="utf-8"))["stages"]) == there
+
+
 def test_the_lock_fits_the_pipeline_and_the_params() -> None:
     asked = [sys.executable, "-m", "dvc", "status", "--json"]
     status = json.loads(subprocess.run(asked, capture_output=True, text=True, check=True).stdout)

@@ -64,6 +64,20 @@ class Drawn:
     insert_triples: list[tuple[int, int, int]]
 
 
+def candidates_of(how: SessionsOf, kinds: np.ndarray, added: np.ndarray) -> np.ndarray:
+    """Ids of the entities that may be novel.
+
+    Args:
+        kinds: of all entities; shape (E,).
+        added: ids of those of another source.
+    """
+    if how.novel == "any":
+        return np.arange(len(kinds))
+    if how.novel == "added":
+        return added
+    return np.flatnonzero(np.isin(kinds, how.novel))
+
+
 def draw(
     graph: Graph, candidates: np.ndarray, replaceable: np.ndarray, how: SessionsOf, shares: Shares, root: int
 ) -> Iterator[Drawn]:
