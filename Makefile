@@ -43,7 +43,7 @@ test: $(INSTALLED)  ## ruff, mypy and pytest
 	mypy
 	pytest
 
-benchmark: $(INSTALLED)  ## measure speed and memory, in about five minutes (installs the extra `benchmark`), into docs/benchmarks
+benchmark: $(INSTALLED)  ## measure speed and memory, in about ten minutes (installs the extra `benchmark`), into docs/benchmarks
 	$(BIN)/pip install --quiet --editable '.[benchmark]'
 	@mkdir -p .benchmarks
 	pytest -o addopts= tests/benchmarks --benchmark-only --benchmark-json=.benchmarks/latest.json

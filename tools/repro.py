@@ -61,7 +61,8 @@ def main(arguments: list[str]) -> int:
     if not dvc.returncode:
         progress.end()
     HERE.parent.mkdir(parents=True, exist_ok=True)
-    HERE.write_text(json.dumps(progress.seconds, indent=1, sort_keys=True), encoding="utf-8")
+    there = {name: took for name, took in progress.seconds.items() if name in set(stages())}
+    HERE.write_text(json.dumps(there, indent=1, sort_keys=True), encoding="utf-8")
     return dvc.returncode
 
 
