@@ -10,7 +10,7 @@ import pytest
 
 from isi.base import paths
 from isi.base.errors import InputError
-from isi.building import Seen, Tables, graph_of
+from isi.building import GraphTables, Seen, graph_of
 from isi.sources import Mining, Observed, published
 from isi.sources._household import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
 
@@ -18,24 +18,24 @@ PLACES = ["cabinet", "fridge", "hanger", "table", "towel holder"]
 
 
 @pytest.fixture(scope="module")
-def graph() -> Tables:
+def graph() -> GraphTables:
     observed = Observed(published.entities)
     observations = pa.concat_tables(observed.passing(published.published(Mining(0)))).to_pandas()
     assert observations[["scene", "room", "instance"]].isna().all(axis=None)
     return graph_of(Seen("published", observations, observed.kinds))
 
 
-def test_it_has_the_triples_and_observations_of_its_authors(graph: Tables) -> None:
+def test_it_has_the_triples_and_observations_of_its_authors(graph: GraphTables) -> None:
     assert len(graph.triples) == 352
     assert graph.triples["count"].sum() == 14_759
     assert set(graph.triples["relation"]) == {AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL}
 
 
-def test_it_has_as_many_affordances_and_materials_as_the_paper_says(graph: Tables) -> None:
+def test_it_has_as_many_affordances_and_materials_as_the_paper_says(graph: GraphTables) -> None:
     assert graph.entities["kind"].value_counts().to_dict() == {"object": 73, "room": 4, "affordance": 17, "material": 7}
 
 
-def test_bowls_are_in_cabinets_as_often_as_the_paper_says(graph: Tables) -> None:
+def test_bowls_are_in_cabinets_as_often_as_the_paper_says(graph: GraphTables) -> None:
     phrase = dict(zip(graph.entities["entity"], graph.entities["phrase"], strict=True))
     triples = graph.triples.assign(of=graph.triples["head"].map(phrase), where=graph.triples["tail"].map(phrase))
     bowls = triples[(triples["of"] == "bowl") & (triples["where"] == "cabinet")]
@@ -44,7 +44,7 @@ def test_bowls_are_in_cabinets_as_often_as_the_paper_says(graph: Tables) -> None
     ]
 
 
-def test_what_is_a_place_and_a_thing_is_two_entities_of_one_phrase(graph: Tables) -> None:
+def test_what_is_a_place_and_a_thing_is_two_entities_of_one_phrase(graph: GraphTables) -> None:
     entities = graph.entities.set_index("entity")
     shared = entities[entities["phrase"].duplicated(keep=False)]
     assert sorted(shared.index) == sorted(name for place in PLACES for name in (place, f"{place} (place)"))
@@ -55,7 +55,7 @@ def test_what_is_a_place_and_a_thing_is_two_entities_of_one_phrase(graph: Tables
         assert place in heads - tails
 
 
-def test_what_is_found_in_a_room_is_an_object_though_others_be_made_of_it(graph: Tables) -> None:
+def test_what_is_found_in_a_room_is_an_object_though_others_be_made_of_it(graph: GraphTables) -> None:
     heads = set(graph.triples["head"])
     made_of = set(graph.triples.loc[graph.triples["relation"] == HAS_MATERIAL, "tail"])
     assert heads & made_of == {"fabric", "mirror"}
