@@ -6,14 +6,16 @@ relations), except those that make a triple of the filter; the true answer alway
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import torch
 from torch import Tensor
 
 from isi.embeddings import bits
 from isi.embeddings.stack import Embedding
-from isi.graph import HEAD, RELATION, TAIL
+from isi.graph import HEAD, RELATION, TAIL, Graph
 from isi.sessions.session import Session
 
 #: Scores closer to the answer's than this times the largest magnitude in their row are tied.
@@ -21,6 +23,8 @@ TIE = 1e-5
 #: Numbers in one score matrix, at most: more queries are asked in pieces.
 BUDGET = 2**24
 MEASURES = ("mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr")
+
+K = TypeVar("K")
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,28 @@ class Queries:
     candidates: Tensor
     #: made once where they fit into ``BUDGET``; else piece by piece, whenever they are asked
     rows: Rows | None
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What becomes of queries, one by one; shapes: (M, Q)."""
+
+    #: 1 / (|R_G - R_P| + 1)
+    closeness: Tensor
+    #: the plain rank
+    rank: Tensor
+    #: rivals tied with the answer in R_P
+    tied: Tensor
+
+
+@dataclass(frozen=True)
+class Answered:
+    """Rows of queries, and what becomes of each."""
+
+    rows: Rows
+    #: of the head queries, then the tail queries; 2Q terms
+    entity: Terms
+    relations: Terms
 
 
 @dataclass(frozen=True)
@@ -149,15 +175,20 @@ def _stacked(heads: Rivals, tails: Rivals) -> Rivals:
 
 def _relation_shares(session: Session, asked: Tensor) -> Tensor:
     """Weight of a query by its relation: the relation's share of observations over its queries; (M, R)."""
-    graph = session.graph
-
-    def by_relation(values: Tensor) -> Tensor:
-        totals = torch.zeros(len(values), len(graph.relations), dtype=torch.int64)
-        return totals.index_add_(1, graph.triples[:, 1], values.long())
-
-    queries = by_relation(asked)
-    observed = by_relation((session.splits >= 0) * graph.counts) * (queries > 0)
+    queries = by_relation(session.graph, asked)
+    observed = observations(session) * (queries > 0)
     return observed / observed.sum(1, keepdim=True).clamp(min=1) / queries.clamp(min=1)
+
+
+def observations(session: Session) -> Tensor:
+    """Observations of each relation in a session, its weight in equation 7; shape (M, R), int64."""
+    return by_relation(session.graph, (session.splits >= 0) * session.graph.counts)
+
+
+def by_relation(graph: Graph, values: Tensor) -> Tensor:
+    """Sums by relation of values of unique triples, (M, T); shape (M, R), int64."""
+    totals = torch.zeros(len(values), len(graph.relations), dtype=torch.int64)
+    return totals.index_add_(1, graph.triples[:, RELATION], values.long())
 
 
 def compare(scores: Tensor, answer: Tensor) -> Tensor:
@@ -172,36 +203,49 @@ def compare(scores: Tensor, answer: Tensor) -> Tensor:
     return ((ahead > tie).float() + ~(ahead < -tie)) / 2  # NaN is tied with everything: a diverged model is at chance
 
 
-def evaluate(embedding: Embedding, scopes: dict[str, Queries]) -> dict[str, Result]:
+def evaluate(embedding: Embedding, scopes: Mapping[str, Queries]) -> dict[str, Result]:
     """Measures in scopes whose queries share their rows (``Queries.slots`` are the same)."""
-    first = next(iter(scopes.values()))
     sums: dict[str, list[tuple[Tensor, Tensor]]] = {name: [] for name in scopes}
+    for piece in answers(embedding, scopes):
+        for name, answered in piece.items():
+            sums[name].append(_measure(answered))
+    return {name: _result(scopes[name], parts) for name, parts in sums.items()}
+
+
+def answers(embedding: Embedding, scopes: Mapping[K, Queries]) -> Iterator[dict[K, Answered]]:
+    """What becomes of each query, in as many pieces as the queries have (see ``evaluate``)."""
+    first = next(iter(scopes.values()))
     for piece in _pieces(first):
         rows = {name: queries.rows or _rows(queries, piece) for name, queries in scopes.items()}
-        one = rows[next(iter(rows))]
+        one = next(iter(rows.values()))
         heads = embedding.score_heads(one.relation, one.tail)
         tails = embedding.score_tails(one.head, one.relation)
         entity = compare(torch.cat([heads, tails], 1), torch.cat([one.head, one.tail], 1))
         relations = compare(embedding.score_relations(one.head, one.tail), one.relation)
-        for name in scopes:
-            sums[name].append(_measure(entity, relations, rows[name]))
-    return {name: _result(scopes[name], parts) for name, parts in sums.items()}
+        yield {
+            name: Answered(own, _terms(entity, own.entity), _terms(relations, own.relations))
+            for name, own in rows.items()
+        }
 
 
-def _measure(entity: Tensor, relations: Tensor, rows: Rows) -> tuple[Tensor, Tensor]:
+def _terms(ahead: Tensor, rivals: Rivals) -> Terms:
+    """Terms of queries by who is ahead of the answer (see ``compare``)."""
+    of_listed = ahead.gather(-1, rivals.listed)
+    total = _over_candidates(ahead, rivals)
+    predicted_rank = 1 + total - (of_listed * rivals.equal).sum(-1)
+    rank = 1 + total - (of_listed * rivals.barred).sum(-1)
+    tied = _over_candidates((ahead == 0.5).float(), rivals) - ((of_listed == 0.5) * rivals.equal).sum(-1)
+    return Terms(closeness(rivals.true_rank, predicted_rank), rank, tied)
+
+
+def _measure(answered: Answered) -> tuple[Tensor, Tensor]:
     """Share of some rows in the measures, (M, 4), and their ties, (M,)."""
-    star, plain = [], []
-    ties = torch.zeros(len(entity))
-    asked = ((entity, rows.entity, rows.entity_weight), (relations, rows.relations, rows.relation_weight))
-    for ahead, rivals, weight in asked:
-        of_listed = ahead.gather(-1, rivals.listed)
-        total = _over_candidates(ahead, rivals)
-        star.append(
-            bits.ordered_sum(weight * closeness(rivals.true_rank, 1 + total - (of_listed * rivals.equal).sum(-1)))
-        )
-        plain.append(bits.ordered_sum(weight / (1 + total - (of_listed * rivals.barred).sum(-1))))
-        tied = _over_candidates((ahead == 0.5).float(), rivals) - ((of_listed == 0.5) * rivals.equal).sum(-1)
-        ties += (tied * (weight > 0)).sum(1)
+    star, plain, rows = [], [], answered.rows
+    ties = torch.zeros(len(rows.head))
+    for terms, weight in ((answered.entity, rows.entity_weight), (answered.relations, rows.relation_weight)):
+        star.append(bits.ordered_sum(weight * terms.closeness))
+        plain.append(bits.ordered_sum(weight / terms.rank))
+        ties += (terms.tied * (weight > 0)).sum(1)
     return torch.stack([sum(star) / 2, *star, sum(plain) / 2], 1), ties  # type: ignore[list-item]
 
 
