@@ -20,6 +20,7 @@ from isi.learning.training import Optimizer, Training
 from isi.sessions.drawing import SessionsOf, Shares
 from isi.sources import settings_of
 from isi.studies.affordances import Affordances
+from isi.studies.asking import Asking
 from isi.studies.cross_validation import CrossValidation, Setting
 from isi.studies.families import CompareFamilies
 from isi.studies.sweeps import Rates, Sweep
@@ -86,6 +87,7 @@ class Params(Section):
     approach: Approach
     compare_families: CompareFamilies
     affordances: Affordances
+    asking: Asking
     compute: Compute
 
     @field_validator("initializers")
@@ -122,7 +124,8 @@ class Params(Section):
     def _studies_fit_their_experiments(self) -> Self:
         asked = {"sweep.seeds": self.sweep.seeds, "approach.seed": self.approach.seed + 1,
                  "compare_families.seeds": self.compare_families.seeds}  # fmt: skip
-        for name in ("sweep", "cross_validation", "rates", "approach", "compare_families", "affordances"):
+        studies = ("sweep", "cross_validation", "rates", "approach", "compare_families", "affordances", "asking")
+        for name in studies:
             study = getattr(self, name)
             for experiment in study.experiments:
                 if experiment not in self.experiments:

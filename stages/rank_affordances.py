@@ -25,13 +25,8 @@ def rank_affordances(given: Given, experiment: str) -> None:
     relation, names, tasks = relations.index(study.relation), [], []
     for name in given.raw("initializers"):
         if lists(given, experiment, name):
-            path, sizes = paths.initial_vectors(experiment, name), sorted({cell.size for cell in cells})
-            of_size = dict(zip(sizes, store.tensors(path, *(f"size={size:02d}" for size in sizes)), strict=True))
-            first = dict.fromkeys(sizes, 0)
             for cell in cells:
-                rows = slice(first[cell.size], first[cell.size] + len(cell.seeds))
-                first[cell.size] = rows.stop
-                vectors = of_size[cell.size][rows, : cell.size]
+                vectors = store.initial_vectors(name, cell)
                 tasks.append(RankingTask(cell, store.theta0(cell, family), vectors, relation))
                 names.append(name)
     ranked = run(ranks, tasks, compute, "affordances")

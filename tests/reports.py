@@ -17,7 +17,7 @@ from isi.base.params import check
 from isi.building import Seen
 from isi.params import Params
 from isi.report.models import JOINT
-from isi.report.results import Experiment, Results, Study
+from isi.report.results import Asked, Experiment, Results, Study
 
 ROOT = Path(__file__).parent.parent
 SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
@@ -52,7 +52,7 @@ def small_params(experiments: Sequence[str], **changes: Any) -> Params:
     }  # fmt: skip
     studies: dict[str, dict[str, Any]] = {
         "sweep": {"size": 2, "seeds": 2, "k": [1, 2, 4]}, "rates": {"size": 2}, "approach": {"size": 2},
-        "cross_validation": {}, "compare_families": {"seeds": 2}, "affordances": {"entities": ["fan"]},
+        "cross_validation": {}, "compare_families": {"seeds": 2}, "affordances": {"entities": ["fan"]}, "asking": {},
     }  # fmt: skip
     for name, changed in studies.items():
         values[name] |= changed | {"experiments": []}
@@ -80,7 +80,8 @@ def small_results(names: Sequence[str] = tuple(GRAPHS), studies: bool = True, **
     definitions = pd.DataFrame({"phrase": ["cup", "fan"], "definition": ["it breaks", "cools the kitchen"]})
     found = {"params": how, "run": {"Versions": {"python": "3"}}, "paper": values, "vocabulary": vocabulary,
              "definitions": definitions, "experiments": experiments, "seen": _seen(), "mined": _mined()}  # fmt: skip
-    return Results(**found, **(_studies(how, experiments) if studies else {}))
+    asking = {"asking": {name: _asked(experiment) for name, experiment in experiments.items()}}
+    return Results(**found, **(_studies(how, experiments) | asking if studies else {}))
 
 
 def _numbers(rows: list[dict[str, Any]], key: str) -> pd.DataFrame:
@@ -147,6 +148,18 @@ def _seen() -> dict[str, Seen]:
 def _mined() -> dict[str, pd.DataFrame]:
     nothing = pd.DataFrame({"step": pd.Series(dtype=str), "instances": pd.Series(dtype=int)})
     return {"home": nothing, "away": nothing, "shop": pd.DataFrame({"step": ["instances"], "instances": [7]})}
+
+
+def _asked(experiment: Experiment) -> Asked:
+    cells = product(experiment.models, experiment.how.sessions.sizes, (0, 1), ("all", "novel"), ("learned", "true"))
+    asked = product(("atLocation", "hasAffordance"), ("head", "tail", "relation"), ("given", "answer"))
+    rows = [dict(zip(("model", "size", "seed", "scope", "filter", "relation", "hidden", "novel"), [*cell, *of], strict=True))
+            for cell, of in product(cells, list(asked)) if of[1:] != ("relation", "answer")]  # fmt: skip
+    numbers = np.random.default_rng(3).uniform(0.2, 0.9, len(rows))
+    queries = pd.DataFrame(rows).assign(session=1, queries=2, observations=3, mrr_star=numbers, mrr=numbers)
+    used = [{"seed": seed, "model": JOINT, "relation": relation, "part": part, "used": 2, "of": 4}
+            for seed in (0, 1) for relation in ("atLocation", None) for part in ("scalars", "blocks")]  # fmt: skip
+    return Asked(queries, pd.DataFrame(used))
 
 
 def _studies(how: Params, experiments: dict[str, Experiment]) -> dict[str, Study[Any]]:

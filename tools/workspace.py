@@ -21,7 +21,7 @@ DROP = object()
 
 #: A grid that takes about five minutes: fewer of everything, the plain mean the only control.
 QUICK: dict[str, Any] = {
-    "experiments.published": DROP, "sources.published": DROP,
+    "experiments.published": DROP, "sources.published": DROP, "asking.experiments": ["ai2thor", "transfer"],
     "initializers.gaussian": DROP, "initializers.gaussian_centred": DROP, "initializers.es_permuted": DROP,
     "plots.initializers": ["xavier", "iu", "es", "rs", "ers", "mean"],
     "experiments.ai2thor.sessions.seeds": 4, "experiments.ai2thor.sessions.sizes": [1, 5],

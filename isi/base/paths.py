@@ -98,6 +98,15 @@ def affordances(experiment: str) -> Path:
     return DATA / "studies" / "affordances" / f"{experiment}.parquet"
 
 
+def asked(experiment: str) -> Path:
+    return DATA / "studies" / "asking" / f"{experiment}.parquet"
+
+
+def used(experiment: str) -> Path:
+    """Which coordinates the joint model uses."""
+    return DATA / "studies" / "asking" / f"{experiment}.used.parquet"
+
+
 def indicator_sweep(experiment: str, initializer: str) -> Path:
     return DATA / "studies" / "indicators" / experiment / f"{initializer}.parquet"
 

@@ -60,6 +60,17 @@ FAMILIES = pa.schema([("seed", pa.int32()), ("epochs", pa.int32()), *_MEASURES, 
 AFFORDANCES = pa.schema(
     [("initializer", _NAME), ("seed", pa.int32()), ("entity", pa.int32()), ("answer", pa.int32()), ("rank", pa.int32())]
 )
+#: Queries right after insertion, grouped by what is asked; MRR* and MRR are means over them. ``filter``: ``learned``,
+#: the scope's own, or ``true``, all true triples. ``hidden``: the slot that is asked for (head, relation, tail).
+#: ``novel``: where a novel entity is (``given``, hidden as the ``answer``, ``both``, ``none``). ``observations``: the
+#: relation's in D¹, its weight in equation 7.
+ASKED = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("session", pa.int32()), ("model", _NAME),
+                   ("scope", _NAME), ("filter", _NAME), ("relation", _NAME), ("hidden", _NAME), ("novel", _NAME),
+                   ("queries", pa.int32()), ("mrr_star", pa.float64()), ("mrr", pa.float64()),
+                   ("observations", pa.int64())])  # fmt: skip
+#: Coordinates of relations that are not zero: of each relation, and (null) of any of them.
+USED = pa.schema([("seed", pa.int32()), ("model", _NAME), ("relation", _NAME), ("part", _NAME),
+                  ("used", pa.int32()), ("of", pa.int32())])  # fmt: skip
 #: Rivals whose score is tied with the answer's, at epoch 0.
 TIES = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("scope", _NAME), ("ties", pa.int32()),
                   ("session", pa.int32())])  # fmt: skip

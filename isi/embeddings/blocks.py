@@ -68,6 +68,11 @@ class Blocks(Mapping):
         norm = (x * x + y * y).clamp(min=CLAMP)
         return self._carry(vectors, torch.cat([sign / scalars.abs().clamp(min=CLAMP), x / norm, -y / norm], -1))
 
+    def magnitudes(self, relation: Tensor) -> dict[str, Tensor]:
+        """|r| of the scalars and sqrt(x² + y²) of the blocks of relations, (..., w); shapes (..., parts)."""
+        scalars, x, y = self._parts(self.maps(relation))
+        return {"scalars": scalars.abs(), "blocks": torch.hypot(x, y)}
+
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Pull]:
         straight, crossed = (triples.relations(factor) for factor in self._factors(self.maps(relation)))
         heads, swapped = triples.heads(entity), triples.heads(self.swap(entity))

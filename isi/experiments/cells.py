@@ -62,6 +62,17 @@ class Cells:
         """Ids of the entities that a session inserts, from 1; shape: (M, size)."""
         return torch.as_tensor(self.novel[:, number - 1])
 
+    def told_in(self, number: int, insert_triples: np.ndarray) -> Tensor:
+        """The insert triples of a session as a mask, (M, T).
+
+        Args:
+            insert_triples: (session, model, place in ``novel``, triple); shape (I, 4).
+        """
+        own = insert_triples[insert_triples[:, 0] == number]
+        mask = torch.zeros(self.splits.shape, dtype=torch.bool)
+        mask[own[:, 1], own[:, 3]] = True
+        return mask
+
 
 @dataclass(frozen=True)
 class Vectors:

@@ -30,11 +30,9 @@ def judge(task: JudgingTask) -> pd.DataFrame:
     cells, theta, rows = task.cells, task.theta.stack, []
     for number in range(1, cells.sessions + 1):
         session, novel = cells.session(number), cells.novel_in(number)
-        told = task.insert_triples[task.insert_triples[:, 0] == number]
-        mask = torch.zeros(cells.splits.shape, dtype=torch.bool)
-        mask[told[:, 1], told[:, 3]] = True
+        told = cells.told_in(number, task.insert_triples)
         results = evaluate(theta, scopes.epoch_scopes(session, novel))
-        results |= evaluate(theta, scopes.novel_scope(session, novel, mask))
+        results |= evaluate(theta, scopes.novel_scope(session, novel, told))
         rows.append(run_rows(cells, number, 0, torch.arange(len(cells.seeds)), results))
     return pd.concat(rows)
 

@@ -69,10 +69,22 @@ class Store:
 
     def theta0(self, cells: Cells, family: Family) -> Vectors:
         """Θ⁰ of a stack of cells."""
-        path = paths.theta0(self.experiment, cells.size)
+        return self._embedding(paths.theta0(self.experiment, cells.size), cells, family)
+
+    def joint(self, cells: Cells, family: Family) -> Vectors:
+        """The joint models of a stack of cells."""
+        return self._embedding(paths.joint(self.experiment), cells, family)
+
+    def _embedding(self, path: Path, cells: Cells, family: Family) -> Vectors:
         entity, relation, seed = self.tensors(path, "entity", "relation", "seed")
         rows = np.flatnonzero(np.isin(seed, cells.seeds))
         return Vectors(family, entity[rows], relation[rows])
+
+    def initial_vectors(self, initializer: str, cells: Cells) -> np.ndarray:
+        """What an initializer inserted in the first session of a stack of cells; shape (M, size, d)."""
+        (seed,) = self.tensors(paths.theta0(self.experiment, cells.size), "seed")
+        (vectors,) = self.tensors(paths.initial_vectors(self.experiment, initializer), f"size={cells.size:02d}")
+        return vectors[np.isin(seed, cells.seeds), : cells.size]
 
     def cells(self, stack: int, size: int | None = None, seeds: int | None = None) -> list[Cells]:
         """Every cell of the grid, in stacks of at most ``stack`` seeds of one size.

@@ -11,6 +11,7 @@ ORDER = (
     "approach",
     "graph",
     "at_once",
+    "asked",
     "controls",
     "epochs",
     "differences",

@@ -9,7 +9,7 @@ import pandas as pd
 from isi.report import statistics
 from isi.report.models import BASELINE, JOINT
 from isi.report.results import Experiment, Results
-from isi.report.sections import affordances, transfer
+from isi.report.sections import affordances, asked, transfer
 
 Numbers = dict[str, Any]
 
@@ -42,6 +42,8 @@ def _of_experiment(results: Results, experiment: Experiment) -> Numbers:
         last = experiment.params.finetuning.max_epochs
         numbers["drop_percent"] = transfer.drop(experiment.at_once)
         numbers["known_closed_at_the_end"] = transfer.known_closed_at_the_end(experiment.curves, last)
+    if experiment.name in results.asking:
+        numbers["asked_about"] = asked.asked_about(results.asking[experiment.name].queries, experiment.models)
     study = results.affordances
     if study and study.experiment is experiment:
         numbers["affordances_percent"] = affordances.answers(study, results.params.affordances.relation).shares

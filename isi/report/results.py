@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -106,6 +106,16 @@ class Study(Generic[T]):
 
 
 @dataclass(frozen=True, eq=False)
+class Asked:
+    """What every model of an experiment was asked right after insertion, and what the joint model is made of."""
+
+    #: ``tables.ASKED``
+    queries: pd.DataFrame
+    #: ``tables.USED``
+    used: pd.DataFrame
+
+
+@dataclass(frozen=True, eq=False)
 class Results:
     """The experiments that were run, and all that stands beside them; what was not run is None."""
 
@@ -122,6 +132,8 @@ class Results:
     #: what each source observed that the experiments draw on, and what mining it left (``tables.MINED``)
     seen: Mapping[str, Seen]
     mined: Mapping[str, pd.DataFrame]
+    #: by experiment
+    asking: Mapping[str, Asked] = field(default_factory=dict)
     #: ``tables.AFFORDANCES`` with the initializer as ``model``
     affordances: Study[pd.DataFrame] | None = None
     #: ``tables.INDICATOR_SWEEP`` and ``tables.RATE_SWEEP`` of each initializer, told apart by a column ``model``
@@ -167,6 +179,7 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         experiments=experiments,
         seen={name: _seen(name) for name in sources},
         mined={name: _table(paths.mined(name), tables.MINED) for name in sources},
+        asking={name: _asked(name) for name in params.asking.experiments},
         **_studies(params, experiments),
     )
 
@@ -214,6 +227,10 @@ def _seen(source: str) -> Seen:
 
 def _affordances(experiment: str) -> pd.DataFrame:
     return _table(paths.affordances(experiment), tables.AFFORDANCES).rename(columns={"initializer": "model"})
+
+
+def _asked(experiment: str) -> Asked:
+    return Asked(_table(paths.asked(experiment), tables.ASKED), _table(paths.used(experiment), tables.USED))
 
 
 def _sweep(initializers: Iterable[str], experiment: str) -> pd.DataFrame:

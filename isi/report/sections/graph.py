@@ -18,7 +18,8 @@ def contents(results: Results) -> Iterator[Content]:
     yield from by_experiment(results, of_graph)
     if len(results.own) > 1:
         yield Heading("All experiments")
-    yield training({name: (one.theta0_log, one.joint_log) for name, one in results.experiments.items()})
+    yield training({name: (one.theta0_log, one.joint_log) for name, one in results.experiments.items()},
+                   {name: asked.used for name, asked in results.asking.items()})  # fmt: skip
 
 
 def of_graph(results: Results, experiment: Experiment) -> Iterator[Content]:
@@ -93,11 +94,12 @@ def graph_totals(
     return Table("graph_totals", "Size of the graph", "The paper states over 15,000 observations.", frame)
 
 
-def training(logs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]]) -> Table:
-    """How long Θ⁰ and the joint model trained, and what validation MRR* they reached.
+def training(logs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], used: Mapping[str, pd.DataFrame]) -> Table:
+    """How long Θ⁰ and the joint model trained, what validation MRR* they reached, and the coordinates in use.
 
     Args:
         logs: ``tables.TRAINING_LOG`` of both, by experiment.
+        used: ``tables.USED`` of the joint model, by experiment.
     """
     lines = []
     for experiment, both in logs.items():
@@ -109,9 +111,19 @@ def training(logs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]]) -> Table:
                 | {"best epoch": kept["epoch"].mean()}
                 | {f"validation {shown}": 100 * kept[column].mean() for column, shown in HALVES.items()}
                 | {"std": 100 * kept["mrr_star"].std(ddof=1)}
+                | (in_use(used[experiment]) if name == "joint" and experiment in used else {})
             )
-    caption = "Means over all models; MRR* in points, its standard deviation over models."
+    caption = (
+        "Means over all models; MRR* in points, its standard deviation over models. In use: share of the scalars and "
+        "of the blocks that are not zero (above 0.001) in any relation of the joint model."
+    )
     return Table("training", "Training of the initial and the joint models", caption, pd.DataFrame(lines))
+
+
+def in_use(used: pd.DataFrame) -> dict[str, float]:
+    """Scalars and blocks that any relation uses, in per cent; ``tables.USED``."""
+    sums = used[used["relation"].isna()].groupby("part")[["used", "of"]].sum()
+    return {f"{part} in use %": 100 * float(row["used"] / row["of"]) for part, row in sums.iterrows()}
 
 
 SECTION = Section("graph", "The graph", contents)

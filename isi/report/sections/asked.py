@@ -1,0 +1,213 @@
+"""What is asked: about the novel entity or for it, by which relation, and among which candidates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import pandas as pd
+from matplotlib.figure import Figure as Canvas
+
+from isi.report import parts, statistics
+from isi.report.figures import by_size
+from isi.report.models import JOINT, contenders, label
+from isi.report.prose import capitalized, listed
+from isi.report.results import Experiment, Results
+from isi.report.section import Content, Figure, Heading, Section, Table, belonging
+from isi.report.statistics import HALVES
+
+#: Where a query of scope novel has the novel entity.
+DIRECTIONS = {"given": "asked about the novel entity", "answer": "the novel entity is the answer"}
+_PLACES = {"given": "given", "answer": "answer", "both": "both", "any": "any or none"}
+_FILTERS = {"learned": "scope's filter", "true": "all true"}
+_CELL = ("model", "size", "seed")
+_PAIR = ["scope", "relation", "hidden", "novel"]
+
+
+def contents(results: Results) -> Iterator[Content]:
+    """The same of every experiment of which it was asked."""
+    asked = [one for one in results.experiments.values() if one.name in results.asking]
+    if asked:
+        yield (
+            "A query of scope novel gives the novel entity and asks what belongs to it, or gives something else and "
+            "has the novel entity for its answer. The second can be won without knowledge, by a vector that scores "
+            "high against everything; the first cannot."
+        )
+    for experiment in asked:
+        if len(asked) > 1:
+            yield Heading(capitalized(experiment.title))
+        for content in of_experiment(experiment, results.asking[experiment.name].queries):
+            yield belonging(content, experiment)
+
+
+def of_experiment(experiment: Experiment, rows: pd.DataFrame) -> Iterator[Content]:
+    """Both directions, relations and directions, and both filters; ``rows``: ``tables.ASKED``."""
+    models, learned = experiment.models, rows[rows["filter"] == "learned"]
+    cells = directed(learned)
+    yield leaders(cells, models)
+    yield directions(cells, models)
+    yield Figure(
+        "asked_about",
+        "Asked about the novel entity, and asked for it",
+        "Entity half of MRR* in scope novel right after insertion against the number of novel entities, mean and 95 % "
+        "interval over seeds.",
+        by_direction(cells, models),
+    )
+    pairs = by_pair(learned)
+    yield extremes(pairs)
+    yield by_relation(pairs, models)
+    immediate = by_filter(rows)
+    yield what_the_filter_does(immediate, [*contenders(experiment.initializers), JOINT])
+    yield filters(immediate, models)
+
+
+def directed(learned: pd.DataFrame) -> pd.DataFrame:
+    """The entity half in scope novel of each model and cell, with the direction as ``scope``.
+
+    Args:
+        learned: ``tables.ASKED`` of the scopes' own filter.
+    """
+    rows = learned[(learned["scope"] == "novel") & learned["novel"].isin(list(DIRECTIONS))]
+    rows = rows[rows["hidden"] != "relation"].drop(columns="scope").rename(columns={"novel": "scope"})
+    return parts.mrr_star(rows, ["scope", *_CELL]).drop(columns=["mrr_star", "mrr_star_relation"])
+
+
+def points(cells: pd.DataFrame, direction: str) -> pd.DataFrame:
+    """Mean over sizes and seeds in points, with its 95 % interval over seeds: columns mean, low, high, by model."""
+    own = cells[cells["scope"] == direction].groupby(["model", "seed"])["mrr_star_entity"].mean().reset_index()
+    return 100 * statistics.intervals(own["mrr_star_entity"], own["model"])
+
+
+def asked_about(rows: pd.DataFrame, models: Sequence[str]) -> dict[str, float]:
+    """What each model answers about novel entities: the entity half of scope novel, in points."""
+    means = points(directed(rows[rows["filter"] == "learned"]), "given")["mean"]
+    return {model: float(means[model]) for model in models if model in means.index}
+
+
+def leaders(cells: pd.DataFrame, models: Sequence[str]) -> str:
+    """What each initializer has in each direction, and who leads."""
+    told = []
+    for direction, start in (("given", "Asked about the novel entity"), ("answer", "Where it is the answer")):
+        means = points(cells, direction)["mean"].dropna()
+        values = {model: float(means[model]) for model in models if model in means.index}
+        own = {model: value for model, value in values.items() if model != JOINT}
+        if own:
+            first = max(own, key=lambda model: own[model])
+            told.append(
+                f"{start}, {label(first)} leads: {listed(own, list(own))}; the joint model {values[JOINT]:.1f}."
+            )
+    return (
+        f"Entity half of scope novel right after insertion, mean over sizes and seeds. {' '.join(told)} The joint model "
+        "was trained on most of these triples."
+    )
+
+
+def directions(cells: pd.DataFrame, models: Sequence[str]) -> Table:
+    """Both directions, with intervals."""
+    frame = pd.DataFrame({"model": [label(model) for model in models]})
+    for direction, name in DIRECTIONS.items():
+        found = points(cells, direction).reindex(list(models))
+        for column, end in (("mean", ""), ("low", " low"), ("high", " high")):
+            frame[f"{name}{end}"] = found[column].to_numpy()
+    return Table(
+        "directions",
+        "Asked about the novel entity, or for it",
+        "Entity half of MRR* (points) in scope novel right after insertion, mean over sizes and seeds, with where its "
+        "95 % interval over seeds ends: of the queries that give the novel entity and ask for another, and of those "
+        "that ask for the novel entity. Queries with a novel entity at both ends are in neither. The joint model has "
+        "been trained on most of these.",
+        frame,
+    )
+
+
+def by_direction(cells: pd.DataFrame, models: Sequence[str]) -> Canvas:
+    """Each direction against the number of novel entities; ``cells``: see ``directed``."""
+    canvas = by_size(cells.rename(columns={"mrr_star_entity": "mrr_star"}), models, list(DIRECTIONS))
+    for axes, name in zip(canvas.axes, DIRECTIONS.values(), strict=True):
+        axes.set_title(name)
+    return canvas
+
+
+def by_pair(learned: pd.DataFrame) -> pd.DataFrame:
+    """Entity queries by relation and direction: means over cells in points, a column a model, and how many were asked.
+
+    Those of scope novel stand apart by where the novel entity is.
+    """
+    rows = learned[learned["scope"].isin(["all", "novel"]) & (learned["hidden"] != "relation")]
+    rows = rows.assign(novel=rows["novel"].where(rows["scope"] == "novel", "any"))
+    means = 100 * parts.mrr_star(rows, [*_PAIR, *_CELL]).groupby([*_PAIR, "model"])["mrr_star_entity"].mean()
+    asked = rows.groupby([*_PAIR, "model"])["queries"].sum().groupby(_PAIR).first()
+    return means.unstack("model").assign(queries=asked).sort_index(key=_ordered)
+
+
+def _ordered(level: pd.Index) -> pd.Index:
+    """Scope novel first; then by relation, direction and place."""
+    places = {"scope": ["novel", "all"], "novel": list(_PLACES)}.get(str(level.name))
+    return level.map(places.index) if places else level
+
+
+def extremes(pairs: pd.DataFrame) -> str:
+    """Which queries of scope all the joint model answers worst and best."""
+    rows = pairs.reset_index()
+    joint = rows[rows["scope"] == "all"].sort_values(JOINT)
+    names, values = [_query(row) for _, row in joint.iterrows()], joint[JOINT].tolist()
+    return (
+        "By relation and direction, MRR* of the joint model over all queries goes from "
+        f"{values[0]:.1f} for {names[0]} to {values[-1]:.1f} for {names[-1]}."
+    )
+
+
+def by_relation(pairs: pd.DataFrame, models: Sequence[str]) -> Table:
+    """MRR* by relation and direction; ``pairs``: see ``by_pair``."""
+    rows = pairs.reset_index()
+    frame = rows[["scope"]].assign(query=rows.apply(_query, axis=1))
+    frame["novel entity"], frame["queries"] = rows["novel"].map(_PLACES), rows["queries"]
+    return Table(
+        "by_relation",
+        "By relation and direction",
+        "MRR* (points) right after insertion of the queries for heads, (?, r, t), and for tails, (h, r, ?), of each "
+        "relation, mean over sizes and seeds; in scope novel, by where the novel entity is. Queries: how many each "
+        "model was asked over all sizes and seeds.",
+        frame.assign(**{label(model): rows[model] for model in models if model in rows}),
+    )
+
+
+def _query(row: pd.Series) -> str:
+    return {"head": "(?, {}, t)", "tail": "(h, {}, ?)"}[row["hidden"]].format(row["relation"])
+
+
+def by_filter(rows: pd.DataFrame) -> pd.DataFrame:
+    """MRR* with its halves under each filter: means over cells in points, by scope, model and filter."""
+    cells = parts.mrr_star(rows[rows["scope"].isin(["all", "novel"])], ["scope", "filter", *_CELL])
+    return 100 * cells.groupby(["scope", "model", "filter"])[list(HALVES)].mean()
+
+
+def what_the_filter_does(immediate: pd.DataFrame, models: Sequence[str]) -> str:
+    """How MRR* over all queries changes with the filter; ``immediate``: see ``by_filter``."""
+    rows = immediate["mrr_star"].reset_index()
+    own = [rows[(rows["scope"] == "all") & (rows["filter"] == which)] for which in _FILTERS]
+    learned, true = (dict(zip(part["model"], part["mrr_star"], strict=True)) for part in own)
+    return (
+        "The filter of scope all leaves triples of training and validation out of the candidates; the program of the "
+        "paper's authors leaves out every true triple. MRR* over all queries of the same embeddings: "
+        f"{listed(learned, models)} with the first, {listed(true, models)} with the second."
+    )
+
+
+def filters(immediate: pd.DataFrame, models: Sequence[str]) -> Table:
+    """Both filters side by side; ``immediate``: see ``by_filter``."""
+    rows = pd.MultiIndex.from_product([["all", "novel"], models], names=["scope", "model"])
+    wide = immediate.unstack("filter").reindex(rows)
+    shown = {f"{half}: {what}": wide[column, which] for column, half in HALVES.items()
+             for which, what in _FILTERS.items()}  # fmt: skip
+    frame = pd.DataFrame(shown).reset_index()
+    return Table(
+        "filters",
+        "Both filters",
+        "MRR* (points) right after insertion, mean over sizes and seeds, of the same embeddings with two filters: the "
+        "scope's (all: training and validation triples; novel: those of earlier knowledge, and insert triples), and "
+        "all true triples.",
+        frame.assign(model=frame["model"].map(label)),
+    )
+
+
+SECTION = Section("asked", "What is asked", contents)
