@@ -153,13 +153,13 @@ def _mined() -> dict[str, pd.DataFrame]:
 def _asked(experiment: Experiment) -> Asked:
     cells = product(experiment.models, experiment.how.sessions.sizes, (0, 1), ("all", "novel"), ("learned", "true"))
     asked = product(("atLocation", "hasAffordance"), ("head", "tail", "relation"), ("given", "answer"))
-    rows = [dict(zip(("model", "size", "seed", "scope", "filter", "relation", "hidden", "novel"), [*cell, *of], strict=True))
-            for cell, of in product(cells, list(asked)) if of[1:] != ("relation", "answer")]  # fmt: skip
+    rows = [(*cell, *of) for cell, of in product(cells, list(asked)) if of[1:] != ("relation", "answer")]
+    columns = ["model", "size", "seed", "scope", "filter", "relation", "hidden", "novel"]
     numbers = np.random.default_rng(3).uniform(0.2, 0.9, len(rows))
-    queries = pd.DataFrame(rows).assign(session=1, queries=2, observations=3, mrr_star=numbers, mrr=numbers)
+    queries = pd.DataFrame(rows, columns=columns).assign(session=1, queries=2, observations=3, mrr_star=numbers)
     used = [{"seed": seed, "model": JOINT, "relation": relation, "part": part, "used": 2, "of": 4}
             for seed in (0, 1) for relation in ("atLocation", None) for part in ("scalars", "blocks")]  # fmt: skip
-    return Asked(queries, pd.DataFrame(used))
+    return Asked(queries.assign(mrr=numbers), pd.DataFrame(used))
 
 
 def _studies(how: Params, experiments: dict[str, Experiment]) -> dict[str, Study[Any]]:

@@ -246,7 +246,7 @@ def test_a_wrong_type_or_a_value_out_of_range_is_refused_by_its_key(tmp_path: Pa
         {"experiments.transfer.sessions.sizes": [50]},
         {"experiments.transfer.sessions.steps": 5},
         {"experiments.ai2thor.graph.extend": None},
-        {"experiments.published": DROP},
+        {"experiments.published": DROP, "asking.experiments": ["ai2thor", "transfer"]},
         {"experiments.transfer": DROP, "affordances.experiments": [], "asking.experiments": ["ai2thor"]},
         {"sweep.seeds": 1},
         {"sweep.seeds": 30},

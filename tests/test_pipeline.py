@@ -22,6 +22,7 @@ import yaml
 from dvc.repo import Repo
 from safetensors.torch import load_file
 
+from isi.report import parts
 from tests import documented
 from tools import workspace
 
@@ -45,9 +46,9 @@ SMALL: dict[str, Any] = {
     "compare_families.families.analogy": workspace.DROP, "compare_families.families.distmult": workspace.DROP,
     "compare_families.families.rotate": workspace.DROP,
 }  # fmt: skip
-#: Of its stages: 3 sources; graph, words, sessions, theta0 and joint of 3 experiments; insertion; affordances,
-#: cross-validation, the approach and the report; indicators; rates; families.
-STAGES = 3 + 3 * 5 + 3 * len(INITIALIZERS) + 4 + len(ISI) + len(INITIALIZERS) + len(FAMILIES)
+#: Of its stages: 3 sources; graph, words, sessions, theta0, joint and what is asked of 3 experiments; insertion;
+#: affordances, cross-validation, the approach and the report; indicators; rates; families.
+STAGES = 3 + 3 * 6 + 3 * len(INITIALIZERS) + 4 + len(ISI) + len(INITIALIZERS) + len(FAMILIES)
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
 
@@ -192,6 +193,20 @@ def test_the_entity_of_figure_1_starts_where_the_experiment_inserts_it(folder: P
             assert not indicators.any()
 
 
+def test_what_is_asked_is_the_same_as_in_the_runs(folder: Path) -> None:
+    asked = pd.read_parquet(folder / "data/studies/asking/ai2thor.parquet").query("filter == 'learned'")
+    assert set(asked["model"]) == {*INITIALIZERS, "joint"}
+    found = parts.mrr_star(asked, ["model", "size", "seed", "scope"])
+    for name in (*INITIALIZERS, "joint"):
+        runs = pd.read_parquet(folder / f"data/runs/ai2thor/{name}.parquet").query("epoch == 0 and queries > 0")
+        both = runs.merge(found[found["model"] == name], on=["size", "seed", "scope"], suffixes=("", " of parts"))
+        assert len(both) == runs["scope"].isin(["all", "novel", "novel_heldout"]).sum()
+        for half in ("mrr_star", "mrr_star_entity", "mrr_star_relation"):
+            assert (both[half] - both[f"{half} of parts"]).abs().max() < 1e-6
+    used = pd.read_parquet(folder / "data/studies/asking/ai2thor.used.parquet")
+    assert used.groupby("part")["of"].unique().str.get(0).to_dict() == {"blocks": 2, "scalars": 4}
+
+
 def test_theta0_knows_all_but_the_novel_entities(folder: Path) -> None:
     novel = pd.read_parquet(folder / "data/sessions/ai2thor/novel.parquet")
     for size in (1, 2):
@@ -212,7 +227,7 @@ def test_tables_name_their_stage_and_params(folder: Path) -> None:
 
 def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
     page = (folder / "reports/index.html").read_text(encoding="utf-8")
-    assert page.count("<svg") == 7 + 3  # three more of the paper's graph
+    assert page.count("<svg") == 8 + 4 + 1  # four more of the paper's graph, one of the transfer
     assert "src=" not in page
     assert "<script" not in page
     assert "<link" not in page
@@ -280,11 +295,11 @@ def test_editing_the_indicators_of_es_re_runs_es_and_the_report_alone(folder: Pa
     before = {
         path: path.read_bytes()
         for path in files
-        if path.name.split(".")[0] != "es" and path.parent.name not in ("approach", "affordances")
+        if path.name.split(".")[0] != "es" and path.parent.name not in ("approach", "affordances", "asking")
     }
     set_param(folder, "initializers.es.k", 3)
-    again = {*(f"insert@{name}-es" for name in EXPERIMENTS), "vary_rate@ai2thor-es", "trace_approach@ai2thor",
-             "rank_affordances@transfer", "report"}  # fmt: skip
+    again = {*(f"insert@{name}-es" for name in EXPERIMENTS), *(f"ask@{name}" for name in EXPERIMENTS),
+             "vary_rate@ai2thor-es", "trace_approach@ai2thor", "rank_affordances@transfer", "report"}  # fmt: skip
     assert ran(dvc(folder, "repro")) == again
     assert {path: path.read_bytes() for path in before} == before
 
@@ -351,6 +366,7 @@ def test_nothing_of_one_experiment_depends_on_another() -> None:
         "cross_validate",
         "trace_approach",
         "rank_affordances",
+        "ask",
         "compare_families",
     )
     for stage, name in names.items():
@@ -388,7 +404,7 @@ def test_things_of_ones_own_go_from_their_files_to_the_report(tmp_path: Path) ->
     changes |= {"training.batch_size": 64, "finetuning.batch_size": 64}
     changes |= {f"experiments.{name}": workspace.DROP for name in EXPERIMENTS}
     changes |= {f"sources.{name}": workspace.DROP for name in ("ai2thor", "mp3d", "published")}
-    for study in ("sweep", "cross_validation", "rates", "approach", "compare_families", "affordances"):
+    for study in ("sweep", "cross_validation", "rates", "approach", "compare_families", "affordances", "asking"):
         changes[f"{study}.experiments"] = []
     for own in ("initializer", "family", "source", "experiment"):
         changes |= documented.params(f"own {own} params")

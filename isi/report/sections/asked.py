@@ -96,8 +96,8 @@ def leaders(cells: pd.DataFrame, models: Sequence[str]) -> str:
                 f"{start}, {label(first)} leads: {listed(own, list(own))}; the joint model {values[JOINT]:.1f}."
             )
     return (
-        f"Entity half of scope novel right after insertion, mean over sizes and seeds. {' '.join(told)} The joint model "
-        "was trained on most of these triples."
+        "Entity half of scope novel right after insertion, mean over sizes and seeds (the joint model was trained on "
+        f"most of these triples). {' '.join(told)}"
     )
 
 

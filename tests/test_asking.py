@@ -1,0 +1,175 @@
+"""What is asked, in parts: each group by hand, and all of them together as the measures of their scope."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from isi.embeddings.stack import Embedding
+from isi.experiments.cells import Cells, Vectors
+from isi.families import make
+from isi.insertion.step import put
+from isi.learning.ranks import MEASURES, evaluate
+from isi.report.parts import mrr_star
+from isi.sessions.session import TEST, TRAIN, VALID
+from isi.studies.asking import AskingTask, ask, scopes_with_filters, used
+from tests.graphs import ANALOGY, cells_of, graph_of, insert_triples_of, random_embedding, random_graph
+
+CELL = ["model", "size", "seed", "scope", "filter"]
+
+
+def task_of(cells: Cells, models: Mapping[str, Embedding]) -> AskingTask:
+    """Of embeddings as the joint model or, by their novel vectors, as initializers in the joint model's place."""
+    joint = Vectors(ANALOGY, models["joint"].entity.numpy(), models["joint"].relation.numpy())
+    novel = cells.novel_in(1)
+    inserted = {name: one.entity[torch.arange(len(novel))[:, None], novel].numpy()
+                for name, one in models.items() if name != "joint"}  # fmt: skip
+    told = insert_triples_of(cells)
+    return AskingTask(cells, joint, joint, inserted, np.insert(told, 0, 1, axis=1))
+
+
+def random_task(stack: list[int]) -> AskingTask:
+    cells = cells_of(random_graph(12, 3, 90), 2, stack)
+    every = {name: random_embedding(3, 12, 3, 8, seed=seed) for seed, name in enumerate(("joint", "es", "rs"))}
+    own = {name: Embedding(one.entity[stack], one.relation[stack], ANALOGY) for name, one in every.items()}
+    return task_of(cells, own)
+
+
+def test_groups_put_together_are_the_measures_of_their_scope() -> None:
+    task = random_task([0, 1, 2])
+    novel, session = task.cells.novel_in(1), task.cells.session(1)
+    found = mrr_star(ask(task), CELL).set_index(CELL)
+    plain = mrr_star(ask(task).assign(mrr_star=lambda rows: rows["mrr"]), CELL).set_index(CELL)
+    models = {name: put(task.theta0.stack, novel, torch.as_tensor(own)) for name, own in task.inserted.items()}
+    models["joint"] = task.joint.stack
+    compared = 0
+    for scopes in scopes_with_filters(session, novel, task.cells.told_in(1, task.insert_triples)):
+        for name, embedding in models.items():
+            for (scope, which), queries in scopes.items():
+                measures = evaluate(embedding, {"own": queries})["own"].measures
+                for seed, expected in zip(task.cells.seeds, measures.tolist(), strict=True):
+                    own = found.loc[name, 2, seed, scope, which]
+                    assert own[list(MEASURES[:3])].tolist() == pytest.approx(expected[:3], abs=1e-6)
+                    assert plain.loc[name, 2, seed, scope, which]["mrr_star"] == pytest.approx(expected[3], abs=1e-6)
+                    compared += 1
+    assert compared == len(found) == 3 * 3 * 3 * 2
+
+
+def test_without_any_true_triple_among_the_candidates_the_true_rank_is_one() -> None:
+    rows = ask(random_task([0, 1, 2]))
+    true, learned = (rows[rows["filter"] == which] for which in ("true", "learned"))
+    assert true["mrr_star"].tolist() == pytest.approx(true["mrr"].tolist())
+    assert (learned["mrr_star"] - learned["mrr"]).abs().max() > 0.1
+    assert true["queries"].tolist() == learned["queries"].tolist()
+
+
+def test_a_cells_groups_are_the_same_whatever_stands_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    together = ask(random_task([0, 1, 2]))
+    alone = pd.concat([ask(random_task([seed])) for seed in (0, 1, 2)])
+    monkeypatch.setattr("isi.learning.ranks.BUDGET", 2 * 3 * 12 * 3)  # three queries at a time
+    pieces = ask(random_task([0, 1, 2]))
+    for other, exact in ((alone, True), (pieces, False)):
+        one, two = (rows.drop(columns="place").sort_values("seed", kind="stable").reset_index(drop=True)
+                    for rows in (together, other))  # fmt: skip
+        pd.testing.assert_frame_equal(one, two, check_exact=exact)
+
+
+#: f(h, r, t) = h · t. Entity 3 is novel; what it was seen in is told but for (3, 0, 1); entities 3 and 4 are asked for.
+GRAPH = graph_of({(0, 0, 1): 2, (2, 0, 1): 1, (3, 0, 0): 4, (3, 0, 1): 1, (0, 1, 4): 5, (4, 1, 3): 2}, 5, 2)
+SPLITS = np.array([[TRAIN, VALID, TRAIN, TEST, TRAIN, TEST]], dtype=np.int8)
+
+
+def test_groups_by_hand() -> None:
+    cells = Cells("home", GRAPH, 1, [7], SPLITS, np.array([[[3]]]))
+    entity = torch.tensor([[[1.0, 0, 0, 0], [2.0, 0, 0, 0], [3.0, 0, 0, 0], [4.0, 0, 0, 0], [5.0, 0, 0, 0]]])
+    relation = torch.tensor([[[1.0, 0, 0, 0], [0.5, 0, 0, 0]]])
+    joint = Vectors(ANALOGY, entity.numpy(), relation.numpy())
+    task = AskingTask(cells, joint, joint, {}, np.array([[1, 0, 0, 2]]))  # (3, 0, 0) is told
+    rows = ask(task)
+    assert set(rows["model"]) == {"joint"}
+    assert set(rows["seed"]) == {7}
+    own = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned")]
+    found = {
+        (relation, hidden, novel): (queries, mrr, observations)
+        for relation, hidden, novel, queries, mrr, observations in own[
+            ["relation", "hidden", "novel", "queries", "mrr", "observations"]
+        ].itertuples(index=False)
+    }
+    assert found == {
+        # (?, 0, 1): 3 is behind 4 alone, 0 and 2 being filtered
+        ("relation 0", "head", "answer"): (1, pytest.approx(1 / 2), 8),
+        # (3, 0, ?): 1 is behind 4, 3 and 2, 0 being filtered
+        ("relation 0", "tail", "given"): (1, pytest.approx(1 / 4), 8),
+        # (?, 1, 3): 4 is first; (4, 1, ?): 3 is behind 4
+        ("relation 1", "head", "given"): (1, pytest.approx(1), 7),
+        ("relation 1", "tail", "answer"): (1, pytest.approx(1 / 2), 7),
+        # relation 0 scores higher
+        ("relation 0", "relation", "given"): (1, pytest.approx(1), 8),
+        ("relation 1", "relation", "given"): (1, pytest.approx(1 / 2), 7),
+    }
+    later = replace(cells, novel=np.array([[[2]]]))
+    all_of_it = ask(replace(task, cells=later, insert_triples=np.empty((0, 4), dtype=np.int64)))
+    of_all = all_of_it[(all_of_it["scope"] == "all") & (all_of_it["filter"] == "learned")]
+    assert set(of_all["novel"]) == {"none"}  # neither test triple has entity 2
+    assert of_all["queries"].sum() == 2 * 3
+
+
+def test_both_ends_are_novel() -> None:
+    cells = Cells("home", GRAPH, 2, [7], SPLITS, np.array([[[3, 4]]]))
+    joint = Vectors(ANALOGY, random_embedding(1, 5, 2, 4).entity.numpy(), random_embedding(1, 1, 2, 4).relation.numpy())
+    rows = ask(AskingTask(cells, joint, joint, {}, np.empty((0, 4), dtype=np.int64)))
+    own = rows[(rows["scope"] == "novel_heldout") & (rows["filter"] == "true")].set_index(["relation", "hidden"])
+    assert own.loc[[("relation 1", "head"), ("relation 1", "tail")], "novel"].tolist() == ["both", "both"]
+    assert own.loc[("relation 1", "relation"), "novel"] == "given"
+    assert own.loc[("relation 0", "head"), "novel"] == "answer"
+
+
+def test_coordinates_above_a_thousandth_are_in_use() -> None:
+    # four scalars, then x and y of two blocks, of two relations
+    relation = np.array([[[0.5, -0.002, 0.0005, 0, 0.0008, 0, -0.0008, 0],
+                          [0.5, 0, 0.0, 0, 0.0, 0.3, 0.0, 0]]], dtype=np.float32)  # fmt: skip
+    found = used(ANALOGY, relation, [5], ["on", "in"])
+    assert found.set_index("part").loc["scalars", ["relation", "used", "of"]].fillna("any").to_numpy().tolist() == [
+        ["on", 2, 4], ["in", 1, 4], ["any", 2, 4],
+    ]  # fmt: skip
+    assert found.set_index("part").loc["blocks", "used"].tolist() == [1, 1, 2]  # sqrt(2) · 0.0008 is above
+    assert set(found["seed"]) == {5}
+    distmult = used(make("distmult", {}, ""), relation, [5], ["on", "in"])
+    assert set(distmult["part"]) == {"scalars"}
+    transe = make("transe", {"margin": 1.0, "squared": True}, "")
+    assert used(transe, relation, [5], ["on", "in"]).empty
+
+
+def rows_of(*groups: tuple[str, str, int, float, int]) -> pd.DataFrame:
+    """Groups of one cell: relation, hidden, queries, MRR*, observations."""
+    columns = ["relation", "hidden", "queries", "mrr_star", "observations"]
+    return pd.DataFrame(groups, columns=columns).assign(model="es", size=1, seed=0)
+
+
+def test_parts_weigh_queries_within_a_relation_and_observations_between() -> None:
+    rows = rows_of(
+        ("on", "head", 2, 0.2, 3), ("on", "tail", 1, 0.8, 3), ("in", "tail", 5, 0.9, 1),
+        ("on", "relation", 1, 0.5, 3), ("in", "relation", 3, 0.8, 1),
+    )  # fmt: skip
+    (found,) = mrr_star(rows, ["model", "size", "seed"]).to_dict("records")
+    assert found["mrr_star_entity"] == pytest.approx((3 * 0.4 + 0.9) / 4)
+    assert found["mrr_star_relation"] == pytest.approx((0.5 + 3 * 0.8) / 4)
+    assert found["mrr_star"] == pytest.approx((0.525 + 0.725) / 2)
+    split = pd.concat([rows, rows_of(("on", "head", 4, 0.8, 3))])  # as where the novel entity is elsewhere
+    assert mrr_star(split, ["seed"])["mrr_star_entity"].tolist() == pytest.approx([(3 * (4.4 / 7) + 0.9) / 4])
+    by_relation = mrr_star(rows, ["seed", "relation"]).set_index("relation")["mrr_star_entity"]
+    assert by_relation.to_dict() == pytest.approx({"on": 0.4, "in": 0.9})
+
+
+def test_a_half_that_is_not_asked_is_null() -> None:
+    rows = rows_of(("on", "head", 2, 0.25, 3), ("on", "relation", 2, 0.75, 3))
+    (entities,) = mrr_star(rows[rows["hidden"] == "head"], ["seed"]).to_dict("records")
+    (relations,) = mrr_star(rows[rows["hidden"] == "relation"], ["seed"]).to_dict("records")
+    assert entities["mrr_star_entity"] == 0.25
+    assert relations["mrr_star_relation"] == 0.75
+    assert np.isnan([entities["mrr_star"], entities["mrr_star_relation"], relations["mrr_star"]]).all()
