@@ -11,7 +11,7 @@ CHECKED := $(VENV)/params-checked
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help repro quick test benchmark words readme lock families clean
+.PHONY: help repro quick test verify benchmark words readme lock families clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*##/\1:/p' $(MAKEFILE_LIST)
@@ -42,6 +42,9 @@ test: $(INSTALLED)  ## ruff, mypy and pytest
 	ruff format --check .
 	mypy
 	pytest
+
+verify: $(INSTALLED)  ## compute vectors, MRR* and epochs of the last run again from its tables alone, by other code, and compare
+	@python -m tools.verify
 
 benchmark: $(INSTALLED)  ## measure speed and memory, in about ten minutes (installs the extra `benchmark`), into docs/benchmarks
 	$(BIN)/pip install --quiet --editable '.[benchmark]'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -20,7 +21,7 @@ import pytest
 import torch
 import yaml
 from dvc.repo import Repo
-from safetensors.torch import load_file
+from safetensors.torch import load_file, save_file
 
 from isi.report import parts
 from tests import documented
@@ -242,6 +243,67 @@ def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
     runs = pd.read_parquet(folder / "data/runs/ai2thor/rs.parquet")
     at_once = runs[(runs["epoch"] == 0) & (runs["scope"] == "novel")]["mrr_star"].mean()
     assert metrics["immediate_mrr_star"]["novel"]["rs"] == pytest.approx(100 * at_once, abs=1e-3)
+
+
+def verified(folder: Path) -> subprocess.CompletedProcess[str]:
+    """What `make verify` says of every cell of a folder."""
+    command = [sys.executable, "-m", "tools.verify", "--cells", "99"]
+    environment = os.environ | {"PYTHONPATH": str(workspace.ROOT)}
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=environment)
+
+
+def test_other_code_computes_the_same_from_the_tables_alone(folder: Path) -> None:
+    ended = verified(folder)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    rows = {line[:18].strip(): line.split() for line in ended.stdout.splitlines()}
+    models = 2 * 3 * 6 + 3 * 6 + 2 * 3  # of both sizes of ai2thor, of transfer and of published
+    assert int(rows["MRR* at once"][-4]) == 5 * models
+    assert int(rows["initial vectors"][-4]) > 100
+    assert all(int(rows[what][-1]) == 0 for what in ("initial vectors", "MRR* at once", "mean epochs", "unconverged %"))
+
+
+def alter_vector(folder: Path) -> None:
+    path = folder / "data/runs/transfer/rs.safetensors"
+    vectors = load_file(path)
+    vectors["size=10"][1, 4, 2] += 1e-4
+    save_file(vectors, path)
+
+
+def alter_measure(folder: Path) -> None:
+    path = folder / "data/runs/ai2thor/es.parquet"
+    runs = pd.read_parquet(path)
+    place = runs.index[(runs["epoch"] == 0) & (runs["scope"] == "known") & (runs["seed"] == 2)][0]
+    runs.loc[place, "mrr_star_entity"] += 1e-4
+    runs.to_parquet(path)
+
+
+def alter_table(folder: Path) -> None:
+    path = folder / "reports/tables/table2_convergence_published.csv"
+    table = pd.read_csv(path)
+    table.loc[1, "all: mean"] += 0.1
+    table.to_csv(path, index=False)
+
+
+@pytest.mark.parametrize(
+    ("alter", "said"),
+    [
+        (alter_vector, "initial vectors, rs, transfer, size 10, seed 1"),
+        (alter_measure, "MRR* at once, es, scope known, ai2thor"),
+        (alter_table, "mean epochs, ers, scope all, published, size any"),
+    ],
+)
+def test_a_number_that_was_altered_is_found(
+    folder: Path, tmp_path: Path, alter: Callable[[Path], None], said: str
+) -> None:
+    for name in ("graph", "words", "sessions", "embeddings", "runs"):
+        shutil.copytree(folder / "data" / name, tmp_path / "data" / name)
+    shutil.copytree(folder / "reports/tables", tmp_path / "reports/tables")
+    shutil.copy2(folder / "params.yaml", tmp_path)
+    alter(tmp_path)
+    ended = verified(tmp_path)
+    assert ended.returncode == 1
+    (line,) = [line for line in ended.stdout.splitlines() if " here, " in line]
+    assert line.startswith(said)
 
 
 def test_every_number_that_the_paper_states_has_a_row_beside_ours(folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import subprocess
 import sys
@@ -82,6 +83,17 @@ def test_progress_counts_what_runs_and_what_is_skipped() -> None:
         "[3 of 3; 0 min gone; at most about 2 min left]",
     ]
     assert progress.seconds["train"] < 60  # as it took here
+
+
+def test_the_second_way_of_computing_shares_no_code_with_the_library() -> None:
+    """Nor with the tools around it."""
+    listed = {"verify": {"tools.recomputed"}, "recomputed": set()}
+    for name, own in listed.items():
+        nodes = list(ast.walk(ast.parse((ROOT / f"tools/{name}.py").read_text(encoding="utf-8"))))
+        imported = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+        imported |= {str(node.module) for node in nodes if isinstance(node, ast.ImportFrom)}
+        assert {module for module in imported if module.split(".")[0] in ("isi", "stages", "tools", "tests")} == own
+        assert not {module.split(".")[0] for module in imported} & {"torch", "pandas", "importlib"}
 
 
 def test_stages_are_read_from_the_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

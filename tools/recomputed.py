@@ -1,0 +1,261 @@
+"""Initial vectors and MRR* right after insertion, computed from the pipeline's tables as docs/method.md defines them.
+
+A second way of computing: nothing here is the library's, and nothing is clever. Of ANALOGY alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+from safetensors.numpy import load_file
+
+Triple = tuple[int, int, int]
+
+CLAMP, TIE = 1e-6, 1e-5
+HALVES = ("mrr_star", "mrr_star_entity", "mrr_star_relation")
+
+
+def columns(path: str, *names: str) -> list[np.ndarray]:
+    """Columns of a Parquet table; null numbers are NaN."""
+    table = pq.read_table(Path("data") / path, columns=list(names))
+    return [np.asarray(table[name].to_pandas()) for name in names]
+
+
+class Experiment:
+    """The tables of one experiment, as dictionaries and dense arrays."""
+
+    def __init__(self, name: str, initializers: list[str]) -> None:
+        self.name, self.initializers = name, initializers
+        (entities,) = columns(f"graph/{name}/entities.parquet", "entity")
+        heads, relations, tails, counts = columns(f"graph/{name}/triples.parquet", "head", "relation", "tail", "count")
+        ids = {entity: number for number, entity in enumerate(entities)}
+        self.relations = sorted(set(relations))
+        self.triples: list[Triple] = [(ids[h], self.relations.index(r), ids[t])
+                                      for h, r, t in zip(heads, relations, tails, strict=True)]  # fmt: skip
+        self.entities = len(entities)
+        self.counts = np.zeros((len(self.relations), self.entities, self.entities))
+        for (head, relation, tail), count in zip(self.triples, counts, strict=True):
+            self.counts[relation, head, tail] = count
+        self.words = load_file(f"data/words/{name}/vectors.safetensors")["vectors"].astype(float)
+        self.novel = self._by_cell("novel", "entity")
+        self.told = self._by_cell("insert_triples", "entity", "triple")
+        self.splits: dict[int, dict[str, set[Triple]]] = {}
+        for seed, triple, split in zip(
+            *columns(f"sessions/{name}/splits.parquet", "seed", "triple", "split"), strict=True
+        ):
+            of_seed = self.splits.setdefault(int(seed), {"train": set(), "valid": set(), "test": set()})
+            of_seed[split].add(self.triples[triple])
+
+    def _by_cell(self, table: str, *names: str) -> dict[tuple[int, int, int], list[Any]]:
+        """Rows of a table of sessions, by size, seed and session, in their order."""
+        found: dict[tuple[int, int, int], list[Any]] = {}
+        for size, seed, session, *row in zip(
+            *columns(f"sessions/{self.name}/{table}.parquet", "size", "seed", "session", *names), strict=True
+        ):
+            found.setdefault((int(size), int(seed), int(session)), []).append(tuple(map(int, row)))
+        return found
+
+    def row(self, size: int, seed: int) -> int:
+        """Where a seed stands in the tensors of a size."""
+        return sorted(s for z, s, session in self.novel if (z, session) == (size, 1)).index(seed)
+
+    @cached_property
+    def runs(self) -> dict[str, dict[tuple[int, int, int, str], list[tuple[int, Any]]]]:
+        """Epochs with their MRR* and halves, in order, by model and then by size, seed, session and scope."""
+        found: dict[str, Any] = {}
+        for model in [*self.initializers, "joint"]:
+            own = found.setdefault(model, {})
+            for size, seed, session, scope, epoch, *values in zip(
+                *columns(f"runs/{self.name}/{model}.parquet", "size", "seed", "session", "scope", "epoch", *HALVES),
+                strict=True,
+            ):
+                own.setdefault((int(size), int(seed), int(session), scope), []).append((int(epoch), values))
+        return found
+
+
+class Session:
+    """What takes part when the first session of a cell inserts."""
+
+    def __init__(self, experiment: Experiment, size: int, seed: int) -> None:
+        self.experiment = experiment
+        inserted = {
+            key[2]: {row[0] for row in rows} for key, rows in experiment.novel.items() if key[:2] == (size, seed)
+        }
+        self.order = [row[0] for row in experiment.novel[size, seed, 1]]
+        self.novel = inserted[1]
+        later = set().union(*(ids for session, ids in inserted.items() if session > 1))
+        splits = experiment.splits[seed]
+        self.train, self.valid, self.test = (
+            {t for t in splits[name] if not {t[0], t[2]} & later} for name in ("train", "valid", "test")
+        )
+        everyone = {end for triples in splits.values() for h, _, t in triples for end in (h, t)}
+        self.members = everyone - later
+        self.known = self.members - self.novel
+        self.eligible = self.known & {end for h, _, t in self.old(self.train) for end in (h, t)}
+        rows = experiment.told.get((size, seed, 1), [])
+        self.told = {entity: [experiment.triples[t] for e, t in rows if e == entity] for entity in self.order}
+
+    def old(self, triples: Iterable[Triple]) -> set[Triple]:
+        """Triples without a novel end."""
+        return {t for t in triples if not {t[0], t[2]} & self.novel}
+
+    def scopes(self) -> dict[str, tuple[set[Triple], set[Triple], set[int]]]:
+        """What is asked, what is filtered, and who may answer."""
+        true, learned = self.train | self.valid | self.test, self.train | self.valid
+        told = {triple for triples in self.told.values() for triple in triples}
+        heldout = self.valid | self.test
+        return {
+            "all": (self.test, learned, self.members),
+            "known": (self.old(self.test), learned, self.members),
+            "known_closed": (self.old(self.test), learned, self.known),
+            "novel": (true - self.old(true) - told, self.old(learned) | told, self.members),
+            "novel_heldout": (heldout - self.old(heldout), self.train, self.members),
+        }
+
+
+# Initial vectors
+
+
+def parts(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Scalars, a-halves and b-halves of ANALOGY's vectors, (..., d)."""
+    d = vector.shape[-1]
+    return vector[..., : d // 2], vector[..., d // 2 : 3 * d // 4], vector[..., 3 * d // 4 :]
+
+
+def there(vector: np.ndarray, relation: np.ndarray) -> np.ndarray:
+    """vᵀW."""
+    (s, a, b), (r, x, y) = parts(vector), parts(relation)
+    return np.concatenate([s * r, a * x - b * y, b * x + a * y], -1)
+
+
+def back(vector: np.ndarray, relation: np.ndarray) -> np.ndarray:
+    """vᵀW⁻¹, with divisors of at least ``CLAMP``."""
+    (s, a, b), (r, x, y) = parts(vector), parts(relation)
+    size = np.maximum(x**2 + y**2, CLAMP)
+    scalar = np.where(r < 0, -1, 1) * s / np.maximum(abs(r), CLAMP)
+    return np.concatenate([scalar, (a * x + b * y) / size, (b * x - a * y) / size], -1)
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+
+
+@dataclass(frozen=True)
+class Around:
+    """One novel entity and what may be its indicators."""
+
+    session: Session
+    entity: int
+    #: Θ⁰ of the cell
+    vectors: np.ndarray
+    relations: np.ndarray
+
+    @property
+    def words(self) -> np.ndarray:
+        """Cosine of word vectors; shape (E,)."""
+        units = unit(self.session.experiment.words)
+        return units @ units[self.entity]
+
+    @property
+    def related(self) -> np.ndarray:
+        """Sum over relations of the cosine with the mean of where insert triples put the entity; shape (E,)."""
+        placed: dict[int, list[np.ndarray]] = {}
+        for head, relation, tail in self.session.told[self.entity]:
+            way, other = (there, head) if tail == self.entity else (back, tail)
+            placed.setdefault(relation, []).append(way(self.vectors[other], self.relations[relation]))
+        means = [unit(np.mean(own, axis=0)) for own in placed.values()]
+        return sum((unit(self.vectors) @ mean for mean in means), np.zeros(len(self.vectors)))
+
+    @property
+    def has_word(self) -> bool:
+        return bool(self.session.experiment.words[self.entity].any())
+
+    @property
+    def is_told(self) -> bool:
+        return bool(self.session.told[self.entity])
+
+    @property
+    def named(self) -> set[int]:
+        """Who has a word vector of those who may be an indicator."""
+        return {e for e in self.session.eligible if self.session.experiment.words[e].any()}
+
+
+#: Indicators, and how far the last of them is ahead of the first that is none.
+Chosen = tuple[set[int], float]
+
+
+def best(scores: np.ndarray, among: set[int], k: int) -> Chosen:
+    """The k of highest score, ties to the lower id."""
+    order = sorted(among, key=lambda e: (-scores[e], e))
+    gap = scores[order[k - 1]] - scores[order[k]] if len(order) > k else np.inf
+    return set(order[:k]), float(gap)
+
+
+def mean(one: Around, **_: int) -> Chosen:
+    return one.session.known, np.inf
+
+
+def es(one: Around, k: int) -> Chosen:
+    return best(one.words, one.named, k) if one.has_word and one.named else rs(one, k)
+
+
+def rs(one: Around, k: int) -> Chosen:
+    return best(one.related, one.session.eligible, k) if one.is_told and one.session.eligible else mean(one)
+
+
+def ers(one: Around, k: int, candidates: int) -> Chosen:
+    if not (one.has_word and one.is_told and one.named):
+        return rs(one, k) if one.is_told else es(one, k)
+    preliminary, gap = best(one.words, one.named, candidates)
+    chosen, last = best(one.related, preliminary, k)
+    return chosen, min(gap, last)
+
+
+#: Those that draw nothing at random and learn nothing.
+RECOMPUTED: dict[str, Callable[..., Chosen]] = {"mean": mean, "es": es, "rs": rs, "ers": ers}
+
+
+# MRR* right after insertion
+
+
+def mrr_star(
+    session: Session, scores: np.ndarray, asked: set[Triple], filtered: set[Triple], candidates: set[int]
+) -> tuple[float, float, float]:
+    """MRR* and its halves (equation 7); null without queries."""
+    if not asked:
+        return (np.nan,) * 3
+    counts = session.experiment.counts
+    barred = np.zeros(counts.shape, dtype=bool)
+    for head, relation, tail in filtered:
+        barred[relation, head, tail] = True
+    may_answer = np.isin(np.arange(counts.shape[1]), list(candidates))
+    everything = np.ones(len(counts), dtype=bool)
+    of_relation: dict[int, list[float]] = {}
+    relation_terms = []
+    for head, relation, tail in asked:
+        ends = of_relation.setdefault(relation, [])
+        ends.append(term(*(table[relation, :, tail] for table in (scores, counts, barred)), may_answer, head))
+        ends.append(term(*(table[relation, head] for table in (scores, counts, barred)), may_answer, tail))
+        relation_terms.append(term(*(table[:, head, tail] for table in (scores, counts, barred)), everything, relation))
+    true = session.train | session.valid | session.test
+    weights = {r: sum(counts[t[1], t[0], t[2]] for t in true if t[1] == r) for r in of_relation}
+    entity = sum(weights[r] * np.mean(own) for r, own in of_relation.items()) / sum(weights.values())
+    half = float(np.mean(relation_terms))
+    return (entity + half) / 2, entity, half
+
+
+def term(scores: np.ndarray, counts: np.ndarray, barred: np.ndarray, able: np.ndarray, answer: int) -> float:
+    """1 / (|R_G - R_P| + 1) of one query; all by candidate."""
+    rivals = able & ~barred
+    rivals[answer] = False
+    ahead, width = scores - scores[answer], TIE * np.abs(scores).max()
+    wins = np.where(ahead > width, 1.0, np.where(ahead < -width, 0.0, 0.5))
+    true_rank = 1 + (rivals & (counts > counts[answer])).sum()
+    predicted_rank = 1 + wins[rivals & (counts != counts[answer])].sum()
+    return float(1 / (abs(true_rank - predicted_rank) + 1))

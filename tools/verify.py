@@ -1,0 +1,163 @@
+"""Compute again what the pipeline's tables and the report say, from those tables alone, and compare.
+
+By code that shares nothing with the library: initial vectors of some initializers and MRR* right after insertion, of
+cells chosen at random, and mean epochs to convergence. Vectors and MRR* of ANALOGY alone. Run it where dvc.yaml lies.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ruamel.yaml import YAML
+from safetensors.numpy import load_file
+
+from tools.recomputed import RECOMPUTED, Around, Experiment, Session, mrr_star, there
+
+#: Scores closer than this leave open who is the last indicator: such an entity is not compared.
+UNDECIDED = 1e-5
+
+
+@dataclass
+class Check:
+    """How far what was computed again is from what stands in a table."""
+
+    what: str
+    #: of a difference, in the units of what is compared
+    tolerance: float
+    number: int = 0
+    worst: float = 0.0
+    disagreements: list[str] = field(default_factory=list)
+
+    def compare(self, where: str, here: Any, there: Any) -> None:
+        """Note a pair of numbers or arrays; where both are null they agree."""
+        self.number += 1
+        here, there = np.asarray(here, dtype=float), np.asarray(there, dtype=float)
+        equal = here.shape == there.shape and (np.isnan(here) == np.isnan(there)).all()
+        apart = float(np.nanmax(np.abs(here - there), initial=0.0)) if equal else np.inf
+        self.worst = max(self.worst, apart)
+        if apart > self.tolerance:
+            self.disagreements.append(f"{self.what}, {where}: {here.round(6)} here, {there.round(6)} there")
+
+
+def check_vectors(experiment: Experiment, size: int, seed: int, options: dict[str, Any], check: Check) -> int:
+    """Compare initial vectors; how many were left open."""
+    session, row = Session(experiment, size, seed), experiment.row(size, seed)
+    theta0 = load_file(f"data/embeddings/{experiment.name}/theta0/size={size:02d}.safetensors")
+    vectors, relations = (theta0[name][row].astype(float) for name in ("entity", "relation"))
+    left_open = 0
+    for name in [name for name in experiment.initializers if name in RECOMPUTED]:
+        stored = load_file(f"data/runs/{experiment.name}/{name}.safetensors")[f"size={size:02d}"][row]
+        for place, entity in enumerate(session.order):
+            chosen, gap = RECOMPUTED[name](Around(session, entity, vectors, relations), **options[name])
+            where = f"{name}, {experiment.name}, size {size}, seed {seed}, entity {entity}"
+            if gap < UNDECIDED:
+                left_open += 1
+            else:
+                check.compare(where, vectors[sorted(chosen)].mean(0), stored[place])
+    return left_open
+
+
+def check_mrr_star(experiment: Experiment, size: int, seed: int, check: Check) -> None:
+    """Compare MRR* and its halves of every model in every scope."""
+    session, row = Session(experiment, size, seed), experiment.row(size, seed)
+    theta0 = load_file(f"data/embeddings/{experiment.name}/theta0/size={size:02d}.safetensors")
+    joint = load_file(f"data/embeddings/{experiment.name}/joint.safetensors")
+    for model in [*experiment.initializers, "joint"]:
+        table, own = (joint, joint["seed"].tolist().index(seed)) if model == "joint" else (theta0, row)
+        vectors, relations = (table[name][own].astype(float) for name in ("entity", "relation"))
+        if model != "joint":
+            stored = load_file(f"data/runs/{experiment.name}/{model}.safetensors")[f"size={size:02d}"][row]
+            vectors[session.order] = stored[: len(session.order)]
+        scores = np.stack([there(vectors, relation) @ vectors.T for relation in relations])  # (R, heads, tails)
+        for scope, (asked, filtered, candidates) in session.scopes().items():
+            ((_, published),) = [run for run in experiment.runs[model][size, seed, 1, scope] if run[0] == 0]
+            where = f"{model}, scope {scope}, {experiment.name}, size {size}, seed {seed}"
+            check.compare(where, mrr_star(session, scores, asked, filtered, candidates), published)
+
+
+def reported(table: str) -> list[dict[str, str]]:
+    """The rows of one of the report's tables."""
+    with Path(f"reports/tables/{table}.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def check_epochs(experiment: Experiment, suffix: str, params: dict[str, Any], mean: Check, share: Check) -> None:
+    """Compare Table 2 and its rows by size with what the runs say."""
+    margin, most = params["convergence"]["margin"], params["finetuning"]["max_epochs"]
+    shown, by_size = (reported(f"{table}{suffix}") for table in ("table2_convergence", "convergence_by_size"))
+    joint = experiment.runs["joint"]
+    tuned = [name for name in experiment.initializers if any(len(run) > 1 for run in experiment.runs[name].values())]
+    for model, line in zip(tuned, shown, strict=True):
+        epochs = {
+            cell: min((epoch for epoch, values in run if values[0] >= joint[cell][0][1][0] - margin), default=None)
+            for cell, run in experiment.runs[model].items()
+            if cell[3] in ("all", "novel_heldout") and not np.isnan(run[0][1][0])
+        }
+        rows = [(scope, None, line[f"{scope}: mean"], line[f"{scope}: unconverged %"])
+                for scope in ("all", "novel_heldout")]  # fmt: skip
+        rows += [(row["scope"], int(row["size"]), row["mean"], row["unconverged %"])
+                 for row in by_size if row["initializer"] == line["initializer"]]  # fmt: skip
+        for scope, size, mean_epochs, unconverged in rows:
+            own = [e for cell, e in epochs.items() if cell[3] == scope and size in (None, cell[0])]
+            where = f"{model}, scope {scope}, {experiment.name}, size {size or 'any'}"
+            mean.compare(where, np.mean([most if e is None else e for e in own]), mean_epochs or np.nan)
+            share.compare(where, 100 * np.mean([e is None for e in own]), unconverged or np.nan)
+
+
+def experiments_of(params: dict[str, Any]) -> list[Experiment]:
+    """With the initializers that each runs, in the order of params."""
+    found = []
+    for name, of_one in params["experiments"].items():
+        listed = of_one.get("initializers", "all")
+        found.append(Experiment(name, [one for one in params["initializers"] if listed == "all" or one in listed]))
+    return found
+
+
+def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
+    """Compare some cells, chosen at random, and all epochs; prints what is left out."""
+    experiments = experiments_of(params)
+    checks = [Check("initial vectors", 1e-5), Check("MRR* at once", 1e-6), Check("mean epochs", 1e-3),
+              Check("unconverged %", 1e-3)]  # fmt: skip
+    vectors, at_once, epochs, unconverged = checks
+    cells = [(one, size, seed) for one in experiments for size, seed, session in one.novel if session == 1]
+    if params["embedding"]["family"] == "analogy":
+        chosen = [cells[place] for place in np.random.default_rng(seed).permutation(len(cells))[:number]]
+        left_open = sum(check_vectors(*cell, params["initializers"], vectors) for cell in chosen)
+        for cell in chosen:
+            check_mrr_star(*cell, at_once)
+        others = ", ".join(name for name in params["initializers"] if name not in RECOMPUTED)
+        print(f"Not computed again: vectors of {others or 'none'}, which are random or another matter; and {left_open} "
+              f"vectors whose last indicator is less than {UNDECIDED:.0e} ahead of the next.")  # fmt: skip
+    else:
+        print("Not computed again: vectors and MRR*, which is done for ANALOGY alone.")
+    for place, one in enumerate(experiments):
+        if not params["experiments"][one.name]["graph"].get("extend"):
+            check_epochs(one, f"_{one.name}" if place else "", params, epochs, unconverged)
+    return checks
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cells", type=int, default=12, help="cells whose vectors and MRR* are computed again")
+    parser.add_argument("--seed", type=int, default=0, help="of the choice of cells")
+    given = parser.parse_args()
+    try:
+        checks = verify(YAML(typ="safe", pure=True).load(Path("params.yaml")), given.cells, given.seed)
+    except OSError as error:
+        sys.exit(f"verify: {error}")
+    print(f"\n{'compared':18}{'number':>8}{'largest difference':>20}{'tolerance':>11}{'disagreements':>15}")
+    for check in checks:
+        print(f"{check.what:18}{check.number:8}{check.worst:20.1e}{check.tolerance:11.0e}{len(check.disagreements):15}")
+    for line in [line for check in checks for line in check.disagreements][:20]:
+        print(line)
+    sys.exit(any(check.disagreements for check in checks))
+
+
+if __name__ == "__main__":
+    main()
