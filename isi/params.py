@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from isi.base import params, paths
 from isi.base.errors import InputError
-from isi.base.params import Name, Section, Seed, distinct
+from isi.base.params import Name, Section, Seed, Study, distinct
 from isi.building import GraphOf
 from isi.experiments.executor import Compute
 from isi.families import EmbeddingParams, make
@@ -23,6 +23,7 @@ from isi.studies.affordances import Affordances
 from isi.studies.asking import Asking
 from isi.studies.cross_validation import CrossValidation, Setting
 from isi.studies.families import CompareFamilies
+from isi.studies.nothing import Nothing
 from isi.studies.sweeps import Rates, Sweep
 from isi.studies.tracing import TRACED, Approach
 from isi.words import Words
@@ -37,14 +38,19 @@ class ExperimentOf(Section):
     title: str
     graph: GraphOf
     sessions: SessionsOf
-    followed: ToTheEnd
     initializers: Listed
+    finetuned: Listed = "all"
+    followed: ToTheEnd
+
+    @property
+    def lists_of_initializers(self) -> dict[str, Listed]:
+        """By their keys."""
+        return {"initializers": self.initializers, "finetuned": self.finetuned,
+                "followed.initializers": self.followed.initializers}  # fmt: skip
 
     @model_validator(mode="after")
     def _lists_name_something_once(self) -> Self:
-        names = (("initializers", self.initializers), ("followed.initializers", self.followed.initializers),
-                 ("sessions.novel", self.sessions.novel))  # fmt: skip
-        for key, listed in names:
+        for key, listed in (*self.lists_of_initializers.items(), ("sessions.novel", self.sessions.novel)):
             if isinstance(listed, list) and not (listed and distinct(listed)):
                 raise ValueError(f"{key}: expected a list of names that do not repeat")
         return self
@@ -81,6 +87,7 @@ class Params(Section):
     convergence: Convergence
     initializers: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)]
     plots: Plots
+    nothing: Nothing
     sweep: Sweep
     cross_validation: CrossValidation
     rates: Rates
@@ -112,9 +119,9 @@ class Params(Section):
             asked.append((f"{where}.graph.source", experiment.graph.source, self.sources))
             if experiment.graph.extend:
                 asked.append((f"{where}.graph.extend.source", experiment.graph.extend.source, self.sources))
-            for part, named in (("", experiment.initializers), ("followed.", experiment.followed.initializers)):
+            for listed, named in experiment.lists_of_initializers.items():
                 if named != "all":
-                    asked += [(f"{where}.{part}initializers", name, self.initializers) for name in named]
+                    asked += [(f"{where}.{listed}", name, self.initializers) for name in named]
         for key, name, known in asked:
             if name not in known:
                 raise ValueError(f"{key}: expected names among {', '.join(known)}, got {name!r}")
@@ -124,20 +131,24 @@ class Params(Section):
     def _studies_fit_their_experiments(self) -> Self:
         asked = {"sweep.seeds": self.sweep.seeds, "approach.seed": self.approach.seed + 1,
                  "compare_families.seeds": self.compare_families.seeds}  # fmt: skip
-        studies = ("sweep", "cross_validation", "rates", "approach", "compare_families", "affordances", "asking")
-        for name in studies:
-            study = getattr(self, name)
+        for name, study in self.studies.items():
             for experiment in study.experiments:
                 if experiment not in self.experiments:
                     raise ValueError(f"{name}.experiments: expected some of experiments, got {experiment!r}")
                 sessions = self.experiments[experiment].sessions
                 if getattr(study, "size", sessions.sizes[0]) not in sessions.sizes:
-                    raise ValueError(f"{name}.size: expected one of the sizes of {experiment}, got {study.size}")
+                    raise ValueError(f"{name}.size: expected one of the sizes of {experiment}")
         for key, seeds in asked.items():
             for experiment in getattr(self, key.partition(".")[0]).experiments:
                 if seeds > self.experiments[experiment].sessions.seeds:
                     raise ValueError(f"{key}: expected no more than the seeds of {experiment} allow")
         return self
+
+    @property
+    def studies(self) -> dict[str, Study]:
+        """What is done beside the main pipeline, by section."""
+        found = {name: getattr(self, name) for name in type(self).model_fields}
+        return {name: section for name, section in found.items() if isinstance(section, Study)}
 
     @model_validator(mode="after")
     def _few_settings(self) -> Self:

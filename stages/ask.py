@@ -18,7 +18,8 @@ from isi.studies.asking import AskingTask
 def ask(given: Given, experiment: str) -> None:
     """Ask every model right after insertion, and tell its answers by what was asked."""
     store, family, compute = Store(experiment, given.provenance), family_of(given), compute_of(given)
-    names = [name for name in given.raw("initializers") if lists(given, experiment, name)]
+    listed = f"experiments.{experiment}.initializers"
+    names = [name for name in given.raw("initializers") if lists(given, listed, name)]
     insert_triples = store.insert_triples()
     tasks = [
         AskingTask(

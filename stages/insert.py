@@ -8,8 +8,8 @@ from isi.base import paths, tables
 from isi.base.stage import Given, stage
 from isi.experiments.executor import compute_of, run, stack_height
 from isi.experiments.store import Store
-from isi.insertion.tasks import followed_sizes, inserting, insertion_tasks, lists
 from isi.insertion.tasks import insert as insert_cells
+from isi.insertion.tasks import inserting_in, insertion_tasks, lists
 
 
 @stage
@@ -19,8 +19,9 @@ def insert(given: Given, experiment: str, initializer: str) -> None:
     An initializer that the experiment does not list leaves tables without rows.
     """
     store, compute = Store(experiment, given.provenance), compute_of(given)
-    how = inserting(given, initializer, followed_sizes(given, experiment, initializer))
-    cells = store.cells(stack_height(compute)) if lists(given, experiment, initializer) else []
+    how = inserting_in(given, experiment, initializer)
+    listed = lists(given, f"experiments.{experiment}.initializers", initializer)
+    cells = store.cells(stack_height(compute)) if listed else []
     tasks = insertion_tasks(store, given, how, cells)
     done = run(insert_cells, tasks, compute, f"{experiment}, {initializer}")
     vectors: dict[str, list[torch.Tensor]] = {}

@@ -24,7 +24,7 @@ def rank_affordances(given: Given, experiment: str) -> None:
         raise InputError(paths.PARAMS, "affordances.relation", expected)
     relation, names, tasks = relations.index(study.relation), [], []
     for name in given.raw("initializers"):
-        if lists(given, experiment, name):
+        if lists(given, f"experiments.{experiment}.initializers", name):
             for cell in cells:
                 vectors = store.initial_vectors(name, cell)
                 tasks.append(RankingTask(cell, store.theta0(cell, family), vectors, relation))

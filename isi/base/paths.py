@@ -6,6 +6,9 @@ from pathlib import Path
 
 PARAMS = Path("params.yaml")
 PIPELINE = Path("dvc.yaml")
+#: What lies beyond the paper: a pipeline and params of its own, whose stages run beside those of the first.
+BEYOND_PARAMS = Path("beyond") / "params.yaml"
+BEYOND_PIPELINE = Path("beyond") / "dvc.yaml"
 DATA = Path("data")
 RAW = DATA / "raw"
 REPORTS = Path("reports")
@@ -107,6 +110,11 @@ def used(experiment: str) -> Path:
     return DATA / "studies" / "asking" / f"{experiment}.used.parquet"
 
 
+def nothing(experiment: str) -> Path:
+    """What further training alone does to Θ⁰."""
+    return DATA / "studies" / "nothing" / f"{experiment}.parquet"
+
+
 def indicator_sweep(experiment: str, initializer: str) -> Path:
     return DATA / "studies" / "indicators" / experiment / f"{initializer}.parquet"
 
@@ -121,6 +129,16 @@ def cross_validation(experiment: str) -> Path:
 
 def approach(experiment: str) -> Path:
     return DATA / "studies" / "approach" / f"{experiment}.safetensors"
+
+
+def variant(name: str) -> Path:
+    """Runs of experiments under other conditions."""
+    return DATA / "beyond" / f"{name}.parquet"
+
+
+def variant_asked(name: str) -> Path:
+    """What is answered at once under other conditions."""
+    return DATA / "beyond" / f"{name}.asked.parquet"
 
 
 def families(experiment: str, family: str) -> Path:

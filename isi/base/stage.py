@@ -8,6 +8,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeVar
 
 from isi.base import params, paths
@@ -66,7 +67,7 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
         named = vars(parser.parse_args())
         try:
             everything = params.read(paths.PARAMS)
-            picked = {key: params.at(everything, key) for key in declared(body.__name__, named, everything)}
+            picked = declared(body.__name__, named, everything)
             provenance = Provenance(body.__name__, picked)
             body(Given(picked | {COMPUTE: everything.get(COMPUTE)}, provenance), **named)
         except InputError as error:
@@ -75,15 +76,31 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
     return main
 
 
-def declared(name: str, arguments: Mapping[str, str], values: Mapping[str, Any]) -> list[str]:
-    """The keys of params that ``dvc.yaml`` lists for a stage, with what they leave open filled in as DVC does."""
+def declared(name: str, arguments: Mapping[str, str], everything: Mapping[str, Any]) -> dict[str, Any]:
+    """The values that a pipeline lists for a stage, by dotted key; what keys leave open is filled in as DVC does.
+
+    Args:
+        everything: what ``params.yaml`` holds; other files of params are read where a pipeline names them.
+    """
 
     def fill(open_part: re.Match[str]) -> str:
         matrix, _, item = open_part[1].partition(".")
-        return str(arguments[item] if matrix == "item" else params.at(values, open_part[1]))
+        return str(arguments[item] if matrix == "item" else params.at(everything, open_part[1]))
 
-    listed = params.read(paths.PIPELINE)["stages"][name].get("params", [])
-    return [re.sub(r"\$\{([^}]+)\}", fill, key) for key in listed]
+    found: dict[str, Any] = {}
+    for listed in _stage(name).get("params", []):
+        for file, keys in (listed if isinstance(listed, dict) else {str(paths.PARAMS): [listed]}).items():
+            values = everything if file == str(paths.PARAMS) else params.read(Path(file))
+            filled = [re.sub(r"\$\{([^}]+)\}", fill, key) for key in keys]
+            found |= {key: params.at(values, key) for key in filled}
+    return found
+
+
+def _stage(name: str) -> dict[str, Any]:
+    """What the pipeline that has a stage says of it."""
+    first: dict[str, Any] = params.read(paths.PIPELINE)["stages"]
+    stages = first if name in first else params.read(paths.BEYOND_PIPELINE)["stages"]
+    return dict(stages[name])
 
 
 __all__ = ["COMPUTE", "Given", "Provenance", "stage"]

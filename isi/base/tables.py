@@ -68,6 +68,9 @@ ASKED = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("session", pa.in
                    ("scope", _NAME), ("filter", _NAME), ("relation", _NAME), ("hidden", _NAME), ("novel", _NAME),
                    ("queries", pa.int32()), ("mrr_star", pa.float64()), ("mrr", pa.float64()),
                    ("observations", pa.int64())])  # fmt: skip
+#: Runs of each model of experiments under other conditions, the joint model's among them, and their answers at once.
+VARIANTS = pa.schema([("experiment", _NAME), ("model", _NAME), *RUNS])
+VARIANTS_ASKED = pa.schema([("experiment", _NAME), *ASKED])
 #: Coordinates of relations that are not zero: of each relation, and (null) of any of them.
 USED = pa.schema([("seed", pa.int32()), ("model", _NAME), ("relation", _NAME), ("part", _NAME),
                   ("used", pa.int32()), ("of", pa.int32())])  # fmt: skip

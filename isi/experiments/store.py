@@ -118,11 +118,6 @@ class Store:
         rows = np.stack([session, model, place, own["triple"].to_numpy(np.int64)], 1)
         return rows[np.lexsort(rows.T[::-1])]
 
-    def joint_mrr_star(self, runs: pd.DataFrame, cells: Cells, session: int, scope: str) -> np.ndarray:
-        """MRR* of the joint models of a stack of cells in a scope of a session; NaN without queries; shape (M,)."""
-        own = runs[(runs["size"] == cells.size) & (runs["scope"] == scope) & (runs["session"] == session)]
-        return own.set_index("seed")["mrr_star"].loc[cells.seeds].to_numpy(np.float64, copy=True)
-
     def write_runs(self, name: str, runs: pd.DataFrame) -> None:
         """Write the measures of a model at every epoch, and its ties at epoch 0."""
         ordered = runs.sort_values(["size", "seed", "session", "epoch", "scope"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -87,10 +87,11 @@ class Inserted:
     entities: pd.DataFrame
 
 
-def inserting(given: Given, initializer: str, followed: Sequence[int] = ()) -> Inserting:
-    """How a stage's params say that one initializer inserts."""
+def inserting(given: Given, initializer: str, followed: Sequence[int] = (), finetuned: bool = True) -> Inserting:
+    """How a stage's params say that one initializer inserts; where nothing is fine-tuned, it is measured at once."""
     key = f"initializers.{initializer}"
-    return inserting_with(given, initializer, given.raw(key), key, followed)
+    how = inserting_with(given, initializer, given.raw(key), key, followed)
+    return how if finetuned else replace(how, optimizer=how.optimizer.model_copy(update={"max_epochs": 0}))
 
 
 def inserting_with(
@@ -103,9 +104,16 @@ def inserting_with(
     )  # fmt: skip
 
 
-def lists(given: Given, experiment: str, initializer: str) -> bool:
-    """Whether an experiment lists an initializer."""
-    listed: Listed = given.section(f"experiments.{experiment}.initializers", Listed)  # type: ignore[arg-type]
+def inserting_in(given: Given, experiment: str, initializer: str) -> Inserting:
+    """How an experiment inserts with one initializer: followed to the end, until convergence, or measured at once."""
+    followed = given.section(f"experiments.{experiment}.followed", ToTheEnd)
+    sizes = followed.sizes if among(followed.initializers, initializer) else []
+    return inserting(given, initializer, sizes, lists(given, f"experiments.{experiment}.finetuned", initializer))
+
+
+def lists(given: Given, key: str, initializer: str) -> bool:
+    """Whether the list at a key of params names an initializer."""
+    listed: Listed = given.section(key, Listed)  # type: ignore[arg-type]
     return among(listed, initializer)
 
 
@@ -114,26 +122,30 @@ def among(listed: Listed, initializer: str) -> bool:
     return listed == "all" or initializer in listed
 
 
-def followed_sizes(given: Given, experiment: str, initializer: str) -> list[int]:
-    """The sizes at which an experiment follows an initializer to the end."""
-    followed = given.section(f"experiments.{experiment}.followed", ToTheEnd)
-    return followed.sizes if among(followed.initializers, initializer) else []
-
-
 def insertion_tasks(store: Store, given: Given, how: Inserting, cells: Sequence[Cells]) -> list[InsertTask]:
     """Insertion with one initializer, and fine-tuning, of cells of the store's experiment."""
     insert_triples, joint, words = store.insert_triples(), store.runs("joint"), store.words()
     family = family_of(given)
 
-    def told(cell: Cells) -> TaskTold:
-        reached = {
-            (session, scope): store.joint_mrr_star(joint, cell, session, scope)
-            for session in range(1, cell.sessions + 1)
-            for scope in SCOPES
-        }
-        return TaskTold(store.insert_triples_of(cell, insert_triples), words, reached)
+    return [
+        InsertTask(
+            cell,
+            store.theta0(cell, family),
+            TaskTold(store.insert_triples_of(cell, insert_triples), words, reached(joint, cell)),
+            how,
+        )
+        for cell in cells
+    ]
 
-    return [InsertTask(cell, store.theta0(cell, family), told(cell), how) for cell in cells]
+
+def reached(joint: pd.DataFrame, cells: Cells) -> dict[tuple[int, str], np.ndarray]:
+    """What convergence is measured against (see ``TaskTold``), from the runs of the joint models."""
+    found = {}
+    for session in range(1, cells.sessions + 1):
+        for scope in SCOPES:
+            own = joint[(joint["size"] == cells.size) & (joint["scope"] == scope) & (joint["session"] == session)]
+            found[session, scope] = own.set_index("seed")["mrr_star"].loc[cells.seeds].to_numpy(np.float64, copy=True)
+    return found
 
 
 def insert(task: InsertTask) -> Inserted:

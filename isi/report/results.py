@@ -75,13 +75,15 @@ class Experiment:
     @property
     def curves(self) -> pd.DataFrame:
         """Runs of that size by those who are followed, and of the joint model."""
-        followed = [name for name in self.initializers if among(self.how.followed.initializers, name)]
+        both = self.how.finetuned, self.how.followed.initializers
+        followed = [name for name in self.initializers if all(among(listed, name) for listed in both)]
         return self.runs[(self.runs["size"] == self.curve_size) & self.runs["model"].isin([*followed, JOINT])]
 
     @cached_property
     def convergence(self) -> pd.DataFrame:
-        """Epochs to convergence of each initializer and cell (see ``converged``)."""
-        return self.converged(self.runs[self.runs["model"] != JOINT], ["model"])
+        """Epochs to convergence of each initializer that is fine-tuned, and each cell (see ``converged``)."""
+        finetuned = [name for name in self.initializers if among(self.how.finetuned, name)]
+        return self.converged(self.runs[self.runs["model"].isin(finetuned)], ["model"])
 
     def converged(self, runs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         """Epochs to convergence of runs that ``by`` tells apart (``epochs_to_convergence``), session by session."""
@@ -134,6 +136,8 @@ class Results:
     mined: Mapping[str, pd.DataFrame]
     #: by experiment
     asking: Mapping[str, Asked] = field(default_factory=dict)
+    #: by experiment, ``tables.RUNS`` of Θ⁰ trained on with nothing inserted
+    nothing: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     #: ``tables.AFFORDANCES`` with the initializer as ``model``
     affordances: Study[pd.DataFrame] | None = None
     #: ``tables.INDICATOR_SWEEP`` and ``tables.RATE_SWEEP`` of each initializer, told apart by a column ``model``
@@ -180,6 +184,7 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         seen={name: _seen(name) for name in sources},
         mined={name: _table(paths.mined(name), tables.MINED) for name in sources},
         asking={name: _asked(name) for name in params.asking.experiments},
+        nothing={name: _table(paths.nothing(name), tables.RUNS) for name in params.nothing.experiments},
         **_studies(params, experiments),
     )
 

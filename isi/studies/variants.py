@@ -1,0 +1,130 @@
+"""An experiment again under other conditions: other params, other words, or less that is told of novel entities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from pydantic import Field
+
+from isi.base import paths
+from isi.base.errors import InputError
+from isi.base.params import Count, Name, Section
+from isi.base.stage import Given
+from isi.base.streams import stream
+from isi.experiments.cells import JOINT, Cells, Vectors
+from isi.experiments.judging import JudgingTask, judge
+from isi.experiments.learning import Learning, LearningTask, learn_initial, learn_joint
+from isi.insertion.tasks import Inserting, InsertTask, TaskTold, insert, reached
+from isi.sessions.drawing import later_key
+from isi.studies.asking import JOINT as JOINT_MODEL
+from isi.studies.asking import AskingTask, ask
+
+#: Sections of params that decide what Θ⁰ and the joint model are: a variant that changes one trains its own.
+LEARNED = ("embedding", "families", "negatives", "training")
+
+
+class Variant(Section):
+    """An entry of ``variants`` in the params of the second pipeline."""
+
+    #: what people read
+    title: str
+    experiments: Annotated[list[Name], Field(min_length=1)]
+    initializers: Annotated[list[Name], Field(min_length=1)]
+    #: |ξ|, and the first so many of the sessions' seeds
+    size: Count
+    seeds: Count
+    #: values of params.yaml, by dotted key
+    changes: Annotated[dict[str, Any], Field(default_factory=dict)]
+    #: insert triples of each novel entity that are told, at most; null: all
+    told: Annotated[int, Field(ge=0)] | None = None
+    #: else measured at once alone
+    finetuned: bool = True
+
+    @property
+    def trains(self) -> bool:
+        """Whether it has a Θ⁰ and a joint model of its own."""
+        return any(key.partition(".")[0] in LEARNED for key in self.changes)
+
+    @property
+    def speaks(self) -> bool:
+        """Whether it has word vectors of its own."""
+        return any(key.partition(".")[0] == "words" for key in self.changes)
+
+
+def changed(given: Given, changes: Mapping[str, Any], key: str) -> Given:
+    """What a stage is given, with other values at dotted keys.
+
+    Raises:
+        InputError: where a key is none of the stage's; ``key`` is where the changes stand.
+    """
+    values = deepcopy(dict(given.values))
+    for dotted, value in changes.items():
+        own = next((name for name in values if dotted.startswith(f"{name}.")), None)
+        if own is None:
+            expected = f"expected keys below {', '.join(name for name in values if '.' not in name)}, got {dotted!r}"
+            raise InputError(paths.BEYOND_PARAMS, key, expected)
+        *parents, last = dotted.removeprefix(f"{own}.").split(".")
+        place = values[own]
+        for parent in parents:
+            place = place.setdefault(parent, {})
+        place[last] = value
+    return Given(values, given.provenance)
+
+
+@dataclass(frozen=True)
+class VariantTask:
+    """Insert into embeddings of a stack of cells with every initializer, beside the joint model."""
+
+    cells: Cells
+    #: Θ⁰ and the joint model, or how to train them
+    start: tuple[Vectors, Vectors] | Learning
+    #: the insert triples, and those of them that are told; (session, model, place in ``novel``, triple), in this order
+    insert_triples: np.ndarray
+    told: np.ndarray
+    #: shape: (E, w)
+    words: np.ndarray
+    #: by initializer
+    how: Mapping[str, Inserting]
+
+
+def repeat(task: VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Runs of every model, and what it answers at once (``tables.VARIANTS`` and ``VARIANTS_ASKED``, experiment apart).
+
+    The same is asked whatever was told: what touches a novel entity and is no insert triple.
+    """
+    cells = task.cells
+    theta0, joint = _trained(cells, task.start) if isinstance(task.start, Learning) else task.start
+    judged = judge(JudgingTask(cells, joint, task.insert_triples))
+    told = TaskTold(task.told, task.words, reached(judged, cells))
+    done = {name: insert(InsertTask(cells, theta0, told, how)) for name, how in task.how.items()}
+    first = {name: one.vectors[:, : cells.size] for name, one in done.items()}
+    runs = [judged.assign(model=JOINT_MODEL), *(one.runs.assign(model=name) for name, one in done.items())]
+    return pd.concat(runs), ask(AskingTask(cells, theta0, joint, first, task.insert_triples))
+
+
+def _trained(cells: Cells, how: Learning) -> tuple[Vectors, Vectors]:
+    everyone = replace(cells, size=JOINT, novel=cells.novel[:, :0])
+    learned = learn_initial(LearningTask(cells, how)), learn_joint(LearningTask(everyone, how))
+    theta0, joint = (Vectors(how.family, one.entity, one.relation) for one in learned)
+    return theta0, joint
+
+
+def some_of(triples: np.ndarray, most: int | None, cells: Cells, root: int) -> np.ndarray:
+    """At most so many insert triples of each novel entity, drawn at random; the fewer are part of the more.
+
+    Args:
+        triples: (session, model, place in ``novel``, triple), in this order; shape: (I, 4).
+    """
+    if most is None:
+        return triples
+    slots, number = np.unique(triples[:, :3], axis=0, return_counts=True)
+    orders = [
+        stream(root, "told", cells.size, cells.seeds[model], place, *later_key(session)).permutation(count)
+        for (session, model, place), count in zip(slots.tolist(), number.tolist(), strict=True)
+    ]
+    return triples[np.concatenate([np.empty(0, dtype=np.int64), *orders]) < most]
