@@ -225,9 +225,15 @@ RECOMPUTED: dict[str, Callable[..., Chosen]] = {"mean": mean, "es": es, "rs": rs
 
 
 def mrr_star(
-    session: Session, scores: np.ndarray, asked: set[Triple], filtered: set[Triple], candidates: set[int]
+    session: Session, scores: np.ndarray, scope: tuple[set[Triple], set[Triple], set[int]], tie: float = TIE
 ) -> tuple[float, float, float]:
-    """MRR* and its halves (equation 7); null without queries."""
+    """MRR* and its halves (equation 7) of a scope; null without queries.
+
+    Args:
+        scores: by relation, head and tail.
+        tie: below which share of the largest score of a row a difference is none.
+    """
+    asked, filtered, candidates = scope
     if not asked:
         return (np.nan,) * 3
     counts = session.experiment.counts
@@ -240,9 +246,10 @@ def mrr_star(
     relation_terms = []
     for head, relation, tail in asked:
         ends = of_relation.setdefault(relation, [])
-        ends.append(term(*(table[relation, :, tail] for table in (scores, counts, barred)), may_answer, head))
-        ends.append(term(*(table[relation, head] for table in (scores, counts, barred)), may_answer, tail))
-        relation_terms.append(term(*(table[:, head, tail] for table in (scores, counts, barred)), everything, relation))
+        tables = scores, counts, barred
+        ends.append(term(*(table[relation, :, tail] for table in tables), may_answer, head, tie))
+        ends.append(term(*(table[relation, head] for table in tables), may_answer, tail, tie))
+        relation_terms.append(term(*(table[:, head, tail] for table in tables), everything, relation, tie))
     true = session.train | session.valid | session.test
     weights = {r: sum(counts[t[1], t[0], t[2]] for t in true if t[1] == r) for r in of_relation}
     entity = sum(weights[r] * np.mean(own) for r, own in of_relation.items()) / sum(weights.values())
@@ -250,11 +257,13 @@ def mrr_star(
     return (entity + half) / 2, entity, half
 
 
-def term(scores: np.ndarray, counts: np.ndarray, barred: np.ndarray, able: np.ndarray, answer: int) -> float:
-    """1 / (|R_G - R_P| + 1) of one query; all by candidate."""
+def term(
+    scores: np.ndarray, counts: np.ndarray, barred: np.ndarray, able: np.ndarray, answer: int, tie: float
+) -> float:
+    """1 / (|R_G - R_P| + 1) of one query; arrays by candidate."""
     rivals = able & ~barred
     rivals[answer] = False
-    ahead, width = scores - scores[answer], TIE * np.abs(scores).max()
+    ahead, width = scores - scores[answer], tie * np.abs(scores).max()
     wins = np.where(ahead > width, 1.0, np.where(ahead < -width, 0.0, 0.5))
     true_rank = 1 + (rivals & (counts > counts[answer])).sum()
     predicted_rank = 1 + wins[rivals & (counts != counts[answer])].sum()
