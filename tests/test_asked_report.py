@@ -33,8 +33,8 @@ MODELS = ["xavier", "es", "joint"]
 def test_each_direction_has_its_leader_and_the_headline_is_what_is_asked_about_it() -> None:
     cells = asked.directed(ROWS)
     text = asked.leaders(cells, MODELS)
-    assert "Asked about the novel entity, ES leads: Xavier 10.0 and ES 60.0; the joint model 90.0." in text
-    assert "Where it is the answer, Xavier leads: Xavier 40.0 and ES 20.0; the joint model 80.0." in text
+    assert "Asked about the novel entity, ES leads with 60.0 (Xavier 10.0 and ES 60.0; the joint model 90.0)." in text
+    assert "Where it is the answer, Xavier leads with 40.0 (Xavier 40.0 and ES 20.0; the joint model 80.0)." in text
     frame = asked.directions(cells, MODELS).frame.set_index("model")
     columns = ["asked about the novel entity", "the novel entity is the answer"]
     assert frame.loc["ES", columns].tolist() == pytest.approx([60, 20])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import nan
 
 import pandas as pd
 from matplotlib.figure import Figure as Canvas
@@ -84,16 +85,17 @@ def asked_about(rows: pd.DataFrame, models: Sequence[str]) -> dict[str, float]:
 
 
 def leaders(cells: pd.DataFrame, models: Sequence[str]) -> str:
-    """What each initializer has in each direction, and who leads."""
+    """Who leads each direction, and what initializers under test have there."""
     told = []
     for direction, start in (("given", "Asked about the novel entity"), ("answer", "Where it is the answer")):
         means = points(cells, direction)["mean"].dropna()
-        values = {model: float(means[model]) for model in models if model in means.index}
-        own = {model: value for model, value in values.items() if model != JOINT}
+        own = {model: float(means[model]) for model in models if model in means.index}
+        joint = own.pop(JOINT, nan)
         if own:
             first = max(own, key=lambda model: own[model])
             told.append(
-                f"{start}, {label(first)} leads: {listed(own, list(own))}; the joint model {values[JOINT]:.1f}."
+                f"{start}, {label(first)} leads with {own[first]:.1f} ({listed(own, contenders(own))}; the joint model "
+                f"{joint:.1f})."
             )
     return (
         "Entity half of scope novel right after insertion, mean over sizes and seeds (the joint model was trained on "
@@ -123,7 +125,7 @@ def by_direction(cells: pd.DataFrame, models: Sequence[str]) -> Canvas:
     """Each direction against the number of novel entities; ``cells``: see ``directed``."""
     canvas = by_size(cells.rename(columns={"mrr_star_entity": "mrr_star"}), models, list(DIRECTIONS))
     for axes, name in zip(canvas.axes, DIRECTIONS.values(), strict=True):
-        axes.set_title(name)
+        axes.set(title=name, ylabel="entity half of MRR* (points)")
     return canvas
 
 
