@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from io import BytesIO
 from typing import Any
 
@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
 from isi.report.models import JOINT, colour, dashes, is_control, label
-from isi.report.statistics import intervals
+from isi.report.statistics import HALVES, HIGH, LOW, over_seeds
 
 #: Of every figure of the project; drawing and rendering happen within ``matplotlib.rc_context`` of it.
 STYLE: Any = {
@@ -41,22 +41,34 @@ def panels(number: int, columns: int = 2, height: float = 3.6) -> tuple[Canvas, 
     return canvas, drawn[:number]
 
 
-def by_size(at_once: pd.DataFrame, models: Sequence[str], scopes: Sequence[str]) -> Canvas:
-    """MRR* right after insertion against the number of novel entities, a panel for each scope."""
-    canvas, drawn = panels(len(scopes))
-    for axes, scope in zip(drawn, scopes, strict=True):
-        shown = at_once[at_once["scope"] == scope]
+def by_size(
+    at_once: pd.DataFrame, models: Sequence[str], scopes: Sequence[str], measures: Sequence[str], entities: int
+) -> Canvas:
+    """MRR* right after insertion against the number of novel entities: a row for each measure, a panel for each scope.
+
+    Args:
+        measures: columns of runs.
+        entities: of the graph, of which the upper axis gives the share.
+    """
+    canvas, drawn = panels(len(measures) * len(scopes), len(scopes), height=0.6 + 3 * len(measures))
+    shown = [(measure, scope) for measure in measures for scope in scopes]
+    for axes, (measure, scope) in zip(drawn, shown, strict=True):
+        own = at_once[at_once["scope"] == scope]
         for place, model in enumerate(models):
-            _bars(axes, models, model, shown[shown["model"] == model], (place - len(models) / 2) * 0.06)
-        axes.set(title=f"scope {scope}", xlabel="novel entities |ξ|", ylabel="MRR* (points)")
+            _bars(axes, models, model, own[own["model"] == model], measure, (place - len(models) / 2) * 0.06)
+        axes.set(title=f"scope {scope}: {HALVES[measure]}", xlabel="novel entities |ξ|", ylabel="points")
         axes.set_xticks(sorted(at_once["size"].unique()))
-    legend(canvas, drawn[0])
+        above = axes.secondary_xaxis("top", functions=(_scaled(100 / entities), _scaled(entities / 100)))
+        above.set_xlabel("% of |E|", fontsize=8)
+        above.tick_params(labelsize=8)
+    legend(canvas, drawn)
     return canvas
 
 
 def by_epoch(
-    runs: pd.DataFrame, initializers: Sequence[str], scopes: Sequence[str], margin: float | None = None
-) -> Canvas:
+    runs: pd.DataFrame, models: Sequence[str], scopes: Sequence[str], ylabel: str = "MRR* (points)",
+    margin: float | None = None,
+) -> Canvas:  # fmt: skip
     """MRR* by epoch of fine-tuning, a panel for each scope, with the joint model's level.
 
     Args:
@@ -66,24 +78,28 @@ def by_epoch(
     canvas, drawn = panels(len(scopes))
     for axes, scope in zip(drawn, scopes, strict=True):
         shown = runs[runs["scope"] == scope]
-        for model in initializers:
-            _curve(axes, initializers, model, shown[shown["model"] == model])
+        for model in models:
+            _curve(axes, models, model, shown[shown["model"] == model])
         joint = 100 * shown.loc[shown["model"] == JOINT, "mrr_star"].mean()
-        axes.axhline(joint, color=colour(JOINT, initializers), lw=1.2, label=label(JOINT))
+        axes.axhline(joint, color=colour(JOINT, models), lw=1.2, label=label(JOINT))
         if margin is not None:
             level = joint - 100 * margin
-            axes.axhline(level, color=colour(JOINT, initializers), lw=1, ls=":", label="converged")
-        axes.set(title=f"scope {scope}", xlabel="epoch of fine-tuning", ylabel="MRR* (points)")
-    legend(canvas, drawn[0])
+            axes.axhline(level, color=colour(JOINT, models), lw=1, ls=":", label="converged")
+        axes.set(title=f"scope {scope}", xlabel="epoch of fine-tuning", ylabel=ylabel)
+    legend(canvas, drawn)
     return canvas
 
 
-def _bars(axes: Axes, models: Sequence[str], model: str, rows: pd.DataFrame, aside: float) -> None:
+def _scaled(factor: float) -> Callable[[Any], Any]:
+    return lambda value: np.asarray(value) * factor
+
+
+def _bars(axes: Axes, models: Sequence[str], model: str, rows: pd.DataFrame, measure: str, aside: float) -> None:
     """Mean and interval over seeds by size, a little aside of others; controls are thinner."""
     if rows.empty:
         return
-    line = _over_seeds(rows, "size")
-    reach = np.stack([line["mean"] - line["low"], line["high"] - line["mean"]])
+    line = over_seeds(rows, ["size"], {measure: "mean"})
+    reach = np.stack([line["mean"] - line["mean" + LOW], line["mean" + HIGH] - line["mean"]])
     width, mark = (0.9, 2) if is_control(model) else (1.2, 3)
     axes.errorbar(np.asarray(line.index, dtype=float) + aside, line["mean"], reach, **_how(models, model), lw=width,
                   marker="o", ms=mark)  # fmt: skip
@@ -93,26 +109,28 @@ def _curve(axes: Axes, models: Sequence[str], model: str, rows: pd.DataFrame) ->
     """Mean over seeds by epoch, with a band but for controls: more bands would hide each other."""
     if rows.empty:
         return
-    line, control = _over_seeds(rows, "epoch"), is_control(model)
+    line, control = over_seeds(rows, ["epoch"], {"mrr_star": "mean"}), is_control(model)
     axes.plot(line.index, line["mean"], **_how(models, model), lw=1 if control else 1.4)
     if not control:
-        axes.fill_between(line.index, line["low"], line["high"], color=colour(model, models), alpha=0.1, lw=0)
+        ends = line["mean" + LOW], line["mean" + HIGH]
+        axes.fill_between(line.index, *ends, color=colour(model, models), alpha=0.1, lw=0)
 
 
 def _how(models: Sequence[str], model: str) -> dict[str, Any]:
     return {"color": colour(model, models), "label": label(model), "ls": dashes(model)}
 
 
-def _over_seeds(rows: pd.DataFrame, x: str) -> pd.DataFrame:
-    means = rows.groupby([x, "seed"], as_index=False)["mrr_star"].mean()  # sessions of a seed are no repeats
-    return 100 * intervals(means["mrr_star"], means[x])
+def legend(canvas: Canvas, drawn: Sequence[Axes]) -> None:
+    """Below the panels, what any of them shows: models as they were drawn, then lines and marks of other kinds.
 
-
-def legend(canvas: Canvas, axes: Axes) -> None:
-    """Below the panels, in two rows where there are many entries; matplotlib fills columns, people read rows."""
-    entries = list(zip(*axes.get_legend_handles_labels(), strict=True))
+    In several rows where there are many entries; matplotlib fills columns, people read rows.
+    """
+    entries: dict[str, Any] = {}
+    for axes in drawn:
+        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+            entries.setdefault(name, handle)
     if not entries:
         return
-    columns = len(entries) if len(entries) <= _LEGEND_ROW else -(-len(entries) // 2)
-    handles, labels = zip(*(entry for first in range(columns) for entry in entries[first::columns]), strict=True)
-    canvas.legend(handles, labels, loc="outside lower center", ncols=columns)
+    columns = -(-len(entries) // -(-len(entries) // _LEGEND_ROW))
+    filled = [name for first in range(columns) for name in list(entries)[first::columns]]
+    canvas.legend([entries[name] for name in filled], filled, loc="outside lower center", ncols=columns)

@@ -10,6 +10,10 @@ from isi.initializers import INITIALIZERS, Registered
 from isi.insertion.registry import Role
 
 JOINT = "joint"
+#: Θ⁰ trained on with nothing inserted.
+NOTHING = "nothing"
+#: What is no initializer: how it is called, its colour and its line.
+_OTHERS = {JOINT: ("Joint", "#000000", "--"), NOTHING: ("Nothing inserted", "#8c2d04", ":")}
 #: Gains are over the paper's own baseline.
 BASELINE = "xavier"
 #: Of initializers that bring no colour of their own.
@@ -27,12 +31,12 @@ def registered(initializer: str) -> Registered:
 
 def label(model: str) -> str:
     """How a model is called where people read."""
-    return "Joint" if model == JOINT else registered(model).label
+    return _OTHERS[model][0] if model in _OTHERS else registered(model).label
 
 
 def of_role(models: Iterable[str], *roles: Role) -> list[str]:
     """Those of the initializers that have one of the roles, in their order."""
-    return [name for name in models if name != JOINT and registered(name).role in roles]
+    return [name for name in models if name not in _OTHERS and registered(name).role in roles]
 
 
 def isi(models: Iterable[str]) -> list[str]:
@@ -56,15 +60,15 @@ def is_control(model: str) -> bool:
 
 def colour(model: str, models: Sequence[str]) -> str:
     """The colour of a model in every figure; ``models``: all, which share out the spare ones."""
-    if model == JOINT:
-        return "#000000"
-    own = [name for name in models if name != JOINT and registered(name).colour is None]
+    if model in _OTHERS:
+        return _OTHERS[model][1]
+    own = [name for name in models if name not in _OTHERS and registered(name).colour is None]
     return registered(model).colour or _SPARE[own.index(model) % len(_SPARE)]
 
 
 def dashes(model: str) -> Any:
-    """Solid for what is under test; the joint model and controls are dashed."""
-    return "--" if model == JOINT else (0, (3, 1.5)) if is_control(model) else "-"
+    """Solid for what is under test; all else is dashed or dotted."""
+    return _OTHERS[model][2] if model in _OTHERS else (0, (3, 1.5)) if is_control(model) else "-"
 
 
 def described(initializer: str) -> str:

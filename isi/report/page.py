@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup, escape
@@ -19,6 +20,7 @@ from isi.report.figures import STYLE, rendered
 from isi.report.metrics import metrics, plots
 from isi.report.results import Results
 from isi.report.section import Content, Figure, Section, Table
+from isi.report.statistics import HIGH, LOW
 
 #: Sections that have something to say, each with what it says.
 Made = Sequence[tuple[Section, Sequence[Content]]]
@@ -70,6 +72,7 @@ def html(made: Made, drawings: Mapping[str, str], paragraphs: Sequence[str]) -> 
         form=lambda content: type(content).__name__,
         marked_up=lambda text: marked_up(text, ids),
         shorten=shorten,
+        columns_of=columns_of,
         numeric=lambda table: [side == "right" for side in _alignment(table)],
         svg=lambda figure: Markup(drawings[figure.name][drawings[figure.name].index("<svg") :]),  # noqa: S704
     )
@@ -96,28 +99,45 @@ def forms(table: Table) -> dict[str, str]:
 
 
 def shorten(frame: pd.DataFrame, formats: Mapping[str, Callable[[Any], str]] | None = None) -> pd.DataFrame:
-    """Numbers as people read them: one decimal, none for whole columns, a dash for what is not there."""
-    formats = formats or {}
-    return pd.DataFrame(
-        {name: [_shown(value, frame[name], formats.get(name)) for value in frame[name]] for name in frame.columns}
-    )
+    """Numbers as people read them: one decimal, none for whole columns, a dash for what is not there.
+
+    Where the ends of a column's interval stand in columns of their own, they stand behind it in brackets.
+    """
+    formats, shown = formats or {}, {}
+    for name in columns_of(frame):
+        ends = [name + end for end in (LOW, HIGH) if name + end in frame]
+        how = formats.get(name) or _plain(frame[[name, *ends]])
+        parts = [[_shown(value, how) for value in frame[column]] for column in (name, *ends)]
+        shown[name] = [_with_interval(*cells) for cells in zip(*parts, strict=True)]
+    return pd.DataFrame(shown)
 
 
-def _shown(value: Any, column: pd.Series, how: Callable[[Any], str] | None) -> str:
+def columns_of(frame: pd.DataFrame) -> list[str]:
+    """The columns that are shown as such: not those with ends of intervals."""
+    ends = {name + end for name in frame.columns for end in (LOW, HIGH)}
+    return [name for name in frame.columns if name not in ends]
+
+
+def _plain(columns: pd.DataFrame) -> Callable[[Any], str]:
+    parts = columns.apply(pd.to_numeric, errors="coerce").to_numpy(float) % 1
+    return "{:,.0f}".format if (np.isnan(parts) | (parts == 0)).all() else "{:,.1f}".format
+
+
+def _shown(value: Any, how: Callable[[Any], str]) -> str:
     if value is None or (isinstance(value, float) and pd.isna(value)):
         return "–"
-    if isinstance(value, str):
-        return value
-    if how is not None:
-        return how(value)
-    whole = pd.to_numeric(column, errors="coerce").dropna().mod(1).eq(0).all()
-    return f"{value:,.0f}" if whole else f"{value:,.1f}"
+    return value if isinstance(value, str) else how(value)
+
+
+def _with_interval(value: str, low: str = "–", high: str = "–") -> str:
+    return value if "–" in (low, high) else f"{value} [{low}, {high}]"
 
 
 def _alignment(table: Table) -> tuple[str, ...]:
     frame = table.frame
     texts = [
-        name not in table.formats and frame[name].map(lambda value: isinstance(value, str)).any() for name in frame
+        name not in table.formats and frame[name].map(lambda value: isinstance(value, str)).any()
+        for name in columns_of(frame)
     ]
     return tuple("left" if text else "right" for text in texts)
 

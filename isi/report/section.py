@@ -15,7 +15,11 @@ from isi.report.results import Experiment, Results
 
 @dataclass(frozen=True)
 class Table:
-    """A table as shown: numbers are in the units that its caption names."""
+    """A table as shown: numbers are in the units that its caption names.
+
+    Where the 95 % interval of a column ends stands in two more, of its name with ``LOW`` and ``HIGH`` of
+    ``statistics`` behind it; on the page, in Markdown and in LaTeX the three are one.
+    """
 
     name: str
     title: str

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+#: Sizes whose epochs are averaged: each with the one before it and the one after.
+NEIGHBOURS = 3
 #: The set grows while this many epochs are gained, ...
 EPOCHS = 1.0
 #: ... and while MRR* is at most this far below the best.
@@ -29,7 +31,7 @@ def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequenc
         mrr_star: immediate MRR* of each, in [0, 1].
         epochs: mean epochs to convergence of each.
     """
-    means = [sum(epochs[place - 1 : place + 2]) / 3 for place in range(1, len(sizes) - 1)]
+    means = [sum(epochs[place - 1 : place + 2]) / NEIGHBOURS for place in range(1, len(sizes) - 1)]
     picked = 0
     for place in range(1, len(sizes) - 1):
         too_low = mrr_star[place] < max(mrr_star[:place]) - LOSS

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
@@ -11,6 +11,7 @@ from isi.report.models import BASELINE, contenders, controls, isi, label
 from isi.report.prose import joined, listed
 from isi.report.results import Results, Study
 from isi.report.section import Content, Section, Table
+from isi.report.statistics import over_seeds
 
 #: Answers that are shown and counted.
 TOP = 4
@@ -35,6 +36,11 @@ class Answers:
         """What was asked for: affordances."""
         return joined(f"{kind}s" for kind in self.kinds)
 
+    def repeats(self, entity: str) -> int:
+        """How many repeats inserted an entity."""
+        ids = self.entities.index[self.entities["entity"] == entity]
+        return int(self.ranks.loc[self.ranks["entity"].isin(ids), "seed"].nunique())
+
     def top(self, model: str, entity: str) -> list[tuple[str, str]]:
         """The answers of lowest mean rank over the repeats that inserted an entity, each with its kind."""
         ids = self.entities.index[self.entities["entity"] == entity]
@@ -42,6 +48,20 @@ class Answers:
         old = own[own["answer"].map(self.entities["source"]) == self.source]
         best = old.groupby("answer")["rank"].mean().sort_values(kind="stable").index[:TOP]
         return [(str(answer), str(kind)) for answer, kind in self.entities.loc[best, ["entity", "kind"]].to_numpy()]
+
+    def judged(self, model: str, entities: Sequence[str], afforded: Mapping[str, Sequence[str]]) -> dict[str, int]:
+        """How many of the answers about some entities are such as were asked for, and how many are wrong.
+
+        Args:
+            afforded: what is plausible, by entity; where all are judged, also how many are that, and unlikely.
+        """
+        tops = [(entity, *answer) for entity in entities for answer in self.top(model, entity)]
+        hits = [(entity, answer) for entity, answer, kind in tops if kind in self.kinds]
+        counts = {"affordances": len(hits), "wrong": len(tops) - len(hits)}
+        if all(entity in afforded for entity in entities):
+            counts["plausible"] = sum(answer in afforded[entity] for entity, answer in hits)
+            counts["unlikely"] = len(hits) - counts["plausible"]
+        return counts
 
     @property
     def hits(self) -> pd.DataFrame:
@@ -76,7 +96,7 @@ def contents(results: Results) -> Iterator[Content]:
     yield ranked(
         found, how.entities, first, "table3_affordances", "Table 3. Answers right after insertion",
         f"The {TOP} highest-ranked answers to (entity, {found.relation}, ?), each with its kind, by mean rank over the "
-        f"repeats that inserted the entity. Answers are the entities of {source}, which every repeat has. Those that "
+        f"n repeats that inserted the entity. Answers are the entities of {source}, which every repeat has. Those that "
         "are of another kind than the relation leads to are marked ×.",
     )  # fmt: skip
     others = [name for name in initializers if name not in first]
@@ -112,7 +132,7 @@ def ranked(
         for place in range(TOP):
             shown = {label(model): _marked(found, *answers[place]) if place < len(answers) else "–"
                      for model, answers in tops.items()}  # fmt: skip
-            lines.append({"entity": entity, "": f"{place + 1}.", **shown})
+            lines.append({"entity": f"{entity} (n = {found.repeats(entity)})", "": f"{place + 1}.", **shown})
     return Table(name, title, caption, pd.DataFrame(lines), folded=folded)
 
 
@@ -122,19 +142,19 @@ def _marked(found: Answers, answer: str, kind: str) -> str:
 
 def shares(found: Answers, initializers: Sequence[str], inserted: int) -> Table:
     """How often the highest-ranked answers are such as were asked for, over everything that was inserted."""
-    rows = found.hits
-    first = 100 * rows[rows["rank"] == 1].groupby("model")["hit"].mean()
-    one = joined(found.kinds)
-    frame = pd.DataFrame({"initializer": [label(name) for name in initializers]})
-    frame[f"top {TOP}: {found.what} %"] = pd.Series(found.shares).reindex(list(initializers)).to_numpy()
-    frame[f"first: {one} %"] = first.reindex(list(initializers)).to_numpy()
+    rows, one = found.hits, joined(found.kinds)
+    first = rows[rows["rank"] == 1]
+    parts = [over_seeds(own, ["model"], {"hit": name}).reindex(list(initializers))
+             for own, name in ((rows, f"top {TOP}: {found.what} %"), (first, f"first: {one} %"))]  # fmt: skip
+    frame = pd.concat(parts, axis=1).reset_index(drop=True)
+    frame.insert(0, "initializer", [label(name) for name in initializers])
     number = int(found.entities["kind"].isin(found.kinds).sum())
     return Table(
         "affordance_shares",
         f"How often the highest-ranked answers are {found.what}",
         f"Of the {TOP} highest-ranked answers to (entity, {found.relation}, ?) among all entities of D¹, in each "
         f"repeat, over all {inserted} inserted entities: how many are {found.what}, whichever they are, of which there "
-        f"are {number}.",
+        f"are {number}. Intervals are over repeats.",
         frame,
     )
 

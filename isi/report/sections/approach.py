@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
+from matplotlib.patheffects import withStroke
 
 from isi.report.figures import legend, panels
 from isi.report.models import colour, isi, label
-from isi.report.prose import joined
 from isi.report.results import Results
 from isi.report.section import Content, Figure, Section, Table
 
@@ -38,7 +38,7 @@ def contents(results: Results) -> Iterator[Content]:
         f"which hold {100 * share:.0f} % of their variance, and the novel entity “{_name(traces, names)}”: where each "
         f"initializer puts it, the indicators whose centroid that is (triangles), and its way through {how.epochs} "
         "epochs of fine-tuning. Known entities are drawn where Θ⁰ has them; training moves them, too. "
-        "What looks central in the plane need not be so in all dimensions (see the table).",
+        "What looks central in the plane need not be so: titles give distances in all dimensions.",
         drawn(traces, names),
     )
     yield distances(traces, names, how.epochs)
@@ -63,31 +63,31 @@ def drawn(traces: Traces, names: pd.Series) -> Canvas:
     for panel, group in zip(places, groups, strict=True):
         panel.plot(*((vectors - centre) @ axes.T).T, ls="", marker="o", ms=2.5, color="#b5bac2", mew=0, zorder=1)
         for model in group:
-            _path(panel, model, (traces[f"{model}.path"] - centre) @ axes.T, colour(model, models))
+            points = (traces[f"{model}.path"] - centre) @ axes.T
+            _path(panel, points, colour(model, models), label(model) if len(group) > 1 else "")
         for model in isi(group):
             chosen = np.flatnonzero(traces[f"{model}.indicators"])
             points = (traces["theta0"][chosen] - centre) @ axes.T
             _indicators(panel, points, names[chosen].tolist(), colour(model, models))
-        panel.set(title=joined(label(model) for model in group), xticks=[], yticks=[])
+        panel.set(xticks=[], yticks=[])
+        panel.set_title("\n".join(_distances(traces, model) for model in group), fontsize=9)
     _key(places[0])
-    legend(canvas, places[0])
+    legend(canvas, places)
     return canvas
 
 
 def distances(traces: Traces, names: pd.Series, epochs: int) -> Table:
     """The same in all dimensions: how far each start is from the known entities' centre and from its end."""
     vectors = known_vectors(traces)
-    lines = []
-    for model in traced(traces):
-        path = traces[f"{model}.path"].astype(np.float64)
-        lines.append(
-            {
-                "initializer": label(model),
-                "from the centre": np.linalg.norm(path[0] - vectors.mean(0, dtype=np.float64)),
-                "from where training takes it": np.linalg.norm(path[-1] - path[0]),
-                "indicators": ", ".join(names[traces[f"{model}.indicators"]]),
-            }
-        )
+    lines = [
+        {
+            "initializer": label(model),
+            "from the centre": from_centre(traces, model),
+            "from where training takes it": moved(traces, model),
+            "indicators": ", ".join(names[traces[f"{model}.indicators"]]),
+        }
+        for model in traced(traces)
+    ]
     away = np.linalg.norm(vectors - vectors.mean(0), axis=1).mean()
     return Table(
         "approach",
@@ -98,6 +98,22 @@ def distances(traces: Traces, names: pd.Series, epochs: int) -> Table:
         pd.DataFrame(lines),
         folded=True,
     )
+
+
+def from_centre(traces: Traces, model: str) -> float:
+    """How far an initializer puts the entity from the centre of those that are known, in all dimensions."""
+    centre = known_vectors(traces).mean(0, dtype=np.float64)
+    return float(np.linalg.norm(traces[f"{model}.path"][0].astype(np.float64) - centre))
+
+
+def moved(traces: Traces, model: str) -> float:
+    """How far training takes it from there."""
+    path = traces[f"{model}.path"].astype(np.float64)
+    return float(np.linalg.norm(path[-1] - path[0]))
+
+
+def _distances(traces: Traces, model: str) -> str:
+    return f"{label(model)}: {from_centre(traces, model):.1f} from the centre, {moved(traces, model):.1f} to its end"
 
 
 def plane(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -138,10 +154,12 @@ def spread(heights: np.ndarray, gap: float) -> np.ndarray:
     return spread_out
 
 
-def _path(axes: Axes, model: str, points: np.ndarray, colour: str) -> None:
-    """A star where the entity is put, and an arrow along its way to where training takes it."""
+def _path(axes: Axes, points: np.ndarray, colour: str, name: str) -> None:
+    """A star where the entity is put, its name where there are several, and an arrow to where training takes it."""
     axes.plot(*points.T, color=colour, lw=0.8, alpha=0.7, zorder=4)
-    axes.annotate(label(model), tuple(points[0]), (7, -9), fontsize=7, textcoords="offset points", color=colour)
+    halo = [withStroke(linewidth=2.5, foreground="white")]
+    axes.annotate(name, tuple(points[0]), (7, -10), fontsize=8, textcoords="offset points", color=colour, zorder=6,
+                  path_effects=halo)  # fmt: skip
     axes.plot(*points[0], ls="", marker="*", ms=11, color=colour, mec="black", mew=0.5, zorder=5)
     axes.annotate(
         "", tuple(points[-1]), tuple(points[0]), zorder=4,

@@ -14,7 +14,7 @@ from isi.report.prose import listed
 from isi.report.results import Experiment, Results
 from isi.report.section import Content, Figure, Section, Table, by_experiment
 from isi.report.sections.graph import in_order_of
-from isi.report.statistics import HALVES
+from isi.report.statistics import HALVES, HIGH, LOW
 
 _SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
 
@@ -29,13 +29,15 @@ def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]
     at_once, models = experiment.at_once, experiment.models
     stated = results.paper["immediate"]["improvement_over_xavier"]
     yield in_words(at_once, experiment.initializers, stated)
+    yield about_novel_in_words(at_once, experiment.initializers)
     yield Figure(
         "figure3a_immediate",
         "Figure 3a. Immediate MRR*",
-        "MRR* right after insertion against the number of novel entities, mean and 95 % interval over seeds: over "
-        "all queries (left, the paper's figure) and over the queries about the novel entities (right; the joint model "
-        "has been trained on most of these, so it is no bound there).",
-        by_size(at_once, models, ("all", "novel")),
+        "Right after insertion, against the number of novel entities and their share of all: MRR* (above; at the left "
+        "the paper's figure) and the half of it that asks for entities (below), over all queries (left) and over the "
+        "queries about the novel entities (right), mean and 95 % interval over seeds. The joint model has been trained "
+        "on most of what is asked at the right, so it is no bound there. Scales differ.",
+        by_size(at_once, models, ("all", "novel"), ("mrr_star", "mrr_star_entity"), len(experiment.entities)),
     )
     yield immediate(at_once, models)
     if BASELINE in models:
@@ -49,9 +51,8 @@ def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]
 
 
 def in_words(at_once: pd.DataFrame, initializers: Sequence[str], stated: Mapping[str, float]) -> str:
-    """What the models have at once, and how much of that is about novel entities; ``stated``: the paper's gains."""
-    now, tested = statistics.mrr_star(at_once, [*initializers, JOINT]), contenders(initializers)
-    everything = now.get("all", {})
+    """What the models have at once over all queries; ``stated``: the paper's gains."""
+    everything, tested = statistics.mrr_star(at_once, [*initializers, JOINT]).get("all", {}), contenders(initializers)
     text = (
         f"MRR* over all queries right after insertion: {listed(everything, tested)}; a joint model, trained on "
         f"everything, has {everything.get(JOINT, np.nan):.1f}"
@@ -61,9 +62,23 @@ def in_words(at_once: pd.DataFrame, initializers: Sequence[str], stated: Mapping
         percent = "{:.1f} %"
         text += f". Gain over Xavier: {listed(gain, methods, percent)} (paper: {listed(stated, methods, percent)})"
     return (
-        f"{text}. About the novel entities alone (scope novel): {listed(now.get('novel', {}), tested)}. Of all queries "
-        f"{100 * share_about_known(at_once, initializers):.0f} % are about entities that were known before: what a "
-        "novel entity's vector does to those is crowding, not knowledge (see [earlier knowledge](#earlier))."
+        f"{text}. Of all queries {100 * share_about_known(at_once, initializers):.0f} % are about entities that were "
+        "known before: what a novel entity's vector does to those is crowding, not knowledge (see "
+        "[earlier knowledge](#earlier))."
+    )
+
+
+def about_novel_in_words(at_once: pd.DataFrame, initializers: Sequence[str]) -> str:
+    """What they have at once about the novel entities, half by half."""
+    means = 100 * at_once[at_once["scope"] == "novel"].groupby("model")[list(HALVES)].mean()
+    star, entity, relation = (
+        {str(model): float(value) for model, value in means[column].dropna().items()} for column in HALVES
+    )
+    tested = contenders(initializers)
+    return (
+        f"About the novel entities alone (scope novel): {listed(star, tested)}. Half of that asks for relations, which "
+        f"is a choice of kind (see [the graph](#graph)): {listed(relation, tested)}. The half that asks for entities: "
+        f"{listed(entity, tested)}."
     )
 
 
@@ -78,9 +93,9 @@ def immediate(at_once: pd.DataFrame, models: Sequence[str]) -> Table:
     return Table(
         "immediate",
         "Immediate MRR*",
-        "MRR* (points) right after insertion, mean over all sizes and seeds, with the half of it that asks for "
-        "entities and the half that asks for relations, of which there are few. The joint model has been "
-        "trained on most of the queries of scope novel; it is no bound there.",
+        "MRR* (points) right after insertion, mean over all sizes and seeds with its interval over seeds, with the "
+        "half of it that asks for entities and the half that asks for relations, which is a choice of kind. The "
+        "joint model has been trained on most of the queries of scope novel; it is no bound there.",
         statistics.halves_by_model(at_once, models, ("all", "novel")),
     )
 
@@ -88,28 +103,30 @@ def immediate(at_once: pd.DataFrame, models: Sequence[str]) -> Table:
 def immediate_by_size(at_once: pd.DataFrame, models: Sequence[str]) -> Table:
     """The numbers behind Figure 3a, with their halves."""
     shown = at_once[at_once["scope"].isin(["all", "novel"])]
-    means = 100 * shown.groupby(["scope", "size", "model"])[list(HALVES)].mean().rename(columns=HALVES)
+    means = statistics.over_seeds(shown, ["scope", "size", "model"], HALVES)
     return Table(
         "immediate_by_size",
         "Immediate MRR* by size",
-        "MRR* (points) right after insertion, mean over seeds.",
+        "MRR* (points) right after insertion, mean over seeds and its interval.",
         statistics.in_order(means.reset_index(), ["scope", "size", "model"], models),
         folded=True,
     )
 
 
 def improvement(at_once: pd.DataFrame, initializers: Sequence[str], stated: Mapping[str, float]) -> Table:
-    """Improvement over Xavier, beside the paper's (see ``statistics.improvement``)."""
+    """Improvement over Xavier, beside the paper's (see ``statistics.improvements``)."""
     others = [name for name in initializers if name != BASELINE]
     frame = pd.DataFrame({"initializer": [label(name) for name in others]})
     for scope in ("all", "novel"):
-        ratios = statistics.improvement(at_once, scope)
-        frame[f"scope {scope}"] = [ratios.get(name, np.nan) for name in others]
+        found = statistics.improvements(at_once, scope).reindex(others)
+        for column, end in (("mean", ""), ("low", LOW), ("high", HIGH)):
+            frame[f"scope {scope}{end}"] = found[column].to_numpy()
     frame["paper"] = [stated.get(name) for name in others]
     return Table(
         "improvement",
         "Improvement over Xavier",
-        "Immediate MRR* against Xavier's, in per cent: the ratio of means at each size, averaged over sizes.",
+        "Immediate MRR* against Xavier's, in per cent: the ratio of means at each size, averaged over sizes, with its "
+        "interval over seeds (both resampled together).",
         frame,
     )
 
@@ -117,18 +134,16 @@ def improvement(at_once: pd.DataFrame, initializers: Sequence[str], stated: Mapp
 def novel_by_kind(inserted: pd.DataFrame, kinds: Sequence[str], initializers: Sequence[str]) -> Table:
     """Immediate MRR* of the queries about each inserted entity, by its kind."""
     asked = inserted[inserted["queries"] > 0]
-    groups = asked.groupby(["kind", "model"])
-    means = 100 * groups[list(HALVES)].mean().rename(columns=HALVES)
-    means["std"] = 100 * groups["mrr_star"].std(ddof=1)
-    means.insert(0, "inserted", groups.size())
+    means = statistics.over_seeds(asked, ["kind", "model"], HALVES)
+    means.insert(0, "inserted", asked.groupby(["kind", "model"]).size())
     order = [(kind, model) for kind in kinds for model in initializers if (kind, model) in means.index]
     frame = means.loc[order].reset_index()
     frame["model"] = frame["model"].map(label)
     return Table(
         "novel_by_kind",
         "Immediate MRR* by kind of the novel entity",
-        "MRR* (points) in scope novel of the queries that touch an inserted entity, mean and standard deviation over "
-        "the inserted entities of a kind, with its entity and its relation half.",
+        "MRR* (points) in scope novel of the queries that touch an inserted entity, mean over the inserted entities "
+        "of a kind and its interval over seeds, with its entity and its relation half.",
         frame.rename(columns={"model": "initializer"}),
         folded=True,
     )
@@ -139,8 +154,9 @@ def every_scope(at_once: pd.DataFrame, models: Sequence[str]) -> Table:
     return Table(
         "scopes",
         "Immediate MRR* in every scope",
-        "MRR* (points) right after insertion, mean over all sizes and seeds, with its entity and relation halves.",
-        statistics.halves_by_model(at_once, models, _SCOPES),
+        "MRR* (points) right after insertion, mean over all sizes and seeds and its interval over seeds, with its "
+        "entity and relation halves.",
+        statistics.halves_by_scope(at_once, models, _SCOPES),
         folded=True,
     )
 
@@ -149,13 +165,13 @@ def by_session(at_once: pd.DataFrame, models: Sequence[str]) -> Table:
     """Every session that inserts on its own, over all sizes."""
     parts = []
     for session, own in at_once.groupby("session"):
-        parts.append(statistics.halves_by_model(own, models, _SCOPES))
+        parts.append(statistics.halves_by_scope(own, models, _SCOPES))
         parts[-1].insert(0, "session", session)
     return Table(
         "sessions",
         "Immediate MRR* by session",
-        "MRR* (points) right after each session's insertion, mean over all sizes and seeds, with its entity and "
-        "relation halves.",
+        "MRR* (points) right after each session's insertion, mean over all sizes and seeds and its interval over "
+        "seeds, with its entity and relation halves.",
         pd.concat(parts, ignore_index=True),
         folded=True,
     )

@@ -11,7 +11,7 @@ from isi.families import FAMILIES
 from isi.report.prose import joined
 from isi.report.results import Results
 from isi.report.section import Content, Section, Table
-from isi.report.statistics import HALVES
+from isi.report.statistics import HALVES, over_seeds
 
 #: By family, names to values: how it is trained, and its own options.
 Chosen = Mapping[str, Mapping[str, Any]]
@@ -47,20 +47,16 @@ def families(rows: pd.DataFrame, chosen: Chosen, seeds: int) -> Table:
     Args:
         rows: ``tables.FAMILIES``, with a column ``family``.
     """
-    lines = []
-    for name, values in chosen.items():
-        own = rows[rows["family"] == name]
-        measures = 100 * own[[*HALVES, "mrr", "valid_mrr_star"]].mean()
-        lines.append(
-            {"family": called(name), "MRR*": measures["mrr_star"], "std": 100 * own["mrr_star"].std(ddof=1)}
-            | {half: measures[column] for column, half in list(HALVES.items())[1:]}
-            | {"MRR": measures["mrr"], "validation MRR*": measures["valid_mrr_star"], "epochs": own["epochs"].mean()}
-            | {what.replace("_", " "): _shown(value) for what, value in values.items()}
-        )
+    found = over_seeds(rows, ["family"], {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"})
+    lines = [
+        {"family": called(name), **found.loc[name], "epochs": rows.loc[rows["family"] == name, "epochs"].mean()}
+        | {what.replace("_", " "): _shown(value) for what, value in values.items()}
+        for name, values in chosen.items()
+    ]
     return Table(
         "families",
         "Families of embeddings",
-        f"MRR* (points) of the joint model over test triples, mean and standard deviation over {seeds} seeds, with its "
+        f"MRR* (points) of the joint model over test triples, mean and interval over {seeds} seeds, with its "
         "entity and its relation half; MRR: of heads and tails alone, as others state it; MRR* on validation triples; "
         "how long training took; rate, weight decay and the options of a family, chosen on validation triples.",
         pd.DataFrame(lines),

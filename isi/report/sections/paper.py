@@ -1,16 +1,16 @@
-"""Every number that the paper states, beside those of every graph of its own."""
+"""The paper's numbers beside those of every graph of its own."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
 
-from isi.report import statistics
+from isi.report import selection, statistics
 from isi.report.models import BASELINE, label
 from isi.report.prose import joined
 from isi.report.results import Experiment, Results, Study
@@ -18,10 +18,20 @@ from isi.report.section import Content, Section, Table
 from isi.report.sections import affordances, cross_validation, sensitivity, transfer
 from isi.report.sections.graph import graph_statistics
 
-#: Where the paper states it, what, its number and ours, null where there is none.
-Row = tuple[str, str, float, float]
 _KEY = ["where", "what"]
 T = TypeVar("T")
+
+
+class Row(NamedTuple):
+    """A number of the paper, and ours."""
+
+    where: str
+    what: str
+    paper: float
+    #: null where there is none
+    ours: float
+    #: what there is to say of ours
+    note: str = ""
 
 
 def contents(results: Results) -> Iterator[Content]:
@@ -36,15 +46,16 @@ def against(results: Results) -> Table:
     stated = next(iter(columns.values()))
     frame = pd.DataFrame([row[:3] for row in stated], columns=[*_KEY, "paper"])
     for name, ours in columns.items():
-        values = {row[:2]: row[3] for row in ours}
+        values = {row[:2]: row.ours for row in ours}
         frame[name] = [values.get(row[:2], np.nan) for row in stated]
+    frame["note"] = [row.note for row in stated]
     others = "".join(f" Column {one.name}: {one.title}." for one in results.own[1:])
     return Table(
         "paper_against_this_run",
         "The paper against this run",
-        "Every number in the paper's abstract, tables and running text of its results. MRR* in points. The graphs are "
-        "not the same (AI2-THOR has grown), nor are the joint models, so closeness is no goal; order and size are."
-        f"{others}",
+        "Numbers in the paper's abstract, tables and running text of its settings and results; its figures print "
+        "none. MRR* in points. The graphs are not the same (AI2-THOR has grown), nor are the joint models, so "
+        f"closeness is no goal; order and size are. Notes are on this run.{others}",
         frame,
         dict.fromkeys(("paper", *columns), shown),
     )
@@ -101,12 +112,12 @@ def _abstract(column: _Column) -> Iterator[Row]:
     names = joined(label(name) for name in methods)
     what = "gain over Xavier at once, all queries, %"
     theirs = stated["improvement_over_xavier"]
-    yield (
+    yield Row(
         "abstract", f"{what}: the figure is ES's", stated["improvement_in_the_abstract"], column.gain.get("es", np.nan)
     )  # fmt: skip
     mean = float(np.mean([theirs[name] for name in methods]))
-    yield "section 6.1", f"{what}: mean of {names}", mean, _mean(column.gain, methods)
-    yield "abstract", f"fewer epochs than Xavier, %: mean of {names}", epochs["mean"], _mean(column.fewer, methods)
+    yield Row("section 6.1", f"{what}: mean of {names}", mean, _mean(column.gain, methods))
+    yield Row("abstract", f"fewer epochs than Xavier, %: mean of {names}", epochs["mean"], _mean(column.fewer, methods))
 
 
 def _graph(column: _Column) -> Iterator[Row]:
@@ -131,7 +142,7 @@ def _graph(column: _Column) -> Iterator[Row]:
         "bowls_in_cabinets": f"observations of ({', '.join(names[0] for names in ends.values())})",
     }  # fmt: skip
     for name, value in ours.items():
-        yield "section 5.1", said.get(name, name), stated[name], float(value)
+        yield Row("section 5.1", said.get(name, name), stated[name], float(value))
 
 
 def _table1(column: _Column) -> Iterator[Row]:
@@ -146,20 +157,25 @@ def _table1(column: _Column) -> Iterator[Row]:
             median = "" if name == "rooms" else ", median per environment"
             own = "object types" if name == "entities" else name
             there = room in counts.index and own in counts.columns
-            yield "Table 1", f"{room}: {what}{median}", numbers[name], float(counts[own][room]) if there else np.nan
+            yield Row(
+                "Table 1", f"{room}: {what}{median}", numbers[name], float(counts[own][room]) if there else np.nan
+            )
 
 
 def _settings(column: _Column) -> Iterator[Row]:
     stated, params, how = column.paper["settings"], column.results.params, column.experiment.how
     most, size = max(how.sessions.sizes), column.experiment.curve_size
+    share, shares = 100 / len(column.experiment.entities), stated["shares"]
     candidates = params.initializers.get("ers", {}).get("candidates", np.nan)
-    yield "section 5.3", "repeats of each set size", stated["repeats"], how.sessions.seeds
-    yield "section 6.1", "novel entities inserted at once, at most", stated["largest_size"], most
-    yield "section 6.2", "novel entities in the learning curves", stated["curve_size"], size or np.nan
-    yield "section 5.3", "margin of convergence, points of MRR*", stated["margin"], 100 * params.convergence.margin
-    yield "section 5.3", "epochs of fine-tuning, at most", stated["max_epochs"], params.finetuning.max_epochs
-    yield "section 5.3", "fine-tuning rate", stated["finetuning_rate"], params.finetuning.learning_rate
-    yield "section 5.3", "ERS: candidates", stated["candidates"], candidates
+    yield Row("section 5.3", "repeats of each set size", stated["repeats"], how.sessions.seeds)
+    yield Row("section 6.1", "novel entities inserted at once, at most", stated["largest_size"], most)
+    for which, number in (("smallest", min(how.sessions.sizes)), ("largest", most)):
+        yield Row("section 6.1", f"the {which} set, % of all entities", shares[which], share * number)
+    yield Row("section 6.2", "novel entities in the learning curves", stated["curve_size"], size or np.nan)
+    yield Row("section 5.3", "margin of convergence, points of MRR*", stated["margin"], 100 * params.convergence.margin)
+    yield Row("section 5.3", "epochs of fine-tuning, at most", stated["max_epochs"], params.finetuning.max_epochs)
+    yield Row("section 5.3", "fine-tuning rate", stated["finetuning_rate"], params.finetuning.learning_rate)
+    yield Row("section 5.3", "ERS: candidates", stated["candidates"], candidates)
 
 
 def _transfer_settings(column: _Column) -> Iterator[Row]:
@@ -173,7 +189,7 @@ def _transfer_settings(column: _Column) -> Iterator[Row]:
         "repeats": ("repeats", sessions.seeds if sessions else np.nan),
     }
     for name, (what, value) in ours.items():
-        yield "section 6.3", f"transfer: {what}", stated[name], value
+        yield Row("section 6.3", f"transfer: {what}", stated[name], value)
 
 
 def _studies(column: _Column) -> Iterator[Row]:
@@ -185,7 +201,13 @@ def _studies(column: _Column) -> Iterator[Row]:
     choice = cross_validation.settings_of(results)[0]
     for name, what in words.items():
         best = cross_validation.best(folds.found, choice, name) if folds else np.nan
-        yield "section 5.3", f"{what}: best in cross-validation", column.paper["training"][name], best
+        note = cross_validation.note(folds.found, choice, name) if folds else ""
+        yield Row("section 5.3", f"{what}: best in cross-validation", column.paper["training"][name], best, note)
+    rule = {"neighbours": ("neighbouring sizes averaged", selection.NEIGHBOURS),
+            "epochs": ("grow while so many epochs are gained", selection.EPOCHS),
+            "points": ("stop where MRR* is so many points below the best", 100 * selection.LOSS)}  # fmt: skip
+    for name, (what, ours) in rule.items():
+        yield Row("section 5.3", f"rule: {what}", column.paper["indicators_rule"][name], ours)
     picked: dict[str, int] = {}
     tops: dict[str, int] = {}
     if sweep := column.own(results.sweep):
@@ -193,29 +215,32 @@ def _studies(column: _Column) -> Iterator[Row]:
         picked, tops = sensitivity.picked_sizes(found), sensitivity.best_sizes(found)
     for name, stated in column.paper["indicators"].items():
         what = f"{label(name)}: indicator set size that the rule picks"
-        yield "section 5.3", what, stated, picked.get(name, np.nan)
+        yield Row("section 5.3", what, stated, picked.get(name, np.nan))
     for name in column.paper["indicators"]:
         what = f"{label(name)}: indicator set size of the best immediate MRR*, scope all (paper: falls beyond)"
-        yield "section 5.3", what, column.paper["indicators_degrade_after"], tops.get(name, np.nan)
+        yield Row("section 5.3", what, column.paper["indicators_degrade_after"], tops.get(name, np.nan))
 
 
 def _immediate(column: _Column) -> Iterator[Row]:
     for name, stated in column.paper["immediate"]["improvement_over_xavier"].items():
         what = f"{label(name)}: gain over Xavier at once, all queries, %"
-        yield "section 6.1", what, stated, column.gain.get(name, np.nan)
+        yield Row("section 6.1", what, stated, column.gain.get(name, np.nan))
 
 
 def _convergence(column: _Column) -> Iterator[Row]:
     stated, cells = column.paper["convergence"], column.experiment.convergence
-    epochs = cells[cells["scope"] == "all"].groupby("model")["epochs"]
-    mean, deviation = epochs.mean(), epochs.std(ddof=1)
-    for name, numbers in stated["epochs"].items():
-        yield "Table 2", f"{label(name)}: epochs to convergence, mean", numbers["mean"], mean.get(name, np.nan)
-        what = f"{label(name)}: epochs to convergence, standard deviation"
-        yield "Table 2", what, numbers["deviation"], deviation.get(name, np.nan)
+    scopes = {"all": "", "novel_heldout": ", asked about held-out triples of the novel entities instead"}
+    for scope, asked in scopes.items():
+        epochs = cells[cells["scope"] == scope].groupby("model")["epochs"]
+        mean, deviation = epochs.mean(), epochs.std(ddof=1)
+        for name, numbers in stated["epochs"].items():
+            what = f"{label(name)}: epochs to convergence, mean{asked}"
+            yield Row("Table 2", what, numbers["mean"], mean.get(name, np.nan))
+            what = f"{label(name)}: epochs to convergence, standard deviation{asked}"
+            yield Row("Table 2", what, numbers["deviation"], deviation.get(name, np.nan))
     for name in column.paper["indicators"]:
         what = f"{label(name)}: fewer epochs than Xavier, %"
-        yield "section 6.2", what, stated["fewer_epochs_than_xavier"][name], column.fewer.get(name, np.nan)
+        yield Row("section 6.2", what, stated["fewer_epochs_than_xavier"][name], column.fewer.get(name, np.nan))
 
 
 def _transfer(column: _Column) -> Iterator[Row]:
@@ -233,19 +258,20 @@ def _transfer(column: _Column) -> Iterator[Row]:
     )
     for key, what, ours in parts:
         for name, number in stated[key].items():
-            yield "section 6.3", f"{label(name)}: {what}", number, ours.get(name, np.nan)
+            yield Row("section 6.3", f"{label(name)}: {what}", number, ours.get(name, np.nan))
 
 
 def _affordances(column: _Column) -> Iterator[Row]:
     stated, how = column.paper["affordances"], column.results.params.affordances
-    study, entities = column.own(column.results.affordances), how.entities
+    study, judged = column.own(column.results.affordances), column.results.vocabulary["afforded"]
     found = affordances.answers(study, how.relation) if study else None
     for name in (*column.paper["indicators"], BASELINE):
-        hits = np.nan
-        if found and name in set(found.ranks["model"]):
-            hits = sum(kind in found.kinds for entity in entities for _, kind in found.top(name, entity))
-        what = f"{label(name)}: of {affordances.TOP * len(entities)} answers shown, how many are affordances"
-        yield "Table 3", what, stated["xavier" if name == BASELINE else "isi"], hits
+        who = "xavier" if name == BASELINE else "isi"
+        ran = found is not None and name in set(found.ranks["model"])
+        counts = found.judged(name, how.entities, judged) if found and ran else {}
+        shown = f"{label(name)}: of {affordances.TOP * len(how.entities)} answers shown, how many are"
+        for how_so, number in {"affordances": stated[who], **stated["judged"][who]}.items():
+            yield Row("Table 3", f"{shown} {how_so}", number, counts.get(how_so, np.nan))
 
 
 def _mean(values: Mapping[str, float], models: list[str]) -> float:

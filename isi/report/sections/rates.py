@@ -9,37 +9,36 @@ import pandas as pd
 from isi.learning.convergence import SCOPES
 from isi.report.models import label
 from isi.report.section import Table
+from isi.report.statistics import over_seeds
 
 #: Factor on the fine-tuning rate of the main runs.
 AS_CHOSEN = 1.0
 
 
-def convergence_by_rate(cells: pd.DataFrame, initializers: Sequence[str], size: int, rate: float) -> Table:
+def convergence_by_rate(cells: pd.DataFrame, initializers: Sequence[str], size: int, rate: float, most: int) -> Table:
     """Epochs to convergence at one size, by the factor on the fine-tuning rate.
 
     Args:
         cells: epochs to convergence of each initializer, factor and cell, those of the main runs among them.
+        rate: of the main runs.
+        most: epochs that a run which never gets there counts as.
     """
-    groups = cells.groupby(["scope", "model", "factor"])
-    mean, deviation, never = (
-        groups["epochs"].mean(), groups["epochs"].std(ddof=1), 100 * (1 - groups["converged"].mean())
-    )  # fmt: skip
+    by = ["scope", "model", "factor"]
+    means = over_seeds(cells, by, {"epochs": "mean"}, scale=1)
+    means["median"] = cells.groupby(by)["epochs"].median()
+    means["unconverged %"] = 100 * (1 - cells.groupby(by)["converged"].mean())
     lines = []
     for scope in (scope for scope in SCOPES if scope in set(cells["scope"])):
         for model in initializers:
             line: dict[str, object] = {"scope": scope, "initializer": label(model)}
             for factor in sorted(cells["factor"].unique()):
-                key = (scope, model, factor)
-                line |= {
-                    f"×{factor:g}: mean": mean.get(key),
-                    f"×{factor:g}: std": deviation.get(key),
-                    f"×{factor:g}: unconverged %": never.get(key),
-                }
+                line |= {f"×{factor:g}: {column}": means[column].get((scope, model, factor)) for column in means}
             lines.append(line)
     return Table(
         "convergence_by_rate",
-        "Epochs to convergence at other fine-tuning rates",
-        f"As Table 2, at |ξ| = {size} alone, with multiples of the fine-tuning rate of {rate:g}.",
+        "Table 2 at every fine-tuning rate",
+        f"As Table 2, at |ξ| = {size} alone, with multiples of the fine-tuning rate of {rate:g}: mean with its "
+        f"interval over seeds, median, and the share of runs that never get there, which count as {most}.",
         pd.DataFrame(lines),
     )
 

@@ -10,14 +10,14 @@ import pandas as pd
 
 from isi.building import Seen, newcomers
 from isi.report import statistics
-from isi.report.figures import by_epoch
 from isi.report.models import BASELINE, JOINT, contenders, label
+from isi.report.paired import Pair
 from isi.report.prose import capitalized, joined, listed, reached
 from isi.report.results import Experiment, Results
 from isi.report.section import Content, Figure, Heading, Section, Table
-from isi.report.statistics import HALVES
-
-_SCOPES = ("known", "known_closed")
+from isi.report.sections import earlier
+from isi.report.sections.epochs import summarized
+from isi.report.statistics import HALVES, HIGH, LOW
 
 
 def contents(results: Results) -> Iterator[Content]:
@@ -33,7 +33,7 @@ def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]
     if extend is None:
         return
     base = results.source_title(experiment.how.graph.source)
-    stated, initializers = results.paper["transfer"], experiment.initializers
+    stated = results.paper["transfer"]
     yield at_once_in_words(experiment, base, extend.source, stated)
     left = dict(results.mined[extend.source].itertuples(index=False, name=None))
     drawn = Drawn(experiment.entities, experiment.triples, results.seen[extend.source])
@@ -41,7 +41,43 @@ def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]
     yield immediate(experiment.name, experiment.at_once, experiment.convergence, experiment.models, stated)
     yield earlier_in_words(experiment, base, stated["drop"])
     if experiment.curve_size is not None:
-        yield figure4(experiment.name, experiment.curves, initializers, experiment.curve_size, base)
+        yield from to_the_end(results, experiment, base)
+
+
+def to_the_end(results: Results, experiment: Experiment, base: str) -> Iterator[Content]:
+    """What training does to earlier knowledge: paired differences at its end, and Figure 4."""
+    runs = earlier.with_nothing(results, experiment)
+    pairs = earlier.at_the_end(runs)
+    yield f"{earlier.at_the_end_in_words(pairs)}{order_against(results, experiment, pairs)}"
+    yield Figure(
+        f"figure4_{experiment.name}",
+        "Figure 4. Earlier knowledge while new entities are learned",
+        f"MRR* of queries about the entities of {base} alone by epoch of further training on D¹, with "
+        f"{experiment.curve_size} new entities inserted, less what Θ⁰ had before: paired by repeat, mean and (but for "
+        f"controls) 95 % interval, {earlier.CAPTION} The paper's figure is the left one, in MRR* itself.",
+        earlier.drawn(runs, experiment.models),
+    )
+    yield earlier.differences_at_the_end(pairs, f"{experiment.name}_at_the_end")
+
+
+def order_against(results: Results, experiment: Experiment, pairs: Sequence[Pair]) -> str:
+    """Whether ISI ends on the same side of Xavier as where this graph's own entities were inserted."""
+    source = experiment.how.graph.source
+    own = next((one for one in results.own if one.how.graph.source == source and one.curve_size is not None), None)
+    if own is None:
+        return ""
+    here, there = (earlier.against(found, "known_closed", BASELINE)
+                   for found in (pairs, earlier.at_the_end(own.curves)))  # fmt: skip
+    both = [name for name in here if name in there]
+    turned = [name for name in both if here[name].mean * there[name].mean < 0]
+    if not both:
+        return ""
+    told = joined(f"{label(name)} {there[name]}{'' if there[name].told_apart else ' n.s.'}" for name in both)
+    order = "reversed" if turned == both else f"reversed for {joined(map(label, turned))}" if turned else "the same"
+    return (
+        f" Where entities of {own.title} itself were inserted, known_closed against Xavier is {told}: "
+        f"the order is {order}."
+    )
 
 
 @dataclass(frozen=True)
@@ -89,18 +125,13 @@ def earlier_in_words(experiment: Experiment, base: str, stated: Mapping[str, flo
     """What the new entities cost earlier knowledge, beside the paper's."""
     tested = contenders(experiment.initializers)
     dropped = listed(drop(experiment.at_once), tested, "{:.1f} %")
-    end = known_closed_at_the_end(experiment.curves, experiment.params.finetuning.max_epochs)
     text = f"By how much MRR* over the entities of {base} alone is lower right after insertion than before: {dropped}"
     if BASELINE in stated:
-        text += f" (paper: {stated[BASELINE]} % with Xavier, nothing to speak of with the others)"
-    if end:
-        now = statistics.mrr_star(experiment.at_once, experiment.initializers).get("known_closed", {})
-        first = next(iter(now.values()), float("nan"))
-        text += (
-            f". With the new entities left out of the candidates, at the end of training: {listed(end, tested)}; at "
-            f"once it was {first:.1f} for all"
-        )
-    return f"{text}."
+        text += f" (paper: {stated[BASELINE]} % with Xavier, and no number for the others)"
+    return (
+        f"{text}. That is crowding alone: with the new entities left out of the candidates all have what Θ⁰ had, by "
+        "definition (see [earlier knowledge](#earlier))."
+    )
 
 
 def mined(name: str, left: Mapping[str, int], drawn: Drawn, base: str, minimum: int, inserted: int) -> Table:
@@ -135,24 +166,26 @@ def immediate(
     stated: Mapping[str, Mapping[str, float]],
 ) -> Table:
     """MRR* right after insertion, epochs to convergence, and the drop on earlier knowledge, beside the paper's."""
-    means = 100 * at_once.groupby(["model", "scope"])[list(HALVES)].mean()
-    dropped = drop(at_once)
-    epochs = convergence.groupby(["model", "scope"])["epochs"].mean()
-    never = 1 - convergence.groupby(["model", "scope"])["converged"].mean()
+    frame = pd.DataFrame({"model": [label(model) for model in models]})
+
+    def add(name: str, found: Mapping[str, float] | pd.Series) -> None:
+        frame[name] = pd.Series([found.get(model, np.nan) for model in models], dtype=float)
+
+    for scope, paper in (("all", "all_queries"), ("novel", "novel_queries")):
+        found = statistics.over_seeds(at_once[at_once["scope"] == scope], ["model"], HALVES)
+        for column in found:
+            add(f"{scope}: {column}", found[column])
+        add(f"{scope}: paper", stated[paper])
+    dropped = drops(at_once)
+    for column, end in (("mean", ""), ("low", LOW), ("high", HIGH)):
+        add(f"drop %{end}", dropped[column])
+    add("drop %: paper", stated["drop"])
+    for scope in ("all", "novel_heldout"):
+        own = summarized(convergence[convergence["scope"] == scope], ["model"])
+        for column in own.drop(columns="std"):
+            add(f"epochs, {scope}: {column}", own[column])
+    add("epochs: paper", stated["epochs"])
     heldout = at_once[(at_once["scope"] == "novel_heldout") & (at_once["model"] == JOINT)]
-    lines = []
-    for model in models:
-        line: dict[str, object] = {"model": label(model)}
-        for scope, paper in (("all", "all_queries"), ("novel", "novel_queries")):
-            for column, half in HALVES.items():
-                line[f"{scope}: {half}"] = means[column].get((model, scope), np.nan)
-            line[f"{scope}: paper"] = stated[paper].get(model, np.nan)
-        line["drop %"], line["drop %: paper"] = dropped.get(model, np.nan), stated["drop"].get(model, np.nan)
-        for scope in ("all", "novel_heldout"):
-            line[f"epochs, {scope}"] = epochs.get((model, scope), np.nan)
-            line[f"unconverged %, {scope}"] = 100 * never.get((model, scope), np.nan)
-        line["epochs: paper"] = stated["epochs"].get(model, np.nan)
-        lines.append(line)
     return Table(
         f"{name}_immediate",
         "New entities inserted into an embedding of the other source",
@@ -160,39 +193,39 @@ def immediate(
         "about the new entities; by how much MRR* over the earlier entities alone is lower with the new ones among the "
         "candidates than without (known against known_closed), in per cent; epochs to convergence, as in Table 2. In "
         f"scope novel_heldout there are {heldout['queries'].mean():.1f} triples a repeat to ask about, and none in "
-        f"{int((heldout['queries'] == 0).sum())} of {len(heldout)} repeats.",
-        pd.DataFrame(lines),
+        f"{int((heldout['queries'] == 0).sum())} of {len(heldout)} repeats. Intervals are over repeats.",
+        frame,
     )
 
 
 def drop(at_once: pd.DataFrame) -> dict[str, float]:
-    """By how much each model's MRR* in ``known`` is below that in ``known_closed`` at once, in per cent.
+    """By how much each model's MRR* in ``known`` is below that in ``known_closed`` at once, in per cent."""
+    return {str(model): float(value) for model, value in drops(at_once)["mean"].items()}
+
+
+def drops(at_once: pd.DataFrame) -> pd.DataFrame:
+    """The same with its interval over repeats: columns mean, low and high, by initializer.
 
     Without the new entities among the candidates nothing has changed for earlier knowledge, so this is
     what inserting them costs.
     """
-    means = at_once.groupby(["model", "scope"])["mrr_star"].mean().unstack("scope").reindex(columns=list(_SCOPES))
-    lost = (100 * (1 - means["known"] / means["known_closed"])).dropna()
-    return {str(model): float(value) for model, value in lost.items() if model != JOINT}
+
+    def lost(means: np.ndarray) -> np.ndarray:
+        share: np.ndarray = 100 * (1 - means[..., 0] / means[..., 1])
+        return share
+
+    found = {}
+    for model, own in at_once[at_once["scope"].isin(earlier.SCOPES)].groupby("model"):
+        cells = own.pivot_table("mrr_star", "seed", "scope").reindex(columns=list(earlier.SCOPES))
+        found[str(model)] = statistics.of_means(lost, cells)
+    frame = pd.DataFrame.from_dict(found, orient="index", columns=["mean", "low", "high"]).dropna(subset="mean")
+    return frame.drop(index=JOINT, errors="ignore")
 
 
 def known_closed_at_the_end(runs: pd.DataFrame, last: int) -> dict[str, float]:
     """MRR* (points) of the earlier entities among themselves after the last epoch."""
     own = runs[(runs["scope"] == "known_closed") & (runs["epoch"] == last)]
     return {str(model): float(value) for model, value in (100 * own.groupby("model")["mrr_star"].mean()).items()}
-
-
-def figure4(name: str, runs: pd.DataFrame, initializers: Sequence[str], size: int, base: str) -> Figure:
-    """Figure 4: MRR* over the earlier entities alone, by epoch of further training, in runs of one size."""
-    return Figure(
-        f"figure4_{name}",
-        "Figure 4. Earlier knowledge while new entities are learned",
-        f"MRR* of queries about the entities of {base} alone by epoch of further training on D¹, with {size} new "
-        "entities inserted, mean and (but for controls) 95 % interval over repeats: the new entities "
-        "among the candidates (left, the paper's figure) and not (right). What is lost on the left alone is "
-        "crowding. Scales differ.",
-        by_epoch(runs, initializers, _SCOPES),
-    )
 
 
 SECTION = Section("transfer", "From simulation to the real", contents)
