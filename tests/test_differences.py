@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from isi.learning.convergence import epochs_to_convergence
-from isi.report import page
+from isi.report import page, paired
 from isi.report.sections import controls, differences
 from tests.reports import runs
 
@@ -31,23 +31,20 @@ def at_once(models: dict[str, Cells], scope: str = "novel") -> pd.DataFrame:
 def measures_of(models: dict[str, Cells]) -> dict[str, pd.DataFrame]:
     """Measures of initializers of which nothing is known but how they start."""
     nothing = pd.DataFrame(columns=["scope", "model", "session", "size", "seed", "epochs"])
-    return differences.measures(at_once(models), nothing, list(models))
+    rows = at_once(models).assign(mrr_star_entity=np.nan)
+    return differences.measures(rows, nothing, list(models))
 
 
-def pairs_of(models: dict[str, Cells]) -> list[differences.Pair]:
-    return differences.compare(measures_of(models), list(models), root=0)
+def pairs_of(models: dict[str, Cells]) -> list[paired.Pair]:
+    return paired.compare(measures_of(models), list(models))
 
 
 def short_table(models: dict[str, Cells]) -> pd.DataFrame:
     return differences.differences_isi(pairs_of(models), list(measures_of(models)), list(models)).frame
 
 
-def by_measure(pairs: list[differences.Pair], measure: str) -> list[differences.Pair]:
+def by_measure(pairs: list[paired.Pair], measure: str) -> list[paired.Pair]:
     return [pair for pair in pairs if pair.measure == measure]
-
-
-def shares_of(models: dict[str, Cells]) -> list[controls.Share]:
-    return controls.shares(at_once(models), list(models))
 
 
 def constant(value: float, seeds: int = 3) -> Cells:
@@ -59,13 +56,13 @@ def constant(value: float, seeds: int = 3) -> Cells:
 
 def test_holm_by_hand() -> None:
     # in order 0.005 · 4, 0.01 · 3, 0.03 · 2, and 0.04 · 1, which may not fall below the one before
-    assert differences.holm(np.array([0.01, 0.04, 0.03, 0.005])) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert differences.holm(np.array([0.6, 0.5])) == pytest.approx([1, 1])
-    assert differences.holm(np.array([0.2])) == pytest.approx([0.2])
+    assert paired.holm(np.array([0.01, 0.04, 0.03, 0.005])) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert paired.holm(np.array([0.6, 0.5])) == pytest.approx([1, 1])
+    assert paired.holm(np.array([0.2])) == pytest.approx([0.2])
 
 
 def test_a_pair_that_does_not_differ_stays_among_the_tests_of_holm() -> None:
-    corrected = differences.holm(np.array([np.nan, 0.01, np.nan]))
+    corrected = paired.holm(np.array([np.nan, 0.01, np.nan]))
     assert corrected[1] == pytest.approx(0.03)
     assert np.isnan(corrected[[0, 2]]).all()
 
@@ -73,7 +70,7 @@ def test_a_pair_that_does_not_differ_stays_among_the_tests_of_holm() -> None:
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=20))
 def test_holm_never_lowers_a_p_nor_changes_the_order(values: list[float]) -> None:
     p = np.array(values)
-    corrected = differences.holm(p)
+    corrected = paired.holm(p)
     assert ((corrected >= p) & (corrected <= 1)).all()
     assert (np.diff(corrected[p.argsort()]) >= 0).all()
     assert corrected.min() == min(1, len(p) * p.min())  # Bonferroni's for the smallest
@@ -95,36 +92,64 @@ def test_cells_without_queries_for_either_are_left_out_of_both_sides() -> None:
     ("values", "p"),
     [
         ([1, 2, 3, 4, 5], 2 / 2**5),  # all of one sign
-        ([1, 2, 3, -4], 14 / 16),  # 7 of 16 sets of ranks sum to 4 or less
-        ([0, 1, 2, 3], 2 / 2**3),  # a seed without a difference is not ranked
+        ([1, 2, 3, -4], 14 / 16),  # but for 1 + 4 against 2 + 3, either way, a sum of 2 or more
+        ([3, 1, 1, -1], 8 / 16),  # a sum of 4 or more: with the 3, two or all of three ones, or the reverse
+        ([0, 1, 2, 3], 2 / 2**3),  # a seed without a difference has no sign
+        ([1, -1, 2, -2], 1),
         ([2.5], 1),
     ],
 )
-def test_p_is_wilcoxons_by_hand(values: list[float], p: float) -> None:
-    found = differences.difference(np.array(values, dtype=float), root=0)
+def test_p_is_the_sign_flips_by_hand(values: list[float], p: float) -> None:
+    found = paired.difference(np.array(values, dtype=float))
     assert found.p == pytest.approx(p)
     assert found.mean == pytest.approx(sum(values) / len(values))
-    assert found.seeds == len(values)
+    assert (found.seeds, found.differing) == (len(values), np.count_nonzero(values))
+
+
+@settings(max_examples=40, deadline=None)
+@given(POINTS)
+def test_p_is_scipys_over_all_permutations(values: list[float]) -> None:
+    def total(sample: np.ndarray, axis: int) -> np.ndarray:
+        summed: np.ndarray = sample.sum(axis)
+        return summed
+
+    found = paired.sign_flip(np.array(values))
+    if any(values):
+        exact = stats.permutation_test(
+            (np.array(values),), total, permutation_type="samples", n_resamples=np.inf, vectorized=True
+        )
+        assert found == pytest.approx(exact.pvalue)
+    else:
+        assert np.isnan(found)
+
+
+def test_many_seeds_are_counted_and_very_many_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    values = np.random.default_rng(0).normal(0.4, 1, 30).round(9)
+    exact = paired.sign_flip(values)
+    assert exact * 2**29 == pytest.approx(round(exact * 2**29))  # a number of pairs of ways
+    monkeypatch.setattr(paired, "_COUNTED", 29)
+    assert paired.sign_flip(values) == pytest.approx(exact, abs=0.005)
+    assert paired.sign_flip(np.ones(60)) == pytest.approx(1 / 100_000)
 
 
 def test_the_interval_is_the_bootstraps() -> None:
     # of two seeds, a resampled mean is 0, ½ or 1 with ¼, ½ and ¼
-    two = differences.difference(np.array([0.0, 1.0]), root=0)
+    two = paired.difference(np.array([0.0, 1.0]))
     assert (two.low, two.high) == (0, 1)
-    same = differences.difference(np.full(4, 2.0), root=0)
+    same = paired.difference(np.full(4, 2.0))
     assert (same.low, same.high) == (2, 2)
     values = np.random.default_rng(5).normal(3, 2, 200)
-    many = differences.difference(values, root=0)
+    many = paired.difference(values)
     half = stats.norm.ppf(0.975) * values.std() / 200**0.5
     assert (many.low, many.high) == pytest.approx((values.mean() - half, values.mean() + half), abs=0.05 * half)
-    alone = differences.difference(np.array([1.0]), root=0)
+    alone = paired.difference(np.array([1.0]))
     assert np.isnan([alone.low, alone.high]).all()
 
 
 @settings(max_examples=25, deadline=None)
 @given(POINTS)
 def test_a_swapped_pair_is_the_same_with_other_signs(values: list[float]) -> None:
-    one, other = (differences.difference(sign * np.array(values), root=3) for sign in (1, -1))
+    one, other = (paired.difference(sign * np.array(values)) for sign in (1, -1))
     assert (other.mean, other.low, other.high) == pytest.approx((-one.mean, -one.high, -one.low))
     assert one.low <= one.mean + 1e-9
     assert one.mean <= one.high + 1e-9
@@ -136,15 +161,15 @@ def test_rounding_is_no_difference() -> None:
     first = pd.Series([0.1 + 0.2, 0.5], pd.MultiIndex.from_tuples([(1, 0), (1, 1)], names=["size", "seed"]))
     second = pd.Series([0.3, 0.5], first.index)
     assert (first != second).any()
-    assert not differences.by_seed(first, second).any()
+    assert not paired.by_seed(first, second).any()
 
 
 def test_identical_runs_give_none() -> None:
     pairs = pairs_of({"xavier": constant(0.4), "es": constant(0.6), "rs": constant(0.6)})
     frame = differences.differences(pairs).frame
-    novel = frame[frame["measure"].str.endswith("scope novel")].set_index(["first", "second"])
+    novel = frame[frame["measure"] == NOVEL].set_index(["first", "second"])
     assert novel.loc[("ES", "RS"), ["p", "p (Holm)"]].tolist() == ["none", "none"]
-    assert novel.loc[("ES", "RS"), "difference"] == 0
+    assert novel.loc[("ES", "RS"), ["difference", "of these differ"]].tolist() == [0, 0]
     # ISI stands first; both p are 2 / 2³, and the pair without a difference counts among the three
     assert novel.loc[("ES", "Xavier"), "difference"] == pytest.approx(20)
     assert novel.loc[("RS", "Xavier"), ["p", "p (Holm)"]].tolist() == [0.25, 0.75]
@@ -157,8 +182,9 @@ def test_epochs_are_compared_in_the_scopes_of_convergence() -> None:
         + [("es", "all", 1, 0, 0, 0.66), ("es", "all", 1, 1, 0, 0.6), ("es", "all", 1, 1, 1, 0.7)]
     )
     convergence = epochs_to_convergence(rows, joint, 0.08, 150, ["model"]).assign(session=1)
-    found = differences.measures(rows[rows["epoch"] == 0], convergence, ["xavier", "es"])
-    pairs = differences.compare(found, ["xavier", "es"], root=0)
+    start = rows[rows["epoch"] == 0].assign(mrr_star_entity=0.5)
+    found = differences.measures(start, convergence, ["xavier", "es"])
+    pairs = paired.compare(found, ["xavier", "es"])
     (pair,) = by_measure(pairs, "epochs to convergence, scope all")
     assert (pair.first, pair.second) == ("es", "xavier")
     assert pair.mean == pytest.approx((0 + 1) / 2 - 2)
@@ -202,7 +228,7 @@ def test_sentences_name_the_pairs_that_are_not_told_apart() -> None:
     ]
     few = {name: constant(cells[1, 0], 6) for name, cells in models.items()}  # 3 pairs · 2 / 2⁶ is above 0.05
     assert differences.sentences(pairs_of(few)) == [
-        "Immediate MRR*, scope novel: 0 of 3 pairs are told apart (with 6 seeds none can be)."
+        "Immediate MRR*, scope novel: 0 of 3 pairs are told apart (with at most 6 seeds that differ none can be)."
     ]
     del models["rs"]
     assert differences.sentences(pairs_of(models)) == ["Immediate MRR*, scope novel: 1 of 1 pairs are told apart."]
@@ -211,7 +237,7 @@ def test_sentences_name_the_pairs_that_are_not_told_apart() -> None:
 @pytest.mark.parametrize("names", [("xavier",), ("es",), ("xavier", "mean")])
 def test_tables_are_whole_where_there_is_nothing_to_compare(names: tuple[str, ...]) -> None:
     models = {name: constant(0.5) for name in names}
-    every, pairs = differences.differences(pairs_of(models)), 4 if len(names) == 2 else 0
+    every, pairs = differences.differences(pairs_of(models)), 5 if len(names) == 2 else 0
     shared = controls.shares_of_the_gain(shares_of(models))
     for frame, formats, rows in (
         (every.frame, every.formats, pairs),
@@ -219,7 +245,7 @@ def test_tables_are_whole_where_there_is_nothing_to_compare(names: tuple[str, ..
         (shared.frame, {}, 0),
     ):
         shown = page.shorten(frame, formats)
-        assert len(shown.columns) == len(frame.columns) > 0
+        assert list(shown.columns) == page.columns_of(frame) != []
         assert len(shown) == rows
 
 
@@ -231,58 +257,99 @@ def test_p_values_and_differences_are_shown_as_people_read_them() -> None:
     assert shown["difference"].tolist() == ["+0.01", "-20.50", "+0.00"]
 
 
-# Shares of the gain
+# What the gain is made of
+
+
+def halves(models: dict[str, tuple[float, float]], seeds: int = 3) -> pd.DataFrame:
+    """Runs in scope novel: the entity and the relation half of each model, the same for every seed."""
+    rows = at_once({model: constant((entity + relation) / 2, seeds) for model, (entity, relation) in models.items()})
+    entity, relation = (rows["model"].map({name: two[place] for name, two in models.items()}) for place in (0, 1))
+    return rows.assign(mrr_star_entity=entity, mrr_star_relation=relation)
+
+
+def shares_of(models: dict[str, Cells]) -> list[controls.Share]:
+    """Of all of MRR*."""
+    rows = at_once(models).assign(mrr_star_entity=0.5, mrr_star_relation=0.5)
+    return [one for one in controls.shares(rows, list(models)) if one.half == "mrr_star"]
 
 
 def test_shares_by_hand() -> None:
     found = shares_of({"xavier": {(1, 0): 0.3, (2, 0): 0.5}, "es": {(1, 0): 0.5, (2, 0): 0.7},
                        "mean": {(1, 0): 0.5, (2, 0): 0.5}, "gaussian": {(1, 0): 0.3, (2, 0): 0.4}})  # fmt: skip
     mean, gaussian = found
-    assert (mean.gain, mean.percent, mean.rest) == pytest.approx((20, 50, 10))
-    assert (gaussian.gain, gaussian.percent, gaussian.rest) == pytest.approx((20, -25, 25))
+    assert (mean.gain.mean, mean.percent[0], mean.rest.mean) == pytest.approx((20, 50, 10))
+    assert (gaussian.gain.mean, gaussian.percent[0], gaussian.rest.mean) == pytest.approx((20, -25, 25))
     frame = controls.shares_of_the_gain(found).frame
     assert frame["scope"].tolist() == ["novel", "novel"]
     assert frame["share %"].tolist() == pytest.approx([50, -25])
 
 
-def said(es: float, **others: float) -> str:
-    """The sentence on ES where Xavier has 40 points."""
-    cells = {name: constant(value) for name, value in others.items()}
-    (text,) = controls.sentences(shares_of({"xavier": constant(0.4), "es": constant(es)} | cells))
-    return text
+def test_the_interval_of_a_share_resamples_both_gains_together() -> None:
+    gains = {"xavier": (0.2, 0.2), "es": (0.4, 0.8), "mean": (0.3, 0.5)}  # the mean has half of it in both seeds
+    (share,) = shares_of({name: {(1, seed): value for seed, value in enumerate(two)} for name, two in gains.items()})
+    assert share.percent == pytest.approx((50, 50, 50))
+    assert (share.gain.low, share.gain.high) == pytest.approx((20, 60))
 
 
-def test_sentences_are_true_whatever_the_numbers() -> None:
-    assert said(0.6, mean=0.55, gaussian=0.39, gaussian_centred=0.4) == (
-        "In scope novel, ES gains 20.0 points over Xavier. Of these Mean has 75 %; Gaussian has none, being 1.0 points "
-        "below Xavier; Centred Gaussian has none; beyond the best of them, Mean, 5.0 points remain for semantics."
+@pytest.mark.parametrize(
+    ("models", "expected"),
+    [
+        (["xavier", "es", "mean", "kind_mean"],
+         [("centre", "mean", "xavier"), ("kind", "kind_mean", "mean"), ("meaning", "es", "kind_mean")]),
+        (["xavier", "es", "mean"], [("centre", "mean", "xavier"), ("kind and meaning", "es", "mean")]),
+        (["xavier", "es", "kind_mean"], [("centre and kind", "kind_mean", "xavier"), ("meaning", "es", "kind_mean")]),
+        (["xavier", "es"], [("centre, kind and meaning", "es", "xavier")]),
+    ],
+)  # fmt: skip
+def test_steps_go_over_the_controls_that_were_run(models: list[str], expected: list[tuple[str, str, str]]) -> None:
+    assert controls.steps("es", models) == expected
+
+
+def test_parts_are_told_half_by_half() -> None:
+    rows = halves({"xavier": (0.3, 0.5), "es": (0.5, 0.9), "mean": (0.2, 0.8), "es_permuted": (0.4, 0.6)})
+    found = controls.parts(rows, ["xavier", "es", "mean", "es_permuted"])
+    points = {(one.half, one.what): round(one.points.mean, 6) for one in found}
+    assert points == {
+        ("mrr_star", "centre"): 10, ("mrr_star", "kind and meaning"): 20, ("mrr_star", "all of it"): 30,
+        ("mrr_star", "words"): 20,
+        ("mrr_star_entity", "centre"): -10, ("mrr_star_entity", "kind and meaning"): 30,
+        ("mrr_star_entity", "all of it"): 20, ("mrr_star_entity", "words"): 10,
+        ("mrr_star_relation", "centre"): 30, ("mrr_star_relation", "kind and meaning"): 10,
+        ("mrr_star_relation", "all of it"): 40, ("mrr_star_relation", "words"): 30,
+    }  # fmt: skip
+    assert controls.sentence(found, "novel", "es") == (
+        "In scope novel, ES is +30.0 points from Xavier: centre +10.0 (33 %) and kind and meaning +20.0 (67 %) "
+        "[+20.0, +20.0]. In the half that asks for entities, +20.0 points from Xavier: centre -10.0 and kind and "
+        "meaning +30.0 [+30.0, +30.0]; in the half that asks for relations, +40.0 points from Xavier: centre +30.0 "
+        "(75 %) and kind and meaning +10.0 (25 %) [+10.0, +10.0]."
     )
-    assert said(0.6, es_permuted=0.62) == (
-        "In scope novel, ES gains 20.0 points over Xavier. Of these Permuted ES has 110 %; nothing remains for "
-        "semantics: Permuted ES is 2.0 points ahead."
-    )
-    assert said(0.6, mean=0.5998) == (  # less than is shown
-        "In scope novel, ES gains 20.0 points over Xavier. Of these Mean has 100 %; nothing remains for semantics: "
-        "Mean has as much."
-    )
+    assert controls.of_the_centre(found).endswith("All that the centre gains there is a choice of kind.")
+    frame = controls.parts_of_the_gain(found).frame.set_index("part")
+    assert frame.loc["centre", ["MRR*", "entity half", "entity half low"]].tolist() == pytest.approx([10, -10, -10])
 
 
-@pytest.mark.parametrize(("es", "below"), [(0.4, ""), (0.3, ": it is 10.0 points below")])
-def test_where_nothing_is_gained_nothing_is_shared(es: float, below: str) -> None:
-    assert said(es, mean=0.5) == f"In scope novel, ES gains nothing over Xavier{below}, so there is nothing to share."
+def test_the_centre_may_gain_in_both_halves_or_not_be_run() -> None:
+    rows = halves({"xavier": (0.3, 0.5), "es": (0.5, 0.9), "mean": (0.4, 0.8)})
+    assert "choice of kind" not in controls.of_the_centre(controls.parts(rows, ["xavier", "es", "mean"]))
+    assert controls.of_the_centre(controls.parts(rows, ["xavier", "es"])) == ""
+
+
+@pytest.mark.parametrize("es", [0.4, 0.3])
+def test_where_nothing_is_gained_nothing_is_shared(es: float) -> None:
     (share,) = shares_of({"xavier": constant(0.4), "es": constant(es), "mean": constant(0.5)})
-    assert np.isnan(share.percent)
-    assert share.rest == pytest.approx(100 * (es - 0.5))
+    assert np.isnan(share.percent).all()
+    assert share.rest.mean == pytest.approx(100 * (es - 0.5))
+    rows = halves({"xavier": (0.4, 0.4), "es": (es, es), "mean": (0.5, 0.5)})
+    assert "%" not in controls.sentence(controls.parts(rows, ["xavier", "es", "mean"]), "novel", "es")
 
 
 @given(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1))
 @settings(max_examples=50, deadline=None)
 def test_share_and_rest_make_the_gain(xavier: float, es: float, control: float) -> None:
-    share = controls.Share("all", "es", 100 * (es - xavier), "mean", 100 * (control - xavier))
-    assert share.control_gain + share.rest == pytest.approx(share.gain, abs=1e-9)
+    (share,) = shares_of({"xavier": constant(xavier), "es": constant(es), "mean": constant(control)})
+    assert share.control_gain.mean + share.rest.mean == pytest.approx(share.gain.mean, abs=1e-6)
     if es > xavier + 0.01:
-        assert share.percent / 100 * share.gain == pytest.approx(share.control_gain, abs=1e-9)
-    assert "nan" not in controls.sentence([share])
+        assert share.percent[0] / 100 * share.gain.mean == pytest.approx(share.control_gain.mean, abs=1e-6)
 
 
 def test_without_xavier_there_is_no_gain() -> None:

@@ -238,7 +238,7 @@ def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
             assert (folder / f"reports/tables/{name}.{form}").stat().st_size
     assert "\\toprule" in (folder / "reports/tables/table2_convergence.tex").read_text(encoding="utf-8")
     differences = pd.read_csv(folder / "reports/tables/differences.csv")
-    assert len(differences) == 4 * len(INITIALIZERS) * (len(INITIALIZERS) - 1) / 2
+    assert len(differences) == 5 * len(INITIALIZERS) * (len(INITIALIZERS) - 1) / 2
     metrics = json.loads((folder / "reports/metrics.json").read_text(encoding="utf-8"))
     runs = pd.read_parquet(folder / "data/runs/ai2thor/rs.parquet")
     at_once = runs[(runs["epoch"] == 0) & (runs["scope"] == "novel")]["mrr_star"].mean()

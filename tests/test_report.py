@@ -9,12 +9,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.colors import to_hex
+from scipy import stats
 
 from isi.learning.convergence import epochs_to_convergence
 from isi.report import figures, page, statistics
 from isi.report.models import colour, label
 from isi.report.prose import joined, listed, reached
-from isi.report.sections import approach, cross_validation, earlier, families, rates, sensitivity, words
+from isi.report.section import Table
+from isi.report.sections import approach, cross_validation, earlier, families, graph, rates, sensitivity, words
 from tests.reports import INITIALIZERS, runs, small_params
 
 
@@ -43,14 +45,36 @@ def test_fewer_epochs_is_against_the_mean_of_xavier() -> None:
     assert statistics.fewer_epochs(convergence, "novel") == {}
 
 
-def test_the_interval_is_students() -> None:
-    values, by = pd.Series([1.0, 2.0, 3.0, np.nan, 5.0, 4.0, 4.0]), pd.Series([7, 7, 7, 7, 8, 9, 9])
-    found = statistics.intervals(values, by)
-    mean, low, high = found.loc[7]
-    assert mean == 2
-    assert (low, high) == pytest.approx((2 - 4.302653 / 3**0.5, 2 + 4.302653 / 3**0.5))  # t of 2 degrees, 97.5 %
-    assert found.loc[8].tolist() == [5, 5, 5]
-    assert found.loc[9].tolist() == [4, 4, 4]
+def of_seeds(**seeds: Sequence[float]) -> pd.DataFrame:
+    """Rows of one group: the values of each seed."""
+    rows = [(0, seed, value) for seed, values in enumerate(seeds.values()) for value in values]
+    return pd.DataFrame(rows, columns=["group", "seed", "value"])
+
+
+def test_a_mean_is_over_all_rows_and_its_interval_resamples_whole_seeds() -> None:
+    found = statistics.over_seeds(of_seeds(a=[1, 2], b=[6]), ["group"], {"value": "v"}, scale=1)
+    # a resample has seed a twice with ¼ (mean 1.5), seed b twice with ¼ (mean 6), else both
+    assert found.loc[0].to_dict() == {"v": 3, "v low": 1.5, "v high": 6}
+    alone = statistics.over_seeds(of_seeds(a=[1, 2]), ["group"], {"value": "v"}, scale=100)
+    assert alone["v"].tolist() == [150]
+    assert alone[["v low", "v high"]].isna().all(axis=None)
+    nothing = statistics.over_seeds(of_seeds(a=[1, 2], b=[np.nan], c=[3]), ["group"], {"value": "v"}, scale=1)
+    assert nothing.loc[0].to_dict() == {"v": 2, "v low": 1.5, "v high": 3}  # seed b has nothing to resample
+
+
+def test_intervals_are_those_of_scipys_bootstrap() -> None:
+    values = np.random.default_rng(3).gamma(2, size=30)
+    found = statistics.over_seeds(of_seeds(**{str(n): [v] for n, v in enumerate(values)}), ["group"], {"value": "v"}, 1)
+    low, high = stats.bootstrap((values,), np.mean, n_resamples=20_000, method="percentile", rng=0).confidence_interval
+    assert found.loc[0, ["v low", "v high"]].tolist() == pytest.approx([low, high], abs=0.03 * (high - low))
+
+
+def test_improvement_resamples_both_sides_together() -> None:
+    rows = [("xavier", "all", size, seed, 0, value) for size in (1, 2) for seed, value in enumerate((0.2, 0.4))]
+    rows += [("es", "all", size, seed, 0, 1.5 * value) for size in (1, 2) for seed, value in enumerate((0.2, 0.4))]
+    found = statistics.improvements(runs(rows), "all")
+    assert found.loc["es"].tolist() == pytest.approx([50, 50, 50])  # whichever seeds are drawn
+    assert found.loc["xavier"].tolist() == pytest.approx([0, 0, 0])
 
 
 @pytest.mark.parametrize(
@@ -78,6 +102,18 @@ def test_numbers_are_shown_as_people_read_them() -> None:
     assert shown["whole"].tolist() == ["1", "–", "1,234"]
     assert shown["part"].tolist() == ["0.1", "1.2", "12.0"]
     assert shown["text"].tolist() == ["a", "b", "c"]
+
+
+def test_the_ends_of_an_interval_stand_in_brackets_and_are_no_columns() -> None:
+    frame = pd.DataFrame({"model": ["a", "b"], "x": [1.0, 2.0], "x low": [0.5, np.nan], "x high": [2.0, np.nan],
+                          "n": [-0.01, 3.0]})  # fmt: skip
+    table = Table("name", "Title", "Caption.", frame, {"n": "{:+.2f}".format})
+    shown = page.shorten(frame, table.formats)
+    assert shown.to_dict("list") == {"model": ["a", "b"], "x": ["1.0 [0.5, 2.0]", "2.0"], "n": ["-0.01", "+3.00"]}
+    forms = page.forms(table)
+    assert forms["csv"].splitlines()[0] == "model,x,x low,x high,n"
+    assert "| 1.0 [0.5, 2.0] |" in forms["md"]
+    assert page.shorten(pd.DataFrame({"x": [-0.01, 1.5]}))["x"].tolist() == ["0.0", "1.5"]
 
 
 def test_numbers_in_sentences() -> None:
@@ -132,6 +168,15 @@ def test_cross_validation_marks_the_choices_and_gives_the_spread_over_folds() ->
     assert ours["MRR*"] == pytest.approx(55)
     assert ours["std"] == pytest.approx(100 * 0.3 / 2**0.5)
     assert other["MRR*"] == pytest.approx(65)
+    assert other["from the choice"] == pytest.approx(10)
+    # the folds of the choice deviate by 21 points
+    assert (ours["told apart"], other["told apart"]) == ("", "no")
+    sure = [row | {"mrr_star": 0.9 + 0.01 * row["fold"]} if row["learning_rate"] == 0.2 else row for row in rows]
+    told = cross_validation.cross_validation(pd.DataFrame(sure), settings, stated, 2).frame
+    assert told.loc[told["learning rate"] == "0.2", "told apart"].tolist() == ["yes"]
+    assert cross_validation.note(pd.DataFrame(rows), settings[0], "learning_rate").endswith(
+        "from the choice of this run, less than the folds deviate"
+    )
 
 
 def test_the_best_value_of_a_factor_has_the_others_as_chosen() -> None:
@@ -165,7 +210,8 @@ def test_families_stand_with_what_was_chosen_for_them_and_go_by_mrr_star() -> No
     assert frame.loc["TransE", ["MRR*", "entity half", "relation half", "MRR", "epochs"]].tolist() == pytest.approx(
         [60, 20, 95, 40, 50]
     )
-    assert frame.loc["TransE", "std"] == pytest.approx(100 * 0.2 / 2**0.5)
+    assert frame.loc["TransE", ["MRR* low", "MRR* high"]].tolist() == pytest.approx([50, 70])
+    assert page.shorten(table.frame)["MRR*"].tolist() == ["60 [50, 70]", "90"]
     assert frame.loc["TransE", ["learning rate", "weight decay", "margin", "squared"]].tolist() == [
         "0.1",
         "0",
@@ -191,7 +237,7 @@ def test_the_order_at_other_rates_is_told_as_it_is() -> None:
     text = rates.order_of_initializers(tied, models, "all")
     assert text.endswith("ES, RS at ×0.5; ES, RS at ×1; ES = RS at ×2.")
     assert "has no queries" in rates.order_of_initializers(tied, models, "novel_heldout")
-    table = rates.convergence_by_rate(tied, models, 5, 0.04).frame.set_index("initializer")
+    table = rates.convergence_by_rate(tied, models, 5, 0.04, 150).frame.set_index("initializer")
     assert table.loc["RS", ["×0.5: mean", "×1: mean", "×2: mean"]].tolist() == [8, 4, 1]
 
 
@@ -205,6 +251,55 @@ def test_crowding_is_what_is_lost_with_the_novel_entities_alone() -> None:
     columns = ["lowest MRR*", "MRR* at once", "MRR* at the end"]
     assert frame.loc[0, columns].tolist() == pytest.approx([45, 65, 75])
     assert frame.loc[1, columns].tolist() == pytest.approx([90, 90, 90])
+
+
+def pairs_at_the_end(rows: pd.DataFrame) -> dict[tuple[str, str, str], float]:
+    found = earlier.at_the_end(rows)
+    return {(one.measure.split(",")[0], one.first, one.second): round(one.mean, 6) for one in found}
+
+
+def test_earlier_knowledge_is_told_from_before_and_from_where_nothing_was_inserted() -> None:
+    values = {"xavier": (0.3, 0.6), "es": (0.5, 0.75)}
+    rows = [(model, "known", 5, seed, epoch, value + seed / 10)
+            for model, both in values.items() for seed in (0, 1) for epoch, value in enumerate(both)]  # fmt: skip
+    rows += [(model, "known_closed", 5, seed, epoch, 0.7 + epoch * gain + seed / 10)
+             for model, gain in (("xavier", 0), ("es", 0.1)) for seed in (0, 1) for epoch in (0, 1)]  # fmt: skip
+    rows += [("joint", scope, 5, seed, 0, 0.9) for scope in ("known", "known_closed") for seed in (0, 1)]
+    nothing = runs([("nothing", "known_closed", 5, seed, epoch, 0.7 + 0.05 * epoch + seed / 10)
+                    for seed in (0, 1) for epoch in (0, 1)])  # fmt: skip
+    every = pd.concat([runs(rows), nothing], ignore_index=True)
+    changed = earlier.since_before(every).groupby(["model", "scope", "epoch"])["mrr_star"].mean()
+    assert changed["es", "known"].tolist() == pytest.approx([-0.2, 0.05])  # of seeds that had 0.7 and 0.8
+    assert changed["es", "known_closed"].tolist() == pytest.approx([0, 0.1])
+    assert changed["nothing", "known_closed"].tolist() == pytest.approx([0, 0.05])
+    assert changed["joint", "known"].tolist() == pytest.approx([0.15])
+    assert pairs_at_the_end(every) == {
+        ("known", "es", "xavier"): 15, ("known_closed", "es", "xavier"): 10,
+        ("known_closed", "es", "nothing"): 5, ("known_closed", "xavier", "nothing"): -5,
+    }  # fmt: skip
+    names = [line.get_label() for line in earlier.drawn(every, ["xavier", "es", "joint"]).axes[1].lines]
+    assert names == ["Xavier", "ES", "Nothing inserted", "Joint"]
+    text = earlier.at_the_end_in_words(earlier.at_the_end(every))
+    assert "Known_closed against Nothing inserted: ES +5.00 [+5.00, +5.00] (n.s.)" in text
+
+
+def test_the_kind_of_a_tail_may_tell_the_relation() -> None:
+    entities = pd.DataFrame({"entity": ["cup", "shelf", "break"], "kind": ["object", "object", "affordance"]})
+    triples = pd.DataFrame([("cup", "atLocation", "shelf"), ("cup", "hasAffordance", "break")],
+                           columns=["head", "relation", "tail"])  # fmt: skip
+    assert "in all 2 triples (affordance to hasAffordance and object to atLocation)" in graph.relation_half(
+        entities, triples
+    )
+    triples.loc[2] = ["cup", "under", "shelf"]
+    assert "in 2 of 3 triples" in graph.relation_half(entities, triples)
+
+
+def test_indicator_set_sizes_are_told_from_the_one_of_this_run() -> None:
+    swept = runs([("es", "all", 5, seed, 0, value) for seed in (0, 1) for value in (0.5, 0.6 + seed / 10)])
+    found = sensitivity.relative(swept.assign(k=[2, 8] * 2), {"es": 9}).set_index(["k", "seed"])["value"]
+    assert found.to_dict() == pytest.approx({(2, 0): -10, (8, 0): 0, (2, 1): -20, (8, 1): 0})  # 8 is the nearest to 9
+    cells = pd.DataFrame({"scope": ["all", "all", "novel_heldout"], "epochs": [0, 3, 7]})
+    assert sensitivity.convergence(cells)["value"].tolist() == [0, 100, 7]
 
 
 def test_the_plane_is_that_of_the_covariances_first_eigenvectors() -> None:
@@ -233,13 +328,16 @@ def test_sessions_of_a_seed_are_averaged_before_the_interval() -> None:
     rows = runs([("es", "all", 1, seed, 0, value) for seed in (0, 1) for value in (0.2 + seed / 2, 0.4 + seed / 2)])
     canvas = figures.by_epoch(rows, ["es"], ("all", "novel"))
     heights = canvas.axes[0].collections[0].get_paths()[0].vertices[:, 1]  # of seeds with 30 and 80 points
-    assert heights.max() == pytest.approx(55 + 12.706205 * 50 / 2)  # t of 1 degree, 97.5 %
+    assert heights.max() == pytest.approx(80)  # where a resample has the second seed alone
 
 
 def test_a_long_legend_has_two_rows_that_are_read_one_after_the_other() -> None:
     models = [*INITIALIZERS, "gaussian", "gaussian_centred", "joint"]
     rows = runs([(model, scope, 1, 0, 0, 0.5) for model in models for scope in ("all", "novel")])
-    canvas = figures.by_size(rows, models, ("all", "novel"))
+    canvas = figures.by_size(rows, models, ("all", "novel"), ("mrr_star",), entities=50)
+    assert [axes.get_title() for axes in canvas.axes] == ["scope all: MRR*", "scope novel: MRR*"]
+    (above,) = canvas.axes[0].child_axes
+    assert above.get_xlabel() == "% of |E|"
     canvas.draw_without_rendering()
     places = {text.get_text(): text.get_window_extent() for text in canvas.legends[0].get_texts()}
     rows_of = sorted({round(place.y0) for place in places.values()}, reverse=True)

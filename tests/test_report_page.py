@@ -95,6 +95,34 @@ def test_the_first_graph_has_plain_names_and_others_bear_their_own() -> None:
     }  # fmt: skip
 
 
+def test_what_is_trained_on_with_nothing_inserted_stands_beside_the_others_where_it_ran() -> None:
+    results = results_of()
+    alone = {}
+    for name in ("home", "moved"):
+        runs = results.experiments[name].runs
+        own = runs[(runs["model"] == "es") & (runs["scope"] == "known_closed")]
+        alone[name] = own.assign(mrr_star=own["mrr_star"] + 0.01).drop(columns="model")
+    more = replace(results, nothing=alone)
+    for name, there in (("corruption", True), ("corruption_away", False)):
+        assert ("Nothing inserted" in set(table_of(more, name).frame["model"])) is there
+        assert "Nothing inserted" not in set(table_of(results, name).frame["model"])
+    lines = {content.name: {text.get_text() for text in content.canvas.legends[0].get_texts()}
+             for _, found in made_of(more) for content in found if isinstance(content, Figure)}  # fmt: skip
+    assert {name for name, told in lines.items() if "Nothing inserted" in told} == {"corruption", "figure4_moved"}
+    ended = table_of(more, "moved_at_the_end").frame
+    es = ended[(ended["first"] == "ES") & (ended["second"] == "Nothing inserted")]
+    assert es["difference"].tolist() == pytest.approx([-1])
+
+
+def test_what_differs_from_the_paper_is_listed_with_the_numbers_of_the_run() -> None:
+    (told,) = (found for section, found in made_of(results_of()) if section.id == "departures")
+    (listed,) = (content.texts for content in told if isinstance(content, Bullets))
+    text = " ".join(listed)
+    for what in ("so 27 to a positive", "never seen as a head", "stop after 4 looks", "observed as often", "cosines",
+                 "a share of 0.5", "a grid (1, 2 and 4)", "pinned to training", "of the 2 candidates fan"):  # fmt: skip
+        assert what in text
+
+
 def test_metrics_hold_each_other_experiment_under_its_name() -> None:
     everything = results_of()
     found = metrics(everything)
@@ -112,7 +140,7 @@ def test_metrics_hold_each_other_experiment_under_its_name() -> None:
 def test_the_paper_stands_beside_every_graph_of_its_own() -> None:
     everything = results_of()
     frame = table_of(everything, "paper_against_this_run").frame.set_index(["where", "what"])
-    assert list(frame.columns) == ["paper", "this run", "away"]
+    assert list(frame.columns) == ["paper", "this run", "away", "note"]
     assert frame.index.is_unique
     home, away = frame["this run"], frame["away"]
     assert home["section 5.1", "unique triples"] == away["section 5.1", "unique triples"] == 3
@@ -125,6 +153,15 @@ def test_the_paper_stands_beside_every_graph_of_its_own() -> None:
     moved = [key for key in frame.index if key[0] in ("section 6.3", "Table 3")]
     assert home[moved].notna().all()
     assert away[moved].isna().all()
+    assert home["section 6.1", "the largest set, % of all entities"] == pytest.approx(100 * 2 / 4)
+    heldout = "ES: epochs to convergence, mean, asked about held-out triples of the novel entities instead"
+    cells = everything.experiments["home"].convergence
+    own = cells[(cells["scope"] == "novel_heldout") & (cells["model"] == "es")]["epochs"]
+    assert home["Table 2", heldout] == pytest.approx(own.mean())
+    answers = [
+        home["Table 3", f"RS: of 4 answers shown, how many are {how}"] for how in ("plausible", "unlikely", "wrong")
+    ]
+    assert sum(answers) == 4
     assert home["Table 1", "kitchen: rooms"] == 1
     assert np.isnan(away["Table 1", "kitchen: rooms"])
     studied = [key for key in frame.index if "cross-validation" in key[1] or "the rule picks" in key[1]]

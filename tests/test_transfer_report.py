@@ -41,6 +41,12 @@ def test_the_drop_is_what_new_candidates_cost_at_once() -> None:
     assert transfer.drop(at_once[at_once["scope"] == "known"]) == {}
 
 
+def test_the_drop_resamples_both_scopes_together() -> None:
+    rows = [("es", scope, 10, seed, 0, value * (0.5 if scope == "known" else 1))
+            for scope in ("known", "known_closed") for seed, value in enumerate((0.4, 0.8))]  # fmt: skip
+    assert transfer.drops(runs(rows)).loc["es"].tolist() == pytest.approx([50, 50, 50])
+
+
 def test_knowledge_at_the_end_is_that_of_the_last_epoch() -> None:
     rows = runs([("es", "known_closed", 10, seed, epoch, (epoch + seed) / 10) for seed in (0, 1) for epoch in (0, 5)]
                 + [("es", "known", 10, 0, 5, 0.9)])  # fmt: skip
@@ -79,6 +85,12 @@ def test_answers_go_by_mean_rank_over_repeats_and_those_that_are_no_affordance_a
     ]
     assert found.top("rs", "fan")[0] == ("kitchen", "room")
     assert found.top("es", "stove") == []
+    assert (found.repeats("fan"), found.repeats("stove")) == (2, 0)
+    assert found.judged("es", ["fan"], {"fan": ["open"]}) == {
+        "affordances": 2, "wrong": 2, "plausible": 1, "unlikely": 1,
+    }  # fmt: skip
+    assert found.judged("es", ["fan"], {}) == {"affordances": 2, "wrong": 2}
+    assert affordances.ranked(found, ["fan"], ["es"], "t", "T", "C.").frame["entity"].tolist() == ["fan (n = 2)"] * 4
     table = affordances.ranked(found, ["fan", "stove"], ["es"], "table", "Title", "Caption.").frame
     assert table["ES"].tolist() == ["open (affordance)", "push (affordance)", "× shelf (object)", "× kitchen (room)",
                                     *["–"] * 4]  # fmt: skip

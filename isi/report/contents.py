@@ -22,6 +22,7 @@ ORDER = (
     "cross_validation",
     "families",
     "words",
+    "departures",
     "paper",
     "run",
 )

@@ -120,7 +120,8 @@ def columns_of(frame: pd.DataFrame) -> list[str]:
 
 def _plain(columns: pd.DataFrame) -> Callable[[Any], str]:
     parts = columns.apply(pd.to_numeric, errors="coerce").to_numpy(float) % 1
-    return "{:,.0f}".format if (np.isnan(parts) | (parts == 0)).all() else "{:,.1f}".format
+    digits = 0 if (np.isnan(parts) | (parts == 0)).all() else 1
+    return lambda value: f"{round(value, digits) + 0.0:,.{digits}f}"  # no -0.0
 
 
 def _shown(value: Any, how: Callable[[Any], str]) -> str:

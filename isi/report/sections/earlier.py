@@ -9,8 +9,8 @@ from matplotlib.figure import Figure as Canvas
 
 from isi.report.figures import by_epoch
 from isi.report.models import BASELINE, JOINT, NOTHING, contenders, isi, label
-from isi.report.paired import Pair, compare
-from isi.report.prose import joined, listed
+from isi.report.paired import LEVEL, Pair, compare
+from isi.report.prose import capitalized, joined, listed
 from isi.report.results import Experiment, Results
 from isi.report.section import Content, Figure, Section, Table, by_experiment
 from isi.report.sections.differences import cells_of, every_pair
@@ -117,17 +117,23 @@ def against(pairs: Sequence[Pair], scope: str, model: str) -> Mapping[str, Pair]
             if one.measure.startswith(f"{scope},") and one.second == model and isi([one.first])}  # fmt: skip
 
 
+def named(found: Mapping[str, Pair]) -> str:
+    """Each initializer with its difference, and whether it is told apart."""
+    return joined(f"{label(name)} {one}{'' if one.told_apart else ' (n.s.)'}" for name, one in found.items())
+
+
 def at_the_end_in_words(pairs: Sequence[Pair]) -> str:
     """Damage and crowding at the end, ISI against Xavier and against nothing inserted."""
     told = []
     for scope, model in (("known_closed", BASELINE), ("known", BASELINE), ("known_closed", NOTHING)):
-        found = against(pairs, scope, model)
-        if found:
-            named = joined(f"{label(name)} {one}{'' if one.told_apart else ' n.s.'}" for name, one in found.items())
-            told.append(f"in {scope} against {label(model)}: {named}")
+        if found := against(pairs, scope, model):
+            told.append(f"{scope} against {label(model)}: {named(found)}")
     if not told:
         return "Nobody was followed to the end with whom ISI could be compared."
-    return f"At the end of training, in points of MRR*, paired by seed: {'; '.join(told)}."
+    return (
+        "At the end of training, differences in points of MRR*, paired by seed (n.s.: Holm-corrected p of "
+        f"{LEVEL:g} or more). {'. '.join(map(capitalized, told))}."
+    )
 
 
 def corruption(runs: pd.DataFrame, models: Sequence[str], size: int) -> Table:

@@ -13,7 +13,7 @@ from isi.report import statistics
 from isi.report.figures import by_epoch
 from isi.report.models import contenders, isi, label
 from isi.report.paired import difference
-from isi.report.prose import joined, listed, reached
+from isi.report.prose import listed, reached
 from isi.report.results import Experiment, Results
 from isi.report.section import Content, Figure, Section, Table, by_experiment
 from isi.report.sections import rates
@@ -35,7 +35,7 @@ def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]
         yield f"No size in `experiments.{experiment.name}.followed` was inserted, so there is no curve to draw."
     else:
         yield curves(experiment.curves, initializers, experiment.curve_size, margin)
-        yield best_epochs(experiment.curves, experiment.curve_size)
+        yield best_epochs(experiment.curves, initializers, experiment.curve_size)
     yield table2(convergence, initializers, results.paper["convergence"]["epochs"], margin, most)
     yield convergence_by_size(convergence, initializers)
     if results.rates and results.rates.experiment is experiment:
@@ -76,21 +76,23 @@ def in_words(convergence: pd.DataFrame, initializers: Sequence[str], margin: flo
     return text
 
 
-def best_epochs(runs: pd.DataFrame, size: int) -> str:
+def best_epochs(runs: pd.DataFrame, initializers: Sequence[str], size: int) -> str:
     """How far held-out MRR* falls from the best epoch of its mean to the last."""
     cells = 100 * runs[runs["scope"] == "novel_heldout"].pivot_table("mrr_star", ["model", "epoch"], "seed")
-    told = []
-    for model in isi(cells.index.unique("model")):
+    told, falls = [], []
+    for model in isi(name for name in initializers if name in cells.index.unique("model")):
         own = pd.DataFrame(cells.xs(model, level="model"))
         means, epochs = own.mean(axis=1), own.index.to_numpy()
         best, last = int(epochs[means.to_numpy().argmax()]), int(epochs.max())
         fallen = difference((own.loc[last] - own.loc[best]).dropna().to_numpy())
-        told.append(f"{label(model)} {means[best]:.1f} at epoch {best} and {means[last]:.1f} at {last} ({fallen})")
+        falls.append(fallen.mean < 0)
+        told.append(f"{label(model)} has {means[best]:.1f} at epoch {best} and {means[last]:.1f} at {last}, {fallen}")
     if not told:
         return f"At |ξ| = {size} nothing about held-out triples was asked of ISI."
+    more = "More training is not better" if all(falls) else "From the best epoch to the last"
     return (
-        f"More training is not better: about held-out triples at |ξ| = {size} the mean MRR* is highest and, at the "
-        f"end, {joined(told)}, with the change and its interval. (The best epoch is chosen with hindsight.)"
+        f"{more}, about held-out triples of the novel entities at |ξ| = {size}, with the change and its interval: "
+        f"{'; '.join(told)}. The best epoch is that of the mean curve, chosen with hindsight."
     )
 
 

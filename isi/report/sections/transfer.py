@@ -72,11 +72,12 @@ def order_against(results: Results, experiment: Experiment, pairs: Sequence[Pair
     turned = [name for name in both if here[name].mean * there[name].mean < 0]
     if not both:
         return ""
-    told = joined(f"{label(name)} {there[name]}{'' if there[name].told_apart else ' n.s.'}" for name in both)
     order = "reversed" if turned == both else f"reversed for {joined(map(label, turned))}" if turned else "the same"
+    if not any(found[name].told_apart for found in (here, there) for name in both):
+        order += ", though nothing is told apart in either"
     return (
-        f" Where entities of {own.title} itself were inserted, known_closed against Xavier is {told}: "
-        f"the order is {order}."
+        f" Where entities of {own.title} itself were inserted, known_closed against Xavier is "
+        f"{earlier.named({name: there[name] for name in both})}: the order is {order}."
     )
 
 
