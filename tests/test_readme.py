@@ -71,7 +71,7 @@ def test_what_the_method_says_of_rates_and_batches_is_in_its_tables() -> None:
 def small(tmp_path: Path) -> Path:
     (tmp_path / "reports").mkdir()
     (tmp_path / "reports/times.md").write_text(
-        "| what | models |  ms |\n|:-----|-------:|----:|\n| a, b |      1 | 2.5 |\n| a, b |      5 |   3 |\n"
+        "| what | models |  ms |\n|:-----|-------:|----:|\n| a, b |      1 | 2.5 |\n| a, b |      5 | 3 [2, 4] |\n"
     )
     (tmp_path / "params.yaml").write_text("training: {rate: 0.10}  # a comment\n")
     return tmp_path

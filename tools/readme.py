@@ -3,6 +3,7 @@
 A table stands between ``<!-- table: PATH -->`` and ``<!-- end -->``. A number, in the same way, after
 ``<!-- value: PATH | CELL ... | COLUMN -->``: of the table at PATH, the column of the row that starts with these cells;
 or after ``<!-- value: params | KEY -->``: of ``params.yaml``. Paths of tables go from the root and leave out ``.md``.
+An interval behind a number stays in the table.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def value(path: list[str], root: Path = ROOT) -> str:
     rows = [row for row in body if row[: len(cells) - 1] == cells[:-1]]
     if len(rows) != 1 or cells[-1] not in head:
         raise LookupError(f"{' | '.join(path)}: {len(rows)} rows, columns {', '.join(head)}")
-    return rows[0][head.index(cells[-1])]
+    return rows[0][head.index(cells[-1])].partition(" [")[0]
 
 
 def _text(root: Path, table: str) -> str:
