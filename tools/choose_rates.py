@@ -1,7 +1,8 @@
 """Compare batch sizes and learning rates on validation MRR*, as params.yaml's were chosen.
 
 Training is judged by the joint model's best validation MRR*; fine-tuning by validation MRR* on D¹
-averaged over all initializers but the controls and over epochs, which favours none by name. No test triple is looked at.
+averaged over all initializers but the controls and over epochs, which favours none by name. No test triple is
+looked at.
 """
 
 from __future__ import annotations

@@ -8,13 +8,13 @@ from math import nan
 import pandas as pd
 from matplotlib.figure import Figure as Canvas
 
-from isi.report import parts, statistics
+from isi.report import parts
 from isi.report.figures import by_size
 from isi.report.models import JOINT, contenders, label
 from isi.report.prose import capitalized, listed
 from isi.report.results import Experiment, Results
 from isi.report.section import Content, Figure, Heading, Section, Table, belonging
-from isi.report.statistics import HALVES
+from isi.report.statistics import HALVES, over_seeds
 
 #: Where a query of scope novel has the novel entity.
 DIRECTIONS = {"given": "asked about the novel entity", "answer": "the novel entity is the answer"}
@@ -51,7 +51,7 @@ def of_experiment(experiment: Experiment, rows: pd.DataFrame) -> Iterator[Conten
         "Asked about the novel entity, and asked for it",
         "Entity half of MRR* in scope novel right after insertion against the number of novel entities, mean and 95 % "
         "interval over seeds.",
-        by_direction(cells, models),
+        by_direction(cells, models, len(experiment.entities)),
     )
     pairs = by_pair(learned)
     yield extremes(pairs)
@@ -73,14 +73,13 @@ def directed(learned: pd.DataFrame) -> pd.DataFrame:
 
 
 def points(cells: pd.DataFrame, direction: str) -> pd.DataFrame:
-    """Mean over sizes and seeds in points, with its 95 % interval over seeds: columns mean, low, high, by model."""
-    own = cells[cells["scope"] == direction].groupby(["model", "seed"])["mrr_star_entity"].mean().reset_index()
-    return 100 * statistics.intervals(own["mrr_star_entity"], own["model"])
+    """Mean over sizes and seeds in points, with where its 95 % interval ends, by model."""
+    return over_seeds(cells[cells["scope"] == direction], ["model"], {"mrr_star_entity": DIRECTIONS[direction]})
 
 
 def asked_about(rows: pd.DataFrame, models: Sequence[str]) -> dict[str, float]:
     """What each model answers about novel entities: the entity half of scope novel, in points."""
-    means = points(directed(rows[rows["filter"] == "learned"]), "given")["mean"]
+    means = points(directed(rows[rows["filter"] == "learned"]), "given")[DIRECTIONS["given"]]
     return {model: float(means[model]) for model in models if model in means.index}
 
 
@@ -88,7 +87,7 @@ def leaders(cells: pd.DataFrame, models: Sequence[str]) -> str:
     """Who leads each direction, and what initializers under test have there."""
     told = []
     for direction, start in (("given", "Asked about the novel entity"), ("answer", "Where it is the answer")):
-        means = points(cells, direction)["mean"].dropna()
+        means = points(cells, direction)[DIRECTIONS[direction]].dropna()
         own = {model: float(means[model]) for model in models if model in means.index}
         joint = own.pop(JOINT, nan)
         if own:
@@ -106,24 +105,23 @@ def leaders(cells: pd.DataFrame, models: Sequence[str]) -> str:
 def directions(cells: pd.DataFrame, models: Sequence[str]) -> Table:
     """Both directions, with intervals."""
     frame = pd.DataFrame({"model": [label(model) for model in models]})
-    for direction, name in DIRECTIONS.items():
+    for direction in DIRECTIONS:
         found = points(cells, direction).reindex(list(models))
-        for column, end in (("mean", ""), ("low", " low"), ("high", " high")):
-            frame[f"{name}{end}"] = found[column].to_numpy()
+        frame[found.columns] = found.to_numpy()
     return Table(
         "directions",
         "Asked about the novel entity, or for it",
-        "Entity half of MRR* (points) in scope novel right after insertion, mean over sizes and seeds, with where its "
-        "95 % interval over seeds ends: of the queries that give the novel entity and ask for another, and of those "
+        "Entity half of MRR* (points) in scope novel right after insertion, mean over sizes and seeds, with its 95 % "
+        "interval over seeds: of the queries that give the novel entity and ask for another, and of those "
         "that ask for the novel entity. Queries with a novel entity at both ends are in neither. The joint model has "
         "been trained on most of these.",
         frame,
     )
 
 
-def by_direction(cells: pd.DataFrame, models: Sequence[str]) -> Canvas:
+def by_direction(cells: pd.DataFrame, models: Sequence[str], entities: int) -> Canvas:
     """Each direction against the number of novel entities; ``cells``: see ``directed``."""
-    canvas = by_size(cells.rename(columns={"mrr_star_entity": "mrr_star"}), models, list(DIRECTIONS))
+    canvas = by_size(cells, models, list(DIRECTIONS), ["mrr_star_entity"], entities)
     for axes, name in zip(canvas.axes, DIRECTIONS.values(), strict=True):
         axes.set(title=name, ylabel="entity half of MRR* (points)")
     return canvas
