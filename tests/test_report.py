@@ -16,7 +16,7 @@ from isi.report import figures, page, statistics
 from isi.report.models import colour, label
 from isi.report.prose import joined, listed, reached
 from isi.report.section import Table
-from isi.report.sections import approach, cross_validation, earlier, families, graph, rates, sensitivity, words
+from isi.report.sections import approach, cross_validation, earlier, epochs, families, graph, rates, sensitivity, words
 from tests.reports import INITIALIZERS, runs, small_params
 
 
@@ -364,3 +364,19 @@ def test_panels_beyond_the_number_stay_blank() -> None:
 )
 def test_names_lie_a_gap_apart_and_near_what_they_name(heights: list[float], placed: list[float]) -> None:
     assert approach.spread(np.array(heights), 0.1) == pytest.approx(placed)
+
+
+def test_what_is_lost_after_the_best_epoch_is_told_with_its_interval() -> None:
+    rows = runs([("es", "novel_heldout", 5, seed, epoch, value + seed / 10)
+                 for seed in (0, 1) for epoch, value in enumerate((0.5, 0.7, 0.6))])  # fmt: skip
+    text = epochs.best_epochs(rows, ["xavier", "es", "rs"], 5)
+    assert text.endswith("ES 75.0 at epoch 1 and 65.0 at 2, -10.00 [-10.00, -10.00].")
+    assert "nothing" in epochs.best_epochs(rows, ["xavier"], 5)
+
+
+def test_convergence_is_told_by_means_medians_and_shares() -> None:
+    cells = pd.DataFrame({"scope": "all", "model": "es", "seed": [0, 0, 1, 1], "epochs": [1, 2, 3, 150],
+                          "converged": [True, True, True, False]})  # fmt: skip
+    found = epochs.summarized(cells, ["scope", "model"]).loc["all", "es"]
+    assert found[["mean", "mean low", "mean high", "median"]].tolist() == [39, 1.5, 76.5, 2.5]
+    assert found[["unconverged %", "unconverged % low", "unconverged % high"]].tolist() == [25, 0, 50]

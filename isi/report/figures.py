@@ -55,7 +55,8 @@ def by_size(
     for axes, (measure, scope) in zip(drawn, shown, strict=True):
         own = at_once[at_once["scope"] == scope]
         for place, model in enumerate(models):
-            _bars(axes, models, model, own[own["model"] == model], measure, (place - len(models) / 2) * 0.06)
+            aside = (place - len(models) / 2) * min(0.06, 0.8 / len(models))
+            _bars(axes, models, model, own[own["model"] == model], measure, aside)
         axes.set(title=f"scope {scope}: {HALVES[measure]}", xlabel="novel entities |ξ|", ylabel="points")
         axes.set_xticks(sorted(at_once["size"].unique()))
         above = axes.secondary_xaxis("top", functions=(_scaled(100 / entities), _scaled(entities / 100)))

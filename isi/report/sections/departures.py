@@ -25,8 +25,8 @@ def learning(params: Params) -> Iterator[str]:
     drawn = "enter in expectation" if negatives.mode == "expected" else "are drawn"
     yield (
         f"Negatives: {negatives.ratio} corrupted tails, heads and relations each, so {3 * negatives.ratio} to a "
-        f"positive (the paper: a ratio of 9, of it is not said what). They {drawn}, and a corrupted relation never is "
-        "the true one."
+        f"positive (the paper has a ratio of 9 and does not say of what). They {drawn}, and a corrupted relation never "
+        "is the true one."
     )
     if negatives.head_pool == "unseen":
         yield "Corrupted heads are entities that were never seen as a head of that relation in training."
