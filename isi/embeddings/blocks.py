@@ -44,6 +44,10 @@ class Blocks(Mapping):
             raise InputError(paths.PARAMS, f"dimension {dimension}", expected)
         return dimension
 
+    def first_block(self, dimension: int) -> int:
+        """Coordinates before the blocks."""
+        return dimension * self.scalars // 100
+
     def maps(self, relation: Tensor) -> Tensor:
         """(r, x, y) of relations; shape (..., d)."""
         return relation
@@ -97,7 +101,7 @@ class Blocks(Mapping):
 
     def _parts(self, vectors: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         dimension = vectors.shape[-1]
-        first = dimension * self.scalars // 100
+        first = self.first_block(dimension)
         middle = (first + dimension) // 2
         return vectors[..., :first], vectors[..., first:middle], vectors[..., middle:]
 

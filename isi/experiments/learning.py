@@ -16,7 +16,7 @@ from isi.embeddings.family import Family
 from isi.embeddings.stack import uniform
 from isi.experiments.cells import Cells
 from isi.families import EmbeddingParams, make
-from isi.learning import training
+from isi.learning import one_by_one, training
 from isi.learning.batches import Negatives, training_data
 from isi.learning.ranks import MEASURES
 from isi.learning.training import Training
@@ -67,10 +67,10 @@ def learning(given: Given, family: str | None = None, **changed: float) -> Learn
     """
     named = {"family": family} if family else {}
     embedding = check({**given.raw("embedding"), **named}, EmbeddingParams, "embedding")
-    return Learning(
-        given.seed, family_of(given, embedding.family), embedding.dimension, embedding.init_range,
-        given.section("negatives", Negatives), check({**given.raw("training"), **changed}, Training, "training"),
-    )  # fmt: skip
+    kind, how = family_of(given, embedding.family), check({**given.raw("training"), **changed}, Training, "training")
+    one_by_one.prepare(kind, how.batch_size)
+    negatives = given.section("negatives", Negatives)
+    return Learning(given.seed, kind, embedding.dimension, embedding.init_range, negatives, how)
 
 
 def learn_initial(task: LearningTask) -> Learned:

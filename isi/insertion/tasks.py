@@ -19,6 +19,7 @@ from isi.experiments.store import Store
 from isi.insertion.core import FALLBACKS
 from isi.insertion.registry import options_of
 from isi.insertion.step import How, Step, Told, step
+from isi.learning import one_by_one
 from isi.learning.batches import Negatives
 from isi.learning.convergence import SCOPES
 from isi.learning.training import Optimizer
@@ -98,9 +99,11 @@ def inserting_with(
     given: Given, initializer: str, options: Mapping[str, Any], key: str, followed: Sequence[int] = ()
 ) -> Inserting:
     """The same with other options, which stand at a key of params."""
+    optimizer = given.section("finetuning", Optimizer)
+    one_by_one.prepare(family_of(given), optimizer.batch_size)
     return Inserting(
         initializer, options_of(initializer, options, key), given.seed, given.section("negatives", Negatives),
-        given.section("finetuning", Optimizer), given.section("convergence", Convergence).margin, followed,
+        optimizer, given.section("convergence", Convergence).margin, followed,
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from torch import Tensor
 from isi.base.params import Count, Section
 from isi.base.streams import stream
 from isi.embeddings.triples import Listed
-from isi.graph import Graph
+from isi.graph import HEAD, RELATION, TAIL, Graph
 from isi.sessions.session import TRAIN, Session
 
 #: Possible triples of a graph up to which batches are tables: about where one model is as fast either way.
@@ -72,6 +72,29 @@ class Lists:
     positive: Tensor
 
 
+@dataclass(frozen=True)
+class Corrupted:
+    """Observations of a model, and what takes the place of their tails, heads and (of several) relations."""
+
+    #: shape: (N, 3)
+    triples: Tensor
+    #: ids; shapes: (N, ratio)
+    others: list[Tensor]
+
+    def only(self, number: int) -> Corrupted:
+        """One observation; none where there are fewer."""
+        return Corrupted(self.triples[number : number + 1], [ids[number : number + 1] for ids in self.others])
+
+    def negatives(self) -> Tensor:
+        """Corrupted triples, first of all by tail, then by head, then by relation; shape (2 or 3 · N · ratio, 3)."""
+        parts = []
+        for slot, ids in zip((TAIL, HEAD, RELATION), self.others, strict=False):
+            part = self.triples.repeat_interleave(ids.shape[1], 0)
+            part[:, slot] = ids.flatten()
+            parts.append(part)
+        return torch.cat(parts)
+
+
 def training_data(session: Session, purpose: str, keys: Tensor, head_pool: str) -> TrainingData:
     """Collect what D (a stack of sessions) teaches; ``keys`` are (size, seed) of each model."""
     graph = session.graph
@@ -108,20 +131,26 @@ def deal(data: TrainingData, root: int, epoch: int, size: int) -> list[list[np.n
 def batches(
     data: TrainingData, negatives: Negatives, batch_size: int, root: int, epoch: int
 ) -> Iterator[tuple[Tables | Lists, Tensor]]:
-    """The batches of an epoch, in the form that suits the graph, with their numbers of positives, (M,).
-
-    On a graph that is too large for tables, negatives are always sampled.
-    """
+    """The batches of an epoch, in the form that suits the graph, with their numbers of positives, (M,)."""
+    graph, ratio = data.session.graph, negatives.ratio
+    whole = in_turn(data, ratio, root, epoch) if batch_size == 1 and are_drawn(negatives, graph) else None
     for number, dealt in enumerate(deal(data, root, epoch, batch_size)):
         positives = torch.tensor([len(observations) for observations in dealt])
-        if not fits_tables(data.session.graph):
-            yield as_lists(data, dealt, negatives.ratio, root, epoch, number), positives
-        elif negatives.mode == "expected":
+        if not are_drawn(negatives, graph):
             counts = count_table(data, dealt)
-            yield Tables(counts, expected_negatives(data, counts, negatives.ratio)), positives
+            yield Tables(counts, expected_negatives(data, counts, ratio)), positives
+            continue
+        if whole is None:
+            lists = as_lists(data, dealt, ratio, root, epoch, number)
         else:
-            lists = as_lists(data, dealt, negatives.ratio, root, epoch, number)
-            yield Tables(count_table(data, dealt), count_negatives(data, lists)), positives
+            lists = listed(data, [one.only(number) for one in whole])
+        tables = fits_tables(graph)
+        yield Tables(count_table(data, dealt), count_negatives(data, lists)) if tables else lists, positives
+
+
+def are_drawn(negatives: Negatives, graph: Graph) -> bool:
+    """Whether negatives are drawn: where params say so, and on a graph that is too large for tables."""
+    return negatives.mode == "sampled" or not fits_tables(graph)
 
 
 def fits_tables(graph: Graph) -> bool:
@@ -163,40 +192,53 @@ def as_lists(data: TrainingData, dealt: list[np.ndarray], ratio: int, root: int,
 
     The draws of a model are keyed by the model, the epoch and the number of the batch alone.
     """
-    graph = data.session.graph
-    parts = []
-    for model, (observations, key) in enumerate(zip(dealt, data.keys.tolist(), strict=True)):
-        triples = graph.triples[torch.as_tensor(observations, dtype=torch.int64)]
-        corrupted = _corrupt(
-            stream(root, f"{data.purpose} negatives", *key, epoch, number), data, model, triples, ratio
-        )
-        parts.append((model, triples, torch.cat(corrupted)))
+    return listed(data, corrupt(data, dealt, ratio, root, "negatives", epoch, number))
+
+
+def in_turn(data: TrainingData, ratio: int, root: int, epoch: int) -> list[Corrupted]:
+    """An epoch of each model in the order of batches of one, drawn at once: a stream takes longer than an update."""
+    (dealt,) = deal(data, root, epoch, max(1, int(data.counts.sum(1).max())))
+    return corrupt(data, dealt, ratio, root, "negatives in turn", epoch)
+
+
+def corrupt(
+    data: TrainingData, dealt: list[np.ndarray], ratio: int, root: int, purpose: str, *number: int
+) -> list[Corrupted]:
+    """Corrupt observations of each model, with streams keyed by the model, a purpose and numbers."""
+    triples = [data.session.graph.triples[torch.as_tensor(observed, dtype=torch.int64)] for observed in dealt]
+    streams = (stream(root, f"{data.purpose} {purpose}", *key, *number) for key in data.keys.tolist())
+    return [
+        Corrupted(own, _others(rng, data, model, own[:, 1], ratio))
+        for model, (rng, own) in enumerate(zip(streams, triples, strict=True))
+    ]
+
+
+def _others(rng: np.random.Generator, data: TrainingData, model: int, relation: Tensor, ratio: int) -> list[Tensor]:
+    """``ratio`` other tails, heads and relations for triples of relations of shape (N,)."""
+    relations = data.head_pool.shape[1]
+    relation = relation[:, None].expand(-1, ratio)
+
+    def below(choices: Tensor | int) -> Tensor:
+        """A number below each of the choices (or below the one)."""
+        return (torch.as_tensor(rng.random(relation.shape)) * choices).long()
+
+    pool = data.tail_pool[model].nonzero()[:, 0]
+    tails = pool[below(len(pool))]
+    heads = data.head_ids[model, relation, below(data.head_pool[model].sum(-1)[relation])]
+    if relations == 1:
+        return [tails, heads]
+    other = below(relations - 1)
+    return [tails, heads, other + (other >= relation)]
+
+
+def listed(data: TrainingData, corrupted: list[Corrupted]) -> Lists:
+    """Observations and their corruptions as one list."""
+    parts = [(model, one.triples, one.negatives()) for model, one in enumerate(corrupted)]
     models = torch.cat([torch.full((len(p) + len(n),), m) for m, p, n in parts])
     positive = torch.cat([torch.cat([torch.ones(len(p)), torch.zeros(len(n))]) for _, p, n in parts])
     head, relation, tail = torch.cat([torch.cat([p, n]) for _, p, n in parts]).T
-    models_relations_entities = (len(dealt), len(graph.relations), len(graph.entities))
-    return Lists(Listed(models_relations_entities, models, head, relation, tail), positive)
-
-
-def _corrupt(rng: np.random.Generator, data: TrainingData, model: int, triples: Tensor, ratio: int) -> list[Tensor]:
-    """``ratio`` copies of triples, (N, 3), with another tail, with another head, and with another relation."""
-    relations = data.head_pool.shape[1]
-    repeated = triples.repeat_interleave(ratio, 0)
-
-    def draw(choices: Tensor | int) -> Tensor:
-        """A number below each of the choices (or below the one)."""
-        return (torch.as_tensor(rng.random(len(repeated))) * choices).long()
-
-    tails = data.tail_pool[model].nonzero()[:, 0]
-    by_tail, by_head, by_relation = repeated.clone(), repeated.clone(), repeated.clone()
-    by_tail[:, 2] = tails[draw(len(tails))]
-    pool = data.head_pool[model].sum(-1)[repeated[:, 1]]
-    by_head[:, 0] = data.head_ids[model, repeated[:, 1], draw(pool)]
-    if relations == 1:
-        return [by_tail, by_head]
-    other = draw(relations - 1)
-    by_relation[:, 1] = other + (other >= repeated[:, 1])
-    return [by_tail, by_head, by_relation]
+    _, relations, entities = data.head_pool.shape
+    return Lists(Listed((len(corrupted), relations, entities), models, head, relation, tail), positive)
 
 
 def count_negatives(data: TrainingData, lists: Lists) -> Tensor:

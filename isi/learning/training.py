@@ -11,6 +11,7 @@ from torch import Tensor
 from isi.base.params import Count, NotNegative, Positive, Section
 from isi.embeddings.bits import apart
 from isi.embeddings.stack import Embedding, select
+from isi.learning import one_by_one
 from isi.learning.batches import Negatives, TrainingData, batches
 from isi.learning.gradients import loss_gradient
 from isi.learning.ranks import Queries, Result, evaluate
@@ -86,7 +87,11 @@ def train(
 def run_epoch(
     state: State, data: TrainingData, negatives: Negatives, settings: Optimizer, root: int, epoch: int
 ) -> None:
-    """One pass over all observations of each model, in place."""
+    """One pass over all observations of each model, in place: by batches, or one by one."""
+    if one_by_one.serves(state.embedding, data, negatives, settings.batch_size):
+        rates = settings.learning_rate, settings.weight_decay
+        one_by_one.run(state.embedding, state.squares, data, negatives.ratio, *rates, root, epoch)
+        return
     frozen = ~data.session.entities
     for batch, positives in batches(data, negatives, settings.batch_size, root, epoch):
         adagrad(state, loss_gradient(state.embedding, batch), positives, frozen, settings)

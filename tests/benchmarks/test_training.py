@@ -81,11 +81,16 @@ def test_family(benchmark: Any, home: Graph, params: Params, family: str) -> Non
     time_stack(benchmark, home, params, 30, "expected", family)
 
 
-def test_torchkge(benchmark: Any, home: Graph, params: Params, observations: Tensor) -> None:
+def as_torchkge(home: Graph, observations: Tensor) -> KnowledgeGraph:
+    """Observations, of shape (N, 3), as TorchKGE takes them."""
     heads, relations, tails = observations.T
     names = {name: number for number, name in enumerate(home.entities)}
     kinds = {name: number for number, name in enumerate(home.relations)}
-    known = KnowledgeGraph(kg={"heads": heads, "tails": tails, "relations": relations}, ent2ix=names, rel2ix=kinds)
+    return KnowledgeGraph(kg={"heads": heads, "tails": tails, "relations": relations}, ent2ix=names, rel2ix=kinds)
+
+
+def test_torchkge(benchmark: Any, home: Graph, params: Params, observations: Tensor) -> None:
+    known = as_torchkge(home, observations)
     model, loss = AnalogyModel(params.embedding.dimension, known.n_ent, known.n_rel), LogisticLoss()
     sampler = BernoulliNegativeSampler(known, n_neg=params.negatives.ratio)
     optimizer = torch.optim.Adagrad(model.parameters(), params.training.learning_rate)

@@ -1,0 +1,200 @@
+"""Updates one by one against batches of one observation, by hand, and in stacks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from unittest.mock import patch
+
+import pytest
+import torch
+
+from isi.embeddings.family import Family
+from isi.embeddings.meeting import Distance, Meeting
+from isi.embeddings.stack import Embedding, select, uniform
+from isi.experiments.cells import Cells
+from isi.families import make
+from isi.families.analogy import ANALOGY
+from isi.learning import one_by_one
+from isi.learning.batches import Negatives, TrainingData, batches, in_turn, training_data
+from isi.learning.training import ACCUMULATOR, Optimizer, State, run_epoch, start
+from isi.sessions.session import TRAIN, everything
+from tests.graphs import cells_of, graph_of, random_embedding, random_graph
+
+SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
+SINGLY = Optimizer(batch_size=1, learning_rate=0.1, weight_decay=1e-3, max_epochs=1)
+KINDS = ("analogy", "distmult", "complex")
+
+
+def small_cells(seeds: list[int] | None = None, relations: int = 3) -> Cells:
+    return cells_of(random_graph(13, relations, 80), 2, seeds or [0, 1, 2])
+
+
+def begin(cells: Cells, kind: str = "analogy", half_range: float = 0.3) -> State:
+    relations, family = len(cells.graph.relations), make(kind, {}, kind)
+    return start(uniform(cells.session(0).entities, relations, family, 20, half_range, 0, cells.keys()))
+
+
+def by_batches(state: State, data: TrainingData, settings: Optimizer, epoch: int) -> None:
+    """What an epoch is where nothing is compiled."""
+    with patch.object(one_by_one, "serves", return_value=False):
+        run_epoch(state, data, SAMPLED, settings, 0, epoch)
+
+
+def tensors(state: State) -> list[torch.Tensor]:
+    return [table for stack in (state.embedding, state.squares) for table in (stack.entity, stack.relation)]
+
+
+def same(one: State, other: State) -> bool:
+    return all(torch.equal(a, b) for a, b in zip(tensors(one), tensors(other), strict=True))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("decay", [0.0, 1e-3, 0.1])
+def test_some_hundred_updates_give_the_numbers_of_batches_of_one(kind: str, decay: float) -> None:
+    cells = small_cells()
+    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
+    settings = SINGLY.model_copy(update={"weight_decay": decay})
+    compiled, plain = begin(cells, kind), begin(cells, kind)
+    for epoch in (1, 2, 3, 4):
+        run_epoch(compiled, data, SAMPLED, settings, 0, epoch)
+        by_batches(plain, data, settings, epoch)
+    assert 4 * int(data.counts.sum(1).min()) > 300
+    for found, expected in zip(tensors(compiled), tensors(plain), strict=True):
+        torch.testing.assert_close(found, expected, rtol=1e-3, atol=1e-4)
+    assert not torch.allclose(compiled.embedding.entity, begin(cells, kind).embedding.entity, atol=0.1)
+
+
+@pytest.mark.parametrize("relations", [1, 2])
+def test_few_relations(relations: int) -> None:
+    cells = small_cells(relations=relations)
+    data = training_data(cells.session(0), "test", cells.keys(), "all")
+    compiled, plain = begin(cells), begin(cells)
+    run_epoch(compiled, data, SAMPLED, SINGLY, 0, 1)
+    by_batches(plain, data, SINGLY, 1)
+    for found, expected in zip(tensors(compiled), tensors(plain), strict=True):
+        torch.testing.assert_close(found, expected, rtol=1e-3, atol=1e-4)
+
+
+def test_a_graph_too_large_for_tables_learns_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    cells = small_cells()
+    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
+    small, large = begin(cells), begin(cells)
+    run_epoch(small, data, SAMPLED, SINGLY, 0, 1)
+    monkeypatch.setattr("isi.learning.batches.TABLE_CELLS", 0)
+    run_epoch(large, data, SAMPLED.model_copy(update={"mode": "expected"}), SINGLY, 0, 1)
+    assert same(small, large)
+
+
+def test_one_update_by_hand() -> None:
+    """DistMult in two dimensions, one relation, two entities, nothing but (0, 0, 1): each is the only corruption."""
+    graph = graph_of({(0, 0, 1): 1}, 2, 1)
+    session = everything(graph, torch.tensor([[TRAIN]], dtype=torch.int8))
+    data = training_data(session, "test", torch.tensor([[0, 0]]), "unseen")
+    head, row, tail = (0.5, -1.0), (2.0, 1.0), (1.0, 0.25)
+    family = make("distmult", {}, "distmult")
+    state = start(Embedding(torch.tensor([[head, tail]]), torch.tensor([[row]]), family))
+    (drawn,) = in_turn(data, 1, 0, 1)
+    other = [head, tail][int(drawn.others[0])]
+    assert int(drawn.others[1]) == 1  # the only entity that never is a head
+    run_epoch(state, data, Negatives(mode="sampled", ratio=1, head_pool="unseen"), SINGLY, 0, 1)
+
+    def slope(h: tuple[float, ...], t: tuple[float, ...], y: float) -> float:
+        return 1 / (1 + math.exp(-sum(a * b * c for a, b, c in zip(h, row, t, strict=True)))) - y
+
+    positive, by_tail, by_head = slope(head, tail, 1), slope(head, other, 0), slope(tail, tail, 0)
+    for i in range(2):
+        gradients = {
+            "head": positive * row[i] * tail[i] + by_tail * row[i] * other[i],
+            "tail": positive * head[i] * row[i] + 2 * by_head * row[i] * tail[i],
+            "row": positive * head[i] * tail[i] + by_tail * head[i] * other[i] + by_head * tail[i] ** 2,
+        }
+        gradients["head" if other is head else "tail"] += by_tail * head[i] * row[i]
+        found = {"head": state.embedding.entity[0, 0, i], "tail": state.embedding.entity[0, 1, i],
+                 "row": state.embedding.relation[0, 0, i]}  # fmt: skip
+        for name, old in (("head", head[i]), ("tail", tail[i]), ("row", row[i])):
+            step = gradients[name] + 1e-3 * old
+            assert found[name].item() == pytest.approx(old - 0.1 * step / math.sqrt(ACCUMULATOR + step**2), abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_model_has_the_same_bits_whatever_the_stack(kind: str) -> None:
+    cells = small_cells()
+    data, together = training_data(cells.session(0), "test", cells.keys(), "unseen"), begin(cells, kind)
+    for epoch in (1, 2):
+        run_epoch(together, data, SAMPLED, SINGLY, 0, epoch)
+    for some in (torch.tensor([2]), torch.tensor([1, 0])):
+        alone = begin(cells, kind)
+        alone = State(select(alone.embedding, some), select(alone.squares, some))
+        for epoch in (1, 2):
+            run_epoch(alone, select(data, some), SAMPLED, SINGLY, 0, epoch)
+        assert same(alone, State(select(together.embedding, some), select(together.squares, some)))
+
+
+def test_entities_outside_the_session_stay_as_they_are() -> None:
+    cells = small_cells()
+    session = cells.session(0)
+    data, state = training_data(session, "test", cells.keys(), "unseen"), begin(cells)
+    before = begin(cells)
+    run_epoch(state, data, SAMPLED, SINGLY, 0, 1)
+    for name in ("embedding", "squares"):
+        now, then = getattr(state, name).entity, getattr(before, name).entity
+        assert torch.equal(now[~session.entities], then[~session.entities])
+        assert (now != then)[session.entities].all()
+
+
+def test_no_observation_is_no_update() -> None:
+    cells = small_cells()
+    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
+    counts = data.counts.clone()
+    counts[1] = 0
+    state, before = begin(cells), begin(cells)
+    run_epoch(state, replace(data, counts=counts), SAMPLED, SINGLY, 0, 1)
+    changed = (state.embedding.entity != before.embedding.entity).flatten(1).any(1)
+    assert changed.tolist() == [True, False, True]
+    run_epoch(before, replace(data, counts=counts * 0), SAMPLED, SINGLY, 0, 1)
+    assert same(before, begin(cells))
+
+
+def test_draws_of_an_epoch_are_those_of_its_batches_of_one() -> None:
+    cells = small_cells()
+    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
+    whole = in_turn(data, 3, 0, 1)
+    positives = torch.stack([number for _, number in batches(data, SAMPLED, 1, 0, 1)])
+    assert torch.equal(positives.sum(0), data.counts.sum(1))
+    assert positives.max() == 1
+    for model, one in enumerate(whole):
+        number = int(data.counts[model].sum())
+        assert one.negatives().shape == (9 * number, 3)
+        assert torch.equal(one.only(number - 1).triples[0], one.triples[-1])
+        assert len(one.only(number).negatives()) == 0
+    other = in_turn(replace(data, purpose="other"), 3, 0, 1)
+    assert not torch.equal(whole[0].negatives(), other[0].negatives())
+    assert not torch.equal(whole[0].negatives(), in_turn(data, 3, 0, 2)[0].negatives())
+
+
+@dataclass(frozen=True)
+class Far(ANALOGY):
+    """A family of a user's own, which meets otherwise."""
+
+    @property
+    def meeting(self) -> Meeting:
+        return Distance(1.0, squared=True)
+
+
+@pytest.mark.parametrize(
+    ("family", "known"),
+    [(make(kind, {}, kind), True) for kind in KINDS]
+    + [(make(kind, {"margin": 2.0, "squared": True}, kind), False) for kind in ("transe", "rotate")]
+    + [(Far(), False)],
+)
+def test_what_has_other_mathematics_learns_by_batches(family: Family, known: bool) -> None:
+    cells = small_cells([0])
+    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
+    embedding = random_embedding(1, 13, 3, 20, family=family)
+    assert one_by_one.serves(embedding, data, SAMPLED, 1) is known
+    assert not one_by_one.serves(embedding, data, SAMPLED, 2)
+    assert not one_by_one.serves(embedding, data, SAMPLED.model_copy(update={"mode": "expected"}), 1)
+    state = start(embedding)
+    run_epoch(state, data, SAMPLED, SINGLY, 0, 1)
+    assert not torch.equal(state.embedding.entity, embedding.entity)
