@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from dataclasses import dataclass, replace
 from unittest.mock import patch
 
@@ -198,3 +200,18 @@ def test_what_has_other_mathematics_learns_by_batches(family: Family, known: boo
     state = start(embedding)
     run_epoch(state, data, SAMPLED, SINGLY, 0, 1)
     assert not torch.equal(state.embedding.entity, embedding.entity)
+
+
+def test_numba_is_imported_where_it_is_needed_alone_and_then_before_workers_are_forked() -> None:
+    """It takes a second, which few stages have to spend."""
+    lines = (
+        "import sys, stages.insert, stages.train_theta0",
+        "from isi.families import make",
+        "from isi.learning.one_by_one import prepare",
+        "prepare(make('analogy', {}, ''), 2048)",
+        "prepare(make('rotate', {'margin': 1.0, 'squared': True}, ''), 1)",
+        "assert 'numba' not in sys.modules",
+        "prepare(make('analogy', {}, ''), 1)",
+        "assert sys.modules['isi.learning.compiled'].update.nopython_signatures",
+    )
+    subprocess.run([sys.executable, "-c", "; ".join(lines)], check=True)
