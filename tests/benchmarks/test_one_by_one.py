@@ -6,6 +6,7 @@ all. What is not compiled runs over a few observations.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -25,6 +26,9 @@ from isi.learning.batches import TrainingData, training_data
 from isi.params import Params
 from isi.sessions.session import everything
 from tests.benchmarks.test_training import as_torchkge, splits
+
+#: All run on one thread: what else the machine does costs them no time of the processor.
+pytestmark = pytest.mark.benchmark(timer=time.process_time)
 
 FEW = 200
 ROUNDS = 5
