@@ -11,7 +11,7 @@ CHECKED := $(VENV)/params-checked
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help repro quick test verify benchmark words readme lock families clean
+.PHONY: help repro quick test verify benchmark words readme lock families initializers clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*##/\1:/p' $(MAKEFILE_LIST)
@@ -64,6 +64,9 @@ lock: $(INSTALLED)  ## write requirements.lock from what is installed
 
 families: $(INSTALLED)  ## choose rate, decay and margin of every embedding family again, in about ten minutes
 	python -m tools.choose_families
+
+initializers: $(INSTALLED)  ## choose the options of initializers again on hidden entities, in about ten minutes
+	python -m tools.choose_initializers
 
 clean:  ## remove the environment and quick/
 	rm -rf $(VENV) quick

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -27,18 +27,22 @@ class Graph:
     triples: Tensor
     #: observations of each unique triple; shape: (T,), int64
     counts: Tensor
+    #: of each entity, numbered by the alphabet; shape: (E,), int64
+    kinds: Tensor
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Travel to another process as plain arrays."""
-        return _from_arrays, (self.entities, self.relations, self.triples.numpy(), self.counts.numpy())
+        arrays = (tensor.numpy() for tensor in (self.triples, self.counts, self.kinds))
+        return _from_arrays, (self.entities, self.relations, *arrays)
 
     def on(self, device: torch.device) -> Graph:
         """The graph with its tensors on a device."""
-        return Graph(self.entities, self.relations, self.triples.to(device), self.counts.to(device))
+        tensors = (tensor.to(device) for tensor in (self.triples, self.counts, self.kinds))
+        return Graph(self.entities, self.relations, *tensors)
 
     def part(self, triples: np.ndarray) -> Graph:
         """The graph of some unique triples, given by id; entities and relations stay."""
-        return Graph(self.entities, self.relations, self.triples[triples], self.counts[triples])
+        return replace(self, triples=self.triples[triples], counts=self.counts[triples])
 
     def same_but(self, slot: int, triples: Tensor) -> Tensor:
         """The unique triples that are like given ones in all but one slot (themselves among them).
@@ -67,12 +71,12 @@ class Graph:
         return found
 
 
-def _from_arrays(entities: list[str], relations: list[str], triples: np.ndarray, counts: np.ndarray) -> Graph:
-    return Graph(entities, relations, torch.from_numpy(triples), torch.from_numpy(counts))
+def _from_arrays(entities: list[str], relations: list[str], *arrays: np.ndarray) -> Graph:
+    return Graph(entities, relations, *(torch.from_numpy(array) for array in arrays))
 
 
 def build(entities: pd.DataFrame, triples: pd.DataFrame) -> Graph:
-    """The graph of an experiment's tables: entity ids are row numbers, relation ids alphabetical."""
+    """The graph of an experiment's tables: entity ids are row numbers, ids of relations and kinds alphabetical."""
     names = [str(name) for name in entities["entity"]]
     relations = sorted({str(name) for name in triples["relation"]})
     entity_id = {name: number for number, name in enumerate(names)}
@@ -87,6 +91,6 @@ def build(entities: pd.DataFrame, triples: pd.DataFrame) -> Graph:
     )
     if np.isnan(ids.astype(float)).any():
         raise InputError("triples.parquet", "columns 'head' and 'tail'", "expected names that are in entities.parquet")
-    return Graph(
-        names, relations, torch.as_tensor(ids.astype(np.int64)), torch.as_tensor(triples["count"].to_numpy(np.int64))
-    )
+    kinds = np.unique(entities["kind"].astype(str), return_inverse=True)[1]
+    counts = triples["count"].to_numpy(np.int64)
+    return Graph(names, relations, *map(torch.as_tensor, (ids.astype(np.int64), counts, kinds.astype(np.int64))))

@@ -20,12 +20,13 @@ Triple = tuple[int, int, int]
 
 
 def graph_of(counts: Mapping[Triple, int], entities: int, relations: int) -> Graph:
-    """A graph whose unique triples have the ids in which the mapping lists them."""
+    """A graph whose unique triples have the ids in which the mapping lists them; three kinds take turns."""
     return Graph(
         [f"entity {number}" for number in range(entities)],
         [f"relation {number}" for number in range(relations)],
         torch.tensor(list(counts)),
         torch.tensor(list(counts.values())),
+        torch.arange(entities) % 3,
     )
 
 

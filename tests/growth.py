@@ -46,7 +46,8 @@ def power_law_graph(entities: int, triples: int, seed: int = 0) -> Graph:
     ids = np.stack([code // entities % entities, code // entities**2, code % entities], 1)
     names = [f"entity {number}" for number in range(entities)]
     relations = [f"relation {number}" for number in range(RELATIONS)]
-    return Graph(names, relations, torch.from_numpy(ids), torch.ones(triples, dtype=torch.int64))
+    kinds = torch.zeros(len(names), dtype=torch.int64)
+    return Graph(names, relations, torch.from_numpy(ids), torch.ones(triples, dtype=torch.int64), kinds)
 
 
 def main() -> None:

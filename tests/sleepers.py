@@ -31,7 +31,8 @@ def sleep(task: Sleep) -> None:
 
 def main(folder: str) -> None:
     tie_to_parent()
-    graph = Graph([], [], torch.zeros((0, 3), dtype=torch.int64), torch.zeros(0, dtype=torch.int64))
+    nothing = torch.zeros(0, dtype=torch.int64)
+    graph = Graph([], [], torch.zeros((0, 3), dtype=torch.int64), nothing, nothing)
     splits, nobody = np.zeros((1, 0), dtype=np.int8), np.zeros((1, 1, 0), dtype=np.int64)
     tasks = [Sleep(Cells(folder, graph, 1, [seed], splits, nobody)) for seed in range(WORKERS)]
     run(sleep, tasks, Compute(workers=WORKERS, stack=1), "sleeping")

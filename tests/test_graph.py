@@ -20,12 +20,13 @@ TRIPLES = pd.DataFrame(
      ("mug", "hasAffordance", "fill", 1), ("mug", "hasMaterial", "wood", 1)],
     columns=["head", "relation", "tail", "count"],
 ).assign(source="x").astype({"count": "int32"})  # fmt: skip
+KINDS = ["object", "room", "object", "material", "affordance"]
 
 
 @pytest.fixture
 def tiny() -> graph.Graph:
     """Entities in an order that is not alphabetical: mug 0, kitchen 1, cabinet 2, wood 3, fill 4."""
-    entities = pd.DataFrame({"entity": ["mug", "kitchen", "cabinet", "wood", "fill"]})
+    entities = pd.DataFrame({"entity": ["mug", "kitchen", "cabinet", "wood", "fill"], "kind": KINDS})
     return graph.build(entities, TRIPLES)
 
 
@@ -34,6 +35,7 @@ def test_entity_ids_are_rows_and_relation_ids_follow_the_alphabet(tiny: graph.Gr
     assert tiny.relations == ["atLocation", "hasAffordance", "hasMaterial"]
     assert tiny.triples.tolist() == [[2, 0, 1], [0, 0, 2], [0, 0, 1], [0, 1, 4], [0, 2, 3]]  # triple ids: rows, too
     assert tiny.counts.tolist() == [1, 1, 5, 1, 1]
+    assert tiny.kinds.tolist() == [2, 3, 2, 1, 0]  # by the alphabet: affordance, material, object, room
 
 
 def test_triples_that_are_the_same_but_for_one_slot_are_found(tiny: graph.Graph) -> None:
@@ -49,7 +51,7 @@ def test_triples_that_are_the_same_but_for_one_slot_are_found(tiny: graph.Graph)
 
 def test_tables_read_from_parquet_give_the_same_graph(tiny: graph.Graph, tmp_path: Path) -> None:
     made = Provenance("build_graph", {})
-    entities = pd.DataFrame({"entity": tiny.entities, "kind": "object", "source": "x", "phrase": tiny.entities})
+    entities = pd.DataFrame({"entity": tiny.entities, "kind": KINDS, "source": "x", "phrase": tiny.entities})
     tables.write(tmp_path / "entities", entities, tables.ENTITIES, made)
     tables.write(tmp_path / "triples", TRIPLES, tables.TRIPLES, made)
     read = graph.build(
@@ -58,10 +60,11 @@ def test_tables_read_from_parquet_give_the_same_graph(tiny: graph.Graph, tmp_pat
     assert (read.entities, read.relations) == (tiny.entities, tiny.relations)
     assert torch.equal(read.triples, tiny.triples)
     assert torch.equal(read.counts, tiny.counts)
+    assert torch.equal(read.kinds, tiny.kinds)
 
 
 def test_a_triple_of_an_unknown_entity_is_refused() -> None:
-    entities = pd.DataFrame({"entity": ["mug", "kitchen", "cabinet", "wood"]})
+    entities = pd.DataFrame({"entity": ["mug", "kitchen", "cabinet", "wood"], "kind": "object"})
     with pytest.raises(InputError, match="entities"):
         graph.build(entities, TRIPLES)
 
@@ -71,3 +74,4 @@ def test_a_graph_travels_between_processes_unchanged(tiny: graph.Graph) -> None:
     assert (arrived.entities, arrived.relations) == (tiny.entities, tiny.relations)
     assert torch.equal(arrived.triples, tiny.triples)
     assert torch.equal(arrived.counts, tiny.counts)
+    assert torch.equal(arrived.kinds, tiny.kinds)

@@ -40,8 +40,22 @@ EVERYONE: dict[str, dict[str, Option]] = {
     "gaussian": {},
     "gaussian_centred": {},
     "es_permuted": {"k": 3},
+    "kind_mean": {},
+    "es_permuted_kinds": {"k": 3},
+    "rs_alive": {"k": 4},
+    "neighbour_mean": {},
+    "er_avg": {},
+    "class_noise": {"fraction": 0.5},
+    "projection": {"penalty": 0.3},
+    "soft_es": {"temperature": 0.2},
+    "soft_rs": {"temperature": 0.1},
+    "soft_hybrid": {"word_weight": 4.0, "relation_weight": 6.0},
+    "ridge": {"strength": 0.5, "ratio": 3},
+    "map_mean": {"strength": 0.5, "ratio": 3},
+    "map_ers": {"k": 2, "candidates": 5, "strength": 0.5, "ratio": 3},
+    "map_soft_hybrid": {"word_weight": 4.0, "relation_weight": 6.0, "strength": 0.5, "ratio": 3},
 }
-CENTROIDS = ("es", "rs", "ers", "mean", "es_permuted")
+CENTROIDS = ("es", "rs", "ers", "mean", "es_permuted", "kind_mean", "es_permuted_kinds", "rs_alive")
 
 #: Plain Python: α of an insert triple needs its known end, relation, and whether the novel entity is the tail.
 Observed = tuple[int, int, bool]
@@ -458,7 +472,7 @@ def test_put_replaces_the_rows_of_novel_entities_alone() -> None:
 @pytest.mark.parametrize(
     ("name", "options", "says"),
     [
-        ("glorot", {}, ["initializers.glorot", "'glorot'", "es, es_permuted, gaussian"]),
+        ("glorot", {}, ["initializers.glorot", "'glorot'", "es, es_permuted, es_permuted_kinds, gaussian"]),
         ("es", {"k": 3, "neighbours": 2}, ["initializers.es.neighbours"]),
         ("es", {"neighbours": 2}, ["initializers.es", "1 more"]),
         ("es", {}, ["initializers.es.k"]),
@@ -505,7 +519,7 @@ def test_the_params_list_all_that_ship_with_their_options() -> None:
         assert options_of(name, options, f"initializers.{name}") == options
     shown = [INITIALIZERS.get(name, "initializers") for name in listed]
     assert len({one.label for one in shown}) == len({one.colour for one in shown}) == len(EVERYONE)
-    assert [one.role for one in shown] == ["paper"] * 2 + ["isi"] * 3 + ["control"] * 4
+    assert [one.role for one in shown] == ["paper"] * 2 + ["isi"] * 3 + ["control"] * 7 + ["baseline"] * 11
 
 
 @pytest.mark.parametrize("name", EVERYONE)

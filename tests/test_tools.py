@@ -37,10 +37,8 @@ def test_a_mistake_in_params_is_one_line_and_a_status(tmp_path: Path) -> None:
 )
 def test_the_quick_grid_fits_params_from_which_something_was_left_out(tmp_path: Path, gone: list[str]) -> None:
     params = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))
-    for key in gone:
-        workspace.change(params, key, workspace.DROP)
-    for key, value in workspace.fitting(params, workspace.QUICK).items():
-        workspace.change(params, key, value)
+    workspace.change_all(params, dict.fromkeys(gone, workspace.DROP))
+    workspace.change_all(params, workspace.QUICK)
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(params), encoding="utf-8")
     quick = load(tmp_path / "params.yaml")
     assert quick.experiments["ai2thor"].sessions.seeds == 4
@@ -49,9 +47,15 @@ def test_the_quick_grid_fits_params_from_which_something_was_left_out(tmp_path: 
 
 
 def test_a_change_of_what_was_left_out_is_no_change() -> None:
-    params: dict[str, Any] = {"experiments": {"here": {"seeds": 3}}, "initializers": {}}
-    fitting = workspace.fitting(params, {"experiments.gone.seeds": 4, "experiments.here.seeds": 5})
-    assert fitting == {"experiments.here.seeds": 5}
+    params: dict[str, Any] = {"experiments": {"here": {"seeds": 3}}}
+    workspace.change_all(params, {"experiments.gone.seeds": 4, "experiments.here.seeds": 5})
+    assert params == {"experiments": {"here": {"seeds": 5}}}
+
+
+def test_what_is_dropped_goes_from_every_list() -> None:
+    params: dict[str, Any] = {"initializers": {"es": {}, "rs": {}}, "plots": {"listed": ["es", "rs", 3]}, "k": ["es"]}
+    workspace.change_all(params, {"initializers.es": workspace.DROP})
+    assert params == {"initializers": {"rs": {}}, "plots": {"listed": ["rs", 3]}, "k": []}
 
 
 def test_the_headline_has_a_part_for_each_experiment(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

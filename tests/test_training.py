@@ -28,7 +28,7 @@ from isi.learning.training import (
     start,
     train,
 )
-from isi.sessions.session import OUT, TRAIN, everything
+from isi.sessions.session import OUT, TRAIN, everything, membership
 from tests.graphs import ANALOGY, cells_of, graph_of, random_embedding, random_graph
 
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
@@ -264,3 +264,45 @@ def test_training_gives_each_model_as_it_was_when_it_left() -> None:
         for epoch in range(1, epochs + 1):
             run_epoch(state, own, EXPECTED, TUNING, 0, epoch)
         assert same(select(left, torch.tensor([model])), state.embedding)
+
+
+def test_new_rows_move_alone_at_first_and_everything_after_that() -> None:
+    cells = small_cells()
+    novel = cells.novel_in(1)
+    data = training_data(cells.joint, "test", cells.keys(), "unseen", novel)
+    state = start(uniform(cells.joint.entities, 3, ANALOGY, 12, 0.5, 0, cells.keys()))
+    settings = TUNING.model_copy(update={"new_rows_first": 2})
+    is_new = membership(novel, 13)
+    for epoch in (1, 2):
+        before = [table.clone() for table in (*tables(state.embedding), *tables(state.squares))]
+        run_epoch(state, data, EXPECTED, settings, 0, epoch)
+        for table, old in zip((*tables(state.embedding), *tables(state.squares)), before, strict=True):
+            if table.shape[1] == 13:
+                assert torch.equal(table[~is_new], old[~is_new])
+                assert (table[is_new] != old[is_new]).all()
+            else:
+                assert torch.equal(table, old)
+    before = [table.clone() for table in tables(state.embedding)]
+    run_epoch(state, data, EXPECTED, settings, 0, 3)
+    assert all((table != old).any(-1).all() for table, old in zip(tables(state.embedding), before, strict=True))
+
+
+def tables(embedding: Embedding) -> tuple[Tensor, Tensor]:
+    return embedding.entity, embedding.relation
+
+
+def test_new_rows_first_leaves_to_all_the_epochs_that_are_left() -> None:
+    cells = small_cells()
+    data = training_data(cells.joint, "test", cells.keys(), "unseen", cells.novel_in(1))
+    watch = lambda epoch, embedding, models: torch.ones(len(models), dtype=torch.bool)  # noqa: ARG005, E731
+    begin = uniform(cells.joint.entities, 3, ANALOGY, 12, 0.5, 0, cells.keys())
+    alone = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 6}), 0, watch)
+    assert torch.equal(alone.relation, begin.relation)
+    both = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 3}), 0, watch)
+    assert not torch.equal(both.relation, begin.relation)
+    assert not same(both, train(begin, data, EXPECTED, TUNING, 0, watch))
+
+
+def test_what_learns_from_nothing_has_no_new_rows_to_begin_with() -> None:
+    with pytest.raises(ValueError, match="new_rows_first"):
+        Training(**FITTING.model_dump() | {"new_rows_first": 1})

@@ -21,9 +21,9 @@ DROP = object()
 
 #: A grid that takes about five minutes: fewer of everything, the plain mean the only control.
 QUICK: dict[str, Any] = {
-    "experiments.published": DROP, "sources.published": DROP, "asking.experiments": ["ai2thor", "transfer"],
+    "experiments.published": DROP, "sources.published": DROP,
     "initializers.gaussian": DROP, "initializers.gaussian_centred": DROP, "initializers.es_permuted": DROP,
-    "plots.initializers": ["xavier", "iu", "es", "rs", "ers", "mean"],
+    "initializers.es_permuted_kinds": DROP, "initializers.kind_mean": DROP, "initializers.soft_hybrid": DROP,
     "experiments.ai2thor.sessions.seeds": 4, "experiments.ai2thor.sessions.sizes": [1, 5],
     "experiments.transfer.sessions.seeds": 4, "training.max_epochs": 60, "finetuning.max_epochs": 40,
     "sweep.k": [1, 4, 8, 18, 30], "sweep.seeds": 3, "approach.epochs": 40, "compare_families.seeds": 2,
@@ -43,8 +43,7 @@ def make(folder: Path, changes: dict[str, Any]) -> None:
         else:
             shutil.copy2(ROOT / name, target)
     params = YAML_1_2.load(ROOT / "params.yaml")
-    for key, value in fitting(params, changes).items():
-        change(params, key, value)
+    change_all(params, changes)
     YAML_1_2.dump(params, folder / "params.yaml")
     if not (folder / ".dvc").exists():
         dvc = [sys.executable, "-m", "dvc"]
@@ -65,11 +64,20 @@ def change(params: dict[str, Any], key: str, value: Any) -> None:
         params[last] = value
 
 
-def fitting(params: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Those changes that are of something that params still have: lists in them may be shortened."""
-    kept = {key: value for key, value in changes.items() if _has_parent(params, key)}
-    listed = [name for name in kept.get("plots.initializers", []) if name in params["initializers"]]
-    return kept | ({"plots.initializers": listed} if listed else {})
+def change_all(params: dict[str, Any], changes: dict[str, Any]) -> None:
+    """Make those changes that are of something that params have; what is dropped goes from all lists, too."""
+    for key, value in changes.items():
+        if _has_parent(params, key):
+            change(params, key, value)
+    forget(params, {key.rpartition(".")[2] for key, value in changes.items() if value is DROP})
+
+
+def forget(values: Any, names: set[str]) -> None:
+    """Remove names from every list in a tree of mappings."""
+    for value in values.values() if isinstance(values, dict) else ():
+        if isinstance(value, list):
+            value[:] = [item for item in value if not (isinstance(item, str) and item in names)]
+        forget(value, names)
 
 
 def _has_parent(params: dict[str, Any], key: str) -> bool:

@@ -52,6 +52,15 @@ class Family(ABC):
     def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:
         """Where the head of a tail must be; shapes (..., d), (..., w)."""
 
+    def pullback(self, vectors: Tensor, relation: Tensor) -> Tensor:
+        """Where unmapped heads meet a tail; where nothing else is said, where the head must be."""
+        return self.inverse(vectors, relation)
+
+    @property
+    def linear(self) -> bool:
+        """Whether f is linear in a head and in a tail: f(h, r, t) = ⟨transform(h, r), t⟩ = ⟨h, pullback(t, r)⟩."""
+        return False
+
     def score_tails(self, head: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
         """Scores of all entities as tail; shapes (M, Q, d), (M, Q, w), (M, E, d), result (M, Q, E)."""
         return _one_by_one(lambda h, r, e: self.score(h[:, None], r[:, None], e), head, relation, entity)
@@ -96,6 +105,10 @@ class Mapping(Family):
 
         The transposed map for a product, the inverse for a distance that the map keeps.
         """
+
+    @property
+    def linear(self) -> bool:
+        return self.meeting.linear
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
         return self.meeting.score(self.transform(head, relation), tail)

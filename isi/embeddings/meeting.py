@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import torch
 from torch import Tensor
@@ -23,6 +23,9 @@ Pull = Callable[[Tensor], tuple[Tensor, Tensor]]
 
 class Meeting(Protocol):
     """Scores f(m, t) of mapped heads m and tails t."""
+
+    #: whether f is linear in either
+    linear: ClassVar[bool]
 
     def score(self, mapped: Tensor, tail: Tensor) -> Tensor:
         """Scores of pairs; shapes (..., d), broadcast against each other, result (...)."""
@@ -40,6 +43,8 @@ class Meeting(Protocol):
 @dataclass(frozen=True)
 class Product:
     """f = ⟨m, t⟩."""
+
+    linear: ClassVar[bool] = True
 
     def score(self, mapped: Tensor, tail: Tensor) -> Tensor:
         return (mapped * tail).sum(-1)
@@ -62,6 +67,7 @@ class Distance:
     gradient by m is c · (t - m), and the opposite by t.
     """
 
+    linear: ClassVar[bool] = False
     margin: float
     squared: bool
 

@@ -32,6 +32,8 @@ class Insertion:
     novel: Tensor
     #: word vectors, zero where there is none; shape: (E, w)
     words: Tensor
+    #: what kind each entity is of; ids, shape: (E,)
+    kinds: Tensor
     #: the known end, the relation, and whether the novel entity is the tail, of each insert triple,
     #: padded to I; shapes: (M, n, I)
     other: Tensor

@@ -10,8 +10,9 @@ from isi.base.params import keywords
 from isi.base.plugins import Plugins
 from isi.insertion.core import Initializer
 
-#: The paper's baselines, ISI, controls (each has a part of what ISI has beside meaning), and anyone's own.
-Role = Literal["paper", "isi", "control", "own"]
+#: The paper's baselines, ISI, controls (each has a part of what ISI has beside meaning), strong baselines that the
+#: paper does not have, and anyone's own.
+Role = Literal["paper", "isi", "control", "baseline", "own"]
 
 
 @dataclass(frozen=True)

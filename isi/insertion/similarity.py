@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize, one_hot
 
-from isi.insertion.core import CENTROID, NONE, RS, Initial, Insertion
+from isi.insertion.core import CENTROID, ES, NONE, RS, Initial, Insertion
 
 
 def word_similarity(insertion: Insertion) -> Tensor:
@@ -14,13 +14,22 @@ def word_similarity(insertion: Insertion) -> Tensor:
     return cosines(insertion.words)[insertion.novel]
 
 
-def relational_score(insertion: Insertion) -> Tensor:
-    """Σ_r cos(v_e, ᾱ_r) over the relations of the insert triples (equation 5); shape (M, n, E)."""
+def resultants(insertion: Insertion) -> Tensor:
+    """α of each insert triple (equation 4); shape (M, n, I, d)."""
     theta0 = insertion.theta0
     models = torch.arange(len(insertion.novel))[:, None, None]
-    alpha = theta0.resultants(
+    return theta0.resultants(
         theta0.entity[models, insertion.other], theta0.relation[models, insertion.relation], insertion.novel_is_tail
     )
+
+
+def relational_score(insertion: Insertion, alpha: Tensor | None = None) -> Tensor:
+    """Σ_r cos(v_e, ᾱ_r) over the relations of the insert triples (equation 5); shape (M, n, E).
+
+    Args:
+        alpha: in place of the insert triples' own α; shape (M, n, I, d).
+    """
+    theta0, alpha = insertion.theta0, resultants(insertion) if alpha is None else alpha
     of = one_hot(insertion.relation, theta0.relation.shape[1]) * insertion.observed[..., None]
     centroids = torch.einsum("mnir,mnid->mnrd", of.to(alpha.dtype), alpha)  # ᾱ, but for its length
     return torch.einsum("mnrd,med->mne", normalize(centroids, dim=-1), normalize(theta0.entity, dim=-1))
@@ -41,18 +50,39 @@ def nearest_by_words(insertion: Insertion, similarity: Tensor, k: int) -> Initia
     )
 
 
+def nearest_by_both(insertion: Insertion, k: int, candidates: int) -> Initial:
+    """RS among the best of ES (equation 6); whichever half there is where the other is missing."""
+    words, triples = has_words(insertion), has_insert_triples(insertion)
+    similar, related = word_similarity(insertion), relational_score(insertion)
+    preliminary = top_k(similar, word_eligible(insertion), candidates)
+    return first_that_can(
+        insertion,
+        (NONE, words & triples, top_k(related, preliminary, k)),
+        (RS, triples, top_k(related, insertion.eligible[:, None], k)),
+        (ES, words, top_k(similar, word_eligible(insertion), k)),
+    )
+
+
 def first_that_can(insertion: Insertion, *ways: tuple[int, Tensor, Tensor]) -> Initial:
-    """Of ways (code, which novel entities it can serve, indicators), the first that can; else the centroid.
+    """The centroid of the indicators of the first way that can serve a novel entity (see ``first_able``)."""
+    return at_centroid(insertion, *first_able(insertion, *ways))
+
+
+def first_able(insertion: Insertion, *ways: tuple[int, Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+    """Of ways (code, which novel entities it can serve, indicators or weights), the first that can; else all known.
 
     Shapes of a way: scalar, (M, n), (M, n, E). Codes are indices into ``FALLBACKS``.
+
+    Returns:
+        indicators or weights, and the code of whose they are; shapes (M, n, E), (M, n).
     """
     chosen = everyone_known(insertion)
     fallback = torch.full(insertion.novel.shape, CENTROID)
-    for code, able, indicators in reversed(ways):
-        able = able & indicators.any(-1)
-        chosen = torch.where(able[..., None], indicators, chosen)
+    for code, able, weights in reversed(ways):
+        able = able & (weights != 0).any(-1)
+        chosen = torch.where(able[..., None], weights, chosen)
         fallback = torch.where(able, code, fallback)
-    return at_centroid(insertion, chosen, fallback)
+    return chosen, fallback
 
 
 def at_centroid(insertion: Insertion, indicators: Tensor, fallback: Tensor) -> Initial:
@@ -65,6 +95,11 @@ def at_centroid(insertion: Insertion, indicators: Tensor, fallback: Tensor) -> I
 def everyone_known(insertion: Insertion) -> Tensor:
     """All known entities as the indicators of each novel one; shape (M, n, E), bool."""
     return insertion.known[:, None].expand(-1, insertion.novel.shape[1], -1)
+
+
+def same_kind(insertion: Insertion) -> Tensor:
+    """The known entities of each novel one's kind; shape (M, n, E), bool."""
+    return (insertion.kinds == insertion.kinds[insertion.novel][..., None]) & insertion.known[:, None]
 
 
 def has_words(insertion: Insertion) -> Tensor:

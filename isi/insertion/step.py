@@ -82,7 +82,7 @@ def step(theta: Embedding, before: Session, after: Session, told: Told, how: How
     own = [evaluate(inserted, {"own": queries})["own"]
            for queries in scopes.entity_scopes(after, told.novel, mask)]  # fmt: skip
     watch = Following(scopes.epoch_scopes(after, told.novel), how.targets, how.to_the_end)
-    return Step(learn(inserted, after, how, watch), initial, at_once, own, watch.followed)
+    return Step(learn(inserted, after, told.novel, how, watch), initial, at_once, own, watch.followed)
 
 
 def initialize(theta: Embedding, before: Session, told: Told, how: How) -> Initial:
@@ -91,9 +91,9 @@ def initialize(theta: Embedding, before: Session, told: Told, how: How) -> Initi
     return registered.function(insertion_of(theta, before, told, how), **how.options)
 
 
-def learn(theta: Embedding, session: Session, how: How, watch: Watch) -> Embedding:
-    """Fine-tune Θ on a session, watched after every epoch (section 5.2)."""
-    data = training_data(session, "fine-tuning", how.keys, how.negatives.head_pool)
+def learn(theta: Embedding, session: Session, novel: Tensor, how: How, watch: Watch) -> Embedding:
+    """Fine-tune Θ on a session that has novel entities, ids (M, n), watched after every epoch (section 5.2)."""
+    data = training_data(session, "fine-tuning", how.keys, how.negatives.head_pool, novel)
     return training.train(theta, data, how.negatives, how.optimizer, how.root, watch)
 
 
@@ -119,6 +119,7 @@ def insertion_of(theta: Embedding, before: Session, told: Told, how: How) -> Ins
     return Insertion(
         theta0=theta,
         known=before.entities, eligible=before.trained(), novel=novel, words=told.words,
+        kinds=before.graph.kinds,
         other=padded(torch.where(is_tail, head, tail)), relation=padded(relation), novel_is_tail=padded(is_tail),
         observed=padded(torch.ones_like(is_tail)),
         root=how.root, keys=how.keys,

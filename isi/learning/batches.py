@@ -19,7 +19,7 @@ from isi.base.params import Count, Section
 from isi.base.streams import stream
 from isi.embeddings.triples import Listed
 from isi.graph import HEAD, RELATION, TAIL, Graph
-from isi.sessions.session import TRAIN, Session
+from isi.sessions.session import TRAIN, Session, membership
 
 #: Possible triples of a graph up to which batches are tables: about where one model is as fast either way.
 #: A stack's tables then stay within a gigabyte.
@@ -47,6 +47,8 @@ class TrainingData:
     head_pool: Tensor
     #: the same as ids, those that may be first; shape: (M, R, E), int64
     head_ids: Tensor
+    #: entities that were not in the session before; shape: (M, E), bool
+    new: Tensor
     #: what it is for: part of the purpose of its random streams
     purpose: str
     #: what each model's random streams depend on beside root, purpose and epoch; shape: (M, K)
@@ -95,8 +97,15 @@ class Corrupted:
         return torch.cat(parts)
 
 
-def training_data(session: Session, purpose: str, keys: Tensor, head_pool: str) -> TrainingData:
-    """Collect what D (a stack of sessions) teaches; ``keys`` are (size, seed) of each model."""
+def training_data(
+    session: Session, purpose: str, keys: Tensor, head_pool: str, novel: Tensor | None = None
+) -> TrainingData:
+    """Collect what D (a stack of sessions) teaches.
+
+    Args:
+        keys: (size, seed) of each model.
+        novel: ids of the entities that were not in the session before, (M, n); all of them where it is null.
+    """
     graph = session.graph
     train = session.members(TRAIN)
     heads = torch.zeros(len(keys), len(graph.relations), len(graph.entities))
@@ -108,7 +117,8 @@ def training_data(session: Session, purpose: str, keys: Tensor, head_pool: str) 
         unseen = heads * ~seen
         heads = torch.where(unseen.sum(-1, keepdim=True) > 0, unseen, heads)
     head_ids = torch.argsort(heads, dim=-1, descending=True, stable=True)
-    return TrainingData(session, train * graph.counts, session.entities.float(), heads, head_ids, purpose, keys)
+    new = session.entities if novel is None else membership(novel, len(graph.entities))
+    return TrainingData(session, train * graph.counts, session.entities.float(), heads, head_ids, new, purpose, keys)
 
 
 def deal(data: TrainingData, root: int, epoch: int, size: int) -> list[list[np.ndarray]]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Literal, Protocol
 
 import torch
+from pydantic import Field
 from torch import Tensor
 
 from isi.base.params import Count, NotNegative, Positive, Section
@@ -28,11 +29,14 @@ class Optimizer(Section):
     learning_rate: Positive
     weight_decay: NotNegative
     max_epochs: Count
+    #: epochs in which the rows of novel entities alone move, before all do (the order of IncDE)
+    new_rows_first: Annotated[int, Field(ge=0)] = 0
 
 
 class Training(Optimizer):
     """How Θ⁰ and the joint model are trained, and when they stop."""
 
+    new_rows_first: Literal[0] = 0  # all rows are new
     evaluate_every: Count
     patience: Count
 
@@ -88,29 +92,36 @@ def run_epoch(
     state: State, data: TrainingData, negatives: Negatives, settings: Optimizer, root: int, epoch: int
 ) -> None:
     """One pass over all observations of each model, in place: by batches, or one by one."""
-    if one_by_one.serves(state.embedding, data, negatives, settings.batch_size):
+    alone = data.new if epoch <= settings.new_rows_first else None
+    if alone is None and one_by_one.serves(state.embedding, data, negatives, settings.batch_size):
         rates = settings.learning_rate, settings.weight_decay
         one_by_one.run(state.embedding, state.squares, data, negatives.ratio, *rates, root, epoch)
         return
     frozen = ~data.session.entities
     for batch, positives in batches(data, negatives, settings.batch_size, root, epoch):
-        adagrad(state, loss_gradient(state.embedding, batch), positives, frozen, settings)
+        adagrad(state, loss_gradient(state.embedding, batch), positives, frozen, settings, alone)
 
 
-def adagrad(state: State, gradient: Embedding, positives: Tensor, frozen: Tensor, settings: Optimizer) -> None:
+def adagrad(
+    state: State, gradient: Embedding, positives: Tensor, frozen: Tensor, settings: Optimizer,
+    alone: Tensor | None = None,
+) -> None:  # fmt: skip
     """Update a stack in place from the gradient of a batch.
 
     Args:
         gradient: summed over the batch.
         positives: observations in the batch; where there are none, a model stays as it is; shape (M,).
         frozen: entities that take no part; shape (M, E), bool.
+        alone: entities whose rows alone move, (M, E), bool; all rows of both tables where it is null.
     """
     scale = (positives > 0) / positives.clamp(min=1)
     decay = (settings.weight_decay * (positives > 0))[:, None, None]
     gradient.entity.masked_fill_(frozen[..., None], 0.0)
-    for name in ("entity", "relation"):
+    for name in ("entity", "relation") if alone is None else ("entity",):
         table, squares = getattr(state.embedding, name), getattr(state.squares, name)
         step = getattr(gradient, name).mul_(scale[:, None, None]).addcmul_(table, decay)
+        if alone is not None:
+            step.masked_fill_(~alone[..., None], 0.0)
         squares.addcmul_(step, step)
         table.addcdiv_(step, squares.sqrt(), value=-settings.learning_rate)
 

@@ -51,7 +51,7 @@ def controls(models: Iterable[str]) -> list[str]:
 
 def contenders(models: Iterable[str]) -> list[str]:
     """Those under test: all initializers but controls."""
-    return of_role(models, "paper", "isi", "own")
+    return of_role(models, "paper", "isi", "baseline", "own")
 
 
 def is_control(model: str) -> bool:

@@ -63,7 +63,7 @@ def trace(task: TraceTask) -> Trace:
         path.append(embedding.entity[0, entity].clone() if epoch else initial.vectors[0, task.place])
         return torch.ones(len(models), dtype=torch.bool)
 
-    learn(put(theta0, told.novel, initial.vectors), task.cells.session(1), how, watch)
+    learn(put(theta0, told.novel, initial.vectors), task.cells.session(1), told.novel, how, watch)
     chosen = torch.zeros(len(task.cells.graph.entities), dtype=torch.bool)
     if initial.indicators is not None:
         chosen = initial.indicators[0, task.place]

@@ -54,7 +54,8 @@ def session(umls: UMLS) -> Session:
     ]
     names = ([f"{number}" for number in range(count)] for count in (umls.num_entities, umls.num_relations))
     triples = torch.cat(parts)
-    return everything(Graph(*names, triples, torch.ones(len(triples), dtype=torch.int64)), torch.cat(codes)[None])
+    ones, kinds = torch.ones(len(triples), dtype=torch.int64), torch.zeros(umls.num_entities, dtype=torch.int64)
+    return everything(Graph(*names, triples, ones, kinds), torch.cat(codes)[None])
 
 
 def ours(name: str, session: Session) -> Embedding:

@@ -1,0 +1,498 @@
+"""Baselines beyond the paper: by hand, against SciPy and NumPy, and at the limits of their options."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.optimize
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor
+from torch.nn.functional import cosine_similarity
+
+from isi.base.errors import InputError
+from isi.base.params import Option
+from isi.embeddings.family import Family
+from isi.embeddings.stack import Embedding, select
+from isi.families import FAMILIES, make
+from isi.initializers import INITIALIZERS
+from isi.initializers.rs_alive import DEAD, alive
+from isi.insertion import evidence
+from isi.insertion.core import FALLBACKS, Initial, Insertion
+from isi.insertion.dealing import dealt_words
+from isi.insertion.drawing import standard_normal
+from isi.insertion.weighing import mean_relational_score
+from tests.graphs import ANALOGY, dense, random_embedding
+
+LINEAR = ("analogy", "complex", "distmult")
+DISTANCES: list[tuple[str, dict[str, Option]]] = [
+    ("transe", {"margin": 2.0, "squared": True}), ("transe", {"margin": 2.0, "squared": False}),
+    ("rotate", {"margin": 4.0, "squared": True}), ("rotate", {"margin": 4.0, "squared": False}),
+]  # fmt: skip
+ENTITIES, RELATIONS, DIMENSION = 12, 3, 8
+#: One known end, the relation, and whether the novel entity is the tail.
+Seen = tuple[int, int, bool]
+MAP = {"strength": 0.5, "ratio": 3}
+
+
+def family(name: str, **options: Option) -> Family:
+    return make(name, options, f"families.{name}")
+
+
+def insertion(
+    theta0: Embedding, novel: Sequence[int], seen: Sequence[Sequence[Seen]], words: Tensor, kinds: Sequence[int]
+) -> Insertion:
+    """Of one model, whose rows of novel entities are made zero; all that are not novel are known and trained on."""
+    known = torch.ones(1, len(kinds), dtype=torch.bool)
+    known[0, list(novel)] = False
+    longest = max([1, *map(len, seen)])
+    padded = torch.tensor([[*own, *[(0, 0, False)] * (longest - len(own))] for own in seen]).long()[None]
+    return Insertion(
+        theta0=replace(theta0, entity=theta0.entity * known[..., None]), known=known, eligible=known,
+        novel=torch.tensor([list(novel)]), words=words, kinds=torch.tensor(kinds),
+        other=padded[..., 0], relation=padded[..., 1], novel_is_tail=padded[..., 2] == 1,
+        observed=torch.tensor([[place < len(own) for place in range(longest)] for own in seen])[None],
+        root=0, keys=torch.tensor([[2, 0]]),
+    )  # fmt: skip
+
+
+def some(of: Family = ANALOGY, seed: int = 0) -> Insertion:
+    """Novel 0, a head and a tail; 5, with a triple; 9, with none; 11, without a word vector."""
+    words = torch.randn(ENTITIES, 6, generator=torch.Generator().manual_seed(seed + 1))
+    words[11] = 0
+    seen: list[list[Seen]] = [
+        [(1, 0, False), (2, 0, False), (3, 2, False), (4, 1, True)], [(7, 1, True)], [], [(2, 1, False), (6, 1, True)],
+    ]  # fmt: skip
+    theta0 = random_embedding(1, ENTITIES, RELATIONS, DIMENSION, seed, of)
+    return insertion(theta0, [0, 5, 9, 11], seen, words, [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 3, 3])
+
+
+def bare(of: Insertion) -> Insertion:
+    """The same without words and insert triples."""
+    return replace(of, words=torch.zeros_like(of.words), observed=torch.zeros_like(of.observed))
+
+
+def insert(name: str, of: Insertion, **options: Option) -> Initial:
+    return INITIALIZERS.get(name, "initializers").function(of, **options)
+
+
+def fallbacks(found: Initial) -> list[str | None]:
+    return [FALLBACKS[code] for code in found.fallback[0].tolist()]
+
+
+def mean_of(of: Insertion, *entities: int) -> Tensor:
+    return of.theta0.entity[0, list(entities)].mean(0)
+
+
+KNOWN = (1, 2, 3, 4, 6, 7, 8, 10)
+
+
+def test_kind_mean_is_the_centroid_of_the_known_of_the_kind() -> None:
+    of = some()
+    found = insert("kind_mean", of)
+    expected = [mean_of(of, 1, 2, 3), mean_of(of, 4, 6, 7), mean_of(of, 8), mean_of(of, 10)]
+    torch.testing.assert_close(found.vectors[0], torch.stack(expected))
+    assert fallbacks(found) == [None] * 4
+    alone = replace(of, kinds=torch.where(torch.arange(ENTITIES) == 5, 7, of.kinds))
+    found = insert("kind_mean", alone)
+    assert fallbacks(found) == [None, "centroid", None, None]
+    torch.testing.assert_close(found.vectors[0, 1], mean_of(of, *KNOWN))
+
+
+def test_words_are_dealt_out_within_kinds() -> None:
+    of = some()
+    keys = torch.tensor([[5, seed] for seed in range(400)])
+    many = replace(of, novel=of.novel.expand(400, -1), keys=keys)
+    dealt = dealt_words(many, "es_permuted_kinds", many.kinds)
+    assert (of.kinds[dealt] == of.kinds).all()
+    assert (dealt.sort(1).values == torch.arange(ENTITIES)).all()
+    assert (dealt[:, [10, 11]] == torch.tensor([10, 11])).all()  # the one cannot swap with the other, which has none
+    for entity in range(4):
+        shares = (dealt[:, entity, None] == torch.arange(4)).float().mean(0)
+        assert (shares - 0.25).abs().max() < 5 * (0.25 * 0.75 / 400) ** 0.5
+    assert not torch.equal(dealt, dealt_words(replace(many, root=1), "es_permuted_kinds", many.kinds))
+
+
+def test_es_permuted_within_kinds_is_es_with_the_words_dealt() -> None:
+    of = some()
+    (dealt,) = dealt_words(of, "es_permuted_kinds", of.kinds)
+    for k in (1, 3):
+        found = insert("es_permuted_kinds", of, k=k)
+        expected = insert("es", replace(of, words=of.words[dealt]), k=k)
+        assert torch.equal(found.vectors, expected.vectors)
+        assert torch.equal(found.fallback, expected.fallback)
+
+
+def test_neighbour_mean_counts_an_end_as_often_as_it_is_named() -> None:
+    of = some()
+    found = insert("neighbour_mean", of)
+    expected = [mean_of(of, 1, 2, 3, 4), mean_of(of, 7), mean_of(of, *KNOWN), mean_of(of, 2, 6)]
+    torch.testing.assert_close(found.vectors[0], torch.stack(expected))
+    assert fallbacks(found) == [None, None, "centroid", None]
+    twice = insertion(of.theta0, [0], [[(1, 0, False), (1, 2, False), (4, 1, True)]], of.words, of.kinds.tolist())
+    expected_mean = (2 * of.theta0.entity[0, 1] + of.theta0.entity[0, 4]) / 3
+    torch.testing.assert_close(insert("neighbour_mean", twice).vectors[0, 0], expected_mean)
+
+
+def test_er_avg_takes_known_ends_through_their_relations() -> None:
+    of = some()
+    entity, maps = of.theta0.entity[0], [dense(row) for row in of.theta0.relation[0]]
+    found = insert("er_avg", of)
+    as_head = maps[0] @ entity[1] + maps[0] @ entity[2] + maps[2] @ entity[3]  # W t
+    torch.testing.assert_close(found.vectors[0, 0], (as_head + entity[4] @ maps[1]) / 4)
+    torch.testing.assert_close(found.vectors[0, 1], entity[7] @ maps[1])
+    torch.testing.assert_close(found.vectors[0, 2], mean_of(of, *KNOWN))
+    assert fallbacks(found) == [None, None, "centroid", None]
+    step = some(family("transe", margin=1.0, squared=True))
+    entity, relation = step.theta0.entity[0], step.theta0.relation[0]
+    mean = (entity[1] - relation[0] + entity[2] - relation[0] + entity[3] - relation[2] + entity[4] + relation[1]) / 4
+    torch.testing.assert_close(insert("er_avg", step).vectors[0, 0], mean)
+
+
+def test_class_noise_is_the_kind_mean_and_its_deviation() -> None:
+    of = some()
+    centre, drawn = insert("kind_mean", of), standard_normal(of)
+    assert torch.equal(insert("class_noise", of, fraction=0.0).vectors, centre.vectors)
+    found = insert("class_noise", of, fraction=0.5)
+    deviation = of.theta0.entity[0, [1, 2, 3]].numpy().std(0)
+    expected = centre.vectors[0, 0].numpy() + 0.5 * deviation * drawn[0, 0].numpy()
+    np.testing.assert_allclose(found.vectors[0, 0], expected, atol=1e-5)
+    assert torch.equal(found.vectors[0, 2], centre.vectors[0, 2])  # of a kind with one known entity
+    other = insert("class_noise", replace(of, keys=of.keys + 1), fraction=0.5)
+    assert (other.vectors[0, 0] != found.vectors[0, 0]).all()
+
+
+def test_projection_is_ridge_regression_on_unit_word_vectors() -> None:
+    of = some()
+    found = insert("projection", of, penalty=0.7)
+    words = of.words.double().numpy()
+    words /= np.maximum(np.linalg.norm(words, axis=1, keepdims=True), 1e-12)
+    entity, known = of.theta0.entity[0].double().numpy(), list(KNOWN)
+    inputs, outputs = words[known] - words[known].mean(0), entity[known] - entity[known].mean(0)
+    rows = np.concatenate([inputs, np.sqrt(0.7) * np.eye(6)]), np.concatenate([outputs, np.zeros((6, DIMENSION))])
+    slopes = np.linalg.lstsq(*rows, rcond=None)[0]
+    expected = entity[known].mean(0) + (words[[0, 5, 9]] - words[known].mean(0)) @ slopes
+    np.testing.assert_allclose(found.vectors[0, :3], expected, atol=1e-5)
+    assert fallbacks(found) == [None, None, None, "centroid"]
+    torch.testing.assert_close(found.vectors[0, 3], mean_of(of, *KNOWN))
+    far = insert("projection", of, penalty=1e9).vectors[0, :3]
+    torch.testing.assert_close(far, mean_of(of, *KNOWN).expand(3, -1), atol=1e-5, rtol=0)
+
+
+def test_soft_es_weighs_by_the_exponential_of_cosines() -> None:
+    of = some()
+    cosine = cosine_similarity(of.words[0], of.words[list(KNOWN)]).double()
+    weight = (cosine / 0.2).exp() / (cosine / 0.2).exp().sum()
+    expected = (weight[:, None] * of.theta0.entity[0, list(KNOWN)].double()).sum(0).float()
+    torch.testing.assert_close(insert("soft_es", of, temperature=0.2).vectors[0, 0], expected)
+
+
+@pytest.mark.parametrize("name", ["soft_es", "soft_rs"])
+def test_soft_similarities_are_the_mean_at_high_and_the_nearest_at_low_temperature(name: str) -> None:
+    of = some()
+    hot, cold = (insert(name, of, temperature=temperature).vectors[0, :2] for temperature in (1e6, 1e-4))
+    torch.testing.assert_close(hot, mean_of(of, *KNOWN).expand(2, -1), atol=1e-5, rtol=0)
+    torch.testing.assert_close(cold, insert(name.removeprefix("soft_"), of, k=1).vectors[0, :2])
+
+
+def test_the_mean_relational_score_is_a_mean_over_the_relations_seen() -> None:
+    of = some()
+    entity, maps = of.theta0.entity[0], [dense(row) for row in of.theta0.relation[0]]
+    there, back = entity[4] @ maps[1], [entity[1] @ torch.linalg.inv(maps[0]), entity[2] @ torch.linalg.inv(maps[0])]
+    alphas = [(back[0] + back[1]) / 2, there, entity[3] @ torch.linalg.inv(maps[2])]
+    expected = torch.stack([cosine_similarity(alpha, entity) for alpha in alphas]).mean(0)
+    found = mean_relational_score(of)[0]
+    torch.testing.assert_close(found[0], expected, atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(found[1], cosine_similarity(entity[7] @ maps[1], entity), atol=1e-5, rtol=1e-4)
+    assert (found[2] == 0).all()
+
+
+def test_the_soft_hybrid_with_one_weight_is_that_similarity_alone() -> None:
+    of = some()
+    words = insert("soft_hybrid", of, word_weight=5.0, relation_weight=0.0)
+    torch.testing.assert_close(words.vectors[0, :3], insert("soft_es", of, temperature=0.2).vectors[0, :3])
+    relations = insert("soft_hybrid", of, word_weight=0.0, relation_weight=5.0)
+    torch.testing.assert_close(relations.vectors[0, :2], insert("soft_rs", of, temperature=0.2).vectors[0, :2])
+    both = insert("soft_hybrid", of, word_weight=5.0, relation_weight=3.0)
+    logits = 5 * cosine_similarity(of.words[0], of.words) + 3 * mean_relational_score(of)[0, 0]
+    weight = torch.softmax(logits[list(KNOWN)], 0)
+    torch.testing.assert_close(both.vectors[0, 0], weight @ of.theta0.entity[0, list(KNOWN)])
+
+
+def test_soft_similarities_fall_back_to_what_there_is() -> None:
+    of = some()
+    by_words, by_relations = (insert(name, of, temperature=0.2) for name in ("soft_es", "soft_rs"))
+    assert fallbacks(by_words) == [None, None, None, "rs"]
+    assert fallbacks(by_relations) == [None, None, "centroid", None]
+    torch.testing.assert_close(by_words.vectors[0, 3], by_relations.vectors[0, 3])
+    both = insert("soft_hybrid", of, word_weight=5.0, relation_weight=5.0)
+    assert fallbacks(both) == [None, None, "es", "rs"]
+    torch.testing.assert_close(both.vectors[0, 2], by_words.vectors[0, 2])
+    torch.testing.assert_close(both.vectors[0, 3], by_relations.vectors[0, 3])
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [("soft_es", {"temperature": 0.2}), ("soft_rs", {"temperature": 0.2}), ("neighbour_mean", {}), ("er_avg", {}),
+     ("soft_hybrid", {"word_weight": 3.0, "relation_weight": 3.0}), ("projection", {"penalty": 1.0}), ("ridge", MAP),
+     ("map_mean", MAP), ("map_ers", {"k": 2, "candidates": 4, **MAP}),
+     ("map_soft_hybrid", {"word_weight": 3.0, "relation_weight": 3.0, **MAP}), ("rs_alive", {"k": 2})],
+)  # fmt: skip
+def test_who_knows_nothing_of_a_novel_entity_puts_it_at_the_centroid(name: str, options: dict[str, Option]) -> None:
+    of = bare(some())
+    found = insert(name, of, **options)
+    assert fallbacks(found) == ["centroid"] * 4
+    torch.testing.assert_close(found.vectors[0], mean_of(of, *KNOWN).expand(4, -1))
+
+
+def test_dead_coordinates_take_no_part_in_rs() -> None:
+    of = some(family("distmult"))
+    assert torch.equal(insert("rs_alive", of, k=3).vectors, insert("rs", of, k=3).vectors)
+    relation = of.theta0.relation.clone()
+    relation[0, 0, 3] = DEAD / 2  # its inverse is all that counts of what the relation says
+    dead = replace(of, theta0=replace(of.theta0, relation=relation))
+    assert (~alive(dead.theta0)).nonzero().tolist() == [[0, 0, 3]]
+    only = insertion(dead.theta0, [0], [[(1, 0, False)]], of.words, of.kinds.tolist())
+    alpha = only.theta0.entity[0, 1] / relation[0, 0]
+    alpha[3] = 0
+    (nearest,) = insert("rs_alive", only, k=1).indicators[0, 0].nonzero().flatten().tolist()  # type: ignore[index]
+    others = cosine_similarity(alpha, only.theta0.entity[0]) * only.known[0]
+    assert nearest == int(others.argmax())
+    assert not torch.equal(insert("rs", only, k=1).vectors, insert("rs_alive", only, k=1).vectors)
+
+
+def test_dead_blocks_are_dead_in_both_coordinates_and_steps_and_turns_never_die() -> None:
+    theta0 = random_embedding(1, 3, 2, DIMENSION)
+    theta0.relation[0, 1, [4, 6]] = DEAD / 3  # a block's x and y: its places are 4 and 6
+    assert (~alive(theta0)).nonzero().tolist() == [[0, 1, 4], [0, 1, 6]]
+    for name, options in DISTANCES:
+        assert alive(random_embedding(1, 3, 2, DIMENSION, family=family(name, **options))).all()
+
+
+def test_what_is_told_lies_in_cells_and_brings_its_negatives() -> None:
+    of = some()
+    positive = evidence.told(of)
+    cells = [(0, 0, 0, 1), (0, 0, 0, 2), (0, 0, 2, 3), (0, 1, 1, 4), (1, 1, 1, 7), (3, 0, 1, 2), (3, 1, 1, 6)]
+    assert positive[0].nonzero().tolist() == sorted(map(list, cells))
+    assert positive.sum() == 7
+    negative = evidence.expected_negatives(of, positive, ratio=4)[0]
+    share = 4 / len(KNOWN)
+    assert negative[0, 0, 0, 8] == pytest.approx(2 * share)  # an end of neither triple
+    assert negative[0, 0, 0, 1] == pytest.approx(2 * share)  # true ones among them
+    assert negative[0, 0, 1, 1] == pytest.approx(2)  # another relation: one of two, for 4 copies
+    assert negative[0, 0, 1, 3] == pytest.approx(2)
+    assert negative[0, 0, 2, 3] == pytest.approx(share)
+    assert negative[0, 0, 2, 1] == pytest.approx(2 + share)
+    assert negative[0, 1, 0, 4] == pytest.approx(2)
+    assert (negative[..., [0, 5, 9, 11]] == 0).all()  # the novel ones are no known ends
+    assert negative.sum() == pytest.approx(7 * 2 * 4)
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_anchors_are_what_a_novel_vector_is_multiplied_with(name: str) -> None:
+    theta0 = random_embedding(2, 5, 3, 8, family=family(name))
+    assert theta0.family.linear
+    at = torch.randn(2, 1, 8, generator=torch.Generator().manual_seed(3))
+    cells = (at @ evidence.anchors(theta0).mT)[:, 0].view(2, 2, 3, 5)
+    for relation in range(3):
+        for end in range(5):
+            rows = theta0.relation[:, relation], theta0.entity[:, end]
+            torch.testing.assert_close(cells[:, 0, relation, end], theta0.family.score(at[:, 0], *rows))
+            torch.testing.assert_close(cells[:, 1, relation, end], theta0.family.score(rows[1], rows[0], at[:, 0]))
+    torch.testing.assert_close(evidence.score_gradients(theta0, at), evidence.anchors(theta0))
+
+
+def test_families_of_distances_are_not_linear() -> None:
+    assert [name for name in FAMILIES.names() if name in ("rotate", "transe")] == ["rotate", "transe"]
+    assert not any(family(name, **options).linear for name, options in DISTANCES)
+
+
+def plain_objective(
+    of: Insertion, place: int, mean: np.ndarray, ratio: int, strength: float
+) -> Callable[[np.ndarray], float]:
+    """What MAP minimizes for one novel entity, triple by triple, with true and corrupted ones in lists."""
+    theta0 = evidence._double(of.theta0)
+    known = [e for e in range(of.known.shape[1]) if of.known[0, e]]
+    weighted: list[tuple[bool, int, int, float]] = []  # whether it is the tail, relation, other end, ± weight
+    for other, relation, is_tail, there in zip(
+        of.other[0, place].tolist(), of.relation[0, place].tolist(), of.novel_is_tail[0, place].tolist(),
+        of.observed[0, place].tolist(), strict=True,
+    ):  # fmt: skip
+        if there:
+            weighted.append((is_tail, relation, other, 1.0))
+            weighted += [(is_tail, relation, end, -ratio / len(known)) for end in known]
+            others = [r for r in range(theta0.relation.shape[1]) if r != relation]
+            weighted += [(is_tail, r, other, -ratio / len(others)) for r in others]
+    sigma = np.cov(theta0.entity[0, known].numpy().T, bias=True)
+    share = evidence.SHRINKAGE
+    sigma = (1 - share) * sigma + share * np.trace(sigma) / len(sigma) * np.eye(len(sigma))
+
+    def objective(vector: np.ndarray) -> float:
+        v, total = torch.as_tensor(vector), 0.0
+        for is_tail, relation, other, weight in weighted:
+            row, end = theta0.relation[0, relation], theta0.entity[0, other]
+            score = float(theta0.family.score(end, row, v) if is_tail else theta0.family.score(v, row, end))
+            total += abs(weight) * np.logaddexp(0, -score if weight > 0 else score)
+        return total + strength / 2 * float((vector - mean) @ np.linalg.solve(sigma, vector - mean))
+
+    return objective
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_map_is_what_a_general_minimizer_finds(name: str) -> None:
+    of = some(family(name))
+    found = insert("map_mean", of, **MAP)
+    mean = mean_of(of, *KNOWN).double().numpy()
+    for place in (0, 1, 3):
+        plain = plain_objective(of, place, mean, 3, 0.5)
+        best = scipy.optimize.minimize(plain, mean, method="BFGS", options={"gtol": 1e-7})
+        np.testing.assert_allclose(found.vectors[0, place], best.x, atol=2e-4)
+        assert plain(found.vectors[0, place].double().numpy()) <= best.fun + 1e-6
+
+
+def gradient_at(of: Insertion, found: Initial, prior: Initial) -> Tensor:
+    """Of the objective by autograd; shape (M, n, d)."""
+    known = evidence.evidence(of, prior.vectors, 0.5, 3)
+    at = found.vectors.double().requires_grad_()
+    return torch.autograd.grad(evidence.objective(known, evidence._double(of.theta0), at).sum(), at)[0]
+
+
+PRIORS: list[tuple[str, str, dict[str, Option]]] = [
+    ("map_mean", "mean", {}), ("map_ers", "ers", {"k": 2, "candidates": 5}),
+    ("map_soft_hybrid", "soft_hybrid", {"word_weight": 4.0, "relation_weight": 2.0}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "prior", "options"), PRIORS)
+@given(seed=st.integers(0, 1000), of_family=st.sampled_from(LINEAR))
+@settings(max_examples=8)
+def test_no_gradient_is_left_where_map_puts_an_entity(
+    name: str, prior: str, options: dict[str, Option], seed: int, of_family: str
+) -> None:
+    of = some(family(of_family), seed)
+    around, found = insert(prior, of, **options), insert(name, of, **options, **MAP)
+    assert gradient_at(of, found, around).abs().max() < 1e-3 * gradient_at(of, around, around).abs().max()
+
+
+@pytest.mark.parametrize(("name", "prior", "options"), PRIORS)
+def test_map_is_its_prior_where_that_is_strong_or_nothing_is_told(
+    name: str, prior: str, options: dict[str, Option]
+) -> None:
+    of = some()
+    around = insert(prior, of, **options)
+    strong = insert(name, of, **options, strength=1e9, ratio=3)
+    torch.testing.assert_close(strong.vectors, around.vectors, atol=1e-5, rtol=0)
+    weak = insert(name, of, **options, **MAP)
+    assert torch.equal(weak.vectors[0, 2], around.vectors[0, 2])  # it has no insert triple
+    assert ((weak.vectors - around.vectors)[0, [0, 1, 3]].norm(dim=-1) > 0.01).all()
+    if prior != "mean":
+        assert torch.equal(weak.fallback, around.fallback)
+    else:
+        assert fallbacks(weak) == [None, None, "centroid", None]
+
+
+@pytest.mark.parametrize(("name", "options"), DISTANCES)
+def test_map_of_a_distance_gains_on_its_prior_and_leaves_little_gradient(name: str, options: dict[str, Option]) -> None:
+    of = some(family(name, **options))
+    around, found = insert("mean", of), insert("map_mean", of, **MAP)
+    known, theta0 = evidence.evidence(of, around.vectors, 0.5, 3), evidence._double(of.theta0)
+    before, after = (evidence.objective(known, theta0, one.vectors.double())[0] for one in (around, found))
+    assert (after[[0, 1, 3]] < before[[0, 1, 3]]).all()
+    assert torch.equal(found.vectors[0, 2], around.vectors[0, 2])
+    assert gradient_at(of, found, around).abs().max() < 0.05 * gradient_at(of, around, around).abs().max()
+
+
+def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows() -> None:
+    of = some()
+    found = insert("ridge", of, strength=0.4, ratio=3)
+    mean, theta0 = mean_of(of, *KNOWN).double().numpy(), evidence._double(of.theta0)
+    sigma = evidence.covariance(of)[0].numpy()
+    positive = evidence.told(of)
+    negative = evidence.expected_negatives(of, positive, 3)
+    root = np.linalg.cholesky(np.linalg.inv(sigma)).T * np.sqrt(0.4)
+    for place in (0, 1, 3):
+        rows, values = [root], [root @ mean]
+        for weights, value in ((positive, 1.0), (negative, 0.0)):
+            for end, relation, other in weights[0, place].nonzero().tolist():
+                scale = float(weights[0, place, end, relation, other]) ** 0.5
+                matrix, vector = dense(theta0.relation[0, relation]), theta0.entity[0, other]
+                rows.append(scale * (vector @ matrix if end else matrix @ vector).numpy()[None])
+                values.append(np.array([scale * value]))
+        expected = np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0]
+        np.testing.assert_allclose(found.vectors[0, place], expected, atol=1e-4)
+    assert fallbacks(found) == [None, None, "centroid", None]
+
+
+@pytest.mark.parametrize(("name", "options"), DISTANCES)
+def test_ridge_refuses_a_score_that_is_not_linear(name: str, options: dict[str, Option]) -> None:
+    with pytest.raises(InputError, match=r"initializers\.ridge.*linear"):
+        insert("ridge", some(family(name, **options)), **MAP)
+
+
+@given(st.integers(0, 1000))
+@settings(max_examples=10)
+def test_the_covariance_is_that_of_the_known_shrunk_to_a_sphere(seed: int) -> None:
+    of = some(seed=seed)
+    known = of.theta0.entity[0, list(KNOWN)].double().numpy()
+    plain = np.cov(known.T, bias=True)
+    found = evidence.covariance(of)[0].numpy()
+    assert np.trace(found) == pytest.approx(np.trace(plain))
+    away = found - (1 - evidence.SHRINKAGE) * plain
+    np.testing.assert_allclose(away, np.eye(DIMENSION) * away[0, 0], atol=1e-12)
+    assert np.linalg.eigvalsh(found).min() > 0
+
+
+def stack(models: int, dimension: int = 20) -> Insertion:
+    """Models that differ in all but words and kinds."""
+    own = []
+    rng = np.random.default_rng(1)
+    theta0 = random_embedding(models, 30, RELATIONS, dimension)
+    words = torch.randn(30, 6, generator=torch.Generator().manual_seed(7))
+    for model in range(models):
+        novel = rng.choice(30, 3, replace=False).tolist()
+        others = [entity for entity in range(30) if entity not in novel]
+        seen = [
+            [(int(rng.choice(others)), int(rng.integers(3)), bool(rng.integers(2))) for _ in range(4)] for _ in novel
+        ]
+        own.append(insertion(select(theta0, torch.tensor([model])), novel, seen, words, [e % 4 for e in range(30)]))
+    stacked = {
+        name: torch.cat([getattr(one, name) for one in own])
+        for name in ("known", "eligible", "novel", "other", "relation", "novel_is_tail", "observed")
+    }
+    entity = torch.cat([one.theta0.entity for one in own])
+    keys = torch.tensor([[3, seed] for seed in range(models)])
+    return replace(own[0], **stacked, theta0=replace(theta0, entity=entity), keys=keys)
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [("map_mean", MAP), ("ridge", MAP), ("er_avg", {}), ("neighbour_mean", {}), ("projection", {"penalty": 0.3}),
+     ("soft_hybrid", {"word_weight": 4.0, "relation_weight": 4.0}), ("class_noise", {"fraction": 0.5})],
+)  # fmt: skip
+def test_bytes_are_the_same_whatever_the_stack(name: str, options: dict[str, Option]) -> None:
+    whole = stack(7)
+    found = insert(name, whole, **options).vectors
+    shared = {name: getattr(whole, name) for name in ("words", "kinds", "root")}
+    for models in ([0], [3, 6], [1, 2, 3, 4, 5]):
+        part = replace(select(whole, torch.tensor(models)), **shared)
+        assert torch.equal(insert(name, part, **options).vectors, found[models])
+
+
+@pytest.mark.parametrize("name", ["map_mean", "map_soft_hybrid", "soft_hybrid", "ridge", "projection", "er_avg"])
+def test_no_seed_has_a_part_in_what_is_not_drawn(name: str) -> None:
+    options: dict[str, dict[str, Option]] = {
+        "map_soft_hybrid": {"word_weight": 4.0, "relation_weight": 2.0, **MAP}, "projection": {"penalty": 0.3},
+        "soft_hybrid": {"word_weight": 4.0, "relation_weight": 2.0}, "er_avg": {},
+    }  # fmt: skip
+    of, own = some(), options.get(name, MAP)
+    other = replace(of, root=5, keys=of.keys + 3)
+    assert torch.equal(insert(name, of, **own).vectors, insert(name, other, **own).vectors)
+
+
+def test_a_kind_without_words_deals_none() -> None:
+    of = replace(some(), words=torch.zeros(ENTITIES, 6))
+    assert torch.equal(dealt_words(of, "es_permuted_kinds", of.kinds)[0], torch.arange(ENTITIES))

@@ -1,0 +1,213 @@
+"""Compare settings of initializers on known entities, hidden as if they were novel, as params.yaml's were chosen.
+
+Some entities of a cell's D⁰ are hidden, and an embedding is learned without them: in Θ⁰ itself the vectors of their
+neighbours would give them away. A part of their training triples is told, as of novel ones, and what is left of their
+training and validation triples is asked about (scope novel). The cell's own novel entities have no part in this, and
+neither has a test triple, but for the counts that true ranks come from. Writes the tables that the documentation shows.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+from torch import Tensor
+
+from isi.base import paths
+from isi.base.params import read
+from isi.base.stage import Given, Provenance
+from isi.base.streams import stream
+from isi.experiments.cells import Cells, Vectors
+from isi.experiments.executor import compute_of, run
+from isi.experiments.learning import LearningTask, learn_initial, learning
+from isi.experiments.store import Store
+from isi.initializers import INITIALIZERS, options_of
+from isi.insertion.step import insertion_of, put
+from isi.insertion.tasks import InsertTask, TaskTold, how_in, inserting, told_in
+from isi.learning.convergence import SCOPES
+from isi.learning.ranks import Queries, evaluate
+from isi.learning.scopes import novel_scope
+from isi.params import load
+from isi.sessions.drawing import draw_insert_triples
+from isi.sessions.session import OUT, TRAIN, VALID, membership
+
+FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
+Setting = tuple[str, dict[str, Any]]
+
+WEIGHTS = [4.0, 8.0, 12.0, 16.0, 24.0, 32.0]
+TEMPERATURES = [0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2]
+PRIOR: dict[str, list[Any]] = {"strength": [0.1, 0.2, 0.5, 1.0], "ratio": [1, 2, 3, 9]}
+#: What is compared, by initializer and option.
+GRID: dict[str, dict[str, list[Any]]] = {
+    "mean": {},
+    "kind_mean": {},
+    "es": {"k": [1, 2, 3, 4, 6, 8, 12, 18, 30]},
+    "rs": {"k": [1, 2, 4, 8, 12, 18, 30]},
+    "ers": {"k": [1, 2, 3, 5, 9, 15], "candidates": [15, 30, 60]},
+    "neighbour_mean": {},
+    "er_avg": {},
+    "class_noise": {"fraction": [0.1, 0.25, 0.5, 1.0]},
+    "projection": {"penalty": [0.03, 0.1, 0.3, 1.0, 3.0, 10.0]},
+    "soft_es": {"temperature": TEMPERATURES},
+    "soft_rs": {"temperature": TEMPERATURES},
+    "soft_hybrid": {"word_weight": WEIGHTS, "relation_weight": WEIGHTS},
+    "ridge": {"strength": [0.01, 0.1, 1.0, 10.0], "ratio": [1, 2, 9]},
+    "map_mean": PRIOR,
+    "map_ers": {"k": [9], "candidates": [30]} | PRIOR,
+    "map_soft_hybrid": {"word_weight": [12.0, 16.0], "relation_weight": [8.0, 12.0, 16.0]} | PRIOR,
+}
+
+
+@dataclass(frozen=True)
+class ChoosingTask:
+    """Insert the hidden entities of cells with each setting, and measure at once."""
+
+    cells: Cells
+    inserting: InsertTask
+    settings: list[Setting]
+
+
+def measured(task: ChoosingTask) -> np.ndarray:
+    """MRR* in scope novel, and of its queries for entities those about a novel one; shape (settings, M, 2)."""
+    theta0, told = task.inserting.theta0.stack, told_in(task.inserting, 1)
+    given = insertion_of(theta0, task.cells.session(0), told, how_in(task.inserting, 1))
+    queries = novel_scope(task.cells.session(1), told.novel, told.mask(len(task.cells.graph.triples)))["novel"]
+    asked = {"novel": queries, "about": about(queries, told.novel)}
+    found = []
+    for name, options in task.settings:
+        vectors = INITIALIZERS.get(name, name).function(given, **options).vectors
+        results = evaluate(put(theta0, told.novel, vectors), asked)
+        found.append([results["novel"].measures[:, 0].numpy(), results["about"].measures[:, 1].numpy()])
+    return np.array(found).transpose(0, 2, 1)
+
+
+def about(queries: Queries, novel: Tensor) -> Queries:
+    """The same, but of the queries for entities those alone that are about a novel one, which is not the answer."""
+    rows, is_novel = queries.rows, membership(novel, queries.candidates.shape[1])
+    weight = rows.entity_weight * torch.cat([is_novel.gather(1, end) for end in (rows.tail, rows.head)], 1)
+    shares = weight / weight.sum(1, keepdim=True)
+    return replace(queries, rows=replace(rows, entity_weight=shares))
+
+
+def hide(cells: Cells, number: int, draw: int, root: int) -> Cells:
+    """Cells of which some entities that their D⁰ has trained on are novel in place of their own; no test triples."""
+    before = cells.session(0)
+    splits = before.splits.masked_fill(~before.members(TRAIN, VALID), OUT).numpy()
+    novel = [
+        np.sort(stream(root, "hidden", seed, draw).choice(np.flatnonzero(own), number, replace=False))
+        for seed, own in zip(cells.seeds, before.trained().numpy(), strict=True)
+    ]
+    return replace(cells, size=number, splits=splits, novel=np.stack(novel)[:, None])
+
+
+def told_of(cells: Cells, root: int, draw: int, fraction: float) -> np.ndarray:
+    """(session, model, place in ``novel``, triple) of what is told of hidden entities; shape (I, 4)."""
+    rows = [
+        (1, model, own[0].tolist().index(entity), triple)
+        for model, (seed, splits, own) in enumerate(zip(cells.seeds, cells.splits, cells.novel, strict=True))
+        for entity, triple in draw_insert_triples(cells.graph, splits, own, 1, root, 1000 * draw + seed, fraction)
+    ]
+    return np.array(rows, dtype=np.int64)
+
+
+def tasks_of(
+    everything: Given, experiment: str, asked: argparse.Namespace, settings: list[Setting]
+) -> list[ChoosingTask]:
+    """Draws of hidden entities in every cell of a size, and embeddings that were learned without them."""
+    store, how, chosen = Store(experiment, everything.provenance), inserting(everything, "xavier"), learning(everything)
+    words, fraction = store.words(), everything.raw("sessions.insert_fraction")
+    drawn = [
+        (hide(own, asked.hidden, draw, everything.seed), draw)
+        for own in store.cells(asked.stack, asked.size, asked.seeds)
+        for draw in range(asked.draws)
+    ]
+    compute = compute_of(everything)
+    learned = run(learn_initial, [LearningTask(cells, chosen) for cells, _ in drawn], compute, f"{experiment}: theta")
+    tasks = []
+    for (cells, draw), theta in zip(drawn, learned, strict=True):
+        nowhere = {(1, scope): np.full(len(cells.seeds), np.nan) for scope in SCOPES}
+        told = TaskTold(told_of(cells, everything.seed, draw, fraction), words, nowhere)
+        vectors = Vectors(chosen.family, theta.entity, theta.relation)
+        tasks.append(ChoosingTask(cells, InsertTask(cells, vectors, told, how), settings))
+    return tasks
+
+
+def settings_of(names: list[str], listed: dict[str, dict[str, Any]]) -> list[Setting]:
+    """What is compared: what params say of each initializer, then its grid."""
+    settings = []
+    for name in names:
+        points = [listed[name]] if name in listed else []
+        points += [dict(zip(GRID[name], values, strict=True)) for values in product(*GRID[name].values())]
+        once = {tuple(point.items()): point for point in points}
+        settings += [(name, options_of(name, point, f"initializers.{name}")) for point in once.values()]
+    return settings
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--experiments", nargs="+", help="default: those that have the size")
+    parser.add_argument(
+        "--initializers", nargs="+", choices=list(GRID), default=list(GRID), help="default: all of the grid"
+    )
+    parser.add_argument("--size", type=int, default=5, help="|ξ| of the cells")
+    parser.add_argument("--seeds", type=int, default=30)
+    parser.add_argument("--draws", type=int, default=2, help="of hidden entities in each cell")
+    parser.add_argument("--hidden", type=int, default=5, help="entities in each draw")
+    parser.add_argument("--stack", type=int, default=5)
+    asked = parser.parse_args()
+    params, everything = load(), Given(read(paths.PARAMS), Provenance("choose_initializers", {}))
+    fitting = [name for name, one in params.experiments.items() if asked.size in one.sessions.sizes]
+    settings, found = settings_of(asked.initializers, params.initializers), {}
+    for experiment in asked.experiments or fitting:
+        tasks = tasks_of(everything, experiment, asked, settings)
+        found[experiment] = 100 * np.concatenate(run(measured, tasks, params.compute, experiment), 1)
+    write(table_of(settings, found), params.initializers)
+
+
+def table_of(settings: list[Setting], found: dict[str, np.ndarray]) -> pd.DataFrame:
+    """Mean over the experiments, and each one's own; best settings first. Arrays are of shape (settings, sets, 2)."""
+    means = {experiment: np.nanmean(values, 1) for experiment, values in found.items()}
+    means = {"": np.mean(list(means.values()), 0)} | (means if len(means) > 1 else {})
+    columns = {
+        f"{experiment}: {name}".removeprefix(": "): values[:, measure].round(2)
+        for experiment, values in means.items()
+        for measure, name in enumerate(("MRR*", "asked about"))
+    }
+    names, options = zip(*settings, strict=True)
+    table = pd.DataFrame({"initializer": names, "options": [shown(one) for one in options]} | columns)
+    ordered = table.sort_values("MRR*", ascending=False, kind="stable")
+    parts = [ordered[ordered["initializer"] == name] for name in dict.fromkeys(names)]
+    return pd.concat([part.assign(**{"±": deviations(part.index, found)}) for part in parts])
+
+
+def deviations(rows: pd.Index, found: dict[str, np.ndarray]) -> np.ndarray:
+    """Standard error of the difference in MRR* between settings and the first of them, over sets of hidden entities."""
+    variance = [np.nanvar(v[rows, :, 0] - v[rows[0], :, 0], 1) / (v.shape[1] - 1) for v in found.values()]
+    return (np.sqrt(np.sum(variance, 0)) / len(found)).round(2)
+
+
+def shown(options: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in options.items()) or "–"
+
+
+def write(table: pd.DataFrame, listed: dict[str, dict[str, Any]]) -> None:
+    """All settings as CSV; the best of each initializer, and what params say of it, for people."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    table.to_csv(FOLDER / "initializers.csv", index=False)
+    chosen = [
+        one == shown(listed.get(name, {})) for name, one in zip(table["initializer"], table["options"], strict=True)
+    ]
+    rows = table[~table["initializer"].duplicated() | np.array(chosen)]
+    text = rows.astype(str).to_markdown(index=False, disable_numparse=True)
+    (FOLDER / "initializers.md").write_text(text + "\n", encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
