@@ -39,19 +39,20 @@ class ExperimentOf(Section):
     graph: GraphOf
     sessions: SessionsOf
     initializers: Listed
-    finetuned: Listed = "all"
+    #: which are not fine-tuned
+    at_once: list[Name]
     followed: ToTheEnd
 
     @property
     def lists_of_initializers(self) -> dict[str, Listed]:
         """By their keys."""
-        return {"initializers": self.initializers, "finetuned": self.finetuned,
+        return {"initializers": self.initializers, "at_once": self.at_once,
                 "followed.initializers": self.followed.initializers}  # fmt: skip
 
     @model_validator(mode="after")
     def _lists_name_something_once(self) -> Self:
         for key, listed in (*self.lists_of_initializers.items(), ("sessions.novel", self.sessions.novel)):
-            if isinstance(listed, list) and not (listed and distinct(listed)):
+            if isinstance(listed, list) and not (distinct(listed) and (listed or key == "at_once")):
                 raise ValueError(f"{key}: expected a list of names that do not repeat")
         return self
 

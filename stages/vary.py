@@ -10,7 +10,7 @@ from isi.base.stage import Given, stage
 from isi.experiments.executor import compute_of, run, stack_height
 from isi.experiments.learning import family_of, learning
 from isi.experiments.store import Store
-from isi.insertion.tasks import inserting
+from isi.insertion.tasks import Inserting, inserting, inserting_with, measured_at_once
 from isi.studies.variants import Variant, VariantTask, changed, repeat, some_of
 from isi.words import Words, load_vectors, look_up
 
@@ -33,13 +33,21 @@ def tasks(given: Given, study: Variant, experiment: str) -> list[VariantTask]:
     """A variant of one experiment, over its cells."""
     store, family = Store(experiment, given.provenance), family_of(given)
     table, words = store.insert_triples(), words_of(given, study, store)
-    how = {name: inserting(given, name, finetuned=study.finetuned) for name in study.initializers}
+    how = {name: how_of(given, study, name) for name in study.initializers}
     found = []
     for cells in store.cells(stack_height(compute_of(given)), study.size, study.seeds):
         start = learning(given) if study.trains else (store.theta0(cells, family), store.joint(cells, family))
         told = store.insert_triples_of(cells, table)
         found.append(VariantTask(cells, start, told, some_of(told, study.told, cells, given.seed), words, how))
     return found
+
+
+def how_of(given: Given, study: Variant, initializer: str) -> Inserting:
+    """How a variant inserts with one initializer, with options of its own or those of the main runs."""
+    if initializer not in study.options:
+        return inserting(given, initializer, finetuned=study.finetuned)
+    how = inserting_with(given, initializer, study.options[initializer], f"options.{initializer}")
+    return how if study.finetuned else measured_at_once(how)
 
 
 def words_of(given: Given, study: Variant, store: Store) -> np.ndarray:

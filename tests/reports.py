@@ -47,6 +47,7 @@ def small_params(experiments: Sequence[str], **changes: Any) -> Params:
     sessions = {"novel": "any", "sizes": [1, 2], "seeds": 2, "steps": 1}
     values["experiments"] = {
         name: {"title": f"the {name} graph", "graph": GRAPHS[name], "followed": {"sizes": [2]}, "initializers": "all",
+               "at_once": [],
                "sessions": sessions | ({"novel": "added", "sizes": [2]} if name == "moved" else {})}
         for name in experiments
     }  # fmt: skip

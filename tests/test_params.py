@@ -16,14 +16,13 @@ from isi.base.stage import Given, Provenance
 from isi.initializers import options_of
 from isi.params import Params, load
 from isi.studies.sweeps import Indicators
-from tools.workspace import DROP, change
+from tools.workspace import DROP, change_all
 
 
 def changed(tmp_path: Path, changes: dict[str, Any]) -> Params:
     """The params of the repository with values changed at dotted keys."""
     raw = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
-    for key, value in changes.items():
-        change(raw, key, value)
+    change_all(raw, changes)
     path = tmp_path / "params.yaml"
     path.write_text(yaml.safe_dump(raw, sort_keys=False), encoding="utf-8")
     return load(path)
@@ -60,7 +59,7 @@ def renamed(key: str, misspelt: str) -> str:
 def test_the_params_of_the_repository_load_with_the_papers_values() -> None:
     params = load()
     sessions = params.experiments["ai2thor"].sessions
-    assert (sessions.sizes, sessions.seeds, sessions.steps) == (list(range(1, 11)), 30, 1)
+    assert (sessions.sizes, sessions.seeds, sessions.steps) == ([*range(1, 11), 12, 14], 30, 1)
     assert params.experiments["transfer"].sessions.sizes == [10]
     assert params.initializers["xavier"] == {}
     assert params.initializers["ers"] == {"k": 9, "candidates": 30}

@@ -40,9 +40,9 @@ from isi.sessions.session import OUT, TRAIN, VALID, membership
 FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 Setting = tuple[str, dict[str, Any]]
 
-WEIGHTS = [4.0, 8.0, 12.0, 16.0, 24.0, 32.0]
+WEIGHTS = [4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0]
 TEMPERATURES = [0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2]
-PRIOR: dict[str, list[Any]] = {"strength": [0.1, 0.2, 0.5, 1.0], "ratio": [1, 2, 3, 9]}
+PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio": [1, 3, 9]}
 #: What is compared, by initializer and option.
 GRID: dict[str, dict[str, list[Any]]] = {
     "mean": {},
@@ -57,10 +57,10 @@ GRID: dict[str, dict[str, list[Any]]] = {
     "soft_es": {"temperature": TEMPERATURES},
     "soft_rs": {"temperature": TEMPERATURES},
     "soft_hybrid": {"word_weight": WEIGHTS, "relation_weight": WEIGHTS},
-    "ridge": {"strength": [0.01, 0.1, 1.0, 10.0], "ratio": [1, 2, 9]},
+    "ridge": {"strength": [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1], "ratio": [1, 3, 9]},
     "map_mean": PRIOR,
     "map_ers": {"k": [9], "candidates": [30]} | PRIOR,
-    "map_soft_hybrid": {"word_weight": [12.0, 16.0], "relation_weight": [8.0, 12.0, 16.0]} | PRIOR,
+    "map_soft_hybrid": {"word_weight": [12.0, 16.0], "relation_weight": [8.0, 16.0]} | PRIOR,
 }
 
 

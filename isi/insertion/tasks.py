@@ -89,10 +89,15 @@ class Inserted:
 
 
 def inserting(given: Given, initializer: str, followed: Sequence[int] = (), finetuned: bool = True) -> Inserting:
-    """How a stage's params say that one initializer inserts; where nothing is fine-tuned, it is measured at once."""
+    """How a stage's params say that one initializer inserts."""
     key = f"initializers.{initializer}"
     how = inserting_with(given, initializer, given.raw(key), key, followed)
-    return how if finetuned else replace(how, optimizer=how.optimizer.model_copy(update={"max_epochs": 0}))
+    return how if finetuned else measured_at_once(how)
+
+
+def measured_at_once(how: Inserting) -> Inserting:
+    """The same, without any epoch of fine-tuning."""
+    return replace(how, optimizer=how.optimizer.model_copy(update={"max_epochs": 0}))
 
 
 def inserting_with(
@@ -111,7 +116,8 @@ def inserting_in(given: Given, experiment: str, initializer: str) -> Inserting:
     """How an experiment inserts with one initializer: followed to the end, until convergence, or measured at once."""
     followed = given.section(f"experiments.{experiment}.followed", ToTheEnd)
     sizes = followed.sizes if among(followed.initializers, initializer) else []
-    return inserting(given, initializer, sizes, lists(given, f"experiments.{experiment}.finetuned", initializer))
+    at_once = given.section(f"experiments.{experiment}.at_once", list[Name])
+    return inserting(given, initializer, sizes, initializer not in at_once)
 
 
 def lists(given: Given, key: str, initializer: str) -> bool:

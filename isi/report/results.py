@@ -62,6 +62,11 @@ class Experiment:
         """The initializers, then the joint model."""
         return [*self.initializers, JOINT]
 
+    @property
+    def finetuned(self) -> list[str]:
+        """The initializers that are not measured at once alone."""
+        return [name for name in self.initializers if name not in self.how.at_once]
+
     @cached_property
     def at_once(self) -> pd.DataFrame:
         """Runs before any further training."""
@@ -75,15 +80,13 @@ class Experiment:
     @property
     def curves(self) -> pd.DataFrame:
         """Runs of that size by those who are followed, and of the joint model."""
-        both = self.how.finetuned, self.how.followed.initializers
-        followed = [name for name in self.initializers if all(among(listed, name) for listed in both)]
+        followed = [name for name in self.finetuned if among(self.how.followed.initializers, name)]
         return self.runs[(self.runs["size"] == self.curve_size) & self.runs["model"].isin([*followed, JOINT])]
 
     @cached_property
     def convergence(self) -> pd.DataFrame:
         """Epochs to convergence of each initializer that is fine-tuned, and each cell (see ``converged``)."""
-        finetuned = [name for name in self.initializers if among(self.how.finetuned, name)]
-        return self.converged(self.runs[self.runs["model"].isin(finetuned)], ["model"])
+        return self.converged(self.runs[self.runs["model"].isin(self.finetuned)], ["model"])
 
     def converged(self, runs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         """Epochs to convergence of runs that ``by`` tells apart (``epochs_to_convergence``), session by session."""

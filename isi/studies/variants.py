@@ -13,7 +13,7 @@ from pydantic import Field
 
 from isi.base import paths
 from isi.base.errors import InputError
-from isi.base.params import Count, Name, Section
+from isi.base.params import Count, Name, Option, Section
 from isi.base.stage import Given
 from isi.base.streams import stream
 from isi.experiments.cells import JOINT, Cells, Vectors
@@ -38,6 +38,8 @@ class Variant(Section):
     #: |ξ|, and the first so many of the sessions' seeds
     size: Count
     seeds: Count
+    #: of initializers, in place of what params.yaml has
+    options: Annotated[dict[Name, dict[str, Option]], Field(default_factory=dict)]
     #: values of params.yaml, by dotted key
     changes: Annotated[dict[str, Any], Field(default_factory=dict)]
     #: insert triples of each novel entity that are told, at most; null: all
