@@ -11,7 +11,7 @@ CHECKED := $(VENV)/params-checked
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help repro quick test verify benchmark words readme lock families initializers clean
+.PHONY: help repro beyond quick test verify benchmark words readme lock families initializers clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*##/\1:/p' $(MAKEFILE_LIST)
@@ -24,13 +24,17 @@ $(INSTALLED): requirements.lock pyproject.toml
 	$(BIN)/pip install --quiet --no-deps --editable .
 	@touch $@
 
-$(CHECKED): params.yaml $(INSTALLED)
+$(CHECKED): params.yaml beyond/params.yaml $(INSTALLED)
 	@python tools/check_params.py
 	@touch $@
 
 repro: $(CHECKED)  ## run what is not up to date of the pipeline; then where the report is, and its headline
 	@python tools/repro.py
 	@python tools/headline.py reports
+
+beyond: repro  ## then what lies beyond the paper: other embeddings, words and conditions, stronger initializers; into the same page
+	@python tools/repro.py beyond/dvc.yaml
+	@dvc repro --single-item --force report
 
 quick: $(CHECKED)  ## the same on a small grid, in about five minutes, in the folder quick/
 	@python tools/workspace.py quick

@@ -13,9 +13,11 @@ from pathlib import Path
 HERE = Path(".dvc/tmp/stage_seconds.json")
 ROOT = Path(__file__).parent.parent
 SHIPPED = ROOT / "docs" / "benchmarks" / "stage_seconds.json"
-#: Names the stages of the last run, sooner than DVC does.
-LOCK = Path("dvc.lock")
-BEGINS = re.compile(r"^Running stage '(?P<stage>[^']+)'|^Stage '(?P<same>[^']+)' (didn't change|is cached)")
+PIPELINES = (Path("dvc.yaml"), Path("beyond/dvc.yaml"))
+#: Names a stage, behind its pipeline where that is not the one of this folder.
+BEGINS = re.compile(
+    r"^Running stage '(?:\S+:)?(?P<stage>[^':]+)'|^Stage '(?:\S+:)?(?P<same>[^':]+)' (didn't change|is cached)"
+)
 
 
 class Progress:
@@ -48,7 +50,8 @@ class Progress:
 def main(arguments: list[str]) -> int:
     """Run DVC, passing its output on; its exit status."""
     known = {**(_read(SHIPPED) if Path.cwd() == ROOT else {}), **_read(HERE)}
-    progress = Progress(stages(), known)
+    pipeline = next((one for one in PIPELINES if str(one) in arguments), PIPELINES[0])
+    progress = Progress(stages(pipeline), known)
     command = [sys.executable, "-m", "dvc", "repro", *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, bufsize=1) as dvc:
         try:
@@ -61,18 +64,21 @@ def main(arguments: list[str]) -> int:
     if not dvc.returncode:
         progress.end()
     HERE.parent.mkdir(parents=True, exist_ok=True)
-    there = {name: took for name, took in progress.seconds.items() if name in set(stages())}
+    here = {name for one in PIPELINES if one.exists() for name in stages(one)}
+    there = {name: took for name, took in progress.seconds.items() if name in here}
     HERE.write_text(json.dumps(there, indent=1, sort_keys=True), encoding="utf-8")
     return dvc.returncode
 
 
-def stages() -> list[str]:
-    """Names of the pipeline's stages: those of the lock file, or else what DVC makes of ``dvc.yaml``."""
-    if LOCK.exists():
-        return re.findall(r"^  ([a-z]\S*):$", LOCK.read_text(encoding="utf-8"), re.MULTILINE)
+def stages(pipeline: Path) -> list[str]:
+    """Names of a pipeline's stages: those of its lock file, sooner than DVC tells, or else what DVC makes of it."""
+    lock = pipeline.with_name("dvc.lock")
+    if lock.exists():
+        return re.findall(r"^  ([a-z]\S*):$", lock.read_text(encoding="utf-8"), re.MULTILINE)
     from dvc.repo import Repo  # which takes seconds to import
 
-    return [stage.addressing for stage in Repo().index.stages]
+    own = str(pipeline.resolve())
+    return [stage.addressing.rpartition(":")[2] for stage in Repo().index.stages if stage.path == own]
 
 
 def _read(path: Path) -> dict[str, float]:

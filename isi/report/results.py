@@ -20,7 +20,9 @@ from isi.building import Seen
 from isi.insertion.tasks import among
 from isi.learning.convergence import epochs_to_convergence
 from isi.params import ExperimentOf, Params
+from isi.report import varied
 from isi.report.models import JOINT
+from isi.report.varied import Varied
 from isi.studies.tracing import TRACED
 
 
@@ -141,6 +143,8 @@ class Results:
     asking: Mapping[str, Asked] = field(default_factory=dict)
     #: by experiment, ``tables.RUNS`` of Θ⁰ trained on with nothing inserted
     nothing: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    #: what lies beyond the paper, by variant; empty where the second pipeline has not run
+    beyond: Mapping[str, Varied] = field(default_factory=dict)
     #: ``tables.AFFORDANCES`` with the initializer as ``model``
     affordances: Study[pd.DataFrame] | None = None
     #: ``tables.INDICATOR_SWEEP`` and ``tables.RATE_SWEEP`` of each initializer, told apart by a column ``model``
@@ -187,6 +191,7 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         seen={name: _seen(name) for name in sources},
         mined={name: _table(paths.mined(name), tables.MINED) for name in sources},
         asking={name: _asked(name) for name in params.asking.experiments},
+        beyond=varied.read(),
         nothing={name: _table(paths.nothing(name), tables.RUNS) for name in params.nothing.experiments},
         **_studies(params, experiments),
     )

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,7 @@ from pydantic import Field
 
 from isi.base import paths
 from isi.base.errors import InputError
-from isi.base.params import Count, Name, Option, Section
+from isi.base.params import Count, Name, Option, Section, check, read
 from isi.base.stage import Given
 from isi.base.streams import stream
 from isi.experiments.cells import JOINT, Cells, Vectors
@@ -33,6 +34,8 @@ class Variant(Section):
 
     #: what people read
     title: str
+    #: where the report shows it
+    group: Literal["baselines", "embeddings", "told", "words", "causes"]
     experiments: Annotated[list[Name], Field(min_length=1)]
     initializers: Annotated[list[Name], Field(min_length=1)]
     #: |ξ|, and the first so many of the sessions' seeds
@@ -56,6 +59,17 @@ class Variant(Section):
     def speaks(self) -> bool:
         """Whether it has word vectors of its own."""
         return any(key.partition(".")[0] == "words" for key in self.changes)
+
+
+def load(path: Path = paths.BEYOND_PARAMS) -> dict[str, Variant]:
+    """Every variant, by name; none where there is no second pipeline.
+
+    Raises:
+        InputError: where a key is unknown, of another type or out of range.
+    """
+    if not path.exists():
+        return {}
+    return check(read(path), dict[str, dict[Name, Variant]], "", path)["variants"]
 
 
 def changed(given: Given, changes: Mapping[str, Any], key: str) -> Given:

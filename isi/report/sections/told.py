@@ -1,0 +1,80 @@
+"""How much must be seen of a novel entity before its vector is worth something?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure as Canvas
+
+from isi.report import varied
+from isi.report.figures import legend, panels
+from isi.report.models import JOINT, colour, dashes, label
+from isi.report.prose import joined
+from isi.report.results import Results
+from isi.report.section import Content, Figure, Section, Table
+from isi.report.varied import Varied
+
+
+def contents(results: Results) -> Iterator[Content]:
+    """By the number of insert triples that are told: a figure, and its numbers."""
+    found = varied.group(results.beyond, "told")
+    if not found:
+        return
+    first = next(iter(found.values()))
+    (experiment, *_), models = first.how.experiments, first.models
+    frame = by_number(found, experiment)
+    yield in_words(frame, first)
+    yield Figure(
+        "told",
+        "How much must be seen",
+        "Entity half of MRR* (points) of the queries of scope novel that give a novel entity, right after insertion "
+        f"at |ξ| = {first.how.size}, against how many of its insert triples are told, at most. The same is asked each "
+        "time.",
+        drawn(frame, models),
+    )
+    yield Table(
+        "told",
+        "How much must be seen",
+        "What the figure shows, mean over seeds and its interval. All: every insert triple, half of an entity's "
+        "training triples.",
+        frame,
+    )
+
+
+def by_number(found: Mapping[str, Varied], experiment: str) -> pd.DataFrame:
+    """A row for each number of insert triples."""
+    return pd.DataFrame(
+        {"told": "all" if one.how.told is None else str(one.how.told)}
+        | varied.by_model(one.about_in(experiment), "mrr_star_entity", one.models)
+        for one in found.values()
+    )
+
+
+def in_words(frame: pd.DataFrame, first: Varied) -> str:
+    """What each has with the fewest, and with all that is told."""
+    names = [label(name) for name in first.how.initializers]
+    fewest, most = frame.iloc[0], frame.iloc[-1]
+    told = joined(f"{name} {fewest[name]:.1f} and {most[name]:.1f}" for name in names)
+    return (
+        "Words cost nothing to see; relations must be observed. Asked about the novel entity with "
+        f"{fewest['told']} and with {most['told']} of its insert triples told: {told} (joint model "
+        f"{most[label(JOINT)]:.1f})."
+    )
+
+
+def drawn(frame: pd.DataFrame, models: list[str]) -> Canvas:
+    """A line for each model."""
+    canvas, (axes,) = panels(1, columns=1)
+    for model in models:
+        values = frame[label(model)].to_numpy(float)
+        how = {"color": colour(model, models), "label": label(model), "ls": dashes(model)}
+        axes.plot(np.arange(len(values)), values, marker="o", ms=4, lw=1.2, **how)
+    axes.set_xticks(range(len(frame)), frame["told"])
+    axes.set(xlabel="insert triples told of each novel entity, at most", ylabel="points")
+    legend(canvas, [axes])
+    return canvas
+
+
+SECTION = Section("told", "How much must be seen", contents)

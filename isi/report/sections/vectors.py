@@ -1,0 +1,38 @@
+"""Other words: definitions, bare phrases, and what they are worth to those who use words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pandas as pd
+
+from isi.report import varied
+from isi.report.results import Results
+from isi.report.section import Content, Section, Table
+from isi.report.sections.embeddings import about, experiments
+
+
+def contents(results: Results) -> Iterator[Content]:
+    """A row for each kind of word vectors and each graph."""
+    found = varied.group(results.beyond, "words")
+    if not found:
+        return
+    yield (
+        "Those that go by words, with vectors of other words. The vectors that ship were made by a sentence model from "
+        "definitions or from bare phrases; no package that can be had without a network of its own ships word2vec or "
+        "GloVe vectors, so these are for those who have a file of them (`words.source`)."
+    )
+    yield Table(
+        "other_words",
+        "Other words",
+        "Entity half of MRR* (points) where the novel entity is asked about, right after insertion, mean over seeds "
+        "and its interval.",
+        pd.DataFrame(
+            {"graph": results.experiments[experiment].title, "words": one.how.title, **about(one, experiment)}
+            for experiment in experiments(found)
+            for one in found.values()
+        ),
+    )
+
+
+SECTION = Section("vectors", "Other words", contents)
