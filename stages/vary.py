@@ -21,12 +21,13 @@ def vary(given: Given, variant: str) -> None:
     study, compute, runs, asked = given.section(f"variants.{variant}", Variant), compute_of(given), [], []
     own = changed(given, study.changes, f"variants.{variant}.changes")
     for experiment in study.experiments:
-        for each, answers in run(repeat, tasks(own, study, experiment), compute, f"{variant}, {experiment}"):
+        for each, answered in run(repeat, tasks(own, study, experiment), compute, f"{variant}, {experiment}"):
             runs.append(each.assign(experiment=experiment))
-            asked.append(answers.assign(experiment=experiment))
+            asked.append(answered.assign(experiment=experiment))
     ordered = pd.concat(runs).sort_values(["experiment", "model", "size", "seed", "session", "epoch", "scope"])
     tables.write(paths.variant(variant), ordered, tables.VARIANTS, given.provenance)
-    tables.write(paths.variant_asked(variant), pd.concat(asked), tables.VARIANTS_ASKED, given.provenance)
+    answers = pd.concat(asked).sort_values(["experiment", "size", "seed"], kind="stable")
+    tables.write(paths.variant_asked(variant), answers, tables.VARIANTS_ASKED, given.provenance)
 
 
 def tasks(given: Given, study: Variant, experiment: str) -> list[VariantTask]:

@@ -1,4 +1,4 @@
-"""The pipeline's description against its code: what stages import, read and were locked with; what they are given."""
+"""The pipelines' description against their code: what stages import, read and were locked with, and are given."""
 
 from __future__ import annotations
 
@@ -25,8 +25,16 @@ from isi.sources import SOURCES
 from tests.imports import closure
 
 ROOT = Path(__file__).parent.parent
-STAGES: dict[str, dict[str, Any]] = yaml.safe_load((ROOT / paths.PIPELINE).read_text(encoding="utf-8"))["stages"]
-PARAMS: dict[str, Any] = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8"))
+
+
+def read(path: Path) -> dict[str, Any]:
+    return dict(yaml.safe_load((ROOT / path).read_text(encoding="utf-8")))
+
+
+FIRST: dict[str, dict[str, Any]] = read(paths.PIPELINE)["stages"]
+BEYOND: dict[str, dict[str, Any]] = read(paths.BEYOND_PIPELINE)["stages"]
+STAGES = FIRST | BEYOND
+PARAMS, BEYOND_PARAMS = read(paths.PARAMS), read(paths.BEYOND_PARAMS)
 PACKAGES = {plugins.package.replace(".", "/"): plugins for plugins in (FAMILIES, INITIALIZERS, SOURCES)}
 OPEN = re.compile(r"\$\{([^}]+)\}")
 #: Where the options of plug-ins stand in params, and their package.
@@ -48,7 +56,7 @@ def fillings(dep: str) -> list[str]:
 
 
 def cases(name: str) -> Iterator[dict[str, str]]:
-    """The arguments with which ``dvc.yaml`` runs a stage."""
+    """The arguments with which a pipeline runs a stage."""
     matrix = STAGES[name].get("matrix", {})
     listed = [list(at(OPEN.fullmatch(values)[1])) for values in matrix.values()]  # type: ignore[index]
     for items in product(*listed):
@@ -56,8 +64,8 @@ def cases(name: str) -> Iterator[dict[str, str]]:
 
 
 def at(key: str) -> Any:
-    """The value at a dotted key of ``params.yaml``, which must be there."""
-    value: Any = PARAMS
+    """The value at a dotted key of the params of either pipeline, which must be there."""
+    value: Any = PARAMS | BEYOND_PARAMS
     for part in key.split("."):
         value = value[part]
     return value
@@ -68,6 +76,19 @@ def parsed(path: Path) -> ast.Module:
 
 
 # What dvc.yaml says
+
+
+def test_the_pipelines_share_no_stage_and_no_key_of_params() -> None:
+    assert not set(FIRST) & set(BEYOND)
+    assert not set(PARAMS) & set(BEYOND_PARAMS)
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_a_stage_runs_in_the_folder_that_holds_the_code(name: str) -> None:
+    folder = (paths.PIPELINE if name in FIRST else paths.BEYOND_PIPELINE).parent
+    assert (ROOT / folder / STAGES[name].get("wdir", ".")).resolve() == ROOT
+    shipped = [OPEN.sub("*", dep) for dep in STAGES[name]["deps"] if re.match("isi|stages|data/raw", dep)]
+    assert not [pattern for pattern in shipped if not list(ROOT.glob(pattern))]
 
 
 @pytest.mark.parametrize("name", STAGES)
@@ -85,7 +106,7 @@ def test_a_stage_depends_on_every_module_that_it_imports_and_that_those_import(n
 
 @pytest.mark.parametrize("name", STAGES)
 def test_a_stage_depends_on_the_plugins_whose_options_it_is_given_alone(name: str) -> None:
-    deps, keys = STAGES[name]["deps"], STAGES[name].get("params", [])
+    deps, keys = STAGES[name]["deps"], [key for key in STAGES[name].get("params", []) if isinstance(key, str)]
     modules = {dep for dep in deps if dep.rpartition("/")[0] in PACKAGES and not dep.endswith("__init__.py")}
     of_one = {f"{OPTIONS[found[1]]}/{found[2]}.py" for key in keys if (found := ONE.fullmatch(key))}
     of_all = {OPTIONS[key] for key in keys if key in OPTIONS}
@@ -131,14 +152,19 @@ def test_no_two_stages_write_the_same() -> None:
     assert all(path.startswith("data/") and not path.startswith("data/raw/") for path in written)
 
 
-def test_the_lock_has_the_stages_that_there_are() -> None:
+@pytest.mark.parametrize("stages", [FIRST, BEYOND], ids=["first", "beyond"])
+def test_the_lock_has_the_stages_that_there_are(stages: dict[str, dict[str, Any]]) -> None:
     """DVC keeps those that are no more, and reads them all at every start."""
-    there = {"@".join(filter(None, [name, "-".join(items.values())])) for name in STAGES for items in cases(name)}
-    assert set(yaml.safe_load(Path("dvc.lock").read_text(encoding="utf-8"))["stages"]) == there
+    lock = (paths.PIPELINE if stages is FIRST else paths.BEYOND_PIPELINE).with_name("dvc.lock")
+    if stages is BEYOND and not lock.exists():
+        pytest.skip("the second pipeline has not run")
+    there = {"@".join(filter(None, [name, "-".join(items.values())])) for name in stages for items in cases(name)}
+    assert set(read(lock)["stages"]) == there
 
 
 def test_the_lock_fits_the_pipeline_and_the_params() -> None:
-    asked = [sys.executable, "-m", "dvc", "status", "--json"]
+    ran = [path for path in (paths.PIPELINE, paths.BEYOND_PIPELINE) if path.with_name("dvc.lock").exists()]
+    asked = [sys.executable, "-m", "dvc", "status", "--json", *map(str, ran)]
     status = json.loads(subprocess.run(asked, capture_output=True, text=True, check=True).stdout)
     changed = []
     for stage_name, parts in status.items():
@@ -158,6 +184,10 @@ PIPELINE = {
     "cook": {"params": ["seed", "recipes.${item.dish}", "pots.${kitchen.pot}.size"]},
     "wash": {},
 }  # fmt: skip
+BAKERY = {
+    "bake": {"params": ["seed", {"beyond/params.yaml": ["cakes.${item.cake}", "oven"]}, "pots.${kitchen.pot}.lid"]},
+}  # fmt: skip
+CAKES = {"cakes": {"pie": {"minutes": 30}, "tart": {"minutes": 20}}, "oven": {"degrees": 180}, "seed": 9}
 KITCHEN = {
     "seed": 7, "kitchen": {"pot": "big"}, "pots": {"big": {"size": 5, "lid": True}, "small": {"size": 2}},
     "recipes": {"soup": {"minutes": 3, "heat": {"low": 1}}, "stew": {"minutes": 4}}, "compute": {"workers": 2},
@@ -174,6 +204,9 @@ def kitchen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     paths.PIPELINE.write_text(yaml.safe_dump({"stages": PIPELINE}), encoding="utf-8")
     paths.PARAMS.write_text(yaml.safe_dump(KITCHEN), encoding="utf-8")
+    paths.BEYOND_PIPELINE.parent.mkdir()
+    paths.BEYOND_PIPELINE.write_text(yaml.safe_dump({"stages": BAKERY}), encoding="utf-8")
+    paths.BEYOND_PARAMS.write_text(yaml.safe_dump(CAKES), encoding="utf-8")
     return tmp_path
 
 
@@ -215,6 +248,36 @@ def test_what_a_stage_writes_names_its_params_and_nothing_of_compute(monkeypatch
     given_to(monkeypatch, cook, "stew")
     assert seen[0].provenance.stage == "cook"
     assert seen[0].provenance.params == {"seed": 7, "recipes.stew": {"minutes": 4}, "pots.big.size": 5}
+
+
+@pytest.mark.usefixtures("kitchen")
+def test_a_stage_of_the_second_pipeline_is_given_params_of_both_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Given] = []
+
+    def bake(given: Given, cake: str) -> None:
+        assert cake == "tart"
+        seen.append(given)
+
+    given_to(monkeypatch, bake, "tart")
+    expected = {"seed": 7, "cakes.tart": {"minutes": 20}, "oven": {"degrees": 180}, "pots.big.lid": True}
+    assert seen[0].provenance.params == declared("bake", {"cake": "tart"}, KITCHEN) == expected
+    assert seen[0].section("cakes.tart.minutes", int) == 20
+    assert seen[0].section("compute", dict[str, int]) == {"workers": 2}
+    with pytest.raises(LookupError):
+        seen[0].raw("cakes.pie")
+
+
+@pytest.mark.usefixtures("kitchen")
+@pytest.mark.parametrize("missing", [paths.BEYOND_PARAMS, paths.BEYOND_PIPELINE])
+def test_a_stage_of_the_second_pipeline_away_from_its_files_says_so(
+    monkeypatch: pytest.MonkeyPatch, missing: Path
+) -> None:
+    def bake(given: Given, cake: str) -> None:
+        raise AssertionError(given, cake)
+
+    missing.unlink()
+    with pytest.raises(SystemExit, match=rf"^bake: {missing}: cannot be read"):
+        given_to(monkeypatch, bake, "tart")
 
 
 @pytest.mark.usefixtures("kitchen")

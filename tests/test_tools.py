@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 import pytest
 import yaml
+from dvc.repo import Repo
 
 from isi.params import load
 from tools import compare, headline, repro, workspace
@@ -19,15 +20,34 @@ from tools import compare, headline, repro, workspace
 ROOT = Path(__file__).parent.parent
 
 
-def test_a_mistake_in_params_is_one_line_and_a_status(tmp_path: Path) -> None:
-    text = (ROOT / "params.yaml").read_text(encoding="utf-8")
-    (tmp_path / "params.yaml").write_text(text.replace("patience:", "patients:"), encoding="utf-8")
+def check_params(folder: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, str(ROOT / "tools/check_params.py")]
-    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    ("file", "sound", "wrong", "named"),
+    [
+        ("params.yaml", "patience:", "patients:", "params.yaml: training.patients"),
+        ("beyond/params.yaml", "told: 2,", "told: -2,", "beyond/params.yaml: variants.told_2.told"),
+    ],
+)
+def test_a_mistake_in_params_is_one_line_and_a_status(
+    tmp_path: Path, file: str, sound: str, wrong: str, named: str
+) -> None:
+    (tmp_path / "beyond").mkdir()
+    for name in ("params.yaml", "beyond/params.yaml"):
+        text = (ROOT / name).read_text(encoding="utf-8")
+        assert name != file or sound in text
+        (tmp_path / name).write_text(text.replace(sound, wrong) if name == file else text, encoding="utf-8")
+    ended = check_params(tmp_path)
     assert ended.returncode == 1
     assert ended.stderr.splitlines() == [ended.stderr.strip()]
-    assert "training.patients" in ended.stderr
-    assert subprocess.run(command, cwd=ROOT, capture_output=True, check=False).returncode == 0
+    assert ended.stderr.startswith(named)
+
+
+def test_the_params_that_ship_have_no_mistake() -> None:
+    assert check_params(ROOT).returncode == 0
 
 
 @pytest.mark.parametrize(
@@ -100,11 +120,47 @@ def test_the_second_way_of_computing_shares_no_code_with_the_library() -> None:
         assert not {module.split(".")[0] for module in imported} & {"torch", "pandas", "importlib"}
 
 
-def test_stages_are_read_from_the_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("line", "stage", "runs"),
+    [
+        ("Running stage 'train_joint@published':", "train_joint@published", True),
+        ("Running stage 'beyond/dvc.yaml:vary@told_0':", "vary@told_0", True),
+        ("Stage 'mine@ai2thor' didn't change, skipping", "mine@ai2thor", False),
+        ("Stage 'beyond/dvc.yaml:vary@told_0' didn't change, skipping", "vary@told_0", False),
+        ("Stage 'beyond/dvc.yaml:vary@told_0' is cached - skipping run, checking out outputs", "vary@told_0", False),
+        ("> exec python -m stages.vary told_0", None, None),
+        ("Updating lock file 'beyond/dvc.lock'", None, None),
+    ],
+)
+def test_what_dvc_says_names_a_stage_of_either_pipeline(line: str, stage: str | None, runs: bool | None) -> None:
+    found = repro.BEGINS.match(line)
+    assert (found and (found["stage"] or found["same"])) == stage
+    assert (found and bool(found["stage"])) == runs
+
+
+def test_stages_are_read_from_the_lock_of_their_pipeline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     lock = "schema: '2.0'\nstages:\n  mine@here:\n    cmd: mine\n    deps:\n    - path: a\n  report:\n    cmd: report\n"
     (tmp_path / "dvc.lock").write_text(lock)
-    assert repro.stages() == ["mine@here", "report"]
+    (tmp_path / "beyond").mkdir()
+    (tmp_path / "beyond/dvc.lock").write_text("schema: '2.0'\nstages:\n  vary@told_0:\n    cmd: vary\n")
+    assert [repro.stages(pipeline) for pipeline in repro.PIPELINES] == [["mine@here", "report"], ["vary@told_0"]]
+
+
+def test_without_a_lock_each_pipeline_has_the_stages_that_dvc_makes_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Repo.init(no_scm=True)
+    (tmp_path / "beyond").mkdir()
+    first = {"mine": {"cmd": "true", "matrix": {"source": "${sources}"}}, "report": {"cmd": "true"}}
+    second = {"vary": {"cmd": "true", "wdir": "..", "matrix": {"variant": "${variants}"}}}
+    for path, content in (("dvc.yaml", {"stages": first}), ("params.yaml", {"sources": {"here": {}, "there": {}}}),
+                          ("beyond/dvc.yaml", {"stages": second}),
+                          ("beyond/params.yaml", {"variants": {"told_0": {}, "told_all": {}}})):  # fmt: skip
+        (tmp_path / path).write_text(yaml.safe_dump(content), encoding="utf-8")
+    assert sorted(repro.stages(repro.PIPELINES[0])) == ["mine@here", "mine@there", "report"]
+    assert sorted(repro.stages(repro.PIPELINES[1])) == ["vary@told_0", "vary@told_all"]
 
 
 @pytest.mark.parametrize(

@@ -18,10 +18,10 @@ from isi.base import paths, tables
 from isi.base.errors import InputError
 from isi.building import Seen
 from isi.insertion.tasks import among
-from isi.learning.convergence import epochs_to_convergence
 from isi.params import ExperimentOf, Params
 from isi.report import varied
 from isi.report.models import JOINT
+from isi.report.statistics import converged
 from isi.report.varied import Varied
 from isi.studies.tracing import TRACED
 
@@ -91,14 +91,9 @@ class Experiment:
         return self.converged(self.runs[self.runs["model"].isin(self.finetuned)], ["model"])
 
     def converged(self, runs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-        """Epochs to convergence of runs that ``by`` tells apart (``epochs_to_convergence``), session by session."""
-        joint, margin = self.runs[self.runs["model"] == JOINT], self.params.convergence.margin
-        most = self.params.finetuning.max_epochs
-        found = [
-            epochs_to_convergence(own, joint[joint["session"] == session], margin, most, by).assign(session=session)
-            for session, own in runs.groupby("session")
-        ]
-        return pd.concat(found, ignore_index=True)
+        """Epochs to convergence of runs that ``by`` tells apart (``statistics.converged``)."""
+        joint, how = self.runs[self.runs["model"] == JOINT], self.params
+        return converged(runs, joint, how.convergence.margin, how.finetuning.max_epochs, by)
 
 
 T = TypeVar("T")
@@ -191,7 +186,7 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         seen={name: _seen(name) for name in sources},
         mined={name: _table(paths.mined(name), tables.MINED) for name in sources},
         asking={name: _asked(name) for name in params.asking.experiments},
-        beyond=varied.read(),
+        beyond=varied.read(experiments),
         nothing={name: _table(paths.nothing(name), tables.RUNS) for name in params.nothing.experiments},
         **_studies(params, experiments),
     )

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from isi.base.streams import stream
+from isi.learning.convergence import epochs_to_convergence
 from isi.report.models import BASELINE, label
 
 HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity half", "mrr_star_relation": "relation half"}
@@ -40,6 +41,17 @@ def by_scope(values: pd.Series, models: Sequence[str]) -> ByScope:
         str(scope): {model: float(values[scope, model]) for model in models if (scope, model) in values.index}
         for scope in values.index.unique("scope")
     }
+
+
+def converged(
+    runs: pd.DataFrame, joint: pd.DataFrame, margin: float, max_epochs: int, by: Sequence[str]
+) -> pd.DataFrame:
+    """``epochs_to_convergence`` session by session, each against the joint models in its own."""
+    found = [
+        epochs_to_convergence(own, joint[joint["session"] == session], margin, max_epochs, by).assign(session=session)
+        for session, own in runs.groupby("session")
+    ]
+    return pd.concat(found, ignore_index=True)
 
 
 def improvement(at_once: pd.DataFrame, scope: str) -> dict[str, float]:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import pandas as pd
 
 from isi.base import paths, tables
-from isi.learning.convergence import epochs_to_convergence
 from isi.params import Params
 from isi.report import parts
 from isi.report.models import JOINT, label
-from isi.report.statistics import HIGH, LOW, over_seeds
+from isi.report.statistics import HIGH, LOW, converged, over_seeds
 from isi.studies.variants import Variant, load
 
 _CELL = ["experiment", "model", "size", "seed"]
@@ -21,17 +20,29 @@ _CELL = ["experiment", "model", "size", "seed"]
 
 @dataclass(frozen=True, eq=False)
 class Varied:
-    """A variant, and what became of it."""
+    """A variant, and what became of it when it last ran, which may be less than it lists by now."""
 
     how: Variant
     #: ``tables.VARIANTS`` and ``tables.VARIANTS_ASKED``
     runs: pd.DataFrame
     asked: pd.DataFrame
 
+    @cached_property
+    def experiments(self) -> list[str]:
+        """Those that ran, in its order."""
+        ran = set(self.runs["experiment"])
+        return [name for name in self.how.experiments if name in ran]
+
+    @cached_property
+    def initializers(self) -> list[str]:
+        """Those that ran, in its order."""
+        ran = set(self.runs["model"])
+        return [name for name in self.how.initializers if name in ran]
+
     @property
     def models(self) -> list[str]:
         """The initializers, then the joint model."""
-        return [*self.how.initializers, JOINT]
+        return [*self.initializers, JOINT]
 
     def at_once(self, experiment: str, scope: str) -> pd.DataFrame:
         """Runs right after insertion."""
@@ -53,27 +64,29 @@ class Varied:
         own = self.runs[self.runs["experiment"] == experiment]
         most = int(self.how.changes.get("finetuning.max_epochs", params.finetuning.max_epochs))
         joint = own["model"] == JOINT
-        return epochs_to_convergence(own[~joint], own[joint], params.convergence.margin, most, ["model"])
+        return converged(own[~joint], own[joint], params.convergence.margin, most, ["model"])
 
 
-def read() -> dict[str, Varied]:
-    """Every variant of the second pipeline that has run, in its order.
+def read(experiments: Collection[str]) -> dict[str, Varied]:
+    """Every variant of the second pipeline that has run on any of the experiments, in its order.
 
     Raises:
         InputError: where its params or a table are broken.
     """
-    ran = {name: how for name, how in load().items() if paths.variant_asked(name).exists()}
-    return {
+    found = {
         name: Varied(
-            how, _plain(tables.read(paths.variant(name), tables.VARIANTS)),
-            _plain(tables.read(paths.variant_asked(name), tables.VARIANTS_ASKED)),
+            how, _of(experiments, tables.read(paths.variant(name), tables.VARIANTS)),
+            _of(experiments, tables.read(paths.variant_asked(name), tables.VARIANTS_ASKED)),
         )
-        for name, how in ran.items()
+        for name, how in load().items() if paths.variant_asked(name).exists()
     }  # fmt: skip
+    return {name: one for name, one in found.items() if one.experiments}
 
 
-def _plain(frame: pd.DataFrame) -> pd.DataFrame:
-    return frame.astype(dict.fromkeys(frame.select_dtypes("category").columns, str))
+def _of(experiments: Collection[str], frame: pd.DataFrame) -> pd.DataFrame:
+    """The rows of some experiments, names as plain text."""
+    plain = frame.astype(dict.fromkeys(frame.select_dtypes("category").columns, str))
+    return plain[plain["experiment"].isin(list(experiments))]
 
 
 def group(varied: Mapping[str, Varied], name: str) -> dict[str, Varied]:
@@ -82,11 +95,15 @@ def group(varied: Mapping[str, Varied], name: str) -> dict[str, Varied]:
 
 
 def by_model(rows: pd.DataFrame, column: str, models: Sequence[str], scale: float = 100.0) -> dict[str, float]:
-    """Mean of a column for each model, with its interval over seeds, under the models' labels: part of a row."""
+    """Mean of a column for each model that has any, with its interval over seeds, under labels: part of a row."""
+    if rows.empty:
+        return {}
     means = over_seeds(rows, ["model"], {column: ""}, scale)
     return {
-        f"{label(model)}{end}": float(means.loc[model, end])
+        f"{label(model)}{end}": value
         for model in models
         if model in means.index
-        for end in ("", LOW, HIGH)
+        for end, value in zip(
+            ("", LOW, HIGH), means.loc[[model], ["", LOW, HIGH]].to_numpy(float)[0].tolist(), strict=True
+        )
     }

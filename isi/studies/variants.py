@@ -61,6 +61,12 @@ class Variant(Section):
         return any(key.partition(".")[0] == "words" for key in self.changes)
 
 
+class Beyond(Section):
+    """The params of the second pipeline."""
+
+    variants: dict[Name, Variant]
+
+
 def load(path: Path = paths.BEYOND_PARAMS) -> dict[str, Variant]:
     """Every variant, by name; none where there is no second pipeline.
 
@@ -69,25 +75,24 @@ def load(path: Path = paths.BEYOND_PARAMS) -> dict[str, Variant]:
     """
     if not path.exists():
         return {}
-    return check(read(path), dict[str, dict[Name, Variant]], "", path)["variants"]
+    return check(read(path), Beyond, "", path).variants
 
 
 def changed(given: Given, changes: Mapping[str, Any], key: str) -> Given:
     """What a stage is given, with other values at dotted keys.
 
     Raises:
-        InputError: where a key is none of the stage's; ``key`` is where the changes stand.
+        InputError: where a key is in no section that the stage has; ``key`` is where the changes stand.
     """
     values = deepcopy(dict(given.values))
+    sections = [name for name, value in values.items() if isinstance(value, dict) and "." not in name]
     for dotted, value in changes.items():
-        own = next((name for name in values if dotted.startswith(f"{name}.")), None)
-        if own is None:
-            expected = f"expected keys below {', '.join(name for name in values if '.' not in name)}, got {dotted!r}"
-            raise InputError(paths.BEYOND_PARAMS, key, expected)
-        *parents, last = dotted.removeprefix(f"{own}.").split(".")
-        place = values[own]
+        *parents, last = dotted.split(".")
+        place: Any = {name: values[name] for name in sections}
         for parent in parents:
-            place = place.setdefault(parent, {})
+            place = place.get(parent) if isinstance(place, dict) else None
+        if not parents or not isinstance(place, dict):
+            raise InputError(paths.BEYOND_PARAMS, key, f"expected keys below {', '.join(sections)}, got {dotted!r}")
         place[last] = value
     return Given(values, given.provenance)
 

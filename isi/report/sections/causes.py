@@ -13,21 +13,22 @@ from isi.report.models import BASELINE, JOINT, isi, label
 from isi.report.prose import joined
 from isi.report.results import Experiment, Results
 from isi.report.section import Content, Section, Table
+from isi.report.varied import Varied
 
 #: MRR* over all queries at once, and epochs to convergence, by model.
 Line = tuple[str, Mapping[str, float], Mapping[str, float]]
 
 
 def contents(results: Results) -> Iterator[Content]:
-    """One table, where the second pipeline has run."""
-    found = varied.group(results.beyond, "causes")
-    if not found:
+    """One table, where the second pipeline has run and there is something to set against Xavier."""
+    found, first = varied.group(results.beyond, "causes"), next(iter(results.own), None)
+    if not found or first is None or first.curve_size is None or BASELINE not in first.finetuned:
         return
-    first = results.own[0]
-    methods = isi(first.initializers)
-    rows = [row(line, methods) for line in (*of_main(results, first), *of_variants(results), *of_others(results))]
-    rows.append(stated(results.paper, methods))
-    frame = pd.DataFrame(rows)
+    methods = isi(first.finetuned)
+    if not methods:
+        return
+    lines = (*of_main(results, first), *of_variants(results, found), *of_others(results))
+    frame = pd.DataFrame([*(row(line, methods) for line in lines), stated(results.paper, methods)])
     yield in_words(frame)
     yield Table(
         "causes",
@@ -44,7 +45,8 @@ def of_main(results: Results, first: Experiment) -> Iterator[Line]:
     size, largest = first.curve_size, max(first.how.sessions.sizes)
     yield f"this run, |ξ| = {size}", at_once(first, size), epochs(first, size)
     share = 100 * largest / len(first.entities)
-    yield f"|ξ| = {largest}, {share:.0f} % of the entities", at_once(first, largest), epochs(first, largest)
+    if largest != size:
+        yield f"|ξ| = {largest}, {share:.0f} % of the entities", at_once(first, largest), epochs(first, largest)
     yield "the half that asks for entities alone", at_once(first, size, "mrr_star_entity"), {}
     asked = results.asking.get(first.name)
     if asked is not None:
@@ -53,20 +55,21 @@ def of_main(results: Results, first: Experiment) -> Iterator[Line]:
         yield "all true triples left out of the candidates", means(cells, "mrr_star"), {}
 
 
-def of_variants(results: Results) -> Iterator[Line]:
+def of_variants(results: Results, found: Mapping[str, Varied]) -> Iterator[Line]:
     """The variants that were run for this."""
-    for one in varied.group(results.beyond, "causes").values():
-        for experiment in one.how.experiments:
-            cells = one.convergence(experiment, results.params) if one.how.finetuned else pd.DataFrame()
-            own = cells[cells["scope"] == "all"].groupby("model")["epochs"].mean().to_dict() if len(cells) else {}
+    for one in found.values():
+        for experiment in one.experiments:
+            cells = one.convergence(experiment, results.params)
+            later = means(cells[cells["scope"] == "all"], "epochs", scale=1) if one.how.finetuned else {}
             title = f"{one.how.title} ({results.experiments[experiment].title})"
-            yield title, means(one.at_once(experiment, "all"), "mrr_star"), own
+            yield title, means(one.at_once(experiment, "all"), "mrr_star"), later
 
 
 def of_others(results: Results) -> Iterator[Line]:
     """The other graphs, as they are."""
     for one in results.own[1:]:
-        yield f"{one.title}, |ξ| = {one.curve_size}", at_once(one, one.curve_size), epochs(one, one.curve_size)
+        if one.curve_size:
+            yield f"{one.title}, |ξ| = {one.curve_size}", at_once(one, one.curve_size), epochs(one, one.curve_size)
 
 
 def at_once(experiment: Experiment, size: int | None, column: str = "mrr_star") -> dict[str, float]:
@@ -75,16 +78,15 @@ def at_once(experiment: Experiment, size: int | None, column: str = "mrr_star") 
     return means(runs[(runs["size"] == size) & (runs["scope"] == "all")], column)
 
 
-def means(cells: pd.DataFrame, column: str) -> dict[str, float]:
-    """By model, in points."""
-    return {str(model): float(value) for model, value in (100 * cells.groupby("model")[column].mean()).items()}
+def means(cells: pd.DataFrame, column: str, scale: float = 100) -> dict[str, float]:
+    """By model, in points unless another scale is given."""
+    return {str(model): scale * float(value) for model, value in cells.groupby("model")[column].mean().items()}
 
 
 def epochs(experiment: Experiment, size: int | None) -> dict[str, float]:
     """Mean epochs to convergence in scope all at one size."""
     cells = experiment.convergence
-    own = cells[(cells["size"] == size) & (cells["scope"] == "all")].groupby("model")["epochs"].mean()
-    return {str(model): float(value) for model, value in own.items()}
+    return means(cells[(cells["size"] == size) & (cells["scope"] == "all")], "epochs", scale=1)
 
 
 def row(line: Line, methods: list[str]) -> dict[str, Any]:
@@ -103,9 +105,9 @@ def stated(paper: Mapping[str, Any], methods: list[str]) -> dict[str, Any]:
     """What the paper says."""
     gains, later = paper["immediate"]["improvement_over_xavier"], paper["convergence"]["epochs"]
     return {
-        "what": "the paper", "gain %": float(np.mean([gains[name] for name in methods])),
+        "what": "the paper", "gain %": float(np.mean([gains[name] for name in methods if name in gains])),
         f"epochs: {label(BASELINE)}": later[BASELINE]["mean"],
-        "epochs: ISI": float(np.mean([later[name]["mean"] for name in methods])),
+        "epochs: ISI": float(np.mean([later[name]["mean"] for name in methods if name in later])),
     }  # fmt: skip
 
 
@@ -113,10 +115,10 @@ def in_words(frame: pd.DataFrame) -> str:
     """Where the gain and the epochs of the paper come nearest."""
     ours, paper = frame.iloc[:-1], frame.iloc[-1]
     column = f"epochs: {label(BASELINE)}"
-    gain, slow = ours.loc[ours["gain %"].idxmax()], ours.loc[ours[column].idxmax()]
+    gain, slow = (ours.sort_values(name, ascending=False).iloc[0] for name in ("gain %", column))
     return (
         f"The paper's ISI gains {paper['gain %']:.0f} % over Xavier, this run's {frame['gain %'].iloc[0]:.0f} %; the "
-        f"largest gain below is {gain['gain %']:.0f} %, with {gain['what']}. The paper's Xavier takes "
+        f"largest gain in the table is {gain['gain %']:.0f} %, with {gain['what']}. The paper's Xavier takes "
         f"{paper[column]:.1f} epochs to converge, this run's {frame[column].iloc[0]:.1f}, and {slow[column]:.1f} with "
         f"{slow['what']}: how many epochs are needed is a matter of how large a step an epoch is."
     )

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure as Canvas
 
 from isi.report import varied
 from isi.report.figures import legend, panels
-from isi.report.models import JOINT, colour, dashes, label
+from isi.report.models import JOINT, label
 from isi.report.prose import joined
 from isi.report.results import Results
 from isi.report.section import Content, Figure, Section, Table
+from isi.report.sections.embeddings import about, lines
 from isi.report.varied import Varied
 
 
@@ -23,8 +23,7 @@ def contents(results: Results) -> Iterator[Content]:
     if not found:
         return
     first = next(iter(found.values()))
-    (experiment, *_), models = first.how.experiments, first.models
-    frame = by_number(found, experiment)
+    frame = by_number(found, first.experiments[0])
     yield in_words(frame, first)
     yield Figure(
         "told",
@@ -32,7 +31,7 @@ def contents(results: Results) -> Iterator[Content]:
         "Entity half of MRR* (points) of the queries of scope novel that give a novel entity, right after insertion "
         f"at |ξ| = {first.how.size}, against how many of its insert triples are told, at most. The same is asked each "
         "time.",
-        drawn(frame, models),
+        drawn(frame, first.models),
     )
     yield Table(
         "told",
@@ -46,16 +45,15 @@ def contents(results: Results) -> Iterator[Content]:
 def by_number(found: Mapping[str, Varied], experiment: str) -> pd.DataFrame:
     """A row for each number of insert triples."""
     return pd.DataFrame(
-        {"told": "all" if one.how.told is None else str(one.how.told)}
-        | varied.by_model(one.about_in(experiment), "mrr_star_entity", one.models)
+        {"told": "all" if one.how.told is None else str(one.how.told), **about(one, experiment)}
         for one in found.values()
+        if experiment in one.experiments
     )
 
 
 def in_words(frame: pd.DataFrame, first: Varied) -> str:
     """What each has with the fewest, and with all that is told."""
-    names = [label(name) for name in first.how.initializers]
-    fewest, most = frame.iloc[0], frame.iloc[-1]
+    names, fewest, most = [label(name) for name in first.initializers], frame.iloc[0], frame.iloc[-1]
     told = joined(f"{name} {fewest[name]:.1f} and {most[name]:.1f}" for name in names)
     return (
         "Words cost nothing to see; relations must be observed. Asked about the novel entity with "
@@ -67,12 +65,8 @@ def in_words(frame: pd.DataFrame, first: Varied) -> str:
 def drawn(frame: pd.DataFrame, models: list[str]) -> Canvas:
     """A line for each model."""
     canvas, (axes,) = panels(1, columns=1)
-    for model in models:
-        values = frame[label(model)].to_numpy(float)
-        how = {"color": colour(model, models), "label": label(model), "ls": dashes(model)}
-        axes.plot(np.arange(len(values)), values, marker="o", ms=4, lw=1.2, **how)
-    axes.set_xticks(range(len(frame)), frame["told"])
-    axes.set(xlabel="insert triples told of each novel entity, at most", ylabel="points")
+    lines(axes, frame, models, frame["told"].tolist())
+    axes.set_xlabel("insert triples told of each novel entity, at most")
     legend(canvas, [axes])
     return canvas
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import pandas as pd
-
 from isi.report import varied
 from isi.report.results import Results
 from isi.report.section import Content, Section, Table
-from isi.report.sections.embeddings import about, experiments
+from isi.report.sections.embeddings import about, frame
 
 
 def contents(results: Results) -> Iterator[Content]:
@@ -27,11 +25,7 @@ def contents(results: Results) -> Iterator[Content]:
         "Other words",
         "Entity half of MRR* (points) where the novel entity is asked about, right after insertion, mean over seeds "
         "and its interval.",
-        pd.DataFrame(
-            {"graph": results.experiments[experiment].title, "words": one.how.title, **about(one, experiment)}
-            for experiment in experiments(found)
-            for one in found.values()
-        ),
+        frame(results, found, about, what="words"),
     )
 
 

@@ -1,0 +1,381 @@
+"""Experiments under other conditions: what is told, what params change, and the same runs as the first pipeline's."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+import yaml
+
+from isi.base import paths, tables
+from isi.base.errors import InputError
+from isi.base.stage import Given
+from isi.base.tables import Provenance
+from isi.experiments.cells import JOINT, Cells, Vectors
+from isi.experiments.judging import JudgingTask, judge
+from isi.experiments.learning import Learned, Learning, LearningTask, learn_initial, learn_joint
+from isi.insertion.tasks import Inserting, InsertTask, TaskTold, insert
+from isi.params import load as load_params
+from isi.sessions.session import SPLITS
+from isi.studies import variants
+from isi.studies.asking import AskingTask, ask
+from isi.studies.variants import Variant, VariantTask, changed, repeat, some_of
+from stages.vary import vary
+from tests.graphs import cells_of, insert_triples_of
+from tests.test_experiments import GRAPH, INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
+from tools.check_params import check_variants
+
+ROOT = Path(__file__).parent.parent
+MADE = Provenance("an_earlier_stage", {})
+NAMES = ("xavier", "es", "rs")
+
+
+def told_of(cells: Cells) -> np.ndarray:
+    """All insert triples, as a store gives them."""
+    sessions = range(1, cells.sessions + 1)
+    rows = [np.insert(insert_triples_of(cells, session), 0, session, axis=1) for session in sessions]
+    return np.unique(np.concatenate(rows), axis=0)
+
+
+def rows_of(triples: np.ndarray) -> list[tuple[int, ...]]:
+    return [tuple(row) for row in triples.tolist()]
+
+
+# What is told
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_so_many_of_each_entity_are_told_and_the_fewer_are_part_of_the_more(steps: int) -> None:
+    cells = cells_of(GRAPH, 2, SEEDS, steps=steps)
+    told = told_of(cells)
+    number = Counter(row[:3] for row in rows_of(told))
+    assert max(number.values()) > 3
+    fewer: set[tuple[int, ...]] = set()
+    for most in range(6):
+        found = rows_of(some_of(told, most, cells, 0))
+        assert Counter(row[:3] for row in found) == Counter({slot: min(most, n) for slot, n in number.items()})
+        assert found == [row for row in rows_of(told) if row in set(found)]  # in their order
+        assert fewer <= set(found)
+        fewer = set(found)
+    assert rows_of(some_of(told, None, cells, 0)) == rows_of(told)
+
+
+def test_none_are_told_of_those_who_have_none() -> None:
+    nothing = np.empty((0, 4), dtype=np.int64)
+    for most in (0, 3, None):
+        assert some_of(nothing, most, cells_of(GRAPH, 2, SEEDS), 0).shape == (0, 4)
+
+
+def test_what_is_told_is_drawn_anew_for_each_entity_and_root() -> None:
+    cells = cells_of(GRAPH, 2, SEEDS)
+    told = told_of(cells)
+    one, other = (rows_of(some_of(told, 1, cells, root)) for root in (0, 1))
+    first = {row[:3]: row for row in reversed(rows_of(told))}
+    assert one != other
+    assert 0 < sum(row != first[row[:3]] for row in one) < len(one)  # neither always nor never the first
+
+
+def test_the_same_is_told_of_an_entity_whatever_stands_beside_its_cell() -> None:
+    cells = cells_of(GRAPH, 2, SEEDS, steps=2)
+    together = [(row[0], SEEDS[row[1]], *row[2:]) for row in rows_of(some_of(told_of(cells), 2, cells, 0))]
+    alone = []
+    for seed in SEEDS:
+        own = cells_of(GRAPH, 2, [seed], steps=2)
+        alone += [(row[0], seed, *row[2:]) for row in rows_of(some_of(told_of(own), 2, own, 0))]
+    assert sorted(together) == sorted(alone)
+
+
+# What params change
+
+
+def given() -> Given:
+    values = {"training": {"rate": 0.1, "stop": {"after": 4, "at": 0.5}}, "words": {"text": "definition"}, "seed": 0,
+              "variants.own": {"size": 5}}  # fmt: skip
+    return Given(values, MADE)
+
+
+def test_values_change_at_dotted_keys_and_nothing_else_does() -> None:
+    before = given()
+    found = changed(before, {"training.stop.after": 9, "words.text": "phrase", "training.decay": None}, "here")
+    assert found.values == {
+        "training": {"rate": 0.1, "stop": {"after": 9, "at": 0.5}, "decay": None}, "words": {"text": "phrase"},
+        "seed": 0, "variants.own": {"size": 5},
+    }  # fmt: skip
+    assert before.values == given().values  # to its depths
+    assert found.provenance is before.provenance
+    assert changed(before, {}, "here").values == before.values
+
+
+@pytest.mark.parametrize(
+    "dotted",
+    ["seed", "training", "trainings.rate", "seed.more", "training.rate.more", "training.start.at", "variants.own.size"],
+)
+def test_a_change_of_what_is_in_no_section_of_the_stage_is_refused_in_one_line(dotted: str) -> None:
+    expected = f"beyond/params.yaml: variants.own.changes: expected keys below training, words, got {dotted!r}"
+    with pytest.raises(InputError) as refused:
+        changed(given(), {"words.text": "phrase", dotted: 1}, "variants.own.changes")
+    assert str(refused.value) == expected
+
+
+VARIANT: dict[str, Any] = {
+    "title": "own", "group": "causes", "experiments": ["ai2thor"], "initializers": ["xavier", "es"], "size": 5,
+    "seeds": 2,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("keys", "trains", "speaks"),
+    [
+        ([], False, False),
+        (["finetuning.learning_rate", "convergence.margin", "initializers.es.k"], False, False),
+        (["embedding.family"], True, False),
+        (["families.transe.margin"], True, False),
+        (["negatives.mode"], True, False),
+        (["finetuning.learning_rate", "training.weight_decay"], True, False),
+        (["words.text"], False, True),
+        (["words.text", "training.batch_size"], True, True),
+        (["training_log.own", "wordless.own"], False, False),
+    ],
+)
+def test_a_variant_trains_and_speaks_where_it_changes_what_that_depends_on(
+    keys: list[str], trains: bool, speaks: bool
+) -> None:
+    variant = Variant(**VARIANT, changes=dict.fromkeys(keys, 1))
+    assert (variant.trains, variant.speaks) == (trains, speaks)
+
+
+# The runs
+
+
+def learned(seeds: Sequence[int] = SEEDS, size: int = 2) -> tuple[Vectors, Vectors]:
+    """Θ⁰ and the joint models, as the first pipeline trains and keeps them."""
+    cells = cells_of(GRAPH, size, seeds)
+    joint = learn_joint(LearningTask(replace(cells, size=JOINT, novel=cells.novel[:, :0]), LEARNING))
+    return vectors(learn_initial(LearningTask(cells, LEARNING))), vectors(joint)
+
+
+def vectors(of: Learned) -> Vectors:
+    return Vectors(LEARNING.family, of.entity, of.relation)
+
+
+def task(start: tuple[Vectors, Vectors] | Learning, most: int | None = None, size: int = 2) -> VariantTask:
+    cells = cells_of(GRAPH, size, SEEDS)
+    how = {name: Inserting(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, ()) for name in NAMES}
+    return VariantTask(cells, start, told_of(cells), some_of(told_of(cells), most, cells, 0), WORDS, how)
+
+
+def of_model(frame: pd.DataFrame, model: str) -> pd.DataFrame:
+    return frame[frame["model"] == model].drop(columns="model").reset_index(drop=True)
+
+
+def test_from_stored_embeddings_the_runs_are_those_of_the_first_pipeline() -> None:
+    theta0, joint = learned()
+    asked_for = task((theta0, joint))
+    cells, told = asked_for.cells, asked_for.insert_triples
+    runs, asked = repeat(asked_for)
+    judged = judge(JudgingTask(cells, joint, told))
+    target = {(1, scope): judged[judged["scope"] == scope].set_index("seed")["mrr_star"].loc[SEEDS].to_numpy(copy=True)
+              for scope in ("all", "novel_heldout")}  # fmt: skip
+    inserted = {name: insert(InsertTask(cells, theta0, TaskTold(told, WORDS, target), how))
+                for name, how in asked_for.how.items()}  # fmt: skip
+    assert set(runs["model"]) == {*NAMES, "joint"}
+    pd.testing.assert_frame_equal(of_model(runs, "joint"), judged.reset_index(drop=True))
+    for name, one in inserted.items():
+        pd.testing.assert_frame_equal(of_model(runs, name), one.runs.reset_index(drop=True))
+    same = ask(AskingTask(cells, theta0, joint, {name: one.vectors for name, one in inserted.items()}, told))
+    pd.testing.assert_frame_equal(asked.reset_index(drop=True), same.reset_index(drop=True))
+
+
+def test_embeddings_of_its_own_are_those_that_the_first_pipeline_would_train() -> None:
+    for trained, stored in zip(repeat(task(LEARNING)), repeat(task(learned())), strict=True):
+        pd.testing.assert_frame_equal(trained, stored)
+
+
+def test_the_joint_model_is_the_same_whatever_the_size() -> None:
+    own = [of_model(repeat(task(LEARNING, size=size))[0], "joint") for size in (1, 2)]
+    one, two = (rows[rows["scope"] == "all"].set_index("seed") for rows in own)
+    assert one["mrr_star"].tolist() == two["mrr_star"].tolist()
+
+
+def test_the_same_is_asked_whatever_was_told() -> None:
+    start = learned()
+    everything, nothing, one = (repeat(task(start, most)) for most in (None, 0, 1))
+    groups = ["model", "seed", "scope", "filter", "relation", "hidden", "novel", "queries", "observations"]
+    for runs, asked in (nothing, one):
+        pd.testing.assert_frame_equal(asked[groups], everything[1][groups])
+        for model in ("xavier", "es", "joint"):  # who do not look at insert triples
+            pd.testing.assert_frame_equal(of_model(asked, model), of_model(everything[1], model))
+        assert not np.allclose(of_model(asked, "rs")["mrr_star"], of_model(everything[1], "rs")["mrr_star"])
+        pd.testing.assert_frame_equal(of_model(runs, "joint"), of_model(everything[0], "joint"))
+
+
+# What is listed
+
+
+def test_what_ships_is_of_experiments_and_initializers_that_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    found = variants.load()
+    assert {one.group for one in found.values()} == {"baselines", "embeddings", "told", "words", "causes"}
+    assert [one.told for one in found.values() if one.group == "told"] == [0, 1, 2, 3, 5, None]
+    check_variants(load_params())
+
+
+def test_without_a_second_pipeline_there_are_no_variants(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert variants.load() == {}
+
+
+@pytest.fixture
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the pipelines and the params."""
+    for path in (paths.PARAMS, paths.PIPELINE, paths.BEYOND_PARAMS, paths.BEYOND_PIPELINE):
+        (tmp_path / path).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / path, tmp_path / path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def list_variants(**listed: Mapping[str, Any]) -> None:
+    paths.BEYOND_PARAMS.write_text(yaml.safe_dump({"variants": listed}), encoding="utf-8")
+
+
+@pytest.mark.usefixtures("workspace")
+@pytest.mark.parametrize(
+    ("wrong", "line"),
+    [
+        ({"experiments": ["published", "there"]},
+         "experiments: expected names among ai2thor, transfer, published, got 'there'"),
+        ({"initializers": ["es", "soft_es"]}, "initializers: expected names among xavier, iu, es, "),
+        ({"options": {"soft_e": {}}, "initializers": ["soft_e"]}, "options.soft_e: expected one of "),
+        ({"options": {"soft_es": {"temper": 1.0}}}, "options.soft_es.temper: Extra inputs are not permitted"),
+        ({"changes": {"training.weight_deca": 0.1}}, "changes.training.weight_deca: Extra inputs are not permitted"),
+        ({"changes": {"negatives.mode": "drawn"}}, "changes.negatives.mode: Input should be 'sampled' or 'expected'"),
+        ({"changes": {"sessions.valid": 0.2}}, "changes: expected keys below words, embedding, "),
+        ({"group": "baseline"}, "group: Input should be 'baselines', "),
+        ({"seed": 3}, "seed: Extra inputs are not permitted"),
+    ],
+)  # fmt: skip
+def test_what_a_variant_cannot_have_is_refused_in_one_line(wrong: dict[str, Any], line: str) -> None:
+    list_variants(sound=VARIANT, own=VARIANT | wrong)
+    with pytest.raises(InputError) as refused:
+        check_variants(load_params())
+    assert str(refused.value).startswith(f"beyond/params.yaml: variants.own.{line}")
+
+
+@pytest.mark.usefixtures("workspace")
+def test_options_of_its_own_make_an_initializer_known_to_a_variant() -> None:
+    list_variants(own=VARIANT | {"options": {"soft_es": {"temperature": 0.1}}, "initializers": ["soft_es"]})
+    check_variants(load_params())
+
+
+@pytest.mark.usefixtures("workspace")
+def test_params_without_variants_are_refused_in_one_line() -> None:
+    paths.BEYOND_PARAMS.write_text("variant: {}\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"^beyond/params\.yaml: "):
+        variants.load()
+
+
+# The stage
+
+
+@pytest.fixture
+def home(workspace: Path) -> Path:
+    """The same, with what the first pipeline leaves of an experiment: of sizes 1 and 2, with four seeds."""
+    (workspace / paths.RAW).parent.mkdir()
+    (workspace / paths.RAW).symlink_to(ROOT / paths.RAW)
+    phrases = ["mug", "plate", "fork", "sofa", "lamp", "bed", "sink", "stove", "apple", "bread", "knife", "desk",
+               "kitchen", "cut"]  # fmt: skip
+    entities = pd.DataFrame({"entity": GRAPH.entities, "kind": [str(kind) for kind in GRAPH.kinds.tolist()],
+                             "source": "home", "phrase": phrases})  # fmt: skip
+    triples = pd.DataFrame(
+        [(GRAPH.entities[h], GRAPH.relations[r], GRAPH.entities[t], count, "home")
+         for (h, r, t), count in zip(GRAPH.triples.tolist(), GRAPH.counts.tolist(), strict=True)],
+        columns=["head", "relation", "tail", "count", "source"],
+    )  # fmt: skip
+    drawn = {size: cells_of(GRAPH, size, SEEDS) for size in (1, 2)}
+    splits = [(seed, triple, SPLITS[code]) for seed, codes in zip(SEEDS, drawn[2].splits.tolist(), strict=True)
+              for triple, code in enumerate(codes)]  # fmt: skip
+    novel = [(size, seed, entity, 1) for size, cells in drawn.items()
+             for seed, ((*ids,),) in zip(SEEDS, cells.novel.tolist(), strict=True) for entity in ids]  # fmt: skip
+    told = [(size, SEEDS[model], cells.novel[model, 0, place], triple, 1) for size, cells in drawn.items()
+            for model, place, triple in insert_triples_of(cells).tolist()]  # fmt: skip
+    for path, frame, schema in (
+        (paths.entities("home"), entities, tables.ENTITIES), (paths.triples("home"), triples, tables.TRIPLES),
+        (paths.splits("home"), pd.DataFrame(splits, columns=["seed", "triple", "split"]), tables.SPLITS),
+        (paths.novel("home"), pd.DataFrame(novel, columns=["size", "seed", "entity", "session"]), tables.NOVEL),
+        (paths.insert_triples("home"), pd.DataFrame(told, columns=["size", "seed", "entity", "triple", "session"]),
+         tables.INSERT_TRIPLES),
+    ):  # fmt: skip
+        tables.write(path, frame, schema, MADE)
+    tables.write_tensors(paths.vectors("home"), {"vectors": torch.from_numpy(WORDS)}, MADE)
+    for path, one in zip((paths.theta0("home", 2), paths.joint("home")), learned(), strict=True):
+        stack = {"entity": one.stack.entity, "relation": one.stack.relation, "seed": torch.tensor(SEEDS)}
+        tables.write_tensors(path, stack, MADE)
+    return workspace
+
+
+def ran(monkeypatch: pytest.MonkeyPatch, stack: int, **how: Any) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """What the stage writes of a variant of the experiment, in stacks of a height: runs, and what was asked."""
+    list_variants(own=VARIANT | {"experiments": ["home"], "size": 2, "seeds": 3} | how)
+    params = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8"))
+    params["compute"] |= {"workers": 1, "stack": stack}
+    paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", ["vary", "own"])
+    vary()
+    runs = tables.read(paths.variant("own"), tables.VARIANTS)
+    return runs, tables.read(paths.variant_asked("own"), tables.VARIANTS_ASKED)
+
+
+@pytest.mark.usefixtures("home")
+def test_a_variant_runs_with_what_it_changes_and_the_same_for_any_height_of_stacks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    changes = {"finetuning.max_epochs": 2, "convergence.margin": 0.0001}
+    how = {"initializers": ["rs", "soft_es"], "options": {"soft_es": {"temperature": 0.1}}, "changes": changes}
+    for one, other in zip(ran(monkeypatch, 1, **how), ran(monkeypatch, 3, **how), strict=True):
+        pd.testing.assert_frame_equal(one, other, check_exact=True)
+    runs, asked = ran(monkeypatch, 2, **how)
+    assert set(runs["model"]) == set(asked["model"]) == {"rs", "soft_es", "joint"}
+    for frame in (runs, asked):
+        assert set(frame["experiment"]) == {"home"}
+        assert set(frame["size"]) == {2}
+        assert set(frame["seed"]) == {0, 1, 2}
+    assert runs.groupby("model", observed=True)["epoch"].max().to_dict() == {"rs": 2, "soft_es": 2, "joint": 0}
+    at_once, same = ran(monkeypatch, 3, **how, finetuned=False)
+    assert set(at_once["epoch"]) == {0}
+    pd.testing.assert_frame_equal(same, asked)
+
+
+@pytest.mark.usefixtures("home")
+def test_a_variant_that_tells_nothing_changes_those_who_use_insert_triples(monkeypatch: pytest.MonkeyPatch) -> None:
+    how = {"initializers": ["es", "rs"], "options": {"rs": {"k": 3}}, "finetuned": False}
+    found = [ran(monkeypatch, 4, **how, told=told)[1] for told in (None, 0)]
+    (es, rs), (es0, rs0) = ([of_model(frame, name)["mrr_star"] for name in ("es", "rs")] for frame in found)
+    assert es.tolist() == es0.tolist()
+    assert rs.tolist() != rs0.tolist()
+
+
+@pytest.mark.usefixtures("home")
+def test_a_variant_with_words_of_its_own_looks_them_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    how = {"initializers": ["es"], "options": {"es": {"k": 3}}, "finetuned": False}
+    stored, definitions, phrases = (
+        of_model(ran(monkeypatch, 4, **how, changes=changes)[1], "es")["mrr_star"].tolist()
+        for changes in ({}, {"words.text": "definition"}, {"words.text": "phrase"})
+    )
+    assert stored != definitions != phrases != stored
+
+
+def test_a_variant_that_trains_reads_no_embedding(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.rmtree(home / paths.theta0("home", 2).parent.parent)
+    changes = {"embedding.family": "distmult", "embedding.dimension": 8, "training.max_epochs": 5}
+    runs, _ = ran(monkeypatch, 4, initializers=["xavier", "es"], finetuned=False, changes=changes)
+    assert len(runs) == 3 * 3 * 5  # models, seeds, scopes
