@@ -28,7 +28,7 @@ def contents(results: Results) -> Iterator[Content]:
 
 def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]:
     """Epochs to convergence in words, Figure 3b, Table 2, and what becomes of it at other rates."""
-    params, initializers, convergence = results.params, experiment.initializers, experiment.convergence
+    params, initializers, convergence = results.params, experiment.finetuned, experiment.convergence
     margin, most = params.convergence.margin, params.finetuning.max_epochs
     yield in_words(convergence, initializers, margin, most)
     if experiment.curve_size is None:
@@ -44,7 +44,7 @@ def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]
 
 def at_other_rates(params: Params, experiment: Experiment, runs: pd.DataFrame) -> Iterator[Content]:
     """The study of rates."""
-    size, varied = params.rates.size, [name for name in experiment.initializers if name in params.rates.initializers]
+    size, varied = params.rates.size, [name for name in experiment.finetuned if name in params.rates.initializers]
     main = experiment.runs[(experiment.runs["size"] == size) & experiment.runs["model"].isin(varied)]
     both = pd.concat([main.assign(factor=rates.AS_CHOSEN), runs[runs["model"].isin(varied)]])
     cells = experiment.converged(both, ["model", "factor"])
