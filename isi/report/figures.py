@@ -21,7 +21,7 @@ STYLE: Any = {
     "axes.grid": True, "grid.alpha": 0.3,
     "legend.frameon": False, "svg.hashsalt": "isi", "svg.fonttype": "path", "figure.dpi": 160,
 }  # fmt: skip
-_LEGEND_ROW = 7  # entries that fit beside each other
+_LEGEND_ROW = 5  # entries that fit beside each other
 
 
 def rendered(canvas: Canvas, form: str) -> bytes:
