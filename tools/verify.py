@@ -42,7 +42,9 @@ class Check:
         apart = float(np.nanmax(np.abs(here - there), initial=0.0)) if equal else np.inf
         self.worst = max(self.worst, apart)
         if apart > self.tolerance:
-            self.disagreements.append(f"{self.what}, {where}: {here.round(6)} here, {there.round(6)} there")
+            most = int(np.nan_to_num(np.abs(here - there), nan=np.inf).argmax()) if here.shape == there.shape else 0
+            one, other = here.flat[most], there.flat[most]
+            self.disagreements.append(f"{self.what}, {where}: {one:.6g} here, {other:.6g} there")
 
 
 def check_vectors(experiment: Experiment, size: int, seed: int, options: dict[str, Any], check: Check) -> int:
