@@ -112,6 +112,15 @@ def test_what_is_asked_about_the_novel_entity_is_its_entity_half_by_hand() -> No
     assert one.about_in("away").empty
 
 
+def test_runs_right_after_insertion_are_those_of_epoch_0() -> None:
+    one = variant("told", {"home": {"es": [0.5]}, "away": {"es": [0.5]}}, {"es": 0.3, "joint": 0.9})
+    later = one.runs.assign(epoch=1, mrr_star=0.8)
+    found = replace(one, runs=pd.concat([one.runs, later])).at_once("home", "novel")
+    assert found[["model", "seed", "mrr_star"]].to_numpy().tolist() == [
+        ["es", 0, 0.3], ["es", 1, 0.3], ["joint", 0, 0.9], ["joint", 1, 0.9],
+    ]  # fmt: skip
+
+
 def test_convergence_is_against_the_joint_model_of_the_variant_and_of_the_session() -> None:
     """Within 8 points of it; the variant says how many epochs there are at most."""
     later = {("es", 0): [0.5, 0.62, 0.7], ("es", 1): [0.5, 0.5, 0.5], ("joint", 0): [0.7], ("joint", 1): [0.7]}

@@ -84,6 +84,14 @@ def test_what_is_told_is_drawn_anew_for_each_entity_and_root() -> None:
     assert 0 < sum(row != first[row[:3]] for row in one) < len(one)  # neither always nor never the first
 
 
+def test_each_session_draws_what_is_told_for_itself() -> None:
+    cells = cells_of(GRAPH, 1, [0], steps=2)
+    told = np.array([(session, 0, 0, triple) for session in (1, 2) for triple in range(12)])
+    first, second = ({row[3] for row in rows_of(some_of(told, 6, cells, 0)) if row[0] == session} for session in (1, 2))
+    assert len(first) == len(second) == 6
+    assert first != second
+
+
 def test_the_same_is_told_of_an_entity_whatever_stands_beside_its_cell() -> None:
     cells = cells_of(GRAPH, 2, SEEDS, steps=2)
     together = [(row[0], SEEDS[row[1]], *row[2:]) for row in rows_of(some_of(told_of(cells), 2, cells, 0))]
