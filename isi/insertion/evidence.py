@@ -23,10 +23,12 @@ from isi.insertion.core import Initial, Insertion
 
 #: Share of an isotropic covariance of equal trace in that of the prior, whose rank is below d.
 SHRINKAGE = 0.1
-#: Of Newton's method, at most: it needs about eight where a score is linear.
+#: Of Newton's method, at most: it needs about six where a score is linear.
 STEPS = 20
-#: A step that is expected to gain less than this much log-probability is the last.
-TOLERANCE = 1e-12
+#: A step that is expected to gain less than this much log-probability is the last; what is left then is its square.
+TOLERANCE = 1e-6
+#: Relative rounding of an objective.
+ROUNDING = 1e-12
 #: Times that a step may be halved.
 HALVINGS = 10
 #: Numbers in one product of cells and novel entities, at most, for each model.
@@ -128,10 +130,10 @@ def most_probable(insertion: Insertion, prior: Initial, strength: float, ratio: 
     at, going = known.mean, torch.ones(known.mean.shape[:2], dtype=torch.bool)
     for _ in range(STEPS):
         step, gain = newton(known, theta0, at, alpha)
+        at = torch.where(going[..., None], at + length(known, theta0, at, step)[..., None] * step, at)
         going &= gain > TOLERANCE
         if not going.any():
             break
-        at = torch.where(going[..., None], at + length(known, theta0, at, step)[..., None] * step, at)
     return replace(prior, vectors=at.view(prior.vectors.shape).to(prior.vectors.dtype), indicators=None)
 
 
@@ -162,7 +164,7 @@ def length(known: Evidence, theta0: Embedding, at: Tensor, step: Tensor) -> Tens
     """The longest of 1, ½, ¼, ... that does not make the objective larger; shape (M, n)."""
     here, share = objective(known, theta0, at), torch.ones(at.shape[:2], dtype=at.dtype)
     for _ in range(HALVINGS):
-        worse = objective(known, theta0, at + share[..., None] * step) > here * (1 + TOLERANCE)
+        worse = objective(known, theta0, at + share[..., None] * step) > here * (1 + ROUNDING)
         if not worse.any():
             break
         share = torch.where(worse, share / 2, share)
