@@ -82,6 +82,20 @@ def test_strings_that_repeat_are_dictionary_encoded_on_disk(
     assert {field.name for field in on_disk if pa.types.is_dictionary(field.type)} == repeated
 
 
+@pytest.mark.parametrize("cut", [0, 1, 3])
+@pytest.mark.parametrize("kind", ["str", "category"])
+def test_bytes_hang_on_no_chunks_and_on_no_categories(tmp_path: Path, cut: int, kind: str) -> None:
+    kinds = ["room", "object", "room", "material"]
+    rows = pd.DataFrame({"entity": list("abcd"), "kind": kinds, "source": "x", "phrase": "y"})
+    parts = [rows[:cut].astype({"kind": kind}), rows[cut:].astype({"kind": kind})]
+    tables.write(tmp_path / "whole.parquet", rows, tables.ENTITIES, MADE)
+    tables.write(tmp_path / "parts.parquet", pd.concat(parts), tables.ENTITIES, MADE)
+    assert (tmp_path / "parts.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
+    assert plain(tables.read(tmp_path / "parts.parquet", tables.ENTITIES)) == list(
+        rows.itertuples(index=False, name=None)
+    )
+
+
 def test_a_table_of_another_writer_may_hold_plain_strings_and_more_columns(tmp_path: Path) -> None:
     plain_strings = pa.table({"more": [1], "entity": ["mug"], "kind": ["object"], "source": ["x"], "phrase": ["mug"]})
     pq.write_table(plain_strings, tmp_path / "entities.parquet")

@@ -129,7 +129,16 @@ def together(parts: Iterable[pd.DataFrame], *schemas: pa.Schema) -> pd.DataFrame
 
 def write(path: Path, frame: pd.DataFrame, schema: pa.Schema, provenance: Provenance) -> None:
     """Write a Parquet table through a temporary file: it is whole or it is not there."""
-    write_stream(path, [pa.Table.from_pandas(frame, schema=schema, preserve_index=False)], schema, provenance)
+    whole = pa.Table.from_pandas(frame, schema=schema, preserve_index=False)
+    columns = [_as_first_seen(column) for column in whole.columns]
+    write_stream(path, [pa.Table.from_arrays(columns, schema=schema)], schema, provenance)
+
+
+def _as_first_seen(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """The same with dictionaries in order of appearance, which hang neither on categories nor on chunks."""
+    if not pa.types.is_dictionary(column.type):
+        return column
+    return pa.chunked_array(column.cast(column.type.value_type).combine_chunks().dictionary_encode())
 
 
 def write_stream(path: Path, parts: Iterable[pa.Table], schema: pa.Schema, provenance: Provenance) -> int:
