@@ -162,7 +162,7 @@ def test_a_broken_recording_is_named_and_the_earlier_observations_stay(
     if content is not None:
         (workspace / "mine.json").write_text(content, encoding="utf-8")
     sha256 = hashlib.sha256((content or "").encode()).hexdigest()
-    set_params(workspace, {"sources.ai2thor.recording": "mine.json", "sources.ai2thor.sha256": sha256})
+    set_params(workspace, {"sources.ai2thor.from": "mine.json", "sources.ai2thor.sha256": sha256})
     line = refusal(workspace, "stages.mine", "ai2thor")
     assert "mine.json" in line
     assert all(place in line for place in places), line

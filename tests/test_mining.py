@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -217,6 +218,16 @@ def test_a_parent_that_its_scene_lacks_is_named_with_scene_and_object(tmp_path: 
     scenes = read(tmp_path / "recording.json", broken)
     with pytest.raises(InputError, match=r"recording\.json.*FloorPlan302.*AlarmClock\|1.*Desk\|7"):
         mined(scenes, materials.simulator, tmp_path / "recording.json")
+
+
+def test_a_parent_that_its_scene_lacks_can_be_dropped_and_is_counted(tmp_path: Path) -> None:
+    broken = recording()
+    broken["bedrooms"][1][2]["parentReceptacles"] = ["TVStand|1", "Desk|7", "Desk|8"]
+    scenes, dropped = read(tmp_path / "recording.json", broken), Counter[str]()
+    parts = ai2thor.mine(scenes, materials.simulator, tmp_path / "recording.json", dropped)
+    found = pd.DataFrame(pa.concat_tables(parts).to_pydict())
+    assert dict(dropped) == {ai2thor.DROPPED: 2}
+    assert tails(found[found["head"] == "alarm clock"], "atLocation") == ["bedroom", "tv stand"]
 
 
 def test_a_parent_in_another_scene_only_is_missing_too(tmp_path: Path) -> None:
@@ -437,7 +448,7 @@ def test_scenes_are_taken_only_as_they_are_needed() -> None:
 @pytest.fixture(scope="module")
 def real() -> list[Scene]:
     _, settings = settings_of(read_params(paths.PARAMS)["sources"]["ai2thor"], "sources.ai2thor")
-    return ai2thor.read_recording(ai2thor.locate("procthor"), settings["sha256"])
+    return ai2thor.read_recording(ai2thor.locate("recording"), settings["sha256"])
 
 
 def test_the_real_recording_gives_the_known_figures(real: list[Scene]) -> None:
@@ -462,7 +473,7 @@ def test_every_object_of_the_real_recording_but_the_floors_is_seen_once_in_its_r
 
 
 def test_every_mapped_object_is_a_type_of_the_recording(real: list[Scene], shares: pd.DataFrame) -> None:
-    robothor = json.loads(ai2thor.locate("procthor").read_bytes())["robothor"]
+    robothor = json.loads(ai2thor.locate("recording").read_bytes())["robothor"]
     types = {thing["objectType"] for objects in [*(scene.objects for scene in real), *robothor] for thing in objects}
     assert set(shares.index) <= {entity_name(kind) for kind in types}
     assert shares.index.is_unique

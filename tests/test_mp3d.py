@@ -383,7 +383,7 @@ def test_the_mined_tallies_add_up_to_the_published_ones(published: pd.DataFrame)
 def ai2thor_names() -> dict[str, set[str]]:
     """What AI2-THOR calls its objects, materials of either source, affordances and rooms."""
     given = settings("ai2thor")
-    scenes = ai2thor.read_recording(ai2thor.locate(given["recording"]), given["sha256"])
+    scenes = ai2thor.read_recording(ai2thor.locate(given["from"]), given["sha256"])
     things = [thing for scene in scenes for thing in scene.objects]
     shares = materials.read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
     reported = {material for named in materials.simulator(0, things) for material in named}

@@ -92,13 +92,19 @@ def check(value: Any, kind: type[T], key: str, path: Path = paths.PARAMS) -> T:
 
 @cache
 def options(function: Callable[..., Any]) -> type[Section]:
-    """The section that a function's options make: its parameters after the first, with their types and defaults."""
+    """The section that a function's options make: its parameters after the first, with their types and defaults.
+
+    One that Python's grammar reserves is named with an underscore behind it (``from_`` takes the option ``from``).
+    """
     hints = get_type_hints(function, include_extras=True)
     for name in list(inspect.signature(function).parameters)[1:]:
         if name not in hints:
             raise InputError(function.__module__, function.__name__, f"expected a type for its option {name!r}")
     fields: dict[str, Any] = {
-        name: (hints[name], ... if parameter.default is parameter.empty else parameter.default)
+        name: (
+            hints[name],
+            Field(... if parameter.default is parameter.empty else parameter.default, alias=name.removesuffix("_")),
+        )
         for name, parameter in list(inspect.signature(function).parameters.items())[1:]
     }
     return cast("type[Section]", create_model(function.__name__, __base__=Section, **fields))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
@@ -48,6 +49,11 @@ AFFORDANCES = {
     "isColdSource": ("cool",),
 }
 
+#: What becomes of a receptacle that its scene lacks.
+Broken = Literal["error", "drop"]
+#: As what one that is dropped is counted.
+DROPPED = "receptacles dropped that their scene lacks"
+
 #: What mining reads of an object: the rest would only cost memory.
 FIELDS = ("objectId", "objectType", "parentReceptacles", "salientMaterials", *AFFORDANCES)
 
@@ -64,28 +70,29 @@ class Scene:
 
 @source("ai2thor", entities=household)
 def ai2thor(
-    mining: Mining, recording: str, sha256: Sha256, materials: Literal["suncg", "simulator"]
+    mining: Mining, from_: str, sha256: Sha256 | None, materials: Literal["suncg", "simulator"], broken: Broken
 ) -> Iterator[pa.Table]:
     """Observations of recorded scenes.
 
     Args:
         mining: its seed draws materials.
-        recording: ``procthor``, or the path of a JSON file of the same form.
-        sha256: what the file must hash to.
+        from_: ``recording``, the one in the package ``procthor``, or the path of a JSON file of the same form.
+        sha256: what the file must hash to, if it is to be checked.
         materials: drawn as in SUNCG, or as the simulator reports them.
+        broken: what becomes of a receptacle that its scene lacks.
     """
-    path = locate(recording)
-    scenes = read_recording(path, sha256)
+    path = locate(from_)
+    scenes, dropped = read_recording(path, sha256), mining.left if broken == "drop" else None
     if materials == "simulator":
-        return mine(scenes, simulator, path)
+        return mine(scenes, simulator, path, dropped)
     shares = read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
-    return mine(scenes, suncg(shares, mining.seed), path)
+    return mine(scenes, suncg(shares, mining.seed), path, dropped)
 
 
-def locate(recording: str) -> Path:
-    """Path of the recording: that of the ``procthor`` package (never imported), or as given."""
-    if recording != "procthor":
-        return Path(recording)
+def locate(from_: str) -> Path:
+    """Path of a recording: that in the ``procthor`` package (never imported), or as given."""
+    if from_ != "recording":
+        return Path(from_)
     try:
         found = distribution("procthor").locate_file("procthor/databases/ai2thor-object-metadata.json")
     except PackageNotFoundError as error:
@@ -93,7 +100,7 @@ def locate(recording: str) -> Path:
     return Path(str(found))
 
 
-def read_recording(path: Path, sha256: str) -> list[Scene]:
+def read_recording(path: Path, sha256: str | None) -> list[Scene]:
     """The 120 iTHOR scenes of a recording, in the order of their floor plans.
 
     Raises:
@@ -108,7 +115,7 @@ def read_recording(path: Path, sha256: str) -> list[Scene]:
     except ValueError as error:
         raise InputError(path, "", f"expected JSON: {error}") from error
     got = hashlib.sha256(content).hexdigest()
-    if got != sha256:
+    if sha256 and got != sha256:
         raise InputError(path, "", f"expected {sha256} as its sha256, got {got}")
     return [scene for key, room, first in ROOMS for scene in _scenes(path, recording, key, room, first)]
 
@@ -143,30 +150,35 @@ def _stripped(thing: Object) -> Object:
     return {key: thing[key] for key in FIELDS if thing.get(key)}
 
 
-def mine(scenes: Iterable[Scene], materials_of: MaterialsOf, file: Path) -> Iterator[pa.Table]:
+def mine(
+    scenes: Iterable[Scene], materials_of: MaterialsOf, file: Path, dropped: Counter[str] | None = None
+) -> Iterator[pa.Table]:
     """Observations in the columns of ``tables.OBSERVATIONS``: one table per ``CHUNK`` scenes, in their order.
 
     Args:
         scenes: what to mine; as many as there are, since only a chunk is held at once.
         materials_of: materials of each object of a scene, in the order of the objects.
         file: named in errors.
+        dropped: grows by the receptacles that are left out, since their scene lacks them; null: such a one is an error.
 
     Raises:
         InputError: where an object lies in a receptacle that its scene lacks.
     """
     rest = iter(scenes)
     while chunk := list(islice(rest, CHUNK)):
-        yield part([row for scene in chunk for row in _observations(scene, materials_of, file)])
+        yield part([row for scene in chunk for row in _observations(scene, materials_of, file, dropped)])
 
 
-def _observations(scene: Scene, materials_of: MaterialsOf, file: Path) -> Iterator[tuple[str | int, ...]]:
+def _observations(
+    scene: Scene, materials_of: MaterialsOf, file: Path, dropped: Counter[str] | None
+) -> Iterator[tuple[str | int, ...]]:
     names = {thing["objectId"]: entity_name(thing["objectType"]) for thing in scene.objects}
     for thing, materials in zip(scene.objects, materials_of(scene.number, scene.objects), strict=True):
         head = names[thing["objectId"]]
         if head == FLOOR:
             continue
         tails = {
-            AT_LOCATION: [scene.room, *_receptacles(scene, thing, names, file)],
+            AT_LOCATION: [scene.room, *_receptacles(scene, thing, names, file, dropped)],
             HAS_MATERIAL: materials,
             HAS_AFFORDANCE: [a for prop, pair in AFFORDANCES.items() if thing.get(prop) for a in pair],
         }
@@ -175,10 +187,14 @@ def _observations(scene: Scene, materials_of: MaterialsOf, file: Path) -> Iterat
                 yield scene.name, scene.room, thing["objectId"], head, relation, tail, 1
 
 
-def _receptacles(scene: Scene, thing: Object, names: dict[str, str], file: Path) -> Iterator[str]:
+def _receptacles(
+    scene: Scene, thing: Object, names: dict[str, str], file: Path, dropped: Counter[str] | None
+) -> Iterator[str]:
     for parent in thing.get("parentReceptacles") or ():
-        if parent not in names:
+        if parent not in names and dropped is not None:
+            dropped[DROPPED] += 1
+        elif parent not in names:
             place = f"{scene.name}, object {thing['objectId']}"
             raise InputError(file, place, f"its parent receptacle {parent!r} is not in the scene")
-        if names[parent] != FLOOR:
+        elif names[parent] != FLOOR:
             yield names[parent]
