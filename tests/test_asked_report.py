@@ -5,6 +5,7 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
+from isi.report import parts
 from isi.report.sections import asked, graph
 
 COLUMNS = ["model", "size", "seed", "scope", "filter", "relation", "hidden", "novel", "queries", "mrr_star"]
@@ -31,7 +32,7 @@ MODELS = ["xavier", "es", "joint"]
 
 
 def test_each_direction_has_its_leader_and_the_headline_is_what_is_asked_about_it() -> None:
-    cells = asked.directed(ROWS)
+    cells = parts.directed(ROWS, ["model", "size", "seed"])
     text = asked.leaders(cells, MODELS)
     assert "Asked about the novel entity, ES leads with 60.0 (Xavier 10.0 and ES 60.0; the joint model 90.0)." in text
     assert "Where it is the answer, Xavier leads with 40.0 (Xavier 40.0 and ES 20.0; the joint model 80.0)." in text

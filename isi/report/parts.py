@@ -8,6 +8,9 @@ import pandas as pd
 
 from isi.report.statistics import HALVES
 
+#: Where a query of scope novel has the novel entity.
+DIRECTIONS = {"given": "asked about the novel entity", "answer": "the novel entity is the answer"}
+
 
 def mrr_star(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     """MRR* of the queries of each group, with its halves, in [0, 1] (equation 7).
@@ -34,3 +37,15 @@ def mrr_star(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     )
     halves["mrr_star"] = halves.mean(axis=1, skipna=False)
     return halves[list(HALVES)].reset_index()
+
+
+def directed(rows: pd.DataFrame, cell: Sequence[str]) -> pd.DataFrame:
+    """The entity half in scope novel by the scope's own filter, with the direction as ``scope``.
+
+    Args:
+        rows: some of ``tables.ASKED``.
+        cell: columns that tell cells apart.
+    """
+    own = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned") & (rows["hidden"] != "relation")]
+    by_direction = own[own["novel"].isin(list(DIRECTIONS))].drop(columns="scope").rename(columns={"novel": "scope"})
+    return mrr_star(by_direction, ["scope", *cell]).drop(columns=["mrr_star", "mrr_star_relation"])

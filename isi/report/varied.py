@@ -52,8 +52,8 @@ class Varied:
     @cached_property
     def about(self) -> pd.DataFrame:
         """The entity half of scope novel where the novel entity is asked about, a row for each model and cell."""
-        rows = self.asked[(self.asked["scope"] == "novel") & (self.asked["filter"] == "learned")]
-        return parts.mrr_star(rows[(rows["hidden"] != "relation") & (rows["novel"] == "given")], _CELL)
+        cells = parts.directed(self.asked, _CELL)
+        return cells[cells["scope"] == "given"].drop(columns="scope").reset_index(drop=True)
 
     def about_in(self, experiment: str) -> pd.DataFrame:
         """The same of one experiment."""

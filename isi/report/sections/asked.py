@@ -11,13 +11,12 @@ from matplotlib.figure import Figure as Canvas
 from isi.report import parts
 from isi.report.figures import by_size
 from isi.report.models import JOINT, contenders, label
+from isi.report.parts import DIRECTIONS, directed
 from isi.report.prose import capitalized, listed
 from isi.report.results import Experiment, Results
 from isi.report.section import Content, Figure, Heading, Section, Table, belonging
 from isi.report.statistics import HALVES, over_seeds
 
-#: Where a query of scope novel has the novel entity.
-DIRECTIONS = {"given": "asked about the novel entity", "answer": "the novel entity is the answer"}
 _PLACES = {"given": "given", "answer": "answer", "both": "both", "any": "any or none"}
 _FILTERS = {"learned": "scope's filter", "true": "all true"}
 _CELL = ("model", "size", "seed")
@@ -42,8 +41,7 @@ def contents(results: Results) -> Iterator[Content]:
 
 def of_experiment(experiment: Experiment, rows: pd.DataFrame) -> Iterator[Content]:
     """Both directions, relations and directions, and both filters; ``rows``: ``tables.ASKED``."""
-    models, learned = experiment.models, rows[rows["filter"] == "learned"]
-    cells = directed(learned)
+    models, cells = experiment.models, directed(rows, _CELL)
     yield leaders(cells, models)
     yield directions(cells, models)
     yield Figure(
@@ -53,23 +51,12 @@ def of_experiment(experiment: Experiment, rows: pd.DataFrame) -> Iterator[Conten
         "interval over seeds.",
         by_direction(cells, models, len(experiment.entities)),
     )
-    pairs = by_pair(learned)
+    pairs = by_pair(rows[rows["filter"] == "learned"])
     yield extremes(pairs)
     yield by_relation(pairs, models)
     immediate = by_filter(rows)
     yield what_the_filter_does(immediate, [*contenders(experiment.initializers), JOINT])
     yield filters(immediate, models)
-
-
-def directed(learned: pd.DataFrame) -> pd.DataFrame:
-    """The entity half in scope novel of each model and cell, with the direction as ``scope``.
-
-    Args:
-        learned: ``tables.ASKED`` of the scopes' own filter.
-    """
-    rows = learned[(learned["scope"] == "novel") & learned["novel"].isin(list(DIRECTIONS))]
-    rows = rows[rows["hidden"] != "relation"].drop(columns="scope").rename(columns={"novel": "scope"})
-    return parts.mrr_star(rows, ["scope", *_CELL]).drop(columns=["mrr_star", "mrr_star_relation"])
 
 
 def points(cells: pd.DataFrame, direction: str) -> pd.DataFrame:
@@ -79,7 +66,7 @@ def points(cells: pd.DataFrame, direction: str) -> pd.DataFrame:
 
 def asked_about(rows: pd.DataFrame, models: Sequence[str]) -> dict[str, float]:
     """What each model answers about novel entities: the entity half of scope novel, in points."""
-    means = points(directed(rows[rows["filter"] == "learned"]), "given")[DIRECTIONS["given"]]
+    means = points(directed(rows, _CELL), "given")[DIRECTIONS["given"]]
     return {model: float(means[model]) for model in models if model in means.index}
 
 
@@ -120,7 +107,7 @@ def directions(cells: pd.DataFrame, models: Sequence[str]) -> Table:
 
 
 def by_direction(cells: pd.DataFrame, models: Sequence[str], entities: int) -> Canvas:
-    """Each direction against the number of novel entities; ``cells``: see ``directed``."""
+    """Each direction against the number of novel entities; ``cells``: see ``parts.directed``."""
     canvas = by_size(cells, models, list(DIRECTIONS), ["mrr_star_entity"], entities)
     for axes, name in zip(canvas.axes, DIRECTIONS.values(), strict=True):
         axes.set(title=name, ylabel="entity half of MRR* (points)")

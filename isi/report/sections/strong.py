@@ -29,7 +29,7 @@ def contents(results: Results) -> Iterator[Content]:
             f"of the main runs, at |ξ| = {one.how.size}. What they must choose was chosen on known entities that were "
             "hidden, never on novel ones."
         )
-        yield Bullets([f"**{label(name)}**: {described(name)}" for name in rivals])
+        yield Bullets([described(name) for name in rivals])
         for experiment in one.experiments:
             title = results.experiments[experiment].title
             if isi(one.initializers):
