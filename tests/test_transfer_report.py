@@ -106,22 +106,23 @@ def test_shares_count_affordances_among_the_first_four_of_every_inserted_entity(
     assert frame["first: affordance %"].dropna().to_dict() == {"ES": 50, "RS": 100}
 
 
-def test_a_definition_may_leak_triples_of_any_source_and_each_counts_once() -> None:
+def test_the_definition_of_either_end_may_leak_triples_of_any_source_and_each_counts_once() -> None:
     rows = [("home", "shelf", "hasAffordance", "open", 3), ("shop", "fan", "atLocation", "kitchen", 2),
             ("shop", "fan", "hasAffordance", "push", 1)]  # fmt: skip
     triples = pd.DataFrame(rows, columns=["source", "head", "relation", "tail", "count"])
-    said = {"shelf": "a board that may be opened", "fan": "what cools the air of kitchens", "open": "to push a fan"}
+    said = {"shelf": "a board that may be opened", "fan": "what cools the air of kitchens", "open": "to push a shelf"}
     named = ENTITIES.assign(phrase=ENTITIES["entity"])
     graphs = [(named[:4], triples[:1]), (named, triples)]
     table = words.leaks(graphs, said, used=True)
-    assert table.frame[list(triples.columns)].to_numpy().tolist() == [list(row) for row in rows[:2]]
-    assert table.frame["definition of the head"].tolist() == [said["shelf"], said["fan"]]
-    assert "2 of 3 unique triples" in table.caption
+    leaked = [*rows[0], "head", said["shelf"]], [*rows[0], "tail", said["open"]], [*rows[1], "head", said["fan"]]
+    assert table.frame.to_numpy().tolist() == list(leaked)
+    assert table.caption.startswith("Of 3 unique triples of all sources, 2 have a tail that is named")
+    assert "their head, and 1 a head" in table.caption
     assert "definitions are behind" in table.caption
     called = named.assign(phrase=named["phrase"].replace("kitchen", "air"))  # a tail goes by its phrase
-    assert words.leaks([(called, triples)], said, used=False).frame["tail"].tolist() == ["open", "kitchen"]
+    assert words.leaks([(called, triples)], said, used=False).frame["tail"].tolist() == ["open", "open", "kitchen"]
     called = named.assign(phrase=named["phrase"].replace("kitchen", "hall"))
-    assert words.leaks([(called, triples)], said, used=False).frame["tail"].tolist() == ["open"]
+    assert words.leaks([(called, triples)], said, used=False).frame["tail"].tolist() == ["open", "open"]
 
 
 def test_orphans_are_known_entities_whose_training_triples_all_go() -> None:

@@ -26,13 +26,13 @@ from isi.experiments.learning import Learned, Learning, LearningTask, learn_init
 from isi.insertion.tasks import Inserting, InsertTask, TaskTold, insert
 from isi.params import load as load_params
 from isi.sessions.session import SPLITS
-from isi.studies import variants
+from isi.studies import elsewhere
 from isi.studies.asking import AskingTask, ask
 from isi.studies.variants import Variant, VariantTask, changed, repeat, some_of
 from stages.vary import vary
 from tests.graphs import cells_of, insert_triples_of
 from tests.test_experiments import GRAPH, INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
-from tools.check_params import check_variants
+from tools.check_params import check_beyond
 
 ROOT = Path(__file__).parent.parent
 MADE = Provenance("an_earlier_stage", {})
@@ -231,15 +231,15 @@ def test_the_same_is_asked_whatever_was_told() -> None:
 
 def test_what_ships_is_of_experiments_and_initializers_that_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    found = variants.load()
+    found = elsewhere.load().variants
     assert {one.group for one in found.values()} == {"baselines", "embeddings", "told", "words", "causes"}
     assert [one.told for one in found.values() if one.group == "told"] == [0, 1, 2, 3, 5, None]
-    check_variants(load_params())
+    check_beyond(load_params())
 
 
 def test_without_a_second_pipeline_there_are_no_variants(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert variants.load() == {}
+    assert elsewhere.load().variants == {}
 
 
 @pytest.fixture
@@ -275,21 +275,21 @@ def list_variants(**listed: Mapping[str, Any]) -> None:
 def test_what_a_variant_cannot_have_is_refused_in_one_line(wrong: dict[str, Any], line: str) -> None:
     list_variants(sound=VARIANT, own=VARIANT | wrong)
     with pytest.raises(InputError) as refused:
-        check_variants(load_params())
+        check_beyond(load_params())
     assert str(refused.value).startswith(f"beyond/params.yaml: variants.own.{line}")
 
 
 @pytest.mark.usefixtures("workspace")
 def test_options_of_its_own_make_an_initializer_known_to_a_variant() -> None:
     list_variants(own=VARIANT | {"options": {"soft_es": {"temperature": 0.1}}, "initializers": ["soft_es"]})
-    check_variants(load_params())
+    check_beyond(load_params())
 
 
 @pytest.mark.usefixtures("workspace")
 def test_params_without_variants_are_refused_in_one_line() -> None:
     paths.BEYOND_PARAMS.write_text("variant: {}\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"^beyond/params\.yaml: "):
-        variants.load()
+        elsewhere.load()
 
 
 # The stage

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Collection, Iterable, Mapping
 
 from isi.base import paths
 from isi.base.errors import InputError
@@ -11,41 +12,52 @@ from isi.base.stage import Given, declared
 from isi.base.tables import Provenance
 from isi.insertion.registry import options_of
 from isi.params import Params, load
-from isi.studies import variants
+from isi.sources import settings_of
+from isi.studies import elsewhere, variants
 from isi.studies.variants import Variant
 
 
-def check_variants(params: Params) -> None:
-    """See that variants are of experiments and initializers that there are, with options and params that these take.
+def check_beyond(params: Params) -> None:
+    """See that variants and graphs have what there is, with options and params that these take.
 
     Raises:
         InputError: where one is not.
     """
-    for name, variant in variants.load().items():
-        known = dict.fromkeys([*params.initializers, *variant.options])
-        for key, listed, there in (("experiments", variant.experiments, params.experiments),
-                                   ("initializers", variant.initializers, known)):  # fmt: skip
-            unknown = [one for one in listed if one not in there]
-            if unknown:
-                expected = f"expected names among {', '.join(there)}, got {unknown[0]!r}"
-                raise InputError(paths.BEYOND_PARAMS, f"variants.{name}.{key}", expected)
+    beyond = elsewhere.load()
+    for name, variant in beyond.variants.items():
+        _check_names(variant.experiments, params.experiments, f"variants.{name}.experiments")
+        _check(params, variant, f"variants.{name}", "vary", {"variant": name})
+    for name, graph in beyond.graphs.items():
+        if name in params.experiments:
+            raise InputError(paths.BEYOND_PARAMS, f"graphs.{name}", "expected another name than those of experiments")
         try:
-            _check_values(variant, name)
-        except InputError as error:  # which takes all params for those of the first pipeline
+            settings_of(graph.source, f"graphs.{name}.source")
+        except InputError as error:
             raise InputError(paths.BEYOND_PARAMS, *error.args[1:]) from error
+        _check(params, graph.variant(name), f"graphs.{name}", "explore", {"graph": name})
 
 
-def _check_values(variant: Variant, name: str) -> None:
-    for initializer, options in variant.options.items():
-        options_of(initializer, options, f"variants.{name}.options.{initializer}")
-    everything, key = read(paths.PARAMS), f"variants.{name}.changes"
-    given = Given(declared("vary", {"variant": name}, everything), Provenance("vary", {}))
-    changed = variants.changed(given, variant.changes, key).values
-    check({section: changed.get(section, value) for section, value in everything.items()}, Params, key)
+def _check_names(listed: Iterable[str], there: Collection[str], key: str) -> None:
+    unknown = [one for one in listed if one not in there]
+    if unknown:
+        raise InputError(paths.BEYOND_PARAMS, key, f"expected names among {', '.join(there)}, got {unknown[0]!r}")
+
+
+def _check(params: Params, variant: Variant, key: str, stage: str, arguments: Mapping[str, str]) -> None:
+    _check_names(variant.initializers, dict.fromkeys([*params.initializers, *variant.options]), f"{key}.initializers")
+    try:
+        for initializer, options in variant.options.items():
+            options_of(initializer, options, f"{key}.options.{initializer}")
+        everything = read(paths.PARAMS)
+        given = Given(declared(stage, arguments, everything), Provenance(stage, {}))
+        changed = variants.changed(given, variant.changes, f"{key}.changes").values
+        check({name: changed.get(name, value) for name, value in everything.items()}, Params, f"{key}.changes")
+    except InputError as error:  # which takes all params for those of the first pipeline
+        raise InputError(paths.BEYOND_PARAMS, *error.args[1:]) from error
 
 
 if __name__ == "__main__":
     try:
-        check_variants(load())
+        check_beyond(load())
     except InputError as error:
         sys.exit(str(error))

@@ -141,5 +141,10 @@ def variant_asked(name: str) -> Path:
     return DATA / "beyond" / f"{name}.asked.parquet"
 
 
+def explored(graph: str, what: str) -> Path:
+    """What an experiment on a graph of the second pipeline gives: entities, triples, runs or asked."""
+    return DATA / "beyond" / "graphs" / graph / f"{what}.parquet"
+
+
 def families(experiment: str, family: str) -> Path:
     return DATA / "studies" / "families" / experiment / f"{family}.parquet"

@@ -39,9 +39,12 @@ class Store:
         (vectors,) = self.tensors(paths.vectors(self.experiment), "vectors")
         return vectors
 
+    def splits_listed(self) -> pd.DataFrame:
+        return tables.read(paths.splits(self.experiment), tables.SPLITS, self.provenance)
+
     def splits(self) -> dict[int, np.ndarray]:
         """Split of each unique triple, by seed, OUT where it has none; shapes: (T,), int8."""
-        table = tables.read(paths.splits(self.experiment), tables.SPLITS, self.provenance)
+        table = self.splits_listed()
         code = {name: number for number, name in enumerate(SPLITS)}
         codes = table["split"].astype(str).map(code)
         if codes.isna().any():

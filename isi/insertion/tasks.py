@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -91,20 +91,17 @@ class Inserted:
 def inserting(given: Given, initializer: str, followed: Sequence[int] = (), finetuned: bool = True) -> Inserting:
     """How a stage's params say that one initializer inserts."""
     key = f"initializers.{initializer}"
-    how = inserting_with(given, initializer, given.raw(key), key, followed)
-    return how if finetuned else measured_at_once(how)
-
-
-def measured_at_once(how: Inserting) -> Inserting:
-    """The same, without any epoch of fine-tuning."""
-    return replace(how, optimizer=how.optimizer.model_copy(update={"max_epochs": 0}))
+    return inserting_with(given, initializer, given.raw(key), key, followed, finetuned)
 
 
 def inserting_with(
-    given: Given, initializer: str, options: Mapping[str, Any], key: str, followed: Sequence[int] = ()
-) -> Inserting:
-    """The same with other options, which stand at a key of params."""
+    given: Given, initializer: str, options: Mapping[str, Any], key: str, followed: Sequence[int] = (),
+    finetuned: bool = True,
+) -> Inserting:  # fmt: skip
+    """The same with other options, which stand at a key of params; without any epoch where it is not fine-tuned."""
     optimizer = given.section("finetuning", Optimizer)
+    if not finetuned:
+        optimizer = optimizer.model_copy(update={"max_epochs": 0})
     one_by_one.prepare(family_of(given), optimizer.batch_size)
     return Inserting(
         initializer, options_of(initializer, options, key), given.seed, given.section("negatives", Negatives),

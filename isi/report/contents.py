@@ -15,6 +15,7 @@ ORDER = (
     "controls",
     "strong",
     "embeddings",
+    "graphs",
     "told",
     "vectors",
     "epochs",

@@ -22,7 +22,7 @@ from isi.params import ExperimentOf, Params
 from isi.report import varied
 from isi.report.models import JOINT
 from isi.report.statistics import converged
-from isi.report.varied import Varied
+from isi.report.varied import Explored, Varied
 from isi.studies.tracing import TRACED
 
 
@@ -140,6 +140,8 @@ class Results:
     nothing: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     #: what lies beyond the paper, by variant; empty where the second pipeline has not run
     beyond: Mapping[str, Varied] = field(default_factory=dict)
+    #: graphs of the second pipeline, likewise
+    explored: Mapping[str, Explored] = field(default_factory=dict)
     #: ``tables.AFFORDANCES`` with the initializer as ``model``
     affordances: Study[pd.DataFrame] | None = None
     #: ``tables.INDICATOR_SWEEP`` and ``tables.RATE_SWEEP`` of each initializer, told apart by a column ``model``
@@ -187,6 +189,7 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         mined={name: _table(paths.mined(name), tables.MINED) for name in sources},
         asking={name: _asked(name) for name in params.asking.experiments},
         beyond=varied.read(experiments),
+        explored=varied.explored(),
         nothing={name: _table(paths.nothing(name), tables.RUNS) for name in params.nothing.experiments},
         **_studies(params, experiments),
     )

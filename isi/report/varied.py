@@ -13,7 +13,8 @@ from isi.params import Params
 from isi.report import parts
 from isi.report.models import JOINT, label
 from isi.report.statistics import HIGH, LOW, converged, over_seeds
-from isi.studies.variants import Variant, load
+from isi.studies.elsewhere import load
+from isi.studies.variants import Variant
 
 _CELL = ["experiment", "model", "size", "seed"]
 
@@ -67,6 +68,34 @@ class Varied:
         return converged(own[~joint], own[joint], params.convergence.margin, most, ["model"])
 
 
+@dataclass(frozen=True, eq=False)
+class Explored:
+    """A graph of the second pipeline, and what became of it."""
+
+    #: ``tables.ENTITIES`` and ``tables.TRIPLES``
+    entities: pd.DataFrame
+    triples: pd.DataFrame
+    #: what was run on it, as the only experiment
+    ran: Varied
+
+
+def explored() -> dict[str, Explored]:
+    """Every graph of the second pipeline that has run, in its order.
+
+    Raises:
+        InputError: where its params or a table are broken.
+    """
+    return {
+        name: Explored(
+            _plain(tables.read(paths.explored(name, "entities"), tables.ENTITIES)),
+            _plain(tables.read(paths.explored(name, "triples"), tables.TRIPLES)),
+            Varied(how.variant(name), _plain(tables.read(paths.explored(name, "runs"), tables.VARIANTS)),
+                   _plain(tables.read(paths.explored(name, "asked"), tables.VARIANTS_ASKED))),
+        )
+        for name, how in load().graphs.items() if paths.explored(name, "asked").exists()
+    }  # fmt: skip
+
+
 def read(experiments: Collection[str]) -> dict[str, Varied]:
     """Every variant of the second pipeline that has run on any of the experiments, in its order.
 
@@ -78,15 +107,20 @@ def read(experiments: Collection[str]) -> dict[str, Varied]:
             how, _of(experiments, tables.read(paths.variant(name), tables.VARIANTS)),
             _of(experiments, tables.read(paths.variant_asked(name), tables.VARIANTS_ASKED)),
         )
-        for name, how in load().items() if paths.variant_asked(name).exists()
+        for name, how in load().variants.items() if paths.variant_asked(name).exists()
     }  # fmt: skip
     return {name: one for name, one in found.items() if one.experiments}
 
 
 def _of(experiments: Collection[str], frame: pd.DataFrame) -> pd.DataFrame:
-    """The rows of some experiments, names as plain text."""
-    plain = frame.astype(dict.fromkeys(frame.select_dtypes("category").columns, str))
+    """The rows of some experiments."""
+    plain = _plain(frame)
     return plain[plain["experiment"].isin(list(experiments))]
+
+
+def _plain(frame: pd.DataFrame) -> pd.DataFrame:
+    """Names as plain text."""
+    return frame.astype(dict.fromkeys(frame.select_dtypes("category").columns, str))
 
 
 def group(varied: Mapping[str, Varied], name: str) -> dict[str, Varied]:

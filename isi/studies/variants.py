@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -14,16 +13,27 @@ from pydantic import Field
 
 from isi.base import paths
 from isi.base.errors import InputError
-from isi.base.params import Count, Name, Option, Section, check, read
+from isi.base.params import Count, Name, Option, Section
 from isi.base.stage import Given
 from isi.base.streams import stream
 from isi.experiments.cells import JOINT, Cells, Vectors
+from isi.experiments.executor import compute_of, run, stack_height
 from isi.experiments.judging import JudgingTask, judge
-from isi.experiments.learning import Learning, LearningTask, learn_initial, learn_joint
-from isi.insertion.tasks import Inserting, InsertTask, TaskTold, insert, reached
+from isi.experiments.learning import Learning, LearningTask, family_of, learn_initial, learn_joint, learning
+from isi.experiments.store import Store
+from isi.insertion.tasks import (
+    Inserting,
+    InsertTask,
+    TaskTold,
+    insert,
+    inserting,
+    inserting_with,
+    reached,
+)  # fmt: skip
 from isi.sessions.drawing import later_key
 from isi.studies.asking import JOINT as JOINT_MODEL
 from isi.studies.asking import AskingTask, ask
+from isi.words import Words, load_vectors, look_up
 
 #: Sections of params that decide what Θ⁰ and the joint model are: a variant that changes one trains its own.
 LEARNED = ("embedding", "families", "negatives", "training")
@@ -35,7 +45,7 @@ class Variant(Section):
     #: what people read
     title: str
     #: where the report shows it
-    group: Literal["baselines", "embeddings", "told", "words", "causes"]
+    group: Literal["baselines", "embeddings", "told", "words", "causes", "graphs"]
     experiments: Annotated[list[Name], Field(min_length=1)]
     initializers: Annotated[list[Name], Field(min_length=1)]
     #: |ξ|, and the first so many of the sessions' seeds
@@ -49,33 +59,18 @@ class Variant(Section):
     told: Annotated[int, Field(ge=0)] | None = None
     #: else measured at once alone
     finetuned: bool = True
+    #: whether Θ⁰ and the joint model are its own even where no change asks for it
+    trained: bool = False
 
     @property
     def trains(self) -> bool:
         """Whether it has a Θ⁰ and a joint model of its own."""
-        return any(key.partition(".")[0] in LEARNED for key in self.changes)
+        return self.trained or any(key.partition(".")[0] in LEARNED for key in self.changes)
 
     @property
     def speaks(self) -> bool:
         """Whether it has word vectors of its own."""
         return any(key.partition(".")[0] == "words" for key in self.changes)
-
-
-class Beyond(Section):
-    """The params of the second pipeline."""
-
-    variants: dict[Name, Variant]
-
-
-def load(path: Path = paths.BEYOND_PARAMS) -> dict[str, Variant]:
-    """Every variant, by name; none where there is no second pipeline.
-
-    Raises:
-        InputError: where a key is unknown, of another type or out of range.
-    """
-    if not path.exists():
-        return {}
-    return check(read(path), Beyond, "", path).variants
 
 
 def changed(given: Given, changes: Mapping[str, Any], key: str) -> Given:
@@ -95,6 +90,51 @@ def changed(given: Given, changes: Mapping[str, Any], key: str) -> Given:
             raise InputError(paths.BEYOND_PARAMS, key, f"expected keys below {', '.join(sections)}, got {dotted!r}")
         place[last] = value
     return Given(values, given.provenance)
+
+
+def results(given: Given, study: Variant, stores: Sequence[Store], shown: str) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Runs of a variant, and what its models answer at once (``tables.VARIANTS`` and ``VARIANTS_ASKED``).
+
+    Args:
+        given: with the variant's changes.
+        stores: of its experiments.
+        shown: beside the progress bar.
+    """
+    compute, runs, asked = compute_of(given), [], []
+    for store in stores:
+        about = f"{shown}, {store.experiment}" if len(stores) > 1 else shown
+        for each, answered in run(repeat, tasks(given, study, store), compute, about):
+            runs.append(each.assign(experiment=store.experiment))
+            asked.append(answered.assign(experiment=store.experiment))
+    ordered = pd.concat(runs).sort_values(["experiment", "model", "size", "seed", "session", "epoch", "scope"])
+    return ordered, pd.concat(asked).sort_values(["experiment", "size", "seed"], kind="stable")
+
+
+def tasks(given: Given, study: Variant, store: Store) -> list[VariantTask]:
+    """A variant of one experiment, over its cells."""
+    family, table, words = family_of(given), store.insert_triples(), words_of(given, study, store)
+    how = {name: how_of(given, study, name) for name in study.initializers}
+    found = []
+    for cells in store.cells(stack_height(compute_of(given)), study.size, study.seeds):
+        start = learning(given) if study.trains else (store.theta0(cells, family), store.joint(cells, family))
+        told = store.insert_triples_of(cells, table)
+        found.append(VariantTask(cells, start, told, some_of(told, study.told, cells, given.seed), words, how))
+    return found
+
+
+def how_of(given: Given, study: Variant, initializer: str) -> Inserting:
+    """How a variant inserts with one initializer, with options of its own or those of the main runs."""
+    if initializer not in study.options:
+        return inserting(given, initializer, finetuned=study.finetuned)
+    options = study.options[initializer]
+    return inserting_with(given, initializer, options, f"options.{initializer}", finetuned=study.finetuned)
+
+
+def words_of(given: Given, study: Variant, store: Store) -> np.ndarray:
+    """Word vectors of the entities: the main runs', or the variant's own."""
+    if not study.speaks:
+        return store.words()
+    return look_up(load_vectors(given.section("words", Words)), list(store.entities()["phrase"])).vectors
 
 
 @dataclass(frozen=True)

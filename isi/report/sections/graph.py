@@ -41,8 +41,7 @@ def of_graph(results: Results, experiment: Experiment) -> Iterator[Content]:
 
 def relation_half(entities: pd.DataFrame, triples: pd.DataFrame) -> str:
     """What the queries for relations ask for: how far the kind of a tail tells the relation."""
-    kinds = triples["tail"].map(entities.set_index("entity")["kind"])
-    pairs = triples.groupby([kinds.rename("kind"), "relation"]).size().unstack(fill_value=0)
+    pairs = relations_by_kind(entities, triples)
     told, every = int(pairs.max(axis=1).sum()), len(triples)
     number = f"in all {every:,} triples" if told == every else f"in {told:,} of {every:,} triples"
     leads = joined(f"{kind} to {relation}" for kind, relation in pairs.idxmax(axis=1).items())
@@ -51,6 +50,12 @@ def relation_half(entities: pd.DataFrame, triples: pd.DataFrame) -> str:
         f"choice of kind, one of {triples['relation'].nunique()}. What is known beyond kinds shows in the half that "
         "asks for entities; the paper does not say what either half weighs."
     )
+
+
+def relations_by_kind(entities: pd.DataFrame, triples: pd.DataFrame) -> pd.DataFrame:
+    """How many unique triples have a tail of each kind (a row) and each relation (a column)."""
+    kinds = triples["tail"].map(entities.set_index("entity")["kind"])
+    return triples.groupby([kinds.rename("kind"), "relation"]).size().unstack(fill_value=0)
 
 
 def in_order_of(values: Iterable[str], first: Sequence[str]) -> list[str]:

@@ -26,30 +26,33 @@ def contents(results: Results) -> Iterator[Content]:
 
 
 def leaks(graphs: Iterable[tuple[pd.DataFrame, pd.DataFrame]], definitions: Mapping[str, str], used: bool) -> Table:
-    """Triples whose tail is named in the definition of their head, each once: what definitions could leak.
+    """Triples of which the definition of one end names the other: what definitions could leak.
 
     Args:
-        graphs: ``tables.ENTITIES`` and ``tables.TRIPLES`` of each experiment.
+        graphs: ``tables.ENTITIES`` and ``tables.TRIPLES`` of each experiment; triples that several have count once.
         definitions: by phrase.
         used: whether they are behind the word vectors.
     """
     parts = []
     for entities, triples in graphs:
         phrase = dict(zip(entities["entity"], entities["phrase"], strict=True))
-        said, named = triples["head"].map(phrase).map(definitions), triples["tail"].map(phrase)
-        parts.append(triples[_COLUMNS].assign(said=said, named=named))
-    every = pd.concat(parts).drop_duplicates(["source", "head", "relation", "tail"])
-    defined = every.dropna(subset=["said"])
-    given_away = [names(said, tail) for said, tail in zip(defined["said"], defined["named"], strict=True)]
-    frame = defined.loc[given_away, [*_COLUMNS, "said"]].reset_index(drop=True)
+        for own, other in (("head", "tail"), ("tail", "head")):
+            said, named = triples[own].map(phrase).map(definitions), triples[other].map(phrase)
+            parts.append(triples[_COLUMNS].assign(defined=own, said=said, named=named))
+    every = pd.concat(parts).drop_duplicates(["source", "head", "relation", "tail", "defined"])
+    told = every.dropna(subset=["said"])
+    given_away = [names(said, other) for said, other in zip(told["said"], told["named"], strict=True)]
+    frame = told.loc[given_away, [*_COLUMNS, "defined", "said"]].reset_index(drop=True)
+    numbers = frame["defined"].value_counts()
     return Table(
         "definition_leaks",
         "What definitions could leak",
-        f"{len(frame)} of {len(every)} unique triples of all sources have a tail that is named in the definition "
-        "of their head, in the words themselves or with the first in a regular inflection. These definitions "
+        f"Of {len(every) // 2} unique triples of all sources, {numbers.get('head', 0)} have a tail that is named in "
+        f"the definition of their head, and {numbers.get('tail', 0)} a head that is named in that of their tail, in "
+        "the words themselves or with the first in a regular inflection. These definitions "
         f"{'are' if used else 'are not'} behind the word vectors of this run. What a phrase itself says (a desk lamp "
         "is of a desk) is not counted.",
-        frame.rename(columns={"said": "definition of the head"}),
+        frame.rename(columns={"defined": "defined end", "said": "its definition"}),
         folded=True,
     )
 

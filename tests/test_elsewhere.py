@@ -1,0 +1,123 @@
+"""Experiments on graphs of their own: the same as the stages of the first pipeline, one after the other, would give."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+import yaml
+
+from isi.base import paths, tables
+from isi.base.errors import InputError
+from isi.params import load as load_params
+from isi.studies import elsewhere
+from stages.build_graph import build_graph
+from stages.embed_words import embed_words
+from stages.explore import explore
+from stages.make_sessions import make_sessions
+from stages.mine import mine
+from stages.vary import vary
+from tools.check_params import check_beyond
+
+ROOT = Path(__file__).parent.parent
+SESSIONS = {"novel": "any", "sizes": [3], "seeds": 2}
+WORDS = {"source": "shipped", "text": "phrase", "sha256": None}
+RUN = {"initializers": ["xavier", "es"], "changes": {"embedding.dimension": 8, "training.max_epochs": 2,
+                                                     "finetuning.max_epochs": 2}}  # fmt: skip
+GRAPH = {
+    "title": "again",
+    "source": {"reader": "published"},
+    "min_count": 2,
+    "words": WORDS,
+    "sessions": SESSIONS,
+} | RUN
+VARIANT = {"title": "first", "group": "causes", "experiments": ["published"], "size": 3, "seeds": 2, "trained": True}
+
+
+@pytest.fixture
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the pipelines, and the graph that the first one calls published as one of the second's own."""
+    monkeypatch.chdir(tmp_path)
+    for path in (paths.PIPELINE, paths.BEYOND_PIPELINE):
+        path.parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / path, path)
+    paths.DATA.mkdir()
+    paths.RAW.symlink_to(ROOT / paths.RAW)
+    params = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8"))
+    params["experiments"]["published"] |= {"graph": {"source": "published", "min_count": 2}, "sessions": SESSIONS}
+    params["words"] = WORDS
+    params["compute"] |= {"workers": 1, "stack": 2}
+    paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
+    list_graphs()
+    return tmp_path
+
+
+def list_graphs(**changed: Any) -> None:
+    listed = {"graphs": {"again": GRAPH | changed}, "variants": {"first": VARIANT | RUN}}
+    paths.BEYOND_PARAMS.write_text(yaml.safe_dump(listed), encoding="utf-8")
+
+
+def ran(monkeypatch: pytest.MonkeyPatch, stage: Callable[[], None], name: str) -> None:
+    monkeypatch.setattr(sys, "argv", ["stage", name])
+    stage()
+
+
+@pytest.mark.usefixtures("workspace")
+def test_an_experiment_elsewhere_is_what_the_first_pipeline_would_have_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    for stage in (mine, build_graph, embed_words, make_sessions):
+        ran(monkeypatch, stage, "published")
+    ran(monkeypatch, vary, "first")
+    ran(monkeypatch, explore, "again")
+    for name, first, schema in (
+        ("entities", paths.entities("published"), tables.ENTITIES),
+        ("triples", paths.triples("published"), tables.TRIPLES),
+        ("runs", paths.variant("first"), tables.VARIANTS),
+        ("asked", paths.variant_asked("first"), tables.VARIANTS_ASKED),
+    ):
+        own, theirs = tables.read(paths.explored("again", name), schema), tables.read(first, schema)
+        assert len(own) > 0
+        for column in ("source", "experiment"):
+            if column in own:
+                assert set(own[column]) == {"again"}
+                own, theirs = own.drop(columns=column), theirs.drop(columns=column)
+        pd.testing.assert_frame_equal(own, theirs, check_exact=True)
+    assert (tables.read(paths.explored("again", "triples"), tables.TRIPLES)["count"] >= 2).all()
+
+
+def test_what_ships_is_sound(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    check_beyond(load_params())
+    assert not {*elsewhere.load().graphs} & {*load_params().experiments}
+
+
+@pytest.mark.usefixtures("workspace")
+@pytest.mark.parametrize(
+    ("wrong", "line"),
+    [
+        ({"source": {"reader": "publish"}}, "source.reader: expected one of "),
+        ({"source": {"reader": "published", "path": "x"}}, "source.path: Extra inputs are not permitted"),
+        ({"sessions": SESSIONS | {"sizes": [1, 2]}}, "sessions.sizes: List should have at most 1 item"),
+        ({"initializers": ["es", "soft_es"]}, "initializers: expected names among xavier, iu, es, "),
+        ({"changes": {"sessions.valid": 2.0}}, "changes.sessions.valid: "),
+        ({"words": WORDS | {"text": "gloss"}}, "words.text: Input should be "),
+        ({"size": 3}, "size: Extra inputs are not permitted"),
+    ],
+)
+def test_what_a_graph_cannot_have_is_refused_in_one_line(wrong: dict[str, Any], line: str) -> None:
+    list_graphs(**wrong)
+    with pytest.raises(InputError) as refused:
+        check_beyond(load_params())
+    assert str(refused.value).startswith(f"beyond/params.yaml: graphs.again.{line}")
+
+
+@pytest.mark.usefixtures("workspace")
+def test_a_graph_with_too_few_entities_is_refused_and_nothing_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    list_graphs(sessions=SESSIONS | {"sizes": [500]})
+    with pytest.raises(SystemExit, match=r"^explore: beyond/params\.yaml: graphs\.again: .*sessions\.sizes.*fewer"):
+        ran(monkeypatch, explore, "again")
+    assert not paths.explored("again", "runs").parent.exists()
