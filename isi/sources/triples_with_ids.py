@@ -1,0 +1,140 @@
+"""Triples as ids, in the form of OpenKE, and two household graphs that ship: VirtualHome's and AI2-THOR's of 2020."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Collection, Iterator
+from functools import cache
+from pathlib import Path
+from reprlib import repr as short
+
+import pandas as pd
+import pyarrow as pa
+
+from isi.base import paths
+from isi.base.errors import InputError
+from isi.sources import Mining, part, source
+
+ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"
+#: Of what kind an entity is, by the last part of its name.
+KINDS = {"o": "object", "l": "location", "r": "room", "a": "action", "s": "state", "m": "material"}
+#: Of an entity whose name does not say.
+THING = "entity"
+SHIPPED = ("virtualhome", "thor_u")
+_TRIPLES = {"head": str, "relation": str, "tail": str, "count": int}
+_NAMES = {"name": str, "entity": str, "phrase": str}
+Triple = tuple[str, str, str]
+
+
+def entities(triples: pd.DataFrame, _rooms: Collection[str]) -> pd.DataFrame:
+    """Entities of the triples in alphabetical order: of a kind by their name in the file, and with their phrase."""
+    listed = shipped_names().drop_duplicates("entity").set_index("entity")
+    rows = []
+    for entity in sorted({*triples["head"], *triples["tail"]}):
+        name = listed["name"].get(entity, entity)
+        stem, dot, suffix = name.rpartition(".")
+        told = bool(dot) and suffix in KINDS
+        own = (stem if told else name).replace("_", " ")
+        rows.append((entity, KINDS[suffix] if told else THING, listed["phrase"].get(entity, own)))
+    return pd.DataFrame(rows, columns=["entity", "kind", "phrase"])
+
+
+@source("triples_with_ids", entities=entities)
+def triples_with_ids(_mining: Mining, from_: str, triples: list[str] | None = None) -> Iterator[pa.Table]:
+    """Observations, added up by triple: of which scene and instance they were is not told.
+
+    Args:
+        from_: ``virtualhome`` or ``thor_u``, which ship, or the path of a folder with the files ``entity2id.txt`` and
+            ``relation2id.txt``.
+        triples: the files of triples in that folder, whose repeats are observations; null: ``gt2id.txt``.
+    """
+    shipped = from_ in SHIPPED
+    observed = read_counts(paths.RAW / from_ / "triples.csv") if shipped else read_ids(Path(from_), triples or [ALL])
+    named = dict(shipped_names()[["name", "entity"]].itertuples(index=False, name=None))
+    yield part(
+        [
+            (None, None, None, named.get(head, head), relation, named.get(tail, tail), count)
+            for (head, relation, tail), count in sorted(observed.items())
+        ]
+    )
+
+
+@cache
+def shipped_names() -> pd.DataFrame:
+    """What entities of the graphs that ship go by: columns name, entity and phrase."""
+    listed = [_read_csv(paths.RAW / name / "names.csv", _NAMES, ["name"]) for name in SHIPPED]
+    return pd.concat(listed).drop_duplicates()
+
+
+def read_counts(path: Path) -> Counter[Triple]:
+    """Triples with their counts: a CSV of ``head,relation,tail,count``.
+
+    Raises:
+        InputError: where the file is missing or broken, or lists a triple twice.
+    """
+    table = _read_csv(path, _TRIPLES, ["head", "relation", "tail"])
+    return Counter({(head, rel, tail): count for head, rel, tail, count in table.itertuples(index=False, name=None)})
+
+
+def read_ids(folder: Path, files: Collection[str]) -> Counter[Triple]:
+    """How often each triple stands in files of ids, heads before tails before relations.
+
+    Raises:
+        InputError: where a file is missing, holds other than as many lines as it says, or names an id that there is
+            no name of.
+    """
+    names, relations = _names(folder / ENTITIES), _names(folder / RELATIONS)
+    found: Counter[Triple] = Counter()
+    for path in (folder / file for file in files):
+        for number, line in _lines(path):
+            ids = re.fullmatch(r"\s*([0-9]{1,9})[\s,]+([0-9]{1,9})[\s,]+([0-9]{1,9})\s*", line)
+            if not ids:
+                raise InputError(path, f"line {number}", f"expected three ids, got {short(line)}")
+            head, tail, relation = (int(text) for text in ids.groups())
+            if max(head, tail) >= len(names) or relation >= len(relations):
+                expected = f"expected ids of {len(names)} entities and {len(relations)} relations, got {short(line)}"
+                raise InputError(path, f"line {number}", expected)
+            found[names[head], relations[relation], names[tail]] += 1
+    return found
+
+
+def _names(path: Path) -> list[str]:
+    """Names in the order of their ids."""
+    by_id, names = dict[int, str](), set[str]()
+    for number, line in _lines(path):
+        named = re.fullmatch(r"(\S(?:.{0,198}\S)?)\t([0-9]{1,9})\s*", line)
+        if not named or not named[1].isprintable():
+            raise InputError(path, f"line {number}", f"expected a name, a tab and an id, got {short(line)}")
+        if int(named[2]) in by_id or named[1] in names:
+            raise InputError(path, f"line {number}", f"{short(line)} has a name or an id that is there already")
+        names.add(named[1])
+        by_id[int(named[2])] = named[1]
+    if sorted(by_id) != list(range(len(by_id))):
+        raise InputError(path, "", f"expected the ids from 0 to {len(by_id) - 1}")
+    return [by_id[number] for number in range(len(by_id))]
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """The lines behind the first, which says how many they are, with their numbers."""
+    try:
+        first, *lines = path.read_text(encoding="utf-8").split("\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(path, "", f"expected a text file of ids ({error})") from error
+    filled = [(number, line) for number, line in enumerate(lines, 2) if line.strip()]
+    if not re.fullmatch(r"[0-9]{1,9}\s*", first) or int(first) != len(filled):
+        said = f"expected how many lines follow, which are {len(filled)}, got {short(first)}"
+        raise InputError(path, "line 1", said)
+    yield from filled
+
+
+def _read_csv(path: Path, columns: dict[str, type], key: list[str]) -> pd.DataFrame:
+    """A CSV file with columns of these types, without two rows of the same key."""
+    try:
+        table = pd.read_csv(path, dtype=dict(columns), keep_default_na=False)[list(columns)]
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(path, "", f"expected a CSV file of {', '.join(columns)} ({error})") from error
+    twice = table.index[table.duplicated(key)]
+    if len(twice):
+        raise InputError(path, f"line {twice[0] + 2}", f"{' '.join(table.loc[twice[0], key])!r} is there twice")
+    return table
