@@ -24,7 +24,7 @@ class Words(Section):
     """Which word vectors to take."""
 
     source: str
-    text: Literal["definition", "phrase"]
+    text: Literal["definition", "phrase", "wordnet", "glove"]
     sha256: Sha256 | None
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from reprlib import repr as short
@@ -128,7 +128,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
     yield from filled
 
 
-def _read_csv(path: Path, columns: dict[str, type], key: list[str]) -> pd.DataFrame:
+def _read_csv(path: Path, columns: Mapping[str, type], key: list[str]) -> pd.DataFrame:
     """A CSV file with columns of these types, without two rows of the same key."""
     try:
         table = pd.read_csv(path, dtype=dict(columns), keep_default_na=False)[list(columns)]
