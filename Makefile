@@ -56,7 +56,7 @@ benchmark: $(INSTALLED)  ## measure speed and memory, in about ten minutes (inst
 	pytest -o addopts= tests/benchmarks --benchmark-only --benchmark-json=.benchmarks/latest.json
 	python -m tools.benchmarks .benchmarks/latest.json
 
-words: $(INSTALLED)  ## embed data/raw/words/definitions.csv again (installs the extra `words`)
+words: $(INSTALLED)  ## embed the phrases of data/raw/words again (installs the extra `words`)
 	$(BIN)/pip install --quiet --editable '.[words]'
 	python -m tools.embed_phrases
 

@@ -90,6 +90,15 @@ def umls(rows: pd.DataFrame) -> pd.DataFrame:
     })  # fmt: skip
 
 
+def thor_u(rows: pd.DataFrame) -> pd.DataFrame:
+    """MRR and Hits@10 of families beside their authors', in percent."""
+    shown = {"": rows["model"]}
+    for place, measure in enumerate(("MRR", "Hits@10")):
+        for column, whose in (("published", "published"), ("valid", "isi, validation"), ("test", "isi, test")):
+            shown[f"{measure}: {whose}"] = rows[column].map(lambda both, place=place: f"{100 * both[place]:.1f}")
+    return pd.DataFrame(shown)
+
+
 def crossing(rows: pd.DataFrame) -> float:
     """Possible triples of a graph on which the two forms cost the same (log-log interpolation)."""
     both = rows.assign(cost=_per_observation(rows)).pivot(index="entities", columns="form", values="cost").dropna()
@@ -151,7 +160,14 @@ def main() -> None:
     }
     FOLDER.mkdir(parents=True, exist_ok=True)
     (FOLDER / "machine.md").write_text(machine(results), encoding="utf-8")
-    tables = {"training": training, "ranking": ranking, "growth": growth, "mining": mining, "umls": umls}
+    tables = {
+        "training": training,
+        "ranking": ranking,
+        "growth": growth,
+        "mining": mining,
+        "umls": umls,
+        "thor_u": thor_u,
+    }
     for name, rows in groups.items():
         shown = tables.get(name, facts)(rows)
         text = shown.to_markdown(

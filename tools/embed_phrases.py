@@ -1,4 +1,4 @@
-"""Embed the phrases of data/raw/words/definitions.csv with all-MiniLM-L6-v2, as word2vec binary files.
+"""Embed the phrases of data/raw/words/{definitions,wordnet}.csv with all-MiniLM-L6-v2, as word2vec binary files.
 
 A phrase keeps the bytes of its stored vector where its text still gives that vector, up to the rounding
 in which machines and batches differ: a new phrase changes no result of the others.
@@ -18,22 +18,32 @@ from isi.base import paths
 from isi.base.tables import atomically
 from isi.words import read_vectors
 
+WORDNET = paths.RAW / "words" / "wordnet.csv"
 #: Of a coordinate of a vector of unit length; those of two texts are some hundredths apart.
 ROUNDING = 1e-5
 
 
 def main() -> None:
-    table = pd.read_csv(paths.DEFINITIONS, keep_default_na=False)
-    texts = {"definition": table["phrase"] + ": " + table["definition"], "phrase": table["phrase"]}
-    tokens = [phrase.replace(" ", "_") for phrase in table["phrase"]]
-    for text, sentences in texts.items():
-        path = paths.shipped_vectors(text)
+    ours, theirs = read(paths.DEFINITIONS), read(WORDNET)
+    for text, sentences in {"definition": defined(ours), "phrase": ours["phrase"], "wordnet": defined(theirs)}.items():
+        path, tokens = paths.shipped_vectors(text), list(sentences.index)
         vectors = embed(list(sentences))
         kept = keep(tokens, vectors, read_vectors(path)) if path.exists() else 0
         words = KeyedVectors(vectors.shape[1])
         words.add_vectors(tokens, vectors)
         atomically(path, lambda temporary, w=words: w.save_word2vec_format(str(temporary), binary=True))
         print(f"{path}: {len(words)} vectors of {words.vector_size}, {kept} of them as they were")
+
+
+def read(path: Path) -> pd.DataFrame:
+    """Phrases and definitions, by the tokens that phrases are looked up as."""
+    table = pd.read_csv(path, keep_default_na=False, dtype=str)
+    return table.set_index(table["phrase"].str.replace(" ", "_"))
+
+
+def defined(table: pd.DataFrame) -> pd.Series[str]:
+    """Phrases with their definitions behind them, if they have one."""
+    return table["phrase"].where(table["definition"] == "", table["phrase"] + ": " + table["definition"])
 
 
 def embed(sentences: list[str]) -> np.ndarray:

@@ -1,0 +1,78 @@
+"""Put WordNet's definitions of the synsets in data/raw/words/wordnet.csv beside them.
+
+    python -m tools.wordnet FOLDER
+
+FOLDER has WordNet's own files (index.noun, data.noun, ...) of version 3.0, whose senses the synsets are numbered by.
+A phrase without a synset has no definition.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from functools import cache
+from pathlib import Path
+
+import pandas as pd
+
+from isi.base.errors import InputError
+from isi.base.tables import atomically
+from tools.embed_phrases import WORDNET
+
+FILES = {"n": "noun", "v": "verb", "a": "adj", "s": "adj", "r": "adv"}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tools.wordnet", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("folder", type=Path, help="with WordNet's own files: index.noun, data.noun, ...")
+    folder = parser.parse_args().folder
+    try:
+        table = pd.read_csv(WORDNET, keep_default_na=False, dtype=str)
+        filled = table.assign(definition=[definition(folder, synset) if synset else "" for synset in table["synset"]])
+    except InputError as error:
+        sys.exit(str(error))
+    columns = ["phrase", "definition", "synset"]
+    written = filled.sort_values("phrase")[columns]
+    atomically(WORDNET, lambda temporary: written.to_csv(temporary, index=False, lineterminator="\n"))
+    print(f"{WORDNET}: {(written['definition'] != '').sum()} of {len(written)} phrases have a definition")
+
+
+def definition(folder: Path, synset: str) -> str:
+    """The definition of a word's sense, by the name that NLTK gives it, such as ``mug.n.04``: the fourth of ``mug``.
+
+    Raises:
+        InputError: where WordNet has no such sense.
+    """
+    named = re.fullmatch(r"(\S+)\.([nvasr])\.([0-9]{2})", synset)
+    if not named:
+        raise InputError(WORDNET, f"synset {synset!r}", "expected a word, a part of speech and a sense, as mug.n.04")
+    file, sense = FILES[named[2]], int(named[3])
+    senses = _index(folder / f"index.{file}").get(named[1], [])
+    if not 1 <= sense <= len(senses):
+        raise InputError(WORDNET, f"synset {synset!r}", f"expected one of {len(senses)} senses of {named[1]!r}")
+    line = _content(folder / f"data.{file}")[senses[sense - 1] :].split(b"\n", 1)[0].decode("latin-1")
+    return re.split(r';?\s*"', line.partition(" | ")[2], maxsplit=1)[0].strip()
+
+
+@cache
+def _index(path: Path) -> dict[str, list[int]]:
+    """Where the synsets of each word stand, by sense."""
+    found = {}
+    for line in _content(path).decode("latin-1").splitlines():
+        if not line.startswith(" "):
+            fields = line.split()
+            found[fields[0]] = [int(offset) for offset in fields[-int(fields[2]) :]]
+    return found
+
+
+@cache
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(path, "", f"expected a file of WordNet ({error.strerror})") from error
+
+
+if __name__ == "__main__":
+    main()
