@@ -1,8 +1,8 @@
 """ANALOGY and TransE on THOR_U against its authors' figures for the whole graph, on their split.
 
 The figures are those in the README of adaruna3/continual-kge: the best look at the validation triples, which its script
-evaluates again as its test. Ours are of the look that was best by validation MRR*, at the validation triples and at those
-for test. Each family has the rate, decay and options that validation triples liked best of those tried.
+evaluates again as its test. Ours are of the look that was best by validation MRR*: at the validation triples, and at
+those for test. Each family has the rate, decay and options that validation triples liked best of those tried.
 """
 
 from __future__ import annotations
