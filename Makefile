@@ -21,7 +21,7 @@ $(INSTALLED): requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(if $(TORCH),$(BIN)/pip install --quiet $(TORCH))
 	$(BIN)/pip install --quiet -r requirements.lock
-	$(BIN)/pip install --quiet --no-deps --editable .
+	$(BIN)/pip install --quiet --no-deps bddl==3.6.0 --editable .   # of bddl, its data alone are read
 	@touch $@
 
 $(CHECKED): params.yaml beyond/params.yaml $(INSTALLED)
