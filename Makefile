@@ -11,7 +11,7 @@ CHECKED := $(VENV)/params-checked
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help repro beyond quick test verify benchmark words readme lock families initializers clean
+.PHONY: help repro beyond quick record test verify benchmark words readme lock families initializers clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*##/\1:/p' $(MAKEFILE_LIST)
@@ -40,6 +40,9 @@ quick: $(CHECKED)  ## the same on a small grid, in about five minutes, in the fo
 	@python tools/workspace.py quick
 	@cd quick && python ../tools/repro.py
 	@python tools/headline.py quick/reports
+
+record: $(CHECKED)  ## record scenes of the live simulator, as params say (or with ARGS="--scenes FloorPlan1-3", see --help)
+	@python -m stages.record $(ARGS)
 
 test: $(INSTALLED)  ## ruff, mypy and pytest
 	ruff check .

@@ -17,6 +17,7 @@ from isi.insertion.registry import options_of
 from isi.insertion.tasks import Convergence, Listed, ToTheEnd, among
 from isi.learning.batches import Negatives
 from isi.learning.training import Optimizer, Training
+from isi.recording.settings import Recorder
 from isi.sessions.drawing import SessionsOf, Shares
 from isi.sources import settings_of
 from isi.studies.affordances import Affordances
@@ -97,6 +98,7 @@ class Params(Section):
     affordances: Affordances
     asking: Asking
     compute: Compute
+    recorder: Recorder
 
     @field_validator("initializers")
     @classmethod

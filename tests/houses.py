@@ -16,9 +16,11 @@ from pathlib import Path
 from isi.base import paths, tables
 from isi.base.params import read
 from isi.base.tables import Provenance
-from isi.sources import Observed, ai2thor, settings_of
+from isi.sources import Observed, settings_of
 from isi.sources import _materials as materials
-from isi.sources.ai2thor import Object, Scene
+from isi.sources._materials import Object
+from isi.sources._mining import mine
+from isi.sources._recording import Scene, locate, read_recording
 
 
 def houses(scenes: Sequence[Scene], number: int) -> Iterator[Scene]:
@@ -28,8 +30,11 @@ def houses(scenes: Sequence[Scene], number: int) -> Iterator[Scene]:
 
 
 def _renamed(thing: Object, house: int) -> Object:
-    parents = [f"{parent}|{house}" for parent in thing.get("parentReceptacles") or ()]
-    return {**thing, "objectId": f"{thing['objectId']}|{house}", "parentReceptacles": parents}
+    listed = {
+        key: [f"{name}|{house}" for name in thing.get(key) or ()]
+        for key in ("parentReceptacles", "receptacleObjectIds")
+    }
+    return {**thing, "objectId": f"{thing['objectId']}|{house}", **listed}
 
 
 def peak_mib() -> int:
@@ -45,10 +50,10 @@ def main() -> None:
     given = parser.parse_args()
     start = time.perf_counter()
     source, settings = settings_of(read(paths.PARAMS)["sources"]["ai2thor"], "sources.ai2thor")
-    recording = ai2thor.locate(settings["recording"])
-    made = houses(ai2thor.read_recording(recording, settings["sha256"]), given.houses)
+    recording = locate(settings["from_"])
+    made = houses(list(read_recording(recording, settings["sha256"])), given.houses)
     shares = materials.read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
-    parts = Observed(source.entities).passing(ai2thor.mine(made, materials.suncg(shares, 0), recording))
+    parts = Observed(source.entities).passing(mine(made, materials.suncg(shares, 0), recording))
     rows = tables.write_stream(given.table, parts, tables.OBSERVATIONS, Provenance("houses", {}))
     seconds = round(time.perf_counter() - start, 1)
     print(json.dumps({"observations": rows, "seconds": seconds, "peak_mib": peak_mib()}))

@@ -17,9 +17,10 @@ from isi.base.errors import InputError
 from isi.base.params import read as read_params
 from isi.sources import _materials as materials
 from isi.sources import _mp3d as mp3d
-from isi.sources import ai2thor, settings_of
+from isi.sources import settings_of
 from isi.sources._household import entity_name
 from isi.sources._mp3d import STEPS, Counted, Vocabulary, read_vocabulary
+from isi.sources._recording import AFFORDANCES, ITHOR, locate, read_recording
 from isi.sources.mp3d_houses import houses
 from isi.sources.mp3d_tallies import tallies
 
@@ -383,15 +384,15 @@ def test_the_mined_tallies_add_up_to_the_published_ones(published: pd.DataFrame)
 def ai2thor_names() -> dict[str, set[str]]:
     """What AI2-THOR calls its objects, materials of either source, affordances and rooms."""
     given = settings("ai2thor")
-    scenes = ai2thor.read_recording(ai2thor.locate(given["from"]), given["sha256"])
+    scenes = read_recording(locate(given["from_"]), given["sha256"])
     things = [thing for scene in scenes for thing in scene.objects]
     shares = materials.read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
     reported = {material for named in materials.simulator(0, things) for material in named}
     return {
         "object": {entity_name(thing["objectType"]) for thing in things},
         "material": set(shares.columns) | reported,
-        "affordance": {name for pair in ai2thor.AFFORDANCES.values() for name in pair},
-        "room": {room for _, room, _ in ai2thor.ROOMS},
+        "affordance": {name for pair in AFFORDANCES.values() for name in pair},
+        "room": {plans.room for plans in ITHOR},
     }
 
 

@@ -17,8 +17,8 @@ from gensim.models import KeyedVectors
 from isi import words
 from isi.base import paths
 from isi.base.errors import InputError
-from isi.sources import ai2thor
 from isi.sources._household import entity_name
+from isi.sources._recording import locate
 from isi.sources.published import read_phrases
 from isi.words import Words
 from tools.embed_phrases import keep
@@ -243,7 +243,7 @@ def definitions() -> list[str]:
 
 def object_types() -> list[str]:
     """All of AI2-THOR's and RoboTHOR's in the recording, the floor too."""
-    scenes = json.loads(ai2thor.locate("procthor").read_bytes())
+    scenes = json.loads(locate("recording").read_bytes())
     return sorted({entity_name(o["objectType"]) for rooms in scenes.values() for room in rooms for o in room})
 
 

@@ -1,0 +1,58 @@
+"""Record scenes of the live AI2-THOR simulator, for sources that are set to `from: simulator`.
+
+Goes on where an earlier run has stopped. The settings are those of the section `recorder` of params.yaml, which no
+stage of a pipeline reads; what is given here goes before them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from tqdm import tqdm
+
+from isi.base import params, paths
+from isi.base.errors import InputError
+from isi.recording.file import Recording
+from isi.recording.settings import Recorder
+
+
+def record(how: Recorder) -> None:
+    """Record what is not yet recorded.
+
+    Raises:
+        InputError: where the simulator does not give a scene, or its recording cannot be read or written; what was
+            recorded until then stays.
+    """
+    from isi.recording.simulator import Simulator, header  # here, since it loads the simulator's package
+
+    with Simulator(how) as simulator:
+        recording = Recording(Path(how.output), header(how))
+        missing = [layout for layout in how.layouts if layout.name not in recording.names]
+        for layout in tqdm(missing, unit="scene", disable=None):
+            recording.append(layout, simulator.objects(layout))
+    print(f"{len(recording.names):,} scenes in {recording.path}, {len(missing):,} of them new")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        prog="python -m stages.record", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    several = "ithor, robothor, floor plans by name, or ranges such as FloorPlan201-230"
+    parser.add_argument("--scenes", nargs="+", metavar="SCENE", help=several)
+    parser.add_argument("--platform", help="a build to download, such as CloudRendering, or the path of one")
+    parser.add_argument("--output", help="the recording, such as data/recordings/robothor.jsonl.gz")
+    given = {key: value for key, value in vars(parser.parse_args()).items() if value is not None}
+    try:
+        section = params.read(paths.PARAMS).get("recorder")
+        settings = {**section, **given} if isinstance(section, dict) else section
+        record(params.check(settings, Recorder, "recorder"))
+    except InputError as error:
+        sys.exit(f"record: {error}")
+    except KeyboardInterrupt:
+        sys.exit("record: stopped; `make record` goes on from here")
+
+
+if __name__ == "__main__":
+    main()

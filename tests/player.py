@@ -1,0 +1,200 @@
+"""A stand-in for the simulator's player: speaks its protocol, over HTTP or named pipes, from recorded scenes.
+
+It is a program of its own, which the simulator's own controller starts: ``install`` makes one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shlex
+import struct
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from http.client import HTTPConnection
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, BinaryIO
+
+BOUNDARY = "a-line-that-is-in-no-message"
+#: Of a message on a pipe: its type and its length.
+FRAME = struct.Struct("!BI")
+METADATA, ACTION, IMAGE, END = 1, 2, 4, 255
+
+
+def install(folder: Path, scenes: Mapping[str, object], *misbehaviours: Mapping[str, object]) -> Path:
+    """Make a player.
+
+    Args:
+        folder: where it and what it knows are put.
+        scenes: objects by floor plan.
+        misbehaviours: of each ``at``, the action (``Start`` before the first) and, where it is told, ``scene`` at which
+            it does what ``does`` says: ``die``, ``hang``, or ``fail`` with a ``code`` and a ``message``; ``times``
+            often, where it is told.
+
+    Returns:
+        the program, which writes each action that it is sent into the file ``actions`` in its folder.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    known = {"scenes": scenes, "misbehaviours": [dict(one) for one in misbehaviours]}
+    (folder / "known.json").write_text(json.dumps(known), encoding="utf-8")
+    program = folder / "player"
+    command = shlex.join([sys.executable, "-S", __file__, str(folder)])
+    site = os.pathsep.join(path for path in sys.path if path.endswith("site-packages"))
+    program.write_text(f'#!/bin/sh\nPYTHONPATH={shlex.quote(site)} exec {command} "$@"\n', encoding="utf-8")
+    program.chmod(0o755)
+    return program
+
+
+def actions(folder: Path) -> list[str]:
+    """Names of all actions that a player was sent, and the scenes of those that have one."""
+    return (folder / "actions").read_text(encoding="utf-8").splitlines()
+
+
+class Player:
+    """What a player knows and does, however it is spoken with."""
+
+    def __init__(self, folder: Path, arguments: Sequence[str]) -> None:
+        known = json.loads((folder / "known.json").read_text(encoding="utf-8"))
+        self.folder, self.scenes, self.misbehaviours = folder, known["scenes"], known["misbehaviours"]
+        told = dict(pairwise(arguments))
+        self.width, self.height = int(told["-screen-width"]), int(told["-screen-height"])
+        self.scene, self.objects = "", []
+        self.sequence = 0
+
+    def answer(self, action: Mapping[str, Any]) -> dict[str, Any]:
+        """Metadata after an action."""
+        name, returned = action["action"], None
+        self.sequence = action["sequenceId"]
+        if name == "Reset":
+            self.scene = action["sceneName"]
+            self.objects = self.scenes.get(self.plan, [])
+        with (self.folder / "actions").open("a", encoding="utf-8") as file:
+            file.write(f"{name} {self.plan} {os.getpid()}\n")
+        if name == "ChangeResolution":
+            self.width, self.height = action["x"], action["y"]
+        elif name == "GetScenesInBuild":
+            returned = [plan + "_physics" * plan.removeprefix("FloorPlan").isdigit() for plan in self.scenes]
+        elif name == "InitialRandomSpawn":
+            self.objects = spawned(self.objects, action["randomSeed"])
+        return self.metadata(name, returned, self.misbehave(name))
+
+    @property
+    def plan(self) -> str:
+        return self.scene.removesuffix("_physics")
+
+    def metadata(
+        self, action: str = "", returned: object = None, failed: Mapping[str, Any] | None = None
+    ) -> dict[str, Any]:
+        agent = {
+            "sceneName": self.scene, "screenWidth": self.width, "screenHeight": self.height, "lastAction": action,
+            "lastActionSuccess": failed is None, "errorCode": (failed or {}).get("code", ""),
+            "errorMessage": (failed or {}).get("message", ""), "actionReturn": returned, "thirdPartyCameras": [],
+            "objects": self.objects,
+        }  # fmt: skip
+        return {"sequenceId": self.sequence, "activeAgentId": 0, "agents": [agent]}
+
+    def hello(self) -> dict[str, Any]:
+        """What is said first."""
+        self.misbehave("Start")
+        return self.metadata("", None, None)
+
+    def misbehave(self, action: str) -> Mapping[str, Any] | None:
+        """Do what is to be done at an action: none, or the failure to answer."""
+        for place, one in enumerate(self.misbehaviours):
+            log = self.folder / f"misbehaved-{place}"
+            times = log.stat().st_size if log.exists() else 0
+            if one["at"] != action or one.get("scene", self.plan) != self.plan or times >= one.get("times", times + 1):
+                continue
+            with log.open("a", encoding="utf-8") as file:
+                file.write(".")
+            if one["does"] == "die":
+                os._exit(3)
+            if one["does"] == "hang":
+                parent = os.getppid()
+                while os.getppid() == parent:
+                    time.sleep(0.05)
+                os._exit(0)
+            return dict(one)
+        return None
+
+    @property
+    def image(self) -> bytes:
+        return bytes(3 * self.width * self.height)
+
+
+def spawned(objects: Sequence[dict[str, Any]], seed: int) -> list[dict[str, Any]]:
+    """The objects, those that can be picked up in each other's places."""
+    moved = [place for place, thing in enumerate(objects) if thing.get("pickupable")]
+    places = [objects[place].get("parentReceptacles") for place in moved]
+    random.Random(seed).shuffle(places)
+    new = dict(zip(moved, places, strict=True))
+    return [
+        {**thing, "parentReceptacles": new.get(place, thing.get("parentReceptacles")), "receptacleObjectIds": None}
+        for place, thing in enumerate(objects)
+    ]
+
+
+def over_http(player: Player) -> None:
+    """Post each answer; what comes back is the next action."""
+    metadata = player.hello()
+    while True:
+        connection = HTTPConnection(os.environ["AI2THOR_HOST"], int(os.environ["AI2THOR_PORT"]))
+        kind = f"multipart/form-data; boundary={BOUNDARY}"
+        connection.request("POST", "/train", form(metadata, player.image), {"Content-Type": kind})
+        action = json.loads(connection.getresponse().read())
+        connection.close()
+        if "action" not in action:
+            return
+        metadata = player.answer(action)
+
+
+def form(metadata: Mapping[str, Any], image: bytes) -> bytes:
+    """An answer as the parts of a form, whose headers must be spelled as here."""
+    texts = {"metadata": json.dumps(metadata), "token": os.environ["AI2THOR_CLIENT_TOKEN"]}
+    part = f"--{BOUNDARY}\r\nContent-Type: text/plain; charset=utf-8\r\nContent-disposition: form-data; name="
+    parts = [f'{part}"{name}"\r\n\r\n{text}\r\n' for name, text in texts.items()]
+    frame = f'--{BOUNDARY}\r\nContent-Type: image/raw\r\nContent-disposition: form-data; name="image"; filename="image"'
+    return "".join(parts).encode() + f"{frame}\r\n\r\n".encode() + image + f"\r\n--{BOUNDARY}--\r\n".encode()
+
+
+def over_pipes(player: Player) -> None:
+    """Write each answer to one pipe, and read the next action from the other."""
+    import msgpack  # not needed over HTTP
+
+    metadata, reading = player.hello(), None
+    with Path(os.environ["AI2THOR_FIFO_SERVER_PIPE_PATH"]).open("wb") as writing:
+        while True:
+            for kind, body in ((METADATA, msgpack.dumps(metadata)), (IMAGE, player.image), (END, b"")):
+                writing.write(FRAME.pack(kind, len(body)) + body)
+            writing.flush()
+            reading = reading or Path(os.environ["AI2THOR_FIFO_CLIENT_PIPE_PATH"]).open("rb")  # noqa: SIM115
+            action = received(reading)
+            if "action" not in action:
+                return
+            metadata = player.answer(action)
+
+
+def received(pipe: BinaryIO) -> dict[str, Any]:
+    """The action of the next message; none where the pipe has ended."""
+    action: dict[str, Any] = {}
+    while header := pipe.read(FRAME.size):
+        kind, length = FRAME.unpack(header)
+        body = pipe.read(length)
+        if kind == ACTION:
+            action = json.loads(body)
+        elif kind == END:
+            break
+    return action
+
+
+def main() -> None:
+    folder, *arguments = sys.argv[1:]
+    player = Player(Path(folder), arguments)
+    {"WSGI": over_http, "FIFO": over_pipes}[os.environ["AI2THOR_SERVER_TYPE"]](player)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,280 @@
+"""The recorder drives the simulator's own controller, which starts a player of ours and speaks with it on the wire."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from isi.base import params, paths, tables
+from isi.base.errors import InputError
+from isi.base.tables import Provenance
+from isi.recording.settings import Layout, Recorder
+from isi.recording.simulator import Simulator
+from isi.sources import SOURCES, Mining
+from isi.sources._materials import Object
+from isi.sources._recording import ITHOR, locate
+from stages.record import record
+from tests import player
+
+ROOT = Path(__file__).parent.parent
+RAW: dict[str, Any] = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8"))
+KITCHEN: list[Object] = [
+    {"objectId": f"Mug|{number}", "objectType": "Mug", "pickupable": True, "parentReceptacles": [f"Shelf|{number}"]}
+    for number in range(5)
+] + [{"objectId": f"Shelf|{number}", "objectType": "Shelf"} for number in range(5)]
+SCENES = {f"FloorPlan{number}": KITCHEN[number:] for number in (1, 2, 3)}
+
+
+def settings(program: object, output: Path, **changes: object) -> dict[str, object]:
+    """Those of params with a player of ours, which has little time."""
+    ours = {"platform": str(program), "output": str(output), "scenes": ["FloorPlan1-3"], "retries": 1}
+    return {**RAW["recorder"], **ours, "seconds": 1.0, "start_seconds": 2.0, **changes}
+
+
+def recorded(program: object, output: Path, **changes: object) -> list[str]:
+    """Names of the scenes that a run leaves in a recording."""
+    record(params.check(settings(program, output, **changes), Recorder, "recorder"))
+    return names(output)
+
+
+def names(output: Path) -> list[str]:
+    """Of the scenes in a recording, in their order."""
+    _, *scenes = (json.loads(line) for line in gzip.decompress(output.read_bytes()).splitlines())
+    return [Layout(scene["scene"], scene["spawn"]).name for scene in scenes]
+
+
+def refusal(program: object, output: Path, **changes: object) -> str:
+    """The one line with which a run ends."""
+    with pytest.raises(InputError) as refused:
+        recorded(program, output, **changes)
+    line = str(refused.value)
+    assert line.isprintable()
+    assert len(line) < 600
+    return line
+
+
+@pytest.fixture(autouse=True)
+def _at_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine with a graphics card that no one has set up, and without a display."""
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0")
+    monkeypatch.delenv("DISPLAY", raising=False)
+
+
+both = pytest.mark.parametrize("server", ["wsgi", "fifo"])
+
+
+@both
+def test_scenes_are_recorded_as_the_simulator_gives_them(tmp_path: Path, server: str) -> None:
+    program, output = player.install(tmp_path / "a player's", SCENES), tmp_path / "out" / "r.jsonl.gz"
+    assert recorded(program, output, server=server) == list(SCENES)
+    header, *scenes = (json.loads(line) for line in gzip.decompress(output.read_bytes()).splitlines())
+    assert header == {"format": "isi recording", "version": 1, "simulator": "ai2thor", "build": "player",
+                      "package": "5.0.0"}  # fmt: skip
+    assert scenes == [{"scene": name, "spawn": None, "objects": objects} for name, objects in SCENES.items()]
+    assert not (tmp_path / "home").exists()
+    assert list(output.parent.iterdir()) == [output]
+
+
+def test_seeds_give_several_layouts_of_a_floor_plan(tmp_path: Path) -> None:
+    program, output = player.install(tmp_path / "player", SCENES), tmp_path / "r"
+    found = recorded(program, output, scenes=["FloorPlan1"], spawns=[None, 0, 1])
+    assert found == ["FloorPlan1", "FloorPlan1#0", "FloorPlan1#1"]
+    _, *scenes = (json.loads(line)["objects"] for line in gzip.decompress(output.read_bytes()).splitlines()[1:])
+    expected = player.spawned(KITCHEN, 0), player.spawned(KITCHEN, 1)
+    assert [[thing["parentReceptacles"] for thing in objects] for objects in scenes] == [
+        [thing["parentReceptacles"] for thing in objects] for objects in expected
+    ]
+    assert scenes[0] != scenes[1]
+
+
+def test_a_run_records_only_what_is_not_there(tmp_path: Path) -> None:
+    program, output = player.install(tmp_path / "player", SCENES), tmp_path / "r"
+    recorded(program, output, scenes=["FloorPlan2"])
+    output.write_bytes(output.read_bytes() + gzip.compress(b"killed while it was written")[:-9])
+    assert recorded(program, output) == ["FloorPlan2", "FloorPlan1", "FloorPlan3"]
+    (tmp_path / "player" / "actions").unlink()
+    assert recorded(program, output) == ["FloorPlan2", "FloorPlan1", "FloorPlan3"]
+    assert not (tmp_path / "player" / "actions").exists()  # no player was started
+
+
+@both
+@pytest.mark.parametrize("at", ["Reset", "Initialize"])
+def test_a_scene_is_tried_again_by_another_player_when_the_first_has_died(tmp_path: Path, server: str, at: str) -> None:
+    dies = {"at": at, "scene": "FloorPlan2", "does": "die", "times": 1}
+    program = player.install(tmp_path / "player", SCENES, dies)
+    assert recorded(program, tmp_path / "r", server=server) == list(SCENES)
+    processes = [line.split()[-1] for line in player.actions(tmp_path / "player")]
+    assert len(set(processes)) == 2
+
+
+@both
+def test_a_player_that_dies_too_often_ends_the_run_in_one_line_and_what_was_recorded_stays(
+    tmp_path: Path, server: str
+) -> None:
+    program = player.install(tmp_path / "player", SCENES, {"at": "Initialize", "scene": "FloorPlan2", "does": "die"})
+    line = refusal(program, tmp_path / "r", server=server)
+    assert line == f"{program}: FloorPlan2: the player died 2 times (recorder.retries)"
+    assert names(tmp_path / "r") == ["FloorPlan1"]
+
+
+@both
+def test_a_player_that_dies_at_its_start_is_told_in_one_line_with_what_it_may_lack(tmp_path: Path, server: str) -> None:
+    program = player.install(tmp_path / "player", SCENES, {"at": "Start", "does": "die"})
+    assert "a graphics device and, but for CloudRendering, a display" in refusal(program, tmp_path / "r", server=server)
+    assert not (tmp_path / "r").exists()
+
+
+@both
+@pytest.mark.parametrize(
+    "misbehaviour", [{"at": "Start"}, {"at": "Reset"}, {"at": "Initialize", "scene": "FloorPlan2"}]
+)
+def test_a_player_that_does_not_answer_is_waited_for_no_longer_than_params_say_and_is_ended(
+    tmp_path: Path, server: str, misbehaviour: Mapping[str, object]
+) -> None:
+    program = player.install(tmp_path / "player", SCENES, {**misbehaviour, "does": "hang"})
+    line = refusal(program, tmp_path / "r", server=server, start_seconds=1.0)
+    assert "no answer within 1 s (recorder.seconds), or 1 s at the start (recorder.start_seconds)" in line
+    found = subprocess.run(["pgrep", "-f", str(tmp_path / "player")], capture_output=True, check=False)  # noqa: S607
+    assert found.stdout == b""
+
+
+@both
+def test_an_error_that_the_simulator_answers_ends_the_run_in_its_words(tmp_path: Path, server: str) -> None:
+    says = "Agent could not be placed.\nat Unity.Frame\n" + "x" * 10_000
+    fails = {"at": "Initialize", "scene": "FloorPlan2", "does": "fail", "code": "", "message": says}
+    program = player.install(tmp_path / "player", SCENES, fails)
+    line = refusal(program, tmp_path / "r", server=server)
+    assert line == f"{program}: FloorPlan2: the simulator answers: Agent could not be placed."
+    assert names(tmp_path / "r") == ["FloorPlan1"]
+
+
+def test_a_scene_that_the_build_lacks_is_named(tmp_path: Path) -> None:
+    program = player.install(tmp_path / "player", SCENES)
+    line = refusal(program, tmp_path / "r", scenes=["FloorPlan3", "FloorPlan30"])
+    assert "FloorPlan30: the simulator answers: Scene 'FloorPlan30_physics' not contained in build" in line
+
+
+def test_objects_that_are_no_list_of_objects_are_refused(tmp_path: Path) -> None:
+    program = player.install(tmp_path / "player", {"FloorPlan1": ["Mug"]})
+    assert "FloorPlan1: the simulator answers: it has no list of objects" in refusal(program, tmp_path / "r")
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"platform": "Linux64"}, "params.yaml: recorder.platform: Linux64: No valid X display found "),
+        ({"platform": "nowhere/thor"}, "params.yaml: recorder.platform: expected one of .*, got 'nowhere/thor'"),
+        ({"platform": "."}, "params.yaml: recorder.platform: expected one of .*, or a program, got '.'"),
+        ({"scenes": []}, "params.yaml: recorder.scenes: expected floor plans"),
+        ({"scenes": ["FloorPlan1", "FloorPlan1-3"]}, "params.yaml: recorder.scenes: .*none of them twice"),
+        ({"scenes": ["FloorPlan3-1"]}, "params.yaml: recorder.scenes: .*got 'FloorPlan3-1'"),
+        ({"scenes": ["../FloorPlan1"]}, r"params.yaml: recorder.scenes: .*got '\.\./FloorPlan1'"),
+        ({"scenes": ["FloorPlan1#3"]}, "params.yaml: recorder.scenes: .*got 'FloorPlan1#3'"),
+        ({"spawns": []}, "params.yaml: recorder.spawns: expected null or seeds"),
+        ({"spawns": ["3"]}, "params.yaml: recorder.spawns"),
+        ({"retries": -1}, "params.yaml: recorder.retries"),
+        ({"seconds": 0}, "params.yaml: recorder.seconds"),
+        ({"server": "http"}, "params.yaml: recorder.server"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused_by_their_key_and_nothing_is_started(
+    tmp_path: Path, changes: dict[str, object], said: str
+) -> None:
+    with pytest.raises(InputError, match=f"^{said}"):
+        recorded("unused", tmp_path / "r", **changes)
+    assert not (tmp_path / "r").exists()
+
+
+def test_cloud_rendering_without_its_driver_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ctypes.util.find_library", lambda _name: None)
+    how = params.check(RAW["recorder"], Recorder, "recorder")
+    with pytest.raises(
+        InputError, match=r"^params\.yaml: recorder\.platform: CloudRendering: Vulkan API driver missing"
+    ):
+        Simulator(how)
+
+
+def test_groups_and_ranges_list_floor_plans_in_order() -> None:
+    how = params.check({**RAW["recorder"], "scenes": ["FloorPlan_Val1_2-3", "ithor"]}, Recorder, "recorder")
+    plans = [layout.plan for layout in how.layouts]
+    assert plans[:3] == ["FloorPlan_Val1_2", "FloorPlan_Val1_3", "FloorPlan1"]
+    assert len(plans) == 122
+    apartments = params.check({**RAW["recorder"], "scenes": ["robothor"]}, Recorder, "recorder").layouts
+    assert (len(apartments), apartments[59].name, apartments[74].name) == (
+        75,
+        "FloorPlan_Train12_5",
+        "FloorPlan_Val3_5",
+    )
+
+
+# As a user runs it
+
+
+def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "stages.record", *arguments], cwd=folder, capture_output=True, text=True, check=False,
+        timeout=60, env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+
+
+def test_the_command_takes_its_settings_from_params_and_from_its_arguments_before_them(tmp_path: Path) -> None:
+    program = player.install(tmp_path / "player", SCENES)
+    text = yaml.safe_dump({"recorder": settings("nowhere", tmp_path / "nowhere")})
+    (tmp_path / paths.PARAMS).write_text(text, encoding="utf-8")
+    ended = run(tmp_path, "--scenes", "FloorPlan2", "FloorPlan1", "--platform", str(program), "--output", "here/r")
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ended.stdout == "2 scenes in here/r, 2 of them new\n"
+    assert names(tmp_path / "here" / "r") == ["FloorPlan2", "FloorPlan1"]
+    refused = run(tmp_path)
+    assert (refused.returncode, refused.stdout) == (1, "")
+    assert refused.stderr.splitlines() == [refused.stderr.strip()]
+    assert refused.stderr.startswith("record: params.yaml: recorder.platform: expected one of ")
+
+
+def test_the_command_explains_itself(tmp_path: Path) -> None:
+    ended = run(tmp_path, "--help")
+    assert ended.returncode == 0
+    assert all(word in ended.stdout for word in ("--scenes", "--platform", "--output", "robothor", "params.yaml"))
+
+
+@pytest.mark.parametrize("text", ["seed: 0\n", "recorder: []\n", "recorder: {scenes: [ithor]}\n"])
+def test_params_without_a_recorder_are_told_in_one_line(tmp_path: Path, text: str) -> None:
+    (tmp_path / paths.PARAMS).write_text(text, encoding="utf-8")
+    ended = run(tmp_path)
+    assert ended.returncode == 1
+    (line,) = ended.stderr.splitlines()
+    assert line.startswith("record: params.yaml: recorder")
+
+
+# All of it
+
+
+def test_mining_all_scenes_that_were_recorded_over_the_wire_gives_the_bytes_of_the_shipped_recording(
+    tmp_path: Path,
+) -> None:
+    shipped = json.loads(locate("recording").read_bytes())
+    scenes = {name: objects for plans in ITHOR for name, objects in zip(plans.names, shipped[plans.key], strict=True)}
+    program, output = player.install(tmp_path / "player", scenes), tmp_path / "r"
+    assert recorded(program, output, scenes=["ithor"], seconds=30.0) == list(scenes)
+    assert len(scenes) == 120
+    mined = [mine(tmp_path / form, source) for form, source in (("shipped", "recording"), ("recorded", str(output)))]
+    assert mined[0] == mined[1]
+
+
+def mine(path: Path, source: str) -> bytes:
+    """The bytes of the table of a source of AI2-THOR's scenes, other settings being those of params."""
+    given = {**RAW["sources"]["ai2thor"], "sha256": None}
+    reader, of_params = given.pop("reader"), {key: value for key, value in given.items() if key != "from"}
+    parts = SOURCES.get(reader, "").observe(Mining(0), from_=source, **of_params)
+    tables.write_stream(path, parts, tables.OBSERVATIONS, Provenance("mine", {}))
+    return path.read_bytes()
