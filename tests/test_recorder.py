@@ -31,7 +31,7 @@ KITCHEN: list[Object] = [
     {"objectId": f"Mug|{number}", "objectType": "Mug", "pickupable": True, "parentReceptacles": [f"Shelf|{number}"]}
     for number in range(5)
 ] + [{"objectId": f"Shelf|{number}", "objectType": "Shelf"} for number in range(5)]
-SCENES = {f"FloorPlan{number}": KITCHEN[number:] for number in (1, 2, 3)}
+SCENES = {f"FloorPlan{number}": KITCHEN[number - 1 :] for number in (1, 2, 3)}
 
 
 def settings(program: object, output: Path, **changes: object) -> dict[str, object]:

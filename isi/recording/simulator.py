@@ -43,8 +43,8 @@ class Simulator:
         self._how = how
         self._player: Player | None = None
         self._has_started = False
-        self._folder = tempfile.TemporaryDirectory()
         _check_platform(how)
+        self._folder = tempfile.TemporaryDirectory()
 
     def __enter__(self) -> Self:
         return self

@@ -31,8 +31,8 @@ def ai2thor(
         sha256: what the file must hash to, if it is to be checked.
         materials: drawn as in SUNCG, or as the simulator reports them.
         broken: what becomes of a receptacle that its scene lacks, and of contents that are not there or elsewhere.
-        circular: what becomes of a receptacle that lies in what it holds. The package's recording has ten such pairs
-            that are mined (cabinets that overlap), which stay unless this says otherwise.
+        circular: what becomes of a receptacle that lies in what it holds. The package's recording has fourteen such
+            observations: cabinets that overlap, and a counter top that lies in the plate on it.
     """
     path = locate(from_)
     scenes = read_recording(path, sha256, ITHOR)
