@@ -158,6 +158,13 @@ def test_an_error_that_the_simulator_answers_ends_the_run_in_its_words(tmp_path:
     assert names(tmp_path / "r") == ["FloorPlan1"]
 
 
+def test_an_error_without_a_message_is_told_as_such(tmp_path: Path) -> None:
+    fails = {"at": "InitialRandomSpawn", "does": "fail", "message": ""}
+    program = player.install(tmp_path / "player", SCENES, fails)
+    line = refusal(program, tmp_path / "r", spawns=[4])
+    assert line == f"{program}: FloorPlan1#4: the simulator answers: an error without a message"
+
+
 def test_a_scene_that_the_build_lacks_is_named(tmp_path: Path) -> None:
     program = player.install(tmp_path / "player", SCENES)
     line = refusal(program, tmp_path / "r", scenes=["FloorPlan3", "FloorPlan30"])

@@ -222,6 +222,12 @@ def test_a_line_that_is_too_long_is_refused_before_it_is_held(tmp_path: Path, mo
         read_lines(tmp_path / "r", HEADER, scene(objects=[MUG] * 3))
 
 
+def test_json_that_is_too_large_is_refused_before_it_is_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_recording, "MOST_BYTES_WHOLE", 300)
+    with pytest.raises(InputError, match=r"recording\.json: expected at most 300 bytes"):
+        read(tmp_path / "recording.json", package())
+
+
 # Written
 
 

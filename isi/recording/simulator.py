@@ -116,7 +116,7 @@ class Simulator:
         first = _chain(error)[-1]
         lines = [line.strip() for line in str(first).splitlines() if line.strip()]
         said = "the simulator answers" if self._has_started else "cannot be started"
-        return f"{said}: {(lines or [type(first).__name__])[0][:_LONGEST]}"
+        return f"{said}: {(lines or ['an error without a message'])[0][:_LONGEST]}"
 
 
 def header(how: Recorder) -> dict[str, Any]:

@@ -21,8 +21,10 @@ from isi.sources._materials import Object
 #: Header of a recording of ``make record``, a line of JSON; each line behind it is a scene.
 FORMAT = {"format": "isi recording", "version": 1, "simulator": "ai2thor"}
 GZIP = b"\x1f\x8b"
-#: The longest line of a recording, in bytes: a thousand times the largest recorded scene's.
+#: The longest line of a recording, in bytes (a thousand times the largest recorded scene's), and the largest JSON of
+#: the package's form, which is held as a whole (ten times the package's).
 MOST_BYTES = 1 << 26
+MOST_BYTES_WHOLE = 1 << 28
 
 #: What can be done with an object that has a property.
 AFFORDANCES = {
@@ -134,6 +136,8 @@ def read_recording(path: Path, sha256: str | None, plans: Sequence[Plans] = ITHO
 
 
 def _of_package(path: Path, plans: Iterable[Plans]) -> Iterator[Scene]:
+    if path.stat().st_size > MOST_BYTES_WHOLE:
+        raise InputError(path, "", f"expected at most {MOST_BYTES_WHOLE:,} bytes of JSON, or a recording by gzip")
     try:
         recording = json.loads(path.read_bytes())
     except (ValueError, RecursionError) as error:
