@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import monotonic
@@ -21,15 +21,16 @@ LOOK = 0.2
 class Player(Controller):  # type: ignore[misc]
     """A started player. One that cannot be started is ended, and none is started again unasked."""
 
-    def __init__(self, local: Path | None, **settings: Any) -> None:
+    def __init__(self, local: Path | None, answered: Callable[[], None], **settings: Any) -> None:
         """Start it.
 
         Args:
             local: folder for logs of a local build, which gets nothing into the home directory and no graphics device
                 chosen for it; null for a downloaded build.
+            answered: called when it has said its first.
             settings: of the controller.
         """
-        self._local = local
+        self._local, self._answered = local, answered
         self._served: Any = None
         try:
             super().__init__(**settings)
@@ -51,9 +52,11 @@ class Player(Controller):  # type: ignore[misc]
             self.server = self._served
             raise UnityCrashException("the player has died")
         try:
-            return super().start(*settings, **named)
+            first = super().start(*settings, **named)
         finally:
             self._served = self.server
+        self._answered()
+        return first
 
     def _build_server(self, host: str, port: int, width: int, height: int) -> None:
         if self.server is None and self.server_class is FifoServer and "FIFO" in self._build.server_types:
@@ -71,7 +74,10 @@ class Player(Controller):  # type: ignore[misc]
 
 
 class Fifo(FifoServer):  # type: ignore[misc]
-    """Named pipes, which by themselves wait for ever for a player that is gone before it has opened them."""
+    """Named pipes, which by themselves wait for ever for a player that is gone before it has opened them.
+
+    To be used in the main thread: signals look after it.
+    """
 
     def receive(self, timeout: float | None = None) -> Any:
         with self._watched(timeout or self.timeout):

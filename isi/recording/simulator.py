@@ -21,7 +21,7 @@ from ai2thor.wsgi_server import WsgiServer
 from isi.base import paths
 from isi.base.errors import InputError
 from isi.recording.player import Player
-from isi.recording.settings import Layout, Recorder
+from isi.recording.settings import PLATFORMS, Layout, Recorder
 from isi.sources._materials import Object
 
 _SERVERS = {"wsgi": WsgiServer, "fifo": FifoServer}
@@ -29,6 +29,7 @@ _SERVERS = {"wsgi": WsgiServer, "fifo": FifoServer}
 _DIED = (UnityCrashException, RestartError, BrokenPipeError)
 #: The longest message of the simulator's that is passed on.
 _LONGEST = 300
+_NEEDS = "it needs a graphics device and, but for CloudRendering, a display"
 
 
 class Simulator:
@@ -69,8 +70,7 @@ class Simulator:
                 if not _came_of(error, _DIED):
                     raise InputError(self._how.platform, what.name, self._problem(error)) from error
         times = f"the player died {self._how.retries + 1} times (recorder.retries)"
-        hint = "" if self._has_started else ": it needs a graphics device and, but for CloudRendering, a display"
-        raise InputError(self._how.platform, what.name, times + hint)
+        raise InputError(self._how.platform, what.name, times if self._has_started else f"{times}: {_NEEDS}")
 
     def _observed(self, what: Layout) -> list[Object]:
         with warnings.catch_warnings():
@@ -93,6 +93,7 @@ class Simulator:
         how, local = self._how, self._how.executable
         self._player = Player(
             local=Path(self._folder.name) if local else None,
+            answered=self._note_start,
             scene=plan,
             width=how.width,
             height=how.width,
@@ -101,8 +102,10 @@ class Simulator:
             server_start_timeout=how.start_seconds,
             **_which(how),
         )
-        self._has_started = True
         return self._player.last_event
+
+    def _note_start(self) -> None:
+        self._has_started = True
 
     def _end(self) -> None:
         if self._player:
@@ -115,8 +118,8 @@ class Simulator:
             return f"no answer within {limit}, or {self._how.start_seconds:g} s at the start (recorder.start_seconds)"
         first = _chain(error)[-1]
         lines = [line.strip() for line in str(first).splitlines() if line.strip()]
-        said = "the simulator answers" if self._has_started else "cannot be started"
-        return f"{said}: {(lines or ['an error without a message'])[0][:_LONGEST]}"
+        said = (lines or ["an error without a message"])[0][:_LONGEST]
+        return f"the simulator answers: {said}" if self._has_started else f"cannot be started: {said}: {_NEEDS}"
 
 
 def header(how: Recorder) -> dict[str, Any]:
@@ -138,7 +141,7 @@ def _check_platform(how: Recorder) -> None:
     key = "recorder.platform"
     if how.executable:
         if not os.access(how.executable, os.X_OK) or how.executable.is_dir():
-            known = ", ".join(STR_PLATFORM_MAP)
+            known = ", ".join(PLATFORMS)
             raise InputError(paths.PARAMS, key, f"expected one of {known}, or a program, got {how.platform!r}")
         return
     chosen = STR_PLATFORM_MAP[how.platform]

@@ -22,7 +22,7 @@ from isi.sources._materials import Object
 FORMAT = {"format": "isi recording", "version": 1, "simulator": "ai2thor"}
 GZIP = b"\x1f\x8b"
 #: The longest line of a recording, in bytes (a thousand times the largest recorded scene's), and the largest JSON of
-#: the package's form, which is held as a whole (ten times the package's).
+#: the package's form, which is held as a whole (six times the package's).
 MOST_BYTES = 1 << 26
 MOST_BYTES_WHOLE = 1 << 28
 
