@@ -40,8 +40,9 @@ def explore(given: Given, graph: str) -> None:
 def seen_by(graph: str, how: Elsewhere, root: int, key: str) -> Seen:
     """What the source observes."""
     chosen, settings = settings_of(how.source, key)
-    observed = Observed(chosen.entities)
-    parts = list(observed.passing(chosen.observe(Mining(root), **settings)))
+    mining = Mining(root)
+    observed = Observed(chosen.entities, mining)
+    parts = list(observed.passing(chosen.observe(mining, **settings)))
     frame: pd.DataFrame = (
         pa.concat_tables(parts or [tables.OBSERVATIONS.empty_table()]).unify_dictionaries().to_pandas()
     )

@@ -15,7 +15,8 @@ def mine(given: Given, source: str) -> None:
     """Mine a source into observations, and name its entities."""
     key, provenance = f"sources.{source}", given.provenance
     chosen, settings = settings_of(given.raw(key), key)
-    mining, observed = Mining(given.seed), Observed(chosen.entities)
+    mining = Mining(given.seed)
+    observed = Observed(chosen.entities, mining)
     try:
         parts = observed.passing(chosen.observe(mining, **settings))
         rows = tables.write_stream(paths.observations(source), parts, tables.OBSERVATIONS, provenance)

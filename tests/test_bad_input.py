@@ -35,6 +35,7 @@ HOUSES: dict[str, object] = {
     "reader": "mp3d_houses", "folder": "houses", "category": "mpcat40", "rooms": {"k": "kitchen"},
     "vocabulary": "data/raw/mp3d/vocabulary.yaml",
 }  # fmt: skip
+OWN_KINDS = {"atLocation": {"head": "object", "tail": "room"}}
 
 
 @pytest.fixture
@@ -222,6 +223,28 @@ def test_a_broken_house_is_named_and_the_earlier_observations_stay(
     set_params(workspace, {"sources.mp3d": HOUSES})
     line = refusal(workspace, "stages.mine", "mp3d")
     assert all(place in line for place in places), line
+
+
+@pytest.mark.parametrize(
+    ("reader", "name", "good", "bad"),
+    [
+        ("table", "log.csv", "head,relation,tail\nmug,atLocation,kitchen\n", "mug,atLocation\n"),
+        ("rdf", "log.nt", "<urn:x:mug> <urn:x:atLocation> <urn:x:kitchen> .\n", "mug atLocation kitchen\n"),
+    ],
+)
+def test_triples_of_ones_own_are_mined_and_broken_ones_are_named_and_the_earlier_observations_stay(
+    workspace: Path, reader: str, name: str, good: str, bad: str
+) -> None:
+    lines = len(good.splitlines())
+    (workspace / name).write_text(good, encoding="utf-8")
+    set_params(workspace, {"sources.own": {"reader": reader, "path": name, "kinds": OWN_KINDS}})
+    ended = run_stage(workspace, "stages.mine", "own")
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ended.stdout == "1 rows of observations of 2 entities\n"
+    kinds = tables.read(workspace / paths.kinds("own"), tables.KINDS)
+    assert kinds.to_numpy().tolist() == [["kitchen", "room", "kitchen"], ["mug", "object", "mug"]]
+    (workspace / name).write_text(good + bad, encoding="utf-8")
+    assert f"sources.own: {name}: line {lines + 1}: " in refusal(workspace, "stages.mine", "own")
 
 
 @pytest.mark.parametrize("settings", [{}, HOUSES], ids=["tallies", "houses"])

@@ -20,7 +20,7 @@ _TRIPLE = ["head", "relation", "tail"]
 Entities = Callable[[pd.DataFrame, Collection[str]], pd.DataFrame]
 
 
-@dataclass(frozen=True)
+@dataclass
 class Mining:
     """What a source is given beside its settings, and where it counts what it leaves out."""
 
@@ -28,6 +28,8 @@ class Mining:
     seed: int
     #: instances left after each step, in the order of the steps; stays empty where a source does not count
     left: Counter[str] = field(default_factory=Counter)
+    #: set by a source whose settings, or the file itself, say how its entities are named; else ``Source.entities`` does
+    entities: Entities | None = None
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,7 @@ class Observed:
     """Passes observations on, and names the entities of all of them when they end."""
 
     entities: Entities
+    mining: Mining | None = None
     #: of the entities (``tables.KINDS``), once the observations have ended
     kinds: pd.DataFrame = field(init=False)
 
@@ -91,7 +94,8 @@ class Observed:
             triples |= _distinct(table, _TRIPLE)
             rooms |= {room for (room,) in _distinct(table, ["room"]) if room is not None}
             yield table
-        self.kinds = self.entities(pd.DataFrame(sorted(triples), columns=_TRIPLE), rooms)
+        entities = (self.mining and self.mining.entities) or self.entities
+        self.kinds = entities(pd.DataFrame(sorted(triples), columns=_TRIPLE), rooms)
         named = list(self.kinds["entity"])
         missing = {name for head, _, tail in triples for name in (head, tail)} - set(named)
         if missing or len(set(named)) < len(named):

@@ -1,0 +1,63 @@
+"""Sources run as mining runs them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+
+from isi.base.errors import InputError
+from isi.sources import Mining, Observed, settings_of
+
+TRIPLE = ["head", "relation", "tail"]
+
+
+@dataclass(frozen=True)
+class Observations:
+    """All of a source's observations, and what it says of its entities."""
+
+    table: pd.DataFrame
+    kinds: pd.DataFrame
+    left: Counter[str]
+
+    def rows(self, *columns: str) -> list[tuple[object, ...]]:
+        """Some columns of the observations, row by row; missing values are null."""
+        some = self.table[list(columns)].astype(object)
+        return list(some.where(some.notna(), None).itertuples(index=False, name=None))
+
+    def kind_of(self) -> dict[str, str]:
+        return dict(zip(self.kinds["entity"], self.kinds["kind"], strict=True))
+
+    def phrase_of(self) -> dict[str, str]:
+        return dict(zip(self.kinds["entity"], self.kinds["phrase"], strict=True))
+
+
+def observe(reader: str, path: Path, **settings: object) -> Observations:
+    """What a reader observes in a file."""
+    chosen, checked = settings_of({"reader": reader, "path": str(path), **settings}, "sources.mine")
+    mining = Mining(0)
+    observed = Observed(chosen.entities, mining)
+    table = pa.concat_tables(observed.passing(chosen.observe(mining, **checked))).to_pandas()
+    return Observations(table, observed.kinds, mining.left)
+
+
+def refusal(reader: str, path: Path, **settings: object) -> str:
+    """The line in which a reader refuses a file; empty where it reads it."""
+    try:
+        observe(reader, path, **settings)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def refused(reader: str, path: Path, expected: Sequence[str], **settings: object) -> None:
+    """A reader refuses a file in one short line with all of these parts."""
+    line = refusal(reader, path, **settings)
+    assert line
+    assert line.isprintable()
+    assert len(line) < 500 + len(str(path))
+    assert all(part in line for part in expected), line

@@ -1,0 +1,155 @@
+"""RDF of one's own: what N-Triples and Turtle give, how their entities are named, and what is refused."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rdflib import RDF, Graph, URIRef
+
+from isi.sources.rdf import BLANK, LITERALS, REPEATED, STRUCTURE, local_name
+from tests.observing import TRIPLE, observe, refusal, refused
+
+HOME = """@prefix : <http://home.example/things#> .
+@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+@prefix rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> .
+@prefix owl: <http://www.w3.org/2002/07/owl#> .
+
+:mug a :Object, owl:NamedIndividual ; :atLocation :kitchen, :side%20table ; :weight 0.3 ;
+  rdfs:label "Becher"@de, "Coffee mug"@en .
+:kitchen a :Room ; rdfs:label "kitchen" ; :seen [ :by :robot ] .
+:claim rdf:subject :mug ; rdf:predicate :atLocation ; rdf:object :bathroom .
+"""
+EXPECTED = [("mug", "atLocation", "kitchen"), ("mug", "atLocation", "side table")]
+NAMES = "http://home.example/things#"
+
+
+def written(path: Path, content: str | bytes) -> Path:
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def line(head: str, relation: str, tail: str) -> str:
+    return f"<{NAMES}{head}> <{NAMES}{relation}> <{NAMES}{tail}> .\n"
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Path:
+    return written(tmp_path / "home.ttl", HOME)
+
+
+def test_triples_between_named_things_are_observations_and_the_others_are_counted(home: Path) -> None:
+    found = observe("rdf", home)
+    assert found.rows("scene", "room", "instance", *TRIPLE, "count") == [
+        (None, None, None, *row, 1) for row in EXPECTED
+    ]
+    assert found.left == {LITERALS: 1, BLANK: 2, STRUCTURE: 3}
+
+
+def test_types_are_kinds_and_english_labels_are_phrases(home: Path) -> None:
+    found = observe("rdf", home)
+    assert found.kind_of() == {"kitchen": "Room", "mug": "Object", "side table": "entity"}
+    assert found.phrase_of() == {"kitchen": "kitchen", "mug": "coffee mug", "side table": "side table"}
+
+
+def test_ntriples_and_compressed_files_give_the_same(home: Path, tmp_path: Path) -> None:
+    expected = observe("rdf", home)
+    Graph().parse(home).serialize(tmp_path / "home.nt", format="nt", encoding="utf-8")
+    packed = written(tmp_path / "home.ttl.gz", gzip.compress(HOME.encode()))
+    commented = written(tmp_path / "more.nt", "# mine\r\n\r\n" + (tmp_path / "home.nt").read_text(encoding="utf-8"))
+    for path in (tmp_path / "home.nt", packed, commented):
+        found = observe("rdf", path)
+        assert sorted(found.rows(*TRIPLE)) == EXPECTED, path
+        assert found.kinds.equals(expected.kinds)
+        assert found.left == expected.left
+
+
+def test_a_triple_is_one_observation_however_often_it_is_there(tmp_path: Path) -> None:
+    found = observe("rdf", written(tmp_path / "log.nt", line("a", "r", "b") * 3))
+    assert found.rows(*TRIPLE, "count") == [("a", "r", "b", 1)]
+    assert found.left == {REPEATED: 2}
+
+
+def test_what_a_table_of_entities_says_goes_before_types_and_labels(home: Path, tmp_path: Path) -> None:
+    listed = written(tmp_path / "names.csv", "entity,kind,phrase\nmug,cup,beaker\nside table,table,\n")
+    found = observe("rdf", home, entities=str(listed))
+    assert found.kind_of() == {"kitchen": "Room", "mug": "cup", "side table": "table"}
+    assert found.phrase_of()["mug"] == "beaker"
+
+
+def test_kinds_come_from_relations_where_there_is_no_type(home: Path) -> None:
+    kinds = {"atLocation": {"head": "thing", "tail": "place"}}
+    assert observe("rdf", home, kinds=kinds).kind_of() == {"kitchen": "Room", "mug": "Object", "side table": "place"}
+
+
+@pytest.mark.parametrize(
+    ("iri", "name"),
+    [
+        ("http://a.example/b#c", "c"), ("http://a.example/b/", "b"), ("http://a.example/b/c:d", "c:d"),
+        ("urn:isi:x:entity:side%20table", "side table"), ("http://a.example/M%C3%B6bel", "Möbel"),
+    ],
+)  # fmt: skip
+def test_the_name_is_the_local_part_of_an_iri(iri: str, name: str) -> None:
+    assert local_name(iri) == name
+
+
+def test_two_things_of_one_name_are_refused_unless_they_go_by_their_iris(tmp_path: Path) -> None:
+    text = line("cup", "r", "tea") + line("tea", "r", "x").replace("#", "/")
+    path = written(tmp_path / "log.nt", text)
+    refused("rdf", path, ["line 2", "'tea'", f"<{NAMES}tea>", "names: iri"])
+    assert len(observe("rdf", path, names="iri").kinds) == 4
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "expected"),
+    [
+        ("a.nt", "", ["expected triples"]),
+        ("a.nt", f'<{NAMES}a> <{NAMES}weight> "3" .\n', ["expected triples"]),
+        ("a.nt", line("a", "r", "b") + "mug atLocation kitchen\n", ["line 2", "N-Triples", "mug atLocation"]),
+        ("a.nt", line("a", "r", "b") + line("c", "r", "d")[:-6], ["line 2", "N-Triples"]),
+        ("a.nt", line("a" * 10_000, "r", "b"), ["line 1", "at most 200", "10,000"]),
+        ("a.nt", line("a", "r", "b" * 3_000_000), ["line 1", "N-Triples"]),
+        ("a.nt", line("a", "r", "b%00c"), ["line 1", "control"]),
+        ("a.nt", line("a", "r", "..%2F..%2Fb"), ["line 1", "'../'"]),
+        ("a.nt", line("a", "r", "b").encode("utf-16"), ["UTF-8"]),
+        ("a.nt", line("a", "r", "b") + f"<{NAMES}a> <{RDF.type}> <{NAMES}A> .\n<{NAMES}a> <{RDF.type}> <{NAMES}B> .\n",
+         ["line 3", "one type of 'a'", "B beside A"]),
+        ("a.ttl", ":a :b :c .", ["line 1", "Turtle"]),
+        ("a.ttl", HOME[:-40], ["Turtle"]),
+        ("a.ttl", '{"@id": "x"}', ["line 1", "Turtle"]),
+        ("a.ttl", "[" * 100_000, ["Turtle"]),
+        ("a.ttl.gz", HOME, ["gzipped"]),
+        ("a.ttl.gz", gzip.compress(HOME.encode())[:-9], ["end-of-stream"]),
+        ("a.rdf", HOME, [".nt or .ttl"]),
+        ("a.ttl", None, ["No such file"]),
+    ],
+)  # fmt: skip
+def test_broken_rdf_is_refused_by_its_line(
+    tmp_path: Path, name: str, content: str | bytes | None, expected: list[str]
+) -> None:
+    path = tmp_path / name
+    if content is not None:
+        written(path, content)
+    refused("rdf", path, [name, *expected])
+
+
+@given(st.text(alphabet=' \n<>"@:.;,[]()_a#\\^%é\x00', max_size=40), st.sampled_from([".nt", ".ttl"]))
+def test_whatever_else_it_is_it_is_read_or_refused_in_one_line(
+    tmp_path_factory: pytest.TempPathFactory, text: str, form: str
+) -> None:
+    path = written(tmp_path_factory.getbasetemp() / f"any{form}", line("a", "r", "b") + text)
+    assert refusal("rdf", path).isprintable()
+
+
+@given(st.lists(st.tuples(*[st.sampled_from("abcde")] * 3), min_size=1))
+def test_as_many_triples_as_rdflib_finds(tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[str, ...]]) -> None:
+    graph = Graph()
+    for row in rows:
+        graph.add(tuple(URIRef(f"urn:{what}:{name}") for what, name in zip("ere", row, strict=True)))
+    path = tmp_path_factory.getbasetemp() / "all.nt"
+    graph.serialize(path, format="nt", encoding="utf-8")
+    assert set(observe("rdf", path).rows(*TRIPLE)) == set(rows)
+    assert len(observe("rdf", path).table) == len(graph)

@@ -1,0 +1,234 @@
+"""Tables of triples of one's own: what they give, how their entities are named, and what is refused."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from isi.base.errors import InputError
+from isi.sources import SOURCES, Mining
+from isi.sources._naming import LONGEST, fault, phrase
+from isi.sources.table import CHUNK
+from tests.observing import TRIPLE, observe, refusal, refused
+
+LOG = """head,relation,tail,count,room,instance
+mug,atLocation,kitchen,3,kitchen,mug_1
+mug,atLocation,kitchen,1,kitchen,mug_2
+TVStand,hasMaterial,wood,2,,
+"""
+EXPECTED = [
+    (None, "kitchen", "mug_1", "mug", "atLocation", "kitchen", 3),
+    (None, "kitchen", "mug_2", "mug", "atLocation", "kitchen", 1),
+    (None, None, None, "TVStand", "hasMaterial", "wood", 2),
+]
+COLUMNS = ("scene", "room", "instance", *TRIPLE, "count")
+HOMELY = {"atLocation": {"head": "thing", "tail": "place"}, "hasMaterial": {"head": "thing", "tail": "stuff"}}
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return written(tmp_path / "log.csv", LOG)
+
+
+def written(path: Path, content: str | bytes) -> Path:
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def parquet(path: Path, **columns: object) -> Path:
+    pq.write_table(pa.table(columns), path)
+    return path
+
+
+# What a table gives
+
+
+def test_every_row_is_an_observation_with_what_it_tells(log: Path) -> None:
+    assert observe("table", log).rows(*COLUMNS) == EXPECTED
+
+
+def test_forms_of_the_same_table_give_the_same(tmp_path: Path) -> None:
+    rows = pd.DataFrame([line.split(",") for line in LOG.splitlines()[1:]], columns=LOG.splitlines()[0].split(","))
+    as_parquet = rows.replace("", None).astype({"count": "int16", "head": "category"})
+    as_parquet.to_parquet(tmp_path / "log.parquet", index=False)
+    others = [
+        tmp_path / "log.parquet",
+        written(tmp_path / "log.tsv", LOG.replace(",", "\t")),
+        written(tmp_path / "log.csv.gz", gzip.compress(LOG.encode())),
+        written(tmp_path / "excel.csv", b"\xef\xbb\xbf" + LOG.replace("\n", "\r\n").encode()),
+        written(tmp_path / "spaced.csv", LOG.replace(",", ", ") + "\n\n"),
+    ]
+    for path in others:
+        assert observe("table", path).rows(*COLUMNS) == EXPECTED, path
+
+
+def test_columns_in_any_order_and_without_counts_are_one_observation_a_row(tmp_path: Path) -> None:
+    path = written(tmp_path / "log.csv", 'tail,head,relation\n"a, b",c,d\n')
+    assert observe("table", path).rows(*TRIPLE, "count") == [("c", "d", "a, b", 1)]
+
+
+def test_a_long_table_comes_in_chunks_that_are_read_when_they_are_asked_for(tmp_path: Path) -> None:
+    path = written(tmp_path / "log.csv", "head,relation,tail\n" + "a,r,b\n" * (2 * CHUNK + 1) + "a,r\n")
+    parts = iter(SOURCES.get("table", "").observe(Mining(0), path=str(path)))
+    assert [next(parts).num_rows for _ in range(2)] == [CHUNK, CHUNK]
+    with pytest.raises(InputError, match=f"line {2 * CHUNK + 3}: expected 3 fields, got 2"):
+        next(parts)
+
+
+LETTERS = st.characters(categories=["L", "M", "N", "P", "S"])
+NAMES = st.text(LETTERS, min_size=1, max_size=9).filter(lambda text: not fault(text))
+
+
+@given(st.lists(st.tuples(NAMES, NAMES, NAMES), min_size=1))
+def test_names_of_any_script_come_through(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[str, ...]]
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.csv"
+    pd.DataFrame(rows, columns=TRIPLE).to_csv(path, index=False)
+    assert observe("table", path).rows(*TRIPLE) == rows
+
+
+# How entities are named
+
+
+def test_without_more_all_entities_are_of_one_kind_and_their_phrases_are_the_words_of_their_names(log: Path) -> None:
+    found = observe("table", log)
+    assert set(found.kind_of().values()) == {"entity"}
+    assert found.phrase_of() == {"TVStand": "tv stand", "kitchen": "kitchen", "mug": "mug", "wood": "wood"}
+    assert [phrase(name) for name in ("side_table", "_", "Ölfaß")] == ["side table", "_", "ölfaß"]
+
+
+def test_kinds_come_from_relations(log: Path) -> None:
+    expected = {"TVStand": "thing", "kitchen": "place", "mug": "thing", "wood": "stuff"}
+    assert observe("table", log, kinds=HOMELY).kind_of() == expected
+
+
+def test_kinds_of_homes_tell_rooms_by_their_column(log: Path) -> None:
+    expected = {"TVStand": "object", "kitchen": "room", "mug": "object", "wood": "material"}
+    assert observe("table", log, household=True).kind_of() == expected
+
+
+def test_a_table_of_entities_goes_before_relations(log: Path, tmp_path: Path) -> None:
+    listed = written(
+        tmp_path / "names.tsv", "entity\tkind\tphrase\nmug\tcup\tcoffee mug\nkitchen\t\tgalley\nunseen\tx\t\n"
+    )
+    found = observe("table", log, kinds=HOMELY, entities=str(listed))
+    assert found.kind_of() == {"TVStand": "thing", "kitchen": "place", "mug": "cup", "wood": "stuff"}
+    assert found.phrase_of() == {"TVStand": "tv stand", "kitchen": "galley", "mug": "coffee mug", "wood": "wood"}
+
+
+@pytest.mark.parametrize(
+    ("listed", "kinds", "expected"),
+    [
+        ("entity,kind\nmug,cup\n", None, ["'TVStand'", "expected its kind"]),
+        ("entity,kind\nmug,cup\nmug,can\n", None, ["names.csv", "line 3", "also in line 2"]),
+        ("entity,kinds\nmug,cup\n", None, ["names.csv", "line 1", "'kinds'"]),
+        ("entity,kind\nmug,a\x07b\n", None, ["names.csv", "line 2", "control"]),
+        ("entity\n", {"atLocation": HOMELY["atLocation"]}, ["'TVStand'", "expected its kind"]),
+        ("entity\n", {**HOMELY, "eats": HOMELY["atLocation"]}, ["'eats'", "no triple"]),
+    ],
+    ids=["not listed", "twice", "column", "control character", "no relation", "unknown relation"],
+)
+def test_kinds_that_are_not_whole_are_refused(
+    log: Path, tmp_path: Path, listed: str, kinds: object, expected: list[str]
+) -> None:
+    settings = {"kinds": kinds} if kinds else {}
+    refused("table", log, expected, entities=str(written(tmp_path / "names.csv", listed)), **settings)
+
+
+def test_an_entity_of_two_kinds_is_refused_by_its_relations(tmp_path: Path) -> None:
+    path = written(tmp_path / "log.csv", "head,relation,tail\nmug,hasMaterial,glass\nglass,atLocation,kitchen\n")
+    refused("table", path, ["'glass'", "tail of hasMaterial", "head of atLocation"], kinds=HOMELY)
+    refused("table", path, ["'glass'", "material and object"], household=True)
+    refused("table", path, ["kinds", "household"], household=True, kinds=HOMELY)
+
+
+# What is refused
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "expected"),
+    [
+        ("a.csv", "", ["line 1", "head, relation, tail", "none"]),
+        ("a.csv", "head,relation,tail\n", ["expected triples"]),
+        ("a.csv", "mug,atLocation,kitchen\n", ["line 1", "'mug'"]),
+        ("a.csv", "head,relation,tail,cuont\n", ["line 1", "'cuont'"]),
+        ("a.csv", "head,relation,tail,tail\n", ["line 1", "'tail', 'tail'"]),
+        ("a.csv", "head,relation,tail\na,b,c\na,b\n", ["line 3", "expected 3 fields, got 2"]),
+        ("a.csv", "head,relation,tail\na,,c\n", ["line 2", "got none"]),
+        ("a.csv", 'head,relation,tail\na,b,c\n"a,b,c\n', ["line 3", "unexpected end"]),
+        ("a.csv", 'head,relation,tail\n"a\nb",b,c\n', ["line 3", "control"]),
+        ("a.csv", "head,relation,tail\na,\x00,c\n", ["line 2", "control"]),
+        ("a.csv", "head,relation,tail\n../../etc/passwd,b,c\n", ["line 2", "'../'"]),
+        ("a.csv", f"head,relation,tail\n{'m' * 10_000},b,c\n", ["line 2", f"at most {LONGEST}", "10,000"]),
+        ("a.csv", f"head,relation,tail\n{'m' * 200_000},b,c\n", ["line 2", "field larger"]),
+        ("a.csv", "head,relation,tail\n" + "," * 3_000_000, ["line 2", "expected 3 fields"]),
+        ("a.csv", "head,relation,tail,room\na,b,c,\u202ekitchen\n", ["line 2", "control"]),
+        ("a.csv", "head,relation,tail,count\na,b,c,many\n", ["line 2", "count", "'many'"]),
+        ("a.csv", "head,relation,tail,count\na,b,c,\n", ["line 2", "count"]),
+        ("a.csv", "head,relation,tail,count\na,b,c,2.0\n", ["line 2", "'2.0'"]),
+        ("a.csv", "head,relation,tail,count\na,b,c,0\n", ["line 2", "from 1"]),
+        ("a.csv", "head,relation,tail,count\na,b,c,9999999999\n", ["line 2", "from 1"]),
+        ("a.csv", "head,relation,tail,count\na,b,c,2147483647\na,b,c,1\n", ["line 3", "in all"]),
+        ("a.csv", "head,relation,tail\na,b,c\n".encode("utf-16"), ["UTF-8"]),
+        ("a.csv", b"head,relation,tail\na,b,c\nM\xf6bel,b,c\n", ["UTF-8"]),
+        ("a.csv", gzip.compress(LOG.encode()), ["UTF-8"]),
+        ("a.csv.gz", LOG, ["gzipped"]),
+        ("a.csv.gz", gzip.compress(LOG.encode())[:-9], ["end-of-stream"]),
+        ("a.parquet", LOG, ["Parquet"]),
+        ("a.xlsx", LOG, [".csv, .tsv"]),
+        ("a.csv", None, ["No such file"]),
+    ],
+)  # fmt: skip
+def test_a_broken_table_is_refused_by_its_line(
+    tmp_path: Path, name: str, content: str | bytes | None, expected: list[str]
+) -> None:
+    path = tmp_path / name
+    if content is not None:
+        written(path, content)
+    refused("table", path, [name, *expected])
+
+
+def test_a_folder_is_no_table(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").mkdir()
+    refused("table", tmp_path / "a.csv", ["a.csv", "directory"])
+
+
+@pytest.mark.parametrize(
+    ("columns", "expected"),
+    [
+        ({"tail": ["c"]}, ["columns", "'head', 'tail'"]),
+        ({"relation": ["b"], "tail": ["c"], "count": ["2"]}, ["column 'count'", "whole numbers, got string"]),
+        ({"relation": ["b"], "tail": ["c"], "count": [2.0]}, ["column 'count'", "whole numbers, got double"]),
+        ({"relation": ["b"], "tail": [3]}, ["column 'tail'", "expected text, got int64"]),
+        ({"relation": ["b"], "tail": [None]}, ["column 'tail'", "expected text, got null"]),
+        ({"relation": ["b"], "tail": pa.array([None], pa.string())}, ["row 1", "got none"]),
+        ({"relation": ["b"], "tail": ["c"], "count": pa.array([None], pa.int8())}, ["row 1", "count"]),
+        ({"relation": ["b"], "tail": ["c"], "count": [-1]}, ["row 1", "from 1"]),
+    ],
+)
+def test_a_broken_parquet_table_is_refused_by_its_row(
+    tmp_path: Path, columns: dict[str, object], expected: list[str]
+) -> None:
+    refused("table", parquet(tmp_path / "a.parquet", head=["a"], **columns), ["a.parquet", *expected])
+
+
+def test_a_truncated_parquet_table_is_refused(tmp_path: Path) -> None:
+    path = parquet(tmp_path / "a.parquet", head=["a"] * 9, relation=["b"] * 9, tail=["c"] * 9)
+    refused("table", written(path, path.read_bytes()[:-20]), ["a.parquet", "Parquet"])
+
+
+@given(st.binary(max_size=60), st.sampled_from([".csv", ".tsv", ".csv.gz", ".parquet"]))
+def test_whatever_else_it_is_it_is_read_or_refused_in_one_line(
+    tmp_path_factory: pytest.TempPathFactory, content: bytes, form: str
+) -> None:
+    head = b"" if form == ".parquet" else b"head,relation,tail\n"
+    path = written(tmp_path_factory.getbasetemp() / f"any{form}", head + content)
+    assert refusal("table", path).isprintable()
