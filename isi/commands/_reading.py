@@ -1,0 +1,137 @@
+"""Observations of any file that a reader can read, and which reader that is."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+
+from isi.base import paths
+from isi.base.errors import InputError
+from isi.base.params import options
+from isi.building import Seen
+from isi.sources import SOURCES, Mining, Observed, Source, settings_of
+from isi.sources._rows import SEPARATORS, UNREADABLE, form_of, open_text
+
+READERS = {**dict.fromkeys([*SEPARATORS, ".parquet"], "table"), ".nt": "rdf", ".ttl": "rdf"}
+#: The setting of a reader that names what it reads.
+PATHS = ("path", "from", "folder")
+#: Of settings that a reader must be given: what a file alone can tell.
+DEFAULTS = {"sha256": None, "materials": "simulator", "broken": "error"}
+#: Readers of JSON by the keys of the mapping that it begins with.
+KEYS = {
+    "format": "ai2thor", "kitchens": "ai2thor", "rooms": "procthor_houses", "objects": "ai2thor_scene",
+    "metadata": "ai2thor_scene",
+}  # fmt: skip
+#: Characters that are read to tell, at most.
+MOST = 2**26
+_TRIPLE = ["head", "relation", "tail"]
+_PLAIN = pa.schema([*((name, pa.string()) for name in _TRIPLE), ("count", pa.int64())])
+
+
+@dataclass(frozen=True)
+class Read:
+    """What a file was read as, what its reader counted, and what it observed, added up by triple."""
+
+    reader: str
+    left: Counter[str]
+    seen: Seen
+
+
+def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) -> Read:
+    """The observations of a file.
+
+    Args:
+        file: or folder, for a reader that reads one.
+        reader: a module of ``isi.sources``; guessed from the file where it is null.
+        given: settings of the reader beside the file.
+        seed: root of every random stream.
+
+    Raises:
+        InputError: where no reader is plain, it does not take these settings, or the file is broken.
+    """
+    reader = reader or guess(file)
+    chosen, settings = _settings(reader, file, given)
+    mining = Mining(seed)
+    observed = Observed(chosen.entities, mining)
+    parts = [_added_up(part) for part in observed.passing(chosen.observe(mining, **settings))]
+    if not parts:
+        raise InputError(file, "", "expected observations, got none")
+    observations = _added_up(pa.concat_tables(parts)).to_pandas()
+    return Read(reader, mining.left, Seen(file.name, observations, observed.kinds))
+
+
+def _settings(reader: str, file: Path, given: Mapping[str, Any]) -> tuple[Source, dict[str, Any]]:
+    try:
+        fields = options(SOURCES.get(reader, "--reader").observe).model_fields
+        takes = [field.alias or name for name, field in fields.items()]
+        slot = next((name for name in PATHS if name in takes), None)
+        if slot is None:
+            raise InputError(f"reader {reader}", "", "expected one that reads a file")
+        preset = {name: value for name, value in DEFAULTS.items() if name in takes}
+        return settings_of({"reader": reader, **preset, slot: str(file), **given}, "--set")
+    except InputError as error:
+        file_named, *rest = error.args
+        raise (InputError("", *rest) if file_named == str(paths.PARAMS) else error) from error
+
+
+def _added_up(part: pa.Table) -> pa.Table:
+    plain = part.select([*_TRIPLE, "count"]).cast(_PLAIN)
+    return plain.group_by(_TRIPLE).aggregate([("count", "sum")]).rename_columns([*_TRIPLE, "count"])
+
+
+def together(read: Sequence[Read]) -> Seen:
+    """What several files observed, as one.
+
+    Raises:
+        InputError: where an entity has another kind in one of them than in another.
+    """
+    if len(read) == 1:
+        return read[0].seen
+    kinds = pd.concat([one.seen.kinds for one in read]).drop_duplicates("entity").reset_index(drop=True)
+    first = dict(zip(kinds["entity"], kinds["kind"], strict=True))
+    for one in read:
+        for name, kind in zip(one.seen.kinds["entity"], one.seen.kinds["kind"], strict=True):
+            if kind != first[name]:
+                raise InputError(one.seen.source, f"entity {name!r}", f"expected kind {first[name]!r}, got {kind!r}")
+    return Seen("files", pd.concat([one.seen.observations for one in read]), kinds)
+
+
+def guess(file: Path) -> str:
+    """The reader of a file, by its name, and of JSON by its keys.
+
+    Raises:
+        InputError: where neither tells.
+    """
+    form = form_of(file)
+    if form in READERS:
+        return READERS[form]
+    found = _first(file) if form in (".json", ".jsonl") else None
+    if isinstance(found, list):
+        return KEYS["objects"]
+    for key, reader in KEYS.items():
+        if isinstance(found, dict) and key in found:
+            return reader
+    expected = f"expected a file whose form is plain; else name its reader by --reader: {', '.join(SOURCES.names())}"
+    raise InputError(file, "", expected)
+
+
+def _first(file: Path) -> Any:
+    """What JSON Lines begin with, or else what JSON holds."""
+    try:
+        with open_text(file) as text:
+            line = text.readline(MOST)
+            try:
+                return json.loads(line)
+            except ValueError:
+                return json.loads(line + text.read(MOST))
+    except UNREADABLE as error:
+        raise InputError(file, "", f"expected UTF-8 text ({error})") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(file, "", f"expected JSON: {error}") from error

@@ -1,0 +1,239 @@
+"""``python -m isi export``: what other tools find in what is written, and which predictions."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import networkx as nx
+import pandas as pd
+import pytest
+import torch
+import yaml
+from rdflib import RDF, RDFS, Graph, Literal, URIRef
+
+from isi.__main__ import main
+from isi.base import paths, tables
+from isi.base.tables import Provenance
+from isi.exports import FORMS
+from tests.observing import TRIPLE, observe
+
+ROOT = Path(__file__).parent.parent
+MADE = Provenance("a_test", {})
+ENTITIES = pd.DataFrame(
+    [("fill", "affordance"), ("kitchen", "room"), ("mug", "object"), ("tea/pot", "object"), ("Möbel 5\"", "object")],
+    columns=["entity", "kind"],
+)  # fmt: skip
+TRIPLES = pd.DataFrame(
+    [
+        ("mug", "atLocation", "kitchen", 3), ("mug", "hasAffordance", "fill", 1),
+        ("tea/pot", "atLocation", "kitchen", 2), ('Möbel 5"', "atLocation", "tea/pot", 1),
+    ],
+    columns=[*TRIPLE, "count"],
+)  # fmt: skip
+ROWS = set(TRIPLES[TRIPLE].itertuples(index=False, name=None))
+#: Of the entities, in their order, and of atLocation and hasAffordance: f(h, r, t) = Σ h·r·t.
+VECTORS = [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [2.0, 1.0], [0.0, 3.0]]
+RELATIONS = [[0.0, 1.0], [1.0, 0.0]]
+#: By hand, best first, without what the graph has: with distmult, (?, atLocation, ?) compares second coordinates.
+BEST = [
+    ("mug", "atLocation", 'Möbel 5"', 3.0, 1), ("mug", "atLocation", "mug", 1.0, 2),
+    ("tea/pot", "atLocation", 'Möbel 5"', 3.0, 1), ("tea/pot", "atLocation", "mug", 1.0, 2),
+    ('Möbel 5"', "atLocation", 'Möbel 5"', 9.0, 1), ('Möbel 5"', "atLocation", "kitchen", 3.0, 2),
+    ("mug", "hasAffordance", "tea/pot", 2.0, 1), ("mug", "hasAffordance", "mug", 1.0, 2),
+    ("tea/pot", "hasAffordance", "tea/pot", 4.0, 1), ("tea/pot", "hasAffordance", "fill", 2.0, 2),
+    ('Möbel 5"', "hasAffordance", "fill", 0.0, 1), ('Möbel 5"', "hasAffordance", "kitchen", 0.0, 2),
+]  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with an experiment: its graph, and the joint models of seeds 4 and 7."""
+    monkeypatch.chdir(tmp_path)
+    params = {"embedding": {"family": "distmult", "dimension": 2, "init_range": 0.1}, "families": {"distmult": {}}}
+    paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
+    graph(ENTITIES, TRIPLES)
+    other = torch.flip(torch.tensor(VECTORS), [-1])
+    tensors = {
+        "entity": torch.stack([torch.tensor(VECTORS), other]),
+        "relation": torch.tensor([RELATIONS, RELATIONS]),
+        "known": torch.tensor([[True] * 5, [True] * 4 + [False]]),
+        "seed": torch.tensor([4, 7]),
+    }
+    tables.write_tensors(paths.joint("home"), tensors, MADE)
+    return tmp_path
+
+
+def graph(entities: pd.DataFrame, triples: pd.DataFrame) -> None:
+    named = entities.assign(source="home", phrase=entities["entity"].str.lower())
+    tables.write(paths.entities("home"), named, tables.ENTITIES, MADE)
+    tables.write(paths.triples("home"), triples.assign(source="home"), tables.TRIPLES, MADE)
+
+
+def export(form: str, out: str, *more: str) -> None:
+    main(["export", "home", "--format", form, "--out", out, *more])
+
+
+def in_names(graph: Graph) -> set[tuple[str, ...]]:
+    return {tuple(str(node).replace("urn:isi:home:", "") for node in triple) for triple in graph}
+
+
+# What other tools find
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(("form", "parser"), [("turtle", "turtle"), ("jsonld", "json-ld")])
+def test_rdf_has_as_many_triples_as_the_graph(form: str, parser: str) -> None:
+    export(form, "out/home")
+    found = Graph().parse("out/home", format=parser)
+    assert len(found) == len(TRIPLES)
+    assert ("entity:tea%2Fpot", "relation:atLocation", "entity:kitchen") in in_names(found)
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(("form", "parser"), [("turtle", "turtle"), ("jsonld", "json-ld")])
+def test_rdf_tells_kinds_phrases_and_predictions_where_they_are_asked_for(form: str, parser: str) -> None:
+    export(form, "home", "--labels", "--predictions", "1")
+    found = Graph().parse("home", format=parser)
+    mug, first = URIRef("urn:isi:home:entity:mug"), URIRef("urn:isi:home:prediction:1")
+    assert len(found) == len(TRIPLES) + 2 * len(ENTITIES) + 5 * 6
+    assert found.value(mug, RDFS.label) == Literal("mug")
+    assert found.value(mug, RDF.type) == URIRef("urn:isi:home:kind:object")
+    assert found.value(first, RDF.subject) == mug
+    assert found.value(first, URIRef("urn:isi:home:prediction:score")).toPython() == 3.0  # type: ignore[union-attr]
+    assert found.value(first, URIRef("urn:isi:home:prediction:rank")).toPython() == 1  # type: ignore[union-attr]
+
+
+def test_what_is_written_as_turtle_is_read_as_a_source_again(folder: Path) -> None:
+    export("turtle", "home.ttl", "--labels", "--predictions", "2")
+    found = observe("rdf", folder / "home.ttl")
+    assert set(found.rows(*TRIPLE)) == ROWS
+    assert found.kind_of() == dict(zip(ENTITIES["entity"], ENTITIES["kind"], strict=True))
+
+
+@pytest.mark.usefixtures("folder")
+def test_graphml_opens_in_networkx() -> None:
+    export("graphml", "home.graphml", "--predictions", "2")
+    found = nx.read_graphml("home.graphml", force_multigraph=True)
+    edges = sorted(found.edges(data=True), key=lambda edge: "rank" in edge[2])
+    told = {(head, data["relation"], tail): data["count"] for head, tail, data in edges if "count" in data}
+    assert told == {tuple(row[:3]): row[3] for row in TRIPLES.itertuples(index=False)}
+    expected = {
+        (head, data["relation"], tail, data["score"], data["rank"]) for head, tail, data in edges if "rank" in data
+    }
+    assert expected == set(BEST)
+    assert found.nodes["mug"] == {"kind": "object", "phrase": "mug"}
+    assert len({key for *_, key in found.edges(keys=True)}) == len(edges)
+
+
+def test_csv_of_a_property_graph_has_nodes_edges_and_predictions(folder: Path) -> None:
+    export("property-csv", "home")
+    assert {path.name for path in (folder / "home").iterdir()} == {"nodes.csv", "edges.csv"}
+    export("property-csv", "home", "--predictions", "2")
+    nodes, edges, predicted = (pd.read_csv(f"home/{name}.csv") for name in ("nodes", "edges", "predictions"))
+    assert list(nodes.columns) == [":ID", "phrase", ":LABEL"]
+    assert list(nodes[":ID"]) == list(ENTITIES["entity"])
+    assert list(edges.columns) == [":START_ID", ":END_ID", ":TYPE", "count:int"]
+    assert set(edges[[":START_ID", ":TYPE", ":END_ID"]].itertuples(index=False, name=None)) == ROWS
+    ordered = predicted[[":START_ID", ":TYPE", ":END_ID", "score:float", "rank:int"]]
+    assert list(ordered.itertuples(index=False, name=None)) == BEST
+
+
+@pytest.mark.usefixtures("folder")
+def test_pykeen_reads_the_triples() -> None:
+    pytest.importorskip("pykeen")
+    from pykeen.triples import TriplesFactory
+
+    export("pykeen-tsv", "home.tsv", "--predictions", "2")
+    factory = TriplesFactory.from_path("home.tsv")
+    assert factory.num_triples == len(TRIPLES)
+    assert {tuple(row) for row in factory.label_triples(factory.mapped_triples)} == ROWS
+    predicted = pd.read_csv("home.predictions.tsv", sep="\t", header=None)
+    assert list(predicted.itertuples(index=False, name=None)) == BEST
+
+
+def test_the_same_graph_is_the_same_bytes_whatever_order_hashes_give(folder: Path) -> None:
+    (folder / "isi").symlink_to(ROOT / "isi")
+    forms, options = [name.replace("_", "-") for name in FORMS.names()], ["--labels", "--predictions", "2"]
+    for form in forms:
+        export(form, f"here/{form}", *options)
+    calls = [["export", "home", "--format", form, "--out", f"there/{form}", *options] for form in forms]
+    code = f"from isi.__main__ import main\nfor call in {calls}: main(call)"
+    subprocess.run([sys.executable, "-c", code], check=True, env={**os.environ, "PYTHONHASHSEED": "1"})
+    here, there = (
+        {path.relative_to(place): path.read_bytes() for path in Path(place).rglob("*") if path.is_file()}
+        for place in ("here", "there")
+    )
+    assert len(here) == 8
+    assert here == there
+
+
+@pytest.mark.usefixtures("folder")
+def test_jsonld_is_in_order() -> None:
+    export("jsonld", "home")
+    nodes = [node["@id"] for node in json.loads(Path("home").read_text(encoding="utf-8"))]
+    assert nodes == sorted(nodes)
+
+
+# Predictions
+
+
+@pytest.mark.usefixtures("folder")
+def test_another_seed_predicts_by_its_own_model_among_those_it_knows() -> None:
+    export("pykeen-tsv", "home.tsv", "--predictions", "9", "--seed", "7")
+    found = pd.read_csv("home.predictions.tsv", sep="\t", header=None, names=[*TRIPLE, "score", "rank"])
+    assert 'Möbel 5"' not in {*found["head"], *found["tail"]}
+    best = found[(found["head"] == "mug") & (found["relation"] == "atLocation")]
+    # seed 7 has the coordinates of each entity swapped: mug (1, 1), so scores are tails' second: first of VECTORS
+    assert list(best["tail"]) == ["tea/pot", "fill", "mug"]
+    assert list(best["score"]) == [2.0, 1.0, 1.0]
+    assert list(best["rank"]) == [1, 2, 3]
+
+
+# What is refused
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "expected"),
+    [
+        (["home"], 2, "--format"),
+        (["../home", "--format", "turtle", "--out", "x"], 2, "'../home'"),
+        (["home", "--format", "xml", "--out", "x"], 2, "'xml'"),
+        (["home", "--format", "turtle", "--out", "x", "--predictions", "many"], 2, "'many'"),
+        (["house", "--format", "turtle", "--out", "x"], 1, "data/graph/house/entities.parquet"),
+        (["home", "--format", "turtle", "--out", "x", "--predictions", "1", "--seed", "5"], 1, "expected one of 4, 7"),
+        (["home", "--format", "turtle", "--out", "data"], 1, "data: cannot be written"),
+        (["home", "--format", "property-csv", "--out", "params.yaml"], 1, "cannot be written"),
+    ],
+)
+def test_mistakes_are_answered_in_one_line_and_nothing_is_written(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], status: int, expected: str
+) -> None:
+    before = sorted(folder.rglob("*"))
+    with pytest.raises(SystemExit) as ended:
+        main(["export", *arguments])
+    line = capsys.readouterr().err if status == 2 else str(ended.value.code)
+    assert expected in line
+    assert line.strip("\n").isprintable()
+    assert sorted(folder.rglob("*")) == before
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_model_of_another_graph_or_family_is_refused() -> None:
+    graph(ENTITIES[:4], TRIPLES[:3])
+    with pytest.raises(SystemExit, match=r"joint\.safetensors: expected .*\(4, 2, 2\).*got \(5, 2, 2\)"):
+        export("turtle", "x", "--predictions", "1")
+    paths.PARAMS.write_text("embedding: {family: distmlt, dimension: 2, init_range: 0.1}\n", encoding="utf-8")
+    with pytest.raises(SystemExit, match=r"families\.distmlt: expected one of .*distmult"):
+        export("turtle", "x", "--predictions", "1")
+
+
+@pytest.mark.usefixtures("folder")
+def test_names_that_no_tool_would_read_are_refused() -> None:
+    graph(ENTITIES.replace("fill", "fi\tll"), TRIPLES.replace("fill", "fi\tll"))
+    with pytest.raises(SystemExit, match=r"entities\.parquet: column 'entity': .*control"):
+        export("pykeen-tsv", "x")
+    assert not Path("x").exists()

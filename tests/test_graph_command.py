@@ -1,0 +1,283 @@
+"""``python -m isi graph``: a graph of files of one's own, what it says of it, and what it refuses."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from isi.__main__ import main
+from isi.base import paths, tables
+from isi.base.errors import InputError
+from isi.base.params import read as read_params
+from isi.building import graph_of
+from isi.commands._reading import guess, read, together
+from isi.commands.graph import described
+from isi.graph import build
+from isi.sources import SOURCES
+from isi.sources._recording import FORMAT, locate
+
+ROOT = Path(__file__).parent.parent
+LOG = """head,relation,tail,count,room
+mug,atLocation,kitchen,3,kitchen
+mug,atLocation,kitchen,1,
+mug,hasMaterial,ceramic,2,
+cup,atLocation,kitchen,1,kitchen
+cup,hasAffordance,fill,1,
+mug,hasAffordance,fill,1,
+xqzzy,atLocation,bedroom,1,bedroom
+"""
+SAID = """\
+{file}: read as table
+7 entities, 6 unique triples of 10 observations
+entities by kind
+  3 object
+  2 room
+  1 affordance
+  1 material
+relations
+  atLocation: 3 unique triples of 6 observations
+  hasAffordance: 2 unique triples of 2 observations
+  hasMaterial: 1 unique triples of 2 observations
+words
+  1 of 7 entities (xqzzy) have no word vector
+too rare to split
+  3 of 7 entities (bedroom, ceramic, xqzzy) have one triple: it stays in train, so that nothing is asked of them
+  4 of 6 unique triples were observed once
+  validation and test take 2 triples, but only 1 can leave train: too few for sessions
+"""
+THINGS = [
+    {"objectType": "Mug", "objectId": "Mug|1", "parentReceptacles": ["SideTable|1"]},
+    {"objectType": "SideTable", "objectId": "SideTable|1"},
+]
+HOUSE = {
+    "rooms": [
+        {"id": "room|2", "roomType": "Kitchen",
+         "floorPolygon": [{"x": x, "y": 0, "z": z} for x, z in ((0, 0), (0, 4), (4, 4), (4, 0))]}
+    ],
+    "objects": [
+        {"id": "SideTable|2|0", "assetId": "Side_Table_1", "position": {"x": 1, "y": 0, "z": 1},
+         "children": [{"id": "Mug|surface|2|0", "assetId": "Mug_1", "position": {"x": 1, "y": 1, "z": 1}}]}
+    ],
+}  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the params and what ships, in which the command runs."""
+    (tmp_path / paths.PARAMS).write_bytes((ROOT / paths.PARAMS).read_bytes())
+    (tmp_path / paths.DATA).mkdir()
+    (tmp_path / paths.RAW).symlink_to(ROOT / paths.RAW)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "log.csv").write_text(LOG, encoding="utf-8")
+    return tmp_path
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """What the command prints."""
+    main(["graph", *arguments])
+    return capsys.readouterr().out
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[object, str]:
+    """Exit status and the one line that the command ends with."""
+    with pytest.raises(SystemExit) as ended:
+        main(["graph", *arguments])
+    printed = capsys.readouterr()
+    line = printed.err.rstrip("\n") if ended.value.code == 2 else str(ended.value)
+    assert printed.out == ""
+    assert line.isprintable()
+    return ended.value.code if ended.value.code == 2 else 1, line
+
+
+@pytest.mark.usefixtures("folder")
+def test_it_says_what_is_in_a_table(capsys: pytest.CaptureFixture[str]) -> None:
+    said_of_it = said(capsys, "log.csv", "--set", "household=true")
+    assert said_of_it == SAID.format(file="log.csv")
+
+
+def test_it_writes_the_tables_of_a_graph(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said(capsys, "log.csv", "--out", "made/graph")
+    entities = tables.read(folder / "made/graph/entities.parquet", tables.ENTITIES)
+    triples = tables.read(folder / "made/graph/triples.parquet", tables.TRIPLES)
+    assert list(entities["entity"]) == ["bedroom", "ceramic", "cup", "fill", "kitchen", "mug", "xqzzy"]
+    assert set(entities["kind"]) == {"entity"}
+    counts = {tuple(row[:3]): row[3] for row in triples.itertuples(index=False)}
+    assert counts["mug", "atLocation", "kitchen"] == 4
+    assert sum(counts.values()) == 10
+    assert build(entities, triples).triples.shape == (6, 3)
+    assert {path.name for path in (folder / "made/graph").iterdir()} == {"entities.parquet", "triples.parquet"}
+
+
+@pytest.mark.usefixtures("folder")
+def test_rare_triples_can_be_left_out(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "3 entities, 2 unique triples of 6 observations" in said(capsys, "log.csv", "--min-count", "2")
+    assert refusal(capsys, "log.csv", "--min-count", "9")[1].endswith("no triple was observed 9 times")
+
+
+def test_several_files_make_one_graph(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "more.nt").write_text("<urn:x:mug> <urn:x:atLocation> <urn:x:kitchen> .\n", encoding="utf-8")
+    text = said(capsys, "log.csv", "more.nt")
+    assert "log.csv: read as table\nmore.nt: read as rdf\n7 entities, 6 unique triples of 11 observations\n" in text
+
+
+def test_files_that_give_an_entity_two_kinds_are_refused(folder: Path) -> None:
+    (folder / "more.csv").write_text("head,relation,tail\nfill,atLocation,kitchen\n", encoding="utf-8")
+    found = [read(folder / name, None, {"household": True}, 0) for name in ("log.csv", "more.csv")]
+    with pytest.raises(InputError, match=r"more\.csv: entity 'fill': expected kind 'affordance', got 'object'"):
+        together(found)
+
+
+def test_a_graph_that_can_be_split_is_said_to_be_one(folder: Path) -> None:
+    rows = [f"thing{h},near,thing{t}" for h in range(9) for t in range(9)]
+    (folder / "dense.csv").write_text("head,relation,tail\n" + "\n".join(rows), encoding="utf-8")
+    graph = graph_of(together([read(folder / "dense.csv", None, {}, 0)]))
+    lines = list(described(graph, read_params(paths.PARAMS)))
+    assert lines[-1] == "  validation and test take 16 triples, which it has"
+    assert lines[-3].startswith("  0 of 9 entities have one triple")
+    listed = [line for line in lines if "word vector" in line]
+    assert listed == ["  9 of 9 entities (thing0, thing1, thing2, thing3, thing4, thing5, thing6, thing7, and 1 more) "
+                      "have no word vector"]  # fmt: skip
+
+
+# Which reader
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reader"),
+    [
+        ("a.csv", "", "table"),
+        ("a.tsv.gz", "", "table"),
+        ("a.parquet", "", "table"),
+        ("a.nt", "", "rdf"),
+        ("a.ttl.gz", "", "rdf"),
+        ("a.json", json.dumps(THINGS), "ai2thor_scene"),
+        ("a.json", json.dumps({"metadata": {"objects": THINGS}}), "ai2thor_scene"),
+        ("a.jsonl", json.dumps({"scene": "FloorPlan1", "spawn": None, "objects": THINGS}), "ai2thor_scene"),
+        ("a.json", json.dumps(HOUSE, indent=1), "procthor_houses"),
+        ("a.jsonl.gz", json.dumps(HOUSE) + "\n" + json.dumps(HOUSE), "procthor_houses"),
+        ("a.jsonl.gz", json.dumps({"format": "isi recording", "version": 1}) + "\n{}\n", "ai2thor"),
+        ("a.json", json.dumps({"kitchens": []}), "ai2thor"),
+    ],
+)
+def test_the_reader_is_guessed_where_a_file_tells(tmp_path: Path, name: str, content: str, reader: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(gzip.compress(content.encode()) if name.endswith(".gz") else content.encode())
+    assert guess(path) == reader
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.json", "{"),
+        ("a.json", "{}"),
+        ("a.json", "3"),
+        ("a.jsonl", ""),
+        ("a.txt", "x"),
+        ("a.json.gz", "{}"),
+        ("a", ""),
+    ],
+)
+def test_where_it_does_not_tell_it_is_refused_by_name(tmp_path: Path, name: str, content: str) -> None:
+    (tmp_path / name).write_text(content, encoding="utf-8")
+    with pytest.raises(InputError, match=rf"{name}: expected "):
+        guess(tmp_path / name)
+
+
+@pytest.mark.usefixtures("folder")
+def test_one_recorded_scene_is_a_graph(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    kitchen = json.loads(locate("recording").read_bytes())["kitchens"][0]
+    (folder / "scene.json").write_text(json.dumps(kitchen), encoding="utf-8")
+    without = said(capsys, "scene.json")
+    assert f"{len(kitchen)} objects without a room" in without
+    within = said(capsys, "scene.json", "--set", "room=kitchen")
+    assert "  1 room\n" in within
+    assert "without a room" not in within
+
+
+def test_a_recording_of_ones_own_is_a_graph(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = [json.dumps(FORMAT), json.dumps({"scene": "FloorPlan301", "spawn": 4, "objects": THINGS})]
+    (folder / "rooms.jsonl.gz").write_bytes(gzip.compress("\n".join(lines).encode()))
+    text = said(capsys, "rooms.jsonl.gz")
+    assert "rooms.jsonl.gz: read as ai2thor\n" in text
+    assert "  atLocation: 3 unique triples of 3 observations" in text
+
+
+def test_a_whole_recording_is_a_graph(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said(capsys, str(locate("recording")))
+    assert "read as ai2thor" in text
+    assert "  4 room\n" in text
+
+
+@pytest.mark.skipif("procthor_houses" not in SOURCES.names(), reason="there is no reader of houses")
+@pytest.mark.usefixtures("folder")
+def test_one_house_is_a_graph(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "house.json").write_text(json.dumps(HOUSE, indent=1), encoding="utf-8")
+    text = said(capsys, "house.json")
+    assert "house.json: read as procthor_houses" in text
+    assert "  1 room\n" in text
+    assert "  atLocation: 3 unique triples of 3 observations" in text
+
+
+# What is refused
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("arguments", "status", "expected"),
+    [
+        ([], 2, ["FILE"]),
+        (["none.csv"], 1, ["none.csv", "No such file"]),
+        (["log.csv", "--reader", "whales"], 2, ["--reader", "whales", "table"]),
+        (["log.csv", "--reader", "published"], 1, ["published", "reads a file"]),
+        (["log.csv", "--reader", "rdf"], 1, ["log.csv", ".nt or .ttl"]),
+        (["log.csv", "--set", "room"], 2, ["--set", "KEY=VALUE", "'room'"]),
+        (["log.csv", "--set", "kinds={"], 2, ["--set", "YAML"]),
+        (["log.csv", "--set", "room=kitchen"], 1, ["--set.room"]),
+        (["log.csv", "--set", "household=often"], 1, ["--set.household", "boolean", "'often'"]),
+        (["log.csv", "--set", "kinds={atLocation: thing}"], 1, ["--set.kinds.atLocation"]),
+        (["log.csv", "--min-count", "0"], 2, ["--min-count", "'0'"]),
+        (["log.csv", "--out", "log.csv"], 1, ["log.csv", "cannot be written"]),
+    ],
+)  # fmt: skip
+def test_mistakes_are_answered_in_one_line_and_nothing_is_written(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], status: int, expected: list[str]
+) -> None:
+    before = sorted(folder.rglob("*"))
+    code, line = refusal(capsys, *arguments)
+    assert code == status
+    assert line.startswith("python -m isi graph: ")
+    assert all(part in line for part in expected), line
+    assert "params.yaml" not in line
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_a_folder_without_params_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match=r"params\.yaml: cannot be read"):
+        main(["graph", "log.csv"])
+
+
+# The commands together
+
+
+def test_each_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, expected in (([], "COMMAND"), (["graph"], "FILE"), (["export"], "EXPERIMENT")):
+        with pytest.raises(SystemExit) as ended:
+            main([*arguments, "--help"])
+        assert ended.value.code == 0
+        assert expected in capsys.readouterr().out
+
+
+def test_a_command_runs_from_a_shell_and_ends_with_its_status(folder: Path) -> None:
+    (folder / "isi").symlink_to(ROOT / "isi")
+    for arguments, status, words in (([], 2, "COMMAND"), (["dance"], 2, "'dance'"), (["graph", "no.csv"], 1, "no.csv")):
+        command = [sys.executable, "-m", "isi", *arguments]
+        ended = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
+        assert ended.returncode == status
+        assert ended.stderr.count("\n") == 1
+        assert words in ended.stderr
