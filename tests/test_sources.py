@@ -39,8 +39,8 @@ def named(*triples: tuple[str, str, str]) -> pd.DataFrame:
 
 def test_the_sources_are_the_modules_that_register_one() -> None:
     shipped = {
-        "ai2thor", "ai2thor_scene", "behavior", "mp3d_houses", "mp3d_tallies", "published", "rdf", "robothor",
-        "table", "triples_with_ids",
+        "ai2thor", "ai2thor_scene", "behavior", "mp3d_houses", "mp3d_tallies", "procthor_houses", "published", "rdf",
+        "robothor", "table", "triples_with_ids",
     }  # fmt: skip
     assert set(SOURCES.names()) == shipped | {"pretended"}
     for name in shipped:

@@ -1,0 +1,98 @@
+"""The tool that runs every source: what it counts, what it draws, and what it passes over."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from isi.base import paths
+from isi.base.params import read
+from tests.floors import house, thing
+from tools import sources
+
+MADE = {"reader": "procthor_houses", "sha256": None, "materials": "suncg"}
+
+
+@pytest.fixture(scope="module")
+def homes(tmp_path_factory: pytest.TempPathFactory) -> sources.Measured:
+    """Two houses: three mugs in kitchens, a mug and a sofa in a living room, and a mug in no room."""
+    path = tmp_path_factory.mktemp("homes") / "homes.jsonl"
+    mugs = [thing(f"Mug|2|{place}", 1, 1) for place in range(2)]
+    first = house(*mugs, thing("Sofa|3|0", 8, 1, thing("Mug|surface|3|0", 8, 1)))
+    second = house(mugs[0], thing("Mug|2|1", -9, 1))
+    path.write_text(f"{json.dumps(first)}\n{json.dumps(second)}\n", encoding="utf-8")
+    return sources.run("homes", {**MADE, "path": str(path)}, 0)
+
+
+def test_a_row_counts_what_a_source_gave(homes: sources.Measured) -> None:
+    row = sources.table([homes]).iloc[0]
+    assert list(row[["source", "scenes", "rooms", "instances", "relations"]]) == ["homes", "2", "2", "5", "3"]
+    assert "2 room" in row["of these"]
+    assert row["counted by mining"] == "6 instances; 1 dropped, in no room of their house"
+    at = homes.counts.xs("atLocation", level="relation")
+    assert at.to_dict() == {
+        ("mug", "kitchen"): 3, ("mug", "living room"): 1, ("mug", "sofa"): 1, ("sofa", "living room"): 1,
+    }  # fmt: skip
+    assert row["observations"] == str(homes.counts.sum())
+    assert row["unique triples"] == str(len(homes.counts))
+
+
+def test_a_picture_shows_each_object_in_the_share_of_rooms_that_it_was_seen_in(homes: sources.Measured) -> None:
+    drawn = sources.picture(homes)
+    assert drawn is not None
+    axes = drawn.axes[0]
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["living room (2)", "kitchen (1)"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["mug", "sofa"]
+    assert axes.get_images()[0].get_array().tolist() == [[0.25, 0.75], [1.0, 0.0]]  # type: ignore[union-attr]
+
+
+def test_a_graph_without_rooms_has_no_picture(homes: sources.Measured) -> None:
+    kinds = pd.DataFrame({"entity": ["mug"], "kind": ["object"], "phrase": ["mug"]})
+    without = sources.Measured("x", 0, 0, homes.counts, kinds, {}, 0.0)
+    assert sources.picture(without) is None
+    row = sources.table([without]).iloc[0]
+    assert (row["scenes"], row["rooms"], row["instances"], row["counted by mining"]) == ("–", "–", "–", "–")
+
+
+def test_any_mapping_of_sources_is_run_and_those_that_cannot_be_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    mapping = {
+        "gone": {**MADE, "path": "nowhere.jsonl"},
+        "mp3d": read(paths.PARAMS)["sources"]["mp3d"],
+        "odd": {"reader": "whales"},
+    }
+    measured = list(sources.measure(mapping, 0))
+    assert [one.name for one in measured] == ["mp3d"]
+    assert (measured[0].scenes, measured[0].instances) == (0, 0)
+    assert int(measured[0].counts.sum()) == measured[0].left["without structure"]
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 2
+    assert told[0].startswith("left out gone: nowhere.jsonl: ")
+    assert told[1].startswith("left out odd: ")
+
+
+def test_sources_of_all_files_of_params_are_listed(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text("sources:\n  mine: {reader: published}\n", encoding="utf-8")
+    (tmp_path / "none.yaml").write_text("sources:\n", encoding="utf-8")
+    listed = sources.listed([paths.PARAMS, paths.BEYOND_PARAMS, tmp_path / "mine.yaml", tmp_path / "none.yaml"])
+    assert {*read(paths.PARAMS)["sources"], *read(paths.BEYOND_PARAMS)["graphs"], "mine"} <= set(listed)
+
+
+def test_the_command_writes_a_table_and_pictures_and_refuses_other_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def command(*arguments: str) -> None:
+        monkeypatch.setattr(sys, "argv", ["sources", *arguments])
+        sources.main()
+
+    with pytest.raises(SystemExit, match="'whales': expected one of ai2thor, "):
+        command("whales")
+    command("--houses", "2", "--docs", str(tmp_path), "published", sources.MADE)
+    lines = (tmp_path / "benchmarks/sources.md").read_text(encoding="utf-8").splitlines()
+    assert [line.split("|")[1].strip() for line in lines[2:]] == ["published", sources.MADE]
+    pictures = {path.name: path.stat().st_size for path in (tmp_path / "sources").iterdir()}
+    assert set(pictures) == {"published.png", f"{sources.MADE}.png"}
+    assert all(1_000 < size < 150_000 for size in pictures.values())

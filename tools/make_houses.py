@@ -1,0 +1,195 @@
+"""Make houses in the format of ProcTHOR-10K, of what the installed package ``procthor`` says of rooms and assets.
+
+They stand in for ProcTHOR-10K where it is not at hand, and are as large. What may stand in which room, and what on
+what, is the package's; each object stands in the room that its id names.
+
+python -m tools.make_houses 10000 houses.jsonl.gz
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib.metadata import distribution
+from pathlib import Path
+from random import Random
+from typing import Any
+
+ROOMS = ("Kitchen", "LivingRoom", "Bedroom", "Bathroom")
+MOST_ROOMS = 10
+#: Objects on the floor of a room, and on its walls.
+ON_FLOOR, ON_WALL = 7, 2
+#: From walls, metres.
+MARGIN = 0.05
+#: How much likelier than in the package's scenes something is on something else.
+BIAS = 0.05
+
+#: x and z of two opposite corners.
+Rectangle = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """What the package says."""
+
+    #: ids, by type
+    assets: Mapping[str, list[str]]
+    #: weights of types, by room
+    floor: Mapping[str, Mapping[str, float]]
+    wall: Mapping[str, Mapping[str, float]]
+    #: how likely something is on or in something else, by the type of the latter, then of the former
+    holds: Mapping[str, Mapping[str, float]]
+    #: types that may be there, by room
+    fitting: Mapping[str, set[str]]
+
+
+def catalogue() -> Catalogue:
+    """What the installed package says, which is not imported."""
+    folder = Path(str(distribution("procthor").locate_file("procthor/databases")))
+    assets, places, holds = (
+        json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+        for name in ("asset-database", "placement-annotations", "receptacles")
+    )
+    weights = {room: {kind: weight for kind, weight in places[f"in{room}s"].items() if weight} for room in ROOMS}
+
+    def at(place: str) -> dict[str, dict[str, float]]:
+        return {
+            room: {kind: weight for kind, weight in of.items() if places[place][kind] and kind in assets}
+            for room, of in weights.items()
+        }
+
+    return Catalogue(
+        {kind: [asset["assetId"] for asset in listed] for kind, listed in assets.items()},
+        at("onFloor"),
+        at("onWall"),
+        {kind: {child: held["p"] for child, held in of.items() if child in assets} for kind, of in holds.items()},
+        {room: set(of) for room, of in weights.items()},
+    )
+
+
+def houses(number: int, seed: int = 0) -> Iterator[dict[str, Any]]:
+    """Houses of one to ten rooms."""
+    known = catalogue()
+    for place in range(number):
+        yield house(known, Random(f"{seed} {place}"))
+
+
+def house(known: Catalogue, random: Random) -> dict[str, Any]:
+    """A house whose rooms lie in a row, every other one with a corner in the next."""
+    areas = layout(random, random.randint(1, MOST_ROOMS))
+    rooms = [(number, random.choice(ROOMS), area) for number, area in enumerate(areas, 2)]
+    return {
+        "doors": [], "windows": [],
+        "metadata": {"schema": "1.0.0", "warnings": {}, "agent": {"horizon": 30, "position": point(1, 1)}},
+        "objects": [thing for room in rooms for thing in furniture(known, random, *room)],
+        "proceduralParameters": {"lights": [light(number) for number, _, _ in rooms], "skyboxId": "SkyOakland"},
+        "rooms": [
+            {"ceilings": [], "children": [], "floorMaterial": {"name": "WoodGrains"}, "id": f"room|{number}",
+             "floorPolygon": outline(area), "roomType": kind, "layer": "Procedural1"}
+            for number, kind, area in rooms
+        ],
+        "walls": [wall(number, corner) for number, _, area in rooms for corner in outline(area)],
+    }  # fmt: skip
+
+
+def layout(random: Random, number: int) -> list[list[Rectangle]]:
+    """Rooms beside each other, each of one or two rectangles."""
+    depth, start, areas = round(random.uniform(3, 7), 3), 0.0, []
+    for _ in range(number):
+        end = round(start + random.uniform(3, 7), 3)
+        areas.append([(start, 0.0, end, depth)])
+        start = end
+    for first, second in zip(areas[::2], areas[1::2], strict=False):
+        (begin, _, border, _), (_, _, end, _) = first[0], second[0]
+        notch, half = round(border + 1.5, 3), round(depth / 2, 3)
+        first[:] = [(begin, 0.0, border, depth), (border, 0.0, notch, half)]
+        second[:] = [(notch, 0.0, end, depth), (border, half, notch, depth)]
+    return areas
+
+
+def outline(area: list[Rectangle]) -> list[dict[str, float]]:
+    """Corners of a room, in order."""
+    x0, z0, x1, z1 = area[0]
+    corners = [(x0, z0), (x0, z1), (x1, z1), (x1, z0)]
+    if len(area) > 1:
+        left, below, right, above = area[1]
+        if below == z0:  # a corner in the next room
+            corners = [(x0, z0), (x0, z1), (x1, z1), (x1, above), (right, above), (right, z0)]
+        else:  # what the room before has left
+            corners = [(x0, z0), (x0, below), (left, below), (left, z1), (x1, z1), (x1, z0)]
+    return [point(x, z) for x, z in corners]
+
+
+def furniture(
+    known: Catalogue, random: Random, room: int, kind: str, area: list[Rectangle]
+) -> Iterator[dict[str, Any]]:
+    """Objects of a room, with those on or in them."""
+    drawn = [*draw(random, known.floor[kind], ON_FLOOR), *draw(random, known.wall[kind], ON_WALL)]
+    small = 0
+    for place, name in enumerate(drawn):
+        thing = item(known, random, f"{name}|{room}|{place}", name, area)
+        held = known.holds.get(name, {})
+        for child, chance in held.items():
+            if child in known.fitting[kind] and random.random() < chance + BIAS:
+                thing["children"].append(item(known, random, f"{child}|surface|{room}|{small}", child, area))
+                small += 1
+        yield thing
+
+
+def draw(random: Random, weights: Mapping[str, float], number: int) -> list[str]:
+    """Types by their weights, none where there are none."""
+    return random.choices(list(weights), list(weights.values()), k=number) if weights else []
+
+
+def item(known: Catalogue, random: Random, identifier: str, kind: str, area: list[Rectangle]) -> dict[str, Any]:
+    """An object somewhere in a room."""
+    x0, z0, x1, z1 = random.choice(area)
+    position = point(random.uniform(x0 + MARGIN, x1 - MARGIN), random.uniform(z0 + MARGIN, z1 - MARGIN), 0.7)
+    return {
+        "assetId": random.choice(known.assets[kind]), "children": [], "id": identifier, "kinematic": False,
+        "position": position, "rotation": point(0, 0, 90), "layer": "Procedural1", "material": None,
+    }  # fmt: skip
+
+
+def point(x: float, z: float, y: float = 0) -> dict[str, float]:
+    return {"x": x, "y": y, "z": z}
+
+
+def wall(room: int, corner: Mapping[str, float]) -> dict[str, Any]:
+    x, z = corner["x"], corner["z"]
+    colour = {"b": 0.25882352941176473, "g": 0.26666666666666666, "r": 0.2627450980392157}
+    return {
+        "color": colour, "id": f"wall|{room}|{x:.2f}|{z:.2f}", "material": {"name": "PureWhite", "color": colour},
+        "polygon": [point(x, z), point(x + 1, z), point(x, z, 2.6135298900884276), point(x + 1, z, 2.6135298900884276)],
+        "roomId": f"room|{room}", "layer": "Procedural1",
+    }  # fmt: skip
+
+
+def light(room: int) -> dict[str, Any]:
+    return {
+        "id": f"light_{room}", "intensity": 0.45, "position": point(room, room, 2.4), "range": 15,
+        "rgb": {"r": 1.0, "g": 0.855, "b": 0.722}, "type": "point", "layer": "Procedural1",
+        "shadow": {"type": "Soft", "strength": 1, "normalBias": 0, "bias": 0.05, "nearPlane": 0.2},
+    }  # fmt: skip
+
+
+def write(path: Path, number: int, seed: int = 0) -> None:
+    """One house a line; packed where the path ends in ``.gz``."""
+    with gzip.open(path, "wb", compresslevel=1) if path.suffix == ".gz" else path.open("wb") as file:
+        for made in houses(number, seed):
+            file.write(json.dumps(made).encode() + b"\n")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("houses", type=int)
+    parser.add_argument("file", type=Path, help="JSON Lines; packed where it ends in .gz")
+    given = parser.parse_args()
+    write(given.file, given.houses)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,196 @@
+"""Run every source at its full size: docs/benchmarks/sources.md says what it gives, docs/sources/ where things are.
+
+Sources are those of ``params.yaml``, of ``beyond/params.yaml`` and of files that are named (``--params``). Where none
+of them reads ProcTHOR's houses, such houses are made. A source that cannot be run here is left out, and a line says so.
+
+python -m tools.sources [NAME ...]
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import matplotlib as mpl
+import pandas as pd
+from matplotlib.figure import Figure
+
+from isi.base import paths
+from isi.base.errors import InputError
+from isi.base.params import read
+from isi.report.figures import STYLE, rendered
+from isi.sources import Mining, Observed, settings_of
+from tools import make_houses
+
+DOCS = Path(__file__).parent.parent / "docs"
+TRIPLE = ["head", "relation", "tail"]
+#: Name of the houses that are made, and how many: as ProcTHOR-10K has in its training set.
+MADE, HOUSES = "procthor_made", 10_000
+#: What no pipeline runs.
+ELSE: dict[str, Any] = {
+    "robothor": {
+        "reader": "robothor", "from": "recording", "sha256": None, "materials": "suncg", "broken": "error",
+    },
+}  # fmt: skip
+#: Objects in a picture.
+SHOWN = 25
+NONE = "–"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A source, run to its end."""
+
+    name: str
+    scenes: int
+    instances: int
+    #: observations of each unique triple
+    counts: pd.Series[int]
+    #: entities (``tables.KINDS``)
+    kinds: pd.DataFrame
+    #: what mining counted
+    left: Mapping[str, int]
+    seconds: float
+
+    def of_kind(self, kind: str) -> list[str]:
+        return list(self.kinds.loc[self.kinds["kind"] == kind, "entity"])
+
+
+def listed(files: Iterable[Path]) -> dict[str, Any]:
+    """Settings of the sources that files of params have, by name, and of those of their graphs.
+
+    Raises:
+        InputError: where a file is missing or no YAML.
+    """
+    found: dict[str, Any] = {}
+    for file in files:
+        params = read(file)
+        found |= params.get("sources") or {}
+        found |= {name: graph["source"] for name, graph in (params.get("graphs") or {}).items()}
+    return found
+
+
+def measure(sources: Mapping[str, Any], seed: int) -> Iterator[Measured]:
+    """Run sources, by name; those that cannot be run are told about and passed over."""
+    for name, settings in sources.items():
+        try:
+            yield run(name, settings, seed)
+        except InputError as error:
+            print(f"left out {name}: {error}", file=sys.stderr)
+
+
+def run(name: str, settings: Any, seed: int) -> Measured:
+    """Observe a source from its beginning to its end.
+
+    Raises:
+        InputError: where that cannot be done.
+    """
+    source, given = settings_of(settings, f"sources.{name}")
+    mining, observed = Mining(seed), Observed(source.entities)
+    counts, seen = [], []
+    start = time.perf_counter()
+    for table in observed.passing(source.observe(mining, **given)):
+        frame = table.to_pandas()
+        counts.append(frame.groupby(TRIPLE, observed=True)["count"].sum())
+        seen.append(frame[["scene", "instance", "count"]].drop_duplicates(["scene", "instance"]).astype(object))
+    seconds = time.perf_counter() - start
+    total = pd.concat(counts).groupby(level=TRIPLE, observed=True).sum()
+    where = pd.concat(seen).drop_duplicates(["scene", "instance"])
+    instances = int(where.loc[where["instance"].notna(), "count"].sum())
+    return Measured(name, where["scene"].nunique(), instances, total, observed.kinds, mining.left, seconds)
+
+
+def table(measured: Iterable[Measured]) -> pd.DataFrame:
+    """A row for each source."""
+    return pd.DataFrame([
+        {
+            "source": one.name,
+            "scenes": _number(one.scenes),
+            "rooms": _number(len(one.of_kind("room"))),
+            "instances": _number(one.instances),
+            "observations": _number(int(one.counts.sum())),
+            "unique triples": _number(len(one.counts)),
+            "entities": _number(len(one.kinds)),
+            "of these": ", ".join(f"{n:,} {kind}" for kind, n in one.kinds["kind"].value_counts().items()),
+            "relations": _number(one.counts.index.get_level_values("relation").nunique()),
+            "counted by mining": "; ".join(f"{n:,} {step}" for step, n in one.left.items() if n) or NONE,
+            "s": f"{one.seconds:.1f}",
+        }
+        for one in measured
+    ])  # fmt: skip
+
+
+def picture(measured: Measured) -> Figure | None:
+    """Where the most frequent objects are: of each, the share of its observations in each room; none without rooms."""
+    rooms = measured.counts[measured.counts.index.get_level_values("tail").isin(measured.of_kind("room"))]
+    if rooms.empty:
+        return None
+    seen = rooms.groupby(level=["head", "tail"], observed=True).sum().unstack(fill_value=0)
+    seen = seen[(seen > 0).sum().sort_values(ascending=False).index]
+    most = seen.loc[seen.sum(axis=1).sort_values(ascending=False).index[:SHOWN]]
+    with mpl.rc_context(STYLE):
+        canvas = Figure(figsize=(3.2 + 0.3 * len(seen.columns), 1.8 + 0.2 * len(most)), layout="constrained")
+        axes = canvas.subplots()
+        shares = most.div(most.sum(axis=1), axis=0)
+        drawn = axes.imshow(shares, cmap=mpl.colormaps["Blues"].resampled(10), vmin=0, vmax=1, aspect="auto")
+        axes.set_xticks(range(len(seen.columns)), [f"{room} ({(seen[room] > 0).sum()})" for room in seen], rotation=90)
+        axes.set_yticks(range(len(most)), list(most.index))
+        axes.grid(visible=False)
+        axes.set(title=f"where things are: {measured.name}", xlabel="rooms (kinds of objects in them)")
+        canvas.colorbar(drawn, label="share of an object's observations")
+    return canvas
+
+
+def write(measured: Sequence[Measured], folder: Path) -> None:
+    """Pictures and the table, into the folder of the documents."""
+    for name in ("sources", "benchmarks"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    for one in measured:
+        drawn = picture(one)
+        if drawn:
+            (folder / "sources" / f"{one.name}.png").write_bytes(rendered(drawn, "png"))
+    text = table(measured).to_markdown(index=False, disable_numparse=True)
+    (folder / "benchmarks" / "sources.md").write_text(text + "\n", encoding="utf-8")
+
+
+def _number(value: int) -> str:
+    return f"{value:,}" if value else NONE
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="run these alone, and write nothing without --docs")
+    parser.add_argument("--params", type=Path, action="append", default=[], help="YAML with more sources")
+    parser.add_argument("--houses", type=int, default=HOUSES, help=f"how many are made ({HOUSES:,})")
+    parser.add_argument("--docs", type=Path, help="where the table and the pictures go (docs)")
+    given = parser.parse_args()
+    docs = given.docs or (None if given.names else DOCS)
+    try:
+        sources = listed([paths.PARAMS, paths.BEYOND_PARAMS, *given.params])
+        readers = {settings.get("reader") for settings in sources.values()}
+        with TemporaryDirectory() as folder:
+            houses = Path(folder) / "houses.jsonl.gz"
+            made = {MADE: {"reader": "procthor_houses", "path": str(houses), "sha256": None, "materials": "suncg"}}
+            sources |= {name: one for name, one in (ELSE | made).items() if one["reader"] not in readers}
+            unknown = set(given.names) - set(sources)
+            if unknown:
+                sys.exit(f"{min(unknown)!r}: expected one of {', '.join(sources)}")
+            chosen = {name: sources[name] for name in given.names or sources}
+            if MADE in chosen:
+                make_houses.write(houses, given.houses)
+            measured = list(measure(chosen, read(paths.PARAMS)["seed"]))
+        print(table(measured).to_markdown(index=False, disable_numparse=True))
+        if docs:
+            write(measured, docs)
+    except InputError as error:
+        sys.exit(str(error))
+
+
+if __name__ == "__main__":
+    main()
