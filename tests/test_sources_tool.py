@@ -6,6 +6,7 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -41,13 +42,26 @@ def test_a_row_counts_what_a_source_gave(homes: sources.Measured) -> None:
     assert row["unique triples"] == str(len(homes.counts))
 
 
-def test_a_picture_shows_each_object_in_the_share_of_rooms_that_it_was_seen_in(homes: sources.Measured) -> None:
+def test_a_picture_shows_how_often_each_object_was_seen_in_each_room(homes: sources.Measured) -> None:
     drawn = sources.picture(homes)
     assert drawn is not None
     axes = drawn.axes[0]
     assert [label.get_text() for label in axes.get_xticklabels()] == ["living room (2)", "kitchen (1)"]
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["mug", "sofa"]
-    assert axes.get_images()[0].get_array().tolist() == [[0.25, 0.75], [1.0, 0.0]]  # type: ignore[union-attr]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["sofa", "mug"]
+    shown = axes.get_images()[0].get_array()
+    assert shown is not None
+    assert np.ma.filled(shown, 0).tolist() == [[1, 0], [1, 3]]
+
+
+def test_of_each_room_the_most_frequent_objects_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sources, "SHOWN", 3)
+    seen = pd.DataFrame(
+        {"store": [900, 800, 700, 0], "spa": [0, 0, 0, 1], "bar": [0, 5, 0, 0]},
+        index=["apple", "pear", "plum", "towel"],
+    )
+    shown = sources.most_frequent(seen)
+    assert list(shown.columns) == [("store", 3), ("spa", 1), ("bar", 1)]
+    assert list(shown.index) == ["apple", "pear", "towel"]  # not the plum, though it is more frequent than towels
 
 
 def test_a_graph_without_rooms_has_no_picture(homes: sources.Measured) -> None:

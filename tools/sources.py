@@ -18,7 +18,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 import pandas as pd
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from isi.base import paths
@@ -38,7 +40,7 @@ ELSE: dict[str, Any] = {
         "reader": "robothor", "from": "recording", "sha256": None, "materials": "suncg", "broken": "error",
     },
 }  # fmt: skip
-#: Objects in a picture.
+#: Objects in a picture, or as many as it has rooms.
 SHOWN = 25
 NONE = "–"
 
@@ -127,24 +129,38 @@ def table(measured: Iterable[Measured]) -> pd.DataFrame:
 
 
 def picture(measured: Measured) -> Figure | None:
-    """Where the most frequent objects are: of each, the share of its observations in each room; none without rooms."""
+    """Where things are: observations of the most frequent objects of each room, by room; none without rooms."""
     rooms = measured.counts[measured.counts.index.get_level_values("tail").isin(measured.of_kind("room"))]
     if rooms.empty:
         return None
-    seen = rooms.groupby(level=["head", "tail"], observed=True).sum().unstack(fill_value=0)
-    seen = seen[(seen > 0).sum().sort_values(ascending=False).index]
-    most = seen.loc[seen.sum(axis=1).sort_values(ascending=False).index[:SHOWN]]
+    shown = most_frequent(rooms.groupby(level=["head", "tail"], observed=True).sum().unstack(fill_value=0))
     with mpl.rc_context(STYLE):
-        canvas = Figure(figsize=(3.2 + 0.3 * len(seen.columns), 1.8 + 0.2 * len(most)), layout="constrained")
+        canvas = Figure(figsize=(3.2 + 0.25 * shown.shape[1], 1.8 + 0.18 * len(shown)), layout="constrained")
         axes = canvas.subplots()
-        shares = most.div(most.sum(axis=1), axis=0)
-        drawn = axes.imshow(shares, cmap=mpl.colormaps["Blues"].resampled(10), vmin=0, vmax=1, aspect="auto")
-        axes.set_xticks(range(len(seen.columns)), [f"{room} ({(seen[room] > 0).sum()})" for room in seen], rotation=90)
-        axes.set_yticks(range(len(most)), list(most.index))
+        drawn = axes.imshow(shown.where(shown > 0), cmap="Blues", norm=LogNorm(vmin=0.5), aspect="auto")
+        axes.set_xticks(range(shown.shape[1]), [f"{room} ({kinds})" for room, kinds in shown.columns], rotation=90)
+        axes.set_yticks(range(len(shown)), list(shown.index))
         axes.grid(visible=False)
         axes.set(title=f"where things are: {measured.name}", xlabel="rooms (kinds of objects in them)")
-        canvas.colorbar(drawn, label="share of an object's observations")
+        canvas.colorbar(drawn, label="observations")
     return canvas
+
+
+def most_frequent(seen: pd.DataFrame) -> pd.DataFrame:
+    """The most frequent objects of each room, at least one of each; those that one room has most of stand together.
+
+    Args:
+        seen: observations; a row for each object, a column for each room.
+
+    Returns:
+        the same of those objects; columns are rooms, by their number of kinds of objects, with that number.
+    """
+    kinds = (seen > 0).sum().sort_values(ascending=False)
+    ordered = seen[kinds.index]
+    place = ordered.rank(ascending=False, method="first").min(axis=1)
+    chosen = ordered.loc[place.sort_values(kind="stable").index[: max(SHOWN, len(kinds))]]
+    ordered = chosen.iloc[np.lexsort((-chosen.max(axis=1), chosen.to_numpy().argmax(axis=1)))]
+    return ordered.set_axis(pd.Index(zip(kinds.index, kinds, strict=True), tupleize_cols=False), axis=1)
 
 
 def write(measured: Sequence[Measured], folder: Path) -> None:
