@@ -16,9 +16,10 @@ def contents(results: Results) -> Iterator[Content]:
     if not found:
         return
     yield (
-        "Those that go by words, with vectors of other words. The vectors that ship were made by a sentence model: from "
+        "Those that go by words, with vectors of other words. Those that ship were made by a sentence model: from "
         "definitions, from bare phrases, and from WordNet's definitions, which nobody wrote for this project. GloVe's "
-        "are a public set that a package ships, one vector for each word. Files of others can be named (`words.source`)."
+        "are a public set that a package ships, one vector for each word. Any other file can be named "
+        "(`words.source`)."
     )
     yield Table(
         "other_words",
