@@ -67,7 +67,7 @@ readme: $(INSTALLED)  ## put the tables and numbers of the report and of the ben
 	python tools/readme.py
 
 lock: $(INSTALLED)  ## write requirements.lock from what is installed
-	$(BIN)/pip freeze --exclude-editable | sed 's/+cpu$$//' > requirements.lock
+	$(BIN)/pip freeze --exclude-editable | sed 's/+cpu$$//; /^bddl==/d' > requirements.lock
 
 families: $(INSTALLED)  ## choose rate, decay and margin of every embedding family again, in about ten minutes
 	python -m tools.choose_families

@@ -13,7 +13,7 @@ from isi.building import GraphTables, Seen
 from isi.graph import build
 from isi.sessions.drawing import Shares
 from isi.sessions.listing import listed
-from isi.sources import Mining, Observed, settings_of
+from isi.sources import observing
 from isi.studies.elsewhere import Elsewhere, Held
 from isi.studies.variants import changed, results
 from isi.words import load_vectors, look_up
@@ -39,13 +39,13 @@ def explore(given: Given, graph: str) -> None:
 
 def seen_by(graph: str, how: Elsewhere, root: int, key: str) -> Seen:
     """What the source observes."""
-    chosen, settings = settings_of(how.source, key)
-    mining = Mining(root)
-    observed = Observed(chosen.entities, mining)
-    parts = list(observed.passing(chosen.observe(mining, **settings)))
-    frame: pd.DataFrame = (
-        pa.concat_tables(parts or [tables.OBSERVATIONS.empty_table()]).unify_dictionaries().to_pandas()
-    )
+    observed, passing = observing(how.source, key, root)
+    parts = pa.concat_tables([tables.OBSERVATIONS.empty_table(), *passing]).unify_dictionaries()
+    frame: pd.DataFrame = parts.to_pandas()
+    for step, instances in observed.mining.left.items():
+        print(f"{instances:,} {step}")
+    if frame.empty:
+        raise InputError(paths.BEYOND_PARAMS, key, "expected a source that observes something")
     return Seen(graph, frame, observed.kinds)
 
 

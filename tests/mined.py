@@ -12,7 +12,7 @@ from pathlib import Path
 
 from isi.base import tables
 from isi.base.tables import Provenance
-from isi.sources import Mining, Observed, settings_of
+from isi.sources import observing
 from tests.houses import peak_mib
 
 
@@ -22,12 +22,10 @@ def main() -> None:
     parser.add_argument("table", type=Path)
     given = parser.parse_args()
     start = time.perf_counter()
-    source, settings = settings_of(given.settings, "sources.mined")
-    mining = Mining(0)
-    parts = Observed(source.entities).passing(source.observe(mining, **settings))
+    observed, parts = observing(given.settings, "sources.mined", 0)
     rows = tables.write_stream(given.table, parts, tables.OBSERVATIONS, Provenance("mined", {}))
     seconds = round(time.perf_counter() - start, 1)
-    print(json.dumps({"observations": rows, "left": mining.left, "seconds": seconds, "peak_mib": peak_mib()}))
+    print(json.dumps({"observations": rows, "left": observed.mining.left, "seconds": seconds, "peak_mib": peak_mib()}))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import pandas as pd
 import pyarrow as pa
 
 from isi.base.errors import InputError
-from isi.sources import Mining, Observed, settings_of
+from isi.sources import observing
 
 TRIPLE = ["head", "relation", "tail"]
 
@@ -38,11 +38,9 @@ class Observations:
 
 def observe(reader: str, path: Path, **settings: object) -> Observations:
     """What a reader observes in a file."""
-    chosen, checked = settings_of({"reader": reader, "path": str(path), **settings}, "sources.mine")
-    mining = Mining(0)
-    observed = Observed(chosen.entities, mining)
-    table = pa.concat_tables(observed.passing(chosen.observe(mining, **checked))).to_pandas()
-    return Observations(table, observed.kinds, mining.left)
+    observed, parts = observing({"reader": reader, "path": str(path), **settings}, "sources.mine", 0)
+    table = pa.concat_tables(parts).to_pandas()
+    return Observations(table, observed.kinds, observed.mining.left)
 
 
 def refusal(reader: str, path: Path, **settings: object) -> str:

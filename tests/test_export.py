@@ -237,3 +237,23 @@ def test_names_that_no_tool_would_read_are_refused() -> None:
     with pytest.raises(SystemExit, match=r"entities\.parquet: column 'entity': .*control"):
         export("pykeen-tsv", "x")
     assert not Path("x").exists()
+
+
+def test_a_graph_of_the_second_pipeline_leaves_without_predictions(folder: Path) -> None:
+    for name, schema in (("entities", tables.ENTITIES), ("triples", tables.TRIPLES)):
+        own = paths.entities("home") if name == "entities" else paths.triples("home")
+        tables.write(paths.explored("there", name), tables.read(own, schema), schema, MADE)
+    main(["export", "there", "--format", "pykeen-tsv", "--out", "there.tsv"])
+    found = pd.read_csv(folder / "there.tsv", sep="\t", header=None)
+    assert set(found.itertuples(index=False, name=None)) == ROWS
+    with pytest.raises(SystemExit, match=r"--predictions: there: expected an experiment of params\.yaml"):
+        main(["export", "there", "--format", "pykeen-tsv", "--out", "more.tsv", "--predictions", "1"])
+
+
+@pytest.mark.parametrize(
+    ("form", "file"), [("pykeen-tsv", "x.predictions.tsv"), ("property-csv", "x.tsv/predictions.csv")]
+)
+def test_earlier_predictions_go_where_none_are_asked_for(folder: Path, form: str, file: str) -> None:
+    for more, there in ((["--predictions", "1"], True), ([], False)):
+        main(["export", "home", "--format", form, "--out", "x.tsv", *more])
+        assert (folder / file).exists() == there

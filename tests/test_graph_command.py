@@ -232,6 +232,8 @@ def test_one_house_is_a_graph(folder: Path, capsys: pytest.CaptureFixture[str]) 
     [
         ([], 2, ["FILE"]),
         (["none.csv"], 1, ["none.csv", "No such file"]),
+        (["log.csv", "--set", "path=other.csv"], 1, ["--set: path", "it is given"]),
+        (["log.csv", "--set", "reader=rdf"], 1, ["--set: reader", "it is given"]),
         (["log.csv", "--reader", "whales"], 2, ["--reader", "whales", "table"]),
         (["log.csv", "--reader", "published"], 1, ["published", "reads a file"]),
         (["log.csv", "--reader", "rdf"], 1, ["log.csv", ".nt or .ttl"]),

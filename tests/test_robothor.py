@@ -12,7 +12,7 @@ import pytest
 
 from isi.base.errors import InputError
 from isi.building import Seen, graph_of
-from isi.sources import Mining, Observed, settings_of
+from isi.sources import Observed, observing
 from tests import player
 from tests.test_recorder import recorded
 
@@ -23,9 +23,8 @@ CUP = {"objectId": "Cup|1", "objectType": "Cup", "parentReceptacles": ["Desk|1"]
 
 def observed(**settings: object) -> tuple[pd.DataFrame, Observed, Counter[str]]:
     """Observations of the source, its entities, and what it dropped."""
-    source, given = settings_of({**SETTINGS, **settings}, "sources.robothor")
-    mining, found = Mining(0), Observed(source.entities)
-    return pa.concat_tables(found.passing(source.observe(mining, **given))).to_pandas(), found, mining.left
+    found, parts = observing({**SETTINGS, **settings}, "sources.robothor", 0)
+    return pa.concat_tables(parts).to_pandas(), found, found.mining.left
 
 
 def test_the_recorded_apartments_give_the_known_figures() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping
 
 from isi.base import paths
 from isi.base.errors import InputError
-from isi.base.params import check, read
+from isi.base.params import check, distinct, read
 from isi.base.stage import Given, declared
 from isi.base.tables import Provenance
 from isi.insertion.registry import options_of
@@ -27,6 +27,10 @@ def check_beyond(params: Params) -> None:
     for name, variant in beyond.variants.items():
         _check_names(variant.experiments, params.experiments, f"variants.{name}.experiments")
         _check(params, variant, f"variants.{name}", "vary", {"variant": name})
+    titles = [one.title for one in (*params.experiments.values(), *beyond.graphs.values())]
+    sizes = {graph.sessions.sizes[0] for graph in beyond.graphs.values()}
+    if not distinct(titles) or len(sizes) > 1:
+        raise InputError(paths.BEYOND_PARAMS, "graphs", "expected titles that no other has, and the same size of all")
     for name, graph in beyond.graphs.items():
         if name in params.experiments:
             raise InputError(paths.BEYOND_PARAMS, f"graphs.{name}", "expected another name than those of experiments")

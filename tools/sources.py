@@ -25,21 +25,17 @@ from matplotlib.figure import Figure
 
 from isi.base import paths
 from isi.base.errors import InputError
-from isi.base.params import read
+from isi.base.params import Name, check, read
 from isi.report.figures import STYLE, rendered
-from isi.sources import Mining, Observed, settings_of
+from isi.sources import observing
 from tools import make_houses
 
 DOCS = Path(__file__).parent.parent / "docs"
 TRIPLE = ["head", "relation", "tail"]
 #: Name of the houses that are made, and how many: as ProcTHOR-10K has in its training set.
 MADE, HOUSES = "procthor_made", 10_000
-#: What no pipeline runs.
-ELSE: dict[str, Any] = {
-    "robothor": {
-        "reader": "robothor", "from": "recording", "sha256": None, "materials": "suncg", "broken": "error",
-    },
-}  # fmt: skip
+#: Of params, those that name sources.
+_SECTIONS = ("sources", "graphs")
 #: Objects in a picture, or as many as it has rooms.
 SHOWN = 25
 NONE = "–"
@@ -68,13 +64,16 @@ def listed(files: Iterable[Path]) -> dict[str, Any]:
     """Settings of the sources that files of params have, by name, and of those of their graphs.
 
     Raises:
-        InputError: where a file is missing or no YAML.
+        InputError: where a file is missing or no YAML, or has a source that is no mapping, or of a name that is there.
     """
     found: dict[str, Any] = {}
     for file in files:
         params = read(file)
-        found |= params.get("sources") or {}
-        found |= {name: graph["source"] for name, graph in (params.get("graphs") or {}).items()}
+        sources, graphs = (check(params.get(key) or {}, dict[Name, dict[str, Any]], key, file) for key in _SECTIONS)
+        for name, settings in [*sources.items(), *((name, graph.get("source")) for name, graph in graphs.items())]:
+            if name in found:
+                raise InputError(file, name, "expected a name that no other source has")
+            found[name] = check(settings, dict[str, Any], name, file)
     return found
 
 
@@ -93,19 +92,20 @@ def run(name: str, settings: Any, seed: int) -> Measured:
     Raises:
         InputError: where that cannot be done.
     """
-    source, given = settings_of(settings, f"sources.{name}")
-    mining, observed = Mining(seed), Observed(source.entities)
     counts, seen = [], []
     start = time.perf_counter()
-    for table in observed.passing(source.observe(mining, **given)):
+    observed, parts = observing(settings, f"sources.{name}", seed)
+    for table in parts:
         frame = table.to_pandas()
         counts.append(frame.groupby(TRIPLE, observed=True)["count"].sum())
         seen.append(frame[["scene", "instance", "count"]].drop_duplicates(["scene", "instance"]).astype(object))
     seconds = time.perf_counter() - start
+    if not counts:
+        raise InputError(f"sources.{name}", "", "expected observations, got none")
     total = pd.concat(counts).groupby(level=TRIPLE, observed=True).sum()
     where = pd.concat(seen).drop_duplicates(["scene", "instance"])
     instances = int(where.loc[where["instance"].notna(), "count"].sum())
-    return Measured(name, where["scene"].nunique(), instances, total, observed.kinds, mining.left, seconds)
+    return Measured(name, where["scene"].nunique(), instances, total, observed.kinds, observed.mining.left, seconds)
 
 
 def table(measured: Iterable[Measured]) -> pd.DataFrame:
@@ -193,7 +193,7 @@ def main() -> None:
         with TemporaryDirectory() as folder:
             houses = Path(folder) / "houses.jsonl.gz"
             made = {MADE: {"reader": "procthor_houses", "path": str(houses), "sha256": None, "materials": "suncg"}}
-            sources |= {name: one for name, one in (ELSE | made).items() if one["reader"] not in readers}
+            sources |= {name: one for name, one in made.items() if one["reader"] not in readers}
             unknown = set(given.names) - set(sources)
             if unknown:
                 sys.exit(f"{min(unknown)!r}: expected one of {', '.join(sources)}")

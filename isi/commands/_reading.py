@@ -74,6 +74,8 @@ def _settings(reader: str, file: Path, given: Mapping[str, Any]) -> tuple[Source
         slot = next((name for name in PATHS if name in takes), None)
         if slot is None:
             raise InputError(f"reader {reader}", "", "expected one that reads a file")
+        if {"reader", slot} & set(given):
+            raise InputError("--set", "reader" if "reader" in given else slot, "expected another setting: it is given")
         preset = {name: value for name, value in DEFAULTS.items() if name in takes}
         return settings_of({"reader": reader, **preset, slot: str(file), **given}, "--set")
     except InputError as error:

@@ -11,7 +11,7 @@ import pandas as pd
 
 from isi.base import params, paths
 from isi.base.errors import InputError
-from isi.base.tables import Provenance, atomically
+from isi.base.tables import ENTITIES, TRIPLES, Provenance, atomically, read
 from isi.exports import FORMS, Outgoing
 from isi.sources._naming import fault
 
@@ -19,7 +19,9 @@ from isi.sources._naming import fault
 def configure(parser: argparse.ArgumentParser) -> None:
     """Its arguments."""
     forms = [name.replace("_", "-") for name in FORMS.names()]
-    parser.add_argument("experiment", metavar="EXPERIMENT", type=_name, help="whose graph was built")
+    parser.add_argument(
+        "experiment", metavar="EXPERIMENT", type=_name, help="whose graph was built, or a graph of the second pipeline"
+    )
     parser.add_argument("--format", choices=forms, required=True, help="of what is written")
     parser.add_argument("--out", metavar="PATH", type=Path, required=True, help="file; of property-csv, a folder")
     per = "the N best tails that the graph lacks of each head and relation, with score and rank, by the joint model"
@@ -48,14 +50,20 @@ def run(arguments: argparse.Namespace) -> None:
     """
     out = outgoing(arguments.experiment, arguments.predictions, arguments.seed, arguments.labels)
     make = FORMS.get(arguments.format.replace("-", "_"), "--format")
+    if arguments.out.suffix == ".gz":
+        raise InputError(arguments.out, "", "expected another name: what is written is not compressed")
     files = make(out, arguments.out)
     for path, text in files.items():
         try:
-            atomically(path, partial(Path.write_text, data=text, encoding="utf-8", newline=""))
+            if text is None:
+                path.unlink(missing_ok=True)
+            else:
+                atomically(path, partial(Path.write_text, data=text, encoding="utf-8", newline=""))
         except OSError as error:
             raise InputError(path, "", f"cannot be written ({error.strerror})") from error
     more = f" and {len(out.predictions):,} predictions" * bool(arguments.predictions)
-    print(f"{len(out.entities):,} entities, {len(out.triples):,} triples{more}: {', '.join(map(str, files))}")
+    written = ", ".join(str(path) for path, text in files.items() if text is not None)
+    print(f"{len(out.entities):,} entities, {len(out.triples):,} triples{more}: {written}")
 
 
 def outgoing(experiment: str, most: int, seed: int | None, labels: bool) -> Outgoing:
@@ -67,22 +75,33 @@ def outgoing(experiment: str, most: int, seed: int | None, labels: bool) -> Outg
         seed: whose joint model predicts; the first where it is null.
         labels: of entities, in RDF, too.
     """
-    from isi.experiments.store import Store  # here, since it loads torch
-
-    store = Store(experiment, Provenance("export", {}))
-    entities, triples = _plain(store.entities()), _plain(store.triples())
+    files, stored = _files(experiment)
+    if most and not stored:
+        kept = "expected an experiment of params.yaml: of a graph of the second pipeline, no model is kept"
+        raise InputError("--predictions", experiment, kept)
+    entities, triples = (_plain(read(file, schema)) for file, schema in zip(files, (ENTITIES, TRIPLES), strict=True))
     for path, column, names in (
-        *((paths.entities(experiment), column, entities[column]) for column in ("entity", "kind", "phrase")),
-        (paths.triples(experiment), "relation", triples["relation"]),
+        *((files[0], column, entities[column]) for column in ("entity", "kind", "phrase")),
+        (files[1], "relation", triples["relation"]),
     ):
         wrong = next(filter(None, map(fault, names.unique())), None)
         if wrong:
             raise InputError(path, f"column {column!r}", wrong)
     if not most:
         return Outgoing(experiment, entities, triples, pd.DataFrame(columns=["score", "rank"]), labels)
-    from isi.commands._predicting import predictions
+    from isi.commands._predicting import predictions  # here, since it loads torch
+    from isi.experiments.store import Store
 
+    store = Store(experiment, Provenance("export", {}))
     return Outgoing(experiment, entities, triples, predictions(store, params.read(paths.PARAMS), most, seed), labels)
+
+
+def _files(experiment: str) -> tuple[tuple[Path, Path], bool]:
+    """Entities and triples of an experiment, or of a graph of the second pipeline, and whether it is the former."""
+    own = paths.entities(experiment), paths.triples(experiment)
+    elsewhere = paths.explored(experiment, "entities"), paths.explored(experiment, "triples")
+    stored = own[0].exists() or not elsewhere[0].exists()
+    return (own if stored else elsewhere), stored
 
 
 def _plain(table: pd.DataFrame) -> pd.DataFrame:

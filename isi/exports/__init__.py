@@ -26,8 +26,8 @@ class Outgoing:
     labels: bool = False
 
 
-#: Gives what files hold, by their paths, from what leaves and the path that is asked for.
-Form = Callable[[Outgoing, Path], dict[Path, str]]
+#: Gives what files hold, by their paths, from what leaves and the path that is asked for; null: such a file is to go.
+Form = Callable[[Outgoing, Path], dict[Path, str | None]]
 
 FORMS: Plugins[Form] = Plugins(__name__)
 

@@ -11,7 +11,7 @@ from isi.exports import Outgoing, form
 
 
 @form("graphml")
-def graphml(out: Outgoing, path: Path) -> dict[Path, str]:
+def graphml(out: Outgoing, path: Path) -> dict[Path, str | None]:
     """One file: a directed graph with an edge for each triple, and for each prediction, which has no count."""
     graph = nx.MultiDiGraph(name=out.experiment)
     for entity, kind, phrase in out.entities[["entity", "kind", "phrase"]].itertuples(index=False):

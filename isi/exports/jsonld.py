@@ -11,7 +11,7 @@ from isi.exports._rdf import rdf_of
 
 
 @form("jsonld")
-def jsonld(out: Outgoing, path: Path) -> dict[Path, str]:
+def jsonld(out: Outgoing, path: Path) -> dict[Path, str | None]:
     """One file."""
     nodes = json.loads(rdf_of(out).serialize(format="json-ld"))
     return {path: json.dumps(_in_order(nodes), indent=1, sort_keys=True, ensure_ascii=False) + "\n"}

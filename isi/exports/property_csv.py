@@ -14,12 +14,13 @@ VALUES = {"count": "count:int", "score": "score:float", "rank": "rank:int"}
 
 
 @form("property_csv")
-def property_csv(out: Outgoing, path: Path) -> dict[Path, str]:
+def property_csv(out: Outgoing, path: Path) -> dict[Path, str | None]:
     """A folder: ``nodes.csv``, ``edges.csv`` and, where there are any, ``predictions.csv``."""
-    files = {"nodes": (out.entities, NODES), "edges": (out.triples, ENDS | VALUES)}
-    if len(out.predictions):
-        files["predictions"] = (out.predictions, ENDS | VALUES)
-    return {path / f"{name}.csv": _csv(table, headers) for name, (table, headers) in files.items()}
+    return {
+        path / "nodes.csv": _csv(out.entities, NODES),
+        path / "edges.csv": _csv(out.triples, ENDS | VALUES),
+        path / "predictions.csv": _csv(out.predictions, ENDS | VALUES) if len(out.predictions) else None,
+    }
 
 
 def _csv(table: pd.DataFrame, headers: dict[str, str]) -> str:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pandas as pd
+
 from isi.exports import Outgoing, form
 
 
 @form("pykeen_tsv")
-def pykeen_tsv(out: Outgoing, path: Path) -> dict[Path, str]:
+def pykeen_tsv(out: Outgoing, path: Path) -> dict[Path, str | None]:
     """The unique triples; predictions, where there are any, in a file beside it, with score and rank."""
-    columns = ["head", "relation", "tail"]
-    tables = {path: out.triples[columns]}
-    if len(out.predictions):
-        tables[path.with_name(f"{path.stem}.predictions{path.suffix}")] = out.predictions
+    beside = path.with_name(f"{path.stem}.predictions{path.suffix}")
     return {
-        name: str(table.to_csv(sep="\t", header=False, index=False, lineterminator="\n"))
-        for name, table in tables.items()
+        path: _tsv(out.triples[["head", "relation", "tail"]]),
+        beside: _tsv(out.predictions) if len(out.predictions) else None,
     }
+
+
+def _tsv(table: pd.DataFrame) -> str:
+    return str(table.to_csv(sep="\t", header=False, index=False, lineterminator="\n"))

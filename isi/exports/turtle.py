@@ -9,6 +9,6 @@ from isi.exports._rdf import rdf_of
 
 
 @form("turtle")
-def turtle(out: Outgoing, path: Path) -> dict[Path, str]:
+def turtle(out: Outgoing, path: Path) -> dict[Path, str | None]:
     """One file."""
     return {path: rdf_of(out).serialize(format="turtle")}

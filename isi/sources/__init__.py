@@ -78,7 +78,7 @@ class Observed:
     """Passes observations on, and names the entities of all of them when they end."""
 
     entities: Entities
-    mining: Mining | None = None
+    mining: Mining = field(default_factory=lambda: Mining(0))
     #: of the entities (``tables.KINDS``), once the observations have ended
     kinds: pd.DataFrame = field(init=False)
 
@@ -94,13 +94,29 @@ class Observed:
             triples |= _distinct(table, _TRIPLE)
             rooms |= {room for (room,) in _distinct(table, ["room"]) if room is not None}
             yield table
-        entities = (self.mining and self.mining.entities) or self.entities
+        entities = self.mining.entities or self.entities
         self.kinds = entities(pd.DataFrame(sorted(triples), columns=_TRIPLE), rooms)
         named = list(self.kinds["entity"])
         missing = {name for head, _, tail in triples for name in (head, tail)} - set(named)
         if missing or len(set(named)) < len(named):
             name = min(missing) if missing else self.kinds.loc[self.kinds["entity"].duplicated(), "entity"].iloc[0]
             raise InputError(f"entity {name!r}", "", "expected its source to give it one kind")
+
+
+def observing(values: object, key: str, seed: int) -> tuple[Observed, Iterator[pa.Table]]:
+    """What the source of a section of params observes, part by part, and what names and counts it.
+
+    Args:
+        values: of the section.
+        key: where it stands.
+        seed: root of every random stream.
+
+    Raises:
+        InputError: where there is no such source, or it does not take these settings.
+    """
+    chosen, settings = settings_of(values, key)
+    observed = Observed(chosen.entities, Mining(seed))
+    return observed, observed.passing(chosen.observe(observed.mining, **settings))
 
 
 def _distinct(table: pa.Table, columns: list[str]) -> set[tuple[Any, ...]]:
