@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gzip
 import json
 from collections.abc import Callable
@@ -84,3 +85,16 @@ def test_what_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(InputError, match="file/r: cannot be written"):
         write(tmp_path / "file" / "r", Layout("FloorPlan1", None))
+
+
+def test_a_line_that_cannot_be_cut_off_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_path: Path, _length: int) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    write(tmp_path / "r", Layout("FloorPlan1", None))
+    cut = (tmp_path / "r").read_bytes() + gzip.compress(b"killed")[:-9]
+    (tmp_path / "r").write_bytes(cut)
+    monkeypatch.setattr("os.truncate", refuse)
+    with pytest.raises(InputError, match=r"/r: cannot be written \(Permission denied\)"):
+        Recording(tmp_path / "r", SIMULATOR)
+    assert (tmp_path / "r").read_bytes() == cut

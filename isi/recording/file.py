@@ -30,7 +30,7 @@ class Recording:
             simulator: what the header says of it.
 
         Raises:
-            InputError: where the file is no recording, or one of another simulator.
+            InputError: where the file is no recording, or one of another simulator, or such a line cannot be cut off.
         """
         self.path, self._header = path, FORMAT | dict(simulator)
         #: names of layouts
@@ -45,8 +45,11 @@ class Recording:
                 self._note(line, parsed(path, line, text))
         if line == 0:
             raise InputError(path, "", "expected a recording, or no file, to record to")
-        if whole < path.stat().st_size:
-            os.truncate(path, whole)
+        try:
+            if whole < path.stat().st_size:
+                os.truncate(path, whole)
+        except OSError as error:
+            raise _unwritable(path, error) from error
 
     def _note(self, line: int, record: Any) -> None:
         if line == 1:
@@ -73,8 +76,12 @@ class Recording:
                 whole = _member(self._header) + scene
                 tables.atomically(self.path, lambda temporary: temporary.write_bytes(whole))
         except OSError as error:
-            raise InputError(self.path, "", f"cannot be written ({error.strerror})") from error
+            raise _unwritable(self.path, error) from error
         self.names.add(what.name)
+
+
+def _unwritable(path: Path, error: OSError) -> InputError:
+    return InputError(path, "", f"cannot be written ({error.strerror})")
 
 
 def _member(record: Mapping[str, Any]) -> bytes:
