@@ -11,11 +11,14 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
+from isi.base import paths
 from isi.base.errors import InputError
+from isi.base.params import read as read_params
 from isi.sources import Mining, Observed
 from isi.sources._household import household
 from isi.sources.behavior import CATEGORIES, PROPERTIES, SCENES, STEPS, behavior
 
+ROOT = Path(__file__).parent.parent
 SETTINGS: dict[str, Any] = {
     "structure": ["wall.n.01"],
     "names": {"cabinet.n.03": "locker", "childs_room": "child's room"},
@@ -186,11 +189,13 @@ def has_package() -> bool:
 
 
 @pytest.mark.skipif(not has_package(), reason="needs the package bddl 3.6.0")
-def test_the_package_has_51_scenes_and_all_their_instances() -> None:
-    names = {**SETTINGS["names"], "bar.n.13": "weight bar", "screen.n.09": "room divider", "stand.n.10": "stadium"}
+def test_the_package_read_as_shipped_has_51_scenes_and_all_their_instances() -> None:
+    shipped = read_params(ROOT / paths.BEYOND_PARAMS)["graphs"]["behavior"]["source"]
+    how = {key: value for key, value in shipped.items() if key not in ("reader", "from")}
+    assert (shipped["reader"], shipped["from"], set(how)) == ("behavior", "package", set(SETTINGS))
     mining = Mining(0)
-    observations, kinds = mined("package", mining, structure=[], names=names, affordances={"openable": ["open"]})
+    observations, kinds = mined("package", mining, **how)
     assert observations["scene"].nunique() == 51
-    assert mining.left[STEPS[0]] == 36_164
-    assert observations.loc[observations["relation"] == "atLocation", "count"].sum() == 36_164
-    assert kinds["kind"].value_counts().to_dict() == {"object": 528, "room": 39, "affordance": 1}
+    assert mining.left == dict(zip(STEPS, (36_164, 34_950), strict=True))
+    assert observations.loc[observations["relation"] == "atLocation", "count"].sum() == 34_950
+    assert kinds["kind"].value_counts().to_dict() == {"object": 522, "room": 39, "affordance": 25}
