@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import gzip
 import json
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -98,3 +99,22 @@ def test_a_line_that_cannot_be_cut_off_is_told(tmp_path: Path, monkeypatch: pyte
     with pytest.raises(InputError, match=r"/r: cannot be written \(Permission denied\)"):
         Recording(tmp_path / "r", SIMULATOR)
     assert (tmp_path / "r").read_bytes() == cut
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_line_is_unpacked_up_to_the_longest_that_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: bool
+) -> None:
+    path = tmp_path / "r"
+    write(path, Layout("FloorPlan1", None))
+    monkeypatch.setattr("isi.recording.file.MOST_BYTES", 400)
+    assert Recording(path, SIMULATOR).names == {"FloorPlan1"}
+    bomb = gzip.compress(b" " * 50_000_000)
+    path.write_bytes(path.read_bytes() + (bomb if whole else bomb[:-9]))
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match=r"byte .*: expected lines of at most 400 bytes"):
+            Recording(path, SIMULATOR)
+        assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    finally:
+        tracemalloc.stop()

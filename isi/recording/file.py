@@ -14,7 +14,7 @@ from isi.base import tables
 from isi.base.errors import InputError
 from isi.recording.settings import Layout
 from isi.sources._materials import Object
-from isi.sources._recording import FIELDS, FORMAT, check_header, check_line, parsed
+from isi.sources._recording import FIELDS, FORMAT, MOST_BYTES, check_header, check_line, parsed
 
 _CHUNK = 1 << 20
 
@@ -90,12 +90,14 @@ def _member(record: Mapping[str, Any]) -> bytes:
 
 
 def _members(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Where each whole gzip member of a file ends, and what it holds."""
+    """Where each whole gzip member of a file ends, and what it holds: no more than the longest line."""
     unpack, content, end, rest = _unpacking(), bytearray(), 0, b""
     try:
         with path.open("rb") as file:
             while chunk := rest or file.read(_CHUNK):
-                content += unpack.decompress(chunk)
+                content += unpack.decompress(chunk, MOST_BYTES + 1 - len(content))
+                if len(content) > MOST_BYTES:
+                    raise InputError(path, f"byte {end:,}", f"expected lines of at most {MOST_BYTES:,} bytes")
                 rest = unpack.unused_data
                 end += len(chunk) - len(rest)
                 if unpack.eof:
