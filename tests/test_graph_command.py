@@ -18,7 +18,6 @@ from isi.building import graph_of
 from isi.commands._reading import guess, read, together
 from isi.commands.graph import described
 from isi.graph import build
-from isi.sources import SOURCES
 from isi.sources._recording import FORMAT, locate
 
 ROOT = Path(__file__).parent.parent
@@ -213,7 +212,6 @@ def test_a_whole_recording_is_a_graph(capsys: pytest.CaptureFixture[str]) -> Non
     assert "  4 room\n" in text
 
 
-@pytest.mark.skipif("procthor_houses" not in SOURCES.names(), reason="there is no reader of houses")
 @pytest.mark.usefixtures("folder")
 def test_one_house_is_a_graph(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "house.json").write_text(json.dumps(HOUSE, indent=1), encoding="utf-8")

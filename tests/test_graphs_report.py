@@ -7,11 +7,11 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from isi.report.results import Results
+from isi.report.results import Asked, Results
 from isi.report.sections import graphs
 from isi.report.varied import Explored
 from tests.reports import small_results
-from tests.test_beyond_report import About, made, variant
+from tests.test_beyond_report import About, asked_of, made, runs_of, variant
 
 ENTITIES = pd.DataFrame({"entity": ["mug", "cup board", "kitchen", "open"],
                          "kind": ["object", "object", "room", "affordance"],
@@ -63,6 +63,28 @@ def test_every_graph_has_its_row_with_paired_differences_and_epochs() -> None:
     assert "ERS is above Xavier on 2 of 2 (and below on 0)" in text
     assert "ERS is above Kind mean on 0 of 2 (and below on 0)" in text
     assert [tick.get_text() for tick in figure.canvas.axes[0].get_xticklabels()] == ["lab", "shop"]
+
+
+def test_a_main_experiment_stands_before_the_others_by_its_runs_of_their_size() -> None:
+    at_five = runs_of("home", dict.fromkeys(ABOUT, 0.4), {("es", 0): [0.1, 0.1, 0.9], ("joint", 0): [0.9]})
+    queries = asked_of("home", {**ABOUT, "es": [0.2, 0.4], "joint": [0.7, 0.9]})
+    runs, asked = (
+        pd.concat([frame.assign(size=2, mrr_star=0.01), frame]).drop(columns="experiment")
+        for frame in (at_five, queries)
+    )
+    results = results_with(explored("lab", ABOUT))
+    home = replace(results.experiments["home"], runs=runs)
+    results = replace(results, experiments={"home": home}, asking={"home": Asked(asked, pd.DataFrame())})
+    text, tables, (figure,) = made(graphs.SECTION, results)
+    title = home.title
+    about = tables["graphs_asked_about"].set_index("graph")
+    assert about.index.tolist() == [title, "lab"]
+    assert about.loc[title, ["Xavier", "ES", "ERS", "Joint"]].tolist() == pytest.approx([20, 30, 60, 80])
+    assert tables["graphs_at_once"].set_index("graph").loc[[title, "lab"], "ES"].tolist() == pytest.approx([40, 50])
+    assert tables["graphs_gains"].set_index("graph").loc[title, "ERS less Xavier"] == pytest.approx(40)
+    assert tables["graphs_epochs"].set_index("graph").loc[title, "ES"] == 2
+    assert "ERS is above Xavier on 2 of 2 (and below on 0)" in text
+    assert [tick.get_text() for tick in figure.canvas.axes[0].get_xticklabels()] == [title, "lab"]
 
 
 def test_nothing_is_said_where_no_graph_has_run() -> None:
