@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -144,7 +145,9 @@ def test_a_player_that_does_not_answer_is_waited_for_no_longer_than_params_say_a
 ) -> None:
     scene = {} if at == "Start" else {"scene": "FloorPlan2"}
     program = player.install(tmp_path / "player", SCENES, {"at": at, **scene, "does": "hang"})
+    began = time.monotonic()
     line = refusal(program, tmp_path / "r", server=server, **limits)
+    assert time.monotonic() - began < 20  # the other limit, which the line tells as well, is 60 s
     own = {"seconds": 60.0, "start_seconds": 60.0, **limits}
     start = f"{own['start_seconds']:g} s at the start (recorder.start_seconds)"
     assert line.endswith(f"no answer within {own['seconds']:g} s (recorder.seconds), or {start}")
