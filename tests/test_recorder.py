@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import hashlib
 import json
 import os
 import subprocess
@@ -79,8 +80,9 @@ def test_scenes_are_recorded_as_the_simulator_gives_them(tmp_path: Path, server:
     program, output = player.install(tmp_path / "a player's", SCENES), tmp_path / "out" / "r.jsonl.gz"
     assert recorded(program, output, server=server) == list(SCENES)
     header, *scenes = (json.loads(line) for line in gzip.decompress(output.read_bytes()).splitlines())
-    assert header == {"format": "isi recording", "version": 1, "simulator": "ai2thor", "build": "player",
-                      "package": "5.0.0"}  # fmt: skip
+    digits = hashlib.sha256(program.read_bytes()).hexdigest()[:16]
+    assert header == {"format": "isi recording", "version": 1, "simulator": "ai2thor",
+                      "build": f"player {digits}", "package": "5.0.0"}  # fmt: skip
     assert scenes == [{"scene": name, "spawn": None, "objects": objects} for name, objects in SCENES.items()]
     assert not (tmp_path / "home").exists()
     assert list(output.parent.iterdir()) == [output]

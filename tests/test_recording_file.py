@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import gzip
+import hashlib
 import json
 import tracemalloc
 from collections.abc import Callable
@@ -11,11 +12,17 @@ from pathlib import Path
 
 import pytest
 
+from isi.base import paths
 from isi.base.errors import InputError
+from isi.base.params import check
+from isi.base.params import read as read_params
 from isi.recording.file import Recording
-from isi.recording.settings import Layout
+from isi.recording.settings import Layout, Recorder
+from isi.recording.simulator import header
 from isi.sources._recording import read_recording
 from tests.test_recording import HEADER, MUG, SIMULATOR, scene
+
+ROOT = Path(__file__).parent.parent
 
 
 def write(path: Path, *layouts: Layout) -> None:
@@ -80,6 +87,26 @@ def test_a_recording_of_another_build_is_not_gone_on_with(tmp_path: Path) -> Non
     write(tmp_path / "r", Layout("FloorPlan1", None))
     with pytest.raises(InputError, match='line 1: was recorded with build "thor-1", not "thor-2": choose another'):
         Recording(tmp_path / "r", SIMULATOR | {"build": "thor-2"})
+
+
+def test_another_local_build_of_the_same_name_does_not_go_on_with_a_recording(tmp_path: Path) -> None:
+    section = read_params(ROOT / paths.PARAMS)["recorder"]
+    headers = []
+    for folder in ("one", "other"):
+        program = tmp_path / folder / "thor-Linux64"
+        program.parent.mkdir()
+        program.write_text(folder, encoding="utf-8")
+        headers.append(header(check({**section, "platform": str(program)}, Recorder, "recorder")))
+    digits = [hashlib.sha256(content).hexdigest()[:16] for content in (b"one", b"other")]
+    assert [found["build"] for found in headers] == [f"thor-Linux64 {some}" for some in digits]
+    Recording(tmp_path / "r", headers[0]).append(Layout("FloorPlan1", None), [MUG])
+    with pytest.raises(
+        InputError, match=f'line 1: was recorded with build "thor-Linux64 {digits[0]}", not .*{digits[1]}'
+    ):
+        Recording(tmp_path / "r", headers[1])
+    program.unlink()
+    with pytest.raises(InputError, match="other/thor-Linux64: cannot be read"):
+        header(check({**section, "platform": str(program)}, Recorder, "recorder"))
 
 
 def test_what_cannot_be_written_is_named(tmp_path: Path) -> None:

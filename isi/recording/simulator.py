@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
 import shlex
@@ -123,10 +124,23 @@ class Simulator:
 
 
 def header(how: Recorder) -> dict[str, Any]:
-    """Which simulator a recording is of."""
+    """Which simulator a recording is of: a local build by its name and what it hashes to, since names repeat.
+
+    Raises:
+        InputError: where a local build cannot be read.
+    """
     local = how.executable
-    build = local.name if local else build_name(how.platform, how.build or COMMIT_ID)
+    build = f"{local.name} {_digits(local)}" if local else build_name(how.platform, how.build or COMMIT_ID)
     return {"build": build, "package": version("ai2thor")}
+
+
+def _digits(program: Path) -> str:
+    """The first of its sha256."""
+    try:
+        with program.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()[:16]
+    except OSError as error:
+        raise InputError(program, "", f"cannot be read ({error.strerror})") from error
 
 
 def _which(how: Recorder) -> dict[str, Any]:
