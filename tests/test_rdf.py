@@ -55,6 +55,30 @@ def test_types_are_kinds_and_english_labels_are_phrases(home: Path) -> None:
     assert found.phrase_of() == {"kitchen": "kitchen", "mug": "coffee mug", "side table": "side table"}
 
 
+VOCABULARY = """
+:atLocation a owl:ObjectProperty, owl:FunctionalProperty ; rdfs:label "is where\\nsomething is" .
+:Object a owl:Class, rdfs:Class ; rdfs:label "{long}" .
+<http://home.example/classes#mug> a owl:Class ; rdfs:label "Mugs" .
+""".replace("{long}", "o" * 300)
+
+
+def test_types_and_labels_of_what_is_no_entity_are_not_looked_at(home: Path, tmp_path: Path) -> None:
+    expected, found = observe("rdf", home), observe("rdf", written(tmp_path / "more.ttl", HOME + VOCABULARY))
+    assert found.rows(*TRIPLE) == expected.rows(*TRIPLE)
+    assert found.kinds.equals(expected.kinds)
+
+
+@pytest.mark.parametrize(
+    ("more", "expected"),
+    [
+        (":kitchen a :Hall .", ["one type of 'kitchen'", "Room", "Hall"]),
+        (':side%20table rdfs:label "side\\ntable" .', ["label", "control"]),
+    ],
+)
+def test_those_of_entities_are_looked_at(tmp_path: Path, more: str, expected: list[str]) -> None:
+    refused("rdf", written(tmp_path / "home.ttl", HOME + more), expected)
+
+
 def test_ntriples_and_compressed_files_give_the_same(home: Path, tmp_path: Path) -> None:
     expected = observe("rdf", home)
     Graph().parse(home).serialize(tmp_path / "home.nt", format="nt", encoding="utf-8")

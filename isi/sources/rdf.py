@@ -77,6 +77,9 @@ class _Reading:
     #: IRI of each name, of entities and of relations
     entity_iris: dict[str, str] = field(default_factory=dict)
     relation_iris: dict[str, str] = field(default_factory=dict)
+    #: types of each IRI, and where they stand; its first label, likewise
+    types: dict[str, dict[Node, str]] = field(default_factory=dict)
+    labels: dict[str, tuple[str, str]] = field(default_factory=dict)
     seen: set[tuple[str, str, str]] = field(default_factory=set)
 
     def observations(self) -> Iterator[tuple[str, str, str]]:
@@ -85,10 +88,13 @@ class _Reading:
         for place, head, relation, tail in read_triples(self.path):
             if isinstance(head, BNode) or isinstance(tail, BNode):
                 left[BLANK] += 1
+            elif relation == RDF.type and tail == OWL.NamedIndividual:
+                continue
             elif relation == RDF.type:
-                self._type(place, head, tail)
+                self.types.setdefault(str(head), {}).setdefault(tail, place)
             elif relation == RDFS.label and isinstance(tail, Literal):
-                self._label(place, head, tail)
+                if (tail.language or "en").partition("-")[0] == "en":
+                    self.labels.setdefault(str(head), (place, str(tail)))
             elif isinstance(tail, Literal):
                 left[LITERALS] += 1
             elif str(relation).startswith(str(RDF)):
@@ -103,22 +109,23 @@ class _Reading:
                     yield triple
         if not self.seen:
             raise InputError(self.path, "", "expected triples between entities that have IRIs, got none")
+        self._tell()
 
-    def _type(self, place: str, head: Node, tail: Node) -> None:
-        if tail == OWL.NamedIndividual:
-            return
-        name, kind = self._name(place, head, self.entity_iris), self._called(place, tail)
-        if name not in self.kept and self.naming.kind_of.setdefault(name, kind) != kind:
-            other = self.naming.kind_of[name]
-            raise InputError(self.path, place, f"expected one type of {name!r}, got {kind} beside {other}")
-
-    def _label(self, place: str, head: Node, label: Literal) -> None:
-        """The first one that is English, or of no language."""
-        if (label.language or "en").partition("-")[0] == "en":
-            wrong = fault(str(label))
-            if wrong:
-                raise InputError(self.path, place, f"label: {wrong}")
-            self.naming.phrase_of.setdefault(self._name(place, head, self.entity_iris), str(label).lower())
+    def _tell(self) -> None:
+        """Kinds and phrases of the entities; what else has a type or a label, such as relations, is not looked at."""
+        kind_of, phrase_of = self.naming.kind_of, self.naming.phrase_of
+        for name, iri in self.entity_iris.items():
+            types = {} if name in self.kept else self.types.get(iri, {})
+            for kind, place in ((self._called(place, of), place) for of, place in types.items()):
+                if kind_of.setdefault(name, kind) != kind:
+                    expected = f"expected one type of {name!r}, got {kind} beside {kind_of[name]}"
+                    raise InputError(self.path, place, expected)
+            if iri in self.labels and name not in phrase_of:
+                place, label = self.labels[iri]
+                wrong = fault(label)
+                if wrong:
+                    raise InputError(self.path, place, f"label: {wrong}")
+                phrase_of[name] = label.lower()
 
     def _name(self, place: str, node: Node, iris: dict[str, str]) -> str:
         name = self._called(place, node)
