@@ -32,24 +32,34 @@ def folder_of(path: Path, **changes: str | None) -> Path:
 
 def mined(from_: str, triples: list[str] | None = None) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Observations, and kinds."""
-    observed = Observed(entities)
-    return pa.concat_tables(observed.passing(triples_with_ids(Mining(0), from_, triples))).to_pandas(), observed.kinds
+    mining = Mining(0)
+    observed = Observed(entities, mining)
+    return pa.concat_tables(observed.passing(triples_with_ids(mining, from_, triples))).to_pandas(), observed.kinds
 
 
 def test_ids_are_head_tail_and_relation_and_repeats_are_observations(tmp_path: Path) -> None:
     observations, kinds = mined(str(folder_of(tmp_path)))
     assert observations[["scene", "room", "instance"]].isna().all(axis=None)
     assert observations[["head", "relation", "tail", "count"]].to_numpy().tolist() == [
-        ["alarm clock", "ObjOnLoc", "desk (place)", 2],
-        ["town hall", "knows", "alarm clock", 1],
-        ["wall_lamp.o", "ObjOnLoc", "desk (place)", 1],
+        ["alarmclock.o", "ObjOnLoc", "desk.l", 2],
+        ["town hall", "knows", "alarmclock.o", 1],
+        ["wall_lamp.o", "ObjOnLoc", "desk.l", 1],
     ]
     assert kinds.to_numpy().tolist() == [
-        ["alarm clock", "object", "alarm clock"],  # as the graphs that ship have it
-        ["desk (place)", "location", "desk"],
+        ["alarmclock.o", "object", "alarmclock"],
+        ["desk.l", "location", "desk"],
         ["town hall", "entity", "town hall"],
         ["wall_lamp.o", "object", "wall lamp"],
     ]
+
+
+def test_names_of_the_graphs_that_ship_say_nothing_of_a_folder(tmp_path: Path) -> None:
+    names, triples = "3\nbowl.o\t0\nbowl\t1\nalarm clock\t2\n", "2\n0 1 1\n2 0 0\n"
+    observations, kinds = mined(str(folder_of(tmp_path, entity2id=names, gt2id=triples)))
+    assert observations[["head", "tail"]].to_numpy().tolist() == [["alarm clock", "bowl.o"], ["bowl.o", "bowl"]]
+    assert kinds.to_numpy().tolist() == [
+        ["alarm clock", "entity", "alarm clock"], ["bowl", "entity", "bowl"], ["bowl.o", "object", "bowl"],
+    ]  # fmt: skip
 
 
 def test_several_files_of_triples_are_one_graph(tmp_path: Path) -> None:

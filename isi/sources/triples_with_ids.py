@@ -28,8 +28,17 @@ Triple = tuple[str, str, str]
 
 
 def entities(triples: pd.DataFrame, _rooms: Collection[str]) -> pd.DataFrame:
-    """Entities of the triples in alphabetical order: of a kind by their name in the file, and with their phrase."""
-    listed = shipped_names().drop_duplicates("entity").set_index("entity")
+    """Entities of a graph that ships, in alphabetical order, with kind and phrase."""
+    return _entities(triples, shipped_names().drop_duplicates("entity").set_index("entity"))
+
+
+def own_entities(triples: pd.DataFrame, _rooms: Collection[str]) -> pd.DataFrame:
+    """Entities of a folder, likewise; they go by their name in the file: ``bowl.o`` is another than ``bowl``."""
+    return _entities(triples, pd.DataFrame(columns=["name", "phrase"]))
+
+
+def _entities(triples: pd.DataFrame, listed: pd.DataFrame) -> pd.DataFrame:
+    """Of a kind by the name in the file, and of its words, where no other is listed."""
     rows = []
     for entity in sorted({*triples["head"], *triples["tail"]}):
         name = listed["name"].get(entity, entity)
@@ -41,17 +50,22 @@ def entities(triples: pd.DataFrame, _rooms: Collection[str]) -> pd.DataFrame:
 
 
 @source("triples_with_ids", entities=entities)
-def triples_with_ids(_mining: Mining, from_: str, triples: list[str] | None = None) -> Iterator[pa.Table]:
+def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = None) -> Iterator[pa.Table]:
     """Observations, added up by triple: of which scene and instance they were is not told.
 
     Args:
+        mining: is told how the entities of a folder are named.
         from_: ``virtualhome`` or ``thor_u``, which ship, or the path of a folder with the files ``entity2id.txt`` and
             ``relation2id.txt``.
         triples: the files of triples in that folder, whose repeats are observations; null: ``gt2id.txt``.
     """
-    shipped = from_ in SHIPPED
-    observed = read_counts(paths.RAW / from_ / "triples.csv") if shipped else read_ids(Path(from_), triples or [ALL])
-    named = dict(shipped_names()[["name", "entity"]].itertuples(index=False, name=None))
+    named: dict[str, str] = {}
+    if from_ in SHIPPED:
+        observed = read_counts(paths.RAW / from_ / "triples.csv")
+        named = dict(shipped_names()[["name", "entity"]].itertuples(index=False, name=None))
+    else:
+        observed = read_ids(Path(from_), triples or [ALL])
+        mining.entities = own_entities
     yield part(
         [
             (None, None, None, named.get(head, head), relation, named.get(tail, tail), count)
