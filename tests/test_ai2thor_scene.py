@@ -103,10 +103,18 @@ def test_a_receptacle_that_the_scene_lacks_is_an_error_or_dropped(tmp_path: Path
         ([{**MUG, "objectType": "Mug\x07"}], ["Mug|1", "objectType"]),
         ([{**MUG, "objectType": "M" * 10_000}], ["Mug|1", "objectType"]),
         ([{**MUG, "salientMaterials": [""]}], ["Mug|1", "salientMaterials"]),
+        ({"scene": "F" * 10_000, "objects": SCENE}, ["scene: ", "at most 200"]),
+        ({"sceneName": "../FloorPlan1", "objects": SCENE}, ["scene: ", "'../'"]),
+        ({"sceneName": 3, "objects": SCENE}, ["scene: ", "expected a name"]),
     ],
 )
 def test_what_is_no_scene_is_refused(tmp_path: Path, content: Any, expected: list[str]) -> None:
     refused("ai2thor_scene", scene(tmp_path / "scene.json", content), ["scene.json", *expected], room="kitchen")
+
+
+@pytest.mark.parametrize("room", ["../kitchen", "kitchen\n", "k" * 201])
+def test_a_room_that_is_no_name_is_refused(tmp_path: Path, room: str) -> None:
+    refused("ai2thor_scene", scene(tmp_path / "scene.json", SCENE), ["room: expected a name"], room=room)
 
 
 def test_another_encoding_and_a_missing_file_are_refused(tmp_path: Path) -> None:

@@ -103,6 +103,26 @@ def test_what_a_setting_names_must_be_there(tmp_path: Path, setting: str, value:
         mined(folder_of(tmp_path), **{setting: value})
 
 
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        ({"names": {**SETTINGS["names"], "stove.n.01": "../stove"}}, "'stove.n.01': expected a name without"),
+        ({"names": {**SETTINGS["names"], "kitchen": "k" * 201}}, "'kitchen_0': expected a name of at most"),
+        ({"affordances": {"openable": ["open\n"]}}, "affordances: expected a name without"),
+    ],
+)
+def test_settings_give_names(tmp_path: Path, settings: dict[str, Any], named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        mined(folder_of(tmp_path), **settings)
+
+
+@pytest.mark.parametrize("word", ["st\u001bove", "___"])
+def test_a_synset_without_words_is_refused(tmp_path: Path, word: str) -> None:
+    told = {**TOLD, f"{word}.n.01": {}}
+    with pytest.raises(InputError, match=f"{SCENES}: House_0: kitchen_0: .*: expected a name"):
+        mined(folder_of(tmp_path, mapped=MAPPED.replace("stove.n", f"{word}.n"), told=told))
+
+
 def in_kitchen(**models: object) -> object:
     return {"scenes": {"House_0": {"kitchen_0": models}}}
 

@@ -117,6 +117,9 @@ def test_a_recording_without_a_room_is_refused_by_its_key(tmp_path: Path, conten
         ({**MUG, "receptacleObjectIds": {"Fork|1": 1}}, r"object Mug\|1: .*receptacleObjectIds"),
         ({**MUG, "salientMaterials": "Metal"}, r"object Mug\|1: .*salientMaterials"),
         ({**MUG, "salientMaterials": [""]}, r"object Mug\|1: .*salientMaterials"),
+        ({**MUG, "salientMaterials": ["m" * 201]}, r"object Mug\|1: salientMaterials: expected .*at most 200"),
+        ({**MUG, "salientMaterials": ["../etc"]}, r"object Mug\|1: salientMaterials: expected .*'\.\./etc'"),
+        ({**MUG, "objectType": "Mug "}, r"object Mug\|1: expected its objectType to be a name, got 'Mug '"),
         ({**MUG, "openable": "false"}, r"object Mug\|1: expected openable to be true or false, got 'false'"),
         ({**MUG, "pickupable": "1"}, r"object Mug\|1: expected pickupable"),
         ("Mug", "object 0: "),
@@ -202,6 +205,7 @@ def test_the_hash_of_a_recording_is_that_of_the_file(tmp_path: Path) -> None:
         ([HEADER, scene("FloorPlan999")], "line 2: expected one of .*FloorPlan1, got 'FloorPlan999'"),
         ([HEADER, scene("FloorPlan_Train1_1")], "line 2: .*got 'FloorPlan_Train1_1'"),
         ([HEADER, scene("../" * 5000)], "line 2: .{0,200}$"),
+        ([HEADER, scene(spawn=10**300)], "line 2: expected a name of at most 200"),
         ([HEADER, scene(spawn=1), scene(), scene(spawn=1)], "line 4: FloorPlan5#1 is there twice"),
     ],
 )

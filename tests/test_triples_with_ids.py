@@ -99,7 +99,10 @@ def test_every_line_is_counted_once(tmp_path_factory: pytest.TempPathFactory, ro
         ("entity2id", "2\na.o\t0\nb.o\t2\n", "expected the ids from 0 to 1"),
         ("entity2id", "1\na\u001b[0m.o\t0\n", "line 2"),
         ("entity2id", f"1\n{'x' * 10_000}.o\t0\n", "line 2"),
+        ("entity2id", "1\n../../etc\t0\n", "line 2: expected a name without"),
+        ("entity2id", "1\n mug.o\t0\n", "line 2: expected a name without"),
         ("relation2id", "1\nnone\n", "line 2"),
+        ("relation2id", "1\nis/../in\t0\n", "line 2: expected a name without"),
     ],
 )
 def test_a_broken_file_is_refused_in_one_short_line(tmp_path: Path, file: str, content: str | None, place: str) -> None:

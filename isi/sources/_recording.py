@@ -9,6 +9,7 @@ import re
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, distribution
 from itertools import count
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import Any
 from isi.base import paths
 from isi.base.errors import InputError
 from isi.sources._materials import Object
+from isi.sources._naming import fault
 
 #: Header of a recording of ``make record``, a line of JSON; each line behind it is a scene.
 FORMAT = {"format": "isi recording", "version": 1, "simulator": "ai2thor"}
@@ -43,8 +45,10 @@ AFFORDANCES = {
 LISTS = ("parentReceptacles", "receptacleObjectIds", "salientMaterials")
 #: What mining reads of an object: the rest would only cost memory.
 FIELDS = ("objectId", "objectType", *LISTS, *AFFORDANCES)
-_TYPE = re.compile(r"[A-Za-z][A-Za-z0-9_ -]{0,99}")
+_TYPE = re.compile(r"[A-Za-z](?:[A-Za-z0-9_ -]{0,98}[A-Za-z0-9_-])?")
 _LONGEST_ID = 1000
+#: Of materials, since scenes name the same few over and over.
+_fault = lru_cache(maxsize=4096)(fault)
 
 
 @dataclass(frozen=True)
@@ -160,8 +164,9 @@ def _of_recorder(path: Path, plans: Iterable[Plans]) -> Iterator[Scene]:
             likely = f"expected one of this source's floor plans, such as {next(iter(known))}"
             raise InputError(path, f"line {place}", f"{likely}, got {plan[:80]!r}")
         name, (number, room) = layout(plan, spawn), known[plan]
-        if name in seen:
-            raise InputError(path, f"line {place}", f"{name} is there twice")
+        wrong = f"{name} is there twice" if name in seen else fault(name)
+        if wrong:
+            raise InputError(path, f"line {place}", wrong)
         seen.add(name)
         yield Scene(name, number, room, checked(path, name, objects))
 
@@ -244,6 +249,9 @@ def _check(path: Path, scene: str, place: int, thing: Any) -> None:
         named = thing.get(key) or []
         if not isinstance(named, list) or not all(map(_is_name, named)):
             raise InputError(path, f"{scene}, object {where}", f"expected {key} to be a list of names or null")
+    for material in thing.get("salientMaterials") or ():
+        if wrong := _fault(material):
+            raise InputError(path, f"{scene}, object {where}", f"salientMaterials: {wrong}")
     for key in AFFORDANCES:
         if not isinstance(thing.get(key, False), bool):
             got = repr(thing[key])[:80]

@@ -16,6 +16,7 @@ from isi.sources import Mining, source
 from isi.sources._household import household
 from isi.sources._materials import simulator
 from isi.sources._mining import Broken, Circular, Untidy, mine
+from isi.sources._naming import fault
 from isi.sources._recording import ITHOR, ROBOTHOR, Scene, checked
 from isi.sources._rows import UNREADABLE, open_text
 
@@ -38,6 +39,9 @@ def ai2thor_scene(
         broken: what becomes of a receptacle that the scene lacks, and of contents that are not there or elsewhere.
         circular: what becomes of a receptacle that lies in what it holds.
     """
+    wrong = fault(room) if room else None
+    if wrong:
+        raise InputError("room", "", wrong)
     scene = read_scene(Path(path), room)
     for table in mine([scene], simulator, Path(path), Untidy(broken, circular, mining.left)):
         if not scene.room:
@@ -66,19 +70,21 @@ def read_scene(path: Path, room: str | None) -> Scene:
     except (ValueError, RecursionError) as error:
         raise InputError(path, "", f"expected JSON: {error}") from error
     name, objects = _parts(found)
+    wrong = fault(name)
+    if wrong:
+        raise InputError(path, "scene", wrong)
     if not isinstance(objects, list) or not objects:
         raise InputError(path, "", "expected a scene: a list of objects, or a mapping with the key objects")
     return Scene(name, 0, room or _room(name), checked(path, name, objects))
 
 
-def _parts(found: Any) -> tuple[str, Any]:
+def _parts(found: Any) -> tuple[Any, Any]:
     """Name and objects of a scene, in any of its forms."""
     if isinstance(found, dict):
         found = found.get("metadata", found)
     if not isinstance(found, dict):
         return "scene", found
-    name = found.get("scene") or found.get("sceneName")
-    return name if isinstance(name, str) and name.isprintable() else "scene", found.get("objects")
+    return found.get("scene") or found.get("sceneName") or "scene", found.get("objects")
 
 
 def _room(scene: str) -> str:

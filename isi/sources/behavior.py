@@ -17,6 +17,7 @@ from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from isi.base.errors import InputError
 from isi.sources import Mining, part, source
 from isi.sources._household import AT_LOCATION, HAS_AFFORDANCE, household
+from isi.sources._naming import fault
 
 SCENES, CATEGORIES, PROPERTIES = (
     "combined_room_object_list.json", "category_mapping.csv", "propagated_annots_canonical.json"
@@ -63,6 +64,9 @@ def behavior(
     folder = locate(from_)
     scenes, objects = read_scenes(folder / SCENES), read_objects(folder)
     _check_known(folder / CATEGORIES, "synset", structure, set(objects.synset.values()))
+    for action in (action for actions in affordances.values() for action in actions):
+        if wrong := fault(action):
+            raise InputError("affordances", "", wrong)
     told = {name for properties in objects.properties.values() for name in properties}
     _check_known(folder / PROPERTIES, "property", affordances, told)
     seen: dict[str, str] = {}
@@ -75,6 +79,9 @@ def behavior(
                 continue
             mining.left[STEPS[1]] += count
             head, place = _named(synset, SYNSET, names), _named(room, ROOM, names)
+            for key, name in ((synset, head), (room, place)):
+                if wrong := fault(name):
+                    raise InputError(folder / SCENES, f"{scene}: {room}: {short(key)}", wrong)
             if seen.setdefault(head, synset) != synset:
                 both = f"expected another name for {synset} in the setting names: {seen[head]} is called so, too"
                 raise InputError(folder / CATEGORIES, f"entity {head!r}", both)

@@ -15,6 +15,7 @@ import pyarrow as pa
 from isi.base import paths
 from isi.base.errors import InputError
 from isi.sources import Mining, part, source
+from isi.sources._naming import fault
 
 ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"
 #: Of what kind an entity is, by the last part of its name.
@@ -42,8 +43,8 @@ def _entities(triples: pd.DataFrame, listed: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for entity in sorted({*triples["head"], *triples["tail"]}):
         name = listed["name"].get(entity, entity)
-        stem, dot, suffix = name.rpartition(".")
-        told = bool(dot) and suffix in KINDS
+        stem, _, suffix = name.rpartition(".")
+        told = bool(stem) and suffix in KINDS
         own = (stem if told else name).replace("_", " ")
         rows.append((entity, KINDS[suffix] if told else THING, listed["phrase"].get(entity, own)))
     return pd.DataFrame(rows, columns=["entity", "kind", "phrase"])
@@ -117,9 +118,11 @@ def _names(path: Path) -> list[str]:
     """Names in the order of their ids."""
     by_id, names = dict[int, str](), set[str]()
     for number, line in _lines(path):
-        named = re.fullmatch(r"(\S(?:.{0,198}\S)?)\t([0-9]{1,9})\s*", line)
-        if not named or not named[1].isprintable():
+        named = re.fullmatch(r"(.+)\t([0-9]{1,9})\s*", line)
+        if not named:
             raise InputError(path, f"line {number}", f"expected a name, a tab and an id, got {short(line)}")
+        if wrong := fault(named[1]):
+            raise InputError(path, f"line {number}", wrong)
         if int(named[2]) in by_id or named[1] in names:
             raise InputError(path, f"line {number}", f"{short(line)} has a name or an id that is there already")
         names.add(named[1])
