@@ -146,7 +146,9 @@ def in_kitchen(**models: object) -> object:
         (in_kitchen(**{"x" * 10_000 + "-abcdef": 1}), "model 'xxx"),
         (in_kitchen(**{"sto\u001bve-abcdef": 1}), r"model 'sto\x1bve-abcdef'"),
         ({"scenes": {"../House_0": SCENE}}, "scene '../House_0'"),
-        ({"scenes": {"House_0": {"kitchen": {}}}}, "House_0: room 'kitchen'"),
+        ({"scenes": {"House_0": {"kitchen": SCENE["kitchen_0"]}}}, "House_0: room 'kitchen'"),
+        ({"scenes": {"House_0": SCENE, "House_1": {}}}, "'House_1'"),
+        ({"scenes": {"House_0": {"kitchen_0": {}}}}, "'House_0': 'kitchen_0'"),
     ],
 )
 def test_broken_scenes_are_refused_in_one_short_line(tmp_path: Path, scenes: object, place: str) -> None:

@@ -194,6 +194,7 @@ def test_the_hash_of_a_recording_is_that_of_the_file(tmp_path: Path) -> None:
         ([HEADER | {"version": "1"}], 'line 1: .*"version": "1"'),
         ([HEADER | {"simulator": "gibson"}], "line 1: .*gibson"),
         (["x" * 10_000], "line 1: .{0,400}$"),
+        ([HEADER], "expected scenes behind the header, got none"),
         ([HEADER, b"{"], "line 2: expected JSON"),
         ([HEADER, scene(), b"\xff\xfe"], "line 3: expected JSON"),
         ([HEADER, b"[" * 100_000], "line 2: expected JSON"),

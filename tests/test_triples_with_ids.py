@@ -68,7 +68,7 @@ def test_several_files_of_triples_are_one_graph(tmp_path: Path) -> None:
     assert observations["count"].tolist() == [2, 1]
 
 
-@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3), st.integers(0, 1)), max_size=30))
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3), st.integers(0, 1)), min_size=1, max_size=30))
 def test_every_line_is_counted_once(tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[int, int, int]]) -> None:
     lines = [f"{len(rows)}", *(f"{head} {tail} {relation}" for head, tail, relation in rows), ""]
     folder = folder_of(tmp_path_factory.mktemp("ids"), gt2id="\n".join(lines))
@@ -115,6 +115,12 @@ def test_a_broken_file_is_refused_in_one_short_line(tmp_path: Path, file: str, c
     assert place in line
     assert line.isprintable()
     assert len(line) < 400
+
+
+def test_a_folder_without_triples_is_refused(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path, gt2id="0\n", more2id="0")
+    with pytest.raises(InputError, match=r"gt2id\.txt, more2id\.txt: expected triples, got none"):
+        mined(str(folder), ["gt2id.txt", "more2id.txt"])
 
 
 @pytest.mark.parametrize(

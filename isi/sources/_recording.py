@@ -169,6 +169,8 @@ def _of_recorder(path: Path, plans: Iterable[Plans]) -> Iterator[Scene]:
             raise InputError(path, f"line {place}", wrong)
         seen.add(name)
         yield Scene(name, number, room, checked(path, name, objects))
+    if not seen:
+        raise InputError(path, "", "expected scenes behind the header, got none")
 
 
 def layout(plan: str, spawn: int | None) -> str:

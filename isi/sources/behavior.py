@@ -28,14 +28,15 @@ ROOM = re.compile(r"([a-z_]{1,60})_[0-9]{1,6}")
 MODEL = re.compile(r"([\w-]{1,60})-[a-z]{6}")
 SYNSET = re.compile(r"([^\s.]{1,60})\.[nvars]\.[0-9]{2}")
 #: How many objects of a model stand in a room.
-Standing = dict[str, Annotated[int, Field(ge=1, le=1_000_000)]]
+Standing = Annotated[dict[str, Annotated[int, Field(ge=1, le=1_000_000)]], Field(min_length=1)]
+Rooms = Annotated[dict[str, Standing], Field(min_length=1)]
 T = TypeVar("T")
 
 
 class Scenes(BaseModel):
     """What is read of the list of scenes: by scene, room and model."""
 
-    scenes: Annotated[dict[str, dict[str, Standing]], Field(min_length=1)]
+    scenes: Annotated[dict[str, Rooms], Field(min_length=1)]
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ def locate(from_: str) -> Path:
         raise InputError("package bddl", "", "not installed, which has the scenes of BEHAVIOR-1K") from error
 
 
-def read_scenes(path: Path) -> dict[str, dict[str, Standing]]:
+def read_scenes(path: Path) -> dict[str, Rooms]:
     """How many objects of each model stand in each room of each scene.
 
     Raises:

@@ -97,7 +97,7 @@ def read_ids(folder: Path, files: Collection[str]) -> Counter[Triple]:
 
     Raises:
         InputError: where a file is missing, holds other than as many lines as it says, or names an id that there is
-            no name of.
+            no name of; or where there is no triple.
     """
     names, relations = _names(folder / ENTITIES), _names(folder / RELATIONS)
     found: Counter[Triple] = Counter()
@@ -111,6 +111,8 @@ def read_ids(folder: Path, files: Collection[str]) -> Counter[Triple]:
                 expected = f"expected ids of {len(names)} entities and {len(relations)} relations, got {short(line)}"
                 raise InputError(path, f"line {number}", expected)
             found[names[head], relations[relation], names[tail]] += 1
+    if not found:
+        raise InputError(folder, ", ".join(files), "expected triples, got none")
     return found
 
 
