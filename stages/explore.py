@@ -26,6 +26,8 @@ def explore(given: Given, graph: str) -> None:
     how = given.section(key, Elsewhere)
     try:
         found = building.graph_of(seen_by(graph, how, given.seed, f"{key}.source"), how.min_count)
+        if found.triples.empty:
+            raise InputError(f"{key}.source", "", f"expected triples that are observed {how.min_count} times")
         store = held(given, graph, found, how, key)
     except InputError as error:
         raise InputError(paths.BEYOND_PARAMS, key, str(error)) from error
@@ -44,8 +46,6 @@ def seen_by(graph: str, how: Elsewhere, root: int, key: str) -> Seen:
     frame: pd.DataFrame = parts.to_pandas()
     for step, instances in observed.mining.left.items():
         print(f"{instances:,} {step}")
-    if frame.empty:
-        raise InputError(paths.BEYOND_PARAMS, key, "expected a source that observes something")
     return Seen(graph, frame, observed.kinds)
 
 

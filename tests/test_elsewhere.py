@@ -120,4 +120,7 @@ def test_a_graph_with_too_few_entities_is_refused_and_nothing_is_written(monkeyp
     list_graphs(sessions=SESSIONS | {"sizes": [500]})
     with pytest.raises(SystemExit, match=r"^explore: beyond/params\.yaml: graphs\.again: .*sessions\.sizes.*fewer"):
         ran(monkeypatch, explore, "again")
+    list_graphs(min_count=10_000)
+    with pytest.raises(SystemExit, match=r"graphs\.again: graphs\.again\.source: expected triples .* 10000 times"):
+        ran(monkeypatch, explore, "again")
     assert not paths.explored("again", "runs").parent.exists()
