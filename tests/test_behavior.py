@@ -14,7 +14,7 @@ import pytest
 from isi.base import paths
 from isi.base.errors import InputError
 from isi.base.params import read as read_params
-from isi.sources import Mining, Observed
+from isi.sources import Mining, Observed, _rows
 from isi.sources._household import household
 from isi.sources.behavior import CATEGORIES, PROPERTIES, SCENES, STEPS, behavior
 
@@ -191,6 +191,17 @@ def test_a_file_that_is_missing_is_named(tmp_path: Path, file: str) -> None:
     folder = folder_of(tmp_path)
     (folder / file).unlink()
     with pytest.raises(InputError, match=f"{file}: expected.*No such file"):
+        mined(folder)
+
+
+@pytest.mark.parametrize(("file", "most"), [(SCENES, 150), (CATEGORIES, 100)])
+def test_a_file_that_is_too_large_is_refused_before_it_is_held(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str, most: int
+) -> None:
+    folder = folder_of(tmp_path, scenes={"scenes": {"House_0": {"kitchen_0": {"stove-abcdef": 1}}}})
+    (folder / file).write_text(" " * 200, encoding="utf-8")
+    monkeypatch.setattr(_rows, "MOST", most)
+    with pytest.raises(InputError, match=f"{file}: expected a .* of at most {most} characters"):
         mined(folder)
 
 

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rdflib import RDF, Graph, URIRef
 
+from isi.sources import _rows
 from isi.sources.rdf import BLANK, LITERALS, REPEATED, STRUCTURE, local_name
 from tests.observing import TRIPLE, observe, refusal, refused
 
@@ -158,6 +159,15 @@ def test_broken_rdf_is_refused_by_its_line(
     if content is not None:
         written(path, content)
     refused("rdf", path, [name, *expected])
+
+
+@pytest.mark.parametrize("name", ["a.ttl", "a.ttl.gz"])
+def test_turtle_that_is_too_large_is_refused_before_it_is_held(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_rows, "MOST", 1000)
+    text = (HOME + "\n" * 1000).encode()
+    refused("rdf", written(tmp_path / name, gzip.compress(text) if name.endswith("gz") else text), ["at most 1,000"])
 
 
 @given(st.text(alphabet=' \n<>"@:.;,[]()_a#\\^%é\x00', max_size=40), st.sampled_from([".nt", ".ttl"]))

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isi.base.errors import InputError
-from isi.sources import Mining, Observed
+from isi.sources import Mining, Observed, _rows
 from isi.sources.triples_with_ids import KINDS, entities, read_counts, read_ids, shipped_names, triples_with_ids
 
 FILES = {
@@ -121,6 +121,13 @@ def test_a_folder_without_triples_is_refused(tmp_path: Path) -> None:
     folder = folder_of(tmp_path, gt2id="0\n", more2id="0")
     with pytest.raises(InputError, match=r"gt2id\.txt, more2id\.txt: expected triples, got none"):
         mined(str(folder), ["gt2id.txt", "more2id.txt"])
+
+
+def test_a_file_of_ids_that_is_too_large_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = folder_of(tmp_path, gt2id="100\n" + 100 * "0 2 0\n")
+    monkeypatch.setattr(_rows, "MOST", 300)
+    with pytest.raises(InputError, match=r"gt2id\.txt: expected a text file of ids of at most 300 characters"):
+        mined(str(folder))
 
 
 @pytest.mark.parametrize(

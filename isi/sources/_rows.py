@@ -20,6 +20,8 @@ from isi.base.errors import InputError
 BATCH = 65_536
 #: Characters of a line that are read at once: what is longer has a field that the CSV reader refuses.
 LINE = 2**20
+#: Characters of a file that is read as a whole, at most.
+MOST = 2**26
 #: Name of the column of whole numbers; the others hold text.
 COUNT = "count"
 LARGEST = 2**31 - 1
@@ -81,6 +83,22 @@ def open_text(path: Path) -> TextIO:
     if path.suffix == ".gz":
         return gzip.open(path, "rt", encoding="utf-8-sig", newline="")
     return path.open(encoding="utf-8-sig", newline="")
+
+
+def read_text(path: Path, what: str) -> str:
+    """All of a text file, which may be compressed.
+
+    Raises:
+        InputError: where it is missing, no UTF-8, broken, or longer than ``MOST``; ``what`` is what was expected.
+    """
+    try:
+        with open_text(path) as file:
+            text = file.read(MOST + 1)
+    except UNREADABLE as error:
+        raise InputError(path, "", f"expected {what} in UTF-8 ({error})") from error
+    if len(text) > MOST:
+        raise InputError(path, "", f"expected {what} of at most {MOST:,} characters, got more")
+    return text
 
 
 def _of_text(path: Path, separator: str, required: Sequence[str], columns: Sequence[str]) -> Iterator[Row]:

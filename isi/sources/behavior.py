@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
+from io import StringIO
 from pathlib import Path
 from reprlib import repr as short
 from typing import Annotated, Any, TypeVar
@@ -18,6 +19,7 @@ from isi.base.errors import InputError
 from isi.sources import Mining, part, source
 from isi.sources._household import AT_LOCATION, HAS_AFFORDANCE, household
 from isi.sources._naming import fault
+from isi.sources._rows import read_text
 
 SCENES, CATEGORIES, PROPERTIES = (
     "combined_room_object_list.json", "category_mapping.csv", "propagated_annots_canonical.json"
@@ -119,25 +121,22 @@ def read_objects(folder: Path) -> Objects:
     """
     path, synsets = folder / CATEGORIES, dict[str, str]()
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            reader = csv.DictReader(file, restval="")
-            missing = {"category", "synset"} - set(reader.fieldnames or ())
-            if missing:
-                raise InputError(path, f"column {min(missing)!r}", "missing")
-            for row in reader:
-                category, synset = row["category"], row["synset"]
-                if synsets.setdefault(category, synset) != synset:
-                    raise InputError(path, f"line {reader.line_num}", f"{short(category)} is listed twice")
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reader = csv.DictReader(StringIO(read_text(path, "a CSV file"), newline=""), restval="")
+        missing = {"category", "synset"} - set(reader.fieldnames or ())
+        if missing:
+            raise InputError(path, f"column {min(missing)!r}", "missing")
+        for row in reader:
+            category, synset = row["category"], row["synset"]
+            if synsets.setdefault(category, synset) != synset:
+                raise InputError(path, f"line {reader.line_num}", f"{short(category)} is listed twice")
+    except csv.Error as error:
         raise InputError(path, "", f"expected a CSV file ({error})") from error
     return Objects(synsets, _read_json(folder / PROPERTIES, dict[str, dict[str, Any]]))
 
 
 def _read_json(path: Path, form: type[T]) -> T:
     try:
-        return TypeAdapter(form).validate_json(path.read_bytes(), strict=True)
-    except OSError as error:
-        raise InputError(path, "", f"expected a file of BEHAVIOR-1K ({error.strerror})") from error
+        return TypeAdapter(form).validate_json(read_text(path, "a file of BEHAVIOR-1K"), strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         raise InputError(path, ": ".join(short(place) for place in first["loc"]), first["msg"]) from error

@@ -21,7 +21,7 @@ from rdflib.term import Node
 from isi.base.errors import InputError
 from isi.sources import Mining, part, source
 from isi.sources._naming import Kinds, Naming, fault
-from isi.sources._rows import LINE, UNREADABLE, form_of, open_text, printable
+from isi.sources._rows import LINE, UNREADABLE, form_of, open_text, printable, read_text
 from isi.sources.table import CHUNK, naming
 
 #: What becomes of triples that are no observations, as they are counted.
@@ -188,8 +188,7 @@ class _Last(DummySink):
 
 
 def _of_turtle(path: Path) -> Iterator[Placed]:
-    with open_text(path) as file:
-        text = file.read()
+    text = read_text(path, "Turtle, which is read as a whole,")
     try:
         graph = Graph().parse(data=text, format="turtle", publicID="file:///")
     except Exception as error:  # text that ends too early, or is too deep, makes the parser stumble in any way

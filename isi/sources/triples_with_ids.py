@@ -16,6 +16,7 @@ from isi.base import paths
 from isi.base.errors import InputError
 from isi.sources import Mining, part, source
 from isi.sources._naming import fault
+from isi.sources._rows import read_text
 
 ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"
 #: Of what kind an entity is, by the last part of its name.
@@ -136,10 +137,7 @@ def _names(path: Path) -> list[str]:
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """The lines behind the first, which says how many they are, with their numbers."""
-    try:
-        first, *lines = path.read_text(encoding="utf-8").split("\n")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, "", f"expected a text file of ids ({error})") from error
+    first, *lines = read_text(path, "a text file of ids").split("\n")
     filled = [(number, line) for number, line in enumerate(lines, 2) if line.strip()]
     if not re.fullmatch(r"[0-9]{1,9}\s*", first) or int(first) != len(filled):
         said = f"expected how many lines follow, which are {len(filled)}, got {short(first)}"
