@@ -10,6 +10,7 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
+from isi.sources import _rows
 from isi.sources._materials import simulator
 from isi.sources._mining import MISSING, mine
 from isi.sources._recording import locate, read_recording
@@ -115,6 +116,13 @@ def test_what_is_no_scene_is_refused(tmp_path: Path, content: Any, expected: lis
 @pytest.mark.parametrize("room", ["../kitchen", "kitchen\n", "k" * 201])
 def test_a_room_that_is_no_name_is_refused(tmp_path: Path, room: str) -> None:
     refused("ai2thor_scene", scene(tmp_path / "scene.json", SCENE), ["room: expected a name"], room=room)
+
+
+@pytest.mark.parametrize("name", ["scene.json", "scene.json.gz"])
+def test_a_scene_that_is_too_large_is_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setattr(_rows, "MOST", 300)
+    path = scene(tmp_path / name, {"scene": "FloorPlan1", "objects": SCENE * 9})
+    refused("ai2thor_scene", path, [name, "at most 300 characters"])
 
 
 def test_another_encoding_and_a_missing_file_are_refused(tmp_path: Path) -> None:

@@ -18,10 +18,8 @@ from isi.sources._materials import simulator
 from isi.sources._mining import Broken, Circular, Untidy, mine
 from isi.sources._naming import fault
 from isi.sources._recording import ITHOR, ROBOTHOR, Scene, checked
-from isi.sources._rows import UNREADABLE, open_text
+from isi.sources._rows import read_text
 
-#: Characters of a scene's file, at most; AI2-THOR's have less than a million.
-MOST = 2**26
 #: As what objects are counted where nothing says which room they are in.
 ROOMLESS = "objects without a room: neither the scene's name nor the setting room tells it"
 
@@ -59,14 +57,10 @@ def read_scene(path: Path, room: str | None) -> Scene:
     """The scene of a file; its room is empty where nothing tells it.
 
     Raises:
-        InputError: where the file is missing, no JSON, or holds no objects of AI2-THOR.
+        InputError: where the file is missing, too large, no JSON, or holds no objects of AI2-THOR.
     """
     try:
-        with open_text(path) as file:
-            text = file.read(MOST + 1)
-        found = json.loads(text) if len(text) <= MOST else None
-    except UNREADABLE as error:
-        raise InputError(path, "", f"expected a scene in UTF-8 text ({error})") from error
+        found = json.loads(read_text(path, "a scene"))
     except (ValueError, RecursionError) as error:
         raise InputError(path, "", f"expected JSON: {error}") from error
     name, objects = _parts(found)
