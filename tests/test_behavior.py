@@ -205,15 +205,6 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_held(
         mined(folder)
 
 
-def test_the_package_must_be_there_to_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    def absent(_name: str) -> None:
-        raise PackageNotFoundError
-
-    monkeypatch.setattr("isi.sources.behavior.distribution", absent)
-    with pytest.raises(InputError, match="package bddl: not installed"):
-        mined("package")
-
-
 def has_package() -> bool:
     try:
         return distribution("bddl").version == "3.6.0"

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import gzip
-import hashlib
 import json
 import reprlib
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, distribution
 from math import hypot
 from pathlib import Path
-from typing import IO, Annotated, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from isi.base.errors import InputError
+from isi.sources._files import check_sha256, packaged
 
 #: The longest house that is read, in bytes; those of ProcTHOR-10K have a few hundred thousand at most.
 LONGEST = 64 * 2**20
@@ -162,11 +161,9 @@ def asset_types() -> dict[str, str]:
     Raises:
         InputError: where the package is not installed, or lacks its data.
     """
+    path = packaged("procthor", "procthor/databases/asset-database.json", "the assets of houses")
     try:
-        found = distribution("procthor").locate_file("procthor/databases/asset-database.json")
-        listed = json.loads(Path(str(found)).read_text(encoding="utf-8"))
-    except PackageNotFoundError as error:
-        raise InputError("package procthor", "", "not installed, which lists the assets of houses") from error
+        listed = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError("package procthor", "asset-database.json", f"expected JSON ({error})") from error
     return {asset["assetId"]: kind for kind, assets in listed.items() for asset in assets}
@@ -177,7 +174,7 @@ def _lines(path: Path, sha256: str | None) -> Iterator[tuple[int, bytes]]:
     whole, number = ".json" in path.suffixes[-2:], 0
     try:
         with path.open("rb") as raw:
-            _check_hash(path, raw, sha256)
+            check_sha256(path, raw, sha256)
             file = gzip.GzipFile(fileobj=raw) if raw.peek(2)[:2] == b"\x1f\x8b" else raw
             while line := file.read(LONGEST + 1) if whole else file.readline(LONGEST + 1):
                 number += 1
@@ -187,14 +184,6 @@ def _lines(path: Path, sha256: str | None) -> Iterator[tuple[int, bytes]]:
                     yield number, line
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(path, f"line {number + 1}", f"expected a house as JSON ({error})") from error
-
-
-def _check_hash(path: Path, file: IO[bytes], sha256: str | None) -> None:
-    if sha256:
-        got = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
-        if got != sha256:
-            raise InputError(path, "", f"expected {sha256} as its sha256, got {got}")
-        file.seek(0)
 
 
 def _refused(path: Path, line: int, error: ValidationError) -> InputError:

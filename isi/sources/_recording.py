@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import gzip
-import hashlib
 import json
 import re
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, distribution
 from itertools import count
 from pathlib import Path
 from typing import Any
 
 from isi.base import paths
 from isi.base.errors import InputError
+from isi.sources._files import check_sha256, packaged
 from isi.sources._materials import Object
 from isi.sources._naming import fault
 
@@ -109,11 +108,7 @@ def locate(from_: str, simulator: str = "ai2thor") -> Path:
         return paths.DATA / "recordings" / f"{simulator}.jsonl.gz"
     if from_ != "recording":
         return Path(from_)
-    try:
-        found = distribution("procthor").locate_file("procthor/databases/ai2thor-object-metadata.json")
-    except PackageNotFoundError as error:
-        raise InputError("package procthor", "", "not installed, which has the recording of the scenes") from error
-    return Path(str(found))
+    return packaged("procthor", "procthor/databases/ai2thor-object-metadata.json", "the recording of the scenes")
 
 
 def read_recording(path: Path, sha256: str | None, plans: Sequence[Plans] = ITHOR) -> Iterator[Scene]:
@@ -129,13 +124,10 @@ def read_recording(path: Path, sha256: str | None, plans: Sequence[Plans] = ITHO
     """
     try:
         with path.open("rb") as file:
+            check_sha256(path, file, sha256)
             compressed = file.read(len(GZIP)) == GZIP
-            file.seek(0)
-            got = hashlib.file_digest(file, "sha256").hexdigest() if sha256 else None
     except OSError as error:
         raise InputError(path, "", f"expected a recording of AI2-THOR's scenes ({error.strerror})") from error
-    if got != sha256:
-        raise InputError(path, "", f"expected {sha256} as its sha256, got {got}")
     return _of_recorder(path, plans) if compressed else _of_package(path, plans)
 
 

@@ -6,7 +6,6 @@ import csv
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, distribution
 from io import StringIO
 from pathlib import Path
 from reprlib import repr as short
@@ -17,6 +16,7 @@ from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from isi.base.errors import InputError
 from isi.sources import Mining, part, source
+from isi.sources._files import packaged
 from isi.sources._household import AT_LOCATION, HAS_AFFORDANCE, household
 from isi.sources._naming import fault
 from isi.sources._rows import read_text
@@ -98,10 +98,7 @@ def locate(from_: str) -> Path:
     """The folder of the data: that in the package ``bddl`` (never imported), or as given."""
     if from_ != "package":
         return Path(from_)
-    try:
-        return Path(str(distribution("bddl").locate_file("bddl/generated_data")))
-    except PackageNotFoundError as error:
-        raise InputError("package bddl", "", "not installed, which has the scenes of BEHAVIOR-1K") from error
+    return packaged("bddl", "bddl/generated_data", "the scenes of BEHAVIOR-1K")
 
 
 def read_scenes(path: Path) -> dict[str, Rooms]:
