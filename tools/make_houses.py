@@ -13,10 +13,11 @@ import gzip
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib.metadata import distribution
 from pathlib import Path
 from random import Random
 from typing import Any
+
+from isi.sources._files import packaged
 
 ROOMS = ("Kitchen", "LivingRoom", "Bedroom", "Bathroom")
 MOST_ROOMS = 10
@@ -48,7 +49,7 @@ class Catalogue:
 
 def catalogue() -> Catalogue:
     """What the installed package says, which is not imported."""
-    folder = Path(str(distribution("procthor").locate_file("procthor/databases")))
+    folder = packaged("procthor", "procthor/databases", "what houses are made of")
     assets, places, holds = (
         json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
         for name in ("asset-database", "placement-annotations", "receptacles")
