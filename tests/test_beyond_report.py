@@ -358,25 +358,26 @@ def test_each_cause_has_its_gain_over_xavier_and_its_epochs() -> None:
     text, found, _ = made(causes.SECTION, compared())
     frame = found["causes"].set_index("what")
     assert frame.index.tolist() == [
-        "this run, |ξ| = 1", "|ξ| = 2, 50 % of the entities", "the half that asks for entities alone",
-        "all true triples left out of the candidates", "another decay (the home graph)", "the away graph, |ξ| = 2",
+        "this run, 1 novel entities", "2 novel entities, 50 % of all", "the half that asks for entities alone",
+        "all true triples left out of the candidates", "another decay (the home graph)",
+        "the away graph, 2 novel entities",
         "the paper",
     ]  # fmt: skip
     columns = ["joint", "Xavier", "ISI", "gain %", "epochs: Xavier", "epochs: ISI"]
     expected = {
-        "this run, |ξ| = 1": [90, 40, 60, 50, 2, 2],
-        "|ξ| = 2, 50 % of the entities": [90, 20, 50, 150, 2, 2],
+        "this run, 1 novel entities": [90, 40, 60, 50, 2, 2],
+        "2 novel entities, 50 % of all": [90, 20, 50, 150, 2, 2],
         "the half that asks for entities alone": [80, 20, 40, 100, np.nan, np.nan],
         # of whom ES alone was asked: halves of 70 and 90 against 40
         "all true triples left out of the candidates": [np.nan, 40, np.nan, np.nan, np.nan, np.nan],
-        "the away graph, |ξ| = 2": [90, 50, 50, 0, 3, 3],
+        "the away graph, 2 novel entities": [90, 50, 50, 0, 3, 3],
         "the paper": [np.nan, np.nan, np.nan, (41.4 + 37.6 + 42.1) / 3, 112.6, (16.6 + 27.1 + 29.9) / 3],
     }
     for what, values in expected.items():
         assert frame.loc[what, columns].tolist() == pytest.approx(values, nan_ok=True), what
     assert "The paper's ISI gains 40 % over Xavier, this run's 50 %" in text
-    assert "the largest gain in the table is 150 %, with |ξ| = 2, 50 % of the entities." in text
-    assert "takes 112.6 epochs to converge, this run's 2.0, and 3.0 with the away graph, |ξ| = 2:" in text
+    assert "the largest gain in the table is 150 %, with 2 novel entities, 50 % of all." in text
+    assert "takes 112.6 epochs to converge, this run's 2.0, and 3.0 with the away graph, 2 novel entities:" in text
 
 
 def test_a_variant_that_is_not_finetuned_has_no_epochs_and_its_gain_is_of_those_who_ran() -> None:

@@ -175,13 +175,19 @@ def main() -> None:
         )
         (FOLDER / f"{name}.md").write_text(text + "\n", encoding="utf-8")
         print(f"\n{text}")
-    even = float(f"{crossing(groups['growth']):.2g}")
+    if "growth" in groups:
+        _grown(groups["growth"])
+
+
+def _grown(rows: pd.DataFrame) -> None:
+    """Where tables and lists cost the same, and the figure."""
+    even = float(f"{crossing(rows):.2g}")
     same = f"Tables and lists cost the same on a graph of {even:,.0f} possible triples"
     switch = f"{same}; batches become lists above {TABLE_CELLS:,}."
     (FOLDER / "switch.md").write_text(switch + "\n", encoding="utf-8")
     print(f"\n{switch}")
     with mpl.rc_context(STYLE):
-        canvas = scaling(groups["growth"])
+        canvas = scaling(rows)
         canvas.savefig(FOLDER / "scaling.svg", metadata={"Date": None})
         canvas.savefig(FOLDER / "scaling.png")
 

@@ -43,10 +43,10 @@ def contents(results: Results) -> Iterator[Content]:
 def of_main(results: Results, first: Experiment) -> Iterator[Line]:
     """The main runs as they are, at their largest size, by their entity half, and with another filter."""
     size, largest = first.curve_size, max(first.how.sessions.sizes)
-    yield f"this run, |ξ| = {size}", at_once(first, size), epochs(first, size)
+    yield f"this run, {size} novel entities", at_once(first, size), epochs(first, size)
     share = 100 * largest / len(first.entities)
     if largest != size:
-        yield f"|ξ| = {largest}, {share:.0f} % of the entities", at_once(first, largest), epochs(first, largest)
+        yield f"{largest} novel entities, {share:.0f} % of all", at_once(first, largest), epochs(first, largest)
     yield "the half that asks for entities alone", at_once(first, size, "mrr_star_entity"), {}
     asked = results.asking.get(first.name)
     if asked is not None:
@@ -69,7 +69,11 @@ def of_others(results: Results) -> Iterator[Line]:
     """The other graphs, as they are."""
     for one in results.own[1:]:
         if one.curve_size:
-            yield f"{one.title}, |ξ| = {one.curve_size}", at_once(one, one.curve_size), epochs(one, one.curve_size)
+            yield (
+                f"{one.title}, {one.curve_size} novel entities",
+                at_once(one, one.curve_size),
+                epochs(one, one.curve_size),
+            )
 
 
 def at_once(experiment: Experiment, size: int | None, column: str = "mrr_star") -> dict[str, float]:
