@@ -387,6 +387,21 @@ def test_a_variant_that_is_not_finetuned_has_no_epochs_and_its_gain_is_of_those_
     assert np.isnan([found["epochs: Xavier"], found["epochs: ISI"]]).all()
 
 
+def test_a_variant_that_was_followed_has_its_curves_and_its_epochs_beside_the_papers() -> None:
+    later = {("xavier", 0): [0.1, 0.5, 0.9], ("es", 0): [0.9, 0.9, 0.9], ("joint", 0): [0.9]}
+    about = {"home": {"xavier": [0.5], "es": [0.5], "joint": [0.5]}}
+    one = variant("causes", about, later=later, followed=True, title="their way")
+    figure, table = causes.followed(results_with(paper=one), "paper", one)
+    assert isinstance(figure, Figure)
+    assert isinstance(table, Table)
+    assert (figure.name, figure.title) == ("curves_paper_home", "Learning curves: their way, the home graph")
+    (xavier,) = (line for line in figure.canvas.axes[1].lines if line.get_label() == "Xavier")
+    assert list(np.asarray(xavier.get_ydata())) == pytest.approx([10, 50, 90])
+    rows = table.frame.set_index("initializer")
+    assert rows["novel_heldout: mean"].tolist() == [2, 0]
+    assert rows["paper: mean"].tolist() == [112.6, 16.6]
+
+
 def test_the_papers_row_is_of_the_methods_that_it_has() -> None:
     paper, _ = stated()
     assert causes.stated(paper, ["es", "own"])["gain %"] == 41.4

@@ -364,6 +364,18 @@ def test_a_variant_runs_with_what_it_changes_and_the_same_for_any_height_of_stac
 
 
 @pytest.mark.usefixtures("home")
+def test_a_variant_that_is_followed_runs_all_epochs_even_where_it_has_converged(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    how = {"initializers": ["es", "soft_es"], "options": {"soft_es": {"temperature": 0.1}},
+           "changes": {"finetuning.max_epochs": 2, "convergence.margin": 0.99}}  # fmt: skip
+    epochs = [ran(monkeypatch, 3, **how, followed=followed)[0] for followed in (False, True)]
+    stopped, whole = (runs.groupby("model", observed=True)["epoch"].max().to_dict() for runs in epochs)
+    assert stopped == {"es": 0, "soft_es": 0, "joint": 0}
+    assert whole == {"es": 2, "soft_es": 2, "joint": 0}
+
+
+@pytest.mark.usefixtures("home")
 def test_a_variant_that_tells_nothing_changes_those_who_use_insert_triples(monkeypatch: pytest.MonkeyPatch) -> None:
     how = {"initializers": ["es", "rs"], "options": {"rs": {"k": 3}}, "finetuned": False}
     found = [ran(monkeypatch, 4, **how, told=told)[1] for told in (None, 0)]

@@ -60,10 +60,13 @@ class Varied:
         """The same of one experiment."""
         return self.about[self.about["experiment"] == experiment]
 
+    def most(self, params: Params) -> int:
+        """Epochs of fine-tuning, at most."""
+        return int(self.how.changes.get("finetuning.max_epochs", params.finetuning.max_epochs))
+
     def convergence(self, experiment: str, params: Params) -> pd.DataFrame:
         """Epochs to convergence of each initializer and cell."""
-        own = self.runs[self.runs["experiment"] == experiment]
-        most = int(self.how.changes.get("finetuning.max_epochs", params.finetuning.max_epochs))
+        own, most = self.runs[self.runs["experiment"] == experiment], self.most(params)
         joint = own["model"] == JOINT
         return converged(own[~joint], own[joint], params.convergence.margin, most, ["model"])
 

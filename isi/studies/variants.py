@@ -59,6 +59,8 @@ class Variant(Section):
     told: Annotated[int, Field(ge=0)] | None = None
     #: else measured at once alone
     finetuned: bool = True
+    #: for all epochs, for learning curves; else until convergence
+    followed: bool = False
     #: whether Θ⁰ and the joint model are its own even where no change asks for it
     trained: bool = False
 
@@ -124,10 +126,11 @@ def tasks(given: Given, study: Variant, store: Store) -> list[VariantTask]:
 
 def how_of(given: Given, study: Variant, initializer: str) -> Inserting:
     """How a variant inserts with one initializer, with options of its own or those of the main runs."""
+    followed = [study.size] if study.followed else []
     if initializer not in study.options:
-        return inserting(given, initializer, finetuned=study.finetuned)
+        return inserting(given, initializer, followed, study.finetuned)
     options = study.options[initializer]
-    return inserting_with(given, initializer, options, f"options.{initializer}", finetuned=study.finetuned)
+    return inserting_with(given, initializer, options, f"options.{initializer}", followed, study.finetuned)
 
 
 def words_of(given: Given, study: Variant, store: Store) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from isi.report.models import BASELINE, JOINT, isi, label
 from isi.report.prose import joined
 from isi.report.results import Experiment, Results
 from isi.report.section import Content, Section, Table
+from isi.report.sections.epochs import curves, table2
 from isi.report.varied import Varied
 
 #: MRR* over all queries at once, and epochs to convergence, by model.
@@ -38,6 +40,22 @@ def contents(results: Results) -> Iterator[Content]:
         "where another is named. Each row changes one thing of the first, or all that its name says.",
         frame,
     )
+    for name, one in found.items():
+        if one.how.followed:
+            yield from followed(results, name, one)
+
+
+def followed(results: Results, name: str, one: Varied) -> Iterator[Content]:
+    """Figure 3b and Table 2 under the conditions of a variant that was followed to the end."""
+    margin, most, stated = results.params.convergence.margin, one.most(results.params), results.paper["convergence"]
+    for experiment in one.experiments:
+        title = f"{one.how.title}, {results.experiments[experiment].title}"
+        runs = one.runs[one.runs["experiment"] == experiment]
+        figure = curves(runs, one.initializers, one.how.size, margin)
+        yield replace(figure, name=f"curves_{name}_{experiment}", title=f"Learning curves: {title}")
+        cells = one.convergence(experiment, results.params)
+        table = table2(cells, one.initializers, stated["epochs"], margin, most)
+        yield replace(table, name=f"convergence_{name}_{experiment}", title=f"Epochs to convergence: {title}")
 
 
 def of_main(results: Results, first: Experiment) -> Iterator[Line]:
