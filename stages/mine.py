@@ -14,8 +14,8 @@ from isi.sources import observing
 def mine(given: Given, source: str) -> None:
     """Mine a source into observations, and name its entities."""
     key, provenance = f"sources.{source}", given.provenance
+    observed, parts = observing(given.raw(key), key, given.seed)
     try:
-        observed, parts = observing(given.raw(key), key, given.seed)
         rows = tables.write_stream(paths.observations(source), parts, tables.OBSERVATIONS, provenance)
     except InputError as error:
         raise InputError(key, "", str(error)) from error

@@ -112,11 +112,16 @@ def observing(values: object, key: str, seed: int) -> tuple[Observed, Iterator[p
         seed: root of every random stream.
 
     Raises:
-        InputError: where there is no such source, or it does not take these settings.
+        InputError: where there is no such source, or it does not take these settings; parts, where what it reads is
+            missing or broken.
     """
     chosen, settings = settings_of(values, key)
     observed = Observed(chosen.entities, Mining(seed))
-    return observed, observed.passing(chosen.observe(observed.mining, **settings))
+
+    def parts() -> Iterator[pa.Table]:
+        yield from observed.passing(chosen.observe(observed.mining, **settings))
+
+    return observed, parts()
 
 
 def _distinct(table: pa.Table, columns: list[str]) -> set[tuple[Any, ...]]:
