@@ -292,10 +292,21 @@ def test_what_is_told_goes_from_the_fewest_to_all() -> None:
     assert frame[["ES low", "ES high"]].iloc[1].tolist() == pytest.approx([30, 50])
     assert "with 0 and with all of its insert triples told: " in text
     assert "told: Xavier 10.0 and 10.0 and ES 20.0 and 60.0 (joint model 90.0)." in text
+    assert "worse than nothing" not in text
     (axes,) = figure.canvas.axes
     assert [tick.get_text() for tick in axes.get_xticklabels()] == ["0", "2", "all"]
     heights = {str(line.get_label()): list(np.asarray(line.get_ydata())) for line in axes.lines}
     assert heights["ES"] == pytest.approx([20, 40, 60])
+
+
+def test_who_has_less_with_some_than_with_the_fewest_is_told() -> None:
+    about = {"told_0": (0, 0.5), "told_1": (1, 0.4), "told_all": (None, 0.6)}
+    found = {
+        name: variant("told", {"home": {"xavier": (0.1, 0.1), "es": (value, value), "joint": (0.9, 0.9)}}, told=number)
+        for name, (number, value) in about.items()
+    }
+    text, _, _ = made(told.SECTION, results_with(**found))
+    assert text.endswith(" A little can be worse than nothing: ES 40.0 with 1.")
 
 
 # Other words

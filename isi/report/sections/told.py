@@ -13,6 +13,7 @@ from isi.report.models import JOINT, label
 from isi.report.prose import joined
 from isi.report.results import Results
 from isi.report.section import Content, Figure, Section, Table
+from isi.report.sections.controls import NOTHING
 from isi.report.sections.embeddings import about, lines
 from isi.report.varied import Varied
 
@@ -52,14 +53,17 @@ def by_number(found: Mapping[str, Varied], experiment: str) -> pd.DataFrame:
 
 
 def in_words(frame: pd.DataFrame, first: Varied) -> str:
-    """What each has with the fewest, and with all that is told."""
+    """What each has with the fewest and with all that is told, and who has less with some."""
     names, fewest, most = [label(name) for name in first.initializers], frame.iloc[0], frame.iloc[-1]
     told = joined(f"{name} {fewest[name]:.1f} and {most[name]:.1f}" for name in names)
+    lowest = {name: frame.loc[frame[name].idxmin()] for name in names}
+    worse = joined(f"{name} {row[name]:.1f} with {row['told']}" for name, row in lowest.items()
+                   if fewest[name] - row[name] >= NOTHING)  # fmt: skip
     return (
         "Words cost nothing to see; relations must be observed. Asked about the novel entity with "
         f"{fewest['told']} and with {most['told']} of its insert triples told: {told} (joint model "
         f"{most[label(JOINT)]:.1f})."
-    )
+    ) + f" A little can be worse than nothing: {worse}." * bool(worse)
 
 
 def drawn(frame: pd.DataFrame, models: list[str]) -> Canvas:
