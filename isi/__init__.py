@@ -1,1 +1,26 @@
-"""Incremental semantic initialization (ISI) of entities in knowledge-graph embeddings."""
+"""Incremental semantic initialization (ISI) of entities in knowledge-graph embeddings.
+
+``insert`` and ``fit_new`` put new entities into an embedding of anyone's; ``isi.pykeen`` into a model of PyKEEN's.
+Each is imported when it is asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from isi.inserting.fitting import fit_new
+    from isi.inserting.insert import insert
+
+__all__ = ["fit_new", "insert"]
+
+_WHERE = {"fit_new": "isi.inserting.fitting", "insert": "isi.inserting.insert"}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _WHERE:
+        return getattr(importlib.import_module(_WHERE[name]), name)
+    if name == "pykeen":
+        return importlib.import_module("isi.pykeen")
+    raise AttributeError(f"module 'isi' has no attribute {name!r}")

@@ -1,0 +1,1 @@
+"""New entities for an embedding of anyone's, given as plain arrays."""

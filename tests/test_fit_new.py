@@ -1,0 +1,162 @@
+"""``isi.fit_new``: new rows learn alone; and what ``Inserted`` tells: nearest, distance, interference by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import isi
+from isi.base.errors import InputError
+from isi.embeddings.stack import Embedding
+from isi.inserting.given import family_of, stack_of_one
+from isi.inserting.inserted import Inserted
+from tests.test_insert import ABOUT, BETWEEN, ENTITIES, KNOWN, NEW, TOLD, call
+
+NAMES = {"entity_names": [*KNOWN, *NEW], "relation_names": BETWEEN}
+
+
+def fit(done: Inserted, triples: Any = TOLD, **changed: Any) -> tuple[np.ndarray, np.ndarray]:
+    return isi.fit_new(
+        done.entities, done.relations, triples,
+        **{"new": 2, "family": done.family, "epochs": 20, **NAMES, **changed},
+    )  # fmt: skip
+
+
+def scores(entities: np.ndarray, relations: np.ndarray, done: Inserted, triples: Any) -> np.ndarray:
+    stack = stack_of_one(entities, relations, done.family)
+    names = [*KNOWN, *NEW]
+    ids = np.array(
+        [[names.index(head), BETWEEN.index(relation), names.index(tail)] for head, relation, tail in triples]
+    )
+    return np.array(one_by_one(stack, ids))
+
+
+def one_by_one(stack: Embedding, ids: np.ndarray) -> list[float]:
+    entity, relation = stack.entity[0], stack.relation[0]
+    return [stack.family.score(entity[h], relation[r], entity[t]).item() for h, r, t in ids.tolist()]
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("known", [None, ABOUT])
+def test_new_rows_move_alone_and_the_others_stay_the_same_bytes(dtype: Any, known: Any) -> None:
+    done = call(initializer="mean")
+    given = done.entities.astype(dtype), done.relations.astype(dtype)
+    before = [part.copy() for part in given]
+    entities, relations = isi.fit_new(*given, TOLD, new=2, family=done.family, epochs=20, known_triples=known, **NAMES)
+    assert (entities.dtype, relations.dtype) == (dtype, dtype)
+    assert entities[:ENTITIES].tobytes() == before[0][:ENTITIES].tobytes()
+    assert relations.tobytes() == before[1].tobytes()
+    assert [part.tobytes() for part in given] == [part.tobytes() for part in before]
+    assert (entities[ENTITIES:] != before[0][ENTITIES:]).any(1).all()
+
+
+def test_what_is_told_scores_higher_after_it_is_learned_between_new_entities_too() -> None:
+    done = call(initializer="mean")
+    after = scores(*fit(done, epochs=50), done, TOLD)
+    assert (after > scores(done.entities, done.relations, done, TOLD)).all()
+    alone = fit(done, TOLD[:3], epochs=50)
+    assert not np.array_equal(alone[0], fit(done, epochs=50)[0])
+
+
+def test_all_rows_move_afterwards_if_asked() -> None:
+    done = call(initializer="mean")
+    first, _ = fit(done, known_triples=ABOUT)
+    entities, relations = fit(done, known_triples=ABOUT, all_epochs=5)
+    assert not np.array_equal(entities[:ENTITIES], first[:ENTITIES])
+    assert not np.array_equal(relations, done.relations)
+    straight, _ = fit(done, known_triples=ABOUT, epochs=0, all_epochs=5)
+    assert not np.array_equal(straight[:ENTITIES], done.entities[:ENTITIES])
+
+
+def test_the_seed_alone_decides() -> None:
+    done = call()
+    one, same = (fit(done, batch_size=2, seed=3) for _ in range(2))
+    np.testing.assert_array_equal(one[0], same[0])
+    assert not np.array_equal(one[0], fit(done, batch_size=2, seed=4)[0])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"triples": [("e1", "in", "e2")]}, "argument 'triples': expected triples, each with a new entity"),
+        ({"triples": []}, "argument 'triples': expected triples, each with a new entity"),
+        ({"known_triples": TOLD}, "argument 'known_triples': expected triples of known entities alone"),
+        ({"new": 0}, "argument 'new': expected a number from 1 to 13, got 0"),
+        ({"new": 14}, "argument 'new': expected a number from 1 to 13, got 14"),
+        ({"epochs": 0}, "argument 'epochs': expected at least one epoch"),
+        ({"all_epochs": 1}, "argument 'all_epochs': expected 'known_triples' too: all rows would forget what they"),
+        ({"learning_rate": -1.0}, "fit_new: learning_rate: Input should be greater than 0, got -1.0"),
+        ({"ratio": 0}, "fit_new: ratio: Input should be greater than or equal to 1, got 0"),
+        ({"family": "rotate"}, "argument 'family': margin: Field required"),
+    ],
+)
+def test_a_mistake_is_one_line(wrong: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError) as refused:
+        fit(call(), **wrong)
+    assert str(refused.value).startswith(said)
+
+
+# What is told of an insertion, by hand: DistMult in one dimension, f = h · r · t
+
+LINE: dict[str, Any] = {
+    "entities": np.array([[1.0], [2.0], [3.0], [-4.0]], np.float32), "relations": np.array([[1.0]], np.float32),
+    "family": "distmult",
+}  # fmt: skip
+
+
+def on_a_line(triples: Any = ((4, 0, 1),)) -> Inserted:
+    """The new entity 4 at 0.5, the mean of the known, told that it goes with 1."""
+    return isi.insert(**LINE, triples=list(triples), new=1, initializer="mean")
+
+
+def test_the_nearest_known_and_the_distance_from_their_cloud() -> None:
+    (own,) = on_a_line().report(nearest=2)
+    assert own.nearest == [(0, 1.0), (1, 1.0)]  # of the same sign
+    assert own.distance == 0  # the mean, in deviations
+    assert own.farther_than == 0
+    assert (own.told, own.between, own.fallback) == (1, 0, None)
+    far = isi.insert(**LINE, triples=[(4, 0, 3)], new=1, initializer="neighbour_mean").report()[0]
+    assert far.distance == pytest.approx(4.5 / np.std([1, 2, 3, -4]))
+    assert far.farther_than == 0.75  # -4 itself lies as far
+
+
+def test_interference_by_hand() -> None:
+    """0 answers (?, 0) and (0, ?) of 1: by score come 3·2, 2·2, 1·2, 0.5·2, -4·2 as heads, 3, 2, 1, 0.5, -4 as tails."""
+    found = on_a_line().interference([(0, 0, 1)])
+    assert found.queries == 2
+    assert found.above == [0.0]
+    assert (found.rank_before, found.rank_after) == (2.5, 2.5)  # 3rd as head, 2nd as tail
+    assert found.mrr_before == pytest.approx((1 / 3 + 1 / 2) / 2)
+    lowest = on_a_line().interference([(3, 0, 1)])  # heads by 2: -4 last; tails by -4: -4, 0.5 before 1, 2, 3
+    assert lowest.above == [0.5]  # as tail, but as head it is told to be right
+    assert (lowest.rank_before, lowest.rank_after) == ((4 + 3) / 2, (4 + 4) / 2)
+    other = on_a_line([(4, 0, 0)]).interference([(3, 0, 1)])
+    assert other.above == [1.0]
+    assert (other.rank_before, other.rank_after) == ((4 + 3) / 2, (5 + 4) / 2)
+
+
+def test_right_answers_are_no_rivals() -> None:
+    done = isi.insert(**LINE, triples=[(4, 0, 1)], new=1, initializer="mean", known_triples=[(2, 0, 1), (0, 0, 1)])
+    found = done.interference([(0, 0, 1)])
+    assert (found.rank_before, found.rank_after) == ((2 + 2) / 2, (2 + 2) / 2)  # 2 is right as a head of 1
+
+
+def test_interference_asks_about_the_known_triples_or_some_of_them() -> None:
+    done = call()
+    assert done.interference().queries == 2 * len(ABOUT)
+    assert done.interference(most=2).queries == 4
+    assert done.interference(most=2) == done.interference(most=2)
+    with pytest.raises(InputError, match="expected triples of known entities, to ask about"):
+        call(known_triples=None).interference()
+    with pytest.raises(InputError, match="expected triples of known entities, to ask about"):
+        done.interference(TOLD)
+
+
+def test_a_familys_own_object_serves() -> None:
+    family = family_of("transe", {"margin": 2.0, "squared": True}, LINE["entities"])
+    by_name = isi.insert(**LINE | {"family": "transe"}, triples=[(4, 0, 1)], new=1,
+                         family_options={"margin": 2.0, "squared": True})  # fmt: skip
+    own = isi.insert(**LINE | {"family": family}, triples=[(4, 0, 1)], new=1)
+    np.testing.assert_array_equal(own.entities, by_name.entities)

@@ -1,0 +1,225 @@
+"""``isi.insert``: what is promised to whoever has an embedding of his own, and that the pipeline's functions do it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import isi
+from isi.base import params, paths
+from isi.base.errors import InputError
+from isi.initializers import INITIALIZERS
+from isi.inserting.choosing import BY_ENTITY, BY_PAIR, DEFAULTS
+from isi.inserting.inserted import Inserted
+from isi.insertion.core import Initial, Insertion
+from tests.graphs import random_embedding
+
+ENTITIES, RELATIONS, DIMENSION = 12, 3, 8
+KNOWN = [f"e{number}" for number in range(ENTITIES)]
+NEW = ["cup", "mug"]
+BETWEEN = ["in", "on", "has"]
+TOLD = [("cup", "in", "e1"), ("e3", "on", "cup"), ("mug", "has", "e2"), ("cup", "on", "mug")]
+ABOUT = [("e0", "in", "e1"), ("e2", "on", "e3"), ("e4", "has", "e5"), ("e6", "in", "e7"), ("e1", "on", "e2")]
+
+
+def tables(seed: int = 0, dtype: type[np.floating[Any]] = np.float32) -> dict[str, np.ndarray]:
+    stack = random_embedding(1, ENTITIES, RELATIONS, DIMENSION, seed)
+    return {"entities": stack.entity[0].numpy().astype(dtype), "relations": stack.relation[0].numpy().astype(dtype)}
+
+
+def words(seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal((ENTITIES + len(NEW), 6)).astype(np.float32)
+
+
+def named(**changed: Any) -> dict[str, Any]:
+    """Arguments of a call by names."""
+    return {**tables(), "triples": TOLD, "new": NEW, "family": "analogy", "entity_names": KNOWN,
+            "relation_names": BETWEEN, "known_triples": ABOUT, **changed}  # fmt: skip
+
+
+def call(**changed: Any) -> Inserted:
+    return isi.insert(**named(**changed))
+
+
+def by_hand(seen: list[list[tuple[int, int, bool]]], vectors: np.ndarray | None) -> Insertion:
+    """The same as the pipeline gives it to initializers, written out."""
+    stack = random_embedding(1, ENTITIES, RELATIONS, DIMENSION)
+    entity = torch.cat([stack.entity, torch.zeros(1, 2, DIMENSION)], 1)
+    longest = max(map(len, seen))
+    padded = torch.tensor([[[*own, *[(0, 0, False)] * (longest - len(own))] for own in seen]]).long()
+    known = torch.arange(ENTITIES + 2)[None] < ENTITIES
+    return Insertion(
+        theta0=replace(stack, entity=entity), known=known, eligible=known & (torch.arange(ENTITIES + 2) < 8),
+        novel=torch.tensor([[ENTITIES, ENTITIES + 1]]),
+        words=torch.zeros(ENTITIES + 2, 1) if vectors is None else torch.from_numpy(vectors),
+        kinds=torch.zeros(ENTITIES + 2, dtype=torch.int64),
+        other=padded[..., 0], relation=padded[..., 1], novel_is_tail=padded[..., 2] == 1,
+        observed=torch.tensor([[place < len(own) for place in range(longest)] for own in seen])[None],
+        root=0, keys=torch.tensor([[0]]),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", INITIALIZERS.names())
+def test_vectors_are_those_of_the_pipelines_initializers(name: str) -> None:
+    vectors = words()
+    seen = [[(1, 0, False), (3, 1, True)], [(2, 2, False)]]
+    function = INITIALIZERS.get(name, "").function
+    expected: Initial = function(by_hand(seen, vectors), **DEFAULTS.get(name, {}))
+    done = call(initializer=name, words=vectors)
+    torch.testing.assert_close(torch.from_numpy(done.entities[ENTITIES:]), expected.vectors[0], rtol=0, atol=0)
+    if expected.indicators is not None:
+        assert done.indicators == [row.nonzero()[:, 0].tolist() for row in expected.indicators[0]]
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.float16])
+def test_known_rows_are_the_same_bytes_and_new_ones_come_behind(dtype: type[np.floating[Any]]) -> None:
+    own = tables(dtype=dtype)
+    copies = {name: part.copy() for name, part in own.items()}
+    done = call(**own)
+    assert done.entities.dtype == dtype
+    assert done.entities[:ENTITIES].tobytes() == copies["entities"].tobytes() == own["entities"].tobytes()
+    assert done.relations.tobytes() == copies["relations"].tobytes()
+    assert done.entity_names == [*KNOWN, *NEW]
+    assert done.new == [ENTITIES, ENTITIES + 1]
+    assert np.isfinite(done.entities).all()
+    assert done.entities[ENTITIES:].any(1).all()
+
+
+def test_the_order_of_new_names_is_the_order_of_ids() -> None:
+    one, other = call(), call(new=NEW[::-1])
+    assert other.entity_names == [*KNOWN, "mug", "cup"]
+    np.testing.assert_allclose(one.entities[ENTITIES], other.entities[ENTITIES + 1], rtol=1e-5)
+
+
+def test_ids_do_what_names_do() -> None:
+    ids = {name: number for number, name in enumerate([*KNOWN, *NEW])}
+    told = np.array([[ids[head], BETWEEN.index(relation), ids[tail]] for head, relation, tail in TOLD])
+    about = np.array([[ids[head], BETWEEN.index(relation), ids[tail]] for head, relation, tail in ABOUT])
+    done = call(triples=told, new=2, entity_names=None, relation_names=None, known_triples=about)
+    np.testing.assert_array_equal(done.entities, call().entities)
+    assert [entity.name for entity in done.report()] == [12, 13]
+    mixed = [("cup", 0, 1), (3, "on", 12), ("mug", np.int64(2), "e2"), (12, 1, "mug")]
+    np.testing.assert_array_equal(call(triples=mixed).entities, done.entities)
+
+
+def test_a_triple_that_repeats_counts_once() -> None:
+    np.testing.assert_array_equal(call(triples=[*TOLD, *TOLD[::-1]]).entities, call().entities)
+
+
+def test_triples_between_new_entities_are_counted() -> None:
+    done = call(initializer="er_avg")
+    assert [(one.told, one.between) for one in done.report()] == [(2, 1), (1, 1)]
+    without = call(initializer="er_avg", triples=TOLD[:3])
+    np.testing.assert_array_equal(done.entities, without.entities)
+    own = call(triples=[*TOLD, ("mug", "in", "mug")])
+    assert [one.between for one in own.report()] == [1, 2]
+
+
+def test_only_known_entities_with_a_triple_are_indicators() -> None:
+    done = call(initializer="rs", options={"k": 12})
+    assert done.indicators == [list(range(8)), list(range(8))]
+    everyone = call(initializer="rs", options={"k": 12}, known_triples=None)
+    assert everyone.indicators == [list(range(12)), list(range(12))]
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({}, "map_mean"),
+        ({"words": words()}, "map_soft_hybrid"),
+        ({"words": words(), "triples": []}, "soft_es"),
+        ({"words": words(), "initializer": "ers"}, "ers"),
+    ],
+)
+def test_the_default_is_the_best_for_what_is_known_and_says_why(given: dict[str, Any], expected: str) -> None:
+    done = call(**given)
+    assert done.initializer == expected
+    assert ("as asked" in done.why) == ("initializer" in given)
+
+
+def test_the_default_on_a_large_graph_looks_at_entities_and_not_at_all_triples() -> None:
+    rng = np.random.default_rng(0)
+    entities, relations = (rng.standard_normal(shape).astype(np.float32) for shape in ((3000, 100), (40, 100)))
+    done = isi.insert(entities, relations, [(3000, 1, 2), (5, 3, 3001)], new=2, family="complex")
+    assert done.initializer == "soft_rs"
+    assert "size" in done.why
+    with pytest.raises(InputError, match=r"argument 'initializer': expected another one: ridge looks at"):
+        isi.insert(np.tile(entities, (20, 1)), relations, [(60000, 1, 2)], new=1, family="complex", initializer="ridge")
+
+
+def test_an_entity_without_triples_or_words_falls_back_and_says_to_what() -> None:
+    vectors = words()
+    vectors[ENTITIES] = 0
+    done = call(words=vectors, triples=TOLD[:2], initializer="ers")
+    assert done.fallback == ["rs", "es"]
+    assert [one.fallback for one in done.report()] == done.fallback
+
+
+def test_words_may_be_vectors_or_texts_by_name() -> None:
+    vectors = words()
+    by_name = {name: vectors[row] for row, name in enumerate([*KNOWN, *NEW])}
+    table = call(words=vectors).entities
+    np.testing.assert_array_equal(call(words=by_name).entities, table)
+    texts = {name: f"text of {name}" for name in by_name}
+
+    def embed(asked: Any) -> np.ndarray:
+        return np.stack([by_name[text.removeprefix("text of ")] for text in asked])
+
+    np.testing.assert_array_equal(call(words=texts, word_source=embed).entities, table)
+    np.testing.assert_array_equal(call(words=by_name | {"cup": "text of cup"}, word_source=embed).entities, table)
+
+
+def test_words_may_come_from_a_file(tmp_path: Any) -> None:
+    path = tmp_path / "vectors.txt"
+    path.write_text("cup 1 0\nmug 0.9 0.1\nglass 0 1\n", encoding="utf-8")
+    texts = {"e0": "glass", "e1": "cup", "cup": "mug", "mug": "a glass"}
+    done = call(words=texts, word_source=path, initializer="es", options={"k": 1}, known_triples=None)
+    assert done.indicators == [[1], [0]]
+
+
+def test_kinds_may_be_listed_or_named() -> None:
+    listed = ["a"] * 6 + ["b"] * 6 + ["a", "b"]
+    done = call(kinds=listed, initializer="kind_mean", known_triples=None)
+    assert done.indicators == [list(range(6)), list(range(6, 12))]
+    by_name = dict(zip([*KNOWN, *NEW], listed, strict=True))
+    assert call(kinds=by_name, initializer="kind_mean", known_triples=None).indicators == done.indicators
+
+
+def test_new_entities_in_several_tables_are_those_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    at_once = {name: call(initializer=name, words=words()).entities for name in ("ers", "soft_hybrid", "map_mean")}
+    monkeypatch.setattr("isi.inserting.choosing.BUDGET", 1)
+    for name, expected in at_once.items():
+        np.testing.assert_allclose(call(initializer=name, words=words()).entities, expected, rtol=1e-4, atol=1e-6)
+    drawn = call(initializer="iu").entities[ENTITIES:]
+    assert not np.allclose(drawn[0], drawn[1])
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 1000), st.sampled_from(["iu", "xavier", "gaussian", "class_noise"]))
+def test_draws_hang_on_the_seed_alone(seed: int, name: str) -> None:
+    one, same, other = (call(initializer=name, seed=value).entities for value in (seed, seed, seed + 1))
+    np.testing.assert_array_equal(one, same)
+    assert not np.array_equal(one, other)
+
+
+def test_options_are_those_of_params_where_it_has_them() -> None:
+    for name, options in params.read(paths.PARAMS)["initializers"].items():
+        assert DEFAULTS.get(name, {}) == options
+    assert set(DEFAULTS) | BY_ENTITY | BY_PAIR <= set(INITIALIZERS.names())
+
+
+def test_importing_isi_loads_neither_torch_nor_pykeen() -> None:
+    script = "import sys, isi; print({'torch', 'pykeen', 'numpy'} & set(sys.modules), isi.__all__)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "set() ['fit_new', 'insert']\n"
+    assert isi.insert.__module__ == "isi.inserting.insert"
+    with pytest.raises(AttributeError, match="has no attribute 'inser'"):
+        isi.inser  # noqa: B018
