@@ -157,3 +157,31 @@ def test_a_familys_own_object_serves() -> None:
                          family_options={"margin": 2.0, "squared": True})  # fmt: skip
     own = isi.insert(**LINE | {"family": family}, triples=[(4, 0, 1)], new=1)
     np.testing.assert_array_equal(own.entities, by_name.entities)
+
+
+def test_transe_with_the_norm_of_city_blocks() -> None:
+    entities = np.array([[1.0, 2.0], [0.0, 0.0], [-1.0, 3.0]], np.float32)
+    how: dict[str, Any] = {"new": 1, "family": "transe_l1", "family_options": {"margin": 4.0}}
+    told, relations = [(0, 0, 3), (1, 1, 3)], np.array([[1.0, -1.0], [2.0, 1.0]], np.float32)
+    done = isi.insert(entities, relations, told, initializer="er_avg", **how)
+    np.testing.assert_array_equal(done.entities[3], [2.0, 1.0])  # where both put it
+    stack = done.embedding
+    assert stack.score(torch.tensor([[0, 2]]), torch.tensor([[0, 1]]), torch.tensor([[3, 3]])).tolist() == [[4.0, 0.0]]
+    learned, _ = isi.fit_new(done.entities, relations, told, epochs=5, **how)
+    assert learned[:3].tobytes() == entities.tobytes()
+    assert (learned[3] != done.entities[3]).any()
+    with pytest.raises(InputError, match=r"^argument 'family': margin: Field required$"):
+        isi.insert(entities, relations, told, new=1, family="transe_l1")
+
+
+def test_the_most_probable_vector_by_the_norm_of_city_blocks_scores_higher_than_its_prior() -> None:
+    wide, told = random_embedding(1, 30, 3, 8), [(0, 0, 30), (30, 1, 3), (5, 2, 30)]
+    head, relation, tail = torch.tensor(told).T[:, None]
+    found = [
+        isi.insert(
+            wide.entity[0].numpy(), wide.relation[0].numpy(), told, new=1, initializer=name,
+            family="transe_l1", family_options={"margin": 4.0},
+        ).embedding.score(head, relation, tail).mean()
+        for name in ("mean", "map_mean")
+    ]  # fmt: skip
+    assert found[1] > found[0] + 1

@@ -13,10 +13,12 @@ import torch
 
 from isi.base import paths
 from isi.base.errors import InputError
+from isi.base.params import keywords
 from isi.embeddings.family import Family
 from isi.embeddings.stack import Embedding
 from isi.families import make
 from isi.graph import Graph
+from isi.inserting.taxicab import TransEL1
 
 #: A triple by names or by ids: head, relation, tail.
 Triple = Sequence[str | int]
@@ -109,7 +111,12 @@ def family_of(family: str | Family, options: Mapping[str, Any] | None, entities:
         InputError: where there is no such family, or it has no such options or no vectors of this dimension.
     """
     with argument("family"):
-        found = make(family, options or {}, "family") if isinstance(family, str) else family
+        if isinstance(family, Family):
+            found = family
+        elif family == "transe_l1":
+            found = TransEL1(**keywords(TransEL1.__init__, options or {}, "family"))
+        else:
+            found = make(family, options or {}, "family")
         found.width(entities.shape[1])
     return found
 

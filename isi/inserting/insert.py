@@ -93,9 +93,9 @@ def insert(
             initializer; those between two new ones are counted (``fit_new`` learns from them). New entities have the
             ids E, E + 1, ... in the order of ``new``.
         new: names of the new entities; or how many they are, where entities have no names.
-        family: how a triple is scored: a module of ``isi.families`` (analogy, distmult, complex, transe, rotate), or a
-            family of one's own.
-        family_options: ``margin`` and ``squared`` of distances.
+        family: how a triple is scored: a module of ``isi.families`` (analogy, distmult, complex, transe, rotate),
+            ``transe_l1`` (the norm of city blocks), or a family of one's own.
+        family_options: ``margin`` and, but for ``transe_l1``, ``squared`` of distances.
         entity_names: of the known ones, as ``relation_names`` of relations.
         known_triples: of known entities: who has none is no indicator, and ``interference`` asks about them.
         words: word vectors of known and new entities, shape (E + n, w), zero where there is none; or, by name or id, a
