@@ -59,12 +59,14 @@ class Task:
     @property
     def is_new(self) -> np.ndarray:
         """Of each triple, whether its head and its tail are new; shape (T, 2), bool."""
-        return self.triples[:, [HEAD, TAIL]] >= self.known
+        found: np.ndarray = self.triples[:, [HEAD, TAIL]] >= self.known
+        return found
 
     @property
     def told(self) -> np.ndarray:
         """The triples that have one new end."""
-        return self.triples[self.is_new.sum(1) == 1]
+        one: np.ndarray = self.is_new.sum(1) == 1
+        return self.triples[one]
 
     @property
     def between(self) -> np.ndarray:
@@ -185,7 +187,7 @@ def _initials(task: Task, choice: Choice) -> Iterator[Initial]:
     order = torch.argsort(place, stable=True)
     function = INITIALIZERS.get(choice.initializer, "initializer").function
     size = at_once(choice.initializer, task.sizes, task.family.linear)
-    for some in torch.arange(number).split(size):
+    for some in torch.split(torch.arange(number), size):
         own = order[(place[order] >= some[0]) & (place[order] <= some[-1])]
         told = torch.stack([torch.zeros_like(own), place[own] - some[0], own], 1)
         given = Told(some[None] + task.known, told, torch.as_tensor(words))

@@ -122,7 +122,7 @@ class Inserted:
         vectors = self.embedding.entity[0]
         known = normalize(vectors[: self.known], dim=-1)
         ids, cosines = list[list[int]](), list[list[float]]()
-        for some in vectors[self.known :].split(max(1, BUDGET // self.known)):
+        for some in torch.split(vectors[self.known :], max(1, BUDGET // self.known)):
             best = torch.topk(normalize(some, dim=-1) @ known.T, number)
             ids += best.indices.tolist()
             cosines += best.values.tolist()

@@ -1,0 +1,15 @@
+"""New entities for a model that PyKEEN has trained: ``isi.pykeen.insert(model, factory, triples)``.
+
+PyKEEN is an extra (``pip install isi[pykeen]``), and imported by this package alone.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+if find_spec("pykeen") is None:
+    raise ImportError("isi.pykeen needs PyKEEN: pip install 'isi[pykeen]'")
+
+from isi.pykeen.inserting import enlarge, insert, inserted
+
+__all__ = ["enlarge", "insert", "inserted"]

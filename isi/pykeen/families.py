@@ -1,0 +1,138 @@
+"""What family of this project's a model of PyKEEN's is of; where there is none, one made of its own interaction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from pykeen.models import ERModel
+from pykeen.nn.modules import (
+    ComplExInteraction,
+    DistMultInteraction,
+    Interaction,
+    RotatEInteraction,
+    TransEInteraction,
+)
+from pykeen.nn.representation import Embedding as Table
+from torch import Tensor
+
+from isi.base.errors import InputError
+from isi.embeddings.family import Family
+from isi.embeddings.stack import Embedding
+from isi.families.complex import ComplEx
+from isi.families.distmult import DistMult
+from isi.families.rotate import RotatE
+from isi.families.transe import TransE
+from isi.inserting.taxicab import TransEL1
+from isi.pykeen.forms import Form, read
+
+#: Initializers that do not ask where a relation takes a head.
+NEED_NO_MAP = frozenset({
+    "class_noise", "es", "es_permuted", "es_permuted_kinds", "gaussian", "gaussian_centred", "iu", "kind_mean",
+    "map_mean", "mean", "neighbour_mean", "projection", "soft_es", "xavier",
+})  # fmt: skip
+#: How far from 1 the length of a rotation may be.
+ROUNDING = 1e-3
+#: Triples whose scores tell the margin, at most.
+ASKED = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class OfInteraction(Family):
+    """f(h, r, t) = offset + the score of an interaction of PyKEEN's; nothing else is known of it."""
+
+    interaction: Interaction[Any, Any, Any]
+    entity: Form
+    relations: tuple[Form, ...]
+    offset: float
+
+    def width(self, dimension: int) -> int:  # noqa: ARG002
+        return sum(form.size for form in self.relations)
+
+    def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
+        sizes = [form.size for form in self.relations]
+        parts = torch.split(relation.double(), sizes, -1) if sizes else ()
+        values = tuple(form.values(part) for form, part in zip(self.relations, parts, strict=True))
+        ends = (self.entity.values(vectors.double()) for vectors in (head, tail))
+        first, last = ends
+        scores: Tensor = self.interaction(h=first, r=values[0] if len(values) == 1 else values, t=last)
+        return self.offset + scores.to(head.dtype)
+
+    def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
+        """Unknown: the vectors as they are, which serve nobody (see ``NEED_NO_MAP``)."""
+        return vectors
+
+    def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
+        """Unknown, too."""
+        return vectors
+
+
+def table_of(model: ERModel[Any, Any, Any]) -> Table:
+    """The table that a model's entities are the rows of.
+
+    Raises:
+        InputError: where there is none, or more than one.
+    """
+    parts = model.entity_representations if isinstance(model, ERModel) else []
+    if len(parts) != 1 or not isinstance(parts[0], Table):
+        raise InputError("argument 'model'", type(model).__name__, "expected a model with one vector for each entity")
+    return parts[0]
+
+
+def read_model(model: ERModel[Any, Any, Any], triples: Tensor, margin: float | None) -> Embedding:
+    """A model in this project's terms, as a stack of one.
+
+    Args:
+        triples: that it was trained on; their scores tell the margin of distances where none is given.
+
+    Raises:
+        InputError: where it has several vectors per entity, or relations that are inverses of others.
+    """
+    form, entity = read(table_of(model))
+    if model.use_inverse_triples:
+        raise InputError("argument 'model'", "", "expected a model that was trained without inverse triples")
+    relations = [read(representation) for representation in model.relation_representations]
+    closed = _closed_form(model.interaction, [rows for _, rows in relations])
+    if closed is None:
+        interaction = deepcopy(model.interaction).cpu().double().eval().requires_grad_(False)
+        rows = torch.cat([rows for _, rows in relations], 1) if relations else torch.zeros(model.num_relations, 0)
+        family = OfInteraction(interaction, form, tuple(form for form, _ in relations), 0.0)
+        family = replace(family, offset=_middle(Embedding(entity[None], rows[None], family), triples, margin))
+        return Embedding(entity[None].float(), rows[None].float(), family)
+    make, rows = closed
+    without = Embedding(entity[None].float(), rows[None].float(), make(0.0))
+    return replace(without, family=make(_middle(without, triples, margin)))
+
+
+def _closed_form(
+    interaction: Interaction[Any, Any, Any], relations: list[Tensor]
+) -> tuple[Callable[[float], Family], Tensor] | None:
+    """The family of an interaction, by its margin, and its rows of relations; null where there is none."""
+    if type(interaction) is DistMultInteraction:
+        return lambda _: DistMult(), relations[0]
+    if type(interaction) is ComplExInteraction:
+        return lambda _: ComplEx(), relations[0]
+    if type(interaction) is TransEInteraction and interaction.p == 2:
+        return lambda margin: TransE(margin, bool(interaction.power_norm)), relations[0]
+    if type(interaction) is TransEInteraction and interaction.p == 1:
+        return lambda margin: TransEL1(margin), relations[0]
+    if type(interaction) is RotatEInteraction:
+        real, imaginary = relations[0].chunk(2, 1)
+        if (torch.hypot(real, imaginary) - 1).abs().max() < ROUNDING:
+            return lambda margin: RotatE(margin, False), torch.atan2(imaginary, real)
+    return None
+
+
+def _middle(embedding: Embedding, triples: Tensor, margin: float | None) -> float:
+    """What makes scores positive for triples and negative for others: less the middle of both means, or as given."""
+    if margin is not None or embedding.family.linear or not len(triples):
+        return margin or 0.0
+    head, relation, tail = triples[:: -(-len(triples) // ASKED)].T[:, None]
+    with torch.no_grad():
+        right = embedding.score(head, relation, tail).mean()
+        other_heads = embedding.score(head.roll(1, 1), relation, tail).mean()
+        other_tails = embedding.score(head, relation, tail.roll(1, 1)).mean()
+    return -(right / 2 + (other_heads + other_tails) / 4).item()
