@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -56,19 +57,18 @@ class Task:
     kinds: np.ndarray
     seed: int
 
-    @property
+    @cached_property
     def is_new(self) -> np.ndarray:
         """Of each triple, whether its head and its tail are new; shape (T, 2), bool."""
         found: np.ndarray = self.triples[:, [HEAD, TAIL]] >= self.known
         return found
 
-    @property
+    @cached_property
     def told(self) -> np.ndarray:
         """The triples that have one new end."""
-        one: np.ndarray = self.is_new.sum(1) == 1
-        return self.triples[one]
+        return self.triples[self.is_new.any(1) & ~self.is_new.all(1)]
 
-    @property
+    @cached_property
     def between(self) -> np.ndarray:
         """The triples between new entities."""
         return self.triples[self.is_new.all(1)]
