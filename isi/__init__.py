@@ -1,17 +1,13 @@
 """Incremental semantic initialization (ISI) of entities in knowledge-graph embeddings.
 
 ``insert`` and ``fit_new`` put new entities into an embedding of anyone's; ``isi.pykeen`` into a model of PyKEEN's.
-Each is imported when it is asked for.
+Each is imported when it is asked for (their types stand in ``__init__.pyi``).
 """
 
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from isi.inserting.fitting import fit_new
-    from isi.inserting.insert import insert
+from typing import Any
 
 __all__ = ["fit_new", "insert"]
 
