@@ -297,6 +297,13 @@ def test_more_novel_entities_than_the_graph_has_are_refused_by_their_key(workspa
     assert "params.yaml: experiments.ai2thor.sessions.sizes" in line
 
 
+def test_a_graph_without_triples_has_no_sessions(workspace: Path) -> None:
+    graph(workspace, "ai2thor")
+    tables.write(workspace / paths.triples("ai2thor"), OBSERVED[:0].assign(source=""), tables.TRIPLES, MADE)
+    line = refusal(workspace, "stages.make_sessions", "ai2thor")
+    assert "params.yaml: experiments.ai2thor.sessions: expected a graph with triples" in line
+
+
 def test_an_unknown_initializer_is_refused_with_the_names_of_those_there_are(workspace: Path) -> None:
     line = refusal(workspace, "stages.insert", "ai2thor", "xaver")
     assert all(name in line for name in ("'xaver'", "xavier", "iu", "es", "rs", "ers"))

@@ -202,6 +202,13 @@ def test_new_entities_in_several_tables_are_those_of_one(monkeypatch: pytest.Mon
     assert not np.allclose(drawn[0], drawn[1])
 
 
+@pytest.mark.parametrize("name", ["es", "ers", "soft_es", "soft_hybrid", "map_soft_hybrid"])
+def test_words_of_a_large_graph_are_compared_with_the_new_alone(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    of_all = call(initializer=name, words=words()).entities
+    monkeypatch.setattr("isi.insertion.similarity.WHOLE", 0)
+    np.testing.assert_allclose(call(initializer=name, words=words()).entities, of_all, rtol=1e-5, atol=1e-6)
+
+
 @settings(max_examples=20)
 @given(st.integers(0, 1000), st.sampled_from(["iu", "xavier", "gaussian", "class_noise"]))
 def test_draws_hang_on_the_seed_alone(seed: int, name: str) -> None:

@@ -148,3 +148,23 @@ def explored(graph: str, what: str) -> Path:
 
 def families(experiment: str, family: str) -> Path:
     return DATA / "studies" / "families" / experiment / f"{family}.parquet"
+
+
+def explorer(experiment: str) -> Path:
+    """Single insertions, entity by entity, for the report's explorer."""
+    return DATA / "studies" / "explorer" / f"{experiment}.parquet"
+
+
+def kept(experiment: str) -> Path:
+    """The folder of the embedding of all of an experiment's graph, which commands of ``isi`` insert into."""
+    return DATA / "kept" / experiment
+
+
+def hidden(graph: str) -> Path:
+    """What an embedding of a graph that another trainer made answers about entities that were hidden from it."""
+    return DATA / "beyond" / "hidden" / f"{graph}.parquet"
+
+
+def hidden_seconds(graph: str) -> Path:
+    """How long that took."""
+    return DATA / "beyond" / "hidden" / f"{graph}.seconds.json"

@@ -120,6 +120,16 @@ def read(path: Path, schema: pa.Schema, provenance: Provenance | None = None) ->
     return frame
 
 
+def read_text(path: Path, schema: pa.Schema) -> pd.DataFrame:
+    """Like ``read``, with text in place of categories."""
+    return as_text(read(path, schema))
+
+
+def as_text(frame: pd.DataFrame) -> pd.DataFrame:
+    """The same with plain text in place of categories."""
+    return frame.astype(dict.fromkeys(frame.select_dtypes("category").columns, str))
+
+
 def together(parts: Iterable[pd.DataFrame], *schemas: pa.Schema) -> pd.DataFrame:
     """Parts of a table behind each other; without any, a table without rows that has the columns of the schemas."""
     listed = list(parts)

@@ -11,7 +11,7 @@ import pandas as pd
 
 from isi.base import params, paths
 from isi.base.errors import InputError
-from isi.base.tables import ENTITIES, TRIPLES, Provenance, atomically, read
+from isi.base.tables import ENTITIES, TRIPLES, Provenance, atomically, read_text
 from isi.exports import FORMS, Outgoing
 from isi.sources._naming import fault
 
@@ -79,7 +79,7 @@ def outgoing(experiment: str, most: int, seed: int | None, labels: bool) -> Outg
     if most and not stored:
         kept = "expected an experiment of params.yaml: of a graph of the second pipeline, no model is kept"
         raise InputError("--predictions", experiment, kept)
-    entities, triples = (_plain(read(file, schema)) for file, schema in zip(files, (ENTITIES, TRIPLES), strict=True))
+    entities, triples = (read_text(file, schema) for file, schema in zip(files, (ENTITIES, TRIPLES), strict=True))
     for path, column, names in (
         *((files[0], column, entities[column]) for column in ("entity", "kind", "phrase")),
         (files[1], "relation", triples["relation"]),
@@ -102,8 +102,3 @@ def _files(experiment: str) -> tuple[tuple[Path, Path], bool]:
     elsewhere = paths.explored(experiment, "entities"), paths.explored(experiment, "triples")
     stored = own[0].exists() or not elsewhere[0].exists()
     return (own if stored else elsewhere), stored
-
-
-def _plain(table: pd.DataFrame) -> pd.DataFrame:
-    """The same with text in place of categories."""
-    return table.astype(dict.fromkeys(table.select_dtypes("category").columns, str))

@@ -35,9 +35,7 @@ BY_ENTITY = frozenset({
     "mean", "projection", "rs", "rs_alive", "soft_es", "soft_hybrid", "soft_rs", "xavier",
 })  # fmt: skip
 #: Those that compare the words of every two entities.
-BY_PAIR = frozenset({
-    "ers", "es", "es_permuted", "es_permuted_kinds", "map_ers", "map_soft_hybrid", "soft_es", "soft_hybrid",
-})  # fmt: skip
+BY_PAIR = frozenset({"es_permuted", "es_permuted_kinds"})
 #: Numbers in the vectors of all triples that a new entity might have, up to which the default is MAP; and at most.
 QUICK, MOST = 2**24, 2**28
 #: Numbers in a table of every two entities, at most.

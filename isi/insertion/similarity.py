@@ -8,10 +8,16 @@ from torch.nn.functional import normalize, one_hot
 
 from isi.insertion.core import CENTROID, ES, NONE, RS, Initial, Insertion
 
+#: Numbers in a table of the cosines of every two entities, up to which it is made as a whole.
+WHOLE = 2**24
+
 
 def word_similarity(insertion: Insertion) -> Tensor:
     """Cosine of the word vectors of each novel entity and each entity (equation 3); shape (M, n, E)."""
-    return cosines(insertion.words)[insertion.novel]
+    if len(insertion.words) ** 2 <= WHOLE:
+        return cosines(insertion.words)[insertion.novel]  # the same bits whatever the stack
+    unit = normalize(insertion.words, dim=-1)
+    return unit[insertion.novel] @ unit.T
 
 
 def resultants(insertion: Insertion) -> Tensor:

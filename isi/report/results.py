@@ -186,11 +186,11 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         definitions=_read_definitions(paths.DEFINITIONS),
         experiments=experiments,
         seen={name: _seen(name) for name in sources},
-        mined={name: _table(paths.mined(name), tables.MINED) for name in sources},
+        mined={name: tables.read_text(paths.mined(name), tables.MINED) for name in sources},
         asking={name: _asked(name) for name in params.asking.experiments},
         beyond=varied.read(experiments),
         explored=varied.explored(),
-        nothing={name: _table(paths.nothing(name), tables.RUNS) for name in params.nothing.experiments},
+        nothing={name: tables.read_text(paths.nothing(name), tables.RUNS) for name in params.nothing.experiments},
         **_studies(params, experiments),
     )
 
@@ -216,14 +216,14 @@ def _experiment(params: Params, name: str) -> Experiment:
         suffix="" if name == next(iter(params.experiments)) else f"_{name}",
         params=params,
         initializers=initializers,
-        entities=_table(paths.entities(name), tables.ENTITIES),
-        triples=_table(paths.triples(name), tables.TRIPLES),
-        coverage=_table(paths.coverage(name), tables.COVERAGE),
-        splits=_table(paths.splits(name), tables.SPLITS),
-        novel=_table(paths.novel(name), tables.NOVEL),
-        insert_triples=_table(paths.insert_triples(name), tables.INSERT_TRIPLES),
-        theta0_log=_table(paths.training_log(name, "theta0"), tables.TRAINING_LOG),
-        joint_log=_table(paths.training_log(name, JOINT), tables.TRAINING_LOG),
+        entities=tables.read_text(paths.entities(name), tables.ENTITIES),
+        triples=tables.read_text(paths.triples(name), tables.TRIPLES),
+        coverage=tables.read_text(paths.coverage(name), tables.COVERAGE),
+        splits=tables.read_text(paths.splits(name), tables.SPLITS),
+        novel=tables.read_text(paths.novel(name), tables.NOVEL),
+        insert_triples=tables.read_text(paths.insert_triples(name), tables.INSERT_TRIPLES),
+        theta0_log=tables.read_text(paths.training_log(name, "theta0"), tables.TRAINING_LOG),
+        joint_log=tables.read_text(paths.training_log(name, JOINT), tables.TRAINING_LOG),
         runs=_of_each(partial(paths.runs, name), tables.RUNS, [*initializers, JOINT]),
         inserted=_of_each(partial(paths.inserted, name), tables.INSERTED, initializers),
         ties=_of_each(partial(paths.ties, name), tables.TIES, [*initializers, JOINT]),
@@ -232,16 +232,20 @@ def _experiment(params: Params, name: str) -> Experiment:
 
 def _seen(source: str) -> Seen:
     return Seen(
-        source, _table(paths.observations(source), tables.OBSERVATIONS), _table(paths.kinds(source), tables.KINDS)
+        source,
+        tables.read_text(paths.observations(source), tables.OBSERVATIONS),
+        tables.read_text(paths.kinds(source), tables.KINDS),
     )
 
 
 def _affordances(experiment: str) -> pd.DataFrame:
-    return _table(paths.affordances(experiment), tables.AFFORDANCES).rename(columns={"initializer": "model"})
+    return tables.read_text(paths.affordances(experiment), tables.AFFORDANCES).rename(columns={"initializer": "model"})
 
 
 def _asked(experiment: str) -> Asked:
-    return Asked(_table(paths.asked(experiment), tables.ASKED), _table(paths.used(experiment), tables.USED))
+    return Asked(
+        tables.read_text(paths.asked(experiment), tables.ASKED), tables.read_text(paths.used(experiment), tables.USED)
+    )
 
 
 def _sweep(initializers: Iterable[str], experiment: str) -> pd.DataFrame:
@@ -253,23 +257,17 @@ def _rates(params: Params, experiment: str) -> pd.DataFrame:
 
 
 def _cross_validation(experiment: str) -> pd.DataFrame:
-    return _table(paths.cross_validation(experiment), tables.CROSS_VALIDATION)
+    return tables.read_text(paths.cross_validation(experiment), tables.CROSS_VALIDATION)
 
 
 def _families(families: Iterable[str], experiment: str) -> pd.DataFrame:
     return _of_each(partial(paths.families, experiment), tables.FAMILIES, families, column="family")
 
 
-def _table(path: Path, schema: pa.Schema) -> pd.DataFrame:
-    frame = tables.read(path, schema)
-    names = frame.select_dtypes("category").columns
-    return frame.astype(dict.fromkeys(names, str))
-
-
 def _of_each(
     path: Callable[[str], Path], schema: pa.Schema, names: Iterable[str], column: str = "model"
 ) -> pd.DataFrame:
-    return pd.concat(_table(path(name), schema).assign(**{column: name}) for name in names)
+    return pd.concat(tables.read_text(path(name), schema).assign(**{column: name}) for name in names)
 
 
 def _approach(experiment: str) -> Mapping[str, np.ndarray]:

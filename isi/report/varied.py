@@ -90,10 +90,10 @@ def explored() -> dict[str, Explored]:
     """
     return {
         name: Explored(
-            _plain(tables.read(paths.explored(name, "entities"), tables.ENTITIES)),
-            _plain(tables.read(paths.explored(name, "triples"), tables.TRIPLES)),
-            Varied(how.variant(name), _plain(tables.read(paths.explored(name, "runs"), tables.VARIANTS)),
-                   _plain(tables.read(paths.explored(name, "asked"), tables.VARIANTS_ASKED))),
+            tables.read_text(paths.explored(name, "entities"), tables.ENTITIES),
+            tables.read_text(paths.explored(name, "triples"), tables.TRIPLES),
+            Varied(how.variant(name), tables.read_text(paths.explored(name, "runs"), tables.VARIANTS),
+                   tables.read_text(paths.explored(name, "asked"), tables.VARIANTS_ASKED)),
         )
         for name, how in load().graphs.items() if paths.explored(name, "asked").exists()
     }  # fmt: skip
@@ -107,8 +107,8 @@ def read(experiments: Collection[str]) -> dict[str, Varied]:
     """
     found = {
         name: Varied(
-            how, _of(experiments, tables.read(paths.variant(name), tables.VARIANTS)),
-            _of(experiments, tables.read(paths.variant_asked(name), tables.VARIANTS_ASKED)),
+            how, _of(experiments, tables.read_text(paths.variant(name), tables.VARIANTS)),
+            _of(experiments, tables.read_text(paths.variant_asked(name), tables.VARIANTS_ASKED)),
         )
         for name, how in load().variants.items() if paths.variant_asked(name).exists()
     }  # fmt: skip
@@ -117,13 +117,7 @@ def read(experiments: Collection[str]) -> dict[str, Varied]:
 
 def _of(experiments: Collection[str], frame: pd.DataFrame) -> pd.DataFrame:
     """The rows of some experiments."""
-    plain = _plain(frame)
-    return plain[plain["experiment"].isin(list(experiments))]
-
-
-def _plain(frame: pd.DataFrame) -> pd.DataFrame:
-    """Names as plain text."""
-    return frame.astype(dict.fromkeys(frame.select_dtypes("category").columns, str))
+    return frame[frame["experiment"].isin(list(experiments))]
 
 
 def group(varied: Mapping[str, Varied], name: str) -> dict[str, Varied]:

@@ -34,8 +34,10 @@ def listed(graph: Graph, entities: pd.DataFrame, how: SessionsOf, shares: Shares
         key: where ``how`` stands in params.
 
     Raises:
-        InputError: where there are too few that may be novel.
+        InputError: where there are too few that may be novel, or there is no triple.
     """
+    if not len(graph.triples):
+        raise InputError(paths.PARAMS, key, "expected a graph with triples")
     added = np.flatnonzero(entities["source"].astype(str) != str(entities["source"].iloc[0]))
     candidates = candidates_of(how, entities["kind"].to_numpy(str), added)
     if how.steps * max(how.sizes) > len(candidates) - (how.novel != "added"):
