@@ -15,7 +15,7 @@ import yaml
 from isi.base import paths, tables
 from isi.base.errors import InputError
 from isi.params import load as load_params
-from isi.studies import elsewhere
+from isi.studies import beyond
 from stages.build_graph import build_graph
 from stages.embed_words import embed_words
 from stages.explore import explore
@@ -92,7 +92,7 @@ def test_an_experiment_elsewhere_is_what_the_first_pipeline_would_have_run(monke
 def test_what_ships_is_sound(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     check_beyond(load_params())
-    assert not {*elsewhere.load().graphs} & {*load_params().experiments}
+    assert not {*beyond.load().graphs} & {*load_params().experiments}
 
 
 @pytest.mark.usefixtures("workspace")

@@ -26,7 +26,7 @@ from isi.experiments.learning import Learned, Learning, LearningTask, learn_init
 from isi.insertion.tasks import Inserting, InsertTask, TaskTold, insert
 from isi.params import load as load_params
 from isi.sessions.session import SPLITS
-from isi.studies import elsewhere
+from isi.studies import beyond
 from isi.studies.asking import AskingTask, ask
 from isi.studies.variants import Variant, VariantTask, changed, repeat, some_of
 from stages.vary import vary
@@ -231,7 +231,7 @@ def test_the_same_is_asked_whatever_was_told() -> None:
 
 def test_what_ships_is_of_experiments_and_initializers_that_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    found = elsewhere.load().variants
+    found = beyond.load().variants
     assert {one.group for one in found.values()} == {"baselines", "embeddings", "told", "words", "causes"}
     assert [one.told for one in found.values() if one.group == "told"] == [0, 1, 2, 3, 5, None]
     check_beyond(load_params())
@@ -239,7 +239,7 @@ def test_what_ships_is_of_experiments_and_initializers_that_there_are(monkeypatc
 
 def test_without_a_second_pipeline_there_are_no_variants(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert elsewhere.load().variants == {}
+    assert beyond.load().variants == {}
 
 
 @pytest.fixture
@@ -289,7 +289,7 @@ def test_options_of_its_own_make_an_initializer_known_to_a_variant() -> None:
 def test_params_without_variants_are_refused_in_one_line() -> None:
     paths.BEYOND_PARAMS.write_text("variant: {}\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"^beyond/params\.yaml: "):
-        elsewhere.load()
+        beyond.load()
 
 
 # The stage

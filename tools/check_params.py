@@ -10,10 +10,13 @@ from isi.base.errors import InputError
 from isi.base.params import check, distinct, read
 from isi.base.stage import Given, declared
 from isi.base.tables import Provenance
+from isi.initializers import INITIALIZERS
 from isi.insertion.registry import options_of
 from isi.params import Params, load
 from isi.sources import settings_of
-from isi.studies import elsewhere, variants
+from isi.studies import variants
+from isi.studies.beyond import Beyond
+from isi.studies.beyond import load as load_beyond
 from isi.studies.variants import Variant
 
 
@@ -23,7 +26,7 @@ def check_beyond(params: Params) -> None:
     Raises:
         InputError: where one is not.
     """
-    beyond = elsewhere.load()
+    beyond = load_beyond()
     for name, variant in beyond.variants.items():
         _check_names(variant.experiments, params.experiments, f"variants.{name}.experiments")
         _check(params, variant, f"variants.{name}", "vary", {"variant": name})
@@ -39,6 +42,14 @@ def check_beyond(params: Params) -> None:
         except InputError as error:
             raise InputError(paths.BEYOND_PARAMS, *error.args[1:]) from error
         _check(params, graph.variant(name), f"graphs.{name}", "explore", {"graph": name})
+    _check_hidden(beyond)
+
+
+def _check_hidden(beyond: Beyond) -> None:
+    for name, how in beyond.hidden.items():
+        _check_names(how.initializers, INITIALIZERS.names(), f"hidden.{name}.initializers")
+        if how.source == "graphs":
+            _check_names([name], beyond.graphs, f"hidden.{name}")
 
 
 def _check_names(listed: Iterable[str], there: Collection[str], key: str) -> None:

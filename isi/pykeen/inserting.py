@@ -12,6 +12,7 @@ from pykeen.models import ERModel
 from pykeen.nn.representation import Embedding as Table
 from pykeen.triples import CoreTriplesFactory, TriplesFactory
 from torch import Tensor
+from torch.optim import Optimizer
 
 import isi
 from isi.base.errors import InputError
@@ -97,6 +98,18 @@ def enlarge(model: Model, factory: CoreTriplesFactory, done: Inserted) -> tuple[
     larger.num_entities = len(done.entities)
     _append(table_of(larger), torch.from_numpy(done.entities[done.known :]))
     return larger, _factory(factory, done)
+
+
+def warm(optimizer: Optimizer) -> Optimizer:
+    """The same optimizer, made such that PyKEEN's ``train(..., continue_training=True)`` takes it.
+
+    Without ``continue_training``, PyKEEN's training loops begin with new random vectors, whatever a model knows; with
+    it, they ask for an optimizer that has been used.
+    """
+    for group in optimizer.param_groups:
+        for parameter in group["params"]:
+            optimizer.state[parameter]  # an entry, which is empty until the first step
+    return optimizer
 
 
 def _append(table: Table, rows: Tensor) -> None:

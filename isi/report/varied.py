@@ -13,7 +13,7 @@ from isi.params import Params
 from isi.report import parts
 from isi.report.models import JOINT, label
 from isi.report.statistics import HIGH, LOW, converged, over_seeds
-from isi.studies.elsewhere import load
+from isi.studies.beyond import load
 from isi.studies.variants import Variant
 
 _CELL = ["experiment", "model", "size", "seed"]

@@ -1,0 +1,213 @@
+"""Entities that are hidden from PyKEEN's training: what is hidden, told and asked, and what the answers' ranks are."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from isi.base import paths, tables
+from isi.base.errors import InputError
+from isi.base.params import check
+from isi.experiments.cells import Cells
+from isi.graph import Graph
+from isi.studies import beyond
+from isi.studies.hidden import HIDDEN, Hidden, Hiding, hide
+from tools.check_params import check_beyond
+
+ROOT = Path(__file__).parent.parent
+TRAINING = {"dimension": 4, "batch_size": 64, "learning_rate": 0.05, "negatives": 2, "valid": 0.1, "max_epochs": 4,
+            "frequency": 2, "patience": 1}  # fmt: skip
+ENTRY = {"title": "Ring", "source": "pykeen", "words": None, "seeds": 1, "fraction": 0.1, "fewest": 4, "asked": 0.25,
+         "told": [1, 3, None], "initializers": ["mean"], "training": TRAINING, "epochs": 3}  # fmt: skip
+ENTITIES, RELATIONS = 30, 3
+
+
+def how(**changed: Any) -> Hidden:
+    return check(ENTRY | changed, Hidden, "hidden.ring")
+
+
+@pytest.fixture(scope="module")
+def triples() -> np.ndarray:
+    """A ring with every relation, and random triples."""
+    rng = np.random.default_rng(0)
+    ring = {(e, e % RELATIONS, (e + 1) % ENTITIES) for e in range(ENTITIES)}
+    drawn = {tuple(row) for row in rng.integers((ENTITIES, RELATIONS, ENTITIES), size=(200, 3)).tolist()}
+    return np.array(sorted(ring | drawn))
+
+
+def hidden(triples: np.ndarray, seed: int = 0, **changed: Any) -> Hiding:
+    return hide(triples, ENTITIES, how(**changed), "hidden.ring", 0, seed)
+
+
+def as_set(triples: np.ndarray) -> set[tuple[int, ...]]:
+    return set(map(tuple, triples.tolist()))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_triples_are_known_told_or_asked_or_between_hidden_entities(triples: np.ndarray, seed: int) -> None:
+    found = hidden(triples, seed)
+    assert found.known == 27
+    assert sorted(found.order) == list(range(ENTITIES))
+    back = found.true.copy()
+    back[:, [0, 2]] = found.order[found.true[:, [0, 2]]]
+    assert np.array_equal(back, triples)
+    parts = [as_set(part) for part in (found.triples, found.rest, found.asked)]
+    both = as_set(found.true[(found.true[:, [0, 2]] >= found.known).all(1)])
+    assert sum(map(len, parts)) + len(both) == len(triples)
+    assert set().union(*parts, both) == as_set(found.true)
+    assert (found.triples[:, [0, 2]] < found.known).all()
+    assert {*found.triples[:, [0, 2]].flatten()} == {*range(27)}
+    assert {*found.triples[:, 1]} == {*range(RELATIONS)}
+    for row in range(27, ENTITIES):
+        told, asked = ((part[:, [0, 2]] == row).any(1).sum() for part in (found.rest, found.asked))
+        assert told + asked >= 4
+        assert asked == max(1, (told + asked) // 4)
+
+
+def test_who_is_told_less_is_told_the_first_of_what_others_are(triples: np.ndarray) -> None:
+    found = hidden(triples)
+    one, three, everything = (found.told(number) for number in (1, 3, None))
+    assert as_set(one) < as_set(three) < as_set(everything) == as_set(found.rest)
+    for number, told in ((1, one), (3, three)):
+        assert [(told[:, [0, 2]] == row).any(1).sum() for row in range(27, ENTITIES)] == [number] * 3
+
+
+def test_seeds_hide_others_and_the_same_seed_the_same(triples: np.ndarray) -> None:
+    first, again, other = hidden(triples), hidden(triples), hidden(triples, 1)
+    assert np.array_equal(first.rest, again.rest)
+    assert np.array_equal(first.order, again.order)
+    assert not np.array_equal(first.order, other.order)
+
+
+def test_no_relation_and_no_entity_is_left_without_triples(triples: np.ndarray) -> None:
+    """Only 0 and 1 have relation 3, and 29's only neighbour is 2: none of these three is hidden."""
+    own = triples[(triples[:, [0, 2]] != 29).all(1)]
+    own = np.concatenate([own, [[0, 3, 1], [29, 0, 2]]])
+    for seed in range(10):
+        found = hidden(own, seed, fraction=0.3)
+        assert not {0, 1, 2, 29} & {*found.order[found.known :]}
+
+
+def test_a_share_that_leaves_too_few_triples_is_refused(triples: np.ndarray) -> None:
+    with pytest.raises(InputError, match=r"^beyond/params\.yaml: hidden\.ring\.fraction: expected a share that leaves"):
+        hidden(triples, fraction=0.9)
+
+
+# With PyKEEN
+
+
+@pytest.fixture(scope="module")
+def cells(triples: np.ndarray) -> Cells:
+    names = [f"e{row}" for row in range(ENTITIES)]
+    counts, kinds = torch.ones(len(triples), dtype=torch.int64), torch.zeros(ENTITIES, dtype=torch.int64)
+    graph = Graph(names, ["r0", "r1", "r2"], torch.from_numpy(triples), counts, kinds)
+    return Cells("ring", graph, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
+
+
+def test_each_method_answers_and_what_knows_the_same_knows_the_same(cells: Cells) -> None:
+    pytest.importorskip("pykeen")
+    from isi.studies.hidden_in_pykeen import HidingTask, hidden_in
+
+    words = np.random.default_rng(1).standard_normal((ENTITIES, 5)).astype(np.float32)
+    task = HidingTask(cells, words, how(), "hidden.ring", 0)
+    answers, seconds = hidden_in(task)
+    again, _ = hidden_in(task)
+    assert answers.equals(again)
+    first = ["insert", "mean", "own", "insert_new_rows", "own_new_rows", "own_all_rows"]
+    for told in (1.0, 3.0, None):
+        of = answers[answers["told"].isna() if told is None else answers["told"] == told]
+        listed = first + ["retrained"] * (told is None)
+        assert list(of["method"]) == [name for name in listed for _ in range(3)]
+    assert {*answers.loc[answers["method"] == "insert", "initializer"]} == {"map_soft_hybrid"}
+    assert answers["mrr"].between(0, 1).all()
+    assert (seconds["seconds"] > 0).all()
+    untold = answers[answers["method"].isin(["own"])].drop(columns="told").drop_duplicates()
+    assert len(untold) == 3  # PyKEEN's own vectors do not depend on what is told
+
+
+def test_ranks_are_those_among_all_entities_less_other_true_answers(triples: np.ndarray) -> None:
+    pytest.importorskip("pykeen")
+    from isi.studies.hidden_in_pykeen import factory_of, measured, untrained
+
+    found, asked = hidden(triples), {}
+    factory = factory_of(torch.from_numpy(found.true), [f"e{row}" for row in range(ENTITIES)], {"a": 0, "b": 1, "c": 2})
+    model = untrained(factory, how().training, 3).eval()
+    true, valid = as_set(found.true), found.triples[::5]
+    for head, relation, tail in np.concatenate([found.asked, valid]).tolist():
+        for slot in (0, 2):
+            rivals = np.array([[head, relation, tail]] * ENTITIES)
+            rivals[:, slot] = range(ENTITIES)
+            scores = model.score_hrt(torch.from_numpy(rivals))[:, 0].detach().numpy()
+            own = scores[(head, relation, tail)[slot]]
+            wrong = [score for rival, score in zip(rivals.tolist(), scores, strict=True) if tuple(rival) not in true]
+            rank = 1 + sum(score > own for score in wrong)
+            new = [end >= found.known for end in (head, tail)]
+            name = "earlier" if not any(new) else "hidden" if new[slot // 2] else "known"
+            asked.setdefault(name, []).append(rank)
+    for row in measured(model, found, valid):
+        ranks = np.array(asked[row["asked"]])
+        assert row["queries"] == len(ranks)
+        assert row["mrr"] == pytest.approx((1 / ranks).mean(), abs=1e-6)
+        assert row["hits_at_10"] == pytest.approx((ranks <= 10).mean(), abs=1e-6)
+
+
+def test_the_stage_writes_the_same_with_any_number_of_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pykeen")
+    from stages.hide import hide as hide_stage
+
+    monkeypatch.chdir(tmp_path)
+    for path in (paths.PIPELINE, paths.BEYOND_PIPELINE):
+        path.parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / path, path)
+    entry = ENTRY | {"seeds": 2, "told": [None]}
+    paths.BEYOND_PARAMS.write_text(yaml.safe_dump({"variants": {}, "hidden": {"nations": entry}}), encoding="utf-8")
+    params, written = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8")), []
+    for workers in (1, 2):
+        paths.PARAMS.write_text(yaml.safe_dump(params | {"compute": params["compute"] | {"workers": workers}}))
+        monkeypatch.setattr(sys, "argv", ["hide", "nations"])
+        hide_stage()
+        written.append(paths.hidden("nations").read_bytes())
+    assert written[0] == written[1]
+    found = tables.read(paths.hidden("nations"), HIDDEN)
+    assert set(found["entities"]) == {1}
+    assert set(found["seed"]) == {0, 1}
+    took = json.loads(paths.hidden_seconds("nations").read_text(encoding="utf-8"))
+    assert {row["method"] for row in took} == {"known", *found["method"]}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "line"),
+    [
+        ({"fewest": 1}, "hidden.umls.fewest: "),
+        ({"initializers": ["best"]}, "hidden.umls.initializers: expected names among "),
+        ({"source": "graphs"}, "hidden.umls: expected names among "),
+        ({"epoch": 1}, "hidden.umls.epoch: Extra inputs are not permitted"),
+    ],
+)
+def test_what_cannot_be_hidden_is_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict[str, Any], line: str
+) -> None:
+    from isi.params import load
+
+    monkeypatch.chdir(ROOT)
+    params = load()
+    monkeypatch.chdir(tmp_path)
+    paths.BEYOND_PARAMS.parent.mkdir()
+    listed = {"variants": {}, "hidden": {"umls": ENTRY | wrong}}
+    paths.BEYOND_PARAMS.write_text(yaml.safe_dump(listed), encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        check_beyond(params)
+    assert str(refused.value).startswith(f"beyond/params.yaml: {line}")
+
+
+def test_what_ships_hides_in_graphs_that_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    assert [*beyond.load().hidden] == ["umls", "nations", "behavior", "virtualhome"]
