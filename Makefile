@@ -32,8 +32,10 @@ repro: $(CHECKED)  ## run what is not up to date of the pipeline; then where the
 	@python tools/repro.py
 	@python tools/headline.py reports
 
-beyond: repro  ## then what lies beyond the paper: other embeddings, words and conditions, stronger initializers; into the same page
+beyond: repro  ## then what lies beyond the paper: other embeddings, words and conditions, stronger initializers; into the same page (installs the extra `pykeen`)
+	@$(BIN)/pip install --quiet --editable '.[pykeen]'
 	@python tools/repro.py beyond/dvc.yaml
+	@python -m tools.hidden
 	@dvc repro --single-item --force report
 
 quick: $(CHECKED)  ## the same on a small grid, in about five minutes, in the folder quick/

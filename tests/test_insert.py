@@ -135,6 +135,12 @@ def test_only_known_entities_with_a_triple_are_indicators() -> None:
     [
         ({}, "map_mean"),
         ({"words": words()}, "map_soft_hybrid"),
+        ({"words": words() * (np.arange(14) < 12)[:, None]}, "map_mean"),  # the new ones have none
+        ({"words": words() * (np.arange(14) >= 12)[:, None]}, "map_mean"),  # the known ones have none
+        (
+            {"new": np.int64(2), "triples": [(12, 0, 1), (3, 1, 13)], "entity_names": None, "known_triples": None},
+            "map_mean",
+        ),
         ({"words": words(), "triples": []}, "soft_es"),
         ({"words": words(), "initializer": "ers"}, "ers"),
     ],

@@ -40,6 +40,8 @@ NAN = np.float32("nan")
         ({"new": ["cup", "e3"]}, "'entity_names': 'e3': expected names that do not repeat"),
         ({"new": ["cup", "cup"]}, "'entity_names': 'cup': expected names that do not repeat"),
         ({"new": 2}, "'new': expected names where 'entity_names' are given, else a number"),
+        ({"entity_names": [*KNOWN[1:], 7]}, "'entity_names': expected texts, got 7"),
+        ({"seed": -1}, "'seed': Input should be greater than or equal to 0, got -1"),
         ({"new": []}, "'new': expected at least one new entity"),
         ({"new": "cup"}, "'new': expected a list of names, got one text"),
         ({"entity_names": KNOWN[1:]}, "'entity_names': expected 12 names, got 11"),
@@ -52,6 +54,11 @@ NAN = np.float32("nan")
         ),
         (
             {"triples": [("cup", "in", "e1"), ("cup", "in", "mug")]},
+            "new entity 'mug': expected a triple with a known entity, or a word vector, or an initializer "
+            "that needs neither",
+        ),
+        (
+            {"triples": TOLD[:2], "words": {"mug": [1.0], "cup": [2.0]}},  # of which no known entity has one
             "new entity 'mug': expected a triple with a known entity, or a word vector, or an initializer "
             "that needs neither",
         ),

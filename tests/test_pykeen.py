@@ -19,6 +19,7 @@ from pykeen.models import ERModel, SimplE, model_resolver
 from pykeen.predict import predict_target
 from pykeen.training import SLCWATrainingLoop
 from pykeen.triples import CoreTriplesFactory, TriplesFactory
+from torch.optim import SGD, Adam
 
 from isi.pykeen.families import OfInteraction, read_model
 
@@ -135,9 +136,11 @@ def test_a_model_of_another_family_takes_initializers_that_need_none(name: str, 
 def test_what_a_model_of_another_family_cannot_serve_is_refused(factory: Any) -> None:
     model, words = model_of("rescal", {}, factory), np.eye(ENTITIES + 2)
     with pytest.raises(
-        InputError, match=r"'initializer': expected one that needs no inverse of RESCALInteraction: .*; got 'rs'"
+        InputError, match=r"'initializer': expected one that needs no inverse of a relation: .*; got 'rs'"
     ):
         isi.pykeen.insert(model, factory, NEW, initializer="rs")
+    with pytest.raises(InputError, match=r"^new entity 'kup': expected a triple with a known entity"):
+        isi.pykeen.insert(model, factory, [*NEW, ("cup", "r0", "kup")])
     words[ENTITIES + 1] = 0
     with pytest.raises(InputError, match=r"^new entity 'mug': expected a word vector, which es goes by$"):
         isi.pykeen.insert(model, factory, NEW, initializer="es", words=words)
@@ -178,16 +181,28 @@ def test_saved_and_loaded_it_is_the_same(tmp_path: Path, factory: Any) -> None:
 
 
 @pytest.mark.parametrize("name", ["complex", "transe", "transh"])
-def test_it_predicts_and_trains_on(name: str, factory: Any) -> None:
+def test_it_predicts_and_trains_on_from_what_it_knows(name: str, factory: Any) -> None:
     larger, more = isi.pykeen.insert(model_of(name, {}, factory), factory, NEW)
     named = predict_target(model=larger, head="cup", relation="r0", triples_factory=more)
     assert len(named.df) == ENTITIES + 2
     before = larger.entity_representations[0]._embeddings.weight.detach().clone()
-    loop = SLCWATrainingLoop(model=larger.train(), triples_factory=more, optimizer="adam")
-    losses = loop.train(more, num_epochs=2, batch_size=32, use_tqdm=False)
-    assert np.isfinite(losses).all()
+    for optimizer in (Adam(larger.parameters(), lr=1e-6), SGD(larger.parameters(), lr=1e-6, momentum=0.9)):
+        loop = SLCWATrainingLoop(model=larger.train(), triples_factory=more, optimizer=isi.pykeen.warm(optimizer))
+        losses = loop.train(more, num_epochs=2, batch_size=32, use_tqdm=False, continue_training=True)
+        assert np.isfinite(losses).all()
     after = larger.entity_representations[0]._embeddings.weight
     assert (after[-2:] != before[-2:]).any()
+    torch.testing.assert_close(after, before, rtol=0, atol=1e-3)  # and not drawn anew
+
+
+def test_a_model_of_another_family_on_a_large_graph_has_a_default_too(
+    factory: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("isi.inserting.choosing.QUICK", 1)
+    model, words = model_of("rescal", {}, factory), np.eye(ENTITIES + 2)
+    for given, expected in (({}, "mean"), ({"words": words}, "soft_es")):
+        done = isi.pykeen.inserted(model, factory, iter(NEW), **given)
+        assert (done.initializer, "as asked" in done.why) == (expected, False)
 
 
 def test_a_factory_without_labels_goes_by_ids(factory: Any) -> None:

@@ -34,6 +34,11 @@ BY_ENTITY = frozenset({
     "class_noise", "ers", "es", "es_permuted", "es_permuted_kinds", "gaussian", "gaussian_centred", "iu", "kind_mean",
     "mean", "projection", "rs", "rs_alive", "soft_es", "soft_hybrid", "soft_rs", "xavier",
 })  # fmt: skip
+#: Those that do not ask where a relation takes a head, and so serve a family without an inverse.
+NEED_NO_MAP = frozenset({
+    "class_noise", "es", "es_permuted", "es_permuted_kinds", "gaussian", "gaussian_centred", "iu", "kind_mean",
+    "map_mean", "mean", "neighbour_mean", "projection", "soft_es", "xavier",
+})  # fmt: skip
 #: Those that compare the words of every two entities.
 BY_PAIR = frozenset({"es_permuted", "es_permuted_kinds"})
 #: Numbers in the vectors of all triples that a new entity might have, up to which the default is MAP; and at most.
@@ -57,6 +62,11 @@ class Sizes:
         """Triples that a new entity might have, as head or as tail."""
         return 2 * self.relations * self.entities
 
+    @property
+    def vectors(self) -> int:
+        """Numbers in the vectors of all these triples."""
+        return self.cells * self.dimension
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -68,21 +78,28 @@ class Choice:
 
 
 def choose(
-    initializer: str | None, options: Mapping[str, Any] | None, sizes: Sizes, triples: bool, words: bool
-) -> Choice:
+    initializer: str | None, options: Mapping[str, Any] | None, sizes: Sizes, triples: bool, words: bool,
+    invertible: bool = True,
+) -> Choice:  # fmt: skip
     """The initializer of a name; without one, the best that what is known allows.
 
     Args:
         triples: whether a new entity has one.
-        words: whether a new entity has a word vector.
+        words: whether a new entity has a word vector, and a known one, too.
+        invertible: whether it is known where a relation takes a head.
 
     Raises:
-        InputError: where there is no such initializer, it takes other options, or the embedding is too large for it.
+        InputError: where there is no such initializer, it takes other options, or the embedding is too large for it or
+            of a family that it does not serve.
     """
-    name, why = (initializer, "as asked") if initializer else _best(sizes, triples, words)
+    best = _best if invertible else _best_without_map
+    name, why = (initializer, "as asked") if initializer else best(sizes, triples, words)
     with argument("initializer"):
         checked = options_of(name, DEFAULTS.get(name, {}) | dict(options or {}), "initializer")
     _check_size(name, sizes)
+    if not invertible and name not in NEED_NO_MAP:
+        expected = f"expected one that needs no inverse of a relation: {', '.join(sorted(NEED_NO_MAP))}; got {name!r}"
+        raise InputError("argument 'initializer'", "", expected)
     return Choice(name, checked, why)
 
 
@@ -90,11 +107,19 @@ def _best(sizes: Sizes, triples: bool, words: bool) -> tuple[str, str]:
     """Its name, and why."""
     if not triples:
         return "soft_es", "of what goes by words alone, the best"
-    small = sizes.cells * sizes.dimension <= QUICK
+    small = sizes.vectors <= QUICK
     if words:
         known = "words and triples"
         return ("map_soft_hybrid", f"the best for {known}") if small else ("soft_hybrid", _next_best(known))
     return ("map_mean", "the best for triples alone") if small else ("soft_rs", _next_best("triples alone"))
+
+
+def _best_without_map(sizes: Sizes, triples: bool, words: bool) -> tuple[str, str]:
+    """The same where it is not known where a relation takes a head."""
+    if triples and sizes.vectors <= QUICK:
+        return "map_mean", "the best where relations have no inverse"
+    served = "words" if words else "neither words nor inverses of relations"
+    return ("soft_es", _next_best(served)) if words else ("mean", _next_best(served))
 
 
 def _next_best(known: str) -> str:
@@ -102,7 +127,7 @@ def _next_best(known: str) -> str:
 
 
 def _check_size(name: str, sizes: Sizes) -> None:
-    if name not in BY_ENTITY and sizes.cells * sizes.dimension > MOST:
+    if name not in BY_ENTITY and sizes.vectors > MOST:
         expected = f"expected another one: {name} looks at {sizes.cells:,} triples that an entity might have"
         raise InputError("argument 'initializer'", "", expected)
     if name in BY_PAIR and sizes.entities**2 > PAIRS:

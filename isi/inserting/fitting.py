@@ -11,11 +11,11 @@ import torch
 from torch import Tensor
 
 from isi.base.errors import InputError
-from isi.base.params import check
+from isi.base.params import Seed, check
 from isi.embeddings.family import Family
 from isi.embeddings.stack import Embedding
 from isi.graph import HEAD, TAIL
-from isi.inserting.given import Names, Triple, family_of, graph_of, stack_of_one, table, triples_of
+from isi.inserting.given import Names, Triple, argument, family_of, graph_of, stack_of_one, table, triples_of
 from isi.learning.batches import Negatives, fits_tables, training_data
 from isi.learning.training import Optimizer, train
 from isi.sessions.session import TRAIN, Session
@@ -54,6 +54,8 @@ def fit_new(
     Raises:
         InputError: naming the argument that is wrong, and what was expected.
     """
+    with argument("seed"):
+        check(seed, Seed, "seed")
     given = table(entities, "entities")
     if not 0 < new < len(given):
         raise InputError("argument 'new'", "", f"expected a number from 1 to {len(given) - 1}, got {new}")

@@ -53,7 +53,10 @@ class Names:
         Raises:
             InputError: where the names are not as many as the rows, or one is twice there.
         """
-        given = self.given or ()
+        given = self.given if self.given is not None else ()
+        wrong = next((name for name in given if not isinstance(name, str)), None)
+        if wrong is not None:
+            raise InputError(f"argument {self.argument!r}", "", f"expected texts, got {wrong!r:.80}")
         found = {name: row for row, name in enumerate(given)}
         if self.given is not None and len(given) != self.number:
             raise InputError(f"argument {self.argument!r}", "", f"expected {self.number} names, got {len(given)}")
@@ -91,6 +94,8 @@ def all_names(known: int, entity_names: Sequence[str] | None, new: int | Sequenc
     """
     if isinstance(new, str):
         raise InputError("argument 'new'", "", "expected a list of names, got one text")
+    if isinstance(new, np.integer):
+        new = int(new)
     if isinstance(new, int) != (entity_names is None):
         raise InputError("argument 'new'", "", "expected names where 'entity_names' are given, else a number")
     number = new if isinstance(new, int) else len(new)

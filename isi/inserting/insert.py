@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from isi.base.errors import InputError
+from isi.base.params import Seed, check
 from isi.embeddings.family import Family
 from isi.embeddings.stack import Embedding
 from isi.graph import HEAD, TAIL
@@ -73,6 +74,19 @@ class Task:
         """The triples between new entities."""
         return self.triples[self.is_new.all(1)]
 
+    @cached_property
+    def worded(self) -> np.ndarray:
+        """Which new entities have a word vector, where known ones have some, too; shape (n,), bool."""
+        found = np.zeros(len(self.entities) - self.known, dtype=bool)
+        if self.words is not None and self.words[: self.known].any():
+            found |= self.words[self.known :].any(1)
+        return found
+
+    @property
+    def invertible(self) -> bool:
+        """Whether the family knows where a relation takes a head."""
+        return bool(getattr(self.family, "invertible", True))
+
     @property
     def sizes(self) -> Sizes:
         return Sizes(len(self.entities), len(self.relations), self.entities.shape[1])
@@ -96,7 +110,8 @@ def insert(
             ids E, E + 1, ... in the order of ``new``.
         new: names of the new entities; or how many they are, where entities have no names.
         family: how a triple is scored: a module of ``isi.families`` (analogy, distmult, complex, transe, rotate),
-            ``transe_l1`` (the norm of city blocks), or a family of one's own.
+            ``transe_l1`` (the norm of city blocks), or a family of one's own (with ``invertible = False`` if its
+            ``transform`` and ``inverse`` are not known).
         family_options: ``margin`` and, but for ``transe_l1``, ``squared`` of distances.
         entity_names: of the known ones, as ``relation_names`` of relations.
         known_triples: of known entities: who has none is no indicator, and ``interference`` asks about them.
@@ -114,6 +129,8 @@ def insert(
     Raises:
         InputError: naming the argument that is wrong, and what was expected.
     """
+    with argument("seed"):
+        check(seed, Seed, "seed")
     known = table(entities, "entities")
     kind = family_of(family, family_options, known)
     relation_table = table(relations, "relations", kind.width(known.shape[1]))
@@ -127,7 +144,7 @@ def insert(
         kinds_of(kinds, names), seed,
     )  # fmt: skip
     _check(task, initializer)
-    choice = choose(initializer, options, task.sizes, len(task.told) > 0, task.words is not None)
+    choice = choose(initializer, options, task.sizes, len(task.told) > 0, bool(task.worded.any()), task.invertible)
     return _inserted(task, choice)
 
 
@@ -147,8 +164,7 @@ def _check(task: Task, initializer: str | None) -> None:
         raise InputError(place, "", "expected known entities alone")
     served = np.zeros(len(task.entities), dtype=bool)
     served[task.told[:, [HEAD, TAIL]]] = True
-    if task.words is not None:
-        served |= task.words.any(1)
+    served[task.known :] |= task.worded
     bare = np.flatnonzero(~served[task.known :])
     if len(bare) and initializer is None:
         name = task.names.of(task.known + int(bare[0]))
@@ -163,6 +179,10 @@ def _told(task: Task, triple: np.ndarray) -> str:
 
 def _inserted(task: Task, choice: Choice) -> Inserted:
     initials = list(_initials(task, choice))
+    fallback = [FALLBACKS[code] for initial in initials for code in initial.fallback[0].tolist()]
+    if "rs" in fallback and not task.invertible:
+        name = task.names.of(task.known + fallback.index("rs"))
+        raise InputError(f"new entity {name!r:.80}", "", f"expected a word vector, which {choice.initializer} goes by")
     with_indicators = all(initial.indicators is not None for initial in initials)
     vectors = torch.cat([initial.vectors[0] for initial in initials]).numpy()
     task.entities[task.known :] = vectors
@@ -171,7 +191,7 @@ def _inserted(task: Task, choice: Choice) -> Inserted:
         entity_names=task.names.given, relation_names=task.relation_names.given,
         new=list(range(task.known, len(task.entities))), told=task.told, between=task.between,
         known_triples=task.known_triples, initializer=choice.initializer, options=choice.options, why=choice.why,
-        fallback=[FALLBACKS[code] for initial in initials for code in initial.fallback[0].tolist()],
+        fallback=fallback,
         indicators=[row.nonzero()[:, 0].tolist() for one in initials if one.indicators is not None
                     for row in one.indicators[0]] if with_indicators else None,
     )  # fmt: skip

@@ -12,11 +12,12 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from isi.base.params import Seed, check
 from isi.embeddings.family import Family
 from isi.embeddings.stack import Embedding
 from isi.graph import HEAD, TAIL
 from isi.inserting.crowding import Interference, interference
-from isi.inserting.given import Names, Triple, stack_of_one, triples_of
+from isi.inserting.given import Names, Triple, argument, stack_of_one, triples_of
 
 #: Numbers in a table of cosines, at most.
 BUDGET = 2**24
@@ -114,6 +115,8 @@ class Inserted:
         Raises:
             InputError: where there is none, or one is of an unknown entity or relation.
         """
+        with argument("seed"):
+            check(seed, Seed, "seed")
         labels = Names("relation_names", len(self.relations), self.relation_names)
         asked = self.known_triples if triples is None else triples_of(triples, "triples", self.names, labels)
         return interference(self.embedding, self.known, asked, self.told, self.known_triples, most, seed)

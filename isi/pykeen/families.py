@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from pykeen.models import ERModel
@@ -29,11 +29,6 @@ from isi.families.transe import TransE
 from isi.inserting.taxicab import TransEL1
 from isi.pykeen.forms import Form, read
 
-#: Initializers that do not ask where a relation takes a head.
-NEED_NO_MAP = frozenset({
-    "class_noise", "es", "es_permuted", "es_permuted_kinds", "gaussian", "gaussian_centred", "iu", "kind_mean",
-    "map_mean", "mean", "neighbour_mean", "projection", "soft_es", "xavier",
-})  # fmt: skip
 #: How far from 1 the length of a rotation may be.
 ROUNDING = 1e-3
 #: Triples whose scores tell the margin, at most.
@@ -48,6 +43,8 @@ class OfInteraction(Family):
     entity: Form
     relations: tuple[Form, ...]
     offset: float
+    #: see ``isi.insert``
+    invertible: ClassVar[bool] = False
 
     def width(self, dimension: int) -> int:  # noqa: ARG002
         return sum(form.size for form in self.relations)
@@ -62,7 +59,7 @@ class OfInteraction(Family):
         return self.offset + scores.to(head.dtype)
 
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
-        """Unknown: the vectors as they are, which serve nobody (see ``NEED_NO_MAP``)."""
+        """Unknown: the vectors as they are, which serve nobody."""
         return vectors
 
     def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002

@@ -19,7 +19,7 @@ from isi.base.errors import InputError
 from isi.inserting.given import Triple
 from isi.inserting.inserted import Inserted
 from isi.inserting.wording import Source
-from isi.pykeen.families import NEED_NO_MAP, OfInteraction, read_model, table_of
+from isi.pykeen.families import read_model, table_of
 from isi.pykeen.forms import Form
 
 Model = ERModel[Any, Any, Any]
@@ -62,34 +62,16 @@ def inserted(
             there is none.
     """
     listed: Any = triples.cpu().numpy() if isinstance(triples, Tensor) else triples
+    listed = listed if isinstance(listed, np.ndarray) else list(listed)
     embedding = read_model(model, factory.mapped_triples, margin)
     entity_names, relation_names = _labels(factory)
-    if isinstance(embedding.family, OfInteraction):
-        initializer = _without_map(initializer or ("map_mean" if len(listed) else "soft_es"), embedding.family)
-    done = isi.insert(
+    return isi.insert(
         embedding.entity[0].numpy(), embedding.relation[0].numpy(), listed,
         new=_new(factory, listed) if new is None else new, family=embedding.family,
         entity_names=entity_names, relation_names=relation_names,
         known_triples=factory.mapped_triples.numpy(), words=words, word_source=word_source, kinds=kinds,
         initializer=initializer, options=options, seed=seed,
     )  # fmt: skip
-    if isinstance(embedding.family, OfInteraction) and "rs" in done.fallback:
-        name = done.names.of(done.new[done.fallback.index("rs")])
-        raise InputError(f"new entity {name!r:.80}", "", f"expected a word vector, which {initializer} goes by")
-    return done
-
-
-def _without_map(initializer: str, family: OfInteraction) -> str:
-    """The same initializer.
-
-    Raises:
-        InputError: where it asks for what is not known of an interaction.
-    """
-    if initializer not in NEED_NO_MAP:
-        name = type(family.interaction).__name__
-        expected = f"expected one that needs no inverse of {name}: {', '.join(sorted(NEED_NO_MAP))}"
-        raise InputError("argument 'initializer'", "", f"{expected}; got {initializer!r}")
-    return initializer
 
 
 def enlarge(model: Model, factory: CoreTriplesFactory, done: Inserted) -> tuple[Model, CoreTriplesFactory]:
