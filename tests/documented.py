@@ -1,13 +1,15 @@
-"""The code and the params that docs/extending.md shows, for tests to run."""
+"""The code, the params and the commands that pages of docs/ show, for tests to run."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-PAGE = Path(__file__).parent.parent / "docs" / "extending.md"
+DOCS = Path(__file__).parent.parent / "docs"
+PAGE = DOCS / "extending.md"
 
 
 def block(mark: str, language: str) -> str:
@@ -29,3 +31,16 @@ def params(mark: str) -> dict[str, Any]:
         for section, entries in yaml.safe_load(block(mark, "yaml")).items()
         for name, value in entries.items()
     }
+
+
+def blocks(page: str, language: str) -> list[str]:
+    """What all fences of a language on a page hold, in their order."""
+    return re.findall(
+        rf"^```{language}\n(.*?)^```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+    )
+
+
+def commands(page: str) -> list[str]:
+    """Every command that a page shows at a prompt."""
+    shown = "".join(blocks(page, "console"))
+    return [line.removeprefix("$ ") for line in shown.splitlines() if line.startswith("$ ")]

@@ -31,7 +31,7 @@ def label(method: str, how: Hidden, default: str) -> str:
         "own_new_rows": f"PyKEEN's own, then {how.epochs} epochs of the new rows",
         "own_all_rows": f"PyKEEN's own, then {how.epochs} epochs of all rows",
         "retrained": "all trained again",
-    }.get(method, f"{insert}: {method}")
+    }.get(method, f"{insert}: `{method}`")
 
 
 def means(found: pd.DataFrame, how: Hidden) -> pd.DataFrame:
