@@ -56,7 +56,7 @@ def test_means_stand_in_the_table_and_who_is_first_beneath(written: Path) -> Non
         ["", "all trained again", "", "0.400", "", *same[1:]],
     ]  # fmt: skip
     assert lines[-1] == (
-        "- **Ring** (2 times 4 entities). Told 1, first is `isi.pykeen.insert`: `map_mean`, its default (0.600). "
+        "- **Ring** (2 times 4 hidden). Told 1, first is `isi.pykeen.insert`: `map_mean`, its default (0.600). "
         "Told all, first is PyKEEN's own, then 3 epochs of all rows (0.900), and of those that train nothing "
         "`isi.pykeen.insert`: `mean` (0.700); the default stands at place 3 of 4 (0.600). "
         "Earlier triples have 0.125 with the default, and 0.125 where all is trained again."

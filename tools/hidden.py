@@ -66,7 +66,7 @@ def words(found: pd.DataFrame, how: Hidden) -> str:
     """Who is first, and where the default stands; who trains nothing is told from who does."""
     mean, default = means(found, how)["mrr"], default_of(found)
     once = found.drop_duplicates("seed")
-    sentences = [f"**{how.title}** ({len(once)} times {round(once['entities'].mean())} entities)."]
+    sentences = [f"**{how.title}** ({len(once)} times {round(once['entities'].mean())} hidden)."]
     for number in how.told:
         told = str(number) if number else ALL
         ranked = mean["known", told].dropna().sort_values(ascending=False)
