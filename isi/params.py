@@ -24,6 +24,7 @@ from isi.studies.affordances import Affordances
 from isi.studies.asking import Asking
 from isi.studies.cross_validation import CrossValidation, Setting
 from isi.studies.families import CompareFamilies
+from isi.studies.keeping import Keep
 from isi.studies.nothing import Nothing
 from isi.studies.sweeps import Rates, Sweep
 from isi.studies.tracing import TRACED, Approach
@@ -99,6 +100,7 @@ class Params(Section):
     asking: Asking
     compute: Compute
     recorder: Recorder
+    kept: Keep
 
     @field_validator("initializers")
     @classmethod

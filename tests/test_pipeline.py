@@ -23,6 +23,7 @@ import yaml
 from dvc.repo import Repo
 from safetensors.torch import load_file, save_file
 
+from isi.keeping.folder import read
 from isi.report import parts
 from tests import documented
 from tools import workspace
@@ -50,8 +51,9 @@ LEFT_OUT = {
 }  # fmt: skip
 SMALL |= {f"{key}.{name}": workspace.DROP for key, names in LEFT_OUT.items() for name in names}
 #: Of its stages: 3 sources; graph, words, sessions, theta0, joint, nothing inserted and what is asked of 3
-#: experiments; insertion; affordances, cross-validation, the approach and the report; indicators; rates; families.
-STAGES = 3 + 3 * 7 + 3 * len(INITIALIZERS) + 4 + len(ISI) + len(INITIALIZERS) + len(FAMILIES)
+#: experiments; insertion; affordances, cross-validation, the approach, what is kept and the report; indicators; rates;
+#: families.
+STAGES = 3 + 3 * 7 + 3 * len(INITIALIZERS) + 5 + len(ISI) + len(INITIALIZERS) + len(FAMILIES)
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
 
@@ -140,6 +142,20 @@ def test_all_initializers_start_from_the_same_earlier_knowledge(folder: Path) ->
     for name in INITIALIZERS[1:]:
         # A tie is as wide as the largest score of its row, which may be a novel entity's: hence the tolerance.
         pd.testing.assert_frame_equal(closed(name), closed("xavier"), check_categorical=False, atol=1e-4)
+
+
+def test_an_embedding_of_the_whole_graph_is_kept_for_commands(folder: Path) -> None:
+    kept, triples = read(folder / "data/kept/ai2thor"), pd.read_parquet(folder / "data/graph/ai2thor/triples.parquet")
+    assert kept.about.family == "analogy"
+    assert kept.entities.shape == (len(kept.entity_names), 8)
+    named = [kept.entity_names, kept.relation_names, kept.entity_names]
+    found = {tuple(names[row] for names, row in zip(named, triple, strict=True)) for triple in kept.triples.tolist()}
+    assert found == set(triples[["head", "relation", "tail"]].astype(str).itertuples(index=False, name=None))
+    log = pd.read_parquet(folder / "data/embeddings/ai2thor/joint.log.parquet")
+    assert kept.about.made["epochs"] == log[log["kept"]].groupby("seed")["epoch"].last().sort_values().iloc[1]  # of 3
+    assert kept.words is not None
+    vectors = load_file(folder / "data/words/ai2thor/vectors.safetensors")["vectors"]
+    assert (kept.words == vectors.numpy()).all()
 
 
 def test_every_size_of_the_indicator_set_is_swept_with_the_first_seeds(folder: Path) -> None:
@@ -436,6 +452,7 @@ def test_nothing_of_one_experiment_depends_on_another() -> None:
         "ask",
         "insert_nothing",
         "compare_families",
+        "keep",
     )
     for stage, name in names.items():
         after = {names[other] for other in nx.ancestors(graph, stage) if other in names} - {"report"}

@@ -1,0 +1,69 @@
+"""A small embedding, and its folder, for tests of what keeps one and of commands to share."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from isi.keeping import folder
+from isi.keeping.kept import MODEL, About, Kept, WordSource
+
+NAMES = ["kitchen", "bedroom", "kettle", "bed", "turn on", "lie on"]
+KINDS = ["room", "room", "object", "object", "affordance", "affordance"]
+BETWEEN = ["atLocation", "hasAffordance"]
+#: f(h, r, t) = Σ h · r · t: what is where, and what can be done with it, in coordinates of their own.
+VECTORS = [[1, 0, 0, 0], [0, 1, 0, 0], [3, 1, 2, 0], [1, 2, 0, 2], [0, 0, 1, 0], [0, 0, 0, 1]]
+RELATIONS = [[1, 1, 0, 0], [0, 0, 1, 1]]
+TRIPLES = [(2, 0, 0), (3, 0, 1), (2, 1, 4), (3, 1, 5)]
+#: Of unit length, but for the rooms, which have none.
+WORDS = [[0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0.8, 0, 0.6], [0, 0.8, 0.6]]
+
+
+def small(**changed: Any) -> Kept:
+    """Four triples about a kettle and a bed."""
+    about = About(
+        family="distmult", family_options={}, words=WordSource(source="shipped", text="definition", model=MODEL),
+        made={"by": "a test"}, inserted=[],
+    )  # fmt: skip
+    given: dict[str, Any] = {
+        "about": about, "entities": np.array(VECTORS, np.float32), "relations": np.array(RELATIONS, np.float32),
+        "entity_names": list(NAMES), "kinds": list(KINDS), "phrases": list(NAMES), "relation_names": list(BETWEEN),
+        "triples": np.array(TRIPLES), "words": np.array(WORDS, np.float32),
+    }  # fmt: skip
+    return Kept(**{**given, **changed})
+
+
+def written(path: Path, kept: Kept | None = None) -> Path:
+    """The folder of an embedding, the small one where none is given."""
+    folder.write(path, kept or small())
+    return path
+
+
+def without_words() -> Kept:
+    """The small embedding, of whose names nothing is known."""
+    kept = small(words=None)
+    return replace(kept, about=kept.about.model_copy(update={"words": None}))
+
+
+def files(path: Path) -> dict[str, bytes]:
+    """Bytes by name."""
+    return {file.name: file.read_bytes() for file in path.iterdir()}
+
+
+def edit(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    """Change what an embedding's folder says of it."""
+    about = json.loads((path / folder.ABOUT).read_text(encoding="utf-8"))
+    change(about)
+    (path / folder.ABOUT).write_text(json.dumps(about), encoding="utf-8")
+
+
+def tamper(path: Path, name: str, content: bytes) -> None:
+    """Put other bytes into a file, with their digest."""
+    (path / name).write_bytes(content)
+    edit(path, lambda about: about["files"].update({name: hashlib.sha256(content).hexdigest()}))

@@ -1,0 +1,248 @@
+"""An embedding's folder: it comes back as it was written, or is refused in one line; and the one that is kept."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from safetensors.numpy import load_file, save
+
+from isi.base.errors import InputError
+from isi.embeddings.stack import uniform
+from isi.keeping.folder import read, write
+from isi.keeping.kept import Insertion, Kept
+from isi.learning.batches import training_data
+from isi.learning.training import run_epoch, start
+from isi.studies.keeping import learn_whole, usual_epochs, whole
+from tests.graphs import random_graph
+from tests.kept import NAMES, TRIPLES, edit, files, small, tamper, written
+from tests.test_experiments import LEARNING
+
+CELLS = st.text(st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"]), max_size=20)
+TOLD = Insertion(
+    entity="lie on", told=[("bed", "hasAffordance", "lie on")], definition="to rest", asked=None, options={"k": 2},
+    seed=3, initializer="rs", why="the best", fallback=None,
+)  # fmt: skip
+
+
+def same(one: Kept, other: Kept) -> bool:
+    return all(
+        np.array_equal(ours, theirs) and getattr(ours, "dtype", None) == getattr(theirs, "dtype", None)
+        for ours, theirs in ((getattr(one, field.name), getattr(other, field.name)) for field in fields(Kept))
+    )
+
+
+@given(
+    names=st.lists(CELLS.filter(str.strip), min_size=len(NAMES), max_size=len(NAMES), unique=True),
+    cells=st.lists(CELLS, min_size=2 * len(NAMES), max_size=2 * len(NAMES)),
+    dtype=st.sampled_from([np.float32, np.float64]),
+    words=st.booleans(),
+)
+def test_what_is_written_is_read_again(
+    tmp_path_factory: pytest.TempPathFactory, names: list[str], cells: list[str], dtype: type, words: bool
+) -> None:
+    kinds, phrases = cells[: len(NAMES)], cells[len(NAMES) :]
+    kept = small(entity_names=names, kinds=kinds, phrases=phrases, **({} if words else {"words": None}))
+    kept = replace(kept, entities=kept.entities.astype(dtype))
+    assert same(read(written(tmp_path_factory.mktemp("kept") / "one", kept)), kept)
+
+
+def test_what_was_inserted_and_how_it_was_made_is_read_again(tmp_path: Path) -> None:
+    about = small().about.model_copy(update={"inserted": [TOLD], "made": {"by": {"whom": ["", None, 1.5]}}})
+    kept = read(written(tmp_path / "one", small(about=about)))
+    assert kept.about == about
+    assert kept.inserted() == {"lie on": TOLD}
+
+
+def test_other_tools_read_the_files(tmp_path: Path) -> None:
+    path, kept = written(tmp_path / "one"), small()
+    assert sorted(files(path)) == [
+        "embedding.json", "entities.tsv", "relations.tsv", "triples.tsv", "vectors.safetensors",
+    ]  # fmt: skip
+    assert pd.read_csv(path / "entities.tsv", sep="\t")["entity"].tolist() == kept.entity_names
+    assert pd.read_csv(path / "triples.tsv", sep="\t").to_numpy().tolist()[0] == ["kettle", "atLocation", "kitchen"]
+    assert load_file(path / "vectors.safetensors")["relations"].tolist() == kept.relations.tolist()
+    assert json.loads((path / "embedding.json").read_text(encoding="utf-8"))["triples"] == len(TRIPLES)
+
+
+def test_equal_embeddings_are_equal_bytes_and_take_the_place_of_others(tmp_path: Path) -> None:
+    first, second = written(tmp_path / "one"), written(tmp_path / "two", small(kinds=[""] * len(NAMES)))
+    assert files(first) != files(second)
+    assert files(first) == files(written(second))
+    assert {path.name for path in tmp_path.iterdir()} == {"one", "two"}
+
+
+@pytest.mark.parametrize("name", ["a\tb", "a\nb", "a\rb", "\x1b[2J", "a\x85b", "a\u2028b", "a\x00", " ", ""])
+@pytest.mark.parametrize("column", ["entity_names", "relation_names"])
+def test_names_that_break_a_table_are_refused_before_anything_is_written(
+    tmp_path: Path, column: str, name: str
+) -> None:
+    listed = getattr(small(), column)
+    with pytest.raises(InputError, match=r"\.tsv: line 2: expected ") as refused:
+        written(tmp_path / "one", small(**{column: [name, *listed[1:]]}))
+    assert "\n" not in str(refused.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_hostile_kinds_and_phrases_are_refused_too(tmp_path: Path) -> None:
+    for column in ("kinds", "phrases"):
+        with pytest.raises(InputError, match=r"entities\.tsv: line 3: expected "):
+            written(tmp_path / "one", small(**{column: ["", "a\tb", "", "", "", ""]}))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written(tmp_path / "one")
+    before, write_bytes = files(path), Path.write_bytes
+
+    def fails(file: Path, content: bytes) -> int:
+        if file.name == "triples.tsv":
+            raise OSError(28, "No space left on device")
+        return write_bytes(file, content)
+
+    monkeypatch.setattr(Path, "write_bytes", fails)
+    with pytest.raises(InputError, match=r"one: cannot be written \(No space left on device\)$"):
+        written(path, small(kinds=[""] * len(NAMES)))
+    assert files(path) == before
+    assert [file.name for file in tmp_path.iterdir()] == ["one"]
+
+
+def test_a_folder_with_something_else_in_it_is_not_replaced(tmp_path: Path) -> None:
+    path = written(tmp_path / "one")
+    (path / "thesis.tex").write_text("all of it", encoding="utf-8")
+    with pytest.raises(InputError, match=r"one: thesis\.tex: expected an empty folder, or one with an embedding alone"):
+        written(path)
+    with pytest.raises(InputError, match="expected a folder, or a name that nothing has"):
+        written(path / "thesis.tex")
+    assert (path / "thesis.tex").read_text(encoding="utf-8") == "all of it"
+
+
+def tensors(**changed: Any) -> bytes:
+    kept = small()
+    given = {"entities": kept.entities, "relations": kept.relations, "words": kept.words, **changed}
+    return bytes(save({name: value for name, value in given.items() if value is not None}))
+
+
+def put(name: str, content: bytes) -> Callable[[Path], None]:
+    """Other bytes in a file, with their digest."""
+    return lambda path: tamper(path, name, content)
+
+
+def changed(path: Path) -> None:
+    """A file without a new digest."""
+    file = path / "entities.tsv"
+    file.write_bytes(file.read_bytes().replace(b"object", b"gadget"))
+
+
+NAN = small().entities.copy()
+NAN[3, 1] = np.nan
+BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
+    "no folder": (lambda path: path.rename(path.with_name("two")), r"one: expected the folder of an embedding"),
+    "no file": (lambda path: (path / "triples.tsv").unlink(), r"triples\.tsv: cannot be read \(No such file"),
+    "no JSON": (lambda path: (path / "embedding.json").write_bytes(b"{"), r"embedding\.json: expected JSON"),
+    "deep JSON": (lambda path: (path / "embedding.json").write_bytes(b"[" * 10**6), r"embedding\.json: expected JSON"),
+    "a list": (lambda path: (path / "embedding.json").write_bytes(b"[]"), r"embedding\.json: format: expected"),
+    "a later version": (lambda path: edit(path, lambda about: about.update(version=2)), r"version: expected 1, got 2"),
+    "a key too many": (lambda path: edit(path, lambda about: about.update(pickle="x")), r"json: pickle: Extra inputs"),
+    "a missing key": (lambda path: edit(path, lambda about: about.pop("family")), r"json: family: Field required"),
+    "a wrong size": (
+        lambda path: edit(path, lambda about: about.update(entities=7)), r"'entities': expected .* \(7, 4\), got"
+    ),
+    "inserted elsewhere": (
+        lambda path: edit(path, lambda about: about.update(inserted=[{**TOLD.model_dump(), "entity": "bed"}])),
+        r"json: inserted: expected the entities of the last rows",
+    ),
+    "told of nobody": (
+        lambda path: edit(path, lambda about: about.update(
+            inserted=[{**TOLD.model_dump(), "told": [["sofa", "hasAffordance", "lie on"]]}])),
+        r"json: inserted\.0\.told: expected known names",
+    ),
+    "no tensors": (put("vectors.safetensors", b"x" * 50), r"expected a safetensors file"),
+    "half of the tensors": (
+        put("vectors.safetensors", tensors()[:-40]), r"expected a safetensors file"
+    ),
+    "no relations": (
+        put("vectors.safetensors", tensors(relations=None)), r"tensor 'relations': missing"
+    ),
+    "NaN": (put("vectors.safetensors", tensors(entities=NAN)), r"'entities': row 3: .* NaN"),
+    "whole numbers": (
+        put("vectors.safetensors", tensors(words=np.ones((6, 2), np.int64))),
+        r"'words': expected float32 or float64 of shape",
+    ),
+    "one tensor more": (
+        put("vectors.safetensors", tensors(code=np.ones((2, 2)))), r"tensor 'code': expected no"
+    ),
+    "another header": (put("relations.tsv", b"name\natLocation\n"), r"line 1: expected the col"),
+    "a cell too many": (
+        put("relations.tsv", b"relation\natLocation\nx\ty\n"), r"line 3: expected 1 columns, got 2"
+    ),
+    "no UTF-8": (put("relations.tsv", b"relation\nat\nh\xff\n"), r"line 3: expected UTF-8"),
+    "a name twice": (
+        put("relations.tsv", b"relation\nx\nx\n"), r"line 3: expected names that do not repeat"
+    ),
+    "a control character": (put("relations.tsv", b"relation\nx\n\x1b\n"), r"line 3: expected text"),
+    "a name too many": (put("relations.tsv", b"relation\nx\ny\nz\n"), r"expected 2 rows, .* got 3"),
+    "a triple of nobody": (
+        put("triples.tsv", b"head\trelation\ttail\nbed\tatLocation\tsofa\n"),
+        r"triples\.tsv: line 2: expected a known name as tail, got 'sofa'",
+    ),
+    "a triple too few": (
+        put("triples.tsv", b"head\trelation\ttail\n"), r"expected 4 rows, as embedding\.json says"
+    ),
+    "an edit": (
+        changed,
+        r"entities\.tsv: expected the bytes whose SHA-256 is in embedding\.json: it was changed",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_folder_is_refused_in_one_line_with_file_and_place(tmp_path: Path, name: str) -> None:
+    path, (damage, line) = written(tmp_path / "one"), BROKEN[name]
+    damage(path)
+    with pytest.raises(InputError, match=line) as refused:
+        read(path)
+    assert "\n" not in str(refused.value)
+    assert str(refused.value).startswith(str(path))
+
+
+# The embedding that the pipeline keeps
+
+
+def test_the_usual_epochs_are_the_lower_median_of_the_last_that_were_kept() -> None:
+    rows = [(0, 5, True), (0, 10, True), (0, 15, False), (1, 5, True), (2, 20, True), (2, 25, False), (3, 15, True)]
+    log = pd.DataFrame(rows, columns=["seed", "epoch", "kept"])
+    assert usual_epochs(log) == 10  # of 5, 10, 15, 20
+    with pytest.raises(InputError, match="expected an epoch that was kept"):
+        usual_epochs(log.assign(kept=False))
+
+
+def test_all_triples_are_learned_in_as_many_epochs() -> None:
+    graph, how = random_graph(12, 2, 40), LEARNING
+    task = whole("home", graph, how, 3)
+    learned, again = learn_whole(task), learn_whole(task)
+    assert learned.entity.tobytes() == again.entity.tobytes()
+    session, keys = task.cells.joint, torch.tensor([[0, 0]])
+    assert (session.splits == 0).all()
+    state = start(uniform(session.entities, 2, how.family, how.dimension, how.init_range, how.root, keys))
+    data = training_data(session, "training", keys, how.negatives.head_pool)
+    assert data.counts.sum() == graph.counts.sum()
+    for epoch in (1, 2, 3):
+        run_epoch(state, data, how.negatives, how.training, how.root, epoch)
+    assert learned.entity.tobytes() == state.embedding.entity.numpy().tobytes()
+    assert learned.relation.tobytes() == state.embedding.relation.numpy().tobytes()
+
+
+def test_write_is_the_inverse_of_read(tmp_path: Path) -> None:
+    path = written(tmp_path / "one")
+    write(tmp_path / "two", read(path))
+    assert files(path) == files(tmp_path / "two")
