@@ -1,12 +1,15 @@
-"""What a user types beside the pipeline: ``python -m isi COMMAND``."""
+"""What a user types beside the pipeline: ``isi COMMAND``, or ``python -m isi COMMAND``."""
 
 from __future__ import annotations
 
 import argparse
+import ast
 import importlib
+import os
 import pkgutil
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NoReturn
 
 from isi import commands
@@ -21,21 +24,37 @@ class Parser(argparse.ArgumentParser):
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run the command that is asked for; each is a module of ``isi.commands``."""
-    parser = Parser(prog="python -m isi", description=__doc__.partition(":")[0] + ".")
+    """Run the command that is asked for; each is a module of ``isi.commands``, and no other is imported."""
+    given = list(sys.argv[1:] if argv is None else argv)
+    about = "New entities in knowledge-graph embeddings, what is asked of them, and graphs of your own."
+    parser = Parser(prog="isi", description=about)
     added = parser.add_subparsers(metavar="COMMAND", required=True)
-    for found in pkgutil.iter_modules(commands.__path__):
-        if not found.name.startswith("_"):
-            module = importlib.import_module(f"{commands.__name__}.{found.name}")
-            about = (module.__doc__ or "").partition("\n\n")[0]
-            own = added.add_parser(found.name.replace("_", "-"), help=about, description=about)
+    for name in _names():
+        about = _about(name)
+        own = added.add_parser(name.replace("_", "-"), help=about, description=about)
+        if name.replace("_", "-") in given:
+            module = importlib.import_module(f"{commands.__name__}.{name}")
             module.configure(own)
             own.set_defaults(run=module.run, prog=own.prog)
-    arguments = parser.parse_args(argv)
+    arguments = parser.parse_args(given)
     try:
         arguments.run(arguments)
+        sys.stdout.flush()
     except InputError as error:
         sys.exit(f"{arguments.prog}: {error}")
+    except BrokenPipeError:  # whoever read has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+
+
+def _names() -> list[str]:
+    return [found.name for found in pkgutil.iter_modules(commands.__path__) if not found.name.startswith("_")]
+
+
+def _about(name: str) -> str:
+    """What a command is for: what its module begins with, which is not imported for that."""
+    source = (Path(commands.__path__[0]) / f"{name}.py").read_text(encoding="utf-8")
+    return (ast.get_docstring(ast.parse(source)) or "").partition("\n\n")[0]
 
 
 if __name__ == "__main__":

@@ -250,7 +250,7 @@ def test_mistakes_are_answered_in_one_line_and_nothing_is_written(
     before = sorted(folder.rglob("*"))
     code, line = refusal(capsys, *arguments)
     assert code == status
-    assert line.startswith("python -m isi graph: ")
+    assert line.startswith("isi graph: ")
     assert all(part in line for part in expected), line
     assert "params.yaml" not in line
     assert sorted(folder.rglob("*")) == before

@@ -1,1 +1,1 @@
-"""Commands of ``python -m isi``, a module each: ``configure`` says its arguments, ``run`` does what is asked."""
+"""Commands of ``isi``, a module each: ``configure`` says its arguments, ``run`` does what is asked."""

@@ -1,0 +1,106 @@
+"""Ranked answers to a question about an entity and a relation."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from isi.asking.chances import Curve, curve_of
+from isi.asking.model import Model
+from isi.graph import HEAD, TAIL
+
+#: Share of the indicators that must stand in a slot for it to be asked of.
+ENOUGH = 0.1
+
+
+@dataclass(frozen=True)
+class Question:
+    """(given, relation, ?) where the slot is ``TAIL``, (?, relation, given) where it is ``HEAD``; ids."""
+
+    given: int
+    relation: int
+    slot: int
+
+
+@dataclass(frozen=True)
+class Answer:
+    """An answer and how good it is."""
+
+    entity: str
+    #: among the entities that may answer (``Model.candidates``), but for the given one, unless it is known to
+    rank: int
+    score: float
+    #: see ``chances``; null where nothing is known of the relation
+    chance: float | None
+    #: share of the others that score lower
+    beats: float
+    known: bool
+    #: the indicators that are known to have this answer; null where there are no indicators
+    had_by: list[str] | None
+
+
+def ranked(model: Model, question: Question) -> tuple[Tensor, Tensor]:
+    """The entities that may answer, best first, and their scores."""
+    given, relation, slot = question.given, question.relation, question.slot
+    scores, candidates = model.scores(torch.tensor([given]), relation, slot)[0], model.candidates(relation, slot)
+    if given not in model.answers.get((given, relation, slot), ()):
+        candidates = candidates[candidates != given]
+    best = scores[candidates].sort(descending=True, stable=True)
+    return candidates[best.indices], best.values
+
+
+@dataclass
+class Asker:
+    """Asks a model, and keeps the curves of relations that it was asked about."""
+
+    model: Model
+    _curves: dict[tuple[int, int], Curve | None] = field(default_factory=dict)
+
+    def ask(self, question: Question, most: int, indicators: Collection[int] | None = None) -> list[Answer]:
+        """The best answers, best first; of equal scores, the entity that stands first goes first.
+
+        Args:
+            most: answers, at most.
+            indicators: ids of entities whose known answers are looked at, too.
+        """
+        entities, scores = ranked(self.model, question)
+        shown, relation, slot = scores[:most], question.relation, question.slot
+        beaten = torch.searchsorted(scores.flip(0), shown).tolist()
+        curve = self._curve(relation, slot)
+        chances = [None] * len(shown) if curve is None else curve(shown).tolist()
+        names, answers = self.model.kept.entity_names, self.model.answers
+        known = answers.get((question.given, relation, slot), ())
+        return [
+            Answer(
+                names[entity], rank, score, chance, below / max(1, len(scores) - 1), entity in known,
+                None if indicators is None else [names[one] for one in indicators
+                                                 if entity in answers.get((one, relation, slot), ())],
+            )
+            for rank, (entity, score, chance, below)
+            in enumerate(zip(entities[:most].tolist(), shown.tolist(), chances, beaten, strict=True), 1)
+        ]  # fmt: skip
+
+    def _curve(self, relation: int, slot: int) -> Curve | None:
+        if (relation, slot) not in self._curves:
+            self._curves[relation, slot] = curve_of(self.model, relation, slot)
+        return self._curves[relation, slot]
+
+
+def worth_asking(model: Model, entity: int, indicators: Mapping[int, float]) -> list[Question]:
+    """What to ask of an entity: each relation, by the slots in which it, or enough indicators, stand in known triples.
+
+    Where nothing is known of any of them, all.
+
+    Args:
+        indicators: by id, what each weighs.
+    """
+    asked = [Question(entity, relation, slot) for relation in range(len(model.kept.relations)) for slot in (TAIL, HEAD)]
+
+    def fits(one: Question) -> bool:
+        weight = sum(own for who, own in indicators.items() if (who, one.relation, one.slot) in model.answers)
+        return (entity, one.relation, one.slot) in model.answers or weight > ENOUGH * sum(indicators.values())
+
+    return [one for one in asked if fits(one)] or asked

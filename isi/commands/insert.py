@@ -1,0 +1,234 @@
+"""Give a new entity a vector from what is known of it, and say what the embedding makes of it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from isi.base.errors import InputError
+from isi.commands import _embedding as shared
+
+if TYPE_CHECKING:
+    from isi.asking.answers import Answer, Question
+    from isi.asking.indicating import Indicator
+    from isi.asking.model import Model
+    from isi.asking.placing import News, Placed
+    from isi.inserting.crowding import Interference
+    from isi.inserting.inserted import Entity
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Its arguments."""
+    parser.add_argument("name", metavar="NAME", help="of the new entity")
+    parser.add_argument(
+        "--fact", nargs=2, metavar=("RELATION", "ENTITY"), action="append", default=[],
+        help="a triple of it: NAME RELATION ENTITY; as often as you like",
+    )  # fmt: skip
+    parser.add_argument(
+        "--inverse-fact", nargs=2, metavar=("ENTITY", "RELATION"), action="append", default=[],
+        help="a triple that ends with it: ENTITY RELATION NAME",
+    )  # fmt: skip
+    parser.add_argument("--definition", metavar="TEXT", help="what it is, in a sentence")
+    parser.add_argument("--kind", metavar="KIND", help="of the embedding's kinds, for initializers that go by kinds")
+    parser.add_argument("--initializer", metavar="NAME", help="what puts it there; the best for what is known, if none")
+    parser.add_argument("--vectors", metavar="FILE", type=Path, help="word2vec or GloVe vectors for all phrases")
+    parser.add_argument("--seed", metavar="S", type=_seed, default=0, help="of initializers that draw (default: 0)")
+    parser.add_argument("--out", metavar="DIR", type=Path, help="write the enlarged embedding there")
+    shared.add_arguments(parser)
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal() or len(text) > 9:
+        raise argparse.ArgumentTypeError(f"expected a whole number, got {text[:40]!r}")
+    return int(text)
+
+
+@dataclass(frozen=True)
+class Told:
+    """All that is said of an insertion."""
+
+    placed: Placed
+    words: str
+    shown: list[Indicator]
+    answers: list[tuple[Question, list[Answer]]]
+    report: Entity
+    interference: Interference | None
+
+    @property
+    def model(self) -> Model:
+        return self.placed.model
+
+    def surprising(self, answer: Answer) -> bool:
+        """Whether it is more likely than not, and no indicator is known to have it, nor was it told."""
+        return not answer.known and answer.had_by == [] and (answer.chance or 0) > 0.5
+
+    @property
+    def surprises(self) -> list[tuple[Question, Answer]]:
+        """Answers that would surprise, those of the best chance first."""
+        found = [(asked, one) for asked, answers in self.answers for one in answers if self.surprising(one)]
+        return sorted(found, key=lambda pair: -(pair[1].chance or 0))
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Insert, ask, tell, and write.
+
+    Raises:
+        InputError: where the embedding is broken, a name is unknown, or nothing is known of the new entity.
+    """
+    from isi.asking.placing import place
+
+    model = shared.open_folder(arguments.embedding)
+    worded, news, said = _news(model, arguments)
+    with shared.as_option():
+        placed = place(worded, news)
+    told = _told(placed, said, arguments.top)
+    if arguments.out:
+        from isi.keeping.folder import write
+
+        write(arguments.out, placed.model.kept)
+    if arguments.json:
+        shared.print_json(_as_json(told))
+    else:
+        print(*_lines(told), sep="\n")
+        if arguments.out:
+            print(f"written: {arguments.out}")
+
+
+def _news(model: Model, arguments: argparse.Namespace) -> tuple[Model, News, str]:
+    """The embedding with word vectors, what is told, and what is to be said of the word vector."""
+    from isi.asking.finding import alike, plain
+    from isi.asking.placing import News
+    from isi.asking.wording import worded
+    from isi.keeping.rows import cell_fault, fault
+
+    name, phrase = arguments.name, plain(arguments.name)
+    for option, text, wrong in (("NAME", name, fault), ("--definition", arguments.definition, cell_fault)):
+        if text is not None and (said := wrong(text)):
+            raise InputError(option, "", said)
+    same = [known for known in model.entity_ids if alike(known, name)]
+    if same:
+        raise InputError("NAME", "", f"expected a new name: {same[0]!r:.80} is known (see isi ask, isi nearest)")
+    facts = [
+        (name, *_names(model, relation, entity, "--fact")) for relation, entity in arguments.fact
+    ] + [
+        (*reversed(_names(model, relation, entity, "--inverse-fact")), name)
+        for entity, relation in arguments.inverse_fact
+    ]  # fmt: skip
+    words = worded(model.kept, phrase, arguments.definition, arguments.vectors)
+    if not facts and words.vector is None and arguments.initializer is None:
+        expected = f"expected a --fact, an --inverse-fact or a word vector, and it has none: {words.said}"
+        raise InputError(repr(name), "", expected)
+    kept = model.kept
+    if arguments.vectors:
+        about = kept.about.model_copy(update={"words": words.source})
+        model = replace(model, kept=replace(kept, about=about, words=words.known))
+    news = News(
+        name, phrase, _kind(model, arguments.kind), facts, arguments.definition, words.vector,
+        arguments.initializer, {}, arguments.seed,
+    )  # fmt: skip
+    return model, news, words.said
+
+
+def _names(model: Model, relation: str, entity: str, option: str) -> tuple[str, str]:
+    """A relation and an entity as they are written in the embedding."""
+    kept = model.kept
+    return kept.relation_names[model.relation(relation, option)], kept.entity_names[model.entity(entity, option)]
+
+
+def _kind(model: Model, kind: str | None) -> str:
+    from isi.asking.finding import find
+
+    if kind is None:
+        return ""
+    kinds = {one: row for row, one in enumerate(dict.fromkeys(filter(None, model.kept.kinds)))}
+    return list(kinds)[find(kind, kinds, "--kind", "a kind of this embedding")]
+
+
+def _told(placed: Placed, words: str, top: int) -> Told:
+    from isi.asking.answers import Asker, worth_asking
+
+    model, shown = placed.model, placed.indicators()
+    weights = {one.entity: one.weight or 1.0 for one in shown}
+    asker = Asker(model)
+    answers = [(one, asker.ask(one, top, weights)) for one in worth_asking(model, placed.entity, weights)]
+    interference = placed.done.interference() if len(placed.done.known_triples) else None
+    return Told(placed, words, shown, answers, placed.done.report(top)[0], interference)
+
+
+def _lines(told: Told) -> Iterator[str]:
+    record, model, report = told.placed.record, told.model, told.report
+    yield f"{record.entity}: inserted by {record.initializer} ({record.why})"
+    if record.fallback:
+        yield f"  which lacked what it goes by: {record.fallback} served"
+    yield f"  triples: {report.told} told"
+    yield f"  words: {f'none; {told.words}: goes by relations' if _wordless(told) else f'a vector {told.words}'}"
+    yield from shared.indicator_lines(model, told.shown)
+    yield f"answers ({shared.meaning(one for _, answers in told.answers for one in answers)})"
+    for question, answers in told.answers:
+        yield f"  {' '.join(shared.asked(model, question))}"
+        yield from shared.answer_lines(answers, [_note(answer) for answer in answers])
+    yield "would surprise: " + (
+        "; ".join(_as_triple(model, question, answer) for question, answer in told.surprises)
+        or "nothing: each of these answers that is likely was told, or an indicator has it"
+    )
+    near = ", ".join(f"{name} ({cosine:.2f})" for name, cosine in report.nearest)
+    yield f"nearest: {near}"
+    yield (
+        f"distance from the centre of the known: {report.distance:.2f} of what is usual, farther than"
+        f" {shared.percent(report.farther_than)} of them"
+    )
+    yield _interfering(told.interference)
+
+
+def _wordless(told: Told) -> bool:
+    words = told.model.kept.words
+    return words is None or not words[told.placed.entity].any()
+
+
+def _note(answer: Answer) -> str:
+    if answer.known:
+        return "told"
+    if answer.had_by:
+        more = f" and {len(answer.had_by) - 1} more" * (len(answer.had_by) > 1)
+        return f"as {answer.had_by[0]}{more}"
+    return "no indicator has it"
+
+
+def _as_triple(model: Model, question: Question, answer: Answer) -> str:
+    triple = " ".join(part if part != "?" else answer.entity for part in shared.asked(model, question))
+    return triple if answer.chance is None else f"{triple} ({shared.percent(answer.chance)})"
+
+
+def _interfering(found: Interference | None) -> str:
+    if found is None:
+        return "interference: unknown, since the embedding has no known triples to ask about"
+    return (
+        f"interference: of {found.queries} questions about known triples it outranks the answer in"
+        f" {100 * found.above[0]:.1f} %; their mean reciprocal rank was {found.mrr_before:.3f}"
+        f" and is {found.mrr_after:.3f}"
+    )
+
+
+def _as_json(told: Told) -> dict[str, Any]:
+    record, model, report = told.placed.record, told.model, told.report
+    asked = [
+        {
+            "question": list(shared.asked(model, question)),
+            "answers": [
+                shared.answer_json(one) | {"had_by": one.had_by, "surprising": told.surprising(one)} for one in answers
+            ],
+        }
+        for question, answers in told.answers
+    ]
+    return {
+        "entity": record.entity, "id": told.placed.entity, "initializer": record.initializer, "why": record.why,
+        "fallback": record.fallback, "options": dict(told.placed.done.options),
+        "told": [list(fact) for fact in record.told], "words": None if _wordless(told) else told.words,
+        "indicators": [shared.indicator_json(model, one) for one in told.shown], "answers": asked,
+        "nearest": [{"entity": name, "cosine": cosine} for name, cosine in report.nearest],
+        "distance": report.distance, "farther_than": report.farther_than,
+        "interference": None if told.interference is None else asdict(told.interference),
+    }  # fmt: skip
