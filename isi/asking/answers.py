@@ -90,17 +90,20 @@ class Asker:
 
 
 def worth_asking(model: Model, entity: int, indicators: Mapping[int, float]) -> list[Question]:
-    """What to ask of an entity: each relation, by the slots in which it, or enough indicators, stand in known triples.
+    """What to ask of an entity: each relation, by the slots in which it, or enough of its like, stand in known triples.
 
     Where nothing is known of any of them, all.
 
     Args:
-        indicators: by id, what each weighs.
+        indicators: by id, what each weighs: its like, where its kind is not known.
     """
-    asked = [Question(entity, relation, slot) for relation in range(len(model.kept.relations)) for slot in (TAIL, HEAD)]
+    kinds = model.kept.kinds
+    like = {row: 1.0 for row, kind in enumerate(kinds) if kind == kinds[entity]} if kinds[entity] else indicators
+    enough = ENOUGH * sum(indicators.values()) if like is indicators else 0
 
     def fits(one: Question) -> bool:
-        weight = sum(own for who, own in indicators.items() if (who, one.relation, one.slot) in model.answers)
-        return (entity, one.relation, one.slot) in model.answers or weight > ENOUGH * sum(indicators.values())
+        weight = sum(own for who, own in like.items() if (who, one.relation, one.slot) in model.answers)
+        return (entity, one.relation, one.slot) in model.answers or weight > enough
 
+    asked = [Question(entity, relation, slot) for relation in range(len(model.kept.relations)) for slot in (TAIL, HEAD)]
     return [one for one in asked if fits(one)] or asked

@@ -61,15 +61,16 @@ class Told:
     def model(self) -> Model:
         return self.placed.model
 
-    def surprising(self, answer: Answer) -> bool:
-        """Whether it is more likely than not, and no indicator is known to have it, nor was it told."""
-        return not answer.known and answer.had_by == [] and (answer.chance or 0) > 0.5
-
     @property
     def surprises(self) -> list[tuple[Question, Answer]]:
         """Answers that would surprise, those of the best chance first."""
-        found = [(asked, one) for asked, answers in self.answers for one in answers if self.surprising(one)]
+        found = [(asked, one) for asked, answers in self.answers for one in answers if surprising(one)]
         return sorted(found, key=lambda pair: -(pair[1].chance or 0))
+
+
+def surprising(answer: Answer) -> bool:
+    """Whether it is more likely than not, and no indicator is known to have it, nor was it told."""
+    return not answer.known and answer.had_by == [] and (answer.chance or 0) > 0.5
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -117,6 +118,7 @@ def _news(model: Model, arguments: argparse.Namespace) -> tuple[Model, News, str
         (*reversed(_names(model, relation, entity, "--inverse-fact")), name)
         for entity, relation in arguments.inverse_fact
     ]  # fmt: skip
+    kind = _kind(model, arguments.kind)
     words = worded(model.kept, phrase, arguments.definition, arguments.vectors)
     if not facts and words.vector is None and arguments.initializer is None:
         expected = f"expected a --fact, an --inverse-fact or a word vector, and it has none: {words.said}"
@@ -126,7 +128,7 @@ def _news(model: Model, arguments: argparse.Namespace) -> tuple[Model, News, str
         about = kept.about.model_copy(update={"words": words.source})
         model = replace(model, kept=replace(kept, about=about, words=words.known))
     news = News(
-        name, phrase, _kind(model, arguments.kind), facts, arguments.definition, words.vector,
+        name, phrase, kind, facts, arguments.definition, words.vector,
         arguments.initializer, {}, arguments.seed,
     )  # fmt: skip
     return model, news, words.said
@@ -218,7 +220,7 @@ def _as_json(told: Told) -> dict[str, Any]:
         {
             "question": list(shared.asked(model, question)),
             "answers": [
-                shared.answer_json(one) | {"had_by": one.had_by, "surprising": told.surprising(one)} for one in answers
+                shared.answer_json(one) | {"had_by": one.had_by, "surprising": surprising(one)} for one in answers
             ],
         }
         for question, answers in told.answers

