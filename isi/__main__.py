@@ -30,9 +30,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = Parser(prog="isi", description=about)
     added = parser.add_subparsers(metavar="COMMAND", required=True)
     for name in _names():
-        about = _about(name)
-        own = added.add_parser(name.replace("_", "-"), help=about, description=about)
-        if name.replace("_", "-") in given:
+        about, typed = _about(name), name.rstrip("_").replace("_", "-")
+        own = added.add_parser(typed, help=about, description=about)
+        if typed in given:
             module = importlib.import_module(f"{commands.__name__}.{name}")
             module.configure(own)
             own.set_defaults(run=module.run, prog=own.prog)
@@ -48,6 +48,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def _names() -> list[str]:
+    """Modules of commands; those that are called as Python reserves it end with an underscore."""
     return [found.name for found in pkgutil.iter_modules(commands.__path__) if not found.name.startswith("_")]
 
 

@@ -14,6 +14,8 @@ from isi.graph import HEAD, TAIL
 
 #: Share of the indicators that must stand in a slot for it to be asked of.
 ENOUGH = 0.1
+#: Questions that are asked at once, at most.
+MOST = 24
 
 
 @dataclass(frozen=True)
@@ -89,21 +91,26 @@ class Asker:
         return self._curves[relation, slot]
 
 
-def worth_asking(model: Model, entity: int, indicators: Mapping[int, float]) -> list[Question]:
+def worth_asking(model: Model, entity: int, indicators: Mapping[int, float], most: int = MOST) -> list[Question]:
     """What to ask of an entity: each relation, by the slots in which it, or enough of its like, stand in known triples.
 
-    Where nothing is known of any of them, all.
+    Where nothing is known of any of them, all. Of many, those in which it stands, then those in which most of its
+    like do.
 
     Args:
         indicators: by id, what each weighs: its like, where its kind is not known.
+        most: questions, at most.
     """
     kinds = model.kept.kinds
     like = {row: 1.0 for row, kind in enumerate(kinds) if kind == kinds[entity]} if kinds[entity] else indicators
-    enough = ENOUGH * sum(indicators.values()) if like is indicators else 0
+    enough = ENOUGH * sum(like.values()) if like is indicators else 0
 
-    def fits(one: Question) -> bool:
-        weight = sum(own for who, own in like.items() if (who, one.relation, one.slot) in model.answers)
-        return (entity, one.relation, one.slot) in model.answers or weight > enough
+    def weight(one: Question) -> float:
+        if (entity, one.relation, one.slot) in model.answers:
+            return float("inf")
+        return sum(own for who, own in like.items() if (who, one.relation, one.slot) in model.answers)
 
     asked = [Question(entity, relation, slot) for relation in range(len(model.kept.relations)) for slot in (TAIL, HEAD)]
-    return [one for one in asked if fits(one)] or asked
+    fit = [one for one in asked if weight(one) > enough] or asked
+    best = sorted(fit, key=weight, reverse=True)[:most]
+    return [one for one in fit if one in best]

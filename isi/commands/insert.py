@@ -161,6 +161,8 @@ def _told(placed: Placed, words: str, top: int) -> Told:
 
 
 def _lines(told: Told) -> Iterator[str]:
+    from isi.asking.answers import MOST
+
     record, model, report = told.placed.record, told.model, told.report
     yield f"{record.entity}: inserted by {record.initializer} ({record.why})"
     if record.fallback:
@@ -172,6 +174,8 @@ def _lines(told: Told) -> Iterator[str]:
     for question, answers in told.answers:
         yield f"  {' '.join(shared.asked(model, question))}"
         yield from shared.answer_lines(answers, [_note(answer) for answer in answers])
+    if len(told.answers) == MOST:
+        yield "  (of other relations, see isi ask)"
     yield "would surprise: " + (
         "; ".join(_as_triple(model, question, answer) for question, answer in told.surprises)
         or "nothing: each of these answers that is likely was told, or an indicator has it"

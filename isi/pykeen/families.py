@@ -26,13 +26,12 @@ from isi.families.complex import ComplEx
 from isi.families.distmult import DistMult
 from isi.families.rotate import RotatE
 from isi.families.transe import TransE
+from isi.inserting.margins import middle
 from isi.inserting.taxicab import TransEL1
 from isi.pykeen.forms import Form, read
 
 #: How far from 1 the length of a rotation may be.
 ROUNDING = 1e-3
-#: Triples whose scores tell the margin, at most.
-ASKED = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,11 +96,11 @@ def read_model(model: ERModel[Any, Any, Any], triples: Tensor, margin: float | N
         interaction = deepcopy(model.interaction).cpu().double().eval().requires_grad_(False)
         rows = torch.cat([rows for _, rows in relations], 1) if relations else torch.zeros(model.num_relations, 0)
         family = OfInteraction(interaction, form, tuple(form for form, _ in relations), 0.0)
-        family = replace(family, offset=_middle(Embedding(entity[None], rows[None], family), triples, margin))
+        family = replace(family, offset=middle(Embedding(entity[None], rows[None], family), triples, margin))
         return Embedding(entity[None].float(), rows[None].float(), family)
     make, rows = closed
     without = Embedding(entity[None].float(), rows[None].float(), make(0.0))
-    return replace(without, family=make(_middle(without, triples, margin)))
+    return replace(without, family=make(middle(without, triples, margin)))
 
 
 def _closed_form(
@@ -121,15 +120,3 @@ def _closed_form(
         if (torch.hypot(real, imaginary) - 1).abs().max() < ROUNDING:
             return lambda margin: RotatE(margin, False), torch.atan2(imaginary, real)
     return None
-
-
-def _middle(embedding: Embedding, triples: Tensor, margin: float | None) -> float:
-    """What makes scores positive for triples and negative for others: less the middle of both means, or as given."""
-    if margin is not None or embedding.family.linear or not len(triples):
-        return margin or 0.0
-    head, relation, tail = triples[:: -(-len(triples) // ASKED)].T[:, None]
-    with torch.no_grad():
-        right = embedding.score(head, relation, tail).mean()
-        other_heads = embedding.score(head.roll(1, 1), relation, tail).mean()
-        other_tails = embedding.score(head, relation, tail.roll(1, 1)).mean()
-    return -(right / 2 + (other_heads + other_tails) / 4).item()
