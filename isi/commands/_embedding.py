@@ -55,8 +55,7 @@ def open_folder(path: Path) -> Model:
         raise InputError(path, "", expected)
     import torch
 
-    torch.set_num_threads(1)
-    torch.set_flush_denormal(True)
+    torch.set_num_threads(1)  # so that equal commands write equal bytes
     return open_model(read(path), path)
 
 
@@ -71,8 +70,15 @@ def as_option() -> Iterator[None]:
 
 
 def print_json(value: Mapping[str, Any]) -> None:
-    """One JSON document."""
-    print(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+    """One JSON document.
+
+    Raises:
+        InputError: where a number is none, of an embedding whose scores are too large.
+    """
+    try:
+        print(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+    except ValueError as error:
+        raise InputError("--embedding", "", "expected smaller numbers: its scores are infinite") from error
 
 
 def columns(rows: Iterable[Sequence[str]], indent: int = 2) -> Iterator[str]:

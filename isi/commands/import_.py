@@ -136,5 +136,8 @@ def _of_pickle(path: Path, named: Named) -> Kept:
         model = torch.load(path, map_location="cpu", weights_only=False)  # as its user has asked for
     except Exception as error:  # whatever a pickle does
         raise InputError(path, "", f"expected a model of PyKEEN's ({type(error).__name__})") from error
-    embedding = read_model(model, torch.from_numpy(named.triples), None)
+    try:
+        embedding = read_model(model, torch.from_numpy(named.triples), None)
+    except InputError as error:
+        raise InputError(path, *error.args[1:]) from error
     return of_pykeen_model(embedding, named, Origin("PyKEEN", [path]))

@@ -15,7 +15,7 @@ from isi.asking.finding import plain
 from isi.base.errors import InputError
 from isi.base.params import Option
 from isi.families import FAMILIES
-from isi.importing.names import Named, check
+from isi.importing.names import Named
 from isi.importing.tensors import tables
 from isi.inserting.given import family_of, stack_of_one, table
 from isi.inserting.margins import middle
@@ -79,7 +79,6 @@ def kept(
         InputError: where they do not fit.
     """
     place = origin.files[0]
-    check(named, place.parent)
     kind = _family(family, options, entities, place)
     try:
         table(entities, "entities")

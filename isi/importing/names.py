@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import gzip
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,7 +59,9 @@ def _labels(path: Path) -> list[str]:
     by_id: dict[str, str] = dict(rows)
     if set(by_id) != {str(number) for number in range(len(rows))}:
         raise InputError(path, "", f"expected the ids from 0 to {len(rows) - 1}")
-    return [by_id[str(number)] for number in range(len(rows))]
+    labels = [by_id[str(number)] for number in range(len(rows))]
+    distinct_names(path, labels)
+    return labels
 
 
 def _rows(path: Path, columns: list[str]) -> list[list[str]]:
@@ -81,7 +83,8 @@ def of_openke(folder: Path) -> Named:
     """
     entities, relations = _names(folder / ENTITY2ID), _names(folder / RELATION2ID)
     known = list(read_ids(folder, [TRAIN2ID])) if (folder / TRAIN2ID).exists() else []
-    return Named(entities, relations, _as_ids(folder / TRAIN2ID, known, entities, relations))
+    by_name = tuple({name: row for row, name in enumerate(names)} for names in (entities, relations))
+    return Named(entities, relations, _as_ids(folder / TRAIN2ID, known, *by_name))
 
 
 def of_lists(entities: Path, relations: Path, triples: Path | None) -> Named:
@@ -91,11 +94,12 @@ def of_lists(entities: Path, relations: Path, triples: Path | None) -> Named:
         InputError: where a file is missing or broken, or names a triple of which no row is.
     """
     names, labels = _listed(entities), _listed(relations)
+    by_name = distinct_names(entities, names, first=1), distinct_names(relations, labels, first=1)
     rows = [] if triples is None else [line.split("\t") for line in _listed(triples)]
     for number, row in enumerate(rows, 1):
         if len(row) != 3:
             raise InputError(triples, f"line {number}", f"expected head, relation and tail, got {len(row)} columns")
-    return Named(names, labels, _as_ids(triples, rows, names, labels))
+    return Named(names, labels, _as_ids(triples, rows, *by_name))
 
 
 def _listed(path: Path) -> list[str]:
@@ -107,27 +111,12 @@ def _listed(path: Path) -> list[str]:
 
 
 def _as_ids(
-    path: Path | None, rows: Sequence[Sequence[str]], entities: Sequence[str], relations: Sequence[str]
+    path: Path | None, rows: Sequence[Sequence[str]], entities: Mapping[str, int], relations: Mapping[str, int]
 ) -> np.ndarray:
-    by_name = {name: row for row, name in enumerate(entities)}, {name: row for row, name in enumerate(relations)}
     found = np.zeros((len(rows), 3), dtype=np.int64)
     for number, row in enumerate(rows):
-        for slot, ids in enumerate((by_name[0], by_name[1], by_name[0])):
+        for slot, ids in enumerate((entities, relations, entities)):
             if row[slot] not in ids:
                 raise InputError(path, f"line {number + 1}", f"expected a known name, got {row[slot]!r:.80}")
             found[number, slot] = ids[row[slot]]
     return found
-
-
-def check(named: Named, folder: Path) -> None:
-    """Refuse names that no folder can keep.
-
-    Raises:
-        InputError: naming the first that does not fit.
-    """
-    for names, what in ((named.entities, "entities"), (named.relations, "relations")):
-        try:
-            distinct_names(folder, names)
-        except InputError as error:
-            row = int(error.args[1].removeprefix("line ")) - 2
-            raise InputError(folder, f"name {row} of the {what}", error.args[2]) from error

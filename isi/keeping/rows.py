@@ -55,8 +55,11 @@ def read_rows(path: Path, content: bytes, columns: Sequence[str]) -> list[list[s
     return rows
 
 
-def distinct_names(path: Path, names: Sequence[str]) -> dict[str, int]:
+def distinct_names(path: Path, names: Sequence[str], first: int = 2) -> dict[str, int]:
     """Rows by name.
+
+    Args:
+        first: line of the first.
 
     Raises:
         InputError: naming the line of a name that is none, or is there for the second time.
@@ -65,5 +68,7 @@ def distinct_names(path: Path, names: Sequence[str]) -> dict[str, int]:
     for row, name in enumerate(names):
         wrong = fault(name)
         if wrong or found.setdefault(name, row) != row:
-            raise InputError(path, f"line {row + 2}", wrong or f"expected names that do not repeat, got {name!r:.80}")
+            raise InputError(
+                path, f"line {row + first}", wrong or f"expected names that do not repeat, got {name!r:.80}"
+            )
     return found

@@ -1,0 +1,224 @@
+"""``isi import``: what others have trained scores the same here, and what is broken or dangerous is refused."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from safetensors.numpy import save_file
+
+from isi.__main__ import main
+from isi.asking.model import Model, open_model
+from isi.keeping.folder import read
+from isi.keeping.kept import Kept
+from tests.kept import BETWEEN, NAMES, RELATIONS, TRIPLES, VECTORS, files
+
+ENTITIES, LABELS = np.array(VECTORS, np.float32), np.array(RELATIONS, np.float32)
+
+
+def imported(*arguments: str) -> Kept:
+    main(["import", *arguments, "--out", "out"])
+    return read(Path("out"))
+
+
+def opened(*arguments: str) -> Model:
+    return open_model(imported(*arguments), Path("out"))
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def lists(folder: Path = Path("mine"), **tensors: Any) -> Path:
+    """Names, a line each, triples, and tensors as ``.npz`` if there are any."""
+    folder.mkdir(exist_ok=True)
+    (folder / "entities.txt").write_text("\n".join(NAMES) + "\n", encoding="utf-8")
+    (folder / "relations.txt").write_text("\n".join(BETWEEN) + "\n", encoding="utf-8")
+    named = [f"{NAMES[head]}\t{BETWEEN[relation]}\t{NAMES[tail]}\n" for head, relation, tail in TRIPLES]
+    (folder / "triples.tsv").write_text("".join(named), encoding="utf-8")
+    if tensors:
+        np.savez(folder / "tables.npz", **tensors)
+    return folder
+
+
+def ids(folder: Path = Path("theirs")) -> Path:
+    """OpenKE's files: triples are head, tail, relation."""
+    folder.mkdir()
+    for file, names in (("entity2id.txt", NAMES), ("relation2id.txt", BETWEEN)):
+        rows = "".join(f"{name}\t{number}\n" for number, name in enumerate(names))
+        (folder / file).write_text(f"{len(names)}\n{rows}", encoding="utf-8")
+    rows = "".join(f"{head} {tail} {relation}\n" for head, relation, tail in TRIPLES)
+    (folder / "train2id.txt").write_text(f"{len(TRIPLES)}\n{rows}", encoding="utf-8")
+    return folder
+
+
+# Arrays and ids
+
+
+def save_npy(folder: Path) -> None:
+    np.save(folder / "entities.npy", ENTITIES)
+    np.save(folder / "relations.npy", LABELS)
+
+
+FORMS: dict[str, Callable[[Path], object]] = {
+    "npy": save_npy,
+    "npz": lambda folder: np.savez(folder / "tables.npz", entities=ENTITIES, relations=LABELS),
+    "safetensors": lambda folder: save_file({"entities": ENTITIES, "relations": LABELS}, folder / "t.safetensors"),
+    "state dict": lambda folder: torch.save(
+        {"ent_emb.weight": torch.from_numpy(ENTITIES), "rel_emb.weight": torch.from_numpy(LABELS)}, folder / "t.pt"
+    ),
+    "OpenKE's JSON": lambda folder: (folder / "t.json").write_text(
+        json.dumps({"ent_embeddings.weight": VECTORS, "rel_embeddings.weight": RELATIONS}), encoding="utf-8"
+    ),
+}
+
+
+@pytest.mark.parametrize("source", [lists, ids])
+@pytest.mark.parametrize("form", FORMS)
+def test_tables_come_from_any_form(form: str, source: Callable[[], Path], capsys: pytest.CaptureFixture[str]) -> None:
+    folder = source()
+    FORMS[form](folder)
+    kept = imported(str(folder), "--family", "distmult")
+    assert kept.entities.tobytes() == ENTITIES.tobytes()
+    assert kept.relations.tobytes() == LABELS.tobytes()
+    assert (kept.entity_names, kept.relation_names) == (NAMES, BETWEEN)
+    assert sorted(map(tuple, kept.triples.tolist())) == sorted(TRIPLES)
+    assert capsys.readouterr().out == "6 entities, 2 relations, 4 triples; distmult of dimension 4: out\n"
+
+
+def test_it_is_inserted_into_and_asked_as_any_other(capsys: pytest.CaptureFixture[str]) -> None:
+    imported(str(lists(entities=ENTITIES, relations=LABELS)), "--family", "distmult")
+    capsys.readouterr()
+    main(["insert", "stove", "--fact", "atLocation", "kitchen", "--embedding", "out", "--out", "larger", "--json"])
+    assert json.loads(capsys.readouterr().out)["told"] == [["stove", "atLocation", "kitchen"]]
+    main(["ask", "stove", "atLocation", "--embedding", "larger", "--top", "1", "--json"])
+    assert json.loads(capsys.readouterr().out)["question"] == ["stove", "atLocation", "?"]
+
+
+def test_the_same_import_is_the_same_bytes() -> None:
+    folder = str(lists(entities=ENTITIES, relations=LABELS))
+    imported(folder, "--family", "distmult")
+    before = files(Path("out"))
+    imported(folder, "--family", "distmult")
+    assert files(Path("out")) == before
+
+
+def test_halves_of_complex_vectors_are_joined_and_complex_numbers_parted() -> None:
+    halves = {
+        "ent_re_embeddings.weight": ENTITIES, "ent_im_embeddings.weight": ENTITIES + 1,
+        "rel_re_embeddings.weight": LABELS, "rel_im_embeddings.weight": LABELS + 1,
+    }  # fmt: skip
+    joined = imported(str(lists(**halves)), "--family", "complex")
+    assert joined.entities.tolist() == np.concatenate([ENTITIES, ENTITIES + 1], 1).tolist()
+    whole = {"entities": ENTITIES + 1j * (ENTITIES + 1), "relations": LABELS + 1j * (LABELS + 1)}
+    parted = imported(str(lists(**whole)), "--family", "complex")
+    assert parted.entities.tobytes() == joined.entities.tobytes()
+    assert parted.relations.tobytes() == joined.relations.tobytes()
+
+
+def test_rotations_become_angles() -> None:
+    angles = np.array([[0.1, -2.0, 3.0, 0.0], [1.0, 2.0, -3.0, 0.5]])
+    given = {"entities": ENTITIES + 1j * ENTITIES, "relations": np.exp(1j * angles)}
+    kept = imported(str(lists(**given)), "--family", "rotate", "--set", "margin=4", "--set", "squared=true")
+    np.testing.assert_allclose(kept.relations, angles, rtol=1e-6)
+    assert kept.about.family_options == {"margin": 4.0, "squared": True}
+
+
+def test_a_margin_lies_halfway_between_triples_and_corrupted_ones() -> None:
+    """TransE in one dimension, with one relation: every tail lies 1 behind its head, and other tails elsewhere."""
+    folder = lists()
+    (folder / "triples.tsv").write_text("kitchen\tatLocation\tbedroom\nkettle\tatLocation\tbed\n", encoding="utf-8")
+    np.savez(folder / "t.npz", entities=np.array([[0.0], [1.0], [5.0], [6.0], [9.0], [9.0]]), relations=np.ones((2, 1)))
+    family = opened(str(folder), "--family", "transe_l1").family
+    assert vars(family) == {"margin": pytest.approx(2.5)}  # distances are 0; 5 with the other head or tail
+
+
+# Mistakes
+
+
+def nan() -> np.ndarray:
+    table = ENTITIES.copy()
+    table[2, 1] = np.inf
+    return table
+
+
+MISTAKES: dict[str, tuple[Callable[[], object], list[str], str]] = {
+    "nothing there": (lambda: None, ["mine"], r"mine: expected a folder with training_triples, entity2id\.txt or ent"),
+    "no tensors": (lists, ["mine", "--family", "distmult"], r"mine: expected a file of tensors"),
+    "no family": (lambda: lists(entities=ENTITIES, relations=LABELS), ["mine"], r"--family: expected how a triple is"),
+    "too few rows": (
+        lambda: lists(entities=ENTITIES[:5], relations=LABELS), ["mine", "--family", "distmult"],
+        r"mine/tables\.npz: entities: expected a row for each of 6 names, got 5",
+    ),
+    "another width": (
+        lambda: lists(entities=ENTITIES, relations=LABELS[:, :3]), ["mine", "--family", "distmult"],
+        r"mine/tables\.npz: relations: expected rows of 4 numbers, got rows of 3",
+    ),
+    "an odd width": (
+        lambda: lists(entities=ENTITIES[:, :3], relations=LABELS[:, :3]), ["mine", "--family", "complex"],
+        r"--family: complex: ",
+    ),
+    "infinity": (
+        lambda: lists(entities=nan(), relations=LABELS), ["mine", "--family", "distmult"],
+        r"mine/tables\.npz: entities: row 2: expected finite numbers",
+    ),
+    "one dimension": (
+        lambda: lists(entities=ENTITIES[0], relations=LABELS), ["mine", "--family", "distmult"],
+        r"mine/tables\.npz: entities: expected a table, got shape \(4,\)",
+    ),
+    "objects": (
+        lambda: lists(entities=np.array([{}, None]), relations=LABELS), ["mine", "--family", "distmult"],
+        r"mine/tables\.npz: expected tensors \(Object arrays cannot be loaded",
+    ),
+    "other names": (
+        lambda: lists(vectors=ENTITIES), ["mine", "--family", "distmult"],
+        r"mine/tables\.npz: expected one tensor 'entities', or as other tools call it, among vectors",
+    ),
+    "no such file": (lists, ["mine", "--family", "distmult", "--tensors", "t.npz"], r"t\.npz: .* there is no such"),
+    "another form": (lists, ["mine", "--family", "distmult", "--tensors", "t.h5"], r"t\.h5: expected a file of te"),
+    "an option of no family": (
+        lambda: lists(entities=ENTITIES, relations=LABELS),
+        ["mine", "--family", "distmult", "--set", "margin=2"], r"--family: distmult: margin: Extra inputs",
+    ),
+    "a margin of nothing": (
+        lambda: (lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").unlink(),
+        ["mine", "--family", "transe"], r"--set: margin: expected margin=NUMBER: there are no triples",
+    ),
+    "a margin that is none": (lists, ["mine", "--set", "margin=x"], r"argument --set: expected KEY=NUMBER"),
+    "no pickle": (lists, ["mine", "--trust-pickle"], r"mine/trained_model\.pkl: expected PyKEEN's pickle"),
+    "a broken triple": (
+        lambda: (lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").write_text("a\tb\n", encoding="utf-8"),
+        ["mine", "--family", "distmult"], r"mine/triples\.tsv: line 1: expected head, relation and tail",
+    ),
+    "a triple of nobody": (
+        lambda: (lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").write_text("a\tb\tc\n", encoding="utf-8"),
+        ["mine", "--family", "distmult"], r"mine/triples\.tsv: line 1: expected a known name, got 'a'",
+    ),
+    "a name twice": (
+        lambda: (lists(entities=ENTITIES, relations=LABELS) / "relations.txt").write_text("x\nx\n", encoding="utf-8"),
+        ["mine", "--family", "distmult"], r"mine/relations\.txt: line 2: expected names that do not repeat",
+    ),
+    "broken ids": (
+        lambda: (ids() / "entity2id.txt").write_text("2\na\t0\n", encoding="utf-8"),
+        ["theirs", "--family", "distmult"], r"theirs/entity2id\.txt: line 1: expected how many lines follow",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_one_line_and_nothing_is_written(capsys: pytest.CaptureFixture[str], name: str) -> None:
+    prepare, arguments, line = MISTAKES[name]
+    prepare()
+    with pytest.raises(SystemExit) as ended:
+        main(["import", *arguments, "--out", "out"])
+    said = capsys.readouterr().err.strip() or str(ended.value.code)
+    assert "\n" not in said
+    assert re.match(f"isi import: {line}", said), said
+    assert not Path("out").exists()
