@@ -1,4 +1,4 @@
-"""``python -m isi export``: what other tools find in what is written, and which predictions."""
+"""``isi export``: what other tools find in what is written, and which predictions."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from isi.__main__ import main
 from isi.base import paths, tables
 from isi.base.tables import Provenance
 from isi.exports import FORMS
+from tests.kept import small, written
 from tests.observing import TRIPLE, observe
 
 ROOT = Path(__file__).parent.parent
@@ -191,6 +192,23 @@ def test_another_seed_predicts_by_its_own_model_among_those_it_knows() -> None:
     assert list(best["tail"]) == ["tea/pot", "fill", "mug"]
     assert list(best["score"]) == [2.0, 1.0, 1.0]
     assert list(best["rank"]) == [1, 2, 3]
+
+
+@pytest.mark.usefixtures("folder")
+def test_an_embedding_leaves_with_what_it_predicts_itself() -> None:
+    """As by hand: it scores a kettle in the bedroom 1, a bed in the kitchen 1, and what is known is left out."""
+    written(Path("small"))
+    main(["export", "--embedding", "small", "--format", "pykeen-tsv", "--out", "small.tsv", "--predictions", "1"])
+    kept = small()
+    named = {(kept.entity_names[h], kept.relation_names[r], kept.entity_names[t]) for h, r, t in kept.triples.tolist()}
+    assert set(pd.read_csv("small.tsv", sep="\t", header=None).itertuples(index=False, name=None)) == named
+    found = pd.read_csv("small.predictions.tsv", sep="\t", header=None)
+    assert list(found.itertuples(index=False, name=None)) == [
+        ("kettle", "atLocation", "kettle", 10.0, 1), ("bed", "atLocation", "kettle", 5.0, 1),
+        ("kettle", "hasAffordance", "kettle", 4.0, 1), ("bed", "hasAffordance", "bed", 4.0, 1),
+    ]  # fmt: skip
+    with pytest.raises(SystemExit, match="expected either EXPERIMENT or --embedding DIR"):
+        main(["export", "home", "--embedding", "small", "--format", "turtle", "--out", "x"])
 
 
 # What is refused

@@ -1,4 +1,4 @@
-"""``python -m isi graph``: a graph of files of one's own, what it says of it, and what it refuses."""
+"""``isi graph``: a graph of files of one's own, what it says of it, and what it refuses."""
 
 from __future__ import annotations
 

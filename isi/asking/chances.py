@@ -16,7 +16,7 @@ from isi.asking.model import Model
 from isi.graph import HEAD, TAIL
 
 #: Answers that a curve is drawn through, at most; and entities that are asked about.
-ANSWERS, ASKED = 2**20, 256
+ANSWERS, ASKED = 2**19, 256
 #: Steps of Newton's method, at most, and the gain at which it stops.
 STEPS, GAIN = 50, 1e-10
 

@@ -43,6 +43,11 @@ def predictions(store: Store, values: Mapping[str, Any], most: int, seed: int | 
     """
     graph = store.graph()
     embedding, known = _model(store, graph, values, seed)
+    return best(graph, embedding, known, most)
+
+
+def best(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> pd.DataFrame:
+    """The same by any embedding of a graph, of which it knows some entities, (E,)."""
     rows = [row for relation in range(len(graph.relations)) for row in _best(graph, embedding, known, relation, most)]
     found = pd.DataFrame(rows, columns=COLUMNS)
     names = {"head": graph.entities, "relation": graph.relations, "tail": graph.entities}

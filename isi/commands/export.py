@@ -1,4 +1,4 @@
-"""Write the graph of an experiment, and what its joint model predicts, in a form that other tools read."""
+"""Write the graph of an experiment or of an embedding, and what a model predicts, in a form that other tools read."""
 
 from __future__ import annotations
 
@@ -13,15 +13,21 @@ from isi.base import params, paths
 from isi.base.errors import InputError
 from isi.base.tables import ENTITIES, TRIPLES, Provenance, atomically, read_text
 from isi.exports import FORMS, Outgoing
-from isi.sources._naming import fault
+from isi.sources._naming import ENTITY, fault
+
+#: Of an experiment.
+NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Its arguments."""
     forms = [name.replace("_", "-") for name in FORMS.names()]
     parser.add_argument(
-        "experiment", metavar="EXPERIMENT", type=_name, help="whose graph was built, or a graph of the second pipeline"
-    )
+        "experiment", metavar="EXPERIMENT", type=_name, nargs="?",
+        help="whose graph was built, or a graph of the second pipeline",
+    )  # fmt: skip
+    embedding = "in place of an experiment, the folder of an embedding, which predicts by itself"
+    parser.add_argument("--embedding", metavar="DIR", type=Path, help=embedding)
     parser.add_argument("--format", choices=forms, required=True, help="of what is written")
     parser.add_argument("--out", metavar="PATH", type=Path, required=True, help="file; of property-csv, a folder")
     per = "the N best tails that the graph lacks of each head and relation, with score and rank, by the joint model"
@@ -31,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _name(text: str) -> str:
-    if not re.fullmatch(r"[a-z][a-z0-9_]*", text):
+    if not NAME.fullmatch(text):
         raise argparse.ArgumentTypeError(f"expected a name of lower-case letters, digits and _, got {text[:40]!r}")
     return text
 
@@ -48,7 +54,12 @@ def run(arguments: argparse.Namespace) -> None:
     Raises:
         InputError: where the experiment has no graph, or no joint model of this graph, or nothing can be written there.
     """
-    out = outgoing(arguments.experiment, arguments.predictions, arguments.seed, arguments.labels)
+    if (arguments.experiment is None) == (arguments.embedding is None):
+        raise InputError("", "", "expected either EXPERIMENT or --embedding DIR")
+    if arguments.embedding:
+        out = of_folder(arguments.embedding, arguments.predictions, arguments.labels)
+    else:
+        out = outgoing(arguments.experiment, arguments.predictions, arguments.seed, arguments.labels)
     make = FORMS.get(arguments.format.replace("-", "_"), "--format")
     if arguments.out.suffix == ".gz":
         raise InputError(arguments.out, "", "expected another name: what is written is not compressed")
@@ -80,6 +91,56 @@ def outgoing(experiment: str, most: int, seed: int | None, labels: bool) -> Outg
         kept = "expected an experiment of params.yaml: of a graph of the second pipeline, no model is kept"
         raise InputError("--predictions", experiment, kept)
     entities, triples = (read_text(file, schema) for file, schema in zip(files, (ENTITIES, TRIPLES), strict=True))
+    _check_names(files, entities, triples)
+    if not most:
+        return Outgoing(experiment, entities, triples, _nothing(), labels)
+    from isi.commands._predicting import predictions  # here, since it loads torch
+    from isi.experiments.store import Store
+
+    store = Store(experiment, Provenance("export", {}))
+    return Outgoing(experiment, entities, triples, predictions(store, params.read(paths.PARAMS), most, seed), labels)
+
+
+def of_folder(folder: Path, most: int, labels: bool) -> Outgoing:
+    """What leaves of an embedding: its known triples, each seen once. See ``outgoing``."""
+    from isi.commands._embedding import open_folder
+
+    model = open_folder(folder)
+    kept, name = model.kept, folder.resolve().name
+    entities = pd.DataFrame({"entity": kept.entity_names, "kind": kept.kinds, "phrase": kept.phrases})
+    entities["kind"] = entities["kind"].replace("", ENTITY)
+    entities["phrase"] = entities["phrase"].where(entities["phrase"] != "", entities["entity"])
+    named = (kept.entity_names, kept.relation_names, kept.entity_names)
+    triples = pd.DataFrame(
+        {column: [names[row] for row in ids] for column, names, ids
+         in zip(("head", "relation", "tail"), named, kept.triples.T.tolist(), strict=True)}
+    ).assign(count=1, source=name)  # fmt: skip
+    _check_names((folder / "entities.tsv", folder / "triples.tsv"), entities, triples)
+    known = name if NAME.fullmatch(name) else "embedding"
+    if not most:
+        return Outgoing(known, entities, triples, _nothing(), labels)
+    import torch
+
+    from isi.commands._predicting import best
+    from isi.graph import Graph
+
+    kinds = torch.from_numpy(pd.factorize(entities["kind"])[0].astype("int64"))
+    ids, counts = torch.from_numpy(kept.triples), torch.ones(len(kept.triples), dtype=torch.int64)
+    graph = Graph(kept.entity_names, kept.relation_names, ids, counts, kinds)
+    everyone = torch.ones(len(kept.entities), dtype=torch.bool)
+    return Outgoing(known, entities, triples, best(graph, model.embedding, everyone, most), labels)
+
+
+def _nothing() -> pd.DataFrame:
+    return pd.DataFrame(columns=["score", "rank"])
+
+
+def _check_names(files: tuple[Path, Path], entities: pd.DataFrame, triples: pd.DataFrame) -> None:
+    """Refuse names that no tool would read.
+
+    Raises:
+        InputError: naming the file and the column.
+    """
     for path, column, names in (
         *((files[0], column, entities[column]) for column in ("entity", "kind", "phrase")),
         (files[1], "relation", triples["relation"]),
@@ -87,13 +148,6 @@ def outgoing(experiment: str, most: int, seed: int | None, labels: bool) -> Outg
         wrong = next(filter(None, map(fault, names.unique())), None)
         if wrong:
             raise InputError(path, f"column {column!r}", wrong)
-    if not most:
-        return Outgoing(experiment, entities, triples, pd.DataFrame(columns=["score", "rank"]), labels)
-    from isi.commands._predicting import predictions  # here, since it loads torch
-    from isi.experiments.store import Store
-
-    store = Store(experiment, Provenance("export", {}))
-    return Outgoing(experiment, entities, triples, predictions(store, params.read(paths.PARAMS), most, seed), labels)
 
 
 def _files(experiment: str) -> tuple[tuple[Path, Path], bool]:
