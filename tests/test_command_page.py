@@ -1,0 +1,48 @@
+"""docs/command.md: its commands run as they stand, and it names the files, families and commands that there are."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from isi import commands
+from isi.__main__ import main
+from isi.commands.import_ import FAMILIES
+from isi.keeping.kept import Described
+from tests.kept import BETWEEN, NAMES, RELATIONS, VECTORS, files, written
+
+PAGE = (Path(__file__).parent.parent / "docs" / "command.md").read_text(encoding="utf-8")
+
+
+def test_its_commands_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine").mkdir()
+    for name, listed in (("entities", NAMES), ("relations", BETWEEN)):
+        Path("mine", f"{name}.txt").write_text("\n".join(listed) + "\n", encoding="utf-8")
+    np.savez("mine/tables.npz", entities=np.array(VECTORS, float), relations=np.array(RELATIONS, float))
+    lines = re.findall(r"^\$ isi (.+)$", PAGE, re.MULTILINE)
+    assert lines
+    for line in lines:
+        main(shlex.split(line))
+
+
+def test_it_lists_the_files_of_a_folder(tmp_path: Path) -> None:
+    section = PAGE.partition("## The folder")[2].partition("## ")[0]
+    assert set(re.findall(r"^\| `([\w.]+)` \|", section, re.MULTILINE)) == set(files(written(tmp_path / "one")))
+    assert "format and version" in section
+    assert {"format", "version"} <= set(Described.model_fields)
+
+
+def test_it_lists_the_families() -> None:
+    listed = re.search(r"`--family` says how a triple is scored\s+\(([^)]*)\)", PAGE)
+    assert listed is not None
+    assert tuple(re.findall(r"`(\w+)`", listed[1])) == FAMILIES
+
+
+def test_it_lists_the_commands_about_embeddings() -> None:
+    modules = {path.stem.rstrip("_") for path in Path(commands.__path__[0]).glob("[a-z]*.py")}
+    assert set(re.findall(r"`isi ([a-z]+)", PAGE)) == modules
