@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import torch
 from torch import Tensor
 
 from isi.asking.chances import Curve, curve_of
 from isi.asking.model import Model
+from isi.asking.rehearsing import Rehearsal
 from isi.graph import HEAD, TAIL
 
 #: Share of the indicators that must stand in a slot for it to be asked of.
@@ -35,7 +37,7 @@ class Answer:
     #: among the entities that may answer (``Model.candidates``), but for the given one, unless it is known to
     rank: int
     score: float
-    #: see ``chances``; null where nothing is known of the relation
+    #: see ``chances``, of an inserted entity ``rehearsing``; null where too little is known
     chance: float | None
     #: share of the others that score lower
     beats: float
@@ -59,7 +61,9 @@ class Asker:
     """Asks a model, and keeps the curves of relations that it was asked about."""
 
     model: Model
-    _curves: dict[tuple[int, int], Curve | None] = field(default_factory=dict)
+    #: of an inserted entity, which tells how far answers about that are to be trusted
+    rehearsal: Rehearsal | None = None
+    _curves: dict[tuple[bool, int, int], Curve | None] = field(default_factory=dict)
 
     def ask(self, question: Question, most: int, indicators: Collection[int] | None = None) -> list[Answer]:
         """The best answers, best first; of equal scores, the entity that stands first goes first.
@@ -71,7 +75,7 @@ class Asker:
         entities, scores = ranked(self.model, question)
         shown, relation, slot = scores[:most], question.relation, question.slot
         beaten = torch.searchsorted(scores.flip(0), shown).tolist()
-        curve = self._curve(relation, slot)
+        curve = self._curve(question)
         chances = [None] * len(shown) if curve is None else curve(shown).tolist()
         names, answers = self.model.kept.entity_names, self.model.answers
         known = answers.get((question.given, relation, slot), ())
@@ -85,10 +89,13 @@ class Asker:
             in enumerate(zip(entities[:most].tolist(), shown.tolist(), chances, beaten, strict=True), 1)
         ]  # fmt: skip
 
-    def _curve(self, relation: int, slot: int) -> Curve | None:
-        if (relation, slot) not in self._curves:
-            self._curves[relation, slot] = curve_of(self.model, relation, slot)
-        return self._curves[relation, slot]
+    def _curve(self, question: Question) -> Curve | None:
+        rehearsed = self.rehearsal is not None and question.given == self.rehearsal.placed.entity
+        key = rehearsed, question.relation, question.slot
+        if key not in self._curves:
+            curve = self.rehearsal.curve if self.rehearsal and rehearsed else partial(curve_of, self.model)
+            self._curves[key] = curve(question.relation, question.slot)
+        return self._curves[key]
 
 
 def worth_asking(model: Model, entity: int, indicators: Mapping[int, float], most: int = MOST) -> list[Question]:

@@ -118,10 +118,12 @@ def answer_lines(answers: Sequence[Answer], notes: Sequence[str]) -> Iterator[st
     )  # fmt: skip
 
 
-def meaning(answers: Iterable[Answer]) -> str:
+def meaning(answers: Iterable[Answer], inserted: bool) -> str:
     """What the share in front of answers is."""
     if any(answer.chance is None for answer in answers):
         return "per cent: of the other entities, how many score lower"
+    if inserted:
+        return "per cent: how often such an answer was right of known entities, inserted as this one"
     return "per cent: how often an answer of this relation with such a score is known"
 
 

@@ -34,19 +34,23 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError("", "", "expected ENTITY RELATION, or --relation RELATION --tail ENTITY")
     model = shared.open_folder(arguments.embedding)
     from isi.asking.answers import Asker, Question
+    from isi.asking.leaving_out import again
+    from isi.asking.rehearsing import Rehearsal
     from isi.graph import HEAD, TAIL
 
     slot = HEAD if head is None else TAIL
     place = "--tail" if head is None else "ENTITY"
     given = model.entity(head if head is not None else arguments.tail, place)
     question = Question(given, model.relation(relation, "RELATION"), slot)
-    answers = Asker(model).ask(question, arguments.top)
+    record = model.kept.inserted().get(model.kept.entity_names[given])
+    rehearsal = Rehearsal(model, again(model, record)) if record else None
+    answers = Asker(model, rehearsal).ask(question, arguments.top)
     if arguments.json:
         shared.print_json(
             {"question": list(shared.asked(model, question)), "answers": [shared.answer_json(one) for one in answers]}
         )
         return
-    print(f"{' '.join(shared.asked(model, question))} ({shared.meaning(answers)})")
+    print(f"{' '.join(shared.asked(model, question))} ({shared.meaning(answers, inserted=record is not None)})")
     print(*shared.answer_lines(answers, ["known" if answer.known else "" for answer in answers]), sep="\n")
 
 

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from isi.inserting.crowding import Interference
     from isi.inserting.inserted import Entity
 
+#: Chance from which on an answer may surprise.
+LIKELY = 0.2
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Its arguments."""
@@ -69,8 +72,8 @@ class Told:
 
 
 def surprising(answer: Answer) -> bool:
-    """Whether it is more likely than not, and no indicator is known to have it, nor was it told."""
-    return not answer.known and answer.had_by == [] and (answer.chance or 0) > 0.5
+    """Whether it is not unlikely, and no indicator is known to have it, nor was it told."""
+    return not answer.known and answer.had_by == [] and (answer.chance or 0) >= LIKELY
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -151,10 +154,11 @@ def _kind(model: Model, kind: str | None) -> str:
 
 def _told(placed: Placed, words: str, top: int) -> Told:
     from isi.asking.answers import Asker, worth_asking
+    from isi.asking.rehearsing import Rehearsal
 
     model, shown = placed.model, placed.indicators()
     weights = {one.entity: one.weight or 1.0 for one in shown}
-    asker = Asker(model)
+    asker = Asker(model, Rehearsal(model, placed))
     answers = [(one, asker.ask(one, top, weights)) for one in worth_asking(model, placed.entity, weights)]
     interference = placed.done.interference() if len(placed.done.known_triples) else None
     return Told(placed, words, shown, answers, placed.done.report(top)[0], interference)
@@ -170,7 +174,7 @@ def _lines(told: Told) -> Iterator[str]:
     yield f"  triples: {report.told} told"
     yield f"  words: {f'none; {told.words}: goes by relations' if _wordless(told) else f'a vector {told.words}'}"
     yield from shared.indicator_lines(model, told.shown)
-    yield f"answers ({shared.meaning(one for _, answers in told.answers for one in answers)})"
+    yield f"answers ({shared.meaning((one for _, answers in told.answers for one in answers), inserted=True)})"
     for question, answers in told.answers:
         yield f"  {' '.join(shared.asked(model, question))}"
         yield from shared.answer_lines(answers, [_note(answer) for answer in answers])
@@ -178,7 +182,7 @@ def _lines(told: Told) -> Iterator[str]:
         yield "  (of other relations, see isi ask)"
     yield "would surprise: " + (
         "; ".join(_as_triple(model, question, answer) for question, answer in told.surprises)
-        or "nothing: each of these answers that is likely was told, or an indicator has it"
+        or f"none of the answers above: at {shared.percent(LIKELY)} or more, each was told, or an indicator has it"
     )
     near = ", ".join(f"{name} ({cosine:.2f})" for name, cosine in report.nearest)
     yield f"nearest: {near}"

@@ -1,0 +1,108 @@
+"""How far answers about an inserted entity are to be trusted: entities are hidden and inserted as it was, and asked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from isi.asking.answers import Asker, Question
+from isi.asking.chances import curve_of, fitted
+from isi.asking.model import Model, open_model
+from isi.asking.placing import News, only, place
+from isi.asking.rehearsing import Rehearsal
+from isi.graph import HEAD, TAIL
+from isi.keeping.kept import About, Kept
+from tests.graphs import random_embedding, random_graph
+
+ENTITIES, RELATIONS = 30, 2
+
+
+def model(triples: int = 120) -> Model:
+    """Of random vectors, with as many known triples."""
+    graph, stack = random_graph(ENTITIES, RELATIONS, triples), random_embedding(1, ENTITIES, RELATIONS, 8)
+    names = [f"e{number}" for number in range(ENTITIES)]
+    about = About(family="analogy", family_options={}, words=None, made={}, inserted=[])
+    kept = Kept(
+        about, stack.entity[0].numpy(), stack.relation[0].numpy(), names, [""] * ENTITIES, names, ["in", "on"],
+        graph.triples.numpy(), np.random.default_rng(0).standard_normal((ENTITIES, 4)).astype(np.float32),
+    )  # fmt: skip
+    return open_model(kept, Path("one"))
+
+
+def news(**changed: Any) -> News:
+    given: dict[str, Any] = {
+        "name": "new", "phrase": "new", "kind": "", "facts": [("new", "in", "e1"), ("e2", "on", "new")],
+        "definition": None, "vector": np.ones(4, np.float32), "initializer": None, "options": {}, "seed": 0,
+    }  # fmt: skip
+    return News(**{**given, **changed})
+
+
+def rehearsal(of: Model, **changed: Any) -> Rehearsal:
+    placed = place(of, news(**changed))
+    return Rehearsal(placed.model, placed)
+
+
+@pytest.mark.parametrize("changed", [{}, {"vector": None}, {"initializer": "rs", "options": {"k": 3}}])
+def test_who_is_rehearsed_is_inserted_as_the_new_one_was(changed: dict[str, Any]) -> None:
+    known = model()
+    found = rehearsal(known, **changed)
+    assert len(found.rehearsed) == ENTITIES
+    names, labels = known.kept.entity_names, known.kept.relation_names
+    hidden = {one.entity for one in found.rehearsed[:3]}  # a tenth of them, together
+    for one in found.rehearsed[:3]:
+        assert len(one.told) == 2
+        assert not {other for *_, other in one.told} & hidden
+        own = names[one.entity]
+        facts = [
+            (own, labels[relation], names[other]) if slot == TAIL else (names[other], labels[relation], own)
+            for relation, slot, other in one.told
+        ]
+        for head, relation, tail in facts:
+            assert (names.index(head), labels.index(relation), names.index(tail)) in set(
+                map(tuple, known.kept.triples.tolist())
+            )
+        rest = only(known, np.array([row for row in range(ENTITIES) if row not in hidden]))
+        words = None if "vector" in changed else known.kept.words
+        given = {**changed, "facts": facts, "name": own, "vector": None if words is None else words[one.entity]}
+        alone = place(rest, news(**{"initializer": found.placed.done.initializer, **given}))
+        np.testing.assert_allclose(one.vector.numpy(), alone.vector, rtol=1e-4, atol=1e-5)
+
+
+def test_a_curve_goes_through_answers_that_were_not_told() -> None:
+    known = model()
+    found = rehearsal(known)
+    scores, right = [], []
+    everyone = set(range(ENTITIES))
+    for one in found.rehearsed:
+        true = known.answers.get((one.entity, 1, HEAD))
+        if true:
+            for other in sorted(everyone - {one.entity} - {end for r, slot, end in one.told if (r, slot) == (1, HEAD)}):
+                vectors = (known.embedding.entity[0, other], known.embedding.relation[0, 1], one.vector)
+                scores.append(float(known.family.score(*vectors)))
+                right.append(other in true)
+    expected = fitted(torch.tensor(scores).double(), torch.tensor(right))
+    curve = found.curve(1, HEAD)
+    assert curve is not None
+    assert (curve.slope, curve.offset) == pytest.approx((expected.slope, expected.offset), rel=1e-3, abs=1e-4)
+
+
+def test_an_inserted_entity_is_asked_by_its_rehearsal_and_a_known_one_is_not() -> None:
+    found = rehearsal(model())
+    asker = Asker(found.model, found)
+    for given, curve in ((ENTITIES, found.curve(0, TAIL)), (3, curve_of(found.model, 0, TAIL))):
+        (answer,) = asker.ask(Question(given, 0, TAIL), 1)
+        assert curve is not None
+        assert answer.chance == pytest.approx(curve(torch.tensor([answer.score])).item())
+
+
+def test_what_too_few_answers_tell_is_shared_or_left_out() -> None:
+    kept = model().kept
+    few = Kept(**{**vars(kept), "triples": np.concatenate([kept.triples[kept.triples[:, 1] == 0], [[3, 1, 4]]])})
+    found = rehearsal(open_model(few, Path("one")))
+    assert found.curve(1, TAIL) == found.curve(1, HEAD) is not None  # of all relations
+    none = Kept(**{**vars(kept), "triples": np.zeros((0, 3), np.int64)})
+    assert rehearsal(open_model(none, Path("one"))).curve(0, TAIL) is None
