@@ -114,6 +114,15 @@ def test_chances_are_probabilities_that_rise_with_the_score_whatever_its_unit(
     torch.testing.assert_close(fitted(scale * table, known)(scale * table), chances, rtol=1e-3, atol=1e-4)
 
 
+def test_some_of_many_others_stand_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    scores = torch.from_numpy(np.concatenate([rng.normal(2, 1, 100), rng.normal(0, 1, 9000)]))
+    known, asked = torch.arange(9100) < 100, torch.linspace(-1, 4, 11)
+    whole = fitted(scores, known)(asked)
+    monkeypatch.setattr("isi.asking.chances.OTHERS", 1000)
+    torch.testing.assert_close(fitted(scores, known)(asked), whole, rtol=0.02, atol=1e-4)
+
+
 def test_scores_that_tell_nothing_give_the_share_of_the_known() -> None:
     curve = fitted(torch.tensor([2.0, 1.0, 1.0, 0.0]).double(), torch.tensor([False, True, False, True]))
     assert curve.slope == 0.0

@@ -17,6 +17,8 @@ from isi.graph import HEAD, TAIL
 
 #: Answers that a curve is drawn through, at most; and entities that are asked about.
 ANSWERS, ASKED = 2**19, 256
+#: Answers that are not known, at most, in one curve.
+OTHERS = 2**14
 #: Steps of Newton's method, at most, and the gain at which it stops.
 STEPS, GAIN = 50, 1e-10
 
@@ -50,30 +52,40 @@ def fitted(scores: Tensor, known: Tensor) -> Curve:
     """The most probable logistic curve through answers of which some are known; both of shape (N,).
 
     Targets are Platt's, (n₊ + 1) / (n₊ + 2) and 1 / (n₋ + 2), which keep the curve finite where scores part the known
-    from the others.
+    from the others. Of many others, evenly many over their scores stand for all.
     """
-    right = known.sum().item()
-    target = torch.where(known, (right + 1) / (right + 2), 1 / (len(known) - right + 2)).double()
-    centre, spread = scores.mean(), scores.std(correction=0).clamp(min=1e-12)
-    inputs = torch.stack([(scores - centre) / spread, torch.ones_like(scores)], 1)
+    right, others = scores[known].double(), scores[~known].double().sort().values
+    number, every = len(others), -(-len(others) // OTHERS) or 1
+    others = others[every // 2 :: every]
+    inputs, target = torch.cat([right, others]), torch.full((len(right) + len(others),), 1 / (number + 2)).double()
+    target[: len(right)] = (len(right) + 1) / (len(right) + 2)
+    weight = torch.full_like(target, number / max(1, len(others)))
+    weight[: len(right)] = 1.0
+    centre, spread = inputs.mean(), inputs.std(correction=0).clamp(min=1e-12)
+    at = _most_probable(torch.stack([(inputs - centre) / spread, torch.ones_like(inputs)], 1), target, weight)
+    slope = (at[0] / spread).item()
+    if slope <= 0:  # what scores higher is never less probable
+        return Curve(0.0, torch.logit((weight * target).sum() / weight.sum()).item())
+    return Curve(slope, (at[1] - at[0] * centre / spread).item())
+
+
+def _most_probable(inputs: Tensor, target: Tensor, weight: Tensor) -> Tensor:
+    """Coefficients of a logistic curve by Newton's method, a step halved until it gains; shapes (N, 2), (N,), (N,)."""
     at = torch.zeros(2, dtype=torch.float64)
-    loss = _loss(inputs, target, at)
+    loss = _loss(inputs, target, weight, at)
     for _ in range(STEPS):
         likely = torch.sigmoid(inputs @ at)
-        gradient = inputs.T @ (likely - target)
-        bend = (inputs * (likely * (1 - likely))[:, None]).T @ inputs + 1e-9 * torch.eye(2, dtype=torch.float64)
+        gradient = inputs.T @ (weight * (likely - target))
+        bend = (inputs * (weight * likely * (1 - likely))[:, None]).T @ inputs + 1e-9 * torch.eye(2, dtype=at.dtype)
         step, share = torch.linalg.solve(bend, gradient), 1.0
-        while (after := _loss(inputs, target, at - share * step)) > loss and share > GAIN:
+        while (after := _loss(inputs, target, weight, at - share * step)) > loss and share > GAIN:
             share /= 2
         at, gain, loss = at - share * step, loss - after, after
         if gain <= GAIN * abs(loss):
             break
-    slope = max(0.0, (at[0] / spread).item())  # what scores higher is never less probable
-    if slope == 0.0:
-        return Curve(0.0, torch.logit(target.mean()).item())
-    return Curve(slope, (at[1] - at[0] * centre / spread).item())
+    return at
 
 
-def _loss(inputs: Tensor, target: Tensor, at: Tensor) -> float:
+def _loss(inputs: Tensor, target: Tensor, weight: Tensor, at: Tensor) -> float:
     score = inputs @ at
-    return (torch.nn.functional.softplus(score) - target * score).sum().item()
+    return (weight * (torch.nn.functional.softplus(score) - target * score)).sum().item()

@@ -21,7 +21,7 @@ def fault(name: str) -> str | None:
 
 def cell_fault(text: str) -> str | None:
     """What is wrong with a cell; null where nothing is."""
-    if any(unicodedata.category(character) in HOSTILE for character in text):
+    if not text.isprintable() and any(unicodedata.category(character) in HOSTILE for character in text):
         return f"expected text without tabs, line breaks or other control characters, got {text[:80]!r}"
     return None
 
