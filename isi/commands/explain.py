@@ -32,6 +32,7 @@ def run(arguments: argparse.Namespace) -> None:
         InputError: where the embedding is broken, or the entity was not inserted into it.
     """
     import numpy as np
+    from tqdm import tqdm
 
     model = shared.open_folder(arguments.embedding)
     from isi.asking.answers import worth_asking
@@ -49,7 +50,9 @@ def run(arguments: argparse.Namespace) -> None:
         weights = {one.entity: one.weight or 1.0 for one in shown}
         questions = worth_asking(model, entity, weights)
         chosen = [one for one in shown if one.weight is not None]
-        without = list(each_left_out(model, record, chosen, questions, arguments.top))
+        number = len(record.told) + len(chosen) + 1
+        each = each_left_out(model, record, chosen, questions, arguments.top)
+        without = list(tqdm(each, "left out", number, leave=False, disable=None))
     if arguments.json:
         shared.print_json(_as_json(model, record, shown, without))
     else:

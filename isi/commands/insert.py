@@ -153,13 +153,16 @@ def _kind(model: Model, kind: str | None) -> str:
 
 
 def _told(placed: Placed, words: str, top: int) -> Told:
+    from tqdm import tqdm
+
     from isi.asking.answers import Asker, worth_asking
     from isi.asking.rehearsing import Rehearsal
 
     model, shown = placed.model, placed.indicators()
     weights = {one.entity: one.weight or 1.0 for one in shown}
     asker = Asker(model, Rehearsal(model, placed))
-    answers = [(one, asker.ask(one, top, weights)) for one in worth_asking(model, placed.entity, weights)]
+    asked = tqdm(worth_asking(model, placed.entity, weights), "asked", leave=False, disable=None)
+    answers = [(one, asker.ask(one, top, weights)) for one in asked]
     interference = placed.done.interference() if len(placed.done.known_triples) else None
     return Told(placed, words, shown, answers, placed.done.report(top)[0], interference)
 
