@@ -99,7 +99,9 @@ def test_a_fact_may_have_it_as_its_tail(capsys: pytest.CaptureFixture[str]) -> N
 def test_what_is_likely_and_neither_told_nor_known_of_an_indicator_would_surprise() -> None:
     likely = Answer("bed", 1, 2.0, 0.2, 1.0, known=False, had_by=[])
     assert surprising(likely)
-    for changed in ({"chance": 0.19}, {"chance": None}, {"known": True}, {"had_by": ["sofa"]}, {"had_by": None}):
+    assert surprising(replace(likely, chance=None))  # the best, where there are no chances
+    assert not surprising(replace(likely, chance=None, rank=2))
+    for changed in ({"chance": 0.19}, {"known": True}, {"had_by": ["sofa"]}, {"had_by": None}):
         assert not surprising(replace(likely, **changed))  # type: ignore[arg-type]
 
 

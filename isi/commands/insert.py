@@ -72,8 +72,9 @@ class Told:
 
 
 def surprising(answer: Answer) -> bool:
-    """Whether it is not unlikely, and no indicator is known to have it, nor was it told."""
-    return not answer.known and answer.had_by == [] and (answer.chance or 0) >= LIKELY
+    """Whether it is not unlikely (without chances: the best), and no indicator is known to have it, nor was it told."""
+    likely = answer.rank == 1 if answer.chance is None else answer.chance >= LIKELY
+    return likely and not answer.known and answer.had_by == []
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -162,8 +163,9 @@ def _told(placed: Placed, words: str, top: int) -> Told:
     weights = {one.entity: one.weight or 1.0 for one in shown}
     asker = Asker(model, Rehearsal(model, placed))
     asked = tqdm(worth_asking(model, placed.entity, weights), "asked", leave=False, disable=None)
-    answers = [(one, asker.ask(one, top, weights)) for one in asked]
-    interference = placed.done.interference() if len(placed.done.known_triples) else None
+    known = len(placed.done.known_triples) > 0
+    answers = [(one, asker.ask(one, top, weights if known else None)) for one in asked]
+    interference = placed.done.interference() if known else None
     return Told(placed, words, shown, answers, placed.done.report(top)[0], interference)
 
 
@@ -185,7 +187,7 @@ def _lines(told: Told) -> Iterator[str]:
         yield "  (of other relations, see isi ask)"
     yield "would surprise: " + (
         "; ".join(_as_triple(model, question, answer) for question, answer in told.surprises)
-        or f"none of the answers above: at {shared.percent(LIKELY)} or more, each was told, or an indicator has it"
+        or "nothing that is likely: each such answer was told, or an indicator has it"
     )
     near = ", ".join(f"{name} ({cosine:.2f})" for name, cosine in report.nearest)
     yield f"nearest: {near}"
@@ -207,7 +209,7 @@ def _note(answer: Answer) -> str:
     if answer.had_by:
         more = f" and {len(answer.had_by) - 1} more" * (len(answer.had_by) > 1)
         return f"as {answer.had_by[0]}{more}"
-    return "no indicator has it"
+    return "" if answer.had_by is None else "no indicator has it"
 
 
 def _as_triple(model: Model, question: Question, answer: Answer) -> str:
