@@ -1,9 +1,13 @@
-"""Settings that every test shares."""
+"""Settings and fixtures that every test shares."""
 
 from __future__ import annotations
 
 import torch
 from hypothesis import settings
+
+from tests.browser import chromium
+
+__all__ = ["chromium"]
 
 settings.register_profile("isi", deadline=None, max_examples=60, derandomize=True, database=None)
 settings.load_profile("isi")

@@ -1,0 +1,87 @@
+"""A real browser that opens pages as readers do: from a file, without a network.
+
+Tests take the fixture ``chromium`` (``tests/conftest.py`` has it for all) and open files with ``opened``. They are
+skipped, and say why, where Playwright (``pip install 'isi[browser]'``) or a Chromium is missing; ``CHROMIUM`` names
+one that is not on the path.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+_NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+_ARGUMENTS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+)  # fmt: skip
+#: The heights of windows, by width: a phone and a desk.
+_HEIGHTS = {390: 844, 1280: 900}
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A page in a window, and what went wrong since it was opened."""
+
+    page: Page
+    #: what stands in the console as error or warning, and errors that no one caught
+    errors: list[str] = field(default_factory=list)
+    #: addresses that were asked for, other than the page's own
+    requests: list[str] = field(default_factory=list)
+
+    @property
+    def overflow(self) -> int:
+        """By how many pixels the page is wider than its window; 0 where nothing sticks out."""
+        return int(self.page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth"))
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Browser]:
+    """A Chromium without a window, one for all tests."""
+    api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install 'isi[browser]'")
+    found = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, _NAMES)), None)
+    if found is None:
+        pytest.skip(f"no Chromium: none of {', '.join(_NAMES)} is on the path, and CHROMIUM names none")
+    with api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=found, args=list(_ARGUMENTS))
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def opened(
+    browser: Browser, path: Path, width: int = 1280, scheme: str = "light", script: bool = True, fragment: str = ""
+) -> Iterator[Opened]:
+    """A file in a new window, closed in the end.
+
+    Args:
+        width: of the window, in CSS pixels.
+        scheme: ``light`` or ``dark``, what the reader prefers.
+        script: whether JavaScript runs.
+        fragment: of the address, without its ``#``.
+    """
+    window = browser.new_context(
+        viewport={"width": width, "height": _HEIGHTS.get(width, 900)}, color_scheme=scheme,  # type: ignore[arg-type]
+        java_script_enabled=script, reduced_motion="reduce",
+    )  # fmt: skip
+    found, address = Opened(window.new_page()), path.resolve().as_uri()
+    found.page.on("console", lambda said: found.errors.append(said.text) if said.type in ("error", "warning") else None)
+    found.page.on("pageerror", lambda error: found.errors.append(str(error)))
+    found.page.on(
+        "request", lambda asked: found.requests.append(asked.url) if asked.url.split("#")[0] != address else None
+    )
+    try:
+        found.page.goto(f"{address}#{fragment}" if fragment else address)
+        yield found
+    finally:
+        window.close()
