@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,8 @@ def html(made: Made, drawings: Mapping[str, str], paragraphs: Sequence[str]) -> 
     ids = {section.id for section, _ in made}
     return environment.get_template("page.html").render(
         title=summary.TITLE,
+        style=_inlined("style.css"),
+        script=_inlined("page.js"),
         paragraphs=paragraphs,
         made=made,
         form=lambda content: type(content).__name__,
@@ -76,6 +79,11 @@ def html(made: Made, drawings: Mapping[str, str], paragraphs: Sequence[str]) -> 
         numeric=lambda table: [side == "right" for side in _alignment(table)],
         svg=lambda figure: Markup(drawings[figure.name][drawings[figure.name].index("<svg") :]),  # noqa: S704
     )
+
+
+def _inlined(name: str) -> Markup:
+    """A file beside the templates, as it stands."""
+    return Markup(resources.files("isi.report").joinpath("templates", name).read_text("utf-8"))  # noqa: S704
 
 
 def marked_up(text: str, ids: Collection[str]) -> Markup:
