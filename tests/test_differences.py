@@ -224,14 +224,14 @@ def test_sentences_name_the_pairs_that_are_not_told_apart() -> None:
     seeds = 8
     models = {"xavier": constant(0.4, seeds), "es": constant(0.6, seeds), "rs": constant(0.6, seeds)}
     assert differences.sentences(pairs_of(models)) == [
-        "Immediate MRR*, scope novel: 2 of 3 pairs are told apart, not so ES and RS."
+        "Immediate MRR*, novel entities: 2 of 3 pairs are told apart, not so ES and RS."
     ]
     few = {name: constant(cells[1, 0], 6) for name, cells in models.items()}  # 3 pairs · 2 / 2⁶ is above 0.05
     assert differences.sentences(pairs_of(few)) == [
-        "Immediate MRR*, scope novel: 0 of 3 pairs are told apart (with at most 6 seeds that differ none can be)."
+        "Immediate MRR*, novel entities: 0 of 3 pairs are told apart (with at most 6 seeds that differ none can be)."
     ]
     del models["rs"]
-    assert differences.sentences(pairs_of(models)) == ["Immediate MRR*, scope novel: 1 of 1 pairs are told apart."]
+    assert differences.sentences(pairs_of(models)) == ["Immediate MRR*, novel entities: 1 of 1 pairs are told apart."]
 
 
 @pytest.mark.parametrize("names", [("xavier",), ("es",), ("xavier", "mean")])
@@ -318,7 +318,7 @@ def test_parts_are_told_half_by_half() -> None:
         ("mrr_star_relation", "all of it"): 40, ("mrr_star_relation", "words"): 30,
     }  # fmt: skip
     assert controls.sentence(found, "novel", "es") == (
-        "In scope novel, ES is +30.0 points from Xavier: centre +10.0 (33 %) and kind and meaning +20.0 (67 %) "
+        "About novel entities, ES is +30.0 points from Xavier: centre +10.0 (33 %) and kind and meaning +20.0 (67 %) "
         "[+20.0, +20.0]. In the half that asks for entities, +20.0 points from Xavier: centre -10.0 and kind and "
         "meaning +30.0 [+30.0, +30.0]; in the half that asks for relations, +40.0 points from Xavier: centre +30.0 "
         "(75 %) and kind and meaning +10.0 (25 %) [+10.0, +10.0]."

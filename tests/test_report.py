@@ -236,7 +236,7 @@ def test_the_order_at_other_rates_is_told_as_it_is() -> None:
     assert "same at every rate, fewest epochs first: ES, RS." in rates.order_of_initializers(same, models, "all")
     text = rates.order_of_initializers(tied, models, "all")
     assert text.endswith("ES, RS at ×0.5; ES, RS at ×1; ES = RS at ×2.")
-    assert "has no queries" in rates.order_of_initializers(tied, models, "novel_heldout")
+    assert "nothing was asked" in rates.order_of_initializers(tied, models, "novel_heldout")
     table = rates.convergence_by_rate(tied, models, 5, 0.04, 150).frame.set_index("initializer")
     assert table.loc["RS", ["×0.5: mean", "×1: mean", "×2: mean"]].tolist() == [8, 4, 1]
 
@@ -280,7 +280,7 @@ def test_earlier_knowledge_is_told_from_before_and_from_where_nothing_was_insert
     names = [line.get_label() for line in earlier.drawn(every, ["xavier", "es", "joint"]).axes[1].lines]
     assert names == ["Xavier", "ES", "Nothing inserted", "Joint"]
     text = earlier.at_the_end_in_words(earlier.at_the_end(every))
-    assert "Known_closed against Nothing inserted: ES +5.00 [+5.00, +5.00] (n.s.)" in text
+    assert "Earlier knowledge by itself against Nothing inserted: ES +5.00 [+5.00, +5.00] (n.s.)" in text
 
 
 def test_the_kind_of_a_tail_may_tell_the_relation() -> None:
@@ -335,7 +335,7 @@ def test_a_long_legend_has_two_rows_that_are_read_one_after_the_other() -> None:
     models = [*INITIALIZERS, "gaussian", "gaussian_centred", "joint"]
     rows = runs([(model, scope, 1, 0, 0, 0.5) for model in models for scope in ("all", "novel")])
     canvas = figures.by_size(rows, models, ("all", "novel"), ("mrr_star",), entities=50)
-    assert [axes.get_title() for axes in canvas.axes] == ["scope all: MRR*", "scope novel: MRR*"]
+    assert [axes.get_title() for axes in canvas.axes] == ["all queries: MRR*", "novel entities: MRR*"]
     (above,) = canvas.axes[0].child_axes
     assert above.get_xlabel() == "% of |E|"
     canvas.draw_without_rendering()

@@ -13,10 +13,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from markupsafe import Markup
 
 from isi.initializers import INITIALIZERS, Registered
 from isi.insertion.tasks import ToTheEnd
 from isi.report import contents, page, summary
+from isi.report.drawing import Drawing
 from isi.report.metrics import metrics, plots
 from isi.report.models import colour, contenders, controls, described, label
 from isi.report.results import Results
@@ -54,8 +56,11 @@ def table_of(results: Results, name: str) -> Table:
 
 def rendered(results: Results) -> str:
     made = made_of(results)
-    drawings = {content.name: "<svg></svg>" for _, found in made for content in found if isinstance(content, Figure)}
-    return page.html(made, drawings, list(summary.paragraphs(results)))
+    verdict = summary.verdict(results)
+    figures = [content for _, found in made for content in found if isinstance(content, Figure)]
+    drawn = Drawing([Markup("<svg></svg>")], 1, [], "in words")
+    names = [one.name for one in [*figures, *([verdict.figure] if verdict.figure else [])]]
+    return page.html(made, dict.fromkeys(names, drawn), verdict, results)
 
 
 @pytest.mark.parametrize("experiments", SUBSETS, ids=" ".join)
@@ -190,19 +195,16 @@ def test_a_section_without_contents_is_left_out_and_one_more_is_one_more(tmp_pat
     sections = (Section("none", "Nothing", lambda _: []), Section("one", "One", said), at_once.SECTION)
     page.write(tmp_path, results, sections)
     text = (tmp_path / "index.html").read_text("utf-8")
-    assert '<section id="one"><h2>One</h2>' in text
+    assert '<section id="one"><details class="part"><summary><h3>One</h3></summary>' in text
     assert 'There are 1 <code>experiments</code>; see nothing and <a href="#one">this</a>.' in text
     assert "<li>first &lt;b&gt;</li>" in text
     assert 'id="none"' not in text
-    assert "Nothing" not in text
     assert text.index('href="#one"') < text.index('href="#at-once"')
-    assert text.count("<svg") == 1
     assert (tmp_path / "tables/own_table.csv").read_text("utf-8") == "a\n1\n2\n"
     for form in ("md", "tex"):
         assert (tmp_path / f"tables/own_table.{form}").stat().st_size
     assert {path.name for path in (tmp_path / "figures").iterdir()} == {
-        "figure3a_immediate.svg",
-        "figure3a_immediate.png",
+        f"{name}.{form}" for name in ("figure3a_immediate", "verdict") for form in ("svg", "png")
     }
     assert not (tmp_path / "tables/of_an_earlier_run.csv").exists()
     assert json.loads((tmp_path / "metrics.json").read_text("utf-8")) == metrics(results)

@@ -10,17 +10,24 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.container import Container
 from matplotlib.figure import Figure as Canvas
+from matplotlib.lines import Line2D
 
 from isi.report.models import JOINT, colour, dashes, is_control, label
-from isi.report.statistics import HALVES, HIGH, LOW, over_seeds
+from isi.report.prose import capitalized
+from isi.report.statistics import HIGH, LOW, over_seeds
+from isi.report.wording import SCOPES
 
 #: Of every figure of the project; drawing and rendering happen within ``matplotlib.rc_context`` of it.
 STYLE: Any = {
     "font.size": 9, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
     "axes.grid": True, "grid.alpha": 0.3,
-    "legend.frameon": False, "svg.hashsalt": "isi", "svg.fonttype": "path", "figure.dpi": 160,
+    "legend.frameon": False, "svg.hashsalt": "isi", "svg.fonttype": "none", "figure.dpi": 160,
 }  # fmt: skip
+#: Of panels.
+_HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "asks for entities", "mrr_star_relation": "asks for relations"}
 _LEGEND_ROW = 5  # entries that fit beside each other
 
 
@@ -32,6 +39,18 @@ def rendered(canvas: Canvas, form: str) -> bytes:
     return buffer.getvalue()
 
 
+def boxes(canvas: Canvas) -> tuple[list[tuple[float, float, float, float]], int]:
+    """What each panel takes of a canvas that was rendered, all as large, in points; and how many stand in a row."""
+    scale, height = 72 / canvas.dpi, 72 * canvas.get_figheight()
+    renderer = FigureCanvasAgg(canvas).get_renderer()  # type: ignore[no-untyped-call]
+    tight = [axes.get_tightbbox(renderer) for axes in canvas.axes]
+    ends = [(scale * one.x0, height - scale * one.y1, scale * one.x1, height - scale * one.y0)
+            for one in tight if one is not None]  # fmt: skip
+    wide, high = max(right - left for left, _, right, _ in ends), max(low - top for _, top, _, low in ends)
+    across = max(spec.get_gridspec().ncols for axes in canvas.axes if (spec := axes.get_subplotspec()))
+    return [(right - wide - 2, top - 2, wide + 4, high + 4) for _, top, right, _ in ends], across
+
+
 def panels(number: int, columns: int = 2, height: float = 3.6) -> tuple[Canvas, list[Axes]]:
     """A canvas of a number of panels, ``columns`` of them in each row; what the last row has more stays blank."""
     canvas = Canvas(figsize=(8, height), layout="constrained")
@@ -39,6 +58,38 @@ def panels(number: int, columns: int = 2, height: float = 3.6) -> tuple[Canvas, 
     for blank in drawn[number:]:
         blank.axis("off")
     return canvas, drawn[:number]
+
+
+def single(width: float, height: float) -> tuple[Canvas, Axes]:
+    """A canvas of one panel, in inches."""
+    canvas = Canvas(figsize=(width, height), layout="constrained")
+    return canvas, canvas.subplots()
+
+
+def in_words(canvas: Canvas) -> str:
+    """What was drawn, panel by panel: where each line begins and ends, in its own numbers."""
+    return " ".join(told for axes in canvas.axes if (told := _panel_in_words(axes)))
+
+
+def _panel_in_words(axes: Axes) -> str:
+    lines = []
+    for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+        line = handle[0] if isinstance(handle, Container) else handle
+        points = np.asarray(line.get_xydata(), dtype=float) if isinstance(line, Line2D) else np.empty((0, 2))
+        points = points[~np.isnan(points).any(1)]
+        if len(points) > 1:
+            begins, ends = points[0, 1], points[-1, 1]
+            level = len(np.unique(points[:, 1])) == 1
+            lines.append(f"{name} {ends:.1f}" if level else f"{name} from {begins:.1f} to {ends:.1f}")
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    values = [text.get_text() for text in axes.texts]
+    if not lines and len(names) == len(values) and names:
+        lines = [f"{name} {value}" for name, value in zip(names, values, strict=True)]
+    across = axes.get_xlabel()
+    told = "; ".join(part for part in (axes.get_title().replace("\n", ", "), f"across: {across}" if across else "",
+                                       f"up: {axes.get_ylabel()}" if axes.get_ylabel() else "") if part)  # fmt: skip
+    said = ". ".join(part for part in (capitalized(told), ", ".join(lines)) if part)
+    return f"{said}." if said else ""
 
 
 def by_size(
@@ -57,7 +108,7 @@ def by_size(
         for place, model in enumerate(models):
             aside = (place - len(models) / 2) * min(0.06, 0.8 / len(models))
             _bars(axes, models, model, own[own["model"] == model], measure, aside)
-        axes.set(title=f"scope {scope}: {HALVES[measure]}", xlabel="novel entities |ξ|", ylabel="points")
+        axes.set(title=f"{SCOPES.get(scope, scope)}: {_HALVES[measure]}", xlabel="novel entities |ξ|", ylabel="points")
         axes.set_xticks(sorted(at_once["size"].unique()))
         above = axes.secondary_xaxis("top", functions=(_scaled(100 / entities), _scaled(entities / 100)))
         above.set_xlabel("% of |E|", fontsize=8)
@@ -86,7 +137,7 @@ def by_epoch(
         if margin is not None:
             level = joint - 100 * margin
             axes.axhline(level, color=colour(JOINT, models), lw=1, ls=":", label="converged")
-        axes.set(title=f"scope {scope}", xlabel="epoch of fine-tuning", ylabel=ylabel)
+        axes.set(title=SCOPES[scope], xlabel="epoch of fine-tuning", ylabel=ylabel)
     legend(canvas, drawn)
     return canvas
 

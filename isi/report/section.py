@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure as Canvas
 
+from isi.report.glossary import Term
 from isi.report.prose import capitalized
 from isi.report.results import Experiment, Results
 
@@ -33,7 +34,7 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """A drawn figure."""
+    """A drawn figure. What it shows is told in words by what was drawn (``figures.in_words``)."""
 
     name: str
     title: str
@@ -46,6 +47,24 @@ class Heading:
     """Opens a part of a section."""
 
     text: str
+    #: the part is shown when asked for
+    folded: bool = False
+
+
+@dataclass(frozen=True)
+class Written:
+    """A template of its own, which needs nothing but itself."""
+
+    template: str
+
+
+@dataclass(frozen=True)
+class Words:
+    """Words with what they mean."""
+
+    title: str
+    terms: Sequence[Term]
+    folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -64,9 +83,9 @@ class Listing:
     folded: bool = True
 
 
-#: A string is a paragraph. In it and in bullets, ```code``` and ``[text](#section)`` are marked up; a link to a
-#: section that the page does not have is plain text.
-Content = str | Heading | Bullets | Listing | Table | Figure
+#: A string is a paragraph. In it and in bullets, ```code```, ``[text](#section)`` and ``[text](https://…)`` are marked
+#: up; a link to a section that the page does not have is plain text.
+Content = str | Heading | Bullets | Listing | Table | Figure | Written | Words
 
 
 @dataclass(frozen=True)
@@ -76,13 +95,17 @@ class Section:
     id: str
     title: str
     contents: Callable[[Results], Iterable[Content]]
+    #: shown at first; others when asked for
+    opened: bool = False
+    #: the part of the page that it belongs to
+    group: str = ""
 
 
 def by_experiment(results: Results, contents: Callable[[Results, Experiment], Iterable[Content]]) -> Iterator[Content]:
     """The same contents of every experiment with a graph of its own, under headings where there are several."""
-    for experiment in results.own:
+    for place, experiment in enumerate(results.own):
         if len(results.own) > 1:
-            yield Heading(capitalized(experiment.title))
+            yield Heading(capitalized(experiment.title), folded=place > 0)
         for content in contents(results, experiment):
             yield belonging(content, experiment)
 

@@ -178,4 +178,4 @@ def _name(traces: Traces, names: pd.Series) -> str:
     return str(names[int(traces["entity"][0])])
 
 
-SECTION = Section("approach", "The approach", contents)
+SECTION = Section("approach", "One entity followed (Figure 1)", contents)

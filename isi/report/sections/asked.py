@@ -19,7 +19,8 @@ from isi.report.statistics import HALVES, over_seeds
 
 _PLACES = {"given": "given", "answer": "answer", "both": "both", "any": "any or none"}
 _FILTERS = {"learned": "scope's filter", "true": "all true"}
-_CELL = ("model", "size", "seed")
+#: What tells cells apart.
+CELL = ("model", "size", "seed")
 _PAIR = ["scope", "relation", "hidden", "novel"]
 
 
@@ -28,27 +29,27 @@ def contents(results: Results) -> Iterator[Content]:
     asked = [one for one in results.experiments.values() if one.name in results.asking]
     if asked:
         yield (
-            "A query of scope novel gives the novel entity and asks what belongs to it, or gives something else and "
-            "has the novel entity for its answer. The second can be won without knowledge, by a vector that scores "
+            "A query about novel entities gives the novel entity and asks what belongs to it, or gives something else "
+            "and has the novel entity for its answer. The second can be won without knowledge, by a vector that scores "
             "high against everything; the first cannot."
         )
-    for experiment in asked:
+    for place, experiment in enumerate(asked):
         if len(asked) > 1:
-            yield Heading(capitalized(experiment.title))
+            yield Heading(capitalized(experiment.title), folded=place > 0)
         for content in of_experiment(experiment, results.asking[experiment.name].queries):
             yield belonging(content, experiment)
 
 
 def of_experiment(experiment: Experiment, rows: pd.DataFrame) -> Iterator[Content]:
     """Both directions, relations and directions, and both filters; ``rows``: ``tables.ASKED``."""
-    models, cells = experiment.models, directed(rows, _CELL)
+    models, cells = experiment.models, directed(rows, CELL)
     yield leaders(cells, models)
     yield directions(cells, models)
     yield Figure(
         "asked_about",
         "Asked about the novel entity, and asked for it",
-        "Entity half of MRR* in scope novel right after insertion against the number of novel entities, mean and 95 % "
-        "interval over seeds.",
+        "MRR* of queries that ask for entities, right after insertion, against the number of novel entities, mean and "
+        "95 % interval over seeds.",
         by_direction(cells, models, len(experiment.entities)),
     )
     pairs = by_pair(rows[rows["filter"] == "learned"])
@@ -66,7 +67,7 @@ def points(cells: pd.DataFrame, direction: str) -> pd.DataFrame:
 
 def asked_about(rows: pd.DataFrame, models: Sequence[str]) -> dict[str, float]:
     """What each model answers about novel entities: the entity half of scope novel, in points."""
-    means = points(directed(rows, _CELL), "given")[DIRECTIONS["given"]]
+    means = points(directed(rows, CELL), "given")[DIRECTIONS["given"]]
     return {model: float(means[model]) for model in models if model in means.index}
 
 
@@ -84,8 +85,8 @@ def leaders(cells: pd.DataFrame, models: Sequence[str]) -> str:
                 f"{joint:.1f})."
             )
     return (
-        "Entity half of scope novel right after insertion, mean over sizes and seeds (the joint model was trained on "
-        f"most of these triples). {' '.join(told)}"
+        "The half that asks for entities right after insertion, mean over sizes and seeds (the joint model was trained "
+        f"on most of these triples). {' '.join(told)}"
     )
 
 
@@ -98,8 +99,8 @@ def directions(cells: pd.DataFrame, models: Sequence[str]) -> Table:
     return Table(
         "directions",
         "Asked about the novel entity, or for it",
-        "Entity half of MRR* (points) in scope novel right after insertion, mean over sizes and seeds, with its 95 % "
-        "interval over seeds: of the queries that give the novel entity and ask for another, and of those "
+        "MRR* (points) of queries that ask for entities, right after insertion, mean over sizes and seeds, with its 95 "
+        "% interval over seeds: of the queries that give the novel entity and ask for another, and of those "
         "that ask for the novel entity. Queries with a novel entity at both ends are in neither. The joint model has "
         "been trained on most of these.",
         frame,
@@ -110,7 +111,7 @@ def by_direction(cells: pd.DataFrame, models: Sequence[str], entities: int) -> C
     """Each direction against the number of novel entities; ``cells``: see ``parts.directed``."""
     canvas = by_size(cells, models, list(DIRECTIONS), ["mrr_star_entity"], entities)
     for axes, name in zip(canvas.axes, DIRECTIONS.values(), strict=True):
-        axes.set(title=name, ylabel="entity half of MRR* (points)")
+        axes.set(title=name, ylabel="MRR* (points)")
     return canvas
 
 
@@ -121,7 +122,7 @@ def by_pair(learned: pd.DataFrame) -> pd.DataFrame:
     """
     rows = learned[learned["scope"].isin(["all", "novel"]) & (learned["hidden"] != "relation")]
     rows = rows.assign(novel=rows["novel"].where(rows["scope"] == "novel", "any"))
-    means = 100 * parts.mrr_star(rows, [*_PAIR, *_CELL]).groupby([*_PAIR, "model"])["mrr_star_entity"].mean()
+    means = 100 * parts.mrr_star(rows, [*_PAIR, *CELL]).groupby([*_PAIR, "model"])["mrr_star_entity"].mean()
     asked = rows.groupby([*_PAIR, "model"])["queries"].sum().groupby(_PAIR).first()
     return means.unstack("model").assign(queries=asked).sort_index(key=_ordered)
 
@@ -152,8 +153,8 @@ def by_relation(pairs: pd.DataFrame, models: Sequence[str]) -> Table:
         "by_relation",
         "By relation and direction",
         "MRR* (points) right after insertion of the queries for heads, (?, r, t), and for tails, (h, r, ?), of each "
-        "relation, mean over sizes and seeds; in scope novel, by where the novel entity is. Queries: how many each "
-        "model was asked over all sizes and seeds.",
+        "relation, mean over sizes and seeds; about novel entities, by where the novel entity is. Queries: how many "
+        "each model was asked over all sizes and seeds.",
         frame.assign(**{label(model): rows[model] for model in models if model in rows}),
     )
 
@@ -164,7 +165,7 @@ def _query(row: pd.Series) -> str:
 
 def by_filter(rows: pd.DataFrame) -> pd.DataFrame:
     """MRR* with its halves under each filter: means over cells in points, by scope, model and filter."""
-    cells = parts.mrr_star(rows[rows["scope"].isin(["all", "novel"])], ["scope", "filter", *_CELL])
+    cells = parts.mrr_star(rows[rows["scope"].isin(["all", "novel"])], ["scope", "filter", *CELL])
     return 100 * cells.groupby(["scope", "model", "filter"])[list(HALVES)].mean()
 
 
@@ -174,7 +175,7 @@ def what_the_filter_does(immediate: pd.DataFrame, models: Sequence[str]) -> str:
     own = [rows[(rows["scope"] == "all") & (rows["filter"] == which)] for which in _FILTERS]
     learned, true = (dict(zip(part["model"], part["mrr_star"], strict=True)) for part in own)
     return (
-        "The filter of scope all leaves triples of training and validation out of the candidates; the program of the "
+        "The filter of all queries leaves triples of training and validation out of the candidates; the program of the "
         "paper's authors leaves out every true triple. MRR* over all queries of the same embeddings: "
         f"{listed(learned, models)} with the first, {listed(true, models)} with the second."
     )
@@ -191,10 +192,10 @@ def filters(immediate: pd.DataFrame, models: Sequence[str]) -> Table:
         "filters",
         "Both filters",
         "MRR* (points) right after insertion, mean over sizes and seeds, of the same embeddings with two filters: the "
-        "scope's (all: training and validation triples; novel: those of earlier knowledge, and insert triples), and "
-        "all true triples.",
+        "usual one (all queries: training and validation triples; novel entities: those of earlier knowledge, and "
+        "insert triples), and all true triples.",
         frame.assign(model=frame["model"].map(label)),
     )
 
 
-SECTION = Section("asked", "What is asked", contents)
+SECTION = Section("asked", "Asked about the new entity, or for it", contents)

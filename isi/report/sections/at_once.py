@@ -32,7 +32,7 @@ def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]
     yield about_novel_in_words(at_once, experiment.initializers)
     yield Figure(
         "figure3a_immediate",
-        "Figure 3a. Immediate MRR*",
+        "Figure 3a. MRR* at once",
         "Right after insertion, against the number of novel entities and their share of all: MRR* (above; at the left "
         "the paper's figure) and the half of it that asks for entities (below), over all queries (left) and over the "
         "queries about the novel entities (right), mean and 95 % interval over seeds. The joint model has been trained "
@@ -76,7 +76,7 @@ def about_novel_in_words(at_once: pd.DataFrame, initializers: Sequence[str]) -> 
     )
     tested = contenders(initializers)
     return (
-        f"About the novel entities alone (scope novel): {listed(star, tested)}. Half of that asks for relations, which "
+        f"About the novel entities alone: {listed(star, tested)}. Half of that asks for relations, which "
         f"is a choice of kind (see [the graph](#graph)): {listed(relation, tested)}. The half that asks for entities: "
         f"{listed(entity, tested)}."
     )
@@ -92,10 +92,10 @@ def immediate(at_once: pd.DataFrame, models: Sequence[str]) -> Table:
     """MRR* at once in scopes all and novel, with its entity and its relation half, over all sizes."""
     return Table(
         "immediate",
-        "Immediate MRR*",
+        "MRR* at once",
         "MRR* (points) right after insertion, mean over all sizes and seeds with its interval over seeds, with the "
         "half of it that asks for entities and the half that asks for relations, which is a choice of kind. The "
-        "joint model has been trained on most of the queries of scope novel; it is no bound there.",
+        "joint model has been trained on most of what is asked about novel entities; it is no bound there.",
         statistics.halves_by_model(at_once, models, ("all", "novel")),
     )
 
@@ -106,7 +106,7 @@ def immediate_by_size(at_once: pd.DataFrame, models: Sequence[str]) -> Table:
     means = statistics.over_seeds(shown, ["scope", "size", "model"], HALVES)
     return Table(
         "immediate_by_size",
-        "Immediate MRR* by size",
+        "MRR* at once, by number of novel entities",
         "MRR* (points) right after insertion, mean over seeds and its interval.",
         statistics.in_order(means.reset_index(), ["scope", "size", "model"], models),
         folded=True,
@@ -141,8 +141,8 @@ def novel_by_kind(inserted: pd.DataFrame, kinds: Sequence[str], initializers: Se
     frame["model"] = frame["model"].map(label)
     return Table(
         "novel_by_kind",
-        "Immediate MRR* by kind of the novel entity",
-        "MRR* (points) in scope novel of the queries that touch an inserted entity, mean over the inserted entities "
+        "MRR* at once, by kind of the novel entity",
+        "MRR* (points) of the queries that touch an inserted entity, mean over the inserted entities "
         "of a kind and its interval over seeds, with its entity and its relation half.",
         frame.rename(columns={"model": "initializer"}),
         folded=True,
@@ -153,7 +153,7 @@ def every_scope(at_once: pd.DataFrame, models: Sequence[str]) -> Table:
     """Every scope at once, over all sizes."""
     return Table(
         "scopes",
-        "Immediate MRR* in every scope",
+        "MRR* at once, whatever is asked",
         "MRR* (points) right after insertion, mean over all sizes and seeds and its interval over seeds, with its "
         "entity and relation halves.",
         statistics.halves_by_scope(at_once, models, _SCOPES),
@@ -169,7 +169,7 @@ def by_session(at_once: pd.DataFrame, models: Sequence[str]) -> Table:
         parts[-1].insert(0, "session", session)
     return Table(
         "sessions",
-        "Immediate MRR* by session",
+        "MRR* at once, by session",
         "MRR* (points) right after each session's insertion, mean over all sizes and seeds and its interval over "
         "seeds, with its entity and relation halves.",
         pd.concat(parts, ignore_index=True),
@@ -177,4 +177,4 @@ def by_session(at_once: pd.DataFrame, models: Sequence[str]) -> Table:
     )
 
 
-SECTION = Section("at-once", "What is known at once", contents)
+SECTION = Section("at-once", "How much is known at once", contents, opened=True)

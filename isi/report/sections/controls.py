@@ -18,6 +18,7 @@ from isi.report.sections.differences import cells_of, signed
 from isi.report.statistics import HALVES, HIGH, LOW, ratios
 
 SCOPES = ("all", "novel")
+_ASKED = {"all": "Over all queries", "novel": "About novel entities"}
 #: Points of MRR* that are shown as 0.0.
 NOTHING = 0.05
 #: What each of these has that the one before it (at first, Xavier) has not; an initializer of ISI has the last.
@@ -188,7 +189,7 @@ def shares_of_the_gain(found: Sequence[Share]) -> Table:
 def sentence(found: Sequence[Part], scope: str, method: str) -> str:
     """What one initializer gains, and what that is made of; about novel entities half by half, too."""
     whole, entities, relations = (_half(found, scope, half, method) for half in HALVES)
-    text = f"In scope {scope}, {label(method)} is {whole}."
+    text = f"{_ASKED[scope]}, {label(method)} is {whole}."
     if scope == "all":
         return text
     return f"{text} In the half that asks for entities, {entities}; in the half that asks for relations, {relations}."

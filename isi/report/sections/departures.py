@@ -14,7 +14,7 @@ def contents(results: Results) -> Iterator[Content]:
     """A list, with this run's numbers."""
     yield (
         "Besides the graph, which has grown, and word vectors that are not word2vec's, these may matter to whoever "
-        "sets the numbers of the next section beside each other. The paper says otherwise or nothing."
+        "sets [the numbers](#paper) beside each other. The paper says otherwise or nothing."
     )
     yield Bullets([*learning(results.params), *asking(results.params), *inserting(results.params)])
 

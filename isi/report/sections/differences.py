@@ -8,6 +8,7 @@ from itertools import groupby
 import numpy as np
 import pandas as pd
 
+from isi.report import wording
 from isi.report.models import isi, label
 from isi.report.paired import LEVEL, Pair, compare, smallest_p
 from isi.report.prose import capitalized
@@ -111,7 +112,7 @@ def sentences(pairs: Sequence[Pair]) -> list[str]:
     for measure, group in groupby((one for one in pairs if one.seeds), key=lambda one: one.measure):
         own = list(group)
         same = [f"{label(one.first)} and {label(one.second)}" for one in own if not one.told_apart]
-        text = f"{measure}: {len(own) - len(same)} of {len(own)} pairs are told apart"
+        text = f"{wording.spoken(measure)}: {len(own) - len(same)} of {len(own)} pairs are told apart"
         differing = max(one.differing for one in own)
         if len(same) == len(own) and len(own) * smallest_p(differing) >= LEVEL:
             text += f" (with at most {differing} seeds that differ none can be)"

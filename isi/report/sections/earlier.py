@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import pandas as pd
 from matplotlib.figure import Figure as Canvas
 
+from isi.report import wording
 from isi.report.figures import by_epoch
 from isi.report.models import BASELINE, JOINT, NOTHING, contenders, isi, label
 from isi.report.paired import LEVEL, Pair, compare
@@ -29,11 +30,11 @@ def contents(results: Results) -> Iterator[Content]:
     """What crowding is called, then the same of every graph."""
     yield (
         "Queries about entities that were known before are asked twice: with the novel entities among the candidates "
-        "(known) and without (known_closed). What is lost in the former alone is crowding, novel entities that rank "
-        "above the answers; Pons, Escolano, Bilalli and Queralt (arXiv 2604.19401) call it entity interference. What "
-        "is lost in the latter is damage. At once there can be none: known vectors and relations are as they were, so "
-        "all initializers have the same known_closed, by definition and not as a finding. Only training can tell them "
-        "apart."
+        "(earlier knowledge) and without (earlier knowledge by itself). What is lost in the former alone is crowding, "
+        "novel entities that rank above the answers; Pons, Escolano, Bilalli and Queralt "
+        "([arXiv 2604.19401](https://arxiv.org/abs/2604.19401)) call it entity interference. What is lost in the "
+        "latter is damage. At once there can be none: known vectors and relations are as they were, so all have the "
+        "same there, by definition and not as a finding. Only training can tell them apart."
     )
     yield from by_experiment(results, of_experiment)
 
@@ -127,7 +128,7 @@ def at_the_end_in_words(pairs: Sequence[Pair]) -> str:
     told = []
     for scope, model in (("known_closed", BASELINE), ("known", BASELINE), ("known_closed", NOTHING)):
         if found := against(pairs, scope, model):
-            told.append(f"{scope} against {label(model)}: {named(found)}")
+            told.append(f"{wording.SCOPES[scope]} against {label(model)}: {named(found)}")
     if not told:
         return "Nobody was followed to the end with whom ISI could be compared."
     return (
@@ -153,8 +154,8 @@ def corruption(runs: pd.DataFrame, models: Sequence[str], size: int) -> Table:
         "corruption",
         "Earlier knowledge: crowding or damage",
         f"MRR* (points) of queries about known entities at |ξ| = {size}, mean and interval over seeds, with its "
-        "entity and its relation half, with the novel entities among the candidates (known) and without "
-        "(known_closed). What is lost only in the former is crowding: novel entities rank above the answers. What is "
+        "entity and its relation half, with the novel entities among the candidates (earlier knowledge) and without "
+        "(by itself). What is lost only in the former is crowding: novel entities rank above the answers. What is "
         "lost in the latter is damage. Lowest: over all epochs.",
         pd.DataFrame(lines),
     )
@@ -174,9 +175,10 @@ def differences_at_the_end(pairs: Sequence[Pair], name: str = "earlier_at_the_en
         name,
         "Earlier knowledge at the end of training: every pair",
         "First less second in MRR* (points) of queries about known entities after the last epoch, paired by seed, with "
-        "the novel entities among the candidates (known) and without (known_closed).",
+        "the novel entities among the candidates (earlier knowledge) and without (by "
+        "itself).",
         pairs,
     )
 
 
-SECTION = Section("earlier", "Earlier knowledge", contents)
+SECTION = Section("earlier", "What becomes of earlier knowledge", contents)

@@ -39,7 +39,7 @@ def contents(results: Results) -> Iterator[Content]:
     yield Table(
         "embeddings_at_once",
         "Other embeddings: MRR* at once",
-        "MRR* (points) in scope novel right after insertion, mean over seeds and its interval.",
+        "MRR* (points) about novel entities right after insertion, mean over seeds and its interval.",
         frame(results, found, novel),
     )
     yield Table(

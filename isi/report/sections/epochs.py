@@ -159,4 +159,4 @@ def convergence_by_size(convergence: pd.DataFrame, initializers: Sequence[str]) 
     )
 
 
-SECTION = Section("epochs", "Epochs to convergence", contents)
+SECTION = Section("epochs", "How many epochs it saves", contents)

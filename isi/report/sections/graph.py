@@ -147,4 +147,4 @@ def in_use(used: pd.DataFrame) -> dict[str, float]:
     return {f"{part} in use %": 100 * float(row["used"] / row["of"]) for part, row in sums.iterrows()}
 
 
-SECTION = Section("graph", "The graph", contents)
+SECTION = Section("graph", "The graphs, and how well they are learned", contents)

@@ -57,7 +57,7 @@ def contents(results: Results) -> Iterator[Content]:
         drawn(both, first.models),
     )
     for name, what, cells in (
-        ("at_once", "MRR* (points) in scope novel right after insertion, mean over seeds and its interval.", novel),
+        ("at_once", "MRR* (points) about novel entities at once, mean over seeds and its interval.", novel),
         ("asked_about", "What the figure shows, with the interval over seeds.", about),
         ("gains", "Paired differences in what the figure shows (points), with intervals over seeds.", gains),
         ("epochs", "Mean epochs until MRR* about held-out triples of the novel entities is within the margin of the "

@@ -279,4 +279,4 @@ def _mean(values: Mapping[str, float], models: list[str]) -> float:
     return float(np.mean(own)) if own else np.nan
 
 
-SECTION = Section("paper", "The paper against this run", contents)
+SECTION = Section("paper", "The paper's numbers beside ours", contents)

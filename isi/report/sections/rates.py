@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from isi.learning.convergence import SCOPES
+from isi.report import wording
 from isi.report.models import label
 from isi.report.section import Table
 from isi.report.statistics import over_seeds
@@ -48,12 +49,12 @@ def order_of_initializers(cells: pd.DataFrame, initializers: Sequence[str], scop
     means = cells[cells["scope"] == scope].groupby(["factor", "model"])["epochs"].mean()
     orders = {float(factor): _order(means[factor], initializers) for factor in means.index.unique("factor")}
     if not orders:
-        return f"Scope {scope} has no queries here."
+        return f"Over {wording.SCOPES[scope]} nothing was asked."
     if len(set(orders.values())) == 1:
         only = next(iter(orders.values()))
-        return f"In scope {scope} the order is the same at every rate, fewest epochs first: {only}."
+        return f"Over {wording.SCOPES[scope]} the order is the same at every rate, fewest epochs first: {only}."
     told = "; ".join(f"{order} at ×{factor:g}" for factor, order in sorted(orders.items()))
-    return f"In scope {scope} the order depends on the rate, fewest epochs first: {told}."
+    return f"Over {wording.SCOPES[scope]} the order depends on the rate, fewest epochs first: {told}."
 
 
 def _order(means: pd.Series, models: Sequence[str]) -> str:

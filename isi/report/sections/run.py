@@ -82,7 +82,7 @@ def ties(counted: Mapping[str, pd.DataFrame], models: Mapping[str, list[str]]) -
             | {scope: int(counts.get((model, scope), 0)) for scope in ("all", "novel")}
             for model in models[name]
         ]
-    caption = "Rivals tied with the answer right after insertion, over all queries of all sets, by scope."
+    caption = "Rivals tied with the answer right after insertion, over all queries of all sets, by what is asked."
     return Table("ties", "Ties", caption, pd.DataFrame(lines))
 
 

@@ -50,8 +50,8 @@ def contents(results: Results) -> Iterator[Content]:
             models,
             chosen,
             (
-                ("all", "scope all", "MRR* less that with this run's k (points)"),
-                ("novel", "scope novel", ""),
+                ("all", "all queries", "MRR* less that with this run's k (points)"),
+                ("novel", "novel entities", ""),
             ),
         ),
     )
@@ -63,8 +63,8 @@ def contents(results: Results) -> Iterator[Content]:
         "paper's figure has epochs). Right: epochs to convergence over held-out queries about the novel entities. "
         f"Runs that never get there count as {most}: one of them moves a mean by up to {most / how.seeds:g}.",
         drawn(convergence(cells), models, chosen, (
-            ("all", "scope all: not at once", "share of runs (%)"),
-            ("novel_heldout", "scope novel_heldout", "epochs to convergence"),
+            ("all", "all queries: not at once", "share of runs (%)"),
+            ("novel_heldout", "novel entities, held out", "epochs to convergence"),
         ), lowest=0),
     )  # fmt: skip
     yield indicator_sizes(found, chosen)
@@ -175,9 +175,9 @@ def indicator_sizes(found: pd.DataFrame, chosen: Chosen) -> Table:
         "Indicator set sizes",
         "The size that params use, the paper's, and the one that the paper's rule picks from this run: grow the set "
         "while the mean number of epochs over three neighbouring sizes still falls by at least 1, and stop where MRR* "
-        "falls 1 point below the best. It is applied to immediate MRR* (points) in scope novel and to epochs to "
-        "convergence in scope novel_heldout, means over seeds, since in scope all there is next to nothing left to "
-        "converge.",
+        "falls 1 point below the best. It is applied to immediate MRR* (points) about novel entities and to epochs to "
+        "convergence over their held-out triples, means over seeds, since over all queries there is next to "
+        "nothing left to converge.",
         pd.DataFrame(lines),
     )
 

@@ -37,9 +37,9 @@ def contents(results: Results) -> Iterator[Content]:
             yield Table(
                 f"strong_{experiment}",
                 f"Stronger initializers ({title})",
-                "MRR* (points) right after insertion, mean over seeds and its interval: over all queries, in scope "
-                f"novel, and its entity half where the novel entity is asked about; the last less {label(AGAINST)}'s, "
-                "by seed.",
+                "MRR* (points) right after insertion, mean over seeds and its interval: over all queries, about "
+                f"novel entities, and of the queries that ask about the novel entity; the last less "
+                f"{label(AGAINST)}'s, by seed.",
                 table(one, experiment),
             )
 

@@ -29,7 +29,7 @@ def contents(results: Results) -> Iterator[Content]:
     yield Figure(
         "told",
         "How much must be seen",
-        "Entity half of MRR* (points) of the queries of scope novel that give a novel entity, right after insertion "
+        "Entity half of MRR* (points) of the queries that give a novel entity, right after insertion "
         f"at |ξ| = {first.how.size}, against how many of its insert triples are told, at most. The same is asked each "
         "time.",
         drawn(frame, first.models),
@@ -56,14 +56,14 @@ def in_words(frame: pd.DataFrame, first: Varied) -> str:
     """What each has with the fewest and with all that is told, and who has less with some."""
     names, fewest, most = [label(name) for name in first.initializers], frame.iloc[0], frame.iloc[-1]
     told = joined(f"{name} {fewest[name]:.1f} and {most[name]:.1f}" for name in names)
-    lowest = {name: frame.loc[frame[name].idxmin()] for name in names}
-    worse = joined(f"{name} {row[name]:.1f} with {row['told']}" for name, row in lowest.items()
-                   if fewest[name] - row[name] >= NOTHING)  # fmt: skip
+    lowest = {name: frame.iloc[int(frame[name].to_numpy().argmin())] for name in names}
+    worse = [f"{name} {row[name]:.1f} with {row['told']}" for name, row in lowest.items()
+             if fewest[name] - row[name] >= NOTHING]  # fmt: skip
     return (
         "Words cost nothing to see; relations must be observed. Asked about the novel entity with "
         f"{fewest['told']} and with {most['told']} of its insert triples told: {told} (joint model "
         f"{most[label(JOINT)]:.1f})."
-    ) + f" A little can be worse than nothing: {worse}." * bool(worse)
+    ) + f" A little can be worse than nothing: {joined(worse)}." * bool(worse)
 
 
 def drawn(frame: pd.DataFrame, models: list[str]) -> Canvas:

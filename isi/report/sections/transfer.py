@@ -76,7 +76,7 @@ def order_against(results: Results, experiment: Experiment, pairs: Sequence[Pair
     if not any(found[name].told_apart for found in (here, there) for name in both):
         order += ", though nothing is told apart in either"
     return (
-        f" Where entities of {own.title} itself were inserted, known_closed against Xavier is "
+        f" Where entities of {own.title} itself were inserted, earlier knowledge by itself against Xavier is "
         f"{earlier.named({name: there[name] for name in both})}: the order is {order}."
     )
 
@@ -192,8 +192,8 @@ def immediate(
         "New entities inserted into an embedding of the other source",
         "MRR* (points) right after insertion, with its entity and its relation half, over all queries and over those "
         "about the new entities; by how much MRR* over the earlier entities alone is lower with the new ones among the "
-        "candidates than without (known against known_closed), in per cent; epochs to convergence, as in Table 2. In "
-        f"scope novel_heldout there are {heldout['queries'].mean():.1f} triples a repeat to ask about, and none in "
+        "candidates than without, in per cent; epochs to convergence, as in Table 2. Of "
+        f"their held-out triples there are {heldout['queries'].mean():.1f} a repeat to ask about, and none in "
         f"{int((heldout['queries'] == 0).sum())} of {len(heldout)} repeats. Intervals are over repeats.",
         frame,
     )
