@@ -220,12 +220,13 @@ def _corners(points: list[Point]) -> list[Point]:
         return points
     (x, y), (last_x, last_y) = points[0], points[-1]
     across, up = last_x - x, last_y - y
-    length = hypot(across, up)
+    square = across**2 + up**2
 
     def aside(point: Point) -> float:
-        """How far from the straight line from end to end; from the first where they are one."""
-        over = (point[0] - x, point[1] - y)
-        return abs(across * over[1] - up * over[0]) / length if length else hypot(*over)
+        """How far from the straight line between both ends."""
+        over, above = point[0] - x, point[1] - y
+        along = min(max((over * across + above * up) / square, 0), 1) if square else 0
+        return hypot(over - along * across, above - along * up)
 
     far = max(range(1, len(points) - 1), key=lambda place: aside(points[place]))
     if aside(points[far]) <= _KEPT:

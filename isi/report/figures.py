@@ -77,7 +77,7 @@ def _panel_in_words(axes: Axes) -> str:
         line = handle[0] if isinstance(handle, Container) else handle
         points = np.asarray(line.get_xydata(), dtype=float) if isinstance(line, Line2D) else np.empty((0, 2))
         points = points[~np.isnan(points).any(1)]
-        if len(points) > 1:
+        if len(points):
             begins, ends = points[0, 1], points[-1, 1]
             level = len(np.unique(points[:, 1])) == 1
             lines.append(f"{name} {ends:.1f}" if level else f"{name} from {begins:.1f} to {ends:.1f}")

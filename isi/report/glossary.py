@@ -30,8 +30,9 @@ class Term:
     @property
     def id(self) -> str:
         """Where the page has it."""
-        plain = self.name.lower().replace("*", " star").replace("⁰", "0").replace("¹", "1")
-        return "term-" + re.sub(r"\W+", "-", plain).strip("-")
+        spelled = {"*": " star", "⁰": "0", "¹": "1", "ξ": "xi", "θ": "theta"}
+        plain = "".join(spelled.get(sign, sign) for sign in self.name.lower())
+        return "term-" + re.sub(r"[^a-z0-9]+", "-", plain).strip("-")
 
 
 #: What is measured, and on what.

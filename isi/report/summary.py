@@ -108,7 +108,7 @@ def answer(experiment: Experiment) -> str:
     better = [label(str(model)) for model, low in gains["low"].items() if low > 0]
     if len(better) == len(gains):
         return "Yes."
-    return f"In part: {joined(better)} gain for certain." if better else "Not for certain."
+    return f"In part: {joined(better)} for certain." if better else "Not for certain."
 
 
 def _after_training(results: Results, experiment: Experiment, best: str) -> Iterator[str]:

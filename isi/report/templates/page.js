@@ -40,7 +40,7 @@
     });
   }
 
-  /* Tables: the button in a header sorts by its column, then the other way, then as it was. */
+  /* Tables: a header sorts by its column, then the other way, then as it was. */
   const LAST = Symbol("what is not there");
 
   function value(row, column, numbers) {
@@ -78,11 +78,12 @@
     headers.forEach((header, column) => {
       const button = document.createElement("button");
       button.type = "button";
-      const term = header.querySelector("a.term");
-      if (term) term.after(button); else { button.append(...header.childNodes); header.append(button); }
       button.setAttribute("aria-label", `Sort by ${header.textContent.trim()}`);
+      header.append(button);
       header.setAttribute("aria-sort", "none");
-      button.addEventListener("click", () => sort(table, header, column));
+      header.addEventListener("click", (event) => {
+        if (!event.target.closest("a")) sort(table, header, column); // the button or beside it
+      });
     });
   }
 
@@ -114,7 +115,7 @@
   for (const link of every("a.term")) {
     link.addEventListener("mouseenter", () => show(link));
     link.addEventListener("focus", () => show(link));
-    link.addEventListener("mouseleave", (event) => { if (event.relatedTarget !== tip) hide(); });
+    link.addEventListener("mouseleave", (event) => { if (asked === link && event.relatedTarget !== tip) hide(); });
     link.addEventListener("blur", hide);
     link.addEventListener("click", (event) => { event.preventDefault(); show(link); });
   }
