@@ -41,6 +41,15 @@ def test_a_figure_comes_panel_by_panel_with_its_legend_apart() -> None:
     assert width[0] == width[1]
 
 
+def test_a_blank_panel_is_none() -> None:
+    with mpl.rc_context(figures.STYLE):
+        canvas, panels = figures.panels(3)
+        for panel in panels:
+            panel.plot([0, 1], [2, 3])
+    svg = figures.rendered(canvas, "svg").decode()
+    assert len(drawing.drawing(svg, "f0", *figures.boxes(canvas), "").panels) == 3
+
+
 def test_what_is_drawn_lies_within_its_panel() -> None:
     for panel in drawn().panels:
         x, y, width, height = map(float, re.findall(r'viewBox="([^"]+)"', panel)[0].split())

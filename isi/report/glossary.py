@@ -76,7 +76,7 @@ _SCOPES = (
 _WORLD = (
     Term("novel entity", "An entity that the embedding did not know. Here each was taken out of the graph before "
          "training, and then inserted.", ("novel entities", "Novel entities", "Novel entity")),
-    Term("insert triples", "The few triples that are told of a novel entity when it is inserted: half of those it has "
+    Term("insert triples", "The few triples that are told of a novel entity when it is inserted: some of those it has "
          "with known entities, at random."),
     Term("initializer", "What gives a novel entity its first vector.", ("initializers", "Initializers", "Initializer")),
     Term("indicators", "The known entities whose mean the vector of a novel entity is.", ("indicator", "Indicators")),
