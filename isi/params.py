@@ -26,6 +26,7 @@ from isi.studies.cross_validation import CrossValidation, Setting
 from isi.studies.families import CompareFamilies
 from isi.studies.keeping import Keep
 from isi.studies.nothing import Nothing
+from isi.studies.singles import SHOWN, Explorer
 from isi.studies.sweeps import Rates, Sweep
 from isi.studies.tracing import TRACED, Approach
 from isi.words import Words
@@ -101,6 +102,7 @@ class Params(Section):
     compute: Compute
     recorder: Recorder
     kept: Keep
+    explorer: Explorer
 
     @field_validator("initializers")
     @classmethod
@@ -118,6 +120,10 @@ class Params(Section):
         asked += [("compare_families.families", name, self.families) for name in self.compare_families.families]
         if self.approach.experiments:
             asked += [("approach.experiments: its initializers", name, self.initializers) for name in TRACED]
+        if self.explorer.experiments:
+            asked += [("explorer.experiments: its initializers", name, self.initializers) for name in SHOWN]
+            others = {name: options for name, options in self.initializers.items() if name not in SHOWN}
+            asked.append(("explorer.best", self.explorer.best, others))
         asked.append(("embedding.family", self.embedding.family, self.families))
         for key, experiment in self.experiments.items():
             where = f"experiments.{key}"

@@ -18,9 +18,11 @@ from isi.experiments.learning import learn_initial, learn_joint
 from isi.families import FAMILIES, make
 from isi.insertion.tasks import insert
 from isi.learning import batches
+from isi.studies.singles import TABLES, single_out
 from isi.studies.tracing import TraceTask, trace
 from tests.pretend import DEVICE, Pretend
 from tests.test_experiments import FAMILY_OPTIONS, INITIALIZERS, LEARNING, insert_tasks, learning_tasks, theta0
+from tests.test_singles import singles_task
 
 TRAINED = theta0(steps=2)
 
@@ -86,6 +88,14 @@ def test_tracing_on_another_device_is_tracing() -> None:
     there, here = (executor.alone(trace, TraceTask(task.cells, task, 1), device) for device in ("cuda", "cpu"))
     assert np.array_equal(there.path, here.path)
     assert np.array_equal(there.indicators, here.indicators)
+
+
+@pytest.mark.usefixtures("pretend")
+def test_singling_out_on_another_device_is_singling_out() -> None:
+    task = singles_task()
+    there, here = (executor.alone(single_out, task, device) for device in ("cuda", "cpu"))
+    for what in TABLES:
+        pd.testing.assert_frame_equal(getattr(there, what), getattr(here, what))
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")

@@ -200,6 +200,10 @@ def test_a_key_too_many_is_refused(tmp_path: Path, key: str) -> None:
         ("cross_validation", CROSS_VALIDATION | {"ratio": [1, 2, 3, 4]}),  # 14 settings
         ("approach.size", 11),
         ("approach.seed", 30),
+        ("explorer.size", 11),
+        ("explorer.best", "ers"),  # which is shown anyway
+        ("explorer.best", "best"),
+        ("explorer.answers", 0),
         ("compare_families.seeds", 31),
         ("compare_families.families", {"analog": {"learning_rate": 0.1, "weight_decay": 0.0}}),
         ("affordances.experiments", ["home"]),

@@ -42,7 +42,7 @@ SMALL: dict[str, Any] = {
     "compute.stack": 2, "sweep.k": [1, 8], "sweep.size": 2, "sweep.seeds": 2, "rates.size": 2,
     "approach.size": 2, "approach.epochs": 2, "cross_validation.folds": 3, "cross_validation.dimension": [12],
     "cross_validation.ratio": [], "cross_validation.learning_rate": [0.2], "cross_validation.weight_decay": [],
-    "compare_families.seeds": 2,
+    "compare_families.seeds": 2, "explorer.size": 2, "explorer.epochs": 2, "explorer.best": "iu", "explorer.answers": 3,
 }  # fmt: skip
 LEFT_OUT = {
     "initializers": ("mean", "kind_mean", "gaussian", "gaussian_centred", "es_permuted", "es_permuted_kinds",
@@ -53,6 +53,8 @@ SMALL |= {f"{key}.{name}": workspace.DROP for key, names in LEFT_OUT.items() for
 #: Of its stages: 3 sources; graph, words, sessions, theta0, joint, nothing inserted and what is asked of 3
 #: experiments; insertion; affordances, cross-validation, the approach, what is kept and the report; indicators; rates;
 #: families.
+#: experiments; insertion; affordances, cross-validation, the approach, single insertions and the report; indicators;
+#: rates; families.
 STAGES = 3 + 3 * 7 + 3 * len(INITIALIZERS) + 5 + len(ISI) + len(INITIALIZERS) + len(FAMILIES)
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
 
@@ -375,11 +377,12 @@ def test_editing_the_indicators_of_es_re_runs_es_and_the_report_alone(folder: Pa
     before = {
         path: path.read_bytes()
         for path in files
-        if path.name.split(".")[0] != "es" and path.parent.name not in ("approach", "affordances", "asking")
+        if path.name.split(".")[0] != "es" and path.parent.name not in ("approach", "affordances", "asking", "explorer")
     }
     set_param(folder, "initializers.es.k", 3)
     again = {*(f"insert@{name}-es" for name in EXPERIMENTS), *(f"ask@{name}" for name in EXPERIMENTS),
-             "vary_rate@ai2thor-es", "trace_approach@ai2thor", "rank_affordances@transfer", "report"}  # fmt: skip
+             "vary_rate@ai2thor-es", "trace_approach@ai2thor", "single_out@ai2thor", "rank_affordances@transfer",
+             "report"}  # fmt: skip
     assert ran(dvc(folder, "repro")) == again
     assert {path: path.read_bytes() for path in before} == before
 
@@ -410,6 +413,7 @@ def test_editing_a_param_of_one_experiment_touches_that_experiment_and_the_repor
         "cross_validation.folds": (2, {"cross_validate@ai2thor"}),
         "rates.factors": ([3.0], {f"vary_rate@ai2thor-{name}" for name in INITIALIZERS}),
         "approach.epochs": (3, {"trace_approach@ai2thor"}),
+        "explorer.answers": (4, {"single_out@ai2thor"}),
         "compare_families.families.transe.learning_rate": (0.3, {"compare_families@ai2thor-transe"}),
         "experiments.ai2thor.followed.sizes": (
             [1],
@@ -427,7 +431,7 @@ def test_editing_a_param_of_one_experiment_touches_that_experiment_and_the_repor
 def test_an_edit_of_one_plug_in_touches_what_uses_it_alone(folder: Path) -> None:
     own = {*(f"insert@{name}-rs" for name in EXPERIMENTS), "sweep_indicators@ai2thor-rs", "vary_rate@ai2thor-rs"}
     edits = {
-        "isi/initializers/rs.py": own | {"trace_approach@ai2thor"},
+        "isi/initializers/rs.py": own | {"trace_approach@ai2thor", "single_out@ai2thor"},
         "isi/families/transe.py": {"compare_families@ai2thor-transe"},
         "isi/report/sections/__init__.py": set(),
         "isi/studies/tracing.py": {"trace_approach@ai2thor"},
@@ -448,6 +452,7 @@ def test_nothing_of_one_experiment_depends_on_another() -> None:
         "vary_rate",
         "cross_validate",
         "trace_approach",
+        "single_out",
         "rank_affordances",
         "ask",
         "insert_nothing",
@@ -489,7 +494,8 @@ def test_things_of_ones_own_go_from_their_files_to_the_report(tmp_path: Path) ->
     changes |= {"training.batch_size": 64, "finetuning.batch_size": 64}
     changes |= {f"experiments.{name}": workspace.DROP for name in EXPERIMENTS}
     changes |= {f"sources.{name}": workspace.DROP for name in ("ai2thor", "mp3d", "published")}
-    for study in ("sweep", "cross_validation", "rates", "approach", "compare_families", "affordances", "asking"):
+    studies = "sweep", "cross_validation", "rates", "approach", "compare_families", "affordances", "asking", "explorer"
+    for study in studies:
         changes[f"{study}.experiments"] = []
     for own in ("initializer", "family", "source", "experiment"):
         changes |= documented.params(f"own {own} params")

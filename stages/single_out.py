@@ -1,0 +1,44 @@
+"""Show single insertions, entity by entity: who indicates each, where it is put, and what models answer about it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pandas as pd
+
+from isi.base import tables
+from isi.base.stage import Given, stage
+from isi.experiments.executor import compute_of, run, stack_height
+from isi.experiments.learning import family_of
+from isi.experiments.store import Store
+from isi.insertion.tasks import inserting, insertion_tasks
+from isi.studies import singles
+from isi.studies.singles import SHOWN, Singled, SinglesTask, first_seeds
+
+
+@stage
+def single_out(given: Given, experiment: str) -> None:
+    """Show single insertions, entity by entity."""
+    study, family = given.section("explorer", Singled), family_of(given)
+    store, compute = Store(experiment, given.provenance), compute_of(given)
+    seeds = first_seeds(store.novel(), study.size)
+    cells = [cell for cell in store.cells(stack_height(compute), study.size) if set(cell.seeds) & set(seeds.values())]
+    hows = [inserting(given, name) for name in (*SHOWN, study.best)]
+    inserted = [
+        insertion_tasks(
+            store, given, replace(how, optimizer=how.optimizer.model_copy(update={"max_epochs": study.epochs})), cells
+        )
+        for how in hows
+    ]
+    tasks = [
+        SinglesTask(cell, own, store.joint(cell, family), seeds, study)
+        for cell, *own in zip(cells, *inserted, strict=True)
+    ]
+    done = run(singles.single_out, tasks, compute, f"{experiment}, entity by entity")
+    for what, (schema, order) in singles.TABLES.items():
+        frame = pd.concat(getattr(one, what) for one in done).sort_values(order, kind="stable")
+        tables.write(singles.path(experiment, what), frame, schema, given.provenance)
+
+
+if __name__ == "__main__":
+    single_out()
