@@ -18,6 +18,7 @@ from isi.building import Seen
 from isi.params import Params
 from isi.report.models import JOINT
 from isi.report.results import Asked, Experiment, Results, Study
+from isi.studies.singles import SHOWN
 
 ROOT = Path(__file__).parent.parent
 SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
@@ -54,7 +55,7 @@ def small_params(experiments: Sequence[str], **changes: Any) -> Params:
     studies: dict[str, dict[str, Any]] = {
         "sweep": {"size": 2, "seeds": 2, "k": [1, 2, 4]}, "rates": {"size": 2}, "approach": {"size": 2},
         "cross_validation": {}, "compare_families": {"seeds": 2}, "affordances": {"entities": ["fan"]}, "asking": {},
-        "nothing": {}, "explorer": {"size": 2, "best": "mean"},
+        "nothing": {}, "explorer": {"size": 2, "best": "mean", "answers": 2},
     }  # fmt: skip
     for name, changed in studies.items():
         values[name] |= changed | {"experiments": []}
@@ -187,4 +188,30 @@ def _studies(how: Params, experiments: dict[str, Experiment]) -> dict[str, Study
         "families": Study(first, _numbers(families, "families")),
         "affordances": Study(last, pd.DataFrame(answers)),
         "approach": Study(first, approach),
+        "explorer": Study(first, _singles(how, len(first.entities))),
     }
+
+
+def _singles(how: Params, entities: int) -> dict[str, pd.DataFrame]:
+    """Single insertions of the first entity and the last, each in a seed of its own."""
+    models, epochs, rng = [*SHOWN, how.explorer.best], how.explorer.epochs, np.random.default_rng(11)
+    steps = [(JOINT, 0), *product(models, (0, epochs))]
+    shown = {0: 0, entities - 1: 1}
+    indicators = [{"entity": entity, "model": model, "fallback": None, "indicator": other, "weight": 0.5,
+                   "by_words": 0.25, "by_relations": None}
+                  for entity in shown for model in models[1:4] for other in (1, 2)]  # fmt: skip
+    places = [{"seed": seed, "entity": known, "model": "theta0", "epoch": 0}
+              for entity, seed in shown.items() for known in range(entities) if known != entity]  # fmt: skip
+    places += [{"seed": seed, "entity": entity, "model": model, "epoch": epoch}
+               for entity, seed in shown.items() for model, epoch in steps]  # fmt: skip
+    answers = [{"entity": entity, "model": model, "epoch": epoch, "relation": "atLocation", "hidden": "tail",
+                "answer": int(answer), "rank": rank, "true": {1: "told", 2: "held_out"}.get(int(answer))}
+               for entity in shown for model, epoch in steps
+               for rank, answer in enumerate(rng.permutation(entities), 1)]  # fmt: skip
+    return {
+        "entities": pd.DataFrame({"entity": list(shown), "seed": list(shown.values())}).assign(
+            told=1, shown=0.5, fitted=0.25
+        ),
+        "indicators": pd.DataFrame(indicators), "answers": pd.DataFrame(answers),
+        "places": pd.DataFrame(places).assign(x=rng.normal(size=len(places)), y=rng.normal(size=len(places))),
+    }  # fmt: skip

@@ -28,7 +28,7 @@ from isi.report.sections.graph import graph_statistics, in_order_of
 from tests.reports import GRAPHS, ROOT, small_results, stated
 from tests.reports import INITIALIZERS as SHIPPED
 
-STUDIES = {"asked", "approach", "sensitivity", "cross-validation", "families", "affordances"}
+STUDIES = {"asked", "approach", "explorer", "sensitivity", "cross-validation", "families", "affordances"}
 SUBSETS = list(chain.from_iterable(combinations(GRAPHS, number) for number in (1, 2, 3)))
 
 

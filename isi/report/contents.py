@@ -11,6 +11,7 @@ from isi.report.section import Section
 GROUPS = {
     "How to read this page": ("guide",),
     "What a new vector knows at once": ("at_once", "asked", "controls", "strong", "told", "vectors", "affordances"),
+    "Look for yourself": ("explorer",),
     "What training makes of it": ("epochs", "earlier"),
     "Does it hold elsewhere?": ("transfer", "graphs", "embeddings"),
     "Beside the paper": (

@@ -23,6 +23,7 @@ from isi.report import varied
 from isi.report.models import JOINT
 from isi.report.statistics import converged
 from isi.report.varied import Explored, Varied
+from isi.studies import singles
 from isi.studies.tracing import TRACED
 
 
@@ -153,6 +154,8 @@ class Results:
     families: Study[pd.DataFrame] | None = None
     #: what became of one novel entity (see ``tracing.Trace``), by name
     approach: Study[Mapping[str, np.ndarray]] | None = None
+    #: the tables of single insertions, by name (``singles.TABLES``)
+    explorer: Study[Mapping[str, pd.DataFrame]] | None = None
 
     @property
     def own(self) -> list[Experiment]:
@@ -204,6 +207,7 @@ def _studies(params: Params, experiments: Mapping[str, Experiment]) -> dict[str,
         "cross_validation": (params.cross_validation.experiments, _cross_validation),
         "families": (params.compare_families.experiments, partial(_families, params.compare_families.families)),
         "approach": (params.approach.experiments, _approach),
+        "explorer": (params.explorer.experiments, _explorer),
     }
     first = {study: (listed[0], read) for study, (listed, read) in asked.items() if listed}
     return {study: Study(experiments[name], read(name)) for study, (name, read) in first.items()}
@@ -274,6 +278,10 @@ def _approach(experiment: str) -> Mapping[str, np.ndarray]:
     of_each = [f"{model}.{what}" for model in TRACED for what in ("path", "indicators")]
     tensors = tables.read_tensors(paths.approach(experiment), ["entity", "known", "theta0", *of_each])
     return {name: tensor.numpy() for name, tensor in tensors.items()}
+
+
+def _explorer(experiment: str) -> Mapping[str, pd.DataFrame]:
+    return {what: tables.read_text(singles.path(experiment, what), singles.TABLES[what][0]) for what in singles.TABLES}
 
 
 def _read_yaml(path: Path) -> Mapping[str, Any]:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pandas as pd
+from jinja2.utils import htmlsafe_json_dumps
+from markupsafe import Markup
 from matplotlib.figure import Figure as Canvas
 
 from isi.report.glossary import Term
@@ -83,9 +85,21 @@ class Listing:
     folded: bool = True
 
 
+@dataclass(frozen=True, eq=False)
+class Explorer:
+    """What a reader looks through by a script, on the page alone (``templates/explorer.js`` reads the data)."""
+
+    data: Mapping[str, Any]
+
+    @property
+    def json(self) -> Markup:
+        """The data for an element of the page, which no text of theirs can end."""
+        return htmlsafe_json_dumps(self.data, separators=(",", ":"))
+
+
 #: A string is a paragraph. In it and in bullets, ```code```, ``[text](#section)`` and ``[text](https://…)`` are marked
 #: up; a link to a section that the page does not have is plain text.
-Content = str | Heading | Bullets | Listing | Table | Figure | Written | Words
+Content = str | Heading | Bullets | Listing | Table | Figure | Written | Words | Explorer
 
 
 @dataclass(frozen=True)
