@@ -19,7 +19,7 @@ from isi.insertion.weighing import softly_by_both
 from isi.sessions.session import OUT, TEST, TRAIN, VALID
 from isi.studies.answering import answers_of, asked_of, pick
 from isi.studies.planes import on, plane, turn
-from isi.studies.singles import TABLES, Singled, Singles, SinglesTask, first_seeds, single_out, weights_of
+from isi.studies.singles import SHOWN, TABLES, Singled, Singles, SinglesTask, first_seeds, single_out, weights_of
 from tests.graphs import ANALOGY, graph_of
 from tests.test_experiments import ENTITIES, MARGIN, OPTIMIZER, SAMPLED, WORDS, insert_tasks, learning_tasks, theta0
 
@@ -37,7 +37,7 @@ def singles_task(height: int = 4, number: int = 0) -> SinglesTask:
     trained, (joint,) = theta0(), learning_tasks(4)
     whole = learn_joint(joint)
     rows = slice(number * height, (number + 1) * height)
-    hows = [insert_tasks(height, name, trained)[number] for name in ("xavier", "es", "ers")]
+    hows = [insert_tasks(height, name, trained)[number] for name in SHOWN]
     if height == 4:
         hows.append(soft_task(trained))
     novel = [(2, seed, entity, 1) for seed, own in zip(joint.cells.seeds, joint.cells.novel[:, 0], strict=True)
@@ -117,7 +117,7 @@ def test_weights_of_a_soft_hybrid_are_those_that_make_its_vector() -> None:
 
 
 def test_indicators_are_those_whose_centroid_was_taken(task: SinglesTask, found: Singles) -> None:
-    assert set(found.indicators["model"]) == {"es", "ers", "soft_hybrid"}
+    assert set(found.indicators["model"]) == {"es", "rs", "ers", "soft_hybrid"}
     assert (found.indicators.groupby(["model", "entity"]).size() == 3).loc["es"].all()
     assert (found.indicators.groupby(["model", "entity"]).size() == HOW.indicators).loc["soft_hybrid"].all()
     vectors = insert(task.inserting[1]).vectors
@@ -178,7 +178,7 @@ def test_an_entity_that_is_shown_elsewhere_is_not_asked_about() -> None:
 
 def test_answers_are_those_of_every_model_as_inserted_and_after_training(task: SinglesTask, found: Singles) -> None:
     models = set(found.answers.groupby(["model", "epoch"]).groups)
-    each = {(name, epoch) for name in ("xavier", "es", "ers", "soft_hybrid") for epoch in (0, HOW.epochs)}
+    each = {(name, epoch) for name in (*SHOWN, "soft_hybrid") for epoch in (0, HOW.epochs)}
     assert models == each | {("joint", 0)}
     queries = found.answers.groupby(["entity", "model", "epoch", "relation", "hidden"])
     assert (queries["rank"].min() == 1).all()
@@ -197,7 +197,7 @@ def test_answers_are_those_of_every_model_as_inserted_and_after_training(task: S
 
 
 def test_a_seed_has_the_same_bits_in_a_stack_and_alone(task: SinglesTask) -> None:
-    together = single_out(replace(task, inserting=task.inserting[:3]))
+    together = single_out(replace(task, inserting=task.inserting[:4]))
     alone = [single_out(singles_task(1, number)) for number in range(4) if number in task.seeds.values()]
     for what, (schema, order) in TABLES.items():
         one, other = (pd.concat(getattr(done, what) for done in parts).sort_values(order, kind="stable")
