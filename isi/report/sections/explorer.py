@@ -21,6 +21,8 @@ Shown = Mapping[str, pd.DataFrame]
 Step = tuple[str, int]
 #: Indicators whose share of a centre is below this are left out.
 LEAST = 0.005
+#: Entities in no set that are named, at most.
+FEW = 12
 
 
 def contents(results: Results) -> Iterator[Content]:
@@ -34,7 +36,7 @@ def contents(results: Results) -> Iterator[Content]:
         "What one entity becomes: choose it, or type a few letters. "
         f"{len(rows)} of the {len(experiment.entities)} entities of {experiment.title} are in one of the sets of "
         f"{how.size} that seeds insert together; each is shown as in the first seed that has it"
-        + (f" (in none: {joined(absent)})." if len(absent) else ".")
+        + (f" (in none: {joined(absent)})." if 0 < len(absent) <= FEW else ".")
     )
     yield (
         "The rank of an answer is its place among all entities of the session, none left out; ranks of tables leave "

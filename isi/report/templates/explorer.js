@@ -6,6 +6,7 @@
   const at = (id) => document.getElementById(`explorer-${id}`);
   const box = at("box"), input = at("entity"), list = at("list");
   const ids = Object.keys(data.entities).map(Number).sort((a, b) => data.names[a].localeCompare(data.names[b]));
+  const MOST = 12;  /* further answers that are shown unasked */
   const MARKS = [null, "told", "trained", "held out"];
   const FALLBACKS = { es: "by words alone", rs: "by relations alone", centroid: "all that are known" };
   let entity = data.start, model = data.models.length - 1, options = [], active = -1;
@@ -176,9 +177,10 @@
     const later = query.true.map((answer, number) => [query.ranks[step][number], answer])
       .filter(([rank]) => rank > first.length).sort((a, b) => a[0] - b[0]);
     const parts = [html("h6", {}, heading), html("ol", {}, ...first.map((answer) => html("li", {}, ...marked(answer, status.get(answer)))))];
-    if (later.length) {
-      parts.push(html("p", {}, "Further true ones: " + later.map(([rank, answer]) =>
-        `${rank} ${data.names[answer]} (${MARKS[status.get(answer)]})`).join(", ")));
+    const told = later.map(([rank, answer]) => `${rank} ${data.names[answer]} (${MARKS[status.get(answer)]})`);
+    if (told.length) parts.push(html("p", {}, `Further true ones: ${told.slice(0, MOST).join(", ")}`));
+    if (told.length > MOST) {
+      parts.push(html("details", {}, html("summary", {}, `and ${told.length - MOST} more`), html("p", {}, told.slice(MOST).join(", "))));
     }
     return html("div", {}, ...parts);
   };
