@@ -52,7 +52,7 @@ def test_indicators_by_hand() -> None:
     })  # fmt: skip
     assert indicators_of(rows) == {
         (3, "es"): {"fallback": "rs", "ids": [8, 2], "weight": [60, 40], "words": [None, 13], "relations": [99, None]},
-        (4, "rs"): {"fallback": None, "ids": [1], "weight": [100], "words": [-20], "relations": [0]},
+        (4, "rs"): {"fallback": None, "ids": [1], "weight": None, "words": [-20], "relations": [0]},
     }
 
 

@@ -98,16 +98,23 @@ def maps_of(known: pd.DataFrame, rows: pd.DataFrame) -> dict[str, dict[str, Any]
 
 
 def indicators_of(rows: pd.DataFrame) -> dict[tuple[int, str], dict[str, Any]]:
-    """Of each entity and model: whose indicators they are where not the model's own, and their ids and numbers."""
+    """Of each entity and model: whose indicators they are where not the model's own, and their ids and numbers.
+
+    Weights are null where they are all the same.
+    """
     found: dict[tuple[int, str], dict[str, Any]] = {}
     columns = ["entity", "model", "fallback", "indicator", "weight", "by_words", "by_relations"]
     large = rows.loc[rows["weight"] >= LEAST, columns]
-    for entity, model, fallback, indicator, weight, words, relations in large.itertuples(index=False, name=None):
+    weighed = large.groupby(["entity", "model"])["weight"].transform("nunique") > 1
+    for uneven, row in zip(weighed, large.itertuples(index=False, name=None), strict=True):
+        entity, model, fallback, indicator, weight, words, relations = row
         whose = fallback if isinstance(fallback, str) else None
-        empty: dict[str, Any] = {"fallback": whose, "ids": [], "weight": [], "words": [], "relations": []}
+        weights: list[int | None] | None = [] if uneven else None
+        empty: dict[str, Any] = {"fallback": whose, "ids": [], "weight": weights, "words": [], "relations": []}
         own = found.setdefault((entity, model), empty)
         own["ids"].append(indicator)
-        own["weight"].append(_hundredths(weight))
+        if uneven:
+            own["weight"].append(_hundredths(weight))
         own["words"].append(_hundredths(words))
         own["relations"].append(_hundredths(relations))
     return found

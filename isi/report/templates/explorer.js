@@ -23,7 +23,7 @@
   const shapes = {
     at_once: (x, y, size) => svg("circle", { cx: x, cy: y, r: size }),
     trained: (x, y, size) => svg("rect", { x: x - size, y: y - size, width: 2 * size, height: 2 * size }),
-    joint: (x, y, size) => svg("path", { d: `M${x} ${y - 1.4 * size}l${size} ${1.4 * size}l${-size} ${1.4 * size}l${-size} ${-1.4 * size}z` }),
+    joint: (x, y, size) => svg("path", { d: `M${x} ${y - size}l${.8 * size} ${size}l${-.8 * size} ${size}l${-.8 * size} ${-size}z` }),
     indicator: (x, y, size) => svg("path", { d: `M${x} ${y - size}l${size} ${1.8 * size}h${-2 * size}z` }),
   };
   const two = (hundredths) => hundredths === null ? "–" : (hundredths / 100).toFixed(2).replace("-", "−");
@@ -79,8 +79,9 @@
     if (event.key === "ArrowDown" || event.key === "ArrowUp") {
       if (!open) suggest("");
       move(event.key === "ArrowDown" ? active + 1 : (active < 0 ? 0 : active) - 1);
-    } else if (event.key === "Enter" && open && options.length) choose(options[Math.max(active, 0)]);
-    else if (event.key === "Escape") { shut(); input.value = data.names[entity]; }
+    } else if (event.key === "Enter" && open && options.length) {
+      choose(active < 0 && input.value === data.names[entity] ? entity : options[Math.max(active, 0)]);
+    } else if (event.key === "Escape") { shut(); input.value = data.names[entity]; }
     else return;
     event.preventDefault();
   });
@@ -96,18 +97,17 @@
       .map((answer) => asked(query, data.names[entity], data.names[answer])));
     at("told").textContent = `Inserted by seed ${own.seed}. Told: ${facts.join("; ") || "nothing"}.`;
   };
-  const indicatorTable = (found, weighed) => html("table", {},
+  const indicatorTable = (found) => html("table", {},
     html("thead", {}, html("tr", {}, html("th", { scope: "col" }, "entity"),
-      ...[...(weighed ? ["weight"] : []), "words", "relations"].map((name) => html("th", { scope: "col", class: "n" }, name)))),
+      ...[...(found.weight ? ["weight"] : []), "words", "relations"].map((name) => html("th", { scope: "col", class: "n" }, name)))),
     html("tbody", {}, ...found.ids.slice(0, 9).map((id, number) => html("tr", {}, html("td", {}, data.names[id]),
-      ...(weighed ? [html("td", { class: "n" }, `${found.weight[number]} %`)] : []),
+      ...(found.weight ? [html("td", { class: "n" }, `${found.weight[number]} %`)] : []),
       html("td", { class: "n" }, two(found.words[number])), html("td", { class: "n" }, two(found.relations[number]))))));
   const drawIndicators = (own) => at("indicators").replaceChildren(...data.models.flatMap(({ label }, number) => {
     const found = own.indicators[number];
     if (!found) return [];
-    const weighed = found.weight.some((weight) => weight !== found.weight[0]);
     const rest = found.ids.slice(9).map((id) => data.names[id]);
-    const parts = [html("h5", {}, label), indicatorTable(found, weighed)];
+    const parts = [html("h5", {}, label), indicatorTable(found)];
     if (rest.length) parts.push(html("p", {}, `and ${rest.join(", ")}`));
     if (found.fallback) parts.unshift(html("p", {}, `Fell back: ${FALLBACKS[found.fallback]}.`));
     return [html("div", { class: number === model ? "ex-chosen" : "" }, ...parts)];
@@ -115,59 +115,65 @@
 
   /* The map: what is drawn on it is larger where the page is narrow. */
   const narrow = window.matchMedia("(max-width: 40rem)");
-  const drawMap = (own) => {
-    const zoom = narrow.matches ? 1.5 : 1;
-    const seed = data.maps[own.seed], known = new Map(seed.known.map((id, number) => [id, seed.at[number]]));
-    const every = [...seed.at, ...own.places], margin = 26;
-    const [left, low] = [0, 1].map((axis) => Math.min(...every.map((place) => place[axis])));
-    const [right, high] = [0, 1].map((axis) => Math.max(...every.map((place) => place[axis])));
-    const scale = Math.min((640 - 2 * margin) / (right - left || 1), (440 - 2 * margin) / (high - low || 1));
-    const x = (place) => Math.round(10 * (320 + scale * (place[0] - (left + right) / 2))) / 10;
-    const y = (place) => Math.round(10 * (220 - scale * (place[1] - (low + high) / 2))) / 10;
-    const named = (node, text, attributes = {}) => fill(node, attributes, [svg("title", {}, text)]);
-    const nodes = [...known].map(([id, place]) => named(shapes.at_once(x(place), y(place), 2.6 * zoom), data.names[id], { class: "ex-known" }));
-    const colour = data.models[model].colour, label = data.models[model].label;
-    const texts = [], taken = [];
-    /* Right of its place, left, above or below, where nothing else is written; nowhere if there is no room. */
-    const write = (text, place, style) => {
+  const [WIDTH, HEIGHT, MARGIN] = [640, 440, 26];
+  const onto = (places) => {  /* from coordinates to the drawing, as large as it can be */
+    const [lowest, highest] = ["min", "max"].map((end) => [0, 1].map((axis) => Math[end](...places.map((place) => place[axis]))));
+    const middle = [0, 1].map((axis) => (lowest[axis] + highest[axis]) / 2);
+    const scale = Math.min((WIDTH - 2 * MARGIN) / (highest[0] - lowest[0] || 1), (HEIGHT - 2 * MARGIN) / (highest[1] - lowest[1] || 1));
+    const rounded = (value) => Math.round(10 * value) / 10;
+    return (place) => [rounded(WIDTH / 2 + scale * (place[0] - middle[0])), rounded(HEIGHT / 2 - scale * (place[1] - middle[1]))];
+  };
+  const labels = (zoom) => {  /* right of a point, left, above or below, where nothing else is written; else nowhere */
+    const taken = [];
+    return (text, [x, y], style) => {
       const apart = (style ? 10 : 6) * zoom, width = (style ? 7.5 : 6.2) * zoom * text.length;
       const spots = [[apart, 4 * zoom], [-apart - width, 4 * zoom], [-width / 2, -apart - 1], [-width / 2, apart + 9 * zoom]];
-      const free = spots.map(([dx, dy]) => [x(place) + dx, y(place) + dy]).find(([tx, ty]) => tx > 0 && tx + width < 640
-        && taken.every(([ox, oy, other]) => tx > ox + other || ox > tx + width || Math.abs(ty - oy) > 11 * zoom));
-      if (!free) return;
+      const free = spots.map(([across, down]) => [x + across, y + down]).find(([left, base]) => left > 0 && left + width < WIDTH
+        && taken.every(([start, line, long]) => left > start + long || start > left + width || Math.abs(base - line) > 11 * zoom));
+      if (!free) return [];
       taken.push([...free, width]);
-      texts.push(svg("text", { x: free[0], y: free[1], class: style }, text));
+      return [svg("text", { x: free[0], y: free[1], class: style }, text)];
     };
-    const order = data.models.map((_, number) => number).filter((number) => number !== model);
-    for (const number of [...order, model]) {
-      const [start, end] = own.places.slice(1 + 2 * number, 3 + 2 * number), chosen = number === model;
-      const style = { fill: data.models[number].colour, stroke: "var(--paper)", "stroke-width": .8 };
-      const parts = [
-        svg("line", { x1: x(start), y1: y(start), x2: x(end), y2: y(end), stroke: style.fill, "stroke-width": chosen ? 2 : 1 }),
-        named(shapes.at_once(x(start), y(start), (chosen ? 7 : 4.5) * zoom), `${data.names[entity]}, at once, by ${data.models[number].label}`, style),
-        named(shapes.trained(x(end), y(end), (chosen ? 5 : 3.5) * zoom), `${data.names[entity]}, after ${data.epochs} epochs, from ${data.models[number].label}`, style),
-      ];
-      nodes.push(svg("g", { class: chosen ? "" : "ex-other" }, ...parts));
-    }
-    const joint = own.places[0];
-    nodes.push(named(shapes.joint(x(joint), y(joint), 6 * zoom), `${data.names[entity]}, ${data.joint} model`, { class: "ex-joint" }));
-    write(data.names[entity], own.places[1 + 2 * model], "ex-name");
-    for (const id of own.indicators[model] ? own.indicators[model].ids : []) {
-      const place = known.get(id);
-      nodes.push(named(shapes.indicator(x(place), y(place), 5 * zoom), data.names[id], { class: "ex-indicator", fill: colour }));
-      write(data.names[id], place, "");
-    }
-    const map = at("map");
-    map.setAttribute("aria-label", `Map of the ${known.size} known entities, with ${data.names[entity]} as ${label} puts it, after training, and in the joint model.`);
-    map.replaceChildren(...nodes, ...texts);
+  };
+  const named = (node, text, attributes) => fill(node, attributes, [svg("title", {}, text)]);
+  const moved = (own, number, to, zoom) => {  /* an entity at once and after training, with a line between */
+    const [start, end] = own.places.slice(1 + 2 * number, 3 + 2 * number).map(to), chosen = number === model;
+    const { label, colour } = data.models[number], style = { fill: colour, stroke: "var(--paper)", "stroke-width": .8 };
+    return svg("g", { class: chosen ? "" : "ex-other" },
+      svg("line", { x1: start[0], y1: start[1], x2: end[0], y2: end[1], stroke: colour, "stroke-width": chosen ? 2 : 1 }),
+      named(shapes.at_once(...start, (chosen ? 7 : 4.5) * zoom), `${data.names[entity]}, at once, by ${label}`, style),
+      named(shapes.trained(...end, (chosen ? 5 : 3.5) * zoom), `${data.names[entity]}, after ${data.epochs} epochs, from ${label}`, style));
+  };
+  const drawMap = (own) => {
+    const seed = data.maps[own.seed], known = new Map(seed.known.map((id, number) => [id, seed.at[number]]));
+    const zoom = narrow.matches ? 1.5 : 1, to = onto([...seed.at, ...own.places]), write = labels(zoom);
+    const { colour, label } = data.models[model], name = data.names[entity];
+    const indicators = own.indicators[model] ? own.indicators[model].ids : [];
+    const others = data.models.map((_, number) => number).filter((number) => number !== model);
+    fill(at("map"), {
+      "aria-label": `Map of the ${known.size} known entities, with ${name} as ${label} puts it, after training, and in the joint model.`,
+    }, []).replaceChildren(
+      ...[...known].map(([id, place]) => named(shapes.at_once(...to(place), 2.6 * zoom), data.names[id], { class: "ex-known" })),
+      ...[...others, model].map((number) => moved(own, number, to, zoom)),
+      named(shapes.joint(...to(own.places[0]), 8 * zoom), `${name}, ${data.joint} model`, { class: "ex-joint" }),
+      ...indicators.map((id) => named(shapes.indicator(...to(known.get(id)), 5 * zoom), data.names[id], { class: "ex-indicator", fill: colour })),
+      ...write(name, to(own.places[1 + 2 * model]), "ex-name"),
+      ...indicators.flatMap((id) => write(data.names[id], to(known.get(id)), "")),
+    );
+    drawKey(seed, colour, label);
+  };
+  const drawKey = (seed, colour, label) => {
     const key = (shape, text, paint) => html("li", {}, svg("svg", { viewBox: "0 0 14 14", "aria-hidden": "true" },
-      fill(shapes[shape](7, 7, 4.5), { fill: paint }, [])), text);
-    at("legend").replaceChildren(key("at_once", "known entity", "var(--soft)"), key("indicator", `indicator of ${label}`, colour),
+      fill(shapes[shape](7, 7, 5), { fill: paint }, [])), text);
+    at("legend").replaceChildren(
+      key("at_once", "known entity", "var(--soft)"), key("indicator", `indicator of ${label}`, colour),
       key("at_once", `at once, by ${label}`, colour), key("trained", `after ${data.epochs} epochs`, colour),
-      key("joint", `${data.joint} model`, "var(--ink)"), html("li", {}, "fainter: from other initializers"));
-    at("caption").textContent = `The known entities as Θ⁰ has them, on its two principal axes, which hold ${seed.shown} % of their variance: `
-      + `what lies close here may be far apart. The ${data.joint.toLowerCase()} model has coordinates of its own; they are turned and scaled so that `
-      + `its known entities come as close to Θ⁰'s as they can, which accounts for ${seed.fitted} % of the variance.`;
+      key("joint", `${data.joint} model`, "var(--ink)"), html("li", {}, "fainter: from other initializers"),
+    );
+    at("caption").textContent = `The known entities as Θ⁰ has them, on its two principal axes, which hold ${seed.shown} % of their `
+      + `variance: what lies close here may be far apart. The ${data.joint.toLowerCase()} model has coordinates of its own; they are `
+      + "turned and scaled so that its known entities come as close to Θ⁰'s as they can, which accounts for "
+      + `${seed.fitted} % of the variance.`;
   };
 
   /* The answers. */
@@ -176,11 +182,13 @@
     const first = query.first[step];
     const later = query.true.map((answer, number) => [query.ranks[step][number], answer])
       .filter(([rank]) => rank > first.length).sort((a, b) => a[0] - b[0]);
-    const parts = [html("h6", {}, heading), html("ol", {}, ...first.map((answer) => html("li", {}, ...marked(answer, status.get(answer)))))];
+    const lines = first.map((answer) => html("li", {}, ...marked(answer, status.get(answer))));
+    const parts = [html("h6", {}, heading), html("ol", {}, ...lines)];
     const told = later.map(([rank, answer]) => `${rank} ${data.names[answer]} (${MARKS[status.get(answer)]})`);
     if (told.length) parts.push(html("p", {}, `Further true ones: ${told.slice(0, MOST).join(", ")}`));
     if (told.length > MOST) {
-      parts.push(html("details", {}, html("summary", {}, `and ${told.length - MOST} more`), html("p", {}, told.slice(MOST).join(", "))));
+      const more = html("summary", {}, `and ${told.length - MOST} more`);
+      parts.push(html("details", {}, more, html("p", {}, told.slice(MOST).join(", "))));
     }
     return html("div", {}, ...parts);
   };
@@ -189,20 +197,23 @@
     const drawn = own.queries.map((query) => html("div", { class: "ex-query" },
       html("h5", {}, asked(query, data.names[entity], "?"), query.true.length ? "" : " (nothing is true)"),
       html("div", { class: "ex-columns" }, answerList(query, 1 + 2 * model, `At once, by ${label}`),
-        answerList(query, 2 + 2 * model, `After ${data.epochs} epochs, from ${label}`), answerList(query, 0, `${data.joint} model`))));
+        answerList(query, 2 + 2 * model, `After ${data.epochs} epochs, from ${label}`),
+        answerList(query, 0, `${data.joint} model`))));
     const vain = drawn.filter((_, number) => !own.queries[number].true.length);
     const useful = drawn.filter((node) => !vain.includes(node));
-    if (vain.length) useful.push(html("details", {}, html("summary", {}, "Asked of its kind, with nothing true of it"), ...vain));
+    const heading = html("summary", {}, "Asked of its kind, with nothing true of it");
+    if (vain.length) useful.push(html("details", {}, heading, ...vain));
     at("answers").replaceChildren(...useful);
   };
   const draw = () => [drawFacts, drawIndicators, drawMap, drawAnswers].forEach((part) => part(data.entities[entity]));
 
   /* The address. */
-  const remember = () => history.replaceState(null, "", `#explorer/${encodeURIComponent(data.names[entity])}/${data.models[model].name}`);
+  const encoded = (id) => encodeURIComponent(data.names[id]);
+  const remember = () => history.replaceState(null, "", `#explorer/${encoded(entity)}/${data.models[model].name}`);
   const recall = () => {
     const [section, name, by] = location.hash.slice(1).split("/");
     if (section !== "explorer" || name === undefined) return;
-    const id = ids.find((one) => encodeURIComponent(data.names[one]) === name), number = data.models.findIndex((one) => one.name === by);
+    const id = ids.find((one) => encoded(one) === name), number = data.models.findIndex((one) => one.name === by);
     if (id !== undefined) entity = id;
     if (number >= 0) model = number;
     input.value = data.names[entity];
