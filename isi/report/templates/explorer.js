@@ -8,7 +8,7 @@
   const ids = Object.keys(data.entities).map(Number).sort((a, b) => data.names[a].localeCompare(data.names[b]));
   const MOST = 12;  /* further answers that are shown unasked */
   const MARKS = [null, "told", "trained", "held out"];
-  const FALLBACKS = { es: "by words alone", rs: "by relations alone", centroid: "all that are known" };
+  const FALLBACKS = { es: "it falls back on words alone", rs: "it falls back on relations alone", centroid: "it falls back on all that are known" };
   let entity = data.start, model = data.models.length - 1, options = [], active = -1;
 
   /* Elements: what they hold is text or other elements. */
@@ -97,19 +97,22 @@
       .map((answer) => asked(query, data.names[entity], data.names[answer])));
     at("told").textContent = `Inserted by seed ${own.seed}. Told: ${facts.join("; ") || "nothing"}.`;
   };
-  const indicatorTable = (found) => html("table", {},
-    html("thead", {}, html("tr", {}, html("th", { scope: "col" }, "entity"),
-      ...[...(found.weight ? ["weight"] : []), "words", "relations"].map((name) => html("th", { scope: "col", class: "n" }, name)))),
-    html("tbody", {}, ...found.ids.slice(0, 9).map((id, number) => html("tr", {}, html("td", {}, data.names[id]),
-      ...(found.weight ? [html("td", { class: "n" }, `${found.weight[number]} %`)] : []),
-      html("td", { class: "n" }, two(found.words[number])), html("td", { class: "n" }, two(found.relations[number]))))));
+  const row = (kind, cells) => html("tr", {}, ...cells.map((cell, number) => number
+    ? html(kind, kind === "th" ? { scope: "col" } : {}, cell) : html("th", { scope: kind === "th" ? "col" : "row" }, cell)));
+  const indicatorTable = (found, label) => {
+    const weight = found.weight ? ["weight"] : [], shown = found.ids.slice(0, 9);
+    return html("table", {}, html("caption", {}, label),
+      html("thead", {}, row("th", ["entity", ...weight, "words", "relations"])),
+      html("tbody", {}, ...shown.map((id, number) => row("td", [data.names[id], ...weight.map(() => `${found.weight[number]} %`),
+        two(found.words[number]), two(found.relations[number])]))));
+  };
   const drawIndicators = (own) => at("indicators").replaceChildren(...data.models.flatMap(({ label }, number) => {
     const found = own.indicators[number];
     if (!found) return [];
     const rest = found.ids.slice(9).map((id) => data.names[id]);
-    const parts = [html("h5", {}, label), indicatorTable(found)];
+    const parts = [indicatorTable(found, label)];
     if (rest.length) parts.push(html("p", {}, `and ${rest.join(", ")}`));
-    if (found.fallback) parts.unshift(html("p", {}, `Fell back: ${FALLBACKS[found.fallback]}.`));
+    if (found.fallback) parts.push(html("p", {}, `(${FALLBACKS[found.fallback]})`));
     return [html("div", { class: number === model ? "ex-chosen" : "" }, ...parts)];
   }));
 
@@ -183,7 +186,7 @@
     const later = query.true.map((answer, number) => [query.ranks[step][number], answer])
       .filter(([rank]) => rank > first.length).sort((a, b) => a[0] - b[0]);
     const lines = first.map((answer) => html("li", {}, ...marked(answer, status.get(answer))));
-    const parts = [html("h6", {}, heading), html("ol", {}, ...lines)];
+    const parts = [html("p", {}, heading), html("ol", {}, ...lines)];
     const told = later.map(([rank, answer]) => `${rank} ${data.names[answer]} (${MARKS[status.get(answer)]})`);
     if (told.length) parts.push(html("p", {}, `Further true ones: ${told.slice(0, MOST).join(", ")}`));
     if (told.length > MOST) {
@@ -195,7 +198,7 @@
   const drawAnswers = (own) => {
     const { label } = data.models[model];
     const drawn = own.queries.map((query) => html("div", { class: "ex-query" },
-      html("h5", {}, asked(query, data.names[entity], "?"), query.true.length ? "" : " (nothing is true)"),
+      html("h6", {}, asked(query, data.names[entity], "?"), query.true.length ? "" : " (nothing is true)"),
       html("div", { class: "ex-columns" }, answerList(query, 1 + 2 * model, `At once, by ${label}`),
         answerList(query, 2 + 2 * model, `After ${data.epochs} epochs, from ${label}`),
         answerList(query, 0, `${data.joint} model`))));
