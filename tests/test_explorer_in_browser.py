@@ -52,9 +52,7 @@ def report(shown: Shown, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
     section = next(section for section in contents.SECTIONS if section.id == "explorer")
     found = replace(results, explorer=Study(experiment, shown))
-    folder.joinpath("index.html").write_text(
-        page.html([(section, list(section.contents(found)))], {}, ["Above."]), encoding="utf-8"
-    )
+    page.write(folder, found, [section])
     return folder / "index.html"
 
 
@@ -94,7 +92,7 @@ def further(rows: pd.DataFrame) -> list[str]:
 def test_letters_and_arrows_choose_an_entity(chromium: Browser, report: Path, shown: Shown) -> None:
     ids = sorted(shown["entities"]["entity"], key=lambda entity: NAMES[entity].lower())
     wanted = [NAMES[entity] for entity in ids if "o" in NAMES[entity]]
-    with opened(chromium, report) as found:
+    with opened(chromium, report, fragment="explorer") as found:
         field = combobox(found)
         field.fill("o")
         assert field.get_attribute("aria-expanded") == "true"
@@ -128,7 +126,7 @@ def test_what_is_shown_of_an_entity_is_what_the_tables_hold(
     chromium: Browser, report: Path, shown: Shown, model: str
 ) -> None:
     for entity, seed in shown["entities"][["entity", "seed"]].head(2).itertuples(index=False):
-        with opened(chromium, report) as found:
+        with opened(chromium, report, fragment="explorer") as found:
             combobox(found).fill(NAMES[entity])
             combobox(found).press("Enter")
             found.page.get_by_role("radio", name=label(model), exact=True).check()
@@ -196,7 +194,7 @@ def test_the_map_has_a_mark_for_each_known_entity_and_for_what_each_model_does(
 
 def test_an_address_opens_an_entity_and_choices_stand_in_it(chromium: Browser, report: Path, shown: Shown) -> None:
     entities = shown["entities"]["entity"].tolist()[:3]
-    with opened(chromium, report) as found:
+    with opened(chromium, report, fragment="explorer") as found:
         for entity in entities:
             combobox(found).fill(NAMES[entity])
             combobox(found).press("Enter")
@@ -217,7 +215,7 @@ def test_an_address_opens_an_entity_and_choices_stand_in_it(chromium: Browser, r
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1280])
 def test_nothing_sticks_out_and_nothing_is_asked_for(chromium: Browser, report: Path, width: int, scheme: str) -> None:
-    with opened(chromium, report, width=width, scheme=scheme) as found:
+    with opened(chromium, report, width=width, scheme=scheme, fragment="explorer") as found:
         combobox(found).click()
         assert found.overflow == 0
         assert found.page.locator("#explorer-box").is_visible()
@@ -225,10 +223,11 @@ def test_nothing_sticks_out_and_nothing_is_asked_for(chromium: Browser, report: 
 
 
 def test_paper_and_readers_without_scripts_have_a_sentence(chromium: Browser, report: Path) -> None:
-    with opened(chromium, report) as found:
+    with opened(chromium, report, fragment="explorer") as found:
         found.page.emulate_media(media="print")
         assert found.page.locator(".ex-paper").is_visible()
         assert not found.page.locator("#explorer-box").is_visible()
     with opened(chromium, report, script=False) as found:
+        found.page.get_by_text("An explorer of insertions").last.click()
         assert found.page.locator(".ex-paper").is_visible()
         assert not found.page.locator("#explorer-box").is_visible()
