@@ -11,7 +11,7 @@ CHECKED := $(VENV)/params-checked
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help repro beyond quick record test verify benchmark words readme lock families initializers clean
+.PHONY: help repro beyond quick record test verify benchmark words readme console lock families initializers clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*##/\1:/p' $(MAKEFILE_LIST)
@@ -32,8 +32,7 @@ repro: $(CHECKED)  ## run what is not up to date of the pipeline; then where the
 	@python tools/repro.py
 	@python tools/headline.py reports
 
-beyond: repro  ## then what lies beyond the paper: other embeddings, words and conditions, stronger initializers; into the same page (installs the extra `pykeen`)
-	@$(BIN)/pip install --quiet --editable '.[pykeen]'
+beyond: repro  ## then what lies beyond the paper: other embeddings, words and conditions, stronger initializers; into the same page
 	@python tools/repro.py beyond/dvc.yaml
 	@python -m tools.hidden
 	@dvc repro --single-item --force report
@@ -70,6 +69,10 @@ readme: $(INSTALLED)  ## put the tables and numbers of the report and of the ben
 
 lock: $(INSTALLED)  ## write requirements.lock from what is installed
 	$(BIN)/pip freeze --exclude-editable | sed 's/+cpu$$//; /^bddl==/d' > requirements.lock
+
+console: $(INSTALLED)  ## put what commands print into docs/insert.md (installs the extra `words`)
+	$(BIN)/pip install --quiet --editable '.[words]'
+	python -m tools.console
 
 families: $(INSTALLED)  ## choose rate, decay and margin of every embedding family again, in about ten minutes
 	python -m tools.choose_families

@@ -1,0 +1,28 @@
+"""The tool that puts what commands print into the docs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tests.kept import written
+from tools.console import shown
+
+PAGE = """Before.
+
+```console
+$ isi nearest kettle --top 1
+of another day
+$ isi nearest kitchen
+```
+
+```sh
+$ isi nothing
+```
+"""
+
+
+def test_output_is_renewed_where_there_is_some(tmp_path: Path) -> None:
+    written(tmp_path / "data" / "kept" / "ai2thor")
+    page = shown(PAGE, tmp_path)
+    assert page == PAGE.replace("of another day", "kettle (cosine of the vectors)\n  0.802  kitchen  room")  # 3 / √14
+    assert shown(page, tmp_path) == page
