@@ -55,7 +55,7 @@ def small_params(experiments: Sequence[str], **changes: Any) -> Params:
     studies: dict[str, dict[str, Any]] = {
         "sweep": {"size": 2, "seeds": 2, "k": [1, 2, 4]}, "rates": {"size": 2}, "approach": {"size": 2},
         "cross_validation": {}, "compare_families": {"seeds": 2}, "affordances": {"entities": ["fan"]}, "asking": {},
-        "nothing": {}, "explorer": {"size": 2, "best": "mean", "answers": 2},
+        "nothing": {}, "kept": {}, "explorer": {"size": 2, "best": "mean", "answers": 2},
     }  # fmt: skip
     for name, changed in studies.items():
         values[name] |= changed | {"experiments": []}
