@@ -20,7 +20,7 @@ from isi.asking.finding import find, plain
 from isi.asking.indicating import as_new, weights
 from isi.asking.leaving_out import again, each_left_out
 from isi.asking.model import Model, open_model
-from isi.asking.placing import News, Placed, place
+from isi.asking.placing import News, Placed, only, place
 from isi.base.errors import InputError
 from isi.graph import HEAD, TAIL
 from isi.keeping.kept import Kept
@@ -217,6 +217,17 @@ def test_without_all_that_is_known_there_is_nothing() -> None:
     record = placed.record
     (found,) = each_left_out(placed.model, record, [], [], 1)
     assert (found.left_out, found.initializer, found.cosine) == ("words", None, None)
+
+
+def test_an_indicator_that_is_called_as_a_relation_takes_no_other_facts_with_it() -> None:
+    named = model(entity_names=[*NAMES[:-1], "hasAffordance"])
+    placed = place(named, news())
+    shown = [replace(placed.indicators()[0], entity=LIE_ON)]
+    *_, found = each_left_out(placed.model, placed.record, shown, [], 1)
+    fewer = place(only(named, np.arange(5)), news())  # which knows what its triples are of
+    own, vector = (one.vector.astype(float) for one in (placed, fewer))
+    assert found.what == "hasAffordance"
+    assert found.moved == pytest.approx(np.linalg.norm(own - vector) / np.linalg.norm(own))
 
 
 # Names

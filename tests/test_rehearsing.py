@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from isi.asking import rehearsing
 from isi.asking.answers import Asker, Question
 from isi.asking.chances import curve_of, fitted
 from isi.asking.model import Model, open_model
@@ -106,3 +108,19 @@ def test_what_too_few_answers_tell_is_shared_or_left_out() -> None:
     assert found.curve(1, TAIL) == found.curve(1, HEAD) is not None  # of all relations
     none = Kept(**{**vars(kept), "triples": np.zeros((0, 3), np.int64)})
     assert rehearsal(open_model(none, Path("one"))).curve(0, TAIL) is None
+
+
+def test_the_curve_of_all_relations_is_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, drawn = rehearsal(model()), list[int]()
+    monkeypatch.setattr(rehearsing, "RIGHT", 60)  # more than those of one relation and slot
+    monkeypatch.setattr(rehearsing, "fitted", lambda scores, right: drawn.append(len(scores)) or fitted(scores, right))
+    curves = {found.curve(relation, slot) for relation in range(RELATIONS) for slot in (HEAD, TAIL)}
+    assert len(curves) == len(drawn) == 1
+
+
+def test_where_nobody_is_left_nothing_is_rehearsed() -> None:
+    alone = only(model(), np.array([1]))
+    alone = replace(alone, kept=replace(alone.kept, triples=np.array([[0, 0, 0]])))
+    found = rehearsal(alone, facts=[], vector=None, initializer="mean")
+    assert found.rehearsed == []
+    assert found.curve(0, TAIL) is None

@@ -47,10 +47,11 @@ def find(text: str, ids: Mapping[str, int], place: str, what: str) -> int:
 def _meant(text: str, names: Sequence[str]) -> str:
     """What was meant, as a question; of few names, which there are."""
     by_plain = {plain(name): name for name in names}
-    near = get_close_matches(plain(text), by_plain, SUGGESTED) or [name for name in by_plain if plain(text) in name]
+    wanted = plain(text)
+    near = get_close_matches(wanted, by_plain, SUGGESTED) or [name for name in by_plain if wanted and wanted in name]
     if near:
         return f" (did you mean {listed([by_plain[name] for name in near[:SUGGESTED]], ' or ')}?)"
-    return f" (there are {listed(names)})" if len(names) <= LISTED else ""
+    return f" (there are {listed(names)})" if 0 < len(names) <= LISTED else ""
 
 
 def listed(names: Sequence[str], between: str = ", ") -> str:

@@ -68,7 +68,7 @@ def each_left_out(
         yield _compared(model, entity, "words", news.phrase, then, replace(news, vector=None), questions, best)
     for one in shown:
         name = model.kept.entity_names[one.entity]
-        others = [fact for fact in record.told if name not in fact]
+        others = [fact for fact in record.told if name not in (fact[0], fact[2])]
         fewer = only(then, np.delete(np.arange(entity), one.entity))
         yield _compared(model, entity, "indicator", name, fewer, replace(news, facts=others), questions, best)
 

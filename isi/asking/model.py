@@ -18,7 +18,8 @@ from isi.embeddings.stack import Embedding
 from isi.graph import HEAD, RELATION, TAIL
 from isi.inserting.given import family_of, stack_of_one, table
 from isi.keeping.folder import ABOUT, VECTORS
-from isi.keeping.kept import Kept
+from isi.keeping.kept import About, Kept
+from isi.keeping.rows import cell_fault
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +94,9 @@ def open_model(kept: Kept, folder: Path) -> Model:
     """A kept embedding, ready to be asked.
 
     Raises:
-        InputError: where its family is unknown, or its tables are not of that family.
+        InputError: where its family is unknown, its tables are not of that family, or it says what no terminal should.
     """
+    _check_texts(folder / ABOUT, kept.about)
     try:
         family = family_of(kept.about.family, kept.about.family_options, kept.entities)
     except InputError as error:
@@ -104,3 +106,14 @@ def open_model(kept: Kept, folder: Path) -> Model:
     except InputError as error:
         raise InputError(folder / VECTORS, "tensor 'relations'", error.args[2]) from error
     return Model(kept, family)
+
+
+def _check_texts(path: Path, about: About) -> None:
+    """Refuse control characters in what is printed; names have none."""
+    said = {f"inserted.{number}": one.model_dump() for number, one in enumerate(about.inserted)}
+    if about.words is not None:
+        said["words"] = about.words.model_dump()
+    for place, texts in said.items():
+        for key, text in texts.items():
+            if isinstance(text, str) and (wrong := cell_fault(text)):
+                raise InputError(path, f"{place}.{key}", wrong)

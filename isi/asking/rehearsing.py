@@ -6,7 +6,7 @@ The vectors of the rest were learned beside them, which is all that a rehearsal 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,6 +18,7 @@ import isi
 from isi.asking.chances import ANSWERS, ASKED, Curve, fitted
 from isi.asking.model import Model
 from isi.asking.placing import Placed, only
+from isi.base.errors import InputError
 from isi.base.streams import stream
 from isi.graph import HEAD, RELATION, TAIL
 
@@ -76,12 +77,15 @@ class Rehearsal:
         told = {row: self._told(row, hidden, rng) for row in hidden.tolist()}
         triples = np.concatenate([np.zeros((0, 3), np.int64), *told.values()])
         triples[:, [HEAD, TAIL]] = place[triples[:, [HEAD, TAIL]]]
-        again = isi.insert(
-            kept.entities[rest], kept.relations, triples, new=len(hidden), family=self.model.family,
-            known_triples=only(self.known, rest).kept.triples,
-            words=None if self._words is None else self._words[order],
-            kinds=[kept.kinds[row] for row in order], initializer=done.initializer, options=done.options,
-        )  # fmt: skip
+        try:
+            again = isi.insert(
+                kept.entities[rest], kept.relations, triples, new=len(hidden), family=self.model.family,
+                known_triples=only(self.known, rest).kept.triples,
+                words=None if self._words is None else self._words[order],
+                kinds=[kept.kinds[row] for row in order], initializer=done.initializer, options=done.options,
+            )  # fmt: skip
+        except InputError:  # too few others are left to insert them among
+            return
         for row, vector in zip(hidden.tolist(), again.entities[len(rest) :], strict=True):
             facts = {(r, TAIL, t) if h == row else (r, HEAD, h) for h, r, t in told[row].tolist()}
             yield Rehearsed(row, torch.from_numpy(vector.astype(np.float32)), facts)
@@ -97,17 +101,21 @@ class Rehearsal:
 
     def curve(self, relation: int, slot: int) -> Curve | None:
         """Of answers of a relation; of all relations where too few are right; null where those are too few, too."""
-        for some in ([(relation, slot)], [(one, where) for one in self._relations for where in (HEAD, TAIL)]):
-            parts = [part for one, where in some for part in self._answers(one, where)]
-            if parts:
-                scores, right = (torch.cat(values) for values in zip(*parts, strict=True))
-                if RIGHT <= int(right.sum()) < len(right):
-                    return fitted(scores, right)
-        return None
+        return self._through([(relation, slot)]) or self._shared
 
-    @property
-    def _relations(self) -> list[int]:
-        return sorted(set(self.known.kept.triples[:, RELATION].tolist()))
+    @cached_property
+    def _shared(self) -> Curve | None:
+        """Of answers of all relations."""
+        relations = sorted(set(self.known.kept.triples[:, RELATION].tolist()))
+        return self._through([(relation, slot) for relation in relations for slot in (HEAD, TAIL)])
+
+    def _through(self, asked: Sequence[tuple[int, int]]) -> Curve | None:
+        """The curve of some relations and slots together; null where too few answers are right."""
+        parts = [part for relation, slot in asked for part in self._answers(relation, slot)]
+        if not parts:
+            return None
+        scores, right = (torch.cat(values) for values in zip(*parts, strict=True))
+        return fitted(scores, right) if RIGHT <= int(right.sum()) < len(right) else None
 
     def _answers(self, relation: int, slot: int) -> Iterator[tuple[Tensor, Tensor]]:
         """Scores of answers that were not told, and which are right, of each rehearsed entity that has some."""
