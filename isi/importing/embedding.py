@@ -79,7 +79,7 @@ def kept(
         InputError: where they do not fit.
     """
     place = origin.files[0]
-    kind = _family(family, options, entities, place)
+    kind = _family(family, options, entities)
     try:
         table(entities, "entities")
         table(relations, "relations", kind.width(entities.shape[1]))
@@ -113,9 +113,7 @@ def _class(name: str) -> type[Family]:
     return TransEL1 if name == "transe_l1" else FAMILIES.get(name, "family")
 
 
-def _family(name: str, options: Mapping[str, Option], entities: np.ndarray, place: Path) -> Family:
-    if entities.ndim != 2:
-        raise InputError(place, "entities", f"expected a table, got shape {entities.shape}")
+def _family(name: str, options: Mapping[str, Option], entities: np.ndarray) -> Family:
     try:
         return family_of(name, options, entities)
     except InputError as error:
@@ -129,7 +127,7 @@ def _with_margin(
     """The options with a margin: from distances above 0 on; a family takes none of 0, so the score is shifted."""
     if not len(triples):
         raise InputError("--set", "margin", "expected margin=NUMBER: there are no triples to read it off")
-    some = _family(family, {**options, "margin": 1.0}, entities, place)
+    some = _family(family, {**options, "margin": 1.0}, entities)
     try:
         fits = table(relations, "relations", some.width(entities.shape[1]))
         embedding = stack_of_one(table(entities, "entities"), fits, some)

@@ -95,7 +95,8 @@ def of_lists(entities: Path, relations: Path, triples: Path | None) -> Named:
     """
     names, labels = _listed(entities), _listed(relations)
     by_name = distinct_names(entities, names, first=1), distinct_names(relations, labels, first=1)
-    rows = [] if triples is None else [line.split("\t") for line in _listed(triples)]
+    lines = [] if triples is None else _listed(triples)
+    rows = [line.split("\t") for line in lines if lines != [""]]
     for number, row in enumerate(rows, 1):
         if len(row) != 3:
             raise InputError(triples, f"line {number}", f"expected head, relation and tail, got {len(row)} columns")
@@ -104,7 +105,7 @@ def of_lists(entities: Path, relations: Path, triples: Path | None) -> Named:
 
 def _listed(path: Path) -> list[str]:
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(path, "", f"expected text, a name a line ({error})") from error
     return [line.removesuffix("\r") for line in text.removesuffix("\n").split("\n")]

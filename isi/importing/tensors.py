@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import pickle
 import warnings
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -44,16 +43,7 @@ def read_tensors(path: Path) -> dict[str, np.ndarray]:
         raise InputError(path, "", "expected a file of tensors, but there is no such file")
     try:
         return readers[path.suffix](path)
-    except (
-        OSError,
-        ValueError,
-        EOFError,
-        KeyError,
-        TypeError,
-        RecursionError,
-        zipfile.BadZipFile,
-        MemoryError,
-    ) as error:
+    except Exception as error:  # what a broken file does to NumPy and PyTorch has many names
         raise InputError(path, "", f"expected tensors ({_one_line(error)})") from error
 
 
@@ -113,12 +103,12 @@ def tables(tensors: Mapping[str, np.ndarray], family: str, place: object) -> tup
     angles as relations.
 
     Raises:
-        InputError: where a table is not among the tensors, or more than one could be it.
+        InputError: where a table is not among the tensors, more than one could be it, or it is no table of numbers.
     """
     if all(name in tensors for name in OF_PYKEEN):
-        entities, relations = (tensors[name] for name in OF_PYKEEN)
+        entities, relations = (_table(tensors, name, place) for name in OF_PYKEEN)
         if family in ("complex", "rotate"):
-            entities, relations = (_paired(table) for table in (entities, relations))
+            entities, relations = (_paired(table, place) for table in (entities, relations))
     else:
         entities, relations = (_named(tensors, names, what, place)
                                for names, what in ((ENTITIES, "entities"), (RELATIONS, "relations")))  # fmt: skip
@@ -134,14 +124,23 @@ def _named(
     if len(found) != 1:
         listed = ", ".join(sorted(tensors)[:8]) or "none"
         raise InputError(place, "", f"expected one tensor {what!r}, or as other tools call it, among {listed:.200}")
-    parts = [tensors[part] for part in found[0]]
+    parts = [_table(tensors, part, place) for part in found[0]]
     if len({part.shape for part in parts}) > 1:
         raise InputError(place, found[0][1], f"expected the shape of {found[0][0]}")
     return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
 
-def _paired(table: np.ndarray) -> np.ndarray:
+def _table(tensors: Mapping[str, np.ndarray], name: str, place: object) -> np.ndarray:
+    found = tensors[name]
+    if found.ndim != 2 or found.dtype.kind not in "biufc":
+        raise InputError(place, name, f"expected a table of numbers, got {found.dtype} of shape {found.shape}")
+    return found
+
+
+def _paired(table: np.ndarray, place: object) -> np.ndarray:
     """Numbers whose real and imaginary parts stand in turn, as complex ones."""
+    if table.shape[1] % 2:
+        raise InputError(place, "", f"expected real and imaginary parts in turn, got rows of {table.shape[1]} numbers")
     pairs = table.reshape(len(table), -1, 2)
     paired: np.ndarray = pairs[..., 0] + 1j * pairs[..., 1]
     return paired
