@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import ast
 import importlib
+import io
 import os
 import pkgutil
 import sys
@@ -36,6 +37,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             module = importlib.import_module(f"{commands.__name__}.{name}")
             module.configure(own)
             own.set_defaults(run=module.run, prog=own.prog)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names may be of letters that a terminal lacks
     arguments = parser.parse_args(given)
     try:
         arguments.run(arguments)
@@ -45,6 +48,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     except BrokenPipeError:  # whoever read has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+    except KeyboardInterrupt:
+        sys.exit(130)  # as shells have it
+    except OSError as error:  # of a path that cannot even be looked at
+        sys.exit(f"{arguments.prog}: {InputError(error.filename or '', '', error.strerror or str(error))}")
 
 
 def _names() -> list[str]:

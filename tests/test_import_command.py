@@ -15,6 +15,7 @@ from safetensors.numpy import save_file
 
 from isi.__main__ import main
 from isi.asking.model import Model, open_model
+from isi.importing.tensors import OF_PYKEEN
 from isi.keeping.folder import read
 from isi.keeping.kept import Kept
 from tests.kept import BETWEEN, NAMES, RELATIONS, TRIPLES, VECTORS, files
@@ -46,6 +47,16 @@ def lists(folder: Path = Path("mine"), **tensors: Any) -> Path:
     if tensors:
         np.savez(folder / "tables.npz", **tensors)
     return folder
+
+
+def corrupt() -> None:
+    """An archive that begins as one, and cannot be inflated."""
+    np.savez_compressed(lists() / "tables.npz", entities=ENTITIES)
+    path = Path("mine/tables.npz")
+    content = bytearray(path.read_bytes())
+    start = content.index(b"entities.npy") + len(b"entities.npy")
+    content[start + 20 : start + 60] = b"\xff" * 40
+    path.write_bytes(content)
 
 
 def ids(folder: Path = Path("theirs")) -> Path:
@@ -100,6 +111,15 @@ def test_it_is_inserted_into_and_asked_as_any_other(capsys: pytest.CaptureFixtur
     assert json.loads(capsys.readouterr().out)["told"] == [["stove", "atLocation", "kitchen"]]
     main(["ask", "stove", "atLocation", "--embedding", "larger", "--top", "1", "--json"])
     assert json.loads(capsys.readouterr().out)["question"] == ["stove", "atLocation", "?"]
+
+
+def test_names_may_begin_with_a_mark_and_there_may_be_no_triples() -> None:
+    folder = lists(entities=ENTITIES, relations=LABELS)
+    (folder / "entities.txt").write_text("\n".join(NAMES), encoding="utf-8-sig")
+    (folder / "triples.tsv").write_bytes(b"")
+    found = imported("mine", "--family", "distmult")
+    assert found.entity_names == NAMES
+    assert found.triples.shape == (0, 3)
 
 
 def test_the_same_import_is_the_same_bytes() -> None:
@@ -171,7 +191,20 @@ MISTAKES: dict[str, tuple[Callable[[], object], list[str], str]] = {
     ),
     "one dimension": (
         lambda: lists(entities=ENTITIES[0], relations=LABELS), ["mine", "--family", "distmult"],
-        r"mine/tables\.npz: entities: expected a table, got shape \(4,\)",
+        r"mine/tables\.npz: entities: expected a table of numbers, got float32 of shape \(4,\)",
+    ),
+    "texts": (
+        lambda: lists(entities=np.array([["a"]]), relations=LABELS), ["mine", "--family", "distmult"],
+        r"mine/tables\.npz: entities: expected a table of numbers, got <U1 of shape \(1, 1\)",
+    ),
+    "half a pair": (
+        lambda: lists(**dict(zip(OF_PYKEEN, (ENTITIES[:, :3], LABELS[:, :3]), strict=True))),
+        ["mine", "--family", "complex"], r"mine/tables\.npz: expected real and imaginary parts in turn, got rows of 3",
+    ),
+    "a broken archive": (corrupt, ["mine", "--family", "distmult"], r"mine/tables\.npz: expected tensors \(Error -3"),
+    "a number beyond all": (
+        lambda: (lists() / "t.json").write_text(f'{{"entities": [[1{"0" * 400}]]}}', encoding="utf-8"),
+        ["mine", "--family", "distmult"], r"mine/t\.json: expected tensors \(int too large",
     ),
     "objects": (
         lambda: lists(entities=np.array([{}, None]), relations=LABELS), ["mine", "--family", "distmult"],
@@ -192,6 +225,9 @@ MISTAKES: dict[str, tuple[Callable[[], object], list[str], str]] = {
         ["mine", "--family", "transe"], r"--set: margin: expected margin=NUMBER: there are no triples",
     ),
     "a margin that is none": (lists, ["mine", "--set", "margin=x"], r"argument --set: expected KEY=NUMBER"),
+    "what a pickle says itself": (
+        lists, ["mine", "--trust-pickle", "--set", "margin=2"], r"--trust-pickle: expected no --family, --set or",
+    ),
     "no pickle": (lists, ["mine", "--trust-pickle"], r"mine/trained_model\.pkl: expected PyKEEN's pickle"),
     "a broken triple": (
         lambda: (lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").write_text("a\tb\n", encoding="utf-8"),

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from isi.__main__ import main
-from tests.kept import edit, without_words, written
+from tests.kept import NAMES, edit, small, without_words, written
 
 ROOT = Path(__file__).parent.parent
 
@@ -65,7 +67,17 @@ MISTAKES = {
     ("insert", "x", "--seed", "-1"):
         r"isi insert: argument --seed: expected",
     ("insert", "x", "--fact", "atLocation", "bed", "--out", "."):
-        r"isi insert: \.: home: expected an empty folder",
+        r"isi insert: argument --out: expected a folder by its name, got '\.'",
+    ("insert", "x", "--fact", "atLocation", "bed", "--out", "x" * 300):
+        r"isi insert: x{300}: File name too long",
+    ("nearest", "bed", "--embedding", "x" * 300):
+        r"isi nearest: x{300}: File name too long",
+    ("nearest", ""):
+        r"isi nearest: ENTITY: expected an entity of this embedding, got '' \(there are 'kitchen'",
+    ("export", "--embedding", "home", "--format", "turtle", "--out", "."):
+        r"isi export: \.: expected the name of a file",
+    ("export", "--embedding", "home", "--format", "turtle", "--out", "graph.ttl", "--seed", "1"):
+        r"isi export: --seed: expected an experiment",
     ("ask", "kettle"):
         r"isi ask: expected ENTITY RELATION, or --relation",
     ("ask", "kettle", "atLocation", "--tail", "bed"):
@@ -105,6 +117,17 @@ def test_a_broken_embedding_is_one_line(capsys: pytest.CaptureFixture[str], home
     assert re.match(r"isi ask: home/embedding\.json: family: margin: Extra inputs are not permitted", line)
 
 
+def test_what_others_say_of_an_embedding_does_nothing_to_a_terminal(
+    capsys: pytest.CaptureFixture[str], home: Path
+) -> None:
+    main(["insert", "stove", "--fact", "atLocation", "kitchen", "--embedding", "home", "--out", "home"])
+    capsys.readouterr()
+    edit(home, lambda about: about["inserted"][0].update(why="\x1b[2J"))
+    line = refused(capsys, "explain", "stove")
+    assert line.startswith("isi explain: home/embedding.json: inserted.0.why: expected text without")
+    assert line.isprintable()
+
+
 # The command itself
 
 
@@ -137,3 +160,22 @@ def test_who_stops_reading_gets_no_traceback(home: Path) -> None:
     command = f"{sys.executable} -m isi nearest bed --embedding {home} | true"  # which reads nothing
     done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)  # noqa: S602
     assert done.stderr == ""
+
+
+def test_a_terminal_that_lacks_a_letter_shows_its_number(tmp_path: Path) -> None:
+    home = written(tmp_path / "abroad", replace(small(), entity_names=[*NAMES[:-1], "naïve"]))
+    command = [sys.executable, "-m", "isi", "nearest", "bed", "--embedding", str(home)]
+    ascii_alone = os.environ | {"PYTHONIOENCODING": "ascii"}
+    for json, shown in ((), r"na\xefve"), (("--json",), r'"na\u00efve"'):
+        done = subprocess.run([*command, *json], cwd=ROOT, env=ascii_alone, capture_output=True, text=True, check=True)
+        assert shown in done.stdout
+
+
+def test_who_interrupts_gets_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("isi.commands.nearest.run", interrupted)
+    with pytest.raises(SystemExit) as ended:
+        main(["nearest", "bed", "--embedding", "home"])
+    assert ended.value.code == 130

@@ -59,6 +59,14 @@ def open_folder(path: Path) -> Model:
     return open_model(read(path), path)
 
 
+def out_folder(text: str) -> Path:
+    """A folder to write: one that a whole new one can take the place of."""
+    path = Path(text)
+    if path.name in ("", ".."):
+        raise argparse.ArgumentTypeError(f"expected a folder by its name, got {text[:40]!r}")
+    return path
+
+
 @contextmanager
 def as_option() -> Iterator[None]:
     """Mistakes that are said of an argument of the library, said of the option that it came by."""
@@ -69,14 +77,14 @@ def as_option() -> Iterator[None]:
         raise InputError(place.replace("argument 'initializer'", "--initializer"), *rest) from error
 
 
-def print_json(value: Mapping[str, Any]) -> None:
-    """One JSON document.
+def as_json(value: Mapping[str, Any]) -> str:
+    """One JSON document, in ASCII.
 
     Raises:
         InputError: where a number is none, of an embedding whose scores are too large.
     """
     try:
-        print(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+        return json.dumps(value, indent=2, allow_nan=False)
     except ValueError as error:
         raise InputError("--embedding", "", "expected smaller numbers: its scores are infinite") from error
 

@@ -46,9 +46,8 @@ def run(arguments: argparse.Namespace) -> None:
     rehearsal = Rehearsal(model, again(model, record)) if record else None
     answers = Asker(model, rehearsal).ask(question, arguments.top)
     if arguments.json:
-        shared.print_json(
-            {"question": list(shared.asked(model, question)), "answers": [shared.answer_json(one) for one in answers]}
-        )
+        listed = [shared.answer_json(one) for one in answers]
+        print(shared.as_json({"question": list(shared.asked(model, question)), "answers": listed}))
         return
     print(f"{' '.join(shared.asked(model, question))} ({shared.meaning(answers, inserted=record is not None)})")
     print(*shared.answer_lines(answers, ["known" if answer.known else "" for answer in answers]), sep="\n")

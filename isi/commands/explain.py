@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> None:
         each = each_left_out(model, record, chosen, questions, arguments.top)
         without = list(tqdm(each, "left out", number, leave=False, disable=None))
     if arguments.json:
-        shared.print_json(_as_json(model, record, shown, without))
+        print(shared.as_json(_as_json(model, record, shown, without)))
     else:
         print(*_lines(model, record, shown, without, arguments.top), sep="\n")
         if not np.allclose(placed.vector, model.kept.entities[entity], rtol=1e-3, atol=1e-6):

@@ -56,6 +56,8 @@ def run(arguments: argparse.Namespace) -> None:
     """
     if (arguments.experiment is None) == (arguments.embedding is None):
         raise InputError("", "", "expected either EXPERIMENT or --embedding DIR")
+    if arguments.embedding and arguments.seed is not None:
+        raise InputError("--seed", "", "expected an experiment, which has a model for each seed")
     if arguments.embedding:
         out = of_folder(arguments.embedding, arguments.predictions, arguments.labels)
     else:
@@ -65,6 +67,8 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError(arguments.out, "", "expected another name: what is written is not compressed")
     files = make(out, arguments.out)
     for path, text in files.items():
+        if not path.name:
+            raise InputError(path, "", "expected the name of a file")
         try:
             if text is None:
                 path.unlink(missing_ok=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from isi.base.errors import InputError
+from isi.commands._embedding import out_folder
 
 if TYPE_CHECKING:
     from isi.importing.names import Named
@@ -25,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="PyKEEN's (with training_triples), OpenKE's (with entity2id.txt, relation2id.txt and train2id.txt), or one"
         " with entities.txt, relations.txt (a name a line) and triples.tsv (names; may be missing)",
     )  # fmt: skip
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="folder to write")
+    parser.add_argument("--out", metavar="DIR", type=out_folder, required=True, help="folder to write")
     parser.add_argument("--family", choices=FAMILIES, help="how a triple is scored; a pickle says so itself")
     parser.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[], type=_setting,
@@ -60,6 +61,8 @@ def run(arguments: argparse.Namespace) -> None:
     """
     from isi.keeping.folder import write
 
+    if arguments.trust_pickle and (arguments.family or arguments.set or arguments.tensors):
+        raise InputError("--trust-pickle", "", "expected no --family, --set or --tensors: the pickle says it all")
     named, form = _names(arguments.folder)
     pickled = arguments.folder / PICKLE
     found = _of_pickle(pickled, named) if arguments.trust_pickle else _of_tensors(arguments, named, form)

@@ -39,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--initializer", metavar="NAME", help="what puts it there; the best for what is known, if none")
     parser.add_argument("--vectors", metavar="FILE", type=Path, help="word2vec or GloVe vectors for all phrases")
     parser.add_argument("--seed", metavar="S", type=_seed, default=0, help="of initializers that draw (default: 0)")
-    parser.add_argument("--out", metavar="DIR", type=Path, help="write the enlarged embedding there")
+    parser.add_argument("--out", metavar="DIR", type=shared.out_folder, help="write the enlarged embedding there")
     shared.add_arguments(parser)
 
 
@@ -90,16 +90,13 @@ def run(arguments: argparse.Namespace) -> None:
     with shared.as_option():
         placed = place(worded, news)
     told = _told(placed, said, arguments.top)
+    text = shared.as_json(_as_json(told)) if arguments.json else "\n".join(_lines(told))
     if arguments.out:
         from isi.keeping.folder import write
 
         write(arguments.out, placed.model.kept)
-    if arguments.json:
-        shared.print_json(_as_json(told))
-    else:
-        print(*_lines(told), sep="\n")
-        if arguments.out:
-            print(f"written: {arguments.out}")
+        text += "" if arguments.json else f"\nwritten: {arguments.out}"
+    print(text)
 
 
 def _news(model: Model, arguments: argparse.Namespace) -> tuple[Model, News, str]:
@@ -110,7 +107,10 @@ def _news(model: Model, arguments: argparse.Namespace) -> tuple[Model, News, str
     from isi.keeping.rows import cell_fault, fault
 
     name, phrase = arguments.name, plain(arguments.name)
-    for option, text, wrong in (("NAME", name, fault), ("--definition", arguments.definition, cell_fault)):
+    for option, text, wrong in (
+        ("NAME", name, fault), ("--definition", arguments.definition, cell_fault),
+        ("--vectors", arguments.vectors and str(arguments.vectors), cell_fault),
+    ):  # fmt: skip
         if text is not None and (said := wrong(text)):
             raise InputError(option, "", said)
     same = [known for known in model.entity_ids if alike(known, name)]

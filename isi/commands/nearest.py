@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> None:
         for other, cosine in model.nearest(entity, arguments.top)
     ]
     if arguments.json:
-        shared.print_json({"entity": names[entity], "nearest": found})
+        print(shared.as_json({"entity": names[entity], "nearest": found}))
         return
     print(f"{names[entity]} (cosine of the vectors)")
     rows = [(f"{one['cosine']:.3f}", str(one["entity"]), str(one["kind"] or "")) for one in found]
