@@ -88,6 +88,19 @@ NAN = np.float32("nan")
             "'entities': expected a table of floats (rows, numbers), got float32 (8,)",
         ),
         ({"words": words()[:, :1] * NAN}, "'words': row 0: expected finite numbers, got NaN or infinity"),
+        (
+            {"entities": tables()["entities"] * np.float32(1e30), "initializer": "map_mean"},
+            "'entities': expected smaller numbers: of these, map_mean makes NaN or infinity",
+        ),
+        (
+            {"entities": tables()["entities"].astype(float) * 1e300, "initializer": "mean"},
+            "'entities': expected smaller numbers: of these, mean makes NaN or infinity",
+        ),
+        (
+            {"entities": np.ones((12, 8), np.float32)},
+            "'entities': expected known vectors that differ, whose covariance map_mean goes by",
+        ),
+        ({"words": words().astype(float) * 1e300}, "'words': row 0: expected finite numbers, got NaN or infinity"),
         ({"words": words()[1:]}, "'words': expected 14 rows, of known and new entities, got 13"),
         ({"words": {"cup": [1, 2], "mug": [1]}}, "'words': 'mug': expected a vector of 2 numbers, got (1,)"),
         (
@@ -111,3 +124,12 @@ def test_a_mistake_is_one_line(wrong: dict[str, Any], said: str) -> None:
         call(**wrong)
     assert str(refused.value).removeprefix("argument ").startswith(said)
     assert "\n" not in str(refused.value)
+
+
+def test_a_report_and_an_interference_of_too_few_are_refused() -> None:
+    done = call()
+    with pytest.raises(InputError, match=r"argument 'nearest'.* greater than or equal to 0, got -1"):
+        done.report(-1)
+    for most in (0, -1):
+        with pytest.raises(InputError, match=r"argument 'most'.* greater than or equal to 1"):
+            done.interference(most=most)

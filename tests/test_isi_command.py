@@ -10,6 +10,7 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from isi.__main__ import main
@@ -115,6 +116,13 @@ def test_a_broken_embedding_is_one_line(capsys: pytest.CaptureFixture[str], home
     edit(home, lambda about: about.update(family_options={"margin": 2.0}))
     line = refused(capsys, "ask", "bed", "atLocation")
     assert re.match(r"isi ask: home/embedding\.json: family: margin: Extra inputs are not permitted", line)
+
+
+def test_numbers_that_are_too_large_are_not_inserted_among(capsys: pytest.CaptureFixture[str], home: Path) -> None:
+    written(home, replace(small(), entities=small().entities * np.float32(1e30)))
+    line = refused(capsys, "insert", "stove", "--fact", "atLocation", "kitchen", "--out", "out")
+    assert line.startswith("isi insert: --embedding: expected smaller numbers")
+    assert not Path("out").exists()
 
 
 def test_what_others_say_of_an_embedding_does_nothing_to_a_terminal(

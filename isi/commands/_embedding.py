@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 #: The embedding that the pipeline keeps.
 DEFAULT = paths.kept("ai2thor")
+#: Arguments of the library, by which options they came.
+OPTIONS = {"argument 'initializer'": "--initializer", "argument 'entities'": "--embedding"}
 #: Answers that are shown where nobody says how many.
 TOP = 5
 
@@ -74,7 +76,7 @@ def as_option() -> Iterator[None]:
         yield
     except InputError as error:
         place, *rest = error.args
-        raise InputError(place.replace("argument 'initializer'", "--initializer"), *rest) from error
+        raise InputError(OPTIONS.get(place, place), *rest) from error
 
 
 def as_json(value: Mapping[str, Any]) -> str:

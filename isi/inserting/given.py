@@ -150,7 +150,8 @@ def table(values: Any, name: str, width: int | None = None) -> np.ndarray:
 
 def stack_of_one(entities: np.ndarray, relations: np.ndarray, family: Family) -> Embedding:
     """Tables as a stack of one embedding in single precision, which shares memory with entities that are."""
-    entity = torch.from_numpy(np.ascontiguousarray(entities, np.float32))
+    with np.errstate(over="ignore"):  # what becomes of too large ones is looked at
+        entity = torch.from_numpy(np.ascontiguousarray(entities, np.float32))
     return Embedding(entity[None], torch.from_numpy(np.array(relations, np.float32))[None], family)
 
 

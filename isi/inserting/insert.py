@@ -178,14 +178,22 @@ def _told(task: Task, triple: np.ndarray) -> str:
 
 
 def _inserted(task: Task, choice: Choice) -> Inserted:
-    initials = list(_initials(task, choice))
+    try:
+        initials = list(_initials(task, choice))
+    except torch.linalg.LinAlgError as error:  # type: ignore[attr-defined]
+        expected = f"expected known vectors that differ, whose covariance {choice.initializer} goes by"
+        raise InputError("argument 'entities'", "", expected) from error
     fallback = [FALLBACKS[code] for initial in initials for code in initial.fallback[0].tolist()]
     if "rs" in fallback and not task.invertible:
         name = task.names.of(task.known + fallback.index("rs"))
         raise InputError(f"new entity {name!r:.80}", "", f"expected a word vector, which {choice.initializer} goes by")
     with_indicators = all(initial.indicators is not None for initial in initials)
     vectors = torch.cat([initial.vectors[0] for initial in initials]).numpy()
-    task.entities[task.known :] = vectors
+    with np.errstate(over="ignore"):
+        task.entities[task.known :] = vectors
+    if not np.isfinite(task.entities[task.known :]).all():
+        expected = f"expected smaller numbers: of these, {choice.initializer} makes NaN or infinity"
+        raise InputError("argument 'entities'", "", expected)
     return Inserted(
         entities=task.entities, relations=task.relations, family=task.family,
         entity_names=task.names.given, relation_names=task.relation_names.given,

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from isi.base.params import Seed, check
+from isi.base.params import Count, Seed, check
 from isi.embeddings.family import Family
 from isi.embeddings.stack import Embedding
 from isi.graph import HEAD, TAIL
@@ -87,7 +87,13 @@ class Inserted:
         return Names("entity_names", len(self.entities), self.entity_names)
 
     def report(self, nearest: int = 5) -> list[Entity]:
-        """What became of each new entity, with as many of the nearest known ones."""
+        """What became of each new entity, with as many of the nearest known ones.
+
+        Raises:
+            InputError: where that is no number.
+        """
+        with argument("nearest"):
+            check(nearest, Seed, "nearest")
         told, between = (_ends(triples, len(self.entities)) for triples in (self.told, self.between))
         ids, cosines = self._nearest(min(nearest, self.known))
         distance, farther_than = self._from_cloud()
@@ -113,10 +119,12 @@ class Inserted:
             seed: of the draw.
 
         Raises:
-            InputError: where there is none, or one is of an unknown entity or relation.
+            InputError: where there is none, one is of an unknown entity or relation, or none is to be asked about.
         """
         with argument("seed"):
             check(seed, Seed, "seed")
+        with argument("most"):
+            check(most, Count, "most")
         labels = Names("relation_names", len(self.relations), self.relation_names)
         asked = self.known_triples if triples is None else triples_of(triples, "triples", self.names, labels)
         return interference(self.embedding, self.known, asked, self.told, self.known_triples, most, seed)

@@ -37,7 +37,8 @@ def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray
         if len(found) != entities.number:
             expected = f"expected {entities.number} rows, of known and new entities, got {len(found)}"
             raise InputError(PLACE, "", expected)
-        return found.astype(np.float32)
+        with np.errstate(over="ignore"):
+            return table(found.astype(np.float32), "words")
     rows = {entities.id(name, PLACE): value for name, value in words.items()}
     texts = {row: value for row, value in rows.items() if isinstance(value, str)}
     vectors = {row: np.asarray(value, np.float32) for row, value in rows.items() if row not in texts}
