@@ -116,6 +116,14 @@ def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path, monkeypatch: p
     assert [file.name for file in tmp_path.iterdir()] == ["one"]
 
 
+def test_what_a_killed_write_left_goes_and_nobody_elses(tmp_path: Path) -> None:
+    left, others = [".o[n]e.7.tmp", ".o[n]e.7.old.tmp"], [".o[n]e.two.7.tmp", ".o[n]e.mine.tmp", ".one.7.tmp"]
+    for name in left + others:
+        (tmp_path / name).mkdir()
+    written(tmp_path / "o[n]e")
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["o[n]e", *others])
+
+
 def test_a_folder_with_something_else_in_it_is_not_replaced(tmp_path: Path) -> None:
     path = written(tmp_path / "one")
     (path / "thesis.tex").write_text("all of it", encoding="utf-8")

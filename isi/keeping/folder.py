@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -94,8 +95,9 @@ def _refuse_to_replace(folder: Path) -> None:
 def _beside(folder: Path) -> Iterator[Path]:
     """A temporary folder that takes the place of a folder at the end, and is gone if it does not get there."""
     folder.parent.mkdir(parents=True, exist_ok=True)
-    for stale in folder.parent.glob(f".{folder.name}.*.tmp"):  # of a process that was killed
-        shutil.rmtree(stale)
+    stale = re.compile(rf"\.{re.escape(folder.name)}\.\d+(\.old)?\.tmp")  # of a process that was killed
+    for left in [path for path in folder.parent.iterdir() if stale.fullmatch(path.name)]:
+        shutil.rmtree(left)
     temporary = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
     old = folder.with_name(f".{folder.name}.{os.getpid()}.old.tmp")
     temporary.mkdir()
