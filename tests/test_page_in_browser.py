@@ -68,7 +68,7 @@ def test_a_click_in_the_contents_opens_a_part_and_goes_there(chromium: Browser, 
         part = found.page.locator("#earlier > details")
         assert part.get_attribute("open") is None
         found.page.locator("nav a[href='#earlier']").click()
-        assert part.get_attribute("open") is not None
+        found.page.locator("#earlier > details[open]").wait_for()  # browsers tell of a new address a moment later
         assert found.page.locator("#figure-corruption").is_visible()
         part.locator("> summary").click()
         found.page.locator("nav a[href='#earlier']").click()  # again, though the address is the same
@@ -113,10 +113,10 @@ def test_words_are_explained_at_the_mouse_and_by_keyboard(chromium: Browser, rep
         word, tip = found.page.locator(".answer a.term", has_text="MRR*").first, found.page.locator("#tip")
         assert not tip.is_visible()
         word.hover()
-        assert tip.is_visible()
+        tip.wait_for()
         assert "ranked answers" in tip.inner_text()
         found.page.mouse.move(0, 0)
-        assert not tip.is_visible()
+        tip.wait_for(state="hidden")
         word.focus()
         assert tip.is_visible()
         assert word.get_attribute("aria-describedby") == "tip"
