@@ -8,7 +8,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, field_validator, model_validator
 
 from isi.base import params, paths
-from isi.base.errors import InputError
+from isi.base.errors import InputError, meant
 from isi.base.params import Name, Section, Seed, Study, distinct
 from isi.building import GraphOf
 from isi.experiments.executor import Compute
@@ -135,7 +135,8 @@ class Params(Section):
                     asked += [(f"{where}.{listed}", name, self.initializers) for name in named]
         for key, name, known in asked:
             if name not in known:
-                raise ValueError(f"{key}: expected names among {', '.join(known)}, got {name!r}")
+                expected = f"expected names among {', '.join(known)}, got {name!r}{meant(name, known)}"
+                raise ValueError(f"{key}: {expected}")
         return self
 
     @model_validator(mode="after")
@@ -145,7 +146,8 @@ class Params(Section):
         for name, study in self.studies.items():
             for experiment in study.experiments:
                 if experiment not in self.experiments:
-                    raise ValueError(f"{name}.experiments: expected some of experiments, got {experiment!r}")
+                    expected = f"expected some of experiments, got {experiment!r}"
+                    raise ValueError(f"{name}.experiments: {expected}{meant(experiment, self.experiments)}")
                 sessions = self.experiments[experiment].sessions
                 if getattr(study, "size", sessions.sizes[0]) not in sessions.sizes:
                     raise ValueError(f"{name}.size: expected one of the sizes of {experiment}")

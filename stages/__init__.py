@@ -1,15 +1,22 @@
 """The stages of the pipeline: each reads, calls isi, and writes.
 
 Importing the package, which running a stage does first of all, ties the process to the one that
-started it: DVC leaves its stage running when it is killed.
+started it (DVC leaves its stage running when it is killed), and has it answer Ctrl-C in one line.
 """
 
 import sys
 from importlib.util import find_spec
 
-if not all(find_spec(name) for name in ("pandas", "pyarrow", "pydantic", "torch")):
+# fmt: off
+if sys.version_info < (3, 11) or not all(find_spec(name) for name in (
+    "gensim", "jinja2", "matplotlib", "networkx", "numba", "numpy", "pandas", "procthor", "pyarrow", "pydantic",
+    "rdflib", "ruamel", "safetensors", "scipy", "smart_open", "tabulate", "torch", "tqdm",
+)):
     sys.exit(f"stages: {sys.executable} lacks the packages of this project: use `make repro`, or activate .venv first")
+# fmt: on
 
-from isi.base.lifetime import tie_to_parent
+from isi.base.lifetime import stop_in_one_line, tie_to_parent
 
 tie_to_parent()
+if sys.argv[0] == "-m":  # run, not imported
+    stop_in_one_line("stages", "run it again")

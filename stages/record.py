@@ -7,13 +7,12 @@ stage of a pipeline reads; what is given here goes before them.
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from tqdm import tqdm
 
 from isi.base import params, paths
-from isi.base.errors import InputError
+from isi.base.command import Parser, one_line, only_one
 from isi.recording.file import Recording
 from isi.recording.settings import Recorder
 
@@ -36,7 +35,7 @@ def record(how: Recorder) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m stages.record", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     several = "ithor, robothor, floor plans by name, or ranges such as FloorPlan201-230"
@@ -44,14 +43,10 @@ def main() -> None:
     parser.add_argument("--platform", help="a build to download, such as CloudRendering, or the path of one")
     parser.add_argument("--output", help="the recording, such as data/recordings/robothor.jsonl.gz")
     given = {key: value for key, value in vars(parser.parse_args()).items() if value is not None}
-    try:
+    with one_line("record", "`make record` goes on from here"), only_one("record"):
         section = params.read(paths.PARAMS).get("recorder")
         settings = {**section, **given} if isinstance(section, dict) else section
         record(params.check(settings, Recorder, "recorder"))
-    except InputError as error:
-        sys.exit(f"record: {error}")
-    except KeyboardInterrupt:
-        sys.exit("record: stopped; `make record` goes on from here")
 
 
 if __name__ == "__main__":

@@ -127,7 +127,7 @@ def test_a_mistake_in_params_ends_a_stage_in_one_line_that_names_the_key(
     ("command", "named"),
     [
         ("mine home", "sources.home"),
-        ("insert home es", "experiments.home.followed"),
+        ("insert home es", "experiments.home"),
         ("sweep_indicators ai2thor mean", "sweep.initializers.mean"),
     ],
 )

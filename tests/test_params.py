@@ -404,7 +404,8 @@ def test_options_that_a_function_does_not_take_are_refused_by_name(
 
 
 def test_an_unknown_initializer_is_refused_with_the_names_of_those_there_are() -> None:
-    with pytest.raises(InputError, match=r"^params\.yaml: initializers\.xaver: .*\bers, es, .*\bxavier, got 'xaver'$"):
+    listed = r"^params\.yaml: initializers\.xaver: .*\bers, es, .*\bxavier, got 'xaver'; did you mean 'xavier'\?$"
+    with pytest.raises(InputError, match=listed):
         options_of("xaver", {}, "initializers.xaver")
 
 

@@ -48,7 +48,8 @@ def test_a_plugin_is_imported_when_it_is_asked_for_and_no_other_with_it(dishes: 
 def test_an_unknown_name_is_refused_with_those_that_are_known(dishes: Plugins[str], name: str) -> None:
     with pytest.raises(InputError) as refused:
         dishes.get(name, "menu.first")
-    assert str(refused.value) == f"params.yaml: menu.first: expected one of salad, soup, stew, got {name!r}"
+    meant = "; did you mean 'soup'?" if name in ("sop", "soup.hot") else ""
+    assert str(refused.value) == f"params.yaml: menu.first: expected one of salad, soup, stew, got {name!r}{meant}"
     assert imported(dishes) == set()
 
 

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Collection, Iterable, Mapping
 
 from isi.base import paths
-from isi.base.errors import InputError
+from isi.base.errors import InputError, meant
 from isi.base.params import check, distinct, read
 from isi.base.stage import Given, declared
 from isi.base.tables import Provenance
@@ -55,7 +55,8 @@ def _check_hidden(beyond: Beyond) -> None:
 def _check_names(listed: Iterable[str], there: Collection[str], key: str) -> None:
     unknown = [one for one in listed if one not in there]
     if unknown:
-        raise InputError(paths.BEYOND_PARAMS, key, f"expected names among {', '.join(there)}, got {unknown[0]!r}")
+        expected = f"expected names among {', '.join(there)}, got {unknown[0]!r}{meant(unknown[0], there)}"
+        raise InputError(paths.BEYOND_PARAMS, key, expected)
 
 
 def _check(params: Params, variant: Variant, key: str, stage: str, arguments: Mapping[str, str]) -> None:

@@ -34,7 +34,13 @@ def headline(title: str, metrics: Mapping[str, Any]) -> str:
 
 def main(folder: Path) -> None:
     """Those of the first experiment, then of each other under its name."""
-    metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+    path = folder / "metrics.json"
+    try:
+        metrics = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        sys.exit(f"headline: {path}: there is no report yet: run `make repro` first")
+    except (OSError, ValueError) as error:
+        sys.exit(f"headline: {path}: expected the metrics of a report ({error}): run `dvc repro report`")
     others = {name: value for name, value in metrics.items() if "immediate_mrr_star" in value}
     for title, own in {"": metrics, **others}.items():
         print(f"\n{headline(title, own)}")

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
 import time
+from contextlib import suppress
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
+
+if not (find_spec("dvc") and find_spec("isi")):
+    sys.exit(f"repro: {sys.executable} lacks DVC or this project: use `make repro`, or activate .venv first")
+
+from isi.base.command import one_line, only_one
+from isi.base.lifetime import tie_to_parent
 
 #: Seconds that each stage took when it last ran here; before that, in the run that the documentation tells of.
 HERE = Path(".dvc/tmp/stage_seconds.json")
@@ -52,22 +62,39 @@ def main(arguments: list[str]) -> int:
     known = {**(_read(SHIPPED) if Path.cwd() == ROOT else {}), **_read(HERE)}
     pipeline = next((one for one in PIPELINES if str(one) in arguments), PIPELINES[0])
     progress = Progress(stages(pipeline), known)
-    command = [sys.executable, "-m", "dvc", "repro", *arguments]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, bufsize=1) as dvc:
+    try:
+        status = run([sys.executable, "-m", "dvc", "repro", *arguments], progress)
+    finally:
+        _note(progress)
+    return status
+
+
+def run(command: list[str], progress: Progress) -> int:
+    """Run DVC in a group of processes of its own, so that Ctrl-C ends it by our hand alone; its stage ends with it."""
+    tied = partial(tie_to_parent, os.getpid()) if sys.platform == "linux" else None
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, bufsize=1, process_group=0, preexec_fn=tied
+    ) as dvc:  # fmt: skip
         try:
             for line in dvc.stdout or ():
                 found = BEGINS.match(line)
                 said = progress.begin(found["stage"] or found["same"], bool(found["stage"])) if found else None
                 print(*filter(None, [said, line]), sep="\n", end="", flush=True)
-        except KeyboardInterrupt:
-            pass  # DVC was interrupted, too, and says so
+        except BaseException:
+            dvc.terminate()
+            raise
     if not dvc.returncode:
         progress.end()
-    HERE.parent.mkdir(parents=True, exist_ok=True)
+    return dvc.returncode
+
+
+def _note(progress: Progress) -> None:
+    """Keep how long stages took, where there is room for it."""
     here = {name for one in PIPELINES if one.exists() for name in stages(one)}
     there = {name: took for name, took in progress.seconds.items() if name in here}
-    HERE.write_text(json.dumps(there, indent=1, sort_keys=True), encoding="utf-8")
-    return dvc.returncode
+    with suppress(OSError):
+        HERE.parent.mkdir(parents=True, exist_ok=True)
+        HERE.write_text(json.dumps(there, indent=1, sort_keys=True), encoding="utf-8")
 
 
 def stages(pipeline: Path) -> list[str]:
@@ -84,9 +111,12 @@ def stages(pipeline: Path) -> list[str]:
 def _read(path: Path) -> dict[str, float]:
     try:
         return dict(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    if not PIPELINES[0].exists():
+        sys.exit(f"repro: {Path.cwd()} has no dvc.yaml: go to the folder of the project first")
+    with one_line("repro", "`make repro` goes on from here"), only_one("repro"):
+        sys.exit(main(sys.argv[1:]))

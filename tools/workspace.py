@@ -10,6 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from isi.base.command import one_line
+from isi.base.errors import InputError, short
 
 ROOT = Path(__file__).parent.parent
 COPIED = ("isi", "stages", "data/raw", "dvc.yaml", "pyproject.toml")
@@ -95,9 +99,17 @@ def main() -> None:
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="params to change, values in YAML")
     parser.add_argument("--drop", nargs="*", default=[], metavar="KEY", help="params to leave out")
     given = parser.parse_args()
-    pairs = (text.partition("=") for text in given.set)
-    changes = {key: YAML_1_2.load(value) for key, _, value in pairs} | dict.fromkeys(given.drop, DROP)
-    make(given.folder, QUICK | changes)
+    with one_line("workspace"):
+        changes = dict(map(_setting, given.set)) | dict.fromkeys(given.drop, DROP)
+        make(given.folder, QUICK | changes)
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    key, found, value = text.partition("=")
+    try:
+        return key, YAML_1_2.load(value if found else "]")
+    except (YAMLError, ValueError, RecursionError) as error:
+        raise InputError("--set", "", f"expected KEY=VALUE, the value in YAML, got {short(text)}") from error
 
 
 if __name__ == "__main__":

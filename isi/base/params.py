@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, cast, get_type_hints
+from types import UnionType
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, create_model, field_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from isi.base import paths
-from isi.base.errors import InputError
+from isi.base.errors import InputError, cut, meant, short
 
-Count = Annotated[int, Field(ge=1)]
-Seed = Annotated[int, Field(ge=0)]
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
+
+Count = Annotated[int, Field(ge=1, lt=2**31)]
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
 Fraction = Annotated[float, Field(gt=0, lt=1)]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -62,13 +67,19 @@ def read(path: Path) -> dict[str, Any]:
         InputError: where the file is missing, or is no YAML of a mapping.
     """
     try:
-        raw = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))  # YAML 1.2, as DVC reads it
+        raw = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8-sig"))  # YAML 1.2, as DVC reads it
     except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})") from error
-    except (YAMLError, UnicodeDecodeError) as error:
+        away = isinstance(error, FileNotFoundError) and path in (paths.PARAMS, paths.PIPELINE)
+        then = f": {Path.cwd()} is not the folder of the project, go there first" if away else ""
+        raise InputError(path, "", f"cannot be read ({error.strerror}){then}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(path, f"byte {error.start + 1}", "expected YAML in UTF-8") from error
+    except RecursionError as error:
+        raise InputError(path, "", "expected YAML that is nested less deeply") from error
+    except (YAMLError, ValueError, LookupError, TypeError, AttributeError) as error:  # the latter: of a value
         mark = getattr(error, "problem_mark", None)
         place = f"line {mark.line + 1}" if mark else ""
-        raise InputError(path, place, f"expected YAML: {getattr(error, 'problem', error)}") from error
+        raise InputError(path, place, f"expected YAML: {getattr(error, 'problem', None) or error}") from error
     if not isinstance(raw, dict):
         raise InputError(path, "", "expected a mapping of keys to values")
     return raw
@@ -83,11 +94,52 @@ def check(value: Any, kind: type[T], key: str, path: Path = paths.PARAMS) -> T:
     try:
         return TypeAdapter(kind).validate_python(value, strict=True)
     except ValidationError as error:
-        first = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")  # a misspelt key is missing, too
-        where = ".".join([key] * bool(key) + [str(part) for part in first["loc"] if part != "[key]"])
+        first = min(error.errors(), key=_order)
+        where = ".".join([key] * bool(key) + [str(part) for part in first["loc"] if not _ADDED.search(str(part))])
         more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        got = "" if first["type"] in ("missing", "extra_forbidden", "value_error") else f", got {first['input']!r}"
-        raise InputError(path, where, first["msg"].removeprefix("Value error, ") + got + more) from error
+        raise InputError(path, where, _expected(first, kind) + more) from error
+
+
+#: What pydantic adds to a place that is no key: a type of a union, a function around it.
+_ADDED = re.compile(r"[\[\]()]")
+
+
+def _order(error: ErrorDetails) -> int:
+    """Which mistake of several is told: a misspelt key, which is missing, too; of a union, one that tells most."""
+    return 0 if error["type"] == "extra_forbidden" else 1 if _is_text_for_list(error) else 2
+
+
+def _is_text_for_list(error: ErrorDetails) -> bool:
+    return error["type"] in ("list_type", "tuple_type") and isinstance(error["input"], str)
+
+
+def _expected(error: ErrorDetails, kind: Any) -> str:
+    message, given = error["msg"].removeprefix("Value error, "), short(error["input"])
+    if error["type"] == "extra_forbidden":
+        *above, name = error["loc"]
+        return f"unknown key{meant(name, _keys(kind, above))}"
+    if _is_text_for_list(error):
+        return f"expected a list, got the text {given}: write [{cut(error['input'], 60)}]"
+    if error["type"] == "literal_error" and isinstance(error["input"], str):
+        choices = re.findall("'([^']+)'", message)
+        return f"{message}, got {given}{meant(error['input'], choices)}"
+    return message if error["type"] in ("missing", "value_error") else f"{message}, got {given}"
+
+
+def _keys(kind: Any, place: Sequence[int | str]) -> Iterator[str]:
+    """Keys that a section takes at a place within a type."""
+    if get_origin(kind) in (Annotated, Union, UnionType):
+        of = get_args(kind)[:1] if get_origin(kind) is Annotated else get_args(kind)
+        for one in of:
+            yield from _keys(one, place)
+    elif get_origin(kind) in (dict, list) and place:
+        yield from _keys(get_args(kind)[-1], place[1:])
+    elif isinstance(kind, type) and issubclass(kind, BaseModel):
+        for name, field in kind.model_fields.items():
+            if not place:
+                yield field.alias or name
+            elif place[0] == (field.alias or name):
+                yield from _keys(field.annotation, place[1:])
 
 
 @cache

@@ -7,7 +7,7 @@ import pkgutil
 from typing import Generic, TypeVar
 
 from isi.base import paths
-from isi.base.errors import InputError
+from isi.base.errors import InputError, meant, short
 
 T = TypeVar("T")
 
@@ -30,7 +30,8 @@ class Plugins(Generic[T]):
         """
         if name not in self._registered:
             if name not in self.names():
-                raise InputError(paths.PARAMS, key, f"expected one of {', '.join(self.names())}, got {name!r}")
+                expected = f"expected one of {', '.join(self.names())}, got {short(name)}{meant(name, self.names())}"
+                raise InputError(paths.PARAMS, key, expected)
             importlib.import_module(f"{self.package}.{name}")
             if name not in self._registered:
                 where = f"{self.package.replace('.', '/')}/{name}.py"

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import argparse
 import inspect
-import re
-import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, TypeVar
 
 from isi.base import params, paths
+from isi.base.command import Parser, one_line, only_one
 from isi.base.errors import InputError
+from isi.base.pipeline import declared, described
 from isi.base.tables import Provenance
 
 T = TypeVar("T")
@@ -58,49 +58,30 @@ class Given:
 
 def stage(body: Callable[..., None]) -> Callable[[], None]:
     """Make a function of ``Given`` and names the command of the DVC stage of its own name."""
-    arguments = list(inspect.signature(body).parameters)[1:]
+    name, arguments = body.__name__, list(inspect.signature(body).parameters)[1:]
 
     def main() -> None:
-        parser = argparse.ArgumentParser(prog=f"python -m stages.{body.__name__}", description=body.__doc__)
+        form = argparse.RawDescriptionHelpFormatter
+        parser = _StageParser(prog=f"python -m stages.{name}", description=inspect.getdoc(body), formatter_class=form)
         for argument in arguments:
             parser.add_argument(argument)
         named = vars(parser.parse_args())
-        try:
+        with one_line(name, "`dvc repro` goes on from here"):
             everything = params.read(paths.PARAMS)
-            picked = declared(body.__name__, named, everything)
-            provenance = Provenance(body.__name__, picked)
-            body(Given(picked | {COMPUTE: everything.get(COMPUTE)}, provenance), **named)
-        except InputError as error:
-            sys.exit(f"{body.__name__}: {error}")
+            picked = declared(name, named, everything)
+            with only_one("@".join(filter(None, [name, "-".join(named.values())]))):
+                body(Given(picked | {COMPUTE: everything.get(COMPUTE)}, Provenance(name, picked)), **named)
 
     return main
 
 
-def declared(name: str, arguments: Mapping[str, str], everything: Mapping[str, Any]) -> dict[str, Any]:
-    """The values that a pipeline lists for a stage, by dotted key; what keys leave open is filled in as DVC does.
+class _StageParser(Parser):
+    """Its help tells what the pipeline says of the stage, where there is one."""
 
-    Args:
-        everything: what ``params.yaml`` holds; other files of params are read where a pipeline names them.
-    """
-
-    def fill(open_part: re.Match[str]) -> str:
-        matrix, _, item = open_part[1].partition(".")
-        return str(arguments[item] if matrix == "item" else params.at(everything, open_part[1]))
-
-    found: dict[str, Any] = {}
-    for listed in _stage(name).get("params", []):
-        for file, keys in (listed if isinstance(listed, dict) else {str(paths.PARAMS): [listed]}).items():
-            values = everything if file == str(paths.PARAMS) else params.read(Path(file))
-            filled = [re.sub(r"\$\{([^}]+)\}", fill, key) for key in keys]
-            found |= {key: params.at(values, key) for key in filled}
-    return found
+    def format_help(self) -> str:
+        with suppress(InputError):
+            self.epilog = described(self.prog.rpartition(".")[2])
+        return super().format_help()
 
 
-def _stage(name: str) -> dict[str, Any]:
-    """What the pipeline that has a stage says of it."""
-    first: dict[str, Any] = params.read(paths.PIPELINE)["stages"]
-    stages = first if name in first else params.read(paths.BEYOND_PIPELINE)["stages"]
-    return dict(stages[name])
-
-
-__all__ = ["COMPUTE", "Given", "Provenance", "stage"]
+__all__ = ["COMPUTE", "Given", "Provenance", "declared", "stage"]

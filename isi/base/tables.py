@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import json
 import os
@@ -15,7 +16,8 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isi.base.errors import InputError
+from isi.base.errors import InputError, Unwritable
+from isi.base.pipeline import absent
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -105,6 +107,8 @@ def read(path: Path, schema: pa.Schema, provenance: Provenance | None = None) ->
     """
     try:
         table = pq.read_table(path)
+    except FileNotFoundError as error:
+        raise absent(path) from error
     except (OSError, pa.ArrowException) as error:
         raise InputError(path, "", f"expected a Parquet table ({_first_line(error)})") from error
     for expected in schema:
@@ -189,6 +193,8 @@ def read_tensors(path: Path, names: Sequence[str], provenance: Provenance | None
             if provenance:
                 provenance.seen(file.metadata())
             return {name: file.get_tensor(name) for name in names}
+    except FileNotFoundError as error:
+        raise absent(path) from error
     except (OSError, SafetensorError) as error:
         raise InputError(path, "", f"expected a safetensors file ({_first_line(error)})") from error
 
@@ -209,16 +215,24 @@ def _in_order(content: bytes) -> bytes:
 
 
 def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
-    """Let a function write to a temporary name beside the path, then replace the path."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    for stale in path.parent.glob(f".{path.name}.*.tmp"):  # of a stage that was killed
-        stale.unlink()
+    """Let a function write to a temporary name beside the path, then replace the path.
+
+    Raises:
+        Unwritable: where the disk is full, read-only, or refuses otherwise; what was there stays.
+    """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        for stale in path.parent.glob(f".{glob.escape(path.name)}.*.tmp"):  # of a stage that was killed
+            stale.unlink()
         write_to(temporary)
         temporary.replace(path)
+    except OSError as error:
+        if error.errno is None or (error.filename and Path(error.filename).name not in {temporary.name, *path.parts}):
+            raise  # of what was to be written, not of writing it
+        raise Unwritable(path, error) from error
     finally:
-        with suppress(FileNotFoundError):
+        with suppress(OSError):
             temporary.unlink()
 
 

@@ -18,11 +18,12 @@ from tqdm import tqdm
 
 from isi.base import paths
 from isi.base.errors import InputError
-from isi.base.lifetime import tie_to_parent
+from isi.base.lifetime import serve
 from isi.base.params import Count, Section
 from isi.base.stage import COMPUTE, Given
 from isi.experiments.cells import Cells
 from isi.learning.batches import TABLE_CELLS
+from isi.learning.finite import NotFinite
 
 
 class HasCells(Protocol):
@@ -71,8 +72,8 @@ def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Comput
     """Run tasks where ``compute`` says; results come in the order of the tasks.
 
     Raises:
-        TaskError: as soon as one task fails; those that have not begun never will.
-        InputError: where there is no such engine, scheduler or device.
+        TaskError: as soon as one task fails; the others are given up.
+        InputError: where there is no such engine, scheduler or device, memory does not do, or a model diverges.
     """
     engine = _dask if compute.engine == "dask" else _processes
     models = sum(len(task.cells.seeds) for task in tasks)
@@ -83,12 +84,22 @@ def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Comput
                 task = futures[future]
                 try:
                     future.result()
-                except (InputError, BrokenExecutor, CancelledError):  # no task's own failure
+                except (InputError, CancelledError):  # no task's own failure
                     raise
+                except BrokenExecutor as error:
+                    died = "a worker process was killed, perhaps for want of memory: try fewer, or a lower stack"
+                    raise InputError(paths.PARAMS, "compute.workers", died) from error
                 except Exception as error:
+                    if _lacks_memory(error):
+                        much = f"not enough memory for {task.cells} and what runs beside: try less"
+                        raise InputError(paths.PARAMS, "compute.stack", much) from error
                     raise TaskError(f"{task.cells}: {type(error).__name__}: {error}") from error
                 bar.update(len(task.cells.seeds))
     return [future.result() for future in futures]
+
+
+def _lacks_memory(error: Exception) -> bool:
+    return isinstance(error, MemoryError | torch.OutOfMemoryError) or "can't allocate memory" in str(error)
 
 
 def alone(function: Callable[[Task], Done], task: Task, device: str) -> Done:
@@ -97,15 +108,22 @@ def alone(function: Callable[[Task], Done], task: Task, device: str) -> Done:
     Both are set in the thread that runs the task, which is the engine's choice, and never reset: tasks
     that share a process cannot disturb each other. Where the device is a GPU, it holds all that the task
     makes; what the task gives back is on the CPU.
+
+    Raises:
+        InputError: where a model of the task diverges: which one, and what to turn down.
     """
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
     found = device_of(device)
-    if found.type == "cpu":
-        return function(task)
-    with found:
-        whole: Any = task
-        return function(replace(whole, cells=replace(task.cells, graph=task.cells.graph.on(found))))
+    try:
+        if found.type == "cpu":
+            return function(task)
+        with found:
+            whole: Any = task
+            return function(replace(whole, cells=replace(task.cells, graph=task.cells.graph.on(found))))
+    except NotFinite as error:
+        seeds = [task.cells.seeds[place] for place in error.models]
+        raise InputError(paths.PARAMS, str(replace(task.cells, seeds=seeds)), error.found) from error
 
 
 def device_of(name: str) -> torch.device:
@@ -136,13 +154,12 @@ def _processes(compute: Compute) -> Iterator[Executor]:
     """
     forked = sys.platform == "linux" and compute.device == "cpu"
     context = multiprocessing.get_context("fork" if forked else "spawn")
-    with ProcessPoolExecutor(
-        _workers(compute), context, initializer=tie_to_parent, initargs=(os.getpid(),)
-    ) as executor:
+    with ProcessPoolExecutor(_workers(compute), context, initializer=serve, initargs=(os.getpid(),)) as executor:
         try:
             yield executor
         except BaseException:
-            executor.shutdown(wait=False, cancel_futures=True)
+            for worker in multiprocessing.active_children():  # not one of which is to be waited for
+                worker.kill()
             raise
 
 

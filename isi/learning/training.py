@@ -14,6 +14,7 @@ from isi.embeddings.bits import apart
 from isi.embeddings.stack import Embedding, select
 from isi.learning import one_by_one
 from isi.learning.batches import Negatives, TrainingData, batches
+from isi.learning.finite import NotFinite, refuse
 from isi.learning.gradients import loss_gradient
 from isi.learning.ranks import Queries, Result, evaluate
 from isi.learning.scopes import validation
@@ -70,12 +71,22 @@ def train(
 
     Returns:
         each model as it was when it left.
+
+    Raises:
+        NotFinite: where a model diverges: NaN or infinity in its vectors, in Adagrad's sums, or in what it would score.
     """
     state, left = start(embedding), start(embedding).embedding
     models = torch.arange(len(embedding.entity))
     for epoch in range(settings.max_epochs + 1):
         if epoch:
             run_epoch(state, data, negatives, settings, root, epoch)
+        try:
+            _check(state)
+        except NotFinite as error:
+            slower = f"turn down the learning rate ({settings.learning_rate:g})"
+            advice = slower if epoch else "look at what training starts from"
+            found = f"diverged in epoch {epoch} ({error.found}): {advice}"
+            raise NotFinite(models[error.models].tolist(), found) from error
         going = watch(epoch, state.embedding, models)
         if going.all() and epoch < settings.max_epochs:
             continue
@@ -86,6 +97,11 @@ def train(
             break
         state, data, models = keep(state, going), select(data, going), models[going]
     return left
+
+
+def _check(state: State) -> None:
+    refuse((state.embedding.entity, state.embedding.relation), "vectors or scores")
+    refuse((state.squares.entity, state.squares.relation), "Adagrad's sums", torch.finfo(torch.float32).max)
 
 
 def run_epoch(

@@ -1,0 +1,150 @@
+"""What the pipelines say of their stages: the params that each is given, what it reads and writes, who makes a file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from isi.base import params, paths
+from isi.base.errors import InputError, closest, meant
+
+#: Each pipeline with the params that its matrices run over.
+PIPELINES = {paths.PIPELINE: paths.PARAMS, paths.BEYOND_PIPELINE: paths.BEYOND_PARAMS}
+_OPEN = re.compile(r"\$\{([^}]+)\}")
+_ITEM = re.compile(r"\\\$\\\{item\\?\.(\w+)\\\}")
+
+
+def declared(name: str, arguments: Mapping[str, str], everything: Mapping[str, Any]) -> dict[str, Any]:
+    """The values that a pipeline lists for a stage, by dotted key; what keys leave open is filled in as DVC does.
+
+    Args:
+        everything: what ``params.yaml`` holds; other files of params are read where a pipeline names them.
+
+    Raises:
+        InputError: where no pipeline has the stage, or params have nothing under the name of an argument.
+    """
+    pipeline, entry = _stage(name)
+    _check_arguments(pipeline, entry, arguments, everything)
+
+    def fill(open_part: re.Match[str]) -> str:
+        matrix, _, item = open_part[1].partition(".")
+        return str(arguments[item] if matrix == "item" else params.at(everything, open_part[1]))
+
+    found: dict[str, Any] = {}
+    for listed in entry.get("params", []):
+        for file, keys in (listed if isinstance(listed, dict) else {str(paths.PARAMS): [listed]}).items():
+            values = everything if file == str(paths.PARAMS) else params.read(Path(file))
+            filled = [_OPEN.sub(fill, key) for key in keys]
+            found |= {key: _value(Path(file), values, key) for key in filled}
+    return found
+
+
+def _value(file: Path, values: Mapping[str, Any], key: str) -> Any:
+    """The value at a dotted key, null where there is none.
+
+    Raises:
+        InputError: where there is none, but one beside it under a name that is like it.
+    """
+    above, _, name = key.rpartition(".")
+    beside = params.at(values, above) if above else values
+    if isinstance(beside, Mapping) and name not in beside:
+        close = closest(name, beside)
+        if close is not None:
+            raise InputError(file, key, f"missing: was {close!r} to be it?")
+    return params.at(values, key)
+
+
+def _check_arguments(
+    pipeline: Path, entry: Mapping[str, Any], arguments: Mapping[str, str], everything: Mapping[str, Any]
+) -> None:
+    """Refuse an argument that is no key of the mapping that the stage's matrix runs over.
+
+    A name that a list lacks is none of the pipeline's runs, but may be run.
+    """
+    for argument, key in _matrix(entry).items():
+        there = params.at(_values(pipeline, everything), key)
+        name = arguments[argument]
+        if isinstance(there, dict) and name not in there:
+            expected = f"there is no {argument} {name!r} there, but {', '.join(map(str, there))}{meant(name, there)}"
+            raise InputError(PIPELINES[pipeline], f"{key}.{name}", expected)
+
+
+def _values(pipeline: Path, everything: Mapping[str, Any]) -> Mapping[str, Any]:
+    return everything if pipeline == paths.PIPELINE else params.read(PIPELINES[pipeline])
+
+
+def _matrix(entry: Mapping[str, Any]) -> dict[str, str]:
+    """Which keys of params the arguments of a stage run over."""
+    found = {item: _OPEN.fullmatch(str(values)) for item, values in (entry.get("matrix") or {}).items()}
+    return {item: key[1] for item, key in found.items() if key}
+
+
+def described(name: str) -> str:
+    """The choices of a stage's arguments, what it reads, and what it writes."""
+    pipeline, entry = _stage(name)
+    values = params.read(PIPELINES[pipeline])
+    lines = [f"{item}: {', '.join(map(str, params.at(values, key) or []))}" for item, key in _matrix(entry).items()]
+    data = [path for path in _paths(entry, "deps") if Path(path).parts[0] == str(paths.DATA)]
+    lines += [f"reads: {', '.join(data)}", f"writes: {', '.join(_outputs(entry))}"]
+    return "\n".join(re.sub(r"\$\{item\.(\w+)\}", lambda item: item[1].upper(), line) for line in lines)
+
+
+def maker(path: Path) -> str | None:
+    """The stage that writes a file, or what is in it, as ``dvc repro`` names it; null where none does."""
+    for pipeline in PIPELINES:
+        if pipeline.exists():
+            for name, entry in _stages(pipeline).items():
+                found = _made(path, _outputs(entry))
+                if found is not None:
+                    items = "-".join(found[item] for item in entry.get("matrix") or {} if item in found)
+                    before = "" if pipeline == paths.PIPELINE else f"{pipeline}:"
+                    return f"{before}{name}" + f"@{items}" * bool(items)
+    return None
+
+
+def _made(path: Path, outputs: Iterable[str]) -> dict[str, str] | None:
+    """The items with which one of a stage's outputs is a path or a folder above it."""
+    for out in outputs:
+        pattern = _ITEM.sub(r"(?P<\1>\\w+)", re.escape(out))
+        found = re.fullmatch(rf"{pattern}(/.*)?", str(path))
+        if found:
+            return found.groupdict()
+    return None
+
+
+def absent(path: Path) -> InputError:
+    """A file that a command reads and that is not there: which stage makes it."""
+    try:
+        stage = None if path.is_absolute() else maker(path)
+    except InputError:
+        stage = None
+    return InputError(path, "", f"missing: run `dvc repro {stage}`, which makes it" if stage else "no such file")
+
+
+def _outputs(entry: Mapping[str, Any]) -> list[str]:
+    return _paths(entry, "outs") + _paths(entry, "metrics")
+
+
+def _paths(entry: Mapping[str, Any], kind: str) -> list[str]:
+    """Paths under ``deps``, ``outs`` or ``metrics``, without their options."""
+    return [next(iter(one)) if isinstance(one, dict) else str(one) for one in entry.get(kind) or []]
+
+
+def _stage(name: str) -> tuple[Path, dict[str, Any]]:
+    """The pipeline that has a stage, and what it says of it."""
+    listed: list[str] = []
+    for pipeline in PIPELINES:
+        stages = _stages(pipeline)
+        if name in stages:
+            return pipeline, dict(stages[name])
+        listed += stages
+    raise InputError(paths.PIPELINE, "stages", f"expected a stage {name!r}, got {', '.join(listed)}")
+
+
+def _stages(pipeline: Path) -> dict[str, Any]:
+    stages = params.read(pipeline).get("stages")
+    if not isinstance(stages, dict):
+        raise InputError(pipeline, "stages", "expected a mapping of stages: is this the folder of the project?")
+    return stages
