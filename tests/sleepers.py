@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from isi.base.command import one_line
 from isi.base.lifetime import tie_to_parent
 from isi.experiments.cells import Cells
 from isi.experiments.executor import Compute, run
@@ -31,6 +32,11 @@ def sleep(task: Sleep) -> None:
 
 def main(folder: str) -> None:
     tie_to_parent()
+    with one_line("sleepers"):
+        _sleep(folder)
+
+
+def _sleep(folder: str) -> None:
     nothing = torch.zeros(0, dtype=torch.int64)
     graph = Graph([], [], torch.zeros((0, 3), dtype=torch.int64), nothing, nothing)
     splits, nobody = np.zeros((1, 0), dtype=np.int8), np.zeros((1, 1, 0), dtype=np.int64)

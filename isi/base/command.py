@@ -90,7 +90,7 @@ def only_one(name: str) -> Iterator[None]:
         if not _locked(file.fileno()):
             file.seek(0)
             holder = file.read(20).strip() or "unknown"
-            raise InputError(name, "", f"runs already in this folder (process {holder}): let it end, or stop it first")
+            raise InputError("", "", f"{name} runs already in this folder (process {holder}): let it end, or stop it")
         file.truncate(0)
         print(os.getpid(), file=file, flush=True)
         yield

@@ -37,7 +37,9 @@ class Unwritable(OSError):
     """An output that cannot be written: names it, why, and how much room there is, where that is why."""
 
     def __init__(self, path: Path, error: OSError) -> None:
-        super().__init__(error.errno, f"{error.strerror or error}{_room(path, error)}", str(path))
+        said = os.strerror(error.errno) if error.errno else str(error)
+        why = "its folder is a file" if error.errno == errno.EEXIST else said
+        super().__init__(error.errno, why + _room(path, error), str(path))
 
     def __str__(self) -> str:
         return str(InputError(self.filename, "", f"cannot be written ({self.strerror})"))
@@ -87,7 +89,8 @@ def reason(error: OSError) -> str:
     """What the system says about a file, in one line."""
     if isinstance(error, Unwritable):
         return str(error)
-    named = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else ""
+    nameless = "standard output, or memory that processes share" if error.errno == errno.ENOSPC else ""
+    named = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else nameless
     return str(InputError(named, "", error.strerror or str(error) or type(error).__name__))
 
 

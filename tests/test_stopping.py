@@ -1,0 +1,234 @@
+"""Commands that are stopped on purpose, and a second one where the first still runs: one line, and no process left."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import yaml
+
+from isi.base.command import only_one
+from tests import sleepers
+from tests.test_bad_input import KINDS, OBSERVED, observed, run_stage, session, wait_until, workspace
+from tools import workspace as workspaces
+
+__all__ = ["workspace"]  # a fixture
+
+ROOT = Path(__file__).parent.parent
+SLEEP = "import sys; from tests import sleepers; sleepers.main(sys.argv[1])"
+#: Writes half a file, says so, and sleeps.
+WRITE = """
+import sys, time
+from pathlib import Path
+from isi.base.command import one_line
+from isi.base.tables import atomically
+
+def half(temporary):
+    temporary.write_bytes(b"half of the n")
+    Path("begun").touch()
+    time.sleep(300)
+
+with one_line("writer"):
+    atomically(Path("table"), half)
+"""
+#: Holds a name until it is killed.
+HOLD = """
+import time
+from pathlib import Path
+from isi.base.command import only_one
+
+with only_one("build_graph@ai2thor"):
+    Path("held").touch()
+    time.sleep(300)
+"""
+
+#: With this interpreter's ``python`` first on the path, and this code.
+ENVIRONMENT = os.environ | {
+    "PYTHONPATH": str(ROOT),
+    "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+}
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+SIGNALS = pytest.mark.parametrize(("signalled", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+
+
+@contextmanager
+def running(command: list[str], folder: Path, begun: Callable[[], bool]) -> Iterator[subprocess.Popen[str]]:
+    """A command in a session of its own, once it has begun; none of its processes stays."""
+    with subprocess.Popen(
+        command, cwd=folder, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env=ENVIRONMENT,
+    ) as process:  # fmt: skip
+        try:
+            assert wait_until(lambda: begun() or process.poll() is not None, 60)
+            assert process.poll() is None, process.communicate()
+            yield process
+        finally:
+            for left in session(process.pid):
+                os.kill(left, signal.SIGKILL)
+
+
+def asleep(folder: Path) -> Callable[[], bool]:
+    """Whether the workers of ``sleepers`` all sleep."""
+    return lambda: len([path for path in folder.iterdir() if path.name.isdigit()]) == sleepers.WORKERS
+
+
+@pytest.mark.parametrize(
+    ("signalled", "status", "whom"),
+    [(signal.SIGINT, 130, "all"), (signal.SIGINT, 130, "the stage"), (signal.SIGTERM, 143, "the stage")],
+)
+def test_a_stage_that_is_stopped_ends_in_one_line_with_its_workers(
+    tmp_path: Path, signalled: signal.Signals, status: int, whom: str
+) -> None:
+    with running([sys.executable, "-c", SLEEP, "."], tmp_path, asleep(tmp_path)) as stage:
+        (os.killpg if whom == "all" else os.kill)(stage.pid, signalled)  # a terminal signals all
+        out, err = stage.communicate(timeout=30)
+        assert (stage.returncode, out) == (status, "")
+        assert err == f"sleepers: stopped by {signalled.name}; no file is half-written; run it again\n"
+        assert not session(stage.pid)
+
+
+def test_a_stage_whose_worker_is_killed_says_so_in_one_line(tmp_path: Path) -> None:
+    with running([sys.executable, "-c", SLEEP, "."], tmp_path, asleep(tmp_path)) as stage:
+        os.kill(int(next(path.name for path in tmp_path.iterdir() if path.name.isdigit())), signal.SIGKILL)
+        _, err = stage.communicate(timeout=30)
+        assert stage.returncode == 1
+        assert len(err.splitlines()) == 1
+        assert err.startswith("sleepers: params.yaml: compute.workers: a worker process was killed")
+
+
+@SIGNALS
+def test_a_stage_that_is_stopped_while_it_writes_leaves_the_earlier_output_and_nothing_else(
+    tmp_path: Path, signalled: signal.Signals, status: int
+) -> None:
+    (tmp_path / "table").write_bytes(b"the last good one")
+    with running([sys.executable, "-c", WRITE], tmp_path, (tmp_path / "begun").exists) as stage:
+        stage.send_signal(signalled)
+        _, err = stage.communicate(timeout=30)
+    assert (stage.returncode, len(err.splitlines())) == (status, 1)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["begun", "table"]
+    assert (tmp_path / "table").read_bytes() == b"the last good one"
+
+
+def test_a_stage_that_is_stopped_while_it_starts_ends_in_one_line(workspace: Path) -> None:
+    def importing() -> bool:
+        return "libtorch" in Path(f"/proc/{started[0]}/maps").read_text()
+
+    started: list[int] = []
+    command = [sys.executable, "-m", "stages.train_theta0", "ai2thor"]
+    with running(command, workspace, lambda: bool(started) or True) as stage:
+        started.append(stage.pid)
+        assert wait_until(importing, 30)
+        stage.send_signal(signal.SIGINT)
+        _, err = stage.communicate(timeout=30)
+    assert (stage.returncode, len(err.splitlines())) == (130, 1), err
+    assert "stopped by SIGINT" in err
+
+
+# DVC
+
+
+@pytest.fixture
+def pipeline(tmp_path: Path) -> Path:
+    """A workspace whose only stage sleeps."""
+    workspaces.make(tmp_path, {})
+    cmd = f"exec {sys.executable} -c '{SLEEP}' asleep"
+    stages = {"sleep": {"cmd": cmd, "outs": [{"asleep/out": {"persist": True}}]}}
+    (tmp_path / "dvc.yaml").write_text(yaml.safe_dump({"stages": stages}), encoding="utf-8")
+    (tmp_path / "asleep").mkdir()
+    return tmp_path
+
+
+DVC = [sys.executable, "-m", "dvc", "repro"]
+REPRO = [sys.executable, str(ROOT / "tools/repro.py")]
+
+
+def test_ctrl_c_on_dvc_shows_no_traceback_and_leaves_no_process(pipeline: Path) -> None:
+    with running(DVC, pipeline, asleep(pipeline / "asleep")) as dvc:
+        os.killpg(dvc.pid, signal.SIGINT)
+        _, err = dvc.communicate(timeout=30)
+        assert dvc.returncode not in (0, None)
+        assert "Traceback" not in err
+        assert "sleepers: stopped by SIGINT; no file is half-written; run it again" in err.splitlines()
+        assert len([line for line in err.splitlines() if line]) == 2  # DVC's own: the stage failed
+        assert not session(dvc.pid)
+
+
+def test_dvc_that_is_told_to_end_takes_its_stage_along(pipeline: Path) -> None:
+    with running(DVC, pipeline, asleep(pipeline / "asleep")) as dvc:
+        dvc.terminate()
+        _, err = dvc.communicate(timeout=30)
+        assert (dvc.returncode, err) == (-signal.SIGTERM, "")  # which a shell gives as 143
+        assert wait_until(lambda: not session(dvc.pid), 10)
+
+
+@SIGNALS
+def test_make_repro_that_is_stopped_ends_in_one_line_with_all_that_it_began(
+    pipeline: Path, signalled: signal.Signals, status: int
+) -> None:
+    with running(REPRO, pipeline, asleep(pipeline / "asleep")) as repro:
+        os.killpg(repro.pid, signalled)
+        _, err = repro.communicate(timeout=30)
+        assert err == f"repro: stopped by {signalled.name}; no file is half-written; `make repro` goes on from here\n"
+        assert repro.returncode == status
+        assert wait_until(lambda: not session(repro.pid), 10)
+
+
+def test_make_repro_that_is_killed_takes_all_that_it_began_along(pipeline: Path) -> None:
+    with running(REPRO, pipeline, asleep(pipeline / "asleep")) as repro:
+        repro.kill()
+        assert wait_until(lambda: not session(repro.pid), 10), session(repro.pid)
+
+
+@pytest.mark.parametrize("first", [DVC, REPRO], ids=["dvc", "make"])
+def test_a_second_run_says_that_there_is_a_first_and_leaves_it_alone(pipeline: Path, first: list[str]) -> None:
+    with running(first, pipeline, asleep(pipeline / "asleep")) as running_first:
+        before = session(running_first.pid).keys()
+        second = subprocess.run(first, cwd=pipeline, capture_output=True, text=True, env=ENVIRONMENT)
+        assert second.returncode
+        assert "Traceback" not in second.stderr
+        if first is REPRO:
+            expected = f"repro: repro runs already in this folder (process {running_first.pid}): "
+            assert second.stderr.startswith(expected)
+            assert len(second.stderr.splitlines()) == 1
+        else:
+            assert "is busy, it is being blocked by:" in second.stderr
+            assert f"(PID {running_first.pid})" in second.stderr
+        assert session(running_first.pid).keys() == before
+
+
+# Stages that are called directly
+
+
+def test_a_stage_that_runs_already_is_refused_in_one_line_and_may_run_when_the_first_has_ended(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    observed(workspace, "ai2thor", OBSERVED, KINDS)
+    (workspace / ".dvc").mkdir()
+    monkeypatch.chdir(workspace)
+    with only_one("build_graph@ai2thor"), only_one("build_graph@transfer"):
+        second = run_stage(workspace, "stages.build_graph", "ai2thor")
+        assert second.returncode == 1
+        (line,) = second.stderr.splitlines()
+        expected = f"build_graph@ai2thor runs already in this folder (process {os.getpid()}): let it end, or stop it"
+        assert line == f"build_graph: {expected}"
+        assert not (workspace / "data/graph").exists()
+    assert run_stage(workspace, "stages.build_graph", "ai2thor").returncode == 0
+
+
+def test_a_run_that_was_killed_is_in_nobodys_way(workspace: Path) -> None:
+    observed(workspace, "ai2thor", OBSERVED, KINDS)
+    (workspace / ".dvc").mkdir()
+    with running([sys.executable, "-c", HOLD], workspace, (workspace / "held").exists) as first:
+        assert run_stage(workspace, "stages.build_graph", "ai2thor").returncode == 1
+        first.kill()
+        first.wait()
+        time.sleep(0.1)
+        assert run_stage(workspace, "stages.build_graph", "ai2thor").returncode == 0

@@ -1,0 +1,181 @@
+"""Outputs that cannot be written: one line, the earlier ones stand, and nothing is left behind."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import resource
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from isi.base import paths, tables
+from isi.base.errors import Unwritable
+from tests.test_bad_input import KINDS, MADE, OBSERVED, leave, observed, outputs, workspace
+
+__all__ = ["workspace"]  # a fixture
+
+ROOT = Path(__file__).parent.parent
+OWN_MOUNTS = ["unshare", "--user", "--map-root-user", "--mount"]
+BUILD = f"{sys.executable} -m stages.build_graph ai2thor"
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def can_mount() -> bool:
+    """Whether a process may mount what it alone sees."""
+    try:
+        return not subprocess.run(
+            [*OWN_MOUNTS, "mount", "-t", "tmpfs", "tmpfs", "/mnt"], capture_output=True
+        ).returncode
+    except OSError:
+        return False
+
+
+mounts = pytest.mark.skipif(not can_mount(), reason="no file system can be mounted here")
+
+
+@pytest.mark.parametrize(
+    ("number", "why", "tells_room"),
+    [
+        (errno.ENOSPC, "No space left on device", True),
+        (errno.EDQUOT, "Disk quota exceeded", True),
+        (errno.EFBIG, "File too large", True),
+        (errno.EROFS, "Read-only file system", False),
+        (errno.EACCES, "Permission denied", False),
+        (errno.EIO, "Input/output error", False),
+    ],
+)
+def test_what_a_disk_refuses_names_the_output_and_why_and_leaves_the_earlier_one(
+    tmp_path: Path, number: int, why: str, tells_room: bool
+) -> None:
+    path = tmp_path / "runs.parquet"
+    path.write_bytes(b"the last good one")
+
+    def refused(temporary: Path) -> None:
+        temporary.write_bytes(b"half of the n")
+        raise OSError(number, os.strerror(number), str(temporary))
+
+    with pytest.raises(Unwritable) as ended:
+        tables.atomically(path, refused)
+    room = r"; \d+\.\d [GM]iB free there" if tells_room else ""
+    assert re.fullmatch(rf"{re.escape(str(path))}: cannot be written \({why}{room}\)", str(ended.value))
+    assert path.read_bytes() == b"the last good one"
+    assert names(tmp_path) == ["runs.parquet"]
+
+
+def test_a_name_that_is_too_long_and_a_folder_that_is_a_file_are_said_to_be_so(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for path, why in (
+        (tmp_path / ("x" * 300), "File name too long"),
+        (tmp_path / "file" / "t", "its folder is a file"),
+    ):
+        with pytest.raises(Unwritable, match=why):
+            tables.atomically(path, lambda temporary: temporary.write_bytes(b""))
+    assert names(tmp_path) == ["file"]
+
+
+def test_what_fails_to_be_read_while_writing_is_not_said_to_be_unwritable(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        tables.atomically(tmp_path / "out", lambda temporary: temporary.write_bytes((tmp_path / "in").read_bytes()))
+    assert names(tmp_path) == []
+
+
+def one(stderr: str) -> str:
+    (line,) = stderr.splitlines()
+    assert len(line) < 300
+    return line
+
+
+@mounts
+@pytest.mark.parametrize(
+    ("mount", "why"),
+    [
+        ("mount -t tmpfs -o size=8k tmpfs data/graph/ai2thor", "No space left on device; 0.0 MiB free there"),
+        (
+            "mount -t tmpfs -o size=64k,nr_inodes=3 tmpfs data/graph/ai2thor",
+            "No space left on device; 0.1 MiB free there",
+        ),
+    ],
+    ids=["full", "no more files"],
+)
+def test_a_full_disk_ends_a_stage_in_one_line_and_the_earlier_outputs_stand(
+    workspace: Path, mount: str, why: str
+) -> None:
+    observed(workspace, "ai2thor", OBSERVED, KINDS)
+    (workspace / "data/graph/ai2thor").mkdir(parents=True)
+    script = f"""
+        {mount} && cd data/graph/ai2thor && echo earlier > entities.parquet && echo earlier > triples.parquet
+        cd ../../.. && {BUILD}; status=$?
+        cd data/graph/ai2thor && ls -A && cat * && exit $status
+    """
+    ended = subprocess.run([*OWN_MOUNTS, "sh", "-c", script], cwd=workspace, capture_output=True, text=True)
+    assert one(ended.stderr) == f"build_graph: data/graph/ai2thor/entities.parquet: cannot be written ({why})"
+    assert ended.returncode == 1
+    assert ended.stdout.split() == ["entities.parquet", "triples.parquet", "earlier", "earlier"]
+
+
+@mounts
+def test_a_read_only_folder_ends_a_stage_in_one_line(workspace: Path) -> None:
+    leave(workspace, paths.entities("ai2thor"), paths.triples("ai2thor"))
+    observed(workspace, "ai2thor", OBSERVED, KINDS)
+    before = outputs(workspace)
+    script = f"mount --bind data/graph data/graph && mount -o remount,bind,ro data/graph && exec {BUILD}"
+    ended = subprocess.run([*OWN_MOUNTS, "sh", "-c", script], cwd=workspace, capture_output=True, text=True)
+    assert one(ended.stderr).endswith("data/graph/ai2thor/entities.parquet: cannot be written (Read-only file system)")
+    assert (ended.returncode, outputs(workspace)) == (1, before)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_is_not_ones_own_ends_a_stage_in_one_line(workspace: Path) -> None:
+    leave(workspace, paths.entities("ai2thor"), paths.triples("ai2thor"))
+    observed(workspace, "ai2thor", OBSERVED, KINDS)
+    (workspace / "data/graph/ai2thor").chmod(0o500)
+    ended = subprocess.run(BUILD.split(), cwd=workspace, capture_output=True, text=True)
+    assert one(ended.stderr).endswith("data/graph/ai2thor/entities.parquet: cannot be written (Permission denied)")
+
+
+@pytest.mark.parametrize(
+    ("command", "most", "named"),
+    [
+        ("mine mp3d", 1000, "data/observations/mp3d.parquet"),  # a stream of tables
+        ("build_graph ai2thor", 1000, "data/graph/ai2thor/entities.parquet"),
+        ("embed_words ai2thor", 1000, "data/words/ai2thor/vectors.safetensors"),
+    ],
+)
+def test_a_file_that_may_not_grow_ends_a_stage_in_one_line_and_the_earlier_outputs_stand(
+    workspace: Path, command: str, most: int, named: str
+) -> None:
+    observed(workspace, "ai2thor", OBSERVED, KINDS)
+    tables.write(workspace / paths.entities("ai2thor"), KINDS.assign(source="ai2thor"), tables.ENTITIES, MADE)
+    leave(workspace, Path(named))
+    before = outputs(workspace)
+    ended = subprocess.run(
+        [sys.executable, "-m", *f"stages.{command}".split()], cwd=workspace, capture_output=True, text=True,
+        preexec_fn=partial(resource.setrlimit, resource.RLIMIT_FSIZE, (most, most)),
+    )  # fmt: skip
+    expected = rf"{command.split()[0]}: {named}: cannot be written \(File too large; \d+\.\d [GM]iB free there\)"
+    assert re.fullmatch(expected, one(ended.stderr)), ended.stderr
+    assert (ended.returncode, outputs(workspace)) == (1, before)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_output_that_nobody_takes_ends_a_stage_in_at_most_one_line(workspace: Path) -> None:
+    observed(workspace, "ai2thor", OBSERVED, KINDS)
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(BUILD.split(), cwd=workspace, stdout=full, stderr=subprocess.PIPE, text=True)
+    line = one(ended.stderr)
+    assert line.startswith("build_graph: standard output")
+    assert "No space left on device" in line
+    assert ended.returncode == 1
+    reader, writer = os.pipe()
+    os.close(reader)
+    ended = subprocess.run(BUILD.split(), cwd=workspace, stdout=writer, stderr=subprocess.PIPE, text=True)
+    os.close(writer)
+    assert (ended.returncode, ended.stderr) == (141, "")
