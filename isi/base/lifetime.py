@@ -40,6 +40,17 @@ def _watch(parent: int) -> None:
     os._exit(1)
 
 
+def lives(process: str) -> bool:
+    """Whether there is another process of that id on this machine."""
+    try:
+        os.kill(int(process), 0)
+    except (ValueError, ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:  # someone else's
+        return True
+    return int(process) != os.getpid()
+
+
 def serve(parent: int) -> None:
     """Make this process a worker: it ends with its parent, whom alone Ctrl-C concerns."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

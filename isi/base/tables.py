@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from isi.base.errors import InputError, Unwritable
+from isi.base.lifetime import lives
 from isi.base.pipeline import absent
 
 if TYPE_CHECKING:
@@ -224,7 +225,8 @@ def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         for stale in path.parent.glob(f".{glob.escape(path.name)}.*.tmp"):  # of a stage that was killed
-            stale.unlink()
+            if not lives(stale.name.split(".")[-2]):
+                stale.unlink()
         write_to(temporary)
         temporary.replace(path)
     except OSError as error:
