@@ -250,7 +250,7 @@ def test_what_is_no_parquet_is_named_in_one_line(tmp_path: Path, damage: Any) ->
 
 
 def test_a_missing_table_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"nowhere\.parquet: expected a Parquet table"):
+    with pytest.raises(InputError, match=r"nowhere\.parquet: no such file"):
         tables.read(tmp_path / "nowhere.parquet", tables.NOVEL)
 
 
@@ -277,7 +277,7 @@ def test_a_missing_tensor_is_named(tmp_path: Path) -> None:
 def test_what_is_no_safetensors_file_is_named(tmp_path: Path, content: bytes | None) -> None:
     if content is not None:
         (tmp_path / "t.safetensors").write_bytes(content)
-    with pytest.raises(InputError, match=r"t\.safetensors: expected a safetensors file"):
+    with pytest.raises(InputError, match=r"t\.safetensors: (expected a safetensors file|no such file)"):
         tables.read_tensors(tmp_path / "t.safetensors", ["entity"])
 
 
