@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import torch
 from torch import Tensor
 
 from isi.base.errors import InputError
+from isi.base.rules import place_of
 
 #: Columns of ``Graph.triples``.
 HEAD, RELATION, TAIL = range(3)
@@ -75,22 +77,26 @@ def _from_arrays(entities: list[str], relations: list[str], *arrays: np.ndarray)
     return Graph(entities, relations, *(torch.from_numpy(array) for array in arrays))
 
 
-def build(entities: pd.DataFrame, triples: pd.DataFrame) -> Graph:
-    """The graph of an experiment's tables: entity ids are row numbers, ids of relations and kinds alphabetical."""
+def build(entities: pd.DataFrame, triples: pd.DataFrame, path: Path | str = "triples.parquet") -> Graph:
+    """The graph of an experiment's tables: entity ids are row numbers, ids of relations and kinds alphabetical.
+
+    Args:
+        path: of the triples, for errors.
+
+    Raises:
+        InputError: where a triple is of an entity that the others lack.
+    """
     names = [str(name) for name in entities["entity"]]
     relations = sorted({str(name) for name in triples["relation"]})
-    entity_id = {name: number for number, name in enumerate(names)}
-    relation_id = {name: number for number, name in enumerate(relations)}
-    ids = np.stack(
-        [
-            triples["head"].astype(str).map(entity_id),
-            triples["relation"].astype(str).map(relation_id),
-            triples["tail"].astype(str).map(entity_id),
-        ],
-        axis=1,
-    )
-    if np.isnan(ids.astype(float)).any():
-        raise InputError("triples.parquet", "columns 'head' and 'tail'", "expected names that are in entities.parquet")
+    heads, tails = (_ids(triples, column, names, path) for column in ("head", "tail"))
+    ids = np.stack([heads, _ids(triples, "relation", relations, path), tails], axis=1)
     kinds = np.unique(entities["kind"].astype(str), return_inverse=True)[1]
     counts = triples["count"].to_numpy(np.int64)
-    return Graph(names, relations, *map(torch.as_tensor, (ids.astype(np.int64), counts, kinds.astype(np.int64))))
+    return Graph(names, relations, *map(torch.as_tensor, (ids, counts, kinds.astype(np.int64))))
+
+
+def _ids(triples: pd.DataFrame, column: str, names: list[str], path: Path | str) -> np.ndarray:
+    ids = pd.Index(names).get_indexer(pd.Index(triples[column].astype(str)))
+    if (ids < 0).any():
+        raise InputError(path, place_of(triples, int(ids.argmin()), [column]), "expected a name in entities.parquet")
+    return ids.astype(np.int64)

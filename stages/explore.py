@@ -42,7 +42,7 @@ def explore(given: Given, graph: str) -> None:
 def seen_by(graph: str, how: Elsewhere, root: int, key: str) -> Seen:
     """What the source observes."""
     observed, passing = observing(how.source, key, root)
-    parts = pa.concat_tables([tables.OBSERVATIONS.empty_table(), *passing]).unify_dictionaries()
+    parts = pa.concat_tables([tables.OBSERVATIONS.columns.empty_table(), *passing]).unify_dictionaries()
     frame: pd.DataFrame = parts.to_pandas()
     for step, instances in observed.mining.left.items():
         print(f"{instances:,} {step}")

@@ -14,7 +14,8 @@ def make_sessions(given: Given, experiment: str) -> None:
     """Draw splits, novel entities and insert triples for every size and seed."""
     key, provenance = f"experiments.{experiment}.sessions", given.provenance
     entities = tables.read(paths.entities(experiment), tables.ENTITIES, provenance)
-    graph = build(entities, tables.read(paths.triples(experiment), tables.TRIPLES, provenance))
+    path = paths.triples(experiment)
+    graph = build(entities, tables.read(path, tables.TRIPLES, provenance), path)
     shares = given.section("sessions", Shares)
     found = listed(graph, entities, given.section(key, SessionsOf), shares, given.seed, key)
     tables.write(paths.splits(experiment), found.splits, tables.SPLITS, provenance)

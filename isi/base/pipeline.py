@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +37,7 @@ def declared(name: str, arguments: Mapping[str, str], everything: Mapping[str, A
     found: dict[str, Any] = {}
     for listed in entry.get("params", []):
         for file, keys in (listed if isinstance(listed, dict) else {str(paths.PARAMS): [listed]}).items():
-            values = everything if file == str(paths.PARAMS) else params.read(Path(file))
+            values = everything if file == str(paths.PARAMS) else _read(Path(file))
             filled = [_OPEN.sub(fill, key) for key in keys]
             found |= {key: _value(Path(file), values, key) for key in filled}
     return found
@@ -72,7 +74,7 @@ def _check_arguments(
 
 
 def _values(pipeline: Path, everything: Mapping[str, Any]) -> Mapping[str, Any]:
-    return everything if pipeline == paths.PIPELINE else params.read(PIPELINES[pipeline])
+    return everything if pipeline == paths.PIPELINE else _read(PIPELINES[pipeline])
 
 
 def _matrix(entry: Mapping[str, Any]) -> dict[str, str]:
@@ -84,24 +86,67 @@ def _matrix(entry: Mapping[str, Any]) -> dict[str, str]:
 def described(name: str) -> str:
     """The choices of a stage's arguments, what it reads, and what it writes."""
     pipeline, entry = _stage(name)
-    values = params.read(PIPELINES[pipeline])
+    values = _read(PIPELINES[pipeline])
     lines = [f"{item}: {', '.join(map(str, params.at(values, key) or []))}" for item, key in _matrix(entry).items()]
     data = [path for path in _paths(entry, "deps") if Path(path).parts[0] == str(paths.DATA)]
     lines += [f"reads: {', '.join(data)}", f"writes: {', '.join(_outputs(entry))}"]
     return "\n".join(re.sub(r"\$\{item\.(\w+)\}", lambda item: item[1].upper(), line) for line in lines)
 
 
-def maker(path: Path) -> str | None:
-    """The stage that writes a file, or what is in it, as ``dvc repro`` names it; null where none does."""
+@dataclass(frozen=True)
+class Maker:
+    """A stage with the arguments by which it makes some file."""
+
+    pipeline: Path
+    stage: str
+    arguments: Mapping[str, str]
+
+    def __str__(self) -> str:
+        """As ``dvc repro`` names it."""
+        before = "" if self.pipeline == paths.PIPELINE else f"{self.pipeline}:"
+        return f"{before}{self.stage}" + f"@{'-'.join(self.arguments.values())}" * bool(self.arguments)
+
+
+def maker(path: Path) -> Maker | None:
+    """The stage that writes a file, or what is in it; null where none does."""
     for pipeline in PIPELINES:
         if pipeline.exists():
             for name, entry in _stages(pipeline).items():
                 found = _made(path, _outputs(entry))
                 if found is not None:
-                    items = "-".join(found[item] for item in entry.get("matrix") or {} if item in found)
-                    before = "" if pipeline == paths.PIPELINE else f"{pipeline}:"
-                    return f"{before}{name}" + f"@{items}" * bool(items)
+                    items = {item: found[item] for item in entry.get("matrix") or {} if item in found}
+                    return Maker(pipeline, name, items)
     return None
+
+
+def maker_now(path: Path, everything: Mapping[str, Any]) -> Maker | None:
+    """The same, but null where params do not list its arguments: no run of the pipelines writes the file any more.
+
+    Args:
+        everything: what ``params.yaml`` holds.
+    """
+    made = maker(path)
+    if made is None:
+        return None
+    values = everything if made.pipeline == paths.PIPELINE else _read(PIPELINES[made.pipeline])
+    listed = _matrix(_stages(made.pipeline)[made.stage]).items()
+    now = all(made.arguments.get(item, "") in (params.at(values, key) or []) for item, key in listed)
+    return made if now else None
+
+
+def made_files(everything: Mapping[str, Any]) -> Iterator[tuple[Path, Maker]]:
+    """Every file under ``data`` that a run of the pipelines writes, and which."""
+    for path in sorted(paths.DATA.rglob("*")):
+        if path.is_file() and not path.is_relative_to(paths.RAW) and (made := maker_now(path, everything)):
+            yield path, made
+
+
+def dependencies(made: Maker) -> list[str]:
+    """What a stage reads, as far as its arguments fill it in."""
+    listed = _paths(_stages(made.pipeline)[made.stage], "deps")
+    for item, value in made.arguments.items():
+        listed = [path.replace(f"${{item.{item}}}", value) for path in listed]
+    return [path for path in listed if not _OPEN.search(path)]
 
 
 def _made(path: Path, outputs: Iterable[str]) -> dict[str, str] | None:
@@ -144,7 +189,18 @@ def _stage(name: str) -> tuple[Path, dict[str, Any]]:
 
 
 def _stages(pipeline: Path) -> dict[str, Any]:
-    stages = params.read(pipeline).get("stages")
+    stages = _read(pipeline).get("stages")
     if not isinstance(stages, dict):
         raise InputError(pipeline, "stages", "expected a mapping of stages: is this the folder of the project?")
     return stages
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """What a file of params or a pipeline holds by now, parsed once: that takes longer than all that is asked of it."""
+    stat = path.stat() if path.exists() else None
+    return _parsed(path.absolute(), path, stat and (stat.st_mtime_ns, stat.st_size))
+
+
+@cache
+def _parsed(_place: Path, path: Path, _stamp: tuple[int, int] | None) -> dict[str, Any]:
+    return params.read(path)

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from isi.base import params, paths
 from isi.base.command import Parser, one_line, only_one
 from isi.base.errors import InputError
+from isi.base.origin import PipelineOrigins
 from isi.base.pipeline import declared, described
 from isi.base.tables import Provenance
 
@@ -69,8 +70,9 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
         with one_line(name, "`dvc repro` goes on from here"):
             everything = params.read(paths.PARAMS)
             picked = declared(name, named, everything)
+            provenance = Provenance(name, picked, origins=PipelineOrigins(everything))
             with only_one("@".join(filter(None, [name, "-".join(named.values())]))):
-                body(Given(picked | {COMPUTE: everything.get(COMPUTE)}, Provenance(name, picked)), **named)
+                body(Given(picked | {COMPUTE: everything.get(COMPUTE)}, provenance), **named)
 
     return main
 

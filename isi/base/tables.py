@@ -1,131 +1,115 @@
-"""The tables and tensors of the pipeline: their schemas, checked reads and atomic writes."""
+"""The tables and tensors of the pipeline on disk: checked reads and atomic writes."""
 
 from __future__ import annotations
 
 import glob
-import hashlib
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from isi.base.content import Content, digest_of_table, digest_of_tensors
 from isi.base.errors import InputError, Unwritable
 from isi.base.lifetime import lives
 from isi.base.pipeline import absent
+from isi.base.provenance import CONTENT, Metadata, Provenance, metadata_of_table
+from isi.base.rules import first_not_finite
+from isi.base.schemas import (
+    AFFORDANCES,
+    ASKED,
+    COVERAGE,
+    CROSS_VALIDATION,
+    ENTITIES,
+    FAMILIES,
+    INDICATOR_SWEEP,
+    INSERT_TRIPLES,
+    INSERTED,
+    KINDS,
+    MINED,
+    NOVEL,
+    OBSERVATIONS,
+    RATE_SWEEP,
+    RUNS,
+    SPLITS,
+    TIES,
+    TRAINING_LOG,
+    TRIPLES,
+    USED,
+    VARIANTS,
+    VARIANTS_ASKED,
+    Schema,
+)
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-_NAME = pa.dictionary(pa.int32(), pa.string())
-_MEASURES = [("mrr_star", pa.float64()), ("mrr_star_entity", pa.float64()),
-             ("mrr_star_relation", pa.float64()), ("mrr", pa.float64())]  # fmt: skip
-
-OBSERVATIONS = pa.schema([("scene", _NAME), ("room", _NAME), ("instance", pa.string()),
-                          ("head", _NAME), ("relation", _NAME), ("tail", _NAME), ("count", pa.int32())])  # fmt: skip
-#: Entities of a source, and how many instances each step of mining it left.
-KINDS = pa.schema([("entity", pa.string()), ("kind", _NAME), ("phrase", pa.string())])
-MINED = pa.schema([("step", pa.string()), ("instances", pa.int64())])
-ENTITIES = pa.schema([("entity", pa.string()), ("kind", _NAME), ("source", _NAME), ("phrase", pa.string())])
-TRIPLES = pa.schema([("head", _NAME), ("relation", _NAME), ("tail", _NAME), ("count", pa.int32()), ("source", _NAME)])
-COVERAGE = pa.schema([("entity", pa.string()), ("phrase", pa.string()), ("served_by", pa.string())])
-SPLITS = pa.schema([("seed", pa.int32()), ("triple", pa.int32()), ("split", _NAME)])
-#: ``session``: the one that inserts the entity, from 1; Θ⁰ is learned in session 0.
-NOVEL = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("entity", pa.int32()), ("session", pa.int32())])
-INSERT_TRIPLES = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("entity", pa.int32()), ("triple", pa.int32()),
-                            ("session", pa.int32())])  # fmt: skip
-TRAINING_LOG = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("epoch", pa.int32()),
-                          *_MEASURES, ("kept", pa.bool_())])  # fmt: skip
-#: ``queries`` counts triples, of each of which head, tail and relation are asked for.
-RUNS = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("epoch", pa.int32()), ("scope", _NAME),
-                  *_MEASURES, ("queries", pa.int32()), ("session", pa.int32())])  # fmt: skip
-#: One row per inserted entity: its own queries of scope ``novel`` at once, and what it fell back to.
-INSERTED = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("entity", pa.int32()), ("kind", _NAME),
-                      ("fallback", _NAME), *_MEASURES, ("queries", pa.int32()), ("ties", pa.int32()),
-                      ("session", pa.int32())])  # fmt: skip
-#: Runs with indicator sets of several sizes, and at multiples of the fine-tuning rate.
-INDICATOR_SWEEP = pa.schema([("k", pa.int32()), *RUNS])
-RATE_SWEEP = pa.schema([("factor", pa.float64()), *RUNS])
-#: One row per setting and fold: the best look at the fold held out.
-CROSS_VALIDATION = pa.schema([("dimension", pa.int32()), ("ratio", pa.int32()), ("learning_rate", pa.float64()),
-                              ("weight_decay", pa.float64()), ("fold", pa.int32()),
-                              *_MEASURES, ("epoch", pa.int32())])  # fmt: skip
-#: Measures of the joint model of each embedding family.
-FAMILIES = pa.schema([("seed", pa.int32()), ("epochs", pa.int32()), *_MEASURES, ("valid_mrr_star", pa.float64()),
-                      ("queries", pa.int32())])  # fmt: skip
-#: Rank of each answer to (entity, relation, ?) right after insertion.
-AFFORDANCES = pa.schema(
-    [("initializer", _NAME), ("seed", pa.int32()), ("entity", pa.int32()), ("answer", pa.int32()), ("rank", pa.int32())]
-)
-#: Queries right after insertion, grouped by what is asked; MRR* and MRR are means over them. ``filter``: ``learned``,
-#: the scope's own, or ``true``, all true triples. ``hidden``: the slot that is asked for (head, relation, tail).
-#: ``novel``: where a novel entity is (``given``, hidden as the ``answer``, ``both``, ``none``). ``observations``: the
-#: relation's in D¹, its weight in equation 7.
-ASKED = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("session", pa.int32()), ("model", _NAME),
-                   ("scope", _NAME), ("filter", _NAME), ("relation", _NAME), ("hidden", _NAME), ("novel", _NAME),
-                   ("queries", pa.int32()), ("mrr_star", pa.float64()), ("mrr", pa.float64()),
-                   ("observations", pa.int64())])  # fmt: skip
-#: Runs of each model of experiments under other conditions, the joint model's among them, and their answers at once.
-VARIANTS = pa.schema([("experiment", _NAME), ("model", _NAME), *RUNS])
-VARIANTS_ASKED = pa.schema([("experiment", _NAME), *ASKED])
-#: Coordinates of relations that are not zero: of each relation, and (null) of any of them.
-USED = pa.schema([("seed", pa.int32()), ("model", _NAME), ("relation", _NAME), ("part", _NAME),
-                  ("used", pa.int32()), ("of", pa.int32())])  # fmt: skip
-#: Rivals whose score is tied with the answer's, at epoch 0.
-TIES = pa.schema([("size", pa.int32()), ("seed", pa.int32()), ("scope", _NAME), ("ties", pa.int32()),
-                  ("session", pa.int32())])  # fmt: skip
+__all__ = [
+    "AFFORDANCES", "ASKED", "COVERAGE", "CROSS_VALIDATION", "ENTITIES", "FAMILIES", "INDICATOR_SWEEP", "INSERTED",
+    "INSERT_TRIPLES", "KINDS", "MINED", "NOVEL", "OBSERVATIONS", "RATE_SWEEP", "RUNS", "SPLITS", "TIES", "TRAINING_LOG",
+    "TRIPLES", "USED", "VARIANTS", "VARIANTS_ASKED", "Provenance", "Schema", "as_text", "atomically", "keep_only",
+    "read", "read_tensors", "read_text", "shape_of", "together", "write", "write_stream", "write_tensors",
+]  # fmt: skip
 
 
-@dataclass
-class Provenance:
-    """What a stage's outputs were made from: goes into the metadata of each of them."""
+def read(path: Path, schema: Schema, provenance: Provenance | None = None) -> pd.DataFrame:
+    """Read a Parquet table whose columns must be those of the schema, whose rows must hold its rules.
 
-    stage: str
-    params: Mapping[str, Any]
-    inputs: set[str] = field(default_factory=set)
-
-    def metadata(self) -> dict[str, str]:
-        """Stage and hash of the params that shape its outputs, its inputs' params included."""
-        text = json.dumps([self.stage, self.params, sorted(self.inputs)], sort_keys=True)
-        return {"isi.stage": self.stage, "isi.params": hashlib.sha256(text.encode()).hexdigest()}
-
-    def seen(self, metadata: Mapping[str, str] | None) -> None:
-        """Note an input by its own hash."""
-        self.inputs.add((metadata or {}).get("isi.params", ""))
-
-
-def read(path: Path, schema: pa.Schema, provenance: Provenance | None = None) -> pd.DataFrame:
-    """Read a Parquet table whose columns must be those of the schema.
+    Args:
+        provenance: of what is made from the table, which notes it; it may refuse what is not of these params (see
+            ``Provenance.seen``).
 
     Raises:
-        InputError: where the file is missing or broken, or a column is missing or of another type.
+        InputError: where the file is missing or broken, a column is missing or of another type, a row breaks a rule,
+            or the values are not those that were written.
     """
+    table, metadata = opened(path, schema)
+    frame: pd.DataFrame = table.to_pandas()
+    if provenance is None or provenance.to_check(path):
+        schema.check(frame, path)
+        check_content(path, metadata, digest_of_table(table, schema.columns))
+    if provenance:
+        provenance.seen(path, metadata)
+    return frame
+
+
+def opened(path: Path, schema: Schema) -> tuple[pa.Table, Metadata]:
+    """The columns of a table as they stand in a file, unchecked but for their types, and its metadata."""
     try:
-        table = pq.read_table(path)
+        with pq.ParquetFile(path) as file:
+            table, metadata = file.read(), metadata_of_table(file.metadata.metadata)
     except FileNotFoundError as error:
         raise absent(path) from error
     except (OSError, pa.ArrowException) as error:
         raise InputError(path, "", f"expected a Parquet table ({_first_line(error)})") from error
-    for expected in schema:
+    for expected in schema.columns:
         place = table.schema.get_field_index(expected.name)
         if place < 0:
             raise InputError(path, f"column {expected.name!r}", "missing")
         if not _same_values(table.schema.field(place).type, expected.type):
             got = table.schema.field(place).type
             raise InputError(path, f"column {expected.name!r}", f"expected {expected.type}, got {got}")
-    if provenance:
-        provenance.seen({k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()})
-    frame: pd.DataFrame = table.select(schema.names).to_pandas()
-    return frame
+    return table.select(schema.names), metadata
 
 
-def read_text(path: Path, schema: pa.Schema) -> pd.DataFrame:
+def check_content(path: Path, metadata: Metadata, digest: str) -> None:
+    """See that a file holds the values that it says were written.
+
+    Raises:
+        InputError: where it does not, or does not say.
+    """
+    if metadata.get(CONTENT) != digest:
+        edited = "was edited" if CONTENT in metadata else "bears no digest of a stage"
+        ways = f"`dvc checkout --force {path}`, or where the edit is meant, `isi check --accept {path}`"
+        raise InputError(path, "", f"{edited}: {ways}")
+
+
+def read_text(path: Path, schema: Schema) -> pd.DataFrame:
     """Like ``read``, with text in place of categories."""
     return as_text(read(path, schema))
 
@@ -135,77 +119,130 @@ def as_text(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.astype(dict.fromkeys(frame.select_dtypes("category").columns, str))
 
 
-def together(parts: Iterable[pd.DataFrame], *schemas: pa.Schema) -> pd.DataFrame:
+def together(parts: Iterable[pd.DataFrame], *schemas: Schema) -> pd.DataFrame:
     """Parts of a table behind each other; without any, a table without rows that has the columns of the schemas."""
     listed = list(parts)
     names = dict.fromkeys(name for schema in schemas for name in schema.names)
     return pd.concat(listed) if listed else pd.DataFrame({name: pd.Series(dtype=object) for name in names})
 
 
-def write(path: Path, frame: pd.DataFrame, schema: pa.Schema, provenance: Provenance) -> None:
-    """Write a Parquet table through a temporary file: it is whole or it is not there."""
-    whole = pa.Table.from_pandas(frame, schema=schema, preserve_index=False)
-    columns = [_as_first_seen(column) for column in whole.columns]
-    write_stream(path, [pa.Table.from_arrays(columns, schema=schema)], schema, provenance)
+def write(path: Path, frame: pd.DataFrame, schema: Schema, provenance: Provenance) -> None:
+    """Write a Parquet table through a temporary file: it is whole and holds its rules, or it is not there.
+
+    Raises:
+        InputError: where a row breaks a rule.
+    """
+    whole = pa.Table.from_pandas(frame, schema=schema.columns, preserve_index=False)
+    write_table(path, whole, schema, provenance.metadata())
 
 
-def _as_first_seen(column: pa.ChunkedArray) -> pa.ChunkedArray:
+def write_table(path: Path, table: pa.Table, schema: Schema, metadata: Metadata) -> None:
+    """The same of columns of the schema's types, dictionary-encoded or not, with metadata and the values' digest."""
+    schema.check(table.to_pandas(), path)
+    columns = [_as_first_seen(table.column(field.name), field.type) for field in schema.columns]
+    stated = {**metadata, CONTENT: digest_of_table(table, schema.columns)}
+    whole = pa.Table.from_arrays(columns, schema=schema.columns.with_metadata(stated))
+    atomically(path, lambda temporary: pq.write_table(whole, temporary, compression="zstd"))
+
+
+def _as_first_seen(column: pa.ChunkedArray, kind: pa.DataType) -> pa.ChunkedArray:
     """The same with dictionaries in order of appearance, which hang neither on categories nor on chunks."""
-    if not pa.types.is_dictionary(column.type):
+    if not pa.types.is_dictionary(kind):
         return column
-    return pa.chunked_array(column.cast(column.type.value_type).combine_chunks().dictionary_encode())
+    return pa.chunked_array(column.cast(kind.value_type).combine_chunks().dictionary_encode())
 
 
-def write_stream(path: Path, parts: Iterable[pa.Table], schema: pa.Schema, provenance: Provenance) -> int:
+def write_stream(path: Path, parts: Iterable[pa.Table], schema: Schema, provenance: Provenance) -> int:
     """Write a Parquet table whose parts come one by one, each as a row group of its own.
 
-    Like ``write``, it is whole or it is not there, whatever the parts raise on their way.
+    Like ``write``, it is whole or it is not there, whatever the parts raise on their way. The digest is known when all
+    have come: it stands in the file's metadata, but not in those of its Arrow schema. Each part holds the rules.
 
     Returns:
         how many rows it has.
     """
-    schema = schema.with_metadata(provenance.metadata())
-    rows = 0
+    rows, content = 0, Content(schema.columns)
 
     def write_parts(temporary: Path) -> None:
         nonlocal rows
-        with pq.ParquetWriter(temporary, schema, compression="zstd") as writer:
+        columns = schema.columns.with_metadata(provenance.metadata())
+        with pq.ParquetWriter(temporary, columns, compression="zstd") as writer:
             for part in parts:
                 writer.write_table(part)
+                schema.check(part.to_pandas(), path)
+                content.add(part)
                 rows += part.num_rows
+            writer.add_key_value_metadata({CONTENT: content.digest()})
 
     atomically(path, write_parts)
     return rows
 
 
 def read_tensors(path: Path, names: Sequence[str], provenance: Provenance | None = None) -> dict[str, Tensor]:
-    """Read named tensors of a safetensors file.
+    """Read named tensors of a safetensors file, all of whose numbers must be finite.
 
     Raises:
-        InputError: where the file is missing or broken, or lacks a tensor.
+        InputError: where the file is missing or broken, lacks a tensor, or its values are not those that were written.
     """
+    whole = provenance is None or (path.exists() and provenance.to_check(path))
+    tensors, metadata = opened_tensors(path, None if whole else names)
+    if not set(names) <= set(tensors):
+        raise InputError(path, f"tensor {min(set(names) - set(tensors))!r}", "missing")
+    if whole:
+        check_finite(path, tensors)
+        check_content(path, metadata, digest_of_tensors(tensors))
+    if provenance:
+        provenance.seen(path, metadata)
+    return {name: tensors[name] for name in names}
+
+
+def opened_tensors(path: Path, names: Iterable[str] | None = None) -> tuple[dict[str, Tensor], Metadata]:
+    """Those of the named tensors (null: all) that a file has, unchecked, and its metadata."""
     from safetensors import SafetensorError, safe_open  # here, since it loads torch
 
     try:
         with safe_open(path, framework="pt") as file:
-            missing = set(names) - set(file.keys())
-            if missing:
-                raise InputError(path, f"tensor {min(missing)!r}", "missing")
-            if provenance:
-                provenance.seen(file.metadata())
-            return {name: file.get_tensor(name) for name in names}
+            there = file.keys()
+            return {name: file.get_tensor(name) for name in (there if names is None else set(names) & set(there))}, (
+                file.metadata() or {}
+            )
     except FileNotFoundError as error:
         raise absent(path) from error
     except (OSError, SafetensorError) as error:
         raise InputError(path, "", f"expected a safetensors file ({_first_line(error)})") from error
 
 
+def shape_of(path: Path, name: str) -> tuple[int, ...]:
+    """The shape of a tensor of a safetensors file, which must be there."""
+    from safetensors import safe_open
+
+    with safe_open(path, framework="pt") as file:
+        return tuple(file.get_slice(name).get_shape())
+
+
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], provenance: Provenance) -> None:
-    """Write a safetensors file through a temporary file."""
+    """Write a safetensors file through a temporary file.
+
+    Raises:
+        InputError: where a number is not finite.
+    """
+    check_finite(path, tensors)
+    write_tensors_with(path, tensors, provenance.metadata())
+
+
+def write_tensors_with(path: Path, tensors: Mapping[str, Tensor], metadata: Metadata) -> None:
+    """The same with metadata, and the digest of the tensors."""
     from safetensors.torch import save
 
-    content = _in_order(save({name: t.contiguous() for name, t in tensors.items()}, metadata=provenance.metadata()))
+    whole = {name: tensor.contiguous() for name, tensor in tensors.items()}
+    content = _in_order(save(whole, metadata={**metadata, CONTENT: digest_of_tensors(whole)}))
     atomically(path, lambda temporary: temporary.write_bytes(content))
+
+
+def check_finite(path: Path, tensors: Mapping[str, Tensor]) -> None:
+    for name, tensor in sorted(tensors.items()):
+        if tensor.is_floating_point() and (place := first_not_finite(tensor.numpy())) is not None:
+            raise InputError(path, f"tensor {name!r}, {list(place)}", "expected finite numbers")
 
 
 def _in_order(content: bytes) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +14,18 @@ from isi.base import paths, tables
 from isi.base.errors import InputError
 from isi.base.tables import Provenance
 from isi.embeddings.family import Family
+from isi.experiments import agreement
 from isi.experiments.cells import Cells, Vectors
 from isi.graph import Graph, build
-from isi.sessions.session import OUT, SPLITS
+from isi.sessions.session import OUT, SPLITS, Session
 
 
 @dataclass(frozen=True)
 class Store:
-    """Reads the files of one experiment, noting each in the provenance of the stage that reads."""
+    """Reads the files of one experiment, noting each in the provenance of the stage that reads.
+
+    Whatever does not agree with what it stands beside (``isi.experiments.agreement``) is refused as an ``InputError``.
+    """
 
     experiment: str
     provenance: Provenance
@@ -32,11 +37,13 @@ class Store:
         return tables.read(paths.triples(self.experiment), tables.TRIPLES, self.provenance)
 
     def graph(self) -> Graph:
-        return build(self.entities(), self.triples())
+        return build(self.entities(), self.triples(), paths.triples(self.experiment))
 
     def words(self) -> np.ndarray:
         """Word vectors of the entities; shape: (E, w)."""
-        (vectors,) = self.tensors(paths.vectors(self.experiment), "vectors")
+        path = paths.vectors(self.experiment)
+        (vectors,) = self.tensors(path, "vectors")
+        agreement.has_shape(path, "vectors", vectors, (len(self.entities()), *vectors.shape[-1:]))
         return vectors
 
     def splits_listed(self) -> pd.DataFrame:
@@ -44,14 +51,9 @@ class Store:
 
     def splits(self) -> dict[int, np.ndarray]:
         """Split of each unique triple, by seed, OUT where it has none; shapes: (T,), int8."""
-        table = self.splits_listed()
-        code = {name: number for number, name in enumerate(SPLITS)}
-        codes = table["split"].astype(str).map(code)
-        if codes.isna().any():
-            raise InputError(paths.splits(self.experiment), "column 'split'", f"expected {', '.join(SPLITS)}")
-        triples = len(self.triples())
-        if len(table) and table["triple"].max() >= triples:
-            raise InputError(paths.splits(self.experiment), "column 'triple'", "expected ids of the graph's triples")
+        table, triples = self.splits_listed(), len(self.triples())
+        agreement.ids_below(paths.splits(self.experiment), table, "triple", triples, "graph's triples")
+        codes = table["split"].astype(str).map({name: number for number, name in enumerate(SPLITS)})
         splits = {seed: np.full(triples, OUT, dtype=np.int8) for seed in sorted(table["seed"].unique().tolist())}
         for seed, rows in table.assign(code=codes.astype(np.int8)).groupby("seed"):
             splits[seed][rows["triple"]] = rows["code"]
@@ -61,7 +63,12 @@ class Store:
         return tables.read(paths.novel(self.experiment), tables.NOVEL, self.provenance)
 
     def insert_triples(self) -> pd.DataFrame:
-        return tables.read(paths.insert_triples(self.experiment), tables.INSERT_TRIPLES, self.provenance)
+        path = paths.insert_triples(self.experiment)
+        told, graph = tables.read(path, tables.INSERT_TRIPLES, self.provenance), self.graph()
+        agreement.ids_below(path, told, "triple", len(graph.triples), "graph's triples")
+        agreement.told_of_their_entity(path, told, self.novel(), graph)
+        agreement.told_from_train(path, told, self.splits())
+        return told
 
     def tensors(self, path: Path, *names: str) -> list[np.ndarray]:
         """Named tensors of a file, as arrays."""
@@ -72,22 +79,32 @@ class Store:
 
     def theta0(self, cells: Cells, family: Family) -> Vectors:
         """Θ⁰ of a stack of cells."""
-        return self._embedding(paths.theta0(self.experiment, cells.size), cells, family)
+        return self._embedding(paths.theta0(self.experiment, cells.size), cells, family, cells.session(0))
 
     def joint(self, cells: Cells, family: Family) -> Vectors:
         """The joint models of a stack of cells."""
-        return self._embedding(paths.joint(self.experiment), cells, family)
+        return self._embedding(paths.joint(self.experiment), cells, family, cells.joint)
 
-    def _embedding(self, path: Path, cells: Cells, family: Family) -> Vectors:
-        entity, relation, seed = self.tensors(path, "entity", "relation", "seed")
+    def _embedding(self, path: Path, cells: Cells, family: Family, session: Session) -> Vectors:
+        entity, relation, known, seed = self.tensors(path, "entity", "relation", "known", "seed")
+        agreement.seeds_are(path, seed, self._seeds, entity, relation, known)
         rows = np.flatnonzero(np.isin(seed, cells.seeds))
-        return Vectors(family, entity[rows], relation[rows])
+        theta = Vectors(family, entity[rows], relation[rows])
+        agreement.vectors_fit(path, theta, known[rows], session)
+        return theta
 
     def initial_vectors(self, initializer: str, cells: Cells) -> np.ndarray:
         """What an initializer inserted in the first session of a stack of cells; shape (M, size, d)."""
-        (seed,) = self.tensors(paths.theta0(self.experiment, cells.size), "seed")
-        (vectors,) = self.tensors(paths.initial_vectors(self.experiment, initializer), f"size={cells.size:02d}")
-        return vectors[np.isin(seed, cells.seeds), : cells.size]
+        path, name = paths.initial_vectors(self.experiment, initializer), f"size={cells.size:02d}"
+        (vectors,) = self.tensors(path, name)
+        dimension = tables.shape_of(paths.theta0(self.experiment, cells.size), "entity")[-1:]
+        agreement.has_shape(path, name, vectors, (len(self._seeds), cells.sessions * cells.size, *dimension))
+        return vectors[np.isin(self._seeds, cells.seeds), : cells.size]
+
+    @cached_property
+    def _seeds(self) -> list[int]:
+        """Of the sessions of every size."""
+        return sorted(self.novel()["seed"].unique().tolist())
 
     def cells(self, stack: int, size: int | None = None, seeds: int | None = None) -> list[Cells]:
         """Every cell of the grid, in stacks of at most ``stack`` seeds of one size.
@@ -97,20 +114,26 @@ class Store:
             seeds: of the first so many seeds alone.
         """
         graph, splits, novel = self.graph(), self.splits(), self.novel()
+        self._check_sessions(graph, splits, novel)
         if size is not None:
             novel = novel[novel["size"] == size]
         if seeds is not None:
             novel = novel[novel["seed"] < seeds]
         if size is not None and novel.empty:
             raise InputError(paths.novel(self.experiment), "column 'size'", f"no set of {size} was drawn (params.yaml)")
-        if len(novel) and novel["entity"].max() >= len(graph.entities):
-            raise InputError(paths.novel(self.experiment), "column 'entity'", "expected ids of the graph's entities")
-        if not set(novel["seed"]) <= set(splits):
-            raise InputError(paths.novel(self.experiment), "column 'seed'", "expected seeds that have splits")
         return [
             Cells(self.experiment, graph, size, seeds, np.stack([splits[seed] for seed in seeds]), drawn)
             for size, seeds, drawn in _stacks(novel, stack)
         ]
+
+    def _check_sessions(self, graph: Graph, splits: dict[int, np.ndarray], novel: pd.DataFrame) -> None:
+        path, drawn = paths.splits(self.experiment), paths.novel(self.experiment)
+        agreement.ids_below(drawn, novel, "entity", len(graph.entities), "graph's entities")
+        agreement.sets_are_whole(drawn, novel)
+        if not set(novel["seed"]) <= set(splits):
+            raise InputError(drawn, "column 'seed'", "expected seeds that have splits")
+        agreement.splits_are_whole(path, splits, graph, self.entities()["source"].to_numpy(str), novel)
+        agreement.everyone_is_trained(path, splits, graph)
 
     def insert_triples_of(self, cells: Cells, table: pd.DataFrame) -> np.ndarray:
         """(session, model, place in ``novel``, triple) of the insert triples of a stack of cells; shape (I, 4)."""

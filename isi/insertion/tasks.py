@@ -10,6 +10,8 @@ import numpy as np
 import pandas as pd
 import torch
 
+from isi.base import paths
+from isi.base.errors import InputError
 from isi.base.params import Count, Fraction, Name, Option, Section
 from isi.base.stage import Given
 from isi.experiments.cells import Cells, Vectors
@@ -145,12 +147,20 @@ def insertion_tasks(store: Store, given: Given, how: Inserting, cells: Sequence[
 
 
 def reached(joint: pd.DataFrame, cells: Cells) -> dict[tuple[int, str], np.ndarray]:
-    """What convergence is measured against (see ``TaskTold``), from the runs of the joint models."""
-    found = {}
+    """What convergence is measured against (see ``TaskTold``), from the runs of the joint models.
+
+    Raises:
+        InputError: where one of them was not measured.
+    """
+    found, at_once = {}, joint[(joint["size"] == cells.size) & (joint["epoch"] == 0)]
     for session in range(1, cells.sessions + 1):
         for scope in SCOPES:
-            own = joint[(joint["size"] == cells.size) & (joint["scope"] == scope) & (joint["session"] == session)]
-            found[session, scope] = own.set_index("seed")["mrr_star"].loc[cells.seeds].to_numpy(np.float64, copy=True)
+            own = at_once[(at_once["scope"] == scope) & (at_once["session"] == session)].set_index("seed")["mrr_star"]
+            if not set(cells.seeds) <= set(own.index):
+                expected = f"expected a row of each of seeds {', '.join(map(str, cells.seeds))} at epoch 0"
+                where = f"size {cells.size}, session {session}, scope {scope}"
+                raise InputError(paths.runs(cells.experiment, "joint"), where, expected)
+            found[session, scope] = own.loc[cells.seeds].to_numpy(np.float64, copy=True)
     return found
 
 

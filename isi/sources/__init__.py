@@ -68,9 +68,9 @@ def settings_of(values: object, key: str) -> tuple[Source, dict[str, Any]]:
 
 def part(rows: Sequence[Sequence[str | int | None]]) -> pa.Table:
     """A part of a source's observations: rows of scene, room, instance (null where there is none) ... and count."""
-    columns = zip(*rows, strict=True) if rows else [()] * len(OBSERVATIONS)
-    arrays = [pa.array(column, field.type) for column, field in zip(columns, OBSERVATIONS, strict=True)]
-    return pa.Table.from_arrays(arrays, schema=OBSERVATIONS)
+    columns = zip(*rows, strict=True) if rows else [()] * len(OBSERVATIONS.columns)
+    arrays = [pa.array(column, field.type) for column, field in zip(columns, OBSERVATIONS.columns, strict=True)]
+    return pa.Table.from_arrays(arrays, schema=OBSERVATIONS.columns)
 
 
 @dataclass

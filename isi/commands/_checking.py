@@ -1,0 +1,184 @@
+"""Every rule of the tables and tensors under data/, each file by itself and beside the others."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from isi.base import paths, tables
+from isi.base.errors import InputError
+from isi.base.origin import PipelineOrigins
+from isi.base.params import at, check
+from isi.base.pipeline import made_files
+from isi.base.provenance import Provenance
+from isi.base.schemas import Schema
+
+if TYPE_CHECKING:
+    from isi.experiments.cells import Cells
+    from isi.experiments.store import Store
+
+#: Models of a stack, at most: all of a size.
+_ALL = 10**9
+#: Which table lies where: by its path's function of names.
+TABLES: list[tuple[Callable[..., Path], Schema]] = [
+    (paths.observations, tables.OBSERVATIONS),
+    (paths.kinds, tables.KINDS),
+    (paths.mined, tables.MINED),
+    (paths.entities, tables.ENTITIES),
+    (paths.triples, tables.TRIPLES),
+    (paths.coverage, tables.COVERAGE),
+    (paths.splits, tables.SPLITS),
+    (paths.novel, tables.NOVEL),
+    (paths.insert_triples, tables.INSERT_TRIPLES),
+    (paths.training_log, tables.TRAINING_LOG),
+    (paths.runs, tables.RUNS),
+    (paths.inserted, tables.INSERTED),
+    (paths.ties, tables.TIES),
+    (paths.affordances, tables.AFFORDANCES),
+    (paths.asked, tables.ASKED),
+    (paths.used, tables.USED),
+    (paths.nothing, tables.RUNS),
+    (paths.indicator_sweep, tables.INDICATOR_SWEEP),
+    (paths.rate_sweep, tables.RATE_SWEEP),
+    (paths.cross_validation, tables.CROSS_VALIDATION),
+    (paths.families, tables.FAMILIES),
+    (paths.variant, tables.VARIANTS),
+    (paths.variant_asked, tables.VARIANTS_ASKED),
+    (partial(paths.explored, what="entities"), tables.ENTITIES),
+    (partial(paths.explored, what="triples"), tables.TRIPLES),
+    (partial(paths.explored, what="runs"), tables.VARIANTS),
+    (partial(paths.explored, what="asked"), tables.VARIANTS_ASKED),
+]
+#: Where tensors lie, but for Θ⁰'s.
+TENSORS: list[Callable[..., Path]] = [paths.vectors, paths.joint, paths.initial_vectors, paths.approach]
+
+
+def schema_of(path: Path) -> Schema | None:
+    """What a table of the pipeline holds, by where it lies."""
+    return next((schema for at_path, schema in TABLES if _lies(path, at_path)), None)
+
+
+def is_tensors(path: Path) -> bool:
+    """Whether tensors of the pipeline lie there."""
+    theta0 = re.fullmatch(r"data/embeddings/\w+/theta0/size=\d+\.safetensors", path.as_posix())
+    return bool(theta0) or any(_lies(path, at_path) for at_path in TENSORS)
+
+
+def _lies(path: Path, at_path: Callable[..., Path]) -> bool:
+    names = [name for name in inspect.signature(at_path).parameters if name != "what"]
+    pattern = re.escape(at_path(**dict.fromkeys(names, "NAME")).as_posix()).replace("NAME", r"\w+")
+    return re.fullmatch(pattern, path.as_posix()) is not None
+
+
+class Checking:
+    """The files of a project, and what is wrong with them."""
+
+    def __init__(self, everything: Mapping[str, Any]) -> None:
+        """``everything``: what ``params.yaml`` holds."""
+        self.everything = everything
+        #: how many were looked at
+        self.files = 0
+        self._provenance = Provenance("check", {}, origins=PipelineOrigins(everything))
+
+    def findings(self) -> Iterator[InputError]:
+        """What is wrong, file by file and then between them."""
+        for path, _ in made_files(self.everything):
+            if schema_of(path) or is_tensors(path):
+                self.files += 1
+                yield from found(partial(self._read, path))
+        for folder in sorted((paths.DATA / "graph").glob("*")):
+            yield from self.between(folder.name)
+
+    def _read(self, path: Path) -> None:
+        schema = schema_of(path)
+        if schema:
+            tables.read(path, schema, self._provenance)
+        else:
+            tables.read_tensors(path, [], self._provenance)
+
+    def between(self, experiment: str) -> Iterator[InputError]:
+        """What does not agree with what it stands beside, of one experiment, as far as that has run."""
+        from isi.experiments.store import Store  # here, since it loads torch
+
+        store = Store(experiment, self._provenance)
+        if _there(paths.entities(experiment), paths.triples(experiment)):
+            yield from found(store.graph)
+            yield from _of_entities(store)
+        sessions = paths.splits, paths.novel, paths.insert_triples
+        if _there(paths.entities(experiment), *(at_path(experiment) for at_path in sessions)):
+            yield from found(store.insert_triples)
+            yield from self._of_sessions(store)
+
+    def _of_sessions(self, store: Store) -> Iterator[InputError]:
+        from isi.families import EmbeddingParams, make
+
+        try:
+            stacks = store.cells(_ALL)
+        except InputError as error:
+            yield error
+            return
+        how = check(self.everything.get("embedding"), EmbeddingParams, "embedding")
+        family = make(how.family, at(self.everything, f"families.{how.family}"), f"families.{how.family}")
+        for cells in stacks:
+            if paths.theta0(store.experiment, cells.size).exists():
+                yield from found(partial(store.theta0, cells, family))
+                yield from _of_inserted(store, cells)
+            if paths.joint(store.experiment).exists():
+                yield from found(partial(store.joint, cells, family))
+            if paths.runs(store.experiment, "joint").exists():
+                yield from found(partial(_see_joint_runs, store, cells))
+
+
+def _of_entities(store: Store) -> Iterator[InputError]:
+    """What lists entities, or their ids."""
+    from isi.experiments import agreement
+
+    experiment, provenance = store.experiment, store.provenance
+    coverage, affordances = paths.coverage(experiment), paths.affordances(experiment)
+
+    def see_coverage() -> None:
+        listed = tables.read(coverage, tables.COVERAGE, provenance)
+        agreement.rows_are_entities(coverage, listed, store.entities())
+
+    def see_ids(path: Path, schema: Schema, *columns: str) -> None:
+        table, number = tables.read(path, schema, provenance), len(store.entities())
+        for column in columns:
+            agreement.ids_below(path, table, column, number, "graph's entities")
+
+    if coverage.exists():
+        yield from found(see_coverage)
+    if paths.vectors(experiment).exists():
+        yield from found(store.words)
+    if affordances.exists():
+        yield from found(partial(see_ids, affordances, tables.AFFORDANCES, "entity", "answer"))
+    for path in sorted(paths.inserted(experiment, "x").parent.glob("*.inserted.parquet")):
+        yield from found(partial(see_ids, path, tables.INSERTED, "entity"))
+
+
+def _of_inserted(store: Store, cells: Cells) -> Iterator[InputError]:
+    """The vectors that each initializer inserted; one that the experiment does not list left none."""
+    for path in sorted(paths.initial_vectors(store.experiment, "x").parent.glob("*.safetensors")):
+        if tables.opened_tensors(path, [f"size={cells.size:02d}"])[0]:
+            yield from found(partial(store.initial_vectors, path.stem, cells))
+
+
+def _see_joint_runs(store: Store, cells: Cells) -> None:
+    from isi.insertion.tasks import reached
+
+    reached(store.runs("joint"), cells)
+
+
+def _there(*files: Path) -> bool:
+    return all(file.exists() for file in files)
+
+
+def found(see: Callable[[], object]) -> Iterator[InputError]:
+    """What a check refuses."""
+    try:
+        see()
+    except InputError as error:
+        yield error
