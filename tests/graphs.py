@@ -48,6 +48,13 @@ def random_graph(entities: int, relations: int, triples: int, seed: int = 0) -> 
 ANALOGY = make("analogy", {}, "families.analogy")
 
 
+def as_stored(graph: Graph) -> Graph:
+    """The same graph as tables hold it: names, and triples by their names, in the order of the alphabet."""
+    names = [f"entity {number:03d}" for number in range(len(graph.entities))]
+    order = torch.tensor(sorted(range(len(graph.triples)), key=graph.triples.tolist().__getitem__))
+    return Graph(names, graph.relations, graph.triples[order], graph.counts[order], graph.kinds)
+
+
 def random_embedding(
     models: int, entities: int, relations: int, dimension: int, seed: int = 0, family: Family = ANALOGY
 ) -> Embedding:

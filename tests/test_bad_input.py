@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import chdir
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,12 +21,12 @@ import torch
 import yaml
 
 from isi.base import paths, tables
-from isi.base.tables import Provenance
+from isi.base.schemas import Schema
 from tests import sleepers
+from tests.lawful import written_by_its_stage
 from tools.workspace import change
 
 ROOT = Path(__file__).parent.parent
-MADE = Provenance("an_earlier_stage", {})
 OBSERVED = pd.DataFrame(
     {"scene": ["FloorPlan1"], "room": ["kitchen"], "instance": ["Mug|1"], "head": ["mug"], "relation": ["atLocation"],
      "tail": ["kitchen"], "count": [1]}
@@ -87,17 +88,23 @@ def leave(workspace: Path, *earlier: Path) -> None:
         (workspace / path).write_bytes(b"the last good one")
 
 
+def write(workspace: Path, path: Path, frame: pd.DataFrame, schema: Schema) -> None:
+    """A table as an earlier stage has left it."""
+    with chdir(workspace):
+        tables.write(path, frame, schema, written_by_its_stage(path))
+
+
 def observed(workspace: Path, source: str, observations: pd.DataFrame, kinds: pd.DataFrame) -> None:
     """What mining a source has given."""
-    tables.write(workspace / paths.observations(source), observations, tables.OBSERVATIONS, MADE)
-    tables.write(workspace / paths.kinds(source), kinds, tables.KINDS, MADE)
+    write(workspace, paths.observations(source), observations, tables.OBSERVATIONS)
+    write(workspace, paths.kinds(source), kinds, tables.KINDS)
 
 
 def graph(workspace: Path, experiment: str) -> None:
     """A graph of a mug in a kitchen."""
     triples = OBSERVED[["head", "relation", "tail", "count"]].assign(source="ai2thor")
-    tables.write(workspace / paths.triples(experiment), triples, tables.TRIPLES, MADE)
-    tables.write(workspace / paths.entities(experiment), KINDS.assign(source="ai2thor"), tables.ENTITIES, MADE)
+    write(workspace, paths.triples(experiment), triples, tables.TRIPLES)
+    write(workspace, paths.entities(experiment), KINDS.assign(source="ai2thor"), tables.ENTITIES)
 
 
 @pytest.mark.parametrize(
@@ -299,7 +306,7 @@ def test_more_novel_entities_than_the_graph_has_are_refused_by_their_key(workspa
 
 def test_a_graph_without_triples_has_no_sessions(workspace: Path) -> None:
     graph(workspace, "ai2thor")
-    tables.write(workspace / paths.triples("ai2thor"), OBSERVED[:0].assign(source=""), tables.TRIPLES, MADE)
+    write(workspace, paths.triples("ai2thor"), OBSERVED[:0].assign(source=""), tables.TRIPLES)
     line = refusal(workspace, "stages.make_sessions", "ai2thor")
     assert "params.yaml: experiments.ai2thor.sessions: expected a graph with triples" in line
 
@@ -323,11 +330,13 @@ def test_an_initializer_that_the_experiment_does_not_list_leaves_tables_without_
     set_params(workspace, {"experiments.ai2thor.initializers": ["rs", "xavier"]})
     graph(workspace, "ai2thor")
     row = pd.DataFrame({"size": [1], "seed": [0], "entity": [1], "triple": [0], "session": [1], "split": ["train"]})
-    tables.write(workspace / paths.splits("ai2thor"), row, tables.SPLITS, MADE)
-    tables.write(workspace / paths.novel("ai2thor"), row, tables.NOVEL, MADE)
-    tables.write(workspace / paths.insert_triples("ai2thor"), row, tables.INSERT_TRIPLES, MADE)
-    tables.write(workspace / paths.runs("ai2thor", "joint"), tables.together([], tables.RUNS), tables.RUNS, MADE)
-    tables.write_tensors(workspace / paths.vectors("ai2thor"), {"vectors": torch.ones(2, 3)}, MADE)
+    write(workspace, paths.splits("ai2thor"), row, tables.SPLITS)
+    write(workspace, paths.novel("ai2thor"), row, tables.NOVEL)
+    write(workspace, paths.insert_triples("ai2thor"), row, tables.INSERT_TRIPLES)
+    write(workspace, paths.runs("ai2thor", "joint"), tables.together([], tables.RUNS), tables.RUNS)
+    with chdir(workspace):
+        path = paths.vectors("ai2thor")
+        tables.write_tensors(path, {"vectors": torch.ones(2, 3)}, written_by_its_stage(path))
     ended = run_stage(workspace, "stages.insert", "ai2thor", "es")
     assert ended.returncode == 0, ended.stderr
     for path, schema in (

@@ -162,9 +162,10 @@ def test_variants_are_read_as_far_as_they_ran_on_experiments_that_there_are(
     paths.BEYOND_PARAMS.parent.mkdir()
     listed = dict.fromkeys(("elsewhere", "second", "first", "waiting"), one.how.model_dump())
     paths.BEYOND_PARAMS.write_text(yaml.safe_dump({"variants": listed}, sort_keys=False), encoding="utf-8")
-    empty = {"mrr_star_entity": 0.5, "mrr_star_relation": 0.5, "mrr": 0.5}
+    order = ["experiment", "model", "size", "seed", "session", "epoch", "scope"]
     for name in ("first", "second", "elsewhere"):
-        ran, asked = one.runs.assign(**empty), one.asked.assign(mrr=0.5, session=1)
+        whole = dict.fromkeys(("mrr_star_entity", "mrr_star_relation", "mrr"), one.runs["mrr_star"])
+        ran, asked = one.runs.assign(**whole).sort_values(order), one.asked.assign(mrr=0.5, session=1)
         if name == "elsewhere":
             ran, asked = (frame[frame["experiment"] == "away"] for frame in (ran, asked))
         tables.write(paths.variant(name), ran, tables.VARIANTS, Provenance("vary", {}))

@@ -34,7 +34,7 @@ def mined(
     """Rows of scene, room, instance, head, tail, count; and the instances left after each step."""
     left: Counter[str] = Counter()
     table = pa.concat_tables(mp3d.mine(batches, rooms, words, left))
-    assert table.schema.equals(tables.OBSERVATIONS)
+    assert table.schema.equals(tables.OBSERVATIONS.columns)
     frame = pd.DataFrame(table.to_pydict())
     assert set(frame["relation"]) <= {"atLocation"}
     rows = frame[["scene", "room", "instance", "head", "tail", "count"]].astype(object)

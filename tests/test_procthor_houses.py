@@ -38,7 +38,7 @@ def observed(path: Path, *lines: dict[str, Any]) -> tuple[list[tuple[object, ...
     path.write_text("\n".join(map(json.dumps, lines)), encoding="utf-8")
     left: Counter[str] = Counter()
     table = pa.concat_tables(procthor.mine(numbered(path, None), AFFORDANCES, no_materials, left))
-    assert table.schema.equals(tables.OBSERVATIONS)
+    assert table.schema.equals(tables.OBSERVATIONS.columns)
     return list(pd.DataFrame(table.to_pydict())[ROWS].itertuples(index=False, name=None)), +left
 
 

@@ -37,7 +37,8 @@ from isi.sessions.drawing import (
 )
 from isi.sessions.session import OUT, TEST, TRAIN, VALID, everything, without
 from stages.make_sessions import make_sessions
-from tests.graphs import cells_of, graph_of, insert_triples_of, random_graph
+from tests.graphs import as_stored, cells_of, graph_of, insert_triples_of, random_graph
+from tests.lawful import written_by_its_stage
 
 GRAPHS = st.builds(random_graph, st.integers(4, 9), st.integers(1, 3), st.integers(9, 40), seed=st.integers(0, 10_000))
 SEEDS = st.integers(0, 10_000)
@@ -321,13 +322,13 @@ def make(folder: Path, monkeypatch: pytest.MonkeyPatch, graph: Graph, how: dict[
     shutil.copy(Path(__file__).parent.parent / paths.PIPELINE, paths.PIPELINE)
     given = {"seed": 0, "sessions": SHARES, "experiments": {"home": {"sessions": how}}}
     paths.PARAMS.write_text(yaml.safe_dump(given), encoding="utf-8")
-    made, names = Provenance("build_graph", {}), np.array(graph.entities)
+    names = np.array(graph.entities)
     entities = pd.DataFrame({"entity": names, "phrase": names, "kind": "object", "source": "here"} | columns)
     head, relation, tail = graph.triples.numpy().T
     triples = pd.DataFrame({"head": names[head], "relation": np.array(graph.relations)[relation], "tail": names[tail]})
     triples = triples.assign(count=graph.counts.numpy(), source="here")
-    tables.write(paths.entities("home"), entities, tables.ENTITIES, made)
-    tables.write(paths.triples("home"), triples, tables.TRIPLES, made)
+    tables.write(paths.entities("home"), entities, tables.ENTITIES, written_by_its_stage(paths.entities("home")))
+    tables.write(paths.triples("home"), triples, tables.TRIPLES, written_by_its_stage(paths.triples("home")))
     monkeypatch.setattr(sys, "argv", ["make_sessions", "home"])
     make_sessions()
     return Store("home", Provenance("test", {}))
@@ -335,7 +336,7 @@ def make(folder: Path, monkeypatch: pytest.MonkeyPatch, graph: Graph, how: dict[
 
 @pytest.mark.parametrize("steps", [1, 2])
 def test_cells_are_read_as_they_were_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
-    graph = random_graph(13, 2, 90)
+    graph = as_stored(random_graph(13, 2, 90))
     store = make(tmp_path, monkeypatch, graph, {"novel": "any", "sizes": [3, 1], "seeds": 3, "steps": steps})
     found, told = store.cells(2), store.insert_triples()
     assert [(cells.size, cells.seeds) for cells in found] == [(1, [0, 1]), (1, [2]), (3, [0, 1]), (3, [2])]
@@ -355,7 +356,7 @@ def test_cells_are_read_as_they_were_drawn(tmp_path: Path, monkeypatch: pytest.M
 def test_a_list_of_kinds_as_novel_draws_of_these_kinds_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kinds = np.array(["object", "room", "material"] * 4)
     how = {"novel": ["room", "material"], "sizes": [2], "seeds": 20}
-    store = make(tmp_path, monkeypatch, random_graph(12, 2, 90), how, kind=kinds)
+    store = make(tmp_path, monkeypatch, as_stored(random_graph(12, 2, 90)), how, kind=kinds)
     drawn = store.novel()["entity"]
     assert set(drawn) == set(np.flatnonzero(kinds != "object").tolist())
     assert set(store.splits()) == set(range(20))
@@ -363,7 +364,7 @@ def test_a_list_of_kinds_as_novel_draws_of_these_kinds_alone(tmp_path: Path, mon
 
 
 def test_added_entities_are_novel_or_take_no_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    graph, source = random_graph(14, 2, 120), np.array(["here"] * 8 + ["there"] * 6)
+    graph, source = as_stored(random_graph(14, 2, 120)), np.array(["here"] * 8 + ["there"] * 6)
     how = {"novel": "added", "sizes": [3], "seeds": 4, "steps": 2}
     store = make(tmp_path, monkeypatch, graph, how, source=source)
     (cells,) = store.cells(4)
@@ -392,17 +393,17 @@ def test_more_novel_entities_than_there_may_be_are_refused(
 ) -> None:
     kinds = np.array(["object", "room", "material"] * 4)
     with pytest.raises(SystemExit, match=rf"experiments\.home\.sessions\.sizes: .*\b{candidates} that may be novel"):
-        make(tmp_path, monkeypatch, random_graph(12, 2, 90), how, kind=kinds)
+        make(tmp_path, monkeypatch, as_stored(random_graph(12, 2, 90)), how, kind=kinds)
     assert not paths.splits("home").parent.exists()
 
 
 def test_triples_without_a_row_have_no_split(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     where = Provenance("test", {})
-    names = [("a", "on", "b"), ("b", "on", "a"), ("b", "of", "a")]
+    names = [("a", "on", "b"), ("b", "of", "a"), ("b", "on", "a")]
     triples = pd.DataFrame(names, columns=["head", "relation", "tail"]).assign(count=1, source="here")
     tables.write(paths.triples("home"), triples, tables.TRIPLES, where)
-    rows = [(1, 2, "test"), (0, 0, "train"), (1, 0, "train"), (0, 1, "valid")]
+    rows = [(0, 0, "train"), (0, 1, "valid"), (1, 0, "train"), (1, 2, "test")]
     splits = pd.DataFrame(rows, columns=["seed", "triple", "split"])
     tables.write(paths.splits("home"), splits, tables.SPLITS, where)
     read = Store("home", where).splits()

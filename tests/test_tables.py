@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,27 +14,12 @@ import pytest
 import torch
 
 from isi.base import tables
+from isi.base.content import digest_of_table
 from isi.base.errors import InputError
 from isi.base.tables import Provenance
+from tests.lawful import SCHEMAS, lawful
 
-SCHEMAS = {name: schema for name, schema in vars(tables).items() if isinstance(schema, pa.Schema)}
 MADE = Provenance("some_stage", {"experiments.home.graph": 1})
-
-
-def values(kind: pa.DataType) -> list[Any]:
-    """Three values of a type; of those that may lack, the middle one does."""
-    if pa.types.is_dictionary(kind) or pa.types.is_string(kind):
-        return ["mug", None, "mug"]
-    if pa.types.is_floating(kind):
-        return [0.1, None, 1 / 3]
-    if pa.types.is_boolean(kind):
-        return [True, False, True]
-    assert kind in (pa.int32(), pa.int64())
-    return [0, -7, 2 ** (kind.bit_width - 1) - 1]
-
-
-def frame(schema: pa.Schema) -> pd.DataFrame:
-    return pd.DataFrame({field.name: values(field.type) for field in schema})
 
 
 def plain(table: pd.DataFrame) -> list[tuple[Any, ...]]:
@@ -56,28 +42,26 @@ def names(folder: Path) -> list[str]:
 @pytest.mark.parametrize("name", SCHEMAS)
 def test_a_table_comes_back_as_it_was_written(tmp_path: Path, name: str) -> None:
     path, schema = tmp_path / "table.parquet", SCHEMAS[name]
-    tables.write(path, frame(schema).sample(frac=1, axis=1, random_state=0), schema, MADE)
+    tables.write(path, lawful(name).sample(frac=1, axis=1, random_state=0), schema, MADE)
     read = tables.read(path, schema)
     assert list(read.columns) == schema.names
-    assert plain(read) == list(zip(*(values(field.type) for field in schema), strict=True))
+    assert plain(read) == plain(lawful(name))
     assert set(read.select_dtypes("number").dtypes.astype(str)) <= {"int32", "int64", "float64"}
 
 
 @pytest.mark.parametrize(
-    ("schema", "repeated"),
+    ("name", "repeated"),
     [
-        (tables.OBSERVATIONS, {"scene", "room", "head", "relation", "tail"}),
-        (tables.KINDS, {"kind"}),
-        (tables.ENTITIES, {"kind", "source"}),
-        (tables.TRIPLES, {"head", "relation", "tail", "source"}),
-        (tables.SPLITS, {"split"}),
-        (tables.RUNS, {"scope"}),
+        ("OBSERVATIONS", {"scene", "room", "head", "relation", "tail"}),
+        ("KINDS", {"kind"}),
+        ("ENTITIES", {"kind", "source"}),
+        ("TRIPLES", {"head", "relation", "tail", "source"}),
+        ("SPLITS", {"split"}),
+        ("RUNS", {"scope"}),
     ],
 )
-def test_strings_that_repeat_are_dictionary_encoded_on_disk(
-    tmp_path: Path, schema: pa.Schema, repeated: set[str]
-) -> None:
-    tables.write(tmp_path / "table.parquet", frame(schema), schema, MADE)
+def test_strings_that_repeat_are_dictionary_encoded_on_disk(tmp_path: Path, name: str, repeated: set[str]) -> None:
+    tables.write(tmp_path / "table.parquet", lawful(name), SCHEMAS[name], MADE)
     on_disk = pq.read_schema(tmp_path / "table.parquet")
     assert {field.name for field in on_disk if pa.types.is_dictionary(field.type)} == repeated
 
@@ -96,36 +80,37 @@ def test_bytes_hang_on_no_chunks_and_on_no_categories(tmp_path: Path, cut: int, 
     )
 
 
-def test_a_table_of_another_writer_may_hold_plain_strings_and_more_columns(tmp_path: Path) -> None:
+def test_a_table_may_hold_plain_strings_and_more_columns(tmp_path: Path) -> None:
     plain_strings = pa.table({"more": [1], "entity": ["mug"], "kind": ["object"], "source": ["x"], "phrase": ["mug"]})
-    pq.write_table(plain_strings, tmp_path / "entities.parquet")
+    stated = {"isi.content": digest_of_table(plain_strings, tables.ENTITIES.columns)}
+    pq.write_table(plain_strings.replace_schema_metadata(stated), tmp_path / "entities.parquet")
     assert plain(tables.read(tmp_path / "entities.parquet", tables.ENTITIES)) == [("mug", "object", "x", "mug")]
 
 
 def part(*entities: str) -> pa.Table:
-    columns = [pa.array(entities), *(pa.array(entities, tables.ENTITIES.field("kind").type) for _ in range(2))]
-    return pa.Table.from_arrays([*columns, pa.array(entities)], schema=tables.ENTITIES)
+    kinds = pa.array(entities, tables.KINDS.columns.field("kind").type)
+    return pa.Table.from_arrays([pa.array(entities), kinds, pa.array(entities)], schema=tables.KINDS.columns)
 
 
 def test_a_stream_is_one_row_group_a_part_and_reads_as_the_whole_would(tmp_path: Path) -> None:
-    parts = [part("mug", "bed"), part("bed", "sofa", "mug"), part("sofa")]
-    assert tables.write_stream(tmp_path / "t.parquet", iter(parts), tables.ENTITIES, MADE) == 6
+    parts = [part("mug", "bed"), part("cup", "sofa", "fan"), part("tap")]
+    assert tables.write_stream(tmp_path / "t.parquet", iter(parts), tables.KINDS, MADE) == 6
     file = pq.ParquetFile(tmp_path / "t.parquet")
     assert [file.metadata.row_group(place).num_rows for place in range(file.num_row_groups)] == [2, 3, 1]
-    tables.write(tmp_path / "whole.parquet", pa.concat_tables(parts).to_pandas(), tables.ENTITIES, MADE)
-    whole = tables.read(tmp_path / "whole.parquet", tables.ENTITIES)
-    pd.testing.assert_frame_equal(tables.read(tmp_path / "t.parquet", tables.ENTITIES), whole)
+    tables.write(tmp_path / "whole.parquet", pa.concat_tables(parts).to_pandas(), tables.KINDS, MADE)
+    whole = tables.read(tmp_path / "whole.parquet", tables.KINDS)
+    pd.testing.assert_frame_equal(tables.read(tmp_path / "t.parquet", tables.KINDS), whole)
     assert pq.read_schema(tmp_path / "t.parquet") == pq.read_schema(tmp_path / "whole.parquet")
 
 
 def test_a_stream_of_nothing_is_an_empty_table(tmp_path: Path) -> None:
-    assert tables.write_stream(tmp_path / "t.parquet", [], tables.ENTITIES, MADE) == 0
-    assert list(tables.read(tmp_path / "t.parquet", tables.ENTITIES).columns) == tables.ENTITIES.names
+    assert tables.write_stream(tmp_path / "t.parquet", [], tables.KINDS, MADE) == 0
+    assert list(tables.read(tmp_path / "t.parquet", tables.KINDS).columns) == tables.KINDS.names
 
 
 def test_equal_streams_are_equal_bytes(tmp_path: Path) -> None:
     for name in ("1", "2"):
-        tables.write_stream(tmp_path / name, [part("mug"), part("bed")], tables.ENTITIES, in_order(1))
+        tables.write_stream(tmp_path / name, [part("mug"), part("bed")], tables.KINDS, in_order(1))
     assert (tmp_path / "1").read_bytes() == (tmp_path / "2").read_bytes()
 
 
@@ -138,24 +123,30 @@ def test_no_parts_of_a_table_are_a_table_without_rows(tmp_path: Path) -> None:
 
 
 def test_parts_of_a_table_come_behind_each_other() -> None:
-    parts = [frame(tables.NOVEL)[:1], frame(tables.NOVEL)[1:]]
-    assert plain(tables.together(iter(parts), tables.NOVEL)) == plain(frame(tables.NOVEL))
+    parts = [lawful("NOVEL")[:1], lawful("NOVEL")[1:]]
+    assert plain(tables.together(iter(parts), tables.NOVEL)) == plain(lawful("NOVEL"))
 
 
 # Provenance
 
 
-def test_metadata_names_the_stage_and_the_hash_of_its_params_and_nothing_of_pandas(tmp_path: Path) -> None:
-    metadata = pq.read_schema(novel(tmp_path / "novel.parquet")).metadata
-    assert metadata == {b"isi.stage": b"some_stage", b"isi.params": MADE.metadata()["isi.params"].encode()}
-    assert len(metadata[b"isi.params"]) == 64
+def test_metadata_names_stage_params_inputs_and_content_and_nothing_of_pandas(tmp_path: Path) -> None:
+    novel(tmp_path / "1.parquet")
+    second = Provenance("second", {})
+    read = tables.read(tmp_path / "1.parquet", tables.NOVEL, second)
+    tables.write(tmp_path / "2.parquet", read, tables.NOVEL, second)
+    metadata = {key.decode(): value.decode() for key, value in pq.read_schema(tmp_path / "2.parquet").metadata.items()}
+    assert set(metadata) == {"isi.stage", "isi.own", "isi.params", "isi.inputs", "isi.content"}
+    assert metadata["isi.stage"] == "second"
+    assert {len(metadata[f"isi.{key}"]) for key in ("own", "params", "content")} == {64}
+    assert json.loads(metadata["isi.inputs"]) == {(tmp_path / "1.parquet").as_posix(): metadata["isi.content"]}
 
 
 def in_order(step: int) -> Provenance:
     """One provenance, its params and inputs met in one order or the other."""
     made = Provenance("stage", dict([("seed", 0), ("sessions.sizes", [1, 5])][::step]))
-    for input_hash in ["aa", "bb"][::step]:
-        made.seen({"isi.params": input_hash})
+    for name in ["aa", "bb"][::step]:
+        made.seen(Path(name), {"isi.params": name, "isi.content": name})
     return made
 
 
@@ -178,7 +169,7 @@ def test_equal_params_give_equal_bytes_of_tensors_every_time(tmp_path: Path) -> 
         Provenance("other_stage", {"experiments.home.graph": 1}),
         Provenance("some_stage", {"experiments.home.graph": 2}),
         Provenance("some_stage", {"experiments.hom.graph": 1}),
-        Provenance("some_stage", {"experiments.home.graph": 1}, {"aa"}),
+        Provenance("some_stage", {"experiments.home.graph": 1}, {"data/a.parquet": {"isi.params": "aa"}}),
     ],
 )
 def test_another_stage_param_or_input_gives_another_hash(other: Provenance) -> None:
@@ -215,7 +206,7 @@ def test_a_missing_column_is_named(tmp_path: Path) -> None:
 def test_a_column_of_another_type_is_named_with_both_types(
     tmp_path: Path, column: str, kind: str, content: list[Any]
 ) -> None:
-    tables.write(tmp_path / "t.parquet", frame(tables.TRIPLES)[:1], tables.TRIPLES, MADE)
+    tables.write(tmp_path / "t.parquet", lawful("TRIPLES")[:1], tables.TRIPLES, MADE)
     table = pq.read_table(tmp_path / "t.parquet")
     place = table.schema.get_field_index(column)
     pq.write_table(table.set_column(place, column, pa.array(content, pa.type_for_alias(kind))), tmp_path / "t.parquet")
@@ -335,7 +326,7 @@ def test_a_stream_that_breaks_off_leaves_the_old_table_and_nothing_else(tmp_path
 
     for last, refused in ((None, InputError), (pa.table({"entity": ["mug"]}), ValueError)):
         with pytest.raises(refused):
-            tables.write_stream(tmp_path / "t.parquet", parts(last), tables.ENTITIES, MADE)
+            tables.write_stream(tmp_path / "t.parquet", parts(last), tables.KINDS, MADE)
         assert (tmp_path / "t.parquet").read_bytes() == before
         assert names(tmp_path) == ["t.parquet"]
 
@@ -343,14 +334,14 @@ def test_a_stream_that_breaks_off_leaves_the_old_table_and_nothing_else(tmp_path
 def test_tensors_that_cannot_be_written_leave_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "t.safetensors"
     tables.write_tensors(path, {"entity": torch.ones(3)}, MADE)
-    with pytest.raises((ValueError, RuntimeError)):
+    with pytest.raises((ValueError, RuntimeError, TypeError)):
         tables.write_tensors(path, {"entity": torch.ones(3).to_sparse()}, MADE)
     assert torch.equal(tables.read_tensors(path, ["entity"])["entity"], torch.ones(3))
     assert names(tmp_path) == ["t.safetensors"]
 
 
 def test_a_write_replaces_the_table_that_was_there(tmp_path: Path) -> None:
-    tables.write(tmp_path / "t.parquet", frame(tables.NOVEL), tables.NOVEL, MADE)
+    tables.write(tmp_path / "t.parquet", lawful("NOVEL"), tables.NOVEL, MADE)
     assert len(tables.read(novel(tmp_path / "t.parquet"), tables.NOVEL)) == 1
     assert names(tmp_path) == ["t.parquet"]
 

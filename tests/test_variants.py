@@ -30,12 +30,14 @@ from isi.studies import beyond
 from isi.studies.asking import AskingTask, ask
 from isi.studies.variants import Variant, VariantTask, changed, repeat, some_of
 from stages.vary import vary
-from tests.graphs import cells_of, insert_triples_of
-from tests.test_experiments import GRAPH, INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
+from tests.graphs import as_stored, cells_of, insert_triples_of
+from tests.test_experiments import GRAPH as DRAWN
+from tests.test_experiments import INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
 from tools.check_params import check_beyond
 
 ROOT = Path(__file__).parent.parent
 MADE = Provenance("an_earlier_stage", {})
+GRAPH = as_stored(DRAWN)
 NAMES = ("xavier", "es", "rs")
 
 
@@ -325,8 +327,10 @@ def home(workspace: Path) -> Path:
     ):  # fmt: skip
         tables.write(path, frame, schema, MADE)
     tables.write_tensors(paths.vectors("home"), {"vectors": torch.from_numpy(WORDS)}, MADE)
-    for path, one in zip((paths.theta0("home", 2), paths.joint("home")), learned(), strict=True):
-        stack = {"entity": one.stack.entity, "relation": one.stack.relation, "seed": torch.tensor(SEEDS)}
+    sessions, at = (drawn[2].session(0), drawn[2].joint), (paths.theta0("home", 2), paths.joint("home"))
+    for path, one, session in zip(at, learned(), sessions, strict=True):
+        stack = {"entity": one.stack.entity, "relation": one.stack.relation, "known": session.entities,
+                 "seed": torch.tensor(SEEDS)}  # fmt: skip
         tables.write_tensors(path, stack, MADE)
     return workspace
 

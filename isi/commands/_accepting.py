@@ -43,9 +43,7 @@ def accept(files: Sequence[Path], checking: Checking) -> Iterator[str]:
 def _made(path: Path, checking: Checking) -> Maker:
     by = maker(path, checking.everything)
     if by is None or not (schema_of(path) or is_tensors(path)):
-        raise InputError(
-            path, "", "expected a table or tensors of the pipeline, as a stage writes it"
-        )
+        raise InputError(path, "", "expected a table or tensors of the pipeline, as a stage writes it")
     if not path.is_file():
         raise InputError(path, "", f"no such file: `dvc repro {by}` makes it")
     return by

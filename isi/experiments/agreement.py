@@ -13,7 +13,7 @@ from isi.base.rules import place_of
 from isi.experiments.cells import Vectors
 from isi.graph import HEAD, RELATION, TAIL, Graph
 from isi.sessions.drawing import untouched
-from isi.sessions.session import OUT, TRAIN, Session
+from isi.sessions.session import OUT, SPLITS, TRAIN, Session
 
 CELL = ["size", "seed"]
 
@@ -53,6 +53,14 @@ def splits_are_whole(
         ):
             if wrong.any():
                 raise InputError(path, f"seed {seed}, triple {wrong.argmax()}", says)
+
+
+def every_split_is_there(path: Path, splits: Mapping[int, np.ndarray]) -> None:
+    """Every seed has triples to train on, to validate, and to test."""
+    for seed, own in splits.items():
+        for code, name in enumerate(SPLITS):
+            if not (own == code).any():
+                raise InputError(path, f"seed {seed}", f"expected triples in {name}, as in every split")
 
 
 def everyone_is_trained(path: Path, splits: Mapping[int, np.ndarray], graph: Graph) -> None:

@@ -133,6 +133,7 @@ class Store:
         if not set(novel["seed"]) <= set(splits):
             raise InputError(drawn, "column 'seed'", "expected seeds that have splits")
         agreement.splits_are_whole(path, splits, graph, self.entities()["source"].to_numpy(str), novel)
+        agreement.every_split_is_there(path, splits)
         agreement.everyone_is_trained(path, splits, graph)
 
     def insert_triples_of(self, cells: Cells, table: pd.DataFrame) -> np.ndarray:

@@ -1,0 +1,101 @@
+"""A small table of every schema that holds its rules, and ways to alter what stands on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import torch
+
+from isi.base import params, paths, tables
+from isi.base.content import digest_of_table, digest_of_tensors
+from isi.base.pipeline import declared, maker
+from isi.base.provenance import CONTENT, Provenance, metadata_of
+from isi.base.schemas import Schema
+
+SCHEMAS = {name: schema for name, schema in vars(tables).items() if isinstance(schema, Schema)}
+
+#: As of three runs, the second without queries.
+MEASURED: dict[str, Any] = {
+    "mrr_star": [0.5, None, 0.75], "mrr_star_entity": [0.25, None, 1 / 2], "mrr_star_relation": [0.75, None, 1.0],
+    "mrr": [1 / 3, None, 0.1], "queries": [4, 0, 7],
+}  # fmt: skip
+LOOKED: dict[str, Any] = {name: [0.5, 0.25, 0.75] for name in list(MEASURED)[:4]}
+CELLS: dict[str, Any] = {"size": [1, 1, 2], "seed": [0, 1, 0], "session": 1}
+RUNS: dict[str, Any] = {**CELLS, **MEASURED, "epoch": [0, 0, 3], "scope": ["all", "novel", "known"]}
+ASKED: dict[str, Any] = {
+    **CELLS, "model": ["es", "joint", "es"], "scope": "novel", "filter": ["learned", "true", "true"],
+    "relation": "atLocation", "hidden": ["tail", "head", "relation"], "novel": ["given", "answer", "none"],
+    "queries": [3, 1, 2], "mrr_star": [0.5, 1 / 3, 1.0], "mrr": [0.0, 1.0, 0.25], "observations": [3, 2**40, 7],
+}  # fmt: skip
+COLUMNS: dict[str, dict[str, Any]] = {
+    "OBSERVATIONS": {"scene": ["one", None, "one"], "room": ["kitchen", None, "kitchen"], "relation": "atLocation",
+                     "instance": ["m|1", None, "m|2"], "head": ["mug", "bed", "mug"], "tail": ["room", "bed", "mug"],
+                     "count": [1, 7, 10**9 - 8]},
+    "KINDS": {"entity": ["mug", "bed", "café"], "kind": ["object", "object", "room"], "phrase": ["mug", "bed", "bar"]},
+    "MINED": {"step": ["all", "some", "few"], "instances": [2**40, 10, 0]},
+    "ENTITIES": {"entity": ["bed", "mug", "fan"], "kind": "object", "source": ["home", "home", "shop"],
+                 "phrase": ["bed", "mug", "a fan"]},
+    "TRIPLES": {"head": ["bed", "mug", "fan"], "relation": ["in", "in", "at"], "tail": ["mug", "bed", "bed"],
+                "count": [1, 2, 3], "source": ["home", "home", "shop"]},
+    "COVERAGE": {"entity": ["bed", "mug", "fan"], "phrase": ["bed", "mug", "a fan"], "served_by": ["bed", None, "fan"]},
+    "SPLITS": {"seed": [0, 0, 1], "triple": [0, 2, 0], "split": ["train", "test", "valid"]},
+    "NOVEL": {"size": [1, 2, 2], "seed": 0, "entity": [4, 1, 3], "session": 1},
+    "INSERT_TRIPLES": {"size": [1, 2, 2], "seed": 0, "entity": [4, 1, 1], "triple": [0, 1, 3], "session": 1},
+    "TRAINING_LOG": {"size": 0, "seed": [0, 0, 1], "epoch": [5, 10, 5], **LOOKED, "kept": [True, False, True]},
+    "RUNS": RUNS,
+    "INSERTED": {**CELLS, **MEASURED, "entity": [4, 5, 1], "kind": ["object", "room", "object"],
+                 "fallback": [None, "es", "centroid"], "ties": [0, 1, 2]},
+    "INDICATOR_SWEEP": {**RUNS, "k": [1, 4, 4]},
+    "RATE_SWEEP": {**RUNS, "factor": [0.5, 2.0, 2.0]},
+    "CROSS_VALIDATION": {"dimension": [40, 40, 100], "ratio": 9, "learning_rate": [0.1, 0.2, 0.1],
+                         "weight_decay": 0.001, "fold": [0, 0, 1], **LOOKED, "epoch": [5, 10, 15]},
+    "FAMILIES": {**MEASURED, "seed": [0, 1, 2], "epochs": [20, 55, 5], "valid_mrr_star": [0.5, 0.0, 1.0]},
+    "AFFORDANCES": {"initializer": ["rs", "rs", "es"], "seed": 0, "entity": 3, "answer": [0, 1, 0], "rank": [2, 1, 2]},
+    "ASKED": ASKED,
+    "VARIANTS": {**RUNS, "experiment": ["away", "home", "home"], "model": ["es", "es", "joint"]},
+    "VARIANTS_ASKED": {**ASKED, "experiment": ["away", "home", "home"]},
+    "USED": {"seed": [0, 0, 1], "model": "joint", "relation": ["in", None, "in"], "part": "scalars", "used": [0, 2, 1],
+             "of": 2},
+    "TIES": {**CELLS, "scope": ["all", "known", "all"], "ties": [0, 9, 2]},
+}  # fmt: skip
+
+
+def lawful(name: str) -> pd.DataFrame:
+    """Three rows of a schema."""
+    frame = pd.DataFrame(COLUMNS[name], index=range(3))[SCHEMAS[name].names]
+    return frame.sort_values(["size", "seed", "session"]) if name == "INSERTED" else frame
+
+
+def written_by_its_stage(path: Path) -> Provenance:
+    """What the stage that writes a path would say of it, by the pipeline and the params of this folder."""
+    everything = params.read(paths.PARAMS)
+    by = maker(path, everything)
+    return Provenance(by.stage, declared(by.stage, by.arguments, everything)) if by else Provenance("no_stage", {})
+
+
+Alter = Callable[[pd.DataFrame], pd.DataFrame]
+
+
+def alter(path: Path, how: Alter, schema: Schema, anew: bool = False) -> None:
+    """Rewrite a table with other values, as an editor would; with their digest written anew, as if a stage had."""
+    metadata = metadata_of(path)
+    table = pa.Table.from_pandas(how(pd.read_parquet(path)), schema=schema.columns, preserve_index=False)
+    if anew:
+        metadata[CONTENT] = digest_of_table(table, schema.columns)
+    pq.write_table(table.replace_schema_metadata(metadata), path)
+
+
+def alter_tensors(path: Path, how: Callable[[dict[str, torch.Tensor]], object], anew: bool = False) -> None:
+    """The same of tensors, which are altered in place."""
+    from safetensors.torch import load_file, save_file
+
+    tensors, metadata = load_file(path), metadata_of(path)
+    how(tensors)
+    if anew:
+        metadata[CONTENT] = digest_of_tensors(tensors)
+    save_file({name: tensor.contiguous() for name, tensor in tensors.items()}, path, metadata)

@@ -1,0 +1,78 @@
+"""A whole run of the pipeline's main stages on a small grid, without DVC, for tests to alter."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import chdir, contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from isi.base import paths
+from tools.workspace import change
+
+ROOT = Path(__file__).parent.parent
+NAME = "published"
+SMALL: dict[str, Any] = {
+    f"experiments.{NAME}.sessions.seeds": 2, f"experiments.{NAME}.sessions.sizes": [1, 2],
+    "embedding.dimension": 8, "training.max_epochs": 4, "training.evaluate_every": 2, "finetuning.max_epochs": 1,
+    "compute.stack": 2, "compute.workers": 1, "words.text": "glove",
+}  # fmt: skip
+STAGES = (
+    f"mine {NAME}", f"build_graph {NAME}", f"embed_words {NAME}", f"make_sessions {NAME}", f"train_theta0 {NAME}",
+    f"train_joint {NAME}", f"insert {NAME} rs",
+)  # fmt: skip
+
+
+def lay_out(folder: Path, changes: dict[str, Any]) -> None:
+    """A project with its params, its pipelines and its sources."""
+    values = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8"))
+    for key, value in changes.items():
+        change(values, key, value)
+    (folder / paths.PARAMS).write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
+    for path in (paths.PIPELINE, paths.BEYOND_PIPELINE, paths.BEYOND_PARAMS):
+        (folder / path).parent.mkdir(exist_ok=True)
+        (folder / path).write_bytes((ROOT / path).read_bytes())
+    (folder / paths.DATA).mkdir()
+    (folder / paths.RAW).symlink_to(ROOT / paths.RAW)
+
+
+def run(command: str) -> None:
+    """Run a stage in this process, in this folder."""
+    name, *arguments = command.split()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", [name, *arguments])
+        getattr(import_module(f"stages.{name}"), name)()
+
+
+def run_all(folder: Path) -> None:
+    """Run all stages on the small grid."""
+    lay_out(folder, SMALL)
+    with chdir(folder):
+        for command in STAGES:
+            run(command)
+
+
+@contextmanager
+def for_a_while(path: Path, alter: Callable[[Path], object]) -> Iterator[None]:
+    """Alter a file, and put it back."""
+    before = path.read_bytes()
+    try:
+        alter(path)
+        yield
+    finally:
+        path.write_bytes(before)
+
+
+def refusal(command: str) -> str:
+    """The one line in which a stage refuses what it reads."""
+    with pytest.raises(SystemExit) as ended:
+        run(command)
+    line = str(ended.value)
+    assert "\n" not in line
+    assert len(line) < 300, line
+    return line

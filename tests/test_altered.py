@@ -1,0 +1,366 @@
+"""Tables and tensors that were altered by hand, or are of another run: the stage that reads them says what is wrong."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import chdir
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+import yaml
+
+from isi.base import paths, tables
+from isi.base.schemas import Schema
+from tests import small
+from tests.lawful import Alter, alter, alter_tensors
+from tests.small import NAME
+from tools.workspace import change
+
+Tensors = dict[str, torch.Tensor]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder in which the pipeline has run; tests run in it."""
+    made = tmp_path_factory.mktemp("altered")
+    small.run_all(made)
+    with chdir(made):
+        yield made
+
+
+def put(column: str, value: object, row: int = 0) -> Alter:
+    """Another value in a row."""
+
+    def altered(frame: pd.DataFrame) -> pd.DataFrame:
+        plain = tables.as_text(frame)
+        plain[column] = [value if number == row else old for number, old in enumerate(plain[column])]
+        return plain
+
+    return altered
+
+
+def at_end(column: str) -> Alter:
+    """An id that is above all, in the last row."""
+    return lambda frame: put(column, 10**6, len(frame) - 1)(frame)
+
+
+def doubled(frame: pd.DataFrame) -> pd.DataFrame:
+    return pd.concat([frame[:1], frame])
+
+
+def swapped(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame.iloc[[1, 0, *range(2, len(frame))]]
+
+
+def shuffled(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame.sample(frac=1, random_state=0)
+
+
+def less(rows: int) -> Alter:
+    return lambda frame: frame[rows:]
+
+
+def as_test_and_train(frame: pd.DataFrame) -> pd.DataFrame:
+    again = tables.as_text(frame[:1]).assign(split=lambda row: "test" if row["split"].iloc[0] == "train" else "train")
+    return pd.concat([again, tables.as_text(frame)])
+
+
+def a_known_end_less(frame: pd.DataFrame) -> pd.DataFrame:
+    """Of one seed, what trains one entity becomes validation."""
+    triples = tables.read_text(paths.triples(NAME), tables.TRIPLES)
+    plain = tables.as_text(frame)
+    own = (triples["head"] == triples["head"][0]) | (triples["tail"] == triples["head"][0])
+    plain.loc[(plain["seed"] == 0) & plain["triple"].isin(own[own].index), "split"] = "valid"
+    return plain
+
+
+def of_a_test_triple(frame: pd.DataFrame) -> pd.DataFrame:
+    """A triple told that is of its entity, but of the test split."""
+    splits = tables.read_text(paths.splits(NAME), tables.SPLITS)
+    plain, ids = frame.copy(), dict(zip(entities()["entity"], range(len(entities())), strict=True))
+    triples = tables.read_text(paths.triples(NAME), tables.TRIPLES)
+    ends = triples[["head", "tail"]].replace(ids).astype(int)
+    novel = tables.read(paths.novel(NAME), tables.NOVEL)
+    for row in range(len(plain)):
+        size, seed, entity = plain.loc[row, ["size", "seed", "entity"]]
+        hidden = splits.loc[(splits["seed"] == seed) & (splits["split"] == "test"), "triple"]
+        others = set(novel.loc[(novel["size"] == size) & (novel["seed"] == seed), "entity"]) - {entity}
+        own = [one for one in hidden if (ends.loc[one] == entity).sum() == 1 and not set(ends.loc[one]) & others]
+        if own:
+            plain.loc[row, "triple"] = own[0]
+            return plain.sort_values(["size", "seed", "session", "entity", "triple"])
+    raise AssertionError("no novel entity has a test triple")
+
+
+def of_another(frame: pd.DataFrame) -> pd.DataFrame:
+    """A triple told that is not of its entity."""
+    triples = tables.read_text(paths.triples(NAME), tables.TRIPLES)
+    name = entities()["entity"][int(frame["entity"][0])]
+    other = triples.index[(triples["head"] != name) & (triples["tail"] != name)][0]
+    return frame.assign(triple=[other, *frame["triple"][1:]]).sort_values(
+        ["size", "seed", "session", "entity", "triple"]
+    )
+
+
+def another_novel(frame: pd.DataFrame) -> pd.DataFrame:
+    """Another entity in the first set, which has one."""
+    return frame.assign(entity=[(int(frame["entity"][0]) + 1) % len(entities()), *frame["entity"][1:]])
+
+
+def entities() -> pd.DataFrame:
+    return tables.read_text(paths.entities(NAME), tables.ENTITIES)
+
+
+def twice_in_a_set(frame: pd.DataFrame) -> pd.DataFrame:
+    row = int(frame.index[frame["size"] == 2][0])
+    return put("entity", int(frame["entity"][row]), row + 1)(frame)
+
+
+OBSERVED, KINDS, ENTITIES = paths.observations(NAME), paths.kinds(NAME), paths.entities(NAME)
+TRIPLES, SPLITS, NOVEL, TOLD = paths.triples(NAME), paths.splits(NAME), paths.novel(NAME), paths.insert_triples(NAME)
+JOINT_RUNS, THETA0, WORDS = paths.runs(NAME, "joint"), paths.theta0(NAME, 2), paths.vectors(NAME)
+#: What was altered, the table, how, who reads it, and the rule that is broken; null: only its digest tells.
+CASES: list[tuple[str, Path, Schema, Alter, str, str | None]] = [
+    ("a count of 0", OBSERVED, tables.OBSERVATIONS, put("count", 0), "build_graph", "row 0 .count 0.: .*from 1 on"),
+    ("a count of -5", OBSERVED, tables.OBSERVATIONS, put("count", -5, 3), "build_graph", "row 3 .count -5.: .*from 1"),
+    ("a count of 2e9", OBSERVED, tables.OBSERVATIONS, put("count", 2 * 10**9), "build_graph", "1,000,000,000 observat"),
+    ("a blank head", OBSERVED, tables.OBSERVATIONS, put("head", " "), "build_graph", "'head' to be a name"),
+    ("a tail of 10 kB", OBSERVED, tables.OBSERVATIONS, put("tail", "x" * 10**4), "build_graph", "'tail' to be a name"),
+    ("no relation", OBSERVED, tables.OBSERVATIONS, put("relation", None), "build_graph", "a value in column"),
+    ("an observation less", OBSERVED, tables.OBSERVATIONS, less(1), "build_graph", None),
+    ("a kind twice", KINDS, tables.KINDS, doubled, "build_graph", "no second row of the same entity"),
+    ("no kind", KINDS, tables.KINDS, put("kind", None), "build_graph", "a value in column 'kind'"),
+    ("a kind less", KINDS, tables.KINDS, less(1), "build_graph", "expected the kind of"),
+    ("another kind", KINDS, tables.KINDS, put("kind", "robot"), "build_graph", None),
+    ("an entity doubled", ENTITIES, tables.ENTITIES, doubled, "make_sessions", "no second row of the same entity"),
+    ("entities swapped", ENTITIES, tables.ENTITIES, swapped, "make_sessions", "row 1 .*ascending order of entity"),
+    ("an entity less", ENTITIES, tables.ENTITIES, less(1), "make_sessions", "a name in entities.parquet"),
+    ("an entity renamed", ENTITIES, tables.ENTITIES, put("entity", "aaa"), "make_sessions", "a name in entities.parq"),
+    ("a control character", ENTITIES, tables.ENTITIES, put("entity", "a\tb"), "make_sessions", "no control character"),
+    ("a triple doubled", TRIPLES, tables.TRIPLES, doubled, "make_sessions", "no second row of the same head, relation"),
+    ("triples swapped", TRIPLES, tables.TRIPLES, swapped, "make_sessions", "row 1 .*ascending order of head"),
+    ("an unknown tail", TRIPLES, tables.TRIPLES, put("tail", "0", 0), "make_sessions", "a name in entities.parquet"),
+    ("an unknown relation", TRIPLES, tables.TRIPLES, put("relation", "aaa"), "make_sessions", None),
+    ("a triple's count of 0", TRIPLES, tables.TRIPLES, put("count", 0, 2), "make_sessions", "row 2 .count 0."),
+    ("a triple's count of -5", TRIPLES, tables.TRIPLES, put("count", -5), "make_sessions", "'count' from 1 on"),
+    ("a triple's count of 2e9", TRIPLES, tables.TRIPLES, put("count", 2 * 10**9), "make_sessions", "1,000,000,000"),
+    ("another count", TRIPLES, tables.TRIPLES, put("count", 1234), "make_sessions", None),
+    ("both train and test", SPLITS, tables.SPLITS, as_test_and_train, "train_theta0", "row 1 .*each once"),
+    ("100 triples without a split", SPLITS, tables.SPLITS, less(100), "train_theta0", "seed 0, triple 0: has no split"),
+    ("triple -1", SPLITS, tables.SPLITS, put("triple", -1), "train_theta0", "row 0 .triple -1.: .*from 0 on"),
+    ("a triple above all", SPLITS, tables.SPLITS, at_end("triple"), "train_theta0", "expected ids below"),
+    ("an unknown split", SPLITS, tables.SPLITS, put("split", "dev"), "train_theta0", "among train, valid, test"),
+    ("all test", SPLITS, tables.SPLITS, lambda f: f.assign(split="test"), "train_theta0", "seed 0: .*triples in train"),
+    ("all train", SPLITS, tables.SPLITS, lambda f: f.assign(split="train"), "train_joint", "triples in valid"),
+    ("an entity untrained", SPLITS, tables.SPLITS, a_known_end_less, "train_theta0", "in train, as of every entity"),
+    ("splits shuffled", SPLITS, tables.SPLITS, shuffled, "train_theta0", "ascending order of seed, triple"),
+    ("seed -1", SPLITS, tables.SPLITS, put("seed", -1), "train_theta0", "'seed' from 0 on"),
+    ("seeds of splits changed", SPLITS, tables.SPLITS, lambda f: f.assign(seed=f["seed"] + 1), "train_theta0",
+     "novel.*expected seeds that have splits"),
+    ("entity -1", NOVEL, tables.NOVEL, put("entity", -1), "train_theta0", "row 0 .entity -1.: .*from 0 on"),
+    ("an entity above all", NOVEL, tables.NOVEL, put("entity", 10**6), "train_theta0", "row 0 .*expected ids below"),
+    ("twice in a set", NOVEL, tables.NOVEL, twice_in_a_set, "train_theta0", "ascending order of size, seed, session"),
+    ("novel shuffled", NOVEL, tables.NOVEL, shuffled, "train_theta0", "ascending order of size, seed, session, entity"),
+    ("a novel entity less", NOVEL, tables.NOVEL, lambda f: f[:-1], "train_theta0", "as many rows of each size"),
+    ("a seed less", NOVEL, tables.NOVEL, less(1), "train_theta0", "the same seeds, and the same sessions"),
+    ("session 0", NOVEL, tables.NOVEL, lambda f: f.assign(session=0), "train_joint", "'session' from 1 on"),
+    ("session 2 alone", NOVEL, tables.NOVEL, lambda f: f.assign(session=2), "train_joint", "the same sessions from 1"),
+    ("another novel entity", NOVEL, tables.NOVEL, another_novel, "train_theta0", None),
+    ("a test triple told", TOLD, tables.INSERT_TRIPLES, of_a_test_triple, "insert", "of the seed's train split"),
+    ("a triple of others told", TOLD, tables.INSERT_TRIPLES, of_another, "insert", "the entity at one end"),
+    ("told of a known entity", NOVEL, tables.NOVEL, another_novel, "insert",
+     "insert_triples.* an entity that the session inserts|from another"),
+    ("told triple -1", TOLD, tables.INSERT_TRIPLES, put("triple", -1), "insert", "'triple' from 0 on"),
+    ("told triple above all", TOLD, tables.INSERT_TRIPLES, at_end("triple"), "insert", "expected ids below"),
+    ("told twice", TOLD, tables.INSERT_TRIPLES, doubled, "insert", "ascending order of .*, each once"),
+    ("told less", TOLD, tables.INSERT_TRIPLES, less(1), "insert", None),
+    ("MRR* of 1.5", JOINT_RUNS, tables.RUNS, put("mrr_star", 1.5), "insert", "row 0 .*'mrr_star' from 0 to 1"),
+    ("MRR* not the mean", JOINT_RUNS, tables.RUNS, put("mrr_star", 0.0), "insert", "'mrr_star' to be the mean of"),
+    ("MRR* null", JOINT_RUNS, tables.RUNS, put("mrr_star", None), "insert", "null where 'queries' is 0"),
+    ("an unknown scope", JOINT_RUNS, tables.RUNS, put("scope", "some"), "insert", "'scope' among all, known"),
+    ("epoch -1", JOINT_RUNS, tables.RUNS, put("epoch", -1), "insert", "'epoch' from 0 on"),
+    ("no model of a seed", JOINT_RUNS, tables.RUNS, lambda f: f[f["seed"] > 0], "insert", "a row of each of seeds"),
+]  # fmt: skip
+
+
+def command(stage: str) -> str:
+    return f"{stage} {NAME}" + " rs" * (stage == "insert")
+
+
+@pytest.mark.parametrize(("path", "schema", "how", "stage"), [case[1:5] for case in CASES], ids=[c[0] for c in CASES])
+def test_an_altered_table_is_refused(path: Path, schema: Schema, how: Alter, stage: str) -> None:
+    with small.for_a_while(path, lambda file: alter(file, how, schema)):
+        line = small.refusal(command(stage))
+    assert line.startswith(f"{stage}: ")
+    assert re.search(r"row \d|seed \d|was edited|expected", line), line
+
+
+BREAKING = [case for case in CASES if case[5]]
+
+
+@pytest.mark.parametrize(("path", "schema", "how", "stage", "says"), [case[1:] for case in BREAKING],
+                         ids=[case[0] for case in BREAKING])  # fmt: skip
+def test_where_its_digest_is_written_anew_the_rule_refuses_it(
+    path: Path, schema: Schema, how: Alter, stage: str, says: str
+) -> None:
+    with small.for_a_while(path, lambda file: alter(file, how, schema, anew=True)):
+        line = small.refusal(command(stage))
+    assert re.search(says, line), line
+
+
+# Tensors
+
+
+def relabelled(tensors: Tensors) -> None:
+    tensors["seed"] += 1
+
+
+def seeds_swapped(tensors: Tensors) -> None:
+    tensors["seed"] = tensors["seed"].flip(0)
+
+
+def rows_shuffled(tensors: Tensors) -> None:
+    tensors["entity"] = tensors["entity"].roll(1, 1)
+
+
+def novel_known(tensors: Tensors) -> None:
+    tensors["known"][:] = True
+
+
+def novel_with_a_vector(tensors: Tensors) -> None:
+    tensors["entity"][~tensors["known"]] = 0.5
+
+
+def infinite(tensors: Tensors) -> None:
+    next(iter(tensors.values())).view(-1)[3] = torch.inf
+
+
+def not_a_number(tensors: Tensors) -> None:
+    tensors["entity"][0, 1, 2] = torch.nan
+
+
+def cut(name: str, dimension: int) -> Callable[[Tensors], None]:
+    def altered(tensors: Tensors) -> None:
+        tensors[name] = tensors[name].narrow(dimension, 0, tensors[name].shape[dimension] // 2)
+
+    return altered
+
+
+def doubles(tensors: Tensors) -> None:
+    tensors["entity"] = tensors["entity"].double()
+
+
+def a_little(tensors: Tensors) -> None:
+    first = next(iter(tensors.values()))
+    first.view(-1)[first.view(-1).nonzero()[0]] += 1e-6
+
+
+OF_TENSORS: list[tuple[str, Path, Callable[[Tensors], None], str | None]] = [
+    ("seeds relabelled", THETA0, relabelled, "the sessions' seeds, 0, 1, got 1, 2"),
+    ("seeds swapped", THETA0, seeds_swapped, "the sessions' seeds, 0, 1, got 1, 0"),
+    ("rows shuffled", THETA0, rows_shuffled, "zeros for who is not known"),
+    ("a novel entity inside D0", THETA0, novel_known, "who takes part then, and no novel entity"),
+    ("a novel entity with a vector", THETA0, novel_with_a_vector, "zeros for who is not known"),
+    ("not a number", THETA0, not_a_number, r"tensor 'entity', \[0, 1, 2\]: expected finite numbers"),
+    ("a model less", THETA0, cut("entity", 0), "2 rows in every tensor"),
+    ("an entity less", THETA0, cut("entity", 1), "tensor 'entity': expected float32 of shape"),
+    ("vectors of half the length", THETA0, cut("entity", 2), "tensor 'relation': expected float32 of shape"),
+    ("a relation less", THETA0, cut("relation", 1), "tensor 'relation': expected float32 of shape"),
+    ("double precision", THETA0, doubles, "expected float32 .*, got float64"),
+    ("another vector", THETA0, a_little, None),
+    ("an infinite word vector", WORDS, infinite, "expected finite numbers"),
+    ("half of the word vectors", WORDS, cut("vectors", 0), "tensor 'vectors': expected float32 of shape"),
+    ("another word vector", WORDS, a_little, None),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("anew", [False, True], ids=["as it is", "digest anew"])
+@pytest.mark.parametrize(("path", "how", "says"), [case[1:] for case in OF_TENSORS], ids=[c[0] for c in OF_TENSORS])
+def test_altered_tensors_are_refused(path: Path, how: Callable[[Tensors], None], says: str | None, anew: bool) -> None:
+    if anew and says is None:
+        pytest.skip("lawful")
+    with small.for_a_while(path, lambda file: alter_tensors(file, how, anew)):
+        line = small.refusal(command("insert"))
+    assert line.startswith(f"insert: {path}: ")
+    assert re.search(says if anew and says else "was edited|expected", line), line
+
+
+# Of another run
+
+
+def changed(key: str, value: Any) -> Callable[[Path], None]:
+    def alter_params(path: Path) -> None:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+        change(values, key, value)
+        path.write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
+
+    return alter_params
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "named", "by"),
+    [
+        (f"experiments.{NAME}.sessions.seeds", 3, NOVEL, "make_sessions"),
+        ("training.learning_rate", 0.3, THETA0, "train_theta0"),
+        (f"experiments.{NAME}.graph.min_count", 2, ENTITIES, "build_graph"),
+        ("words.text", "phrase", WORDS, "embed_words"),
+        ("seed", 1, None, "mine"),
+    ],
+)
+def test_what_was_made_under_other_params_is_refused(key: str, value: Any, named: Path | None, by: str) -> None:
+    with small.for_a_while(paths.PARAMS, changed(key, value)):
+        line = small.refusal(command("insert"))
+    assert f"was made under other params than there are now: run `dvc repro {by}@{NAME}`" in line
+    assert named is None or str(named.parent) in line
+
+
+def test_params_that_shape_nothing_that_is_read_refuse_nothing() -> None:
+    with small.for_a_while(paths.PARAMS, changed("compute.stack", 1)):
+        small.run(command("build_graph"))
+
+
+def test_what_was_made_from_another_table_than_is_there_is_refused(tmp_path: Path) -> None:
+    """Sessions of another run, whole and lawful in themselves, beside an embedding of this one."""
+    small.lay_out(tmp_path, {**small.SMALL, "sessions.valid": 0.2})
+    shutil.copytree(paths.DATA / "graph", tmp_path / paths.DATA / "graph")
+    before = {path: path.read_bytes() for path in (SPLITS, NOVEL, TOLD)}
+    with chdir(tmp_path):
+        for path in (ENTITIES, TRIPLES):
+            assert path.exists()
+        small.run(command("make_sessions"))
+    try:
+        for path in before:
+            alter(path, lambda _, path=path: pd.read_parquet(tmp_path / path), SCHEMA_OF[path], anew=True)  # type: ignore[misc]
+        line = small.refusal(command("insert"))
+    finally:
+        for path, content in before.items():
+            path.write_bytes(content)
+    assert re.search(rf"was made from another {SPLITS.parent}\S+ than is there: run `dvc repro train_", line), line
+
+
+SCHEMA_OF = {SPLITS: tables.SPLITS, NOVEL: tables.NOVEL, TOLD: tables.INSERT_TRIPLES}
+
+
+def test_the_file_of_another_stage_is_refused() -> None:
+    with small.for_a_while(NOVEL, lambda file: shutil.copy(TOLD, file)):
+        assert f"{NOVEL}: " in small.refusal(command("train_theta0"))
+    with small.for_a_while(JOINT_RUNS, lambda file: shutil.copy(paths.runs(NAME, "rs"), file)):
+        expected = "expected what stage train_joint writes, got that of insert: run `dvc repro train_joint@"
+        assert f"{JOINT_RUNS}: {expected}" in small.refusal(command("insert"))
+
+
+def test_a_table_of_another_program_bears_no_digest() -> None:
+    with small.for_a_while(NOVEL, lambda file: pd.read_parquet(file).to_parquet(file)):
+        line = small.refusal(command("train_theta0"))
+    assert f"{NOVEL}: bears no digest of a stage: `dvc checkout --force {NOVEL}`, or " in line
+
+
+def test_as_it_was_everything_is_read_again() -> None:
+    small.run(command("make_sessions"))
+    assert np.isfinite(tables.read(JOINT_RUNS, tables.RUNS)["queries"]).all()

@@ -1,0 +1,184 @@
+"""``isi check``: what is wrong under data/, one line a finding; and a user's own edits, accepted."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import chdir
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from isi.__main__ import main
+from isi.base import paths, tables
+from isi.base.provenance import ACCEPTED, CONTENT, metadata_of
+from isi.commands._checking import TABLES, is_tensors, schema_of
+from tests import small
+from tests.lawful import alter, alter_tensors
+from tests.small import NAME
+from tests.test_altered import NOVEL, SPLITS, THETA0, TOLD, a_little, another_novel, put
+
+FILES = 3 + 2 + 2 + 3 + 2 + 1 + 4 + 4
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("checked")
+    small.run_all(folder)
+    return folder
+
+
+@pytest.fixture
+def _in_copy(made: Path, tmp_path: Path) -> Iterator[None]:
+    shutil.copytree(made, tmp_path / "copy", symlinks=True)
+    with chdir(tmp_path / "copy"):
+        yield
+
+
+def check(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[list[str], object]:
+    """The lines that it prints, and how it ends."""
+    ended: object = 0
+    try:
+        main(["check", *arguments])
+    except SystemExit as error:
+        ended = error.code
+    return capsys.readouterr().out.splitlines(), ended
+
+
+@pytest.mark.usefixtures("_in_copy")
+def test_what_the_stages_wrote_holds_all_rules(capsys: pytest.CaptureFixture[str]) -> None:
+    capsys.readouterr()
+    assert check(capsys) == ([f"{FILES} files under data, 0 findings"], 0)
+
+
+@pytest.mark.usefixtures("_in_copy")
+def test_each_finding_is_one_line_and_the_status_is_1(capsys: pytest.CaptureFixture[str]) -> None:
+    alter(SPLITS, put("triple", -1), tables.SPLITS)
+    alter_tensors(THETA0, a_little)
+    alter(paths.runs(NAME, "rs"), put("mrr_star", 2.0), tables.RUNS)
+    lines, ended = check(capsys)
+    assert ended == 1
+    assert lines[-1] == f"{FILES} files under data, {len(lines) - 1} findings"
+    for path, says in (
+        (SPLITS, "row 0 (triple -1): expected 'triple' from 0 on"),
+        (THETA0, f"was edited: `dvc checkout --force {THETA0}`"),
+        (paths.runs(NAME, "rs"), "row 0 (mrr_star 2.0): expected 'mrr_star' from 0 to 1"),
+    ):
+        assert any(line.startswith(f"{path}: {says}") for line in lines), lines
+    assert len(set(lines)) == len(lines)
+
+
+@pytest.mark.usefixtures("_in_copy")
+def test_what_does_not_agree_with_another_file_is_found(capsys: pytest.CaptureFixture[str]) -> None:
+    alter(TOLD, lambda told: told.assign(triple=10**6), tables.INSERT_TRIPLES, anew=True)
+    coverage = paths.coverage(NAME)
+    alter(coverage, lambda frame: frame[::-1], tables.COVERAGE, anew=True)
+    lines, ended = check(capsys)
+    assert ended == 1
+    assert any(line.startswith(f"{TOLD}: row 0 (triple 1000000): expected ids below") for line in lines)
+    assert any(re.match(rf"{coverage}: row 0 .*: expected the entities of the graph, in its order", x) for x in lines)
+    assert any("was made from another" in line and str(TOLD) in line for line in lines)
+
+
+@pytest.mark.usefixtures("_in_copy")
+def test_an_edit_on_purpose_is_accepted_and_then_read(capsys: pytest.CaptureFixture[str]) -> None:
+    """Also one that another program wrote, without a word of metadata."""
+    written = metadata_of(SPLITS)
+    splits = pd.read_parquet(SPLITS)
+    row = int(splits.index[splits["split"] == "valid"][0])
+    put("split", "test", row)(splits).to_parquet(SPLITS)
+    assert "bears no digest" in small.refusal(f"train_theta0 {NAME}")
+    lines, ended = check(capsys, "--accept", str(SPLITS.absolute()))
+    assert ended == 0
+    assert lines == [
+        f"{SPLITS}: accepted. `dvc commit --force make_sessions@{NAME}` makes DVC keep it, until it runs that stage again",
+        "`dvc repro` then runs what depends on it; without the commit, it would undo the edit first",
+    ]
+    accepted = metadata_of(SPLITS)
+    assert accepted[ACCEPTED] == ""
+    assert accepted[CONTENT] != written[CONTENT]
+    assert {key: accepted[key] for key in ("isi.stage", "isi.own", "isi.params")} == {
+        key: written[key] for key in ("isi.stage", "isi.own", "isi.params")
+    }
+    assert tables.read_text(SPLITS, tables.SPLITS)["split"][row] == "test"
+    small.run(f"train_theta0 {NAME}")
+    lines, ended = check(capsys)
+    assert all("was made from another" in line and str(SPLITS) in line for line in lines[:-1])
+    assert any(str(paths.joint(NAME)) in line for line in lines)
+
+
+@pytest.mark.usefixtures("_in_copy")
+def test_an_accepted_edit_says_what_the_stage_had_written(capsys: pytest.CaptureFixture[str]) -> None:
+    written = metadata_of(THETA0)[CONTENT]
+    alter_tensors(THETA0, a_little)
+    for _ in range(2):
+        assert check(capsys, "--accept", str(THETA0))[1] == 0
+        assert metadata_of(THETA0)[ACCEPTED] == written
+    assert check(capsys)[1] == 0
+
+
+@pytest.mark.usefixtures("_in_copy")
+def test_an_edit_that_breaks_a_rule_is_not_accepted_and_nothing_changes(capsys: pytest.CaptureFixture[str]) -> None:
+    alter(NOVEL, put("entity", -1), tables.NOVEL)
+    alter(SPLITS, lambda splits: splits[100:], tables.SPLITS)
+    before = [path.read_bytes() for path in (NOVEL, SPLITS)]
+    for files, says in (
+        ([NOVEL], "entity -1"),
+        ([SPLITS], "has no split"),
+        ([SPLITS, NOVEL], "has no split|entity -1"),
+    ):
+        lines, ended = check(capsys, "--accept", *map(str, files))
+        assert lines == []
+        assert re.search(says, str(ended)), ended
+        assert [path.read_bytes() for path in (NOVEL, SPLITS)] == before
+
+
+@pytest.mark.usefixtures("_in_copy")
+def test_files_that_change_together_are_accepted_together(capsys: pytest.CaptureFixture[str]) -> None:
+    alter(NOVEL, another_novel, tables.NOVEL)
+    lines, ended = check(capsys, "--accept", str(NOVEL))
+    assert ended == 0
+    lines, _ = check(capsys)
+    assert any(line.startswith(f"{TOLD}: ") for line in lines)  # what was told is of another entity
+
+
+@pytest.mark.usefixtures("_in_copy")
+@pytest.mark.parametrize(
+    ("file", "says"),
+    [
+        ("params.yaml", "expected a table or tensors of the pipeline"),
+        ("data/graph/nowhere/triples.parquet", "expected a table or tensors of the pipeline"),
+        (f"data/runs/{NAME}/es.parquet", f"no such file: `dvc repro insert@{NAME}-es` makes it"),
+    ],
+)
+def test_what_is_no_table_of_the_pipeline_is_not_accepted(
+    capsys: pytest.CaptureFixture[str], file: str, says: str
+) -> None:
+    _, ended = check(capsys, "--accept", file)
+    assert re.search(rf"check: {file}: {says}", str(ended)), ended
+
+
+def test_every_output_of_the_pipelines_has_rules() -> None:
+    with chdir(small.ROOT):
+        from tests.test_stages import BEYOND, FIRST, OPEN
+
+        for entry in (FIRST | BEYOND).values():
+            for out in entry["outs"]:
+                if isinstance(out, str) and out.startswith("data/") and not out.startswith("data/kept/"):
+                    path = Path(OPEN.sub("x", out))
+                    there = schema_of(path) or is_tensors(path) or is_tensors(path / "size=01.safetensors")
+                    assert there, out
+    assert len({id(schema) for _, schema in TABLES}) == 22
+
+
+def test_it_runs_from_the_shell_and_says_where_it_is_not_at_home(tmp_path: Path) -> None:
+    command, found = [sys.executable, "-m", "isi", "check"], os.environ | {"PYTHONPATH": str(small.ROOT)}
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, env=found)
+    (line,) = ended.stderr.splitlines()
+    assert "params.yaml: cannot be read" in line
+    assert ended.returncode == 1
