@@ -13,7 +13,7 @@ import torch
 
 from isi.base import params, paths, tables
 from isi.base.content import digest_of_table, digest_of_tensors
-from isi.base.pipeline import declared, maker
+from isi.base.pipeline import declared, maker_now
 from isi.base.provenance import CONTENT, Provenance, metadata_of
 from isi.base.schemas import Schema
 
@@ -74,7 +74,7 @@ def lawful(name: str) -> pd.DataFrame:
 def written_by_its_stage(path: Path) -> Provenance:
     """What the stage that writes a path would say of it, by the pipeline and the params of this folder."""
     everything = params.read(paths.PARAMS)
-    by = maker(path, everything)
+    by = maker_now(path, everything)
     return Provenance(by.stage, declared(by.stage, by.arguments, everything)) if by else Provenance("no_stage", {})
 
 

@@ -15,7 +15,7 @@ import pytest
 
 from isi.base import paths, tables
 from isi.base.errors import Unwritable
-from tests.test_bad_input import KINDS, MADE, OBSERVED, leave, observed, outputs, workspace
+from tests.test_bad_input import KINDS, OBSERVED, leave, observed, outputs, workspace, write
 
 __all__ = ["workspace"]  # a fixture
 
@@ -153,7 +153,7 @@ def test_a_file_that_may_not_grow_ends_a_stage_in_one_line_and_the_earlier_outpu
     workspace: Path, command: str, most: int, named: str
 ) -> None:
     observed(workspace, "ai2thor", OBSERVED, KINDS)
-    tables.write(workspace / paths.entities("ai2thor"), KINDS.assign(source="ai2thor"), tables.ENTITIES, MADE)
+    write(workspace, paths.entities("ai2thor"), KINDS.assign(source="ai2thor"), tables.ENTITIES)
     leave(workspace, Path(named))
     before = outputs(workspace)
     ended = subprocess.run(

@@ -43,6 +43,7 @@ class PipelineOrigins:
     def fault(self, path: Path) -> InputError | None:
         """The same as a value."""
         if path not in self._faults:
+            self._faults[path] = None  # where a file says that it was made from itself
             self._faults[path] = self._found(path)
         return self._faults[path]
 

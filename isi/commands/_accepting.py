@@ -9,7 +9,7 @@ from isi.base import tables
 from isi.base.content import digest_of_table, digest_of_tensors
 from isi.base.errors import InputError
 from isi.base.origin import SUFFIXES
-from isi.base.pipeline import Maker, declared, dependencies, maker
+from isi.base.pipeline import Maker, declared, dependencies, maker_now
 from isi.base.provenance import ACCEPTED, CONTENT, OWN, Metadata, Provenance, metadata_of
 from isi.commands._checking import Checking, is_tensors, schema_of
 
@@ -41,7 +41,7 @@ def accept(files: Sequence[Path], checking: Checking) -> Iterator[str]:
 
 
 def _made(path: Path, checking: Checking) -> Maker:
-    by = maker(path, checking.everything)
+    by = maker_now(path, checking.everything)
     if by is None or not (schema_of(path) or is_tensors(path)):
         raise InputError(path, "", "expected a table or tensors of the pipeline, as a stage writes it")
     if not path.is_file():
