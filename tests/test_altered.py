@@ -257,8 +257,8 @@ def doubles(tensors: Tensors) -> None:
 
 
 def a_little(tensors: Tensors) -> None:
-    first = next(iter(tensors.values()))
-    first.view(-1)[first.view(-1).nonzero()[0]] += 1e-6
+    first = next(tensor for tensor in tensors.values() if tensor.is_floating_point()).view(-1)
+    first[first.nonzero()[0]] += 1e-4
 
 
 OF_TENSORS: list[tuple[str, Path, Callable[[Tensors], None], str | None]] = [
@@ -307,7 +307,7 @@ def changed(key: str, value: Any) -> Callable[[Path], None]:
     ("key", "value", "named", "by"),
     [
         (f"experiments.{NAME}.sessions.seeds", 3, NOVEL, "make_sessions"),
-        ("training.learning_rate", 0.3, THETA0, "train_theta0"),
+        ("training.learning_rate", 0.3, None, "train_joint"),
         (f"experiments.{NAME}.graph.min_count", 2, ENTITIES, "build_graph"),
         ("words.text", "phrase", WORDS, "embed_words"),
         ("seed", 1, None, "mine"),

@@ -55,14 +55,15 @@ class PipelineOrigins:
         if metadata.get(STAGE) != made.stage:
             got = metadata.get(STAGE, "none")
             return InputError(path, "", f"expected what stage {made.stage} writes, got that of {got}: {_anew(made)}")
+        beside = {Path(name): digest for name, digest in inputs_of(metadata).items() if Path(name).exists()}
+        for path_of_input in beside:
+            if (fault := self.fault(path_of_input)) is not None:
+                return fault
         if metadata.get(OWN) != provenance.own(made.stage, declared(made.stage, made.arguments, self._everything)):
             return InputError(path, "", f"was made under other params than there are now: {_anew(made)}")
-        for name, digest in inputs_of(metadata).items():
-            if Path(name).exists():
-                if (fault := self.fault(Path(name))) is not None:
-                    return fault
-                if metadata_of(Path(name)).get(CONTENT) != digest:
-                    return InputError(path, "", f"was made from another {name} than is there: {_anew(made)}")
+        for path_of_input, digest in beside.items():
+            if metadata_of(path_of_input).get(CONTENT) != digest:
+                return InputError(path, "", f"was made from another {path_of_input} than is there: {_anew(made)}")
         return None
 
 

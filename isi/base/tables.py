@@ -148,7 +148,7 @@ def write_table(path: Path, table: pa.Table, schema: Schema, metadata: Metadata)
 def _as_first_seen(column: pa.ChunkedArray, kind: pa.DataType) -> pa.ChunkedArray:
     """The same with dictionaries in order of appearance, which hang neither on categories nor on chunks."""
     if not pa.types.is_dictionary(kind):
-        return column
+        return column.cast(kind)
     return pa.chunked_array(column.cast(kind.value_type).combine_chunks().dictionary_encode())
 
 
@@ -283,8 +283,8 @@ def keep_only(folder: Path, kept: Sequence[Path]) -> None:
 
 
 def _same_values(actual: pa.DataType, expected: pa.DataType) -> bool:
-    plain = [t.value_type if pa.types.is_dictionary(t) else t for t in (actual, expected)]
-    return bool(plain[0] == plain[1])
+    plain = [kind.value_type if pa.types.is_dictionary(kind) else kind for kind in (actual, expected)]
+    return bool(plain[0] == plain[1]) or all(pa.types.is_string(k) or pa.types.is_large_string(k) for k in plain)
 
 
 def _first_line(error: Exception) -> str:

@@ -34,9 +34,9 @@ def accept(files: Sequence[Path], checking: Checking) -> Iterator[str]:
         for path, content in before.items():
             tables.atomically(path, lambda temporary, content=content: temporary.write_bytes(content))  # type: ignore[misc]
         raise
-    for by in dict.fromkeys(made.values()):
-        names = ", ".join(str(path) for path, other in made.items() if other == by)
-        yield f"{names}: accepted. `dvc commit --force {by}` makes DVC keep it, until it runs that stage again"
+    for stage in dict.fromkeys(map(str, made.values())):
+        names = ", ".join(str(path) for path, by in made.items() if str(by) == stage)
+        yield f"{names}: accepted. `dvc commit --force {stage}` makes DVC keep it, until it runs that stage again"
     yield "`dvc repro` then runs what depends on it; without the commit, it would undo the edit first"
 
 
