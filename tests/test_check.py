@@ -19,9 +19,9 @@ from isi.base import paths, tables
 from isi.base.provenance import ACCEPTED, CONTENT, metadata_of
 from isi.commands._checking import TABLES, is_tensors, schema_of
 from tests import small
+from tests.altered import NOVEL, SPLITS, THETA0, TOLD, a_little, another_novel, put
 from tests.lawful import alter, alter_tensors
 from tests.small import NAME
-from tests.test_altered import NOVEL, SPLITS, THETA0, TOLD, a_little, another_novel, put
 
 FILES = 3 + 2 + 2 + 3 + 2 + 1 + 4 + 4
 
@@ -119,7 +119,9 @@ def test_an_accepted_edit_says_what_the_stage_had_written(capsys: pytest.Capture
     for _ in range(2):
         assert check(capsys, "--accept", str(THETA0))[1] == 0
         assert metadata_of(THETA0)[ACCEPTED] == written
-    assert check(capsys)[1] == 0
+    *lines, _ = check(capsys)[0]
+    assert lines  # what was made from the earlier one
+    assert all(f"was made from another {THETA0} than is there: run `dvc repro insert@" in line for line in lines)
 
 
 @pytest.mark.usefixtures("_in_copy")
