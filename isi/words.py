@@ -5,11 +5,15 @@ from __future__ import annotations
 import codecs
 import hashlib
 import logging
+import lzma
+import re
 import zlib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from reprlib import repr as short
+from typing import IO, Literal
 
 import numpy as np
 from gensim.models import KeyedVectors
@@ -18,6 +22,13 @@ from smart_open import open as open_any
 from isi.base import paths
 from isi.base.errors import InputError
 from isi.base.params import Section, Sha256
+
+#: What numbers of vectors lie within; those of word2vec and GloVe are below a hundred.
+LARGEST = 1e6
+#: The most numbers of a vector, and characters of a token.
+WIDEST, LONGEST = 100_000, 1_000
+#: Bytes of a line of text, and those that are read of binary vectors at once, at most.
+LINE = CHUNK = 2**21
 
 
 class Words(Section):
@@ -66,7 +77,11 @@ def load_vectors(given: Words) -> KeyedVectors:
     if given.shipped:
         return read_vectors(paths.shipped_vectors(given.text))
     path = Path(given.source)
-    if path.is_file():
+    try:
+        there = path.is_file()
+    except OSError as error:
+        raise InputError(short(given.source), "", f"expected a file of word vectors ({error.strerror})") from error
+    if there:
         check_sha256(path, given.sha256)
         return read_vectors(path)
     if path.suffix or len(path.parts) > 1:
@@ -88,8 +103,11 @@ def check_sha256(path: Path, expected: str | None) -> None:
     """Refuse a file that hashes to something else than expected, if anything is."""
     if expected is None:
         return
-    with path.open("rb") as file:
-        got = hashlib.file_digest(file, "sha256").hexdigest()
+    try:
+        with path.open("rb") as file:
+            got = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read ({error.strerror})") from error
     if got != expected:
         raise InputError(path, "", f"expected {expected} as its sha256, got {got}")
 
@@ -97,34 +115,64 @@ def check_sha256(path: Path, expected: str | None) -> None:
 def read_vectors(path: Path) -> KeyedVectors:
     """Read word2vec (text or binary) or GloVe vectors; the form is seen from the first bytes.
 
+    gensim's own reader believes a last line that is cut short, and what a header says of memory. Of a token that is
+    there twice, the first vector stays.
+
     Raises:
         InputError: naming the line or the vector that is broken.
     """
     try:
         header, binary = _form(path)
-        words = KeyedVectors.load_word2vec_format(str(path), binary=binary, no_header=header is None)
-    except (ValueError, TypeError, EOFError, OSError, OverflowError, MemoryError, zlib.error) as error:
-        place = "" if isinstance(error, OSError) else _broken_place(path)
-        raise InputError(path, place, f"expected word vectors in word2vec or GloVe format ({error})") from error
-    if not words.vectors.size:
+        with open_any(path, "rb") as file:
+            found = _of_bytes(path, file, *header) if header and binary else _of_lines(path, file, header)
+    except (OSError, EOFError, zlib.error, lzma.LZMAError) as error:
+        raise InputError(path, "", f"expected word vectors in word2vec or GloVe format ({error})") from error
+    if not found.tokens:
         raise InputError(path, "", "expected word vectors in word2vec or GloVe format, got none")
-    if not np.isfinite(words.vectors).all():
-        token = words.index_to_key[int(np.flatnonzero(~np.isfinite(words.vectors).all(1))[0])]
-        raise InputError(path, f"vector of {token!r}", "expected finite numbers")
-    if header and binary:
-        _check_length(path, words, header)
+    vectors = np.frombuffer(found.numbers, dtype="<f4").reshape(len(found.tokens), -1)
+    largest = np.maximum(vectors.max(axis=1), -vectors.min(axis=1))
+    broken = np.flatnonzero(~(largest <= LARGEST))  # what is no number, too
+    if len(broken):
+        expected = f"expected numbers within {LARGEST:,.0f}, got {largest[broken[0]]:g}"
+        raise InputError(path, f"vector of {short(found.tokens[broken[0]])}", expected)
+    words = KeyedVectors(vectors.shape[1])
+    words.index_to_key, words.vectors = found.tokens, vectors
+    words.key_to_index = {token: row for row, token in enumerate(found.tokens)}
     return words
+
+
+@dataclass
+class _Found:
+    """Tokens, each once, and the numbers of their vectors, behind each other in float32 (little endian)."""
+
+    path: Path
+    tokens: list[str] = field(default_factory=list)
+    numbers: bytearray = field(default_factory=bytearray)
+    seen: set[str] = field(default_factory=set)
+
+    def add(self, place: str, token: bytes, numbers: bytes) -> None:
+        try:
+            name = token.decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise InputError(self.path, place, f"expected a token in UTF-8 ({error})") from error
+        if not name.strip() or len(name) > LONGEST:
+            raise InputError(self.path, place, f"expected a token of at most {LONGEST} characters, got {short(name)}")
+        if name not in self.seen:
+            self.seen.add(name)
+            self.tokens.append(name)
+            self.numbers += numbers
 
 
 def _form(path: Path) -> tuple[tuple[int, int] | None, bool]:
     """The header (count, dimension), if there is one, and whether vectors are binary."""
     with open_any(path, "rb") as file:
-        first, second = file.readline(), file.read(4096)
-    fields = first.split()
-    if len(fields) != 2 or not all(field.isdigit() for field in fields):
-        first.decode("utf-8")
+        first, second = file.readline(LINE), file.read(4096)
+    found = re.fullmatch(rb"([0-9]{1,9})[ \t]+([0-9]{1,9})\s*", first.removeprefix(codecs.BOM_UTF8))
+    if not found:
         return None, False
-    count, dimension = (int(field) for field in fields)
+    count, dimension = (int(number) for number in found.groups())
+    if not 0 < dimension <= WIDEST:
+        raise InputError(path, "line 1", f"expected a dimension from 1 to {WIDEST:,}, got {dimension}")
     return (count, dimension), not _is_text(second)
 
 
@@ -136,47 +184,54 @@ def _is_text(start: bytes) -> bool:
         codecs.getincrementaldecoder("utf-8")().decode(start)
     except UnicodeDecodeError:
         line = start.split(b"\n")[0]
-        return b" " in line and all(_is_number(field.decode("latin-1")) for field in line.split()[1:])
+        return b" " in line and all(_is_number(field) for field in line.split()[1:])
     return True
 
 
-def _is_number(text: str) -> bool:
+def _is_number(text: bytes) -> bool:
     try:
         float(text)
     except ValueError:
-        return not text
+        return False
     return True
 
 
-def _check_length(path: Path, words: KeyedVectors, header: tuple[int, int]) -> None:
-    """Refuse a binary file that goes on after its last vector: its header gives a wrong dimension."""
-    count, dimension = header
-    with open_any(path, "rb") as file:
-        start = len(file.readline())
-        size = file.seek(0, 2) - start
-    longest = sum(len(key.encode()) for key in words.index_to_key if key) + count * (4 * dimension + 2)
-    if None not in words.index_to_key and size > longest:
-        raise InputError(path, "line 1", f"{count} vectors of dimension {dimension} do not fill the file")
-
-
-def _broken_place(path: Path) -> str:
-    """The first line of a text file whose numbers are not those of the lines before it."""
-    try:
-        header, binary = _form(path)
-        if binary:
-            return "binary vectors"
-        with open_any(path, encoding="utf-8") as file:
-            return next(_broken_lines(file, header), "end of file")
-    except (ValueError, EOFError, OSError, zlib.error):
-        return ""
-
-
-def _broken_lines(lines: Iterator[str], header: tuple[int, int] | None) -> Iterator[str]:
-    dimension = header[1] if header else None
-    for number, line in enumerate(lines, 1):
-        if header and number == 1:
+def _of_lines(path: Path, file: IO[bytes], header: tuple[int, int] | None) -> _Found:
+    """Of text: a line for each token, with its numbers behind it."""
+    found, dimension, count, line = _Found(path), header[1] if header else None, 0, b"\n"
+    for number, line in enumerate(iter(lambda: file.readline(LINE), b""), 1):
+        if not line.strip() or (header and number == 1):
             continue
-        values = line.rstrip().split(" ")[1:]
-        dimension = dimension or len(values)
-        if len(values) != dimension or not all(value and _is_number(value) for value in values):
-            yield f"line {number}"
+        token, *values = line.removeprefix(codecs.BOM_UTF8 if number == 1 else b"").rstrip().split(b" ")
+        dimension, count = dimension or len(values), count + 1
+        try:
+            numbers = array("f", map(float, values))
+        except ValueError as error:
+            raise InputError(path, f"line {number}", f"expected a token and numbers ({error})") from error
+        if len(values) != dimension or not values:
+            expected = f"expected a token and {dimension or 'its'} numbers, got {len(values)} of them"
+            raise InputError(path, f"line {number}", expected)
+        found.add(f"line {number}", token, numbers.tobytes())
+    if header and count != header[0]:
+        raise InputError(path, "line 1", f"promises {header[0]} vectors, but the file has {count}")
+    if not line.endswith(b"\n"):
+        raise InputError(path, f"line {number}", "is cut short: expected a line end behind the last vector")
+    return found
+
+
+def _of_bytes(path: Path, file: IO[bytes], count: int, dimension: int) -> _Found:
+    """Of bytes: each token, a space, and its numbers; perhaps a line end."""
+    file.readline(LINE)
+    found, size, chunk, start = _Found(path), 4 * dimension, b"", 0
+    for number in range(1, count + 1):
+        while (end := chunk.find(b" ", start)) < 0 or len(chunk) < end + 1 + size:
+            more = file.read(CHUNK)
+            if not more or len(chunk) - start > CHUNK:
+                expected = f"expected {count} vectors of {dimension} numbers, as line 1 says; this one is not whole"
+                raise InputError(path, f"vector {number}", expected)
+            chunk, start = chunk[start:] + more, 0
+        found.add(f"vector {number}", chunk[start:end].lstrip(b"\n"), chunk[end + 1 : end + 1 + size])
+        start = end + 1 + size
+    if (chunk[start:] + file.read(CHUNK)).strip(b"\r\n"):
+        raise InputError(path, "line 1", f"{count} vectors of dimension {dimension} do not fill the file")
+    return found

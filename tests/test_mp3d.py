@@ -272,10 +272,15 @@ def test_tallies_add_up_over_region_types_and_names_of_one_meaning(tmp_path: Pat
 @pytest.mark.parametrize(
     ("content", "places"),
     [
-        ("object,count\nfan,3\n", ["column 'room'", "missing"]),
-        ("", ["column", "missing"]),
+        ("object,count\nfan,3\n", ["line 1", "object, room, count"]),
+        ("", ["line 1", "got none"]),
         (TALLIES + "bed,bedroom,many\n", ["line 9", "count"]),
-        (TALLIES + "bed,bedroom\n", ["line 9", "count"]),
+        (TALLIES + "bed,bedroom\n", ["line 9", "3 fields, got 2"]),
+        (TALLIES + "bed,bedroom,1,\n", ["line 9", "3 fields, got 4"]),
+        (TALLIES + "bed,bedroom,3000000000\n", ["line 9", "count", "3000000000"]),
+        (TALLIES + f"bed,bedroom,{'9' * 5000}\n", ["line 9", "count", "99..."]),
+        (TALLIES + "__,bedroom,1\n", ["line 9", "expected a name, got none"]),
+        (TALLIES + f"{'b' * 10_000},bedroom,1\n", ["line 9", "at most 200"]),
         (TALLIES + "bed,bedroom,-1\n", ["line 9", "count"]),
         (TALLIES + "fan,garage,1\n", ["'fan'", "'garage'", "twice"]),
     ],
@@ -286,6 +291,11 @@ def test_broken_tallies_are_refused(tmp_path: Path, content: str, places: list[s
     line = str(refused.value)
     assert line.startswith(f"{tmp_path / 'tallies.csv'}: ")
     assert all(place in line for place in places), line
+    assert len(line) < 300 + len(str(tmp_path))
+
+
+def test_tallies_as_excel_writes_them_are_read(tmp_path: Path) -> None:
+    assert tallied(tmp_path, "\ufeff" + TALLIES.replace("\n", "\r\n")) == tallied(tmp_path, TALLIES)
 
 
 def test_a_region_type_that_the_tallies_lack_is_refused_by_the_setting_that_names_it(tmp_path: Path) -> None:
@@ -294,7 +304,7 @@ def test_a_region_type_that_the_tallies_lack_is_refused_by_the_setting_that_name
 
 
 def test_missing_tallies_are_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.csv: expected a CSV file"):
+    with pytest.raises(InputError, match=r"none\.csv: expected a table of .*No such file"):
         tallies(tmp_path / "none.csv", ROOMS)
 
 

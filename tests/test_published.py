@@ -72,7 +72,7 @@ def test_every_phrase_names_a_synset_of_the_triples() -> None:
 @pytest.mark.parametrize(
     ("content", "places"),
     [
-        (None, ["expected a CSV file"]),
+        (None, ["expected a table", "No such file"]),
         ("head,relation,tail\nmug.n.04,atLocation,kitchen.l.01\n", ["head, relation, tail, count"]),
         ("head,relation,tail,count\nmug.n.04,atLocation,kitchen.l.01,many\n", ["many"]),
         ("head,relation,tail,count\nmug.n.04,atLocation,kitchen.l.01,1\nmug.n.04,atLocation,cave.l.01,1\n",

@@ -120,6 +120,9 @@ def test_a_recording_without_a_room_is_refused_by_its_key(tmp_path: Path, conten
         ({**MUG, "salientMaterials": ["m" * 201]}, r"object Mug\|1: salientMaterials: expected .*at most 200"),
         ({**MUG, "salientMaterials": ["../etc"]}, r"object Mug\|1: salientMaterials: expected .*'\.\./etc'"),
         ({**MUG, "objectType": "Mug "}, r"object Mug\|1: expected its objectType to be a name, got 'Mug '"),
+        ({**MUG, "parentReceptacles": ["Shelf|1", "Shelf|1"]}, r"object Mug\|1: .*parentReceptacles to name each once"),
+        ({**MUG, "objectId": "Mug\ud800"}, "object 0: .*objectId"),
+        ({**MUG, "objectType": "Mug\ud800"}, r"object Mug\|1: expected its objectType"),
         ({**MUG, "openable": "false"}, r"object Mug\|1: expected openable to be true or false, got 'false'"),
         ({**MUG, "pickupable": "1"}, r"object Mug\|1: expected pickupable"),
         ("Mug", "object 0: "),
@@ -135,6 +138,23 @@ def test_a_malformed_object_is_named_with_its_scene_in_one_line_in_either_form(
     assert str(refused.value).isprintable()
     with pytest.raises(InputError, match=rf"recording: FloorPlan5, {place}"):
         read_lines(tmp_path / "recording", HEADER, scene(objects=[thing]))
+
+
+def test_an_id_that_is_in_its_scene_twice_is_refused_whatever_its_types(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"FloorPlan5, object Mug\|1: is in its scene twice"):
+        read_lines(tmp_path / "r", HEADER, scene(objects=[MUG, {**MUG, "objectType": "Cup"}]))
+
+
+def test_a_scene_of_more_objects_than_any_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_recording, "MOST_OBJECTS", 2)
+    with pytest.raises(InputError, match="FloorPlan5: expected a list of objects, of at most 2, got 3"):
+        read_lines(tmp_path / "r", HEADER, scene(objects=[{**MUG, "objectId": name} for name in "abc"]))
+
+
+def test_a_byte_order_mark_is_no_part_of_a_recording_of_either_form(tmp_path: Path) -> None:
+    mark = "\ufeff"
+    assert read(tmp_path / "r.json", mark + json.dumps(package()))[4].objects == [READ]
+    assert read_lines(tmp_path / "r", (mark + json.dumps(HEADER)).encode(), scene(objects=(MUG,)))[0].objects == [READ]
 
 
 @pytest.mark.parametrize("objects", [None, {}, "Mug"])
@@ -190,14 +210,15 @@ def test_the_hash_of_a_recording_is_that_of_the_file(tmp_path: Path) -> None:
         ([], "line 1: expected a header"),
         ([scene()], "line 1: expected a header"),
         ([[]], "line 1: expected a header"),
-        ([HEADER | {"version": 2}], 'line 1: .*"version": 2'),
-        ([HEADER | {"version": "1"}], 'line 1: .*"version": "1"'),
+        ([HEADER | {"version": 2}], "line 1: .*'version': 2"),
+        ([HEADER | {"version": "1"}], "line 1: .*'version': '1'"),
         ([HEADER | {"simulator": "gibson"}], "line 1: .*gibson"),
         (["x" * 10_000], "line 1: .{0,400}$"),
         ([HEADER], "expected scenes behind the header, got none"),
         ([HEADER, b"{"], "line 2: expected JSON"),
         ([HEADER, scene(), b"\xff\xfe"], "line 3: expected JSON"),
-        ([HEADER, b"[" * 100_000], "line 2: expected JSON"),
+        ([HEADER, b"[" * 100_000], "line 2: expected JSON: .*too deep"),
+        ([HEADER, b"[" + b"9" * 5_000 + b"]"], "line 2: expected JSON: a number has more than 4,300 digits"),
         ([HEADER, b""" """], "line 2: expected JSON"),
         ([HEADER, 3], "line 2: expected a scene"),
         ([HEADER, {"scene": "FloorPlan5"}], "line 2: expected a scene"),

@@ -85,7 +85,7 @@ def test_what_is_no_recording_is_refused_and_left_as_it_is(
 
 def test_a_recording_of_another_build_is_not_gone_on_with(tmp_path: Path) -> None:
     write(tmp_path / "r", Layout("FloorPlan1", None))
-    with pytest.raises(InputError, match='line 1: was recorded with build "thor-1", not "thor-2": choose another'):
+    with pytest.raises(InputError, match="line 1: was recorded with build 'thor-1', not 'thor-2': choose another"):
         Recording(tmp_path / "r", SIMULATOR | {"build": "thor-2"})
 
 
@@ -101,7 +101,7 @@ def test_another_local_build_of_the_same_name_does_not_go_on_with_a_recording(tm
     assert [found["build"] for found in headers] == [f"thor-Linux64 {some}" for some in digits]
     Recording(tmp_path / "r", headers[0]).append(Layout("FloorPlan1", None), [MUG])
     with pytest.raises(
-        InputError, match=f'line 1: was recorded with build "thor-Linux64 {digits[0]}", not .*{digits[1]}'
+        InputError, match=f"line 1: was recorded with build 'thor-Linux64 {digits[0]}', not .*{digits[1]}"
     ):
         Recording(tmp_path / "r", headers[1])
     program.unlink()

@@ -16,7 +16,8 @@ from isi.base import paths
 from isi.base.errors import InputError
 from isi.base.params import options
 from isi.building import Seen
-from isi.sources import SOURCES, Mining, Observed, Source, settings_of
+from isi.sources import SOURCES, observing
+from isi.sources._quoting import json_of
 from isi.sources._rows import SEPARATORS, UNREADABLE, form_of, open_text
 
 READERS = {**dict.fromkeys([*SEPARATORS, ".parquet"], "table"), ".nt": "rdf", ".ttl": "rdf"}
@@ -57,30 +58,26 @@ def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) ->
         InputError: where no reader is plain, it does not take these settings, or the file is broken.
     """
     reader = reader or guess(file)
-    chosen, settings = _settings(reader, file, given)
-    mining = Mining(seed)
-    observed = Observed(chosen.entities, mining)
-    parts = [_added_up(part) for part in observed.passing(chosen.observe(mining, **settings))]
-    if not parts:
-        raise InputError(file, "", "expected observations, got none")
-    observations = _added_up(pa.concat_tables(parts)).to_pandas()
-    return Read(reader, mining.left, Seen(file.name, observations, observed.kinds))
-
-
-def _settings(reader: str, file: Path, given: Mapping[str, Any]) -> tuple[Source, dict[str, Any]]:
     try:
-        fields = options(SOURCES.get(reader, "--reader").observe).model_fields
-        takes = [field.alias or name for name, field in fields.items()]
-        slot = next((name for name in PATHS if name in takes), None)
-        if slot is None:
-            raise InputError(f"reader {reader}", "", "expected one that reads a file")
-        if {"reader", slot} & set(given):
-            raise InputError("--set", "reader" if "reader" in given else slot, "expected another setting: it is given")
-        preset = {name: value for name, value in DEFAULTS.items() if name in takes}
-        return settings_of({"reader": reader, **preset, slot: str(file), **given}, "--set")
+        observed, parts = observing(_section(reader, file, given), "--set", seed)
     except InputError as error:
         file_named, *rest = error.args
         raise (InputError("", *rest) if file_named == str(paths.PARAMS) else error) from error
+    observations = _added_up(pa.concat_tables([_added_up(part) for part in parts])).to_pandas()
+    return Read(reader, observed.mining.left, Seen(file.name, observations, observed.kinds))
+
+
+def _section(reader: str, file: Path, given: Mapping[str, Any]) -> dict[str, Any]:
+    """A file and what is told of it, as a section of params tells of a source."""
+    fields = options(SOURCES.get(reader, "--reader").observe).model_fields
+    takes = [field.alias or name for name, field in fields.items()]
+    slot = next((name for name in PATHS if name in takes), None)
+    if slot is None:
+        raise InputError(f"reader {reader}", "", "expected one that reads a file")
+    if {"reader", slot} & set(given):
+        raise InputError("--set", "reader" if "reader" in given else slot, "expected another setting: it is given")
+    preset = {name: value for name, value in DEFAULTS.items() if name in takes}
+    return {"reader": reader, **preset, slot: str(file), **given}
 
 
 def _added_up(part: pa.Table) -> pa.Table:
@@ -132,8 +129,8 @@ def _first(file: Path) -> Any:
             try:
                 return json.loads(line)
             except ValueError:
-                return json.loads(line + text.read(MOST))
+                return json_of(file, "", line + text.read(MOST))
     except UNREADABLE as error:
         raise InputError(file, "", f"expected UTF-8 text ({error})") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(file, "", f"expected JSON: {error}") from error
+    except RecursionError as error:
+        raise InputError(file, "", "expected JSON: lists and mappings are too deep in each other") from error

@@ -14,6 +14,7 @@ from isi.base import tables
 from isi.base.errors import InputError
 from isi.recording.settings import Layout
 from isi.sources._materials import Object
+from isi.sources._quoting import short
 from isi.sources._recording import FIELDS, FORMAT, MOST_BYTES, check_header, check_line, parsed
 
 _CHUNK = 1 << 20
@@ -115,5 +116,5 @@ def _check_same(path: Path, found: Any, header: Mapping[str, Any]) -> None:
     check_header(path, found)
     for key, value in header.items():
         if found.get(key) != value:
-            other = f"was recorded with {key} {json.dumps(found.get(key))[:80]}, not {json.dumps(value)}"
+            other = f"was recorded with {key} {short(found.get(key))}, not {short(value)}"
             raise InputError(path, "line 1", f"{other}: choose another output, or remove it")

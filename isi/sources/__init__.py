@@ -9,12 +9,19 @@ from typing import Any
 
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from isi.base.errors import InputError
 from isi.base.params import Name, check, keywords
 from isi.base.plugins import Plugins
 from isi.base.tables import OBSERVATIONS
+from isi.sources._naming import fault
+from isi.sources._quoting import short
 
+#: Settings that name what a source reads.
+READ = ("path", "from_", "folder")
+#: Observations, at most.
+LARGEST = 2**31 - 1
 _TRIPLE = ["head", "relation", "tail"]
 #: Names the entities of a source (``tables.KINDS``), given its unique triples and the names of its rooms.
 Entities = Callable[[pd.DataFrame, Collection[str]], pd.DataFrame]
@@ -63,7 +70,11 @@ def settings_of(values: object, key: str) -> tuple[Source, dict[str, Any]]:
     given = dict(check(values, dict[str, Any], key))
     reader = check(given.pop("reader", None), Name, f"{key}.reader")
     found = SOURCES.get(reader, f"{key}.reader")
-    return found, keywords(found.observe, given, key)
+    settings = keywords(found.observe, given, key)
+    for name, value in settings.items():
+        if isinstance(value, str) and "\0" in value:  # which is in no path
+            raise InputError(f"{key}.{name.removesuffix('_')}", "", f"expected text without null, got {short(value)}")
+    return found, settings
 
 
 def part(rows: Sequence[Sequence[str | int | None]]) -> pa.Table:
@@ -79,6 +90,8 @@ class Observed:
 
     entities: Entities
     mining: Mining = field(default_factory=lambda: Mining(0))
+    #: what is read, for errors that no reader sees
+    file: str = "observations"
     #: of the entities (``tables.KINDS``), once the observations have ended
     kinds: pd.DataFrame = field(init=False)
 
@@ -86,21 +99,31 @@ class Observed:
         """The parts, as they come.
 
         Raises:
-            InputError: at their end, where an entity has no kind, or more than one.
+            InputError: where a name is none, there are none, or more than are counted; at their end, where an entity
+                has no kind, or more than one.
         """
         triples: set[tuple[str, str, str]] = set()
         rooms: set[str] = set()
+        total = 0
         for table in parts:
-            triples |= _distinct(table, _TRIPLE)
+            new = _distinct(table, _TRIPLE) - triples
+            if wrong := next(filter(None, map(fault, {name for triple in new for name in triple})), None):
+                raise InputError(self.file, "", wrong)
+            total += pc.sum(table["count"]).as_py() or 0
+            if total > LARGEST:
+                raise InputError(self.file, "", f"expected at most {LARGEST:,} observations in all")
+            triples |= new
             rooms |= {room for (room,) in _distinct(table, ["room"]) if room is not None}
             yield table
+        if not triples:
+            raise InputError(self.file, "", "expected observations, got none")
         entities = self.mining.entities or self.entities
         self.kinds = entities(pd.DataFrame(sorted(triples), columns=_TRIPLE), rooms)
         named = list(self.kinds["entity"])
         missing = {name for head, _, tail in triples for name in (head, tail)} - set(named)
         if missing or len(set(named)) < len(named):
             name = min(missing) if missing else self.kinds.loc[self.kinds["entity"].duplicated(), "entity"].iloc[0]
-            raise InputError(f"entity {name!r}", "", "expected its source to give it one kind")
+            raise InputError(f"entity {short(name)}", "", "expected its source to give it one kind")
 
 
 def observing(values: object, key: str, seed: int) -> tuple[Observed, Iterator[pa.Table]]:
@@ -116,7 +139,8 @@ def observing(values: object, key: str, seed: int) -> tuple[Observed, Iterator[p
             missing or broken.
     """
     chosen, settings = settings_of(values, key)
-    observed = Observed(chosen.entities, Mining(seed))
+    file = next((str(settings[slot]) for slot in READ if slot in settings), key)
+    observed = Observed(chosen.entities, Mining(seed), file)
 
     def parts() -> Iterator[pa.Table]:
         yield from observed.passing(chosen.observe(observed.mining, **settings))

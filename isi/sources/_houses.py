@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import codecs
 import gzip
-import json
-import reprlib
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -13,13 +12,16 @@ from math import hypot
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from isi.base.errors import InputError
 from isi.sources._files import check_sha256, packaged
+from isi.sources._quoting import cut, printable, short
 
-#: The longest house that is read, in bytes; those of ProcTHOR-10K have a few hundred thousand at most.
-LONGEST = 64 * 2**20
+#: The largest house that is read, in bytes, objects, and corners of floors; those of ProcTHOR-10K have a few hundred
+#: thousand, hundred and dozen at most.
+LONGEST = 16 * 2**20
+MOST_OBJECTS, MOST_CORNERS = 20_000, 2_000
 #: Corners of floors are rounded to it (metres).
 ROUNDED = 0.001
 
@@ -85,6 +87,15 @@ class House(_Read):
     metadata: Metadata | None = None
 
 
+class Asset(_Read):
+    """What ProcTHOR knows of an asset."""
+
+    name: Annotated[str, Field(alias="assetId")]
+
+
+_ASSETS = TypeAdapter(dict[str, list[Asset]])
+
+
 @dataclass(frozen=True)
 class Placed:
     """An object of a house, out of the forest."""
@@ -119,6 +130,8 @@ def houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House]]:
         ids = [room.id for room in house.rooms]
         if len(set(ids)) < len(ids):
             raise InputError(path, f"line {last}", "two rooms have the same id")
+        if sum(len(room.floor) for room in house.rooms) > MOST_CORNERS:
+            raise InputError(path, f"line {last}", f"expected at most {MOST_CORNERS:,} corners of floors")
         yield last, house
     if not last:
         raise InputError(path, "", "expected houses, found none")
@@ -135,13 +148,16 @@ def objects(house: House, types: Mapping[str, str]) -> Iterator[Placed]:
         InputError: where the type of one is not known; the file and its line are not named.
     """
     waiting: list[tuple[Item, str | None]] = [(item, None) for item in reversed(house.objects or ())]
+    number = 0
     while waiting:
         item, parent = waiting.pop()
+        if (number := number + 1) > MOST_OBJECTS:
+            raise InputError("objects", "", f"expected at most {MOST_OBJECTS:,}")
         named, room = named_by(item.id)
         kind = named or types.get(item.asset)
         if kind is None:
-            whose = f"object {reprlib.repr(item.id)}"
-            raise InputError(whose, "", f"expected an id such as 'Bed|2|0', or a known asset, got {item.asset[:60]!r}")
+            whose = f"object {short(item.id)}"
+            raise InputError(whose, "", f"expected an id such as 'Bed|2|0', or a known asset, got {short(item.asset)}")
         yield Placed(item.id, kind, item.position, parent, room)
         waiting.extend((child, kind) for child in reversed(item.children or ()))
 
@@ -163,10 +179,11 @@ def asset_types() -> dict[str, str]:
     """
     path = packaged("procthor", "procthor/databases/asset-database.json", "the assets of houses")
     try:
-        listed = json.loads(path.read_text(encoding="utf-8"))
+        listed = _ASSETS.validate_json(path.read_bytes())
     except (OSError, ValueError) as error:
-        raise InputError("package procthor", "asset-database.json", f"expected JSON ({error})") from error
-    return {asset["assetId"]: kind for kind, assets in listed.items() for asset in assets}
+        problem = f"expected the assets of each type ({printable(str(error))})"
+        raise InputError("package procthor", "asset-database.json", problem) from error
+    return {asset.name: kind for kind, assets in listed.items() for asset in assets}
 
 
 def _lines(path: Path, sha256: str | None) -> Iterator[tuple[int, bytes]]:
@@ -180,6 +197,8 @@ def _lines(path: Path, sha256: str | None) -> Iterator[tuple[int, bytes]]:
                 number += 1
                 if len(line) > LONGEST:
                     raise InputError(path, f"line {number}", f"longer than {LONGEST:,} bytes")
+                if number == 1:
+                    line = line.removeprefix(codecs.BOM_UTF8)
                 if line.strip():
                     yield number, line
     except (OSError, EOFError, zlib.error) as error:
@@ -188,8 +207,8 @@ def _lines(path: Path, sha256: str | None) -> Iterator[tuple[int, bytes]]:
 
 def _refused(path: Path, line: int, error: ValidationError) -> InputError:
     first = error.errors(include_url=False)[0]
-    where = ", ".join([f"line {line}", *[".".join(map(str, first["loc"]))] * bool(first["loc"])])
-    got = "" if first["type"] in ("missing", "json_invalid") else f", got {reprlib.repr(first['input'])}"
+    where = ", ".join([f"line {line}", *[cut(".".join(map(str, first["loc"])))] * bool(first["loc"])])
+    got = "" if first["type"] in ("missing", "json_invalid") else f", got {short(first['input'])}"
     what = first["msg"].replace(" at line 1 column", ", column")
     return InputError(path, where, f"expected a house: {what}{got}")
 

@@ -14,6 +14,8 @@ import pandas as pd
 from isi.base.errors import InputError
 from isi.base.streams import stream
 from isi.sources._household import entity_name
+from isi.sources._quoting import short
+from isi.sources._rows import read_listed
 
 #: As the simulator reports it.
 Object = dict[str, Any]
@@ -31,22 +33,13 @@ def read_shares(shares: Path, categories: Path) -> pd.DataFrame:
     Raises:
         InputError: where a file is missing or broken, or maps to a category without shares.
     """
-    listed = _read_csv(shares, ["concept", "material", "share"])
-    twice = listed.loc[listed.duplicated(["concept", "material"])]
-    if len(twice):
-        concept, material = twice.iloc[0][["concept", "material"]]
-        raise InputError(shares, f"line {int(twice.index[0]) + 2}", f"{concept!r} and {material!r} are listed twice")
+    listed = read_listed(shares, ["concept", "material", "share"], ["concept", "material"])
     table = listed.pivot(index="concept", columns="material", values="share")
-    if not table.fillna(0).map(lambda share: isinstance(share, float | int) and 0 <= share <= 1).all(axis=None):
-        raise InputError(shares, "column 'share'", "expected numbers from 0 to 1")
-    mapping = _read_csv(categories, ["object", "category"])
-    again = mapping.loc[mapping["object"].duplicated()]
-    if len(again):
-        raise InputError(categories, f"line {int(again.index[0]) + 2}", f"{again.iloc[0]['object']!r} is listed twice")
+    mapping = read_listed(categories, ["object", "category"], ["object"])
     unknown = mapping.loc[~mapping["category"].isin(table.index)]
     if len(unknown):
-        line = int(unknown.index[0]) + 2
-        raise InputError(categories, f"line {line}", f"no shares for category {unknown.iloc[0]['category']!r}")
+        expected = f"no shares for category {short(unknown.iloc[0]['category'])}"
+        raise InputError(categories, f"line {unknown.index[0]}", expected)
     return table.loc[mapping["category"]].set_axis(pd.Index(mapping["object"]), axis=0).fillna(0.0)
 
 
@@ -72,14 +65,3 @@ def _draw(
 def simulator(_scene: int, objects: Sequence[Object]) -> list[list[str]]:
     """The ``salientMaterials`` that the simulator reports, in lower case."""
     return [[material.lower() for material in thing.get("salientMaterials") or ()] for thing in objects]
-
-
-def _read_csv(path: Path, columns: list[str]) -> pd.DataFrame:
-    try:
-        table = pd.read_csv(path, keep_default_na=False)
-    except (OSError, ValueError) as error:
-        raise InputError(path, "", f"expected a CSV file ({error})") from error
-    missing = [column for column in columns if column not in table.columns]
-    if missing:
-        raise InputError(path, f"column {missing[0]!r}", "missing")
-    return table[columns]

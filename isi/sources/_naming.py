@@ -12,6 +12,7 @@ from pydantic import Field
 from isi.base.errors import InputError
 from isi.base.params import Section
 from isi.sources._household import entity_name, household
+from isi.sources._quoting import short
 
 #: Characters of a name, at most.
 LONGEST = 200
@@ -37,9 +38,9 @@ def fault(name: object) -> str | None:
     if not isinstance(name, str) or not name:
         return "expected a name, got none"
     if len(name) > LONGEST:
-        return f"expected a name of at most {LONGEST} characters, got {len(name):,} that begin with {name[:20]!r}"
+        return f"expected a name of at most {LONGEST} characters, got {len(name):,}: {short(name)}"
     if not name.isprintable() or name != name.strip() or "../" in name:
-        return f"expected a name without control characters, space around it or '../', got {name!r}"
+        return f"expected a name without control characters, space around it or '../', got {short(name)}"
     return None
 
 

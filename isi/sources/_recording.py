@@ -11,21 +11,24 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from isi.base import paths
 from isi.base.errors import InputError
 from isi.sources._files import check_sha256, packaged
 from isi.sources._materials import Object
 from isi.sources._naming import fault
+from isi.sources._quoting import cut, json_of, short
 
 #: Header of a recording of ``make record``, a line of JSON; each line behind it is a scene.
 FORMAT = {"format": "isi recording", "version": 1, "simulator": "ai2thor"}
 GZIP = b"\x1f\x8b"
 #: The longest line of a recording, in bytes (a thousand times the largest recorded scene's), and the largest JSON of
-#: the package's form, which is held as a whole (six times the package's).
+#: the package's form, which is held as a whole (three times the package's).
 MOST_BYTES = 1 << 26
-MOST_BYTES_WHOLE = 1 << 28
+MOST_BYTES_WHOLE = 1 << 27
+#: Objects of a scene, at most; those that are recorded have a few hundred.
+MOST_OBJECTS = 100_000
 
 #: What can be done with an object that has a property.
 AFFORDANCES = {
@@ -134,10 +137,7 @@ def read_recording(path: Path, sha256: str | None, plans: Sequence[Plans] = ITHO
 def _of_package(path: Path, plans: Iterable[Plans]) -> Iterator[Scene]:
     if path.stat().st_size > MOST_BYTES_WHOLE:
         raise InputError(path, "", f"expected at most {MOST_BYTES_WHOLE:,} bytes of JSON, or a recording by gzip")
-    try:
-        recording = json.loads(path.read_bytes())
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, "", f"expected JSON: {error}") from error
+    recording = json_of(path, "", path.read_bytes())
     for listed in plans:
         scenes = recording.get(listed.key) if isinstance(recording, dict) else None
         names = listed.recorded or listed.names
@@ -154,7 +154,7 @@ def _of_recorder(path: Path, plans: Iterable[Plans]) -> Iterator[Scene]:
     for place, (plan, spawn, objects) in enumerate(recorded(path), 2):
         if plan not in known:
             likely = f"expected one of this source's floor plans, such as {next(iter(known))}"
-            raise InputError(path, f"line {place}", f"{likely}, got {plan[:80]!r}")
+            raise InputError(path, f"line {place}", f"{likely}, got {short(plan)}")
         name, (number, room) = layout(plan, spawn), known[plan]
         wrong = f"{name} is there twice" if name in seen else fault(name)
         if wrong:
@@ -186,7 +186,7 @@ def check_header(path: Path, header: Any) -> None:
     """Refuse the first line of what is no recording of ``make record``, or one of another version."""
     got = {key: header.get(key) for key in FORMAT} if isinstance(header, dict) else header
     if got != FORMAT:
-        raise InputError(path, "line 1", f"expected a header with {json.dumps(FORMAT)}, got {json.dumps(got)[:200]}")
+        raise InputError(path, "line 1", f"expected a header with {json.dumps(FORMAT)}, got {cut(short(got), 100)}")
 
 
 def check_line(path: Path, place: int, record: Any) -> tuple[str, int | None, Any]:
@@ -216,41 +216,46 @@ def parsed(path: Path, place: int, line: bytes) -> Any:
     """JSON of one line."""
     if len(line) > MOST_BYTES:
         raise InputError(path, f"line {place}", f"expected at most {MOST_BYTES:,} bytes")
-    try:
-        return json.loads(line)
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, f"line {place}", f"expected JSON: {error}") from error
+    return json_of(path, f"line {place}", line)
 
 
 def checked(path: Path, scene: str, objects: Any) -> list[Object]:
     """Objects of a scene as mining takes them, with what it reads and without what is empty or false."""
-    if not isinstance(objects, list):
-        raise InputError(path, scene, "expected a list of objects")
+    if not isinstance(objects, list) or len(objects) > MOST_OBJECTS:
+        got = f"{len(objects):,}" if isinstance(objects, list) else short(objects)
+        raise InputError(path, scene, f"expected a list of objects, of at most {MOST_OBJECTS:,}, got {got}")
+    seen: set[str] = set()
     for place, thing in enumerate(objects):
         _check(path, scene, place, thing)
+        if thing["objectId"] in seen:
+            raise InputError(path, f"{scene}, object {cut(thing['objectId'])}", "is in its scene twice")
+        seen.add(thing["objectId"])
     return [{key: thing[key] for key in FIELDS if thing.get(key)} for thing in objects]
 
 
 def _check(path: Path, scene: str, place: int, thing: Any) -> None:
-    where = thing.get("objectId") if isinstance(thing, dict) else None
-    if not _is_name(where):
+    identifier = thing.get("objectId") if isinstance(thing, dict) else None
+    if not _is_name(identifier):
         least = f"an object with an objectId, printable and of at most {_LONGEST_ID} characters"
         raise InputError(path, f"{scene}, object {place}", f"expected {least}")
+    where = f"{scene}, object {cut(identifier)}"
     if not isinstance(thing.get("objectType"), str) or not _TYPE.fullmatch(thing["objectType"]):
-        got = repr(thing.get("objectType"))[:80]
-        raise InputError(path, f"{scene}, object {where}", f"expected its objectType to be a name, got {got}")
+        got = short(thing.get("objectType"))
+        raise InputError(path, where, f"expected its objectType to be a name, got {got}")
     for key in LISTS:
         named = thing.get(key) or []
         if not isinstance(named, list) or not all(map(_is_name, named)):
-            raise InputError(path, f"{scene}, object {where}", f"expected {key} to be a list of names or null")
+            raise InputError(path, where, f"expected {key} to be a list of names or null")
+        if len(set(named)) < len(named):
+            raise InputError(path, where, f"expected {key} to name each once")
     for material in thing.get("salientMaterials") or ():
         if wrong := _fault(material):
-            raise InputError(path, f"{scene}, object {where}", f"salientMaterials: {wrong}")
+            raise InputError(path, where, f"salientMaterials: {wrong}")
     for key in AFFORDANCES:
         if not isinstance(thing.get(key, False), bool):
-            got = repr(thing[key])[:80]
-            raise InputError(path, f"{scene}, object {where}", f"expected {key} to be true or false, got {got}")
+            got = short(thing[key])
+            raise InputError(path, where, f"expected {key} to be true or false, got {got}")
 
 
-def _is_name(value: Any) -> bool:
+def _is_name(value: Any) -> TypeGuard[str]:
     return isinstance(value, str) and 0 < len(value) <= _LONGEST_ID and value.isprintable()

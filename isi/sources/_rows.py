@@ -11,23 +11,49 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from isi.base.errors import InputError
+from isi.sources._naming import fault
+from isi.sources._quoting import cut, printable, short
 
 #: Rows of a Parquet file that are read at once.
 BATCH = 65_536
 #: Characters of a line that are read at once: what is longer has a field that the CSV reader refuses.
 LINE = 2**20
-#: Characters of a file that is read as a whole, at most.
+#: Characters, and rows, of a file that is read as a whole, at most.
 MOST = 2**26
-#: Name of the column of whole numbers; the others hold text.
-COUNT = "count"
+MOST_ROWS = 1_000_000
+#: Names of the columns of whole numbers, and of numbers from 0 to 1; the others hold text.
+COUNT, SHARE = "count", "share"
 LARGEST = 2**31 - 1
 
 SEPARATORS = {".csv": ",", ".tsv": "\t"}
 UNREADABLE = (OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error, pa.ArrowException)
+
+
+class _Columns(NamedTuple):
+    """Which columns a table must have, which it may have, and whether others."""
+
+    required: Sequence[str]
+    optional: Sequence[str]
+    others: bool
+
+    @property
+    def all(self) -> list[str]:
+        return [*self.required, *self.optional]
+
+    def places(self, path: Path, place: str, header: Sequence[str]) -> list[int | None]:
+        """Where each column stands in a header."""
+        listed = [name[:40] for name in header]
+        known = [name for name in listed if name in self.all] if self.others else listed
+        if not set(self.required) <= set(known) <= set(self.all) or len(set(known)) < len(known):
+            expected = f"expected the columns {', '.join(self.required)}"
+            expected += f" and, if at all, {', '.join(self.optional)}" * bool(self.optional)
+            raise InputError(path, place, f"{expected}; got {cut(', '.join(map(repr, listed)) or 'none', 100)}")
+        return [listed.index(name) if name in listed else None for name in self.all]
 
 
 class Row(NamedTuple):
@@ -44,33 +70,70 @@ class Row(NamedTuple):
         return InputError(self.path, self.place, expected)
 
 
-def read_rows(path: Path, required: Sequence[str], optional: Sequence[str]) -> Iterator[Row]:
+def read_rows(path: Path, required: Sequence[str], optional: Sequence[str] = (), others: bool = False) -> Iterator[Row]:
     """Rows of a file whose name ends in ``.csv`` or ``.tsv``, either with ``.gz`` behind it, or ``.parquet``.
 
     Args:
         path: of the file; text is UTF-8, its first line names the columns.
         required: columns that it must have.
-        optional: columns that it may have; it must have no others.
+        optional: columns that it may have.
+        others: whether it may have others, too, which are skipped.
 
     Raises:
         InputError: where the file is missing or broken, or has other columns; a value of ``COUNT`` is no number.
     """
-    columns = [*required, *optional]
+    columns = _Columns(required, optional, others)
     form = form_of(path)
     if form in SEPARATORS:
-        rows = _of_text(path, SEPARATORS[form], required, columns)
+        rows = _of_text(path, SEPARATORS[form], columns)
     elif form == ".parquet":
-        rows = _of_parquet(path, required, columns)
+        rows = _of_parquet(path, columns)
     else:
         raise InputError(path, "", "expected a name that ends in .csv, .tsv (.gz behind it or not) or .parquet")
-    if COUNT not in columns:
+    if COUNT not in columns.all:
         return rows
-    return map(partial(_counted, columns.index(COUNT)), rows)
+    return map(partial(_counted, columns.all.index(COUNT)), rows)
 
 
-def printable(text: str) -> str:
-    """The beginning of what another library says, without control characters of the text that it says it of."""
-    return "".join(character if character.isprintable() else "?" for character in text[:120])
+def read_listed(path: Path, columns: Sequence[str], *keys: Sequence[str]) -> pd.DataFrame:
+    """Columns of a table that is small, whatever others it has; rows are numbered by their lines.
+
+    Args:
+        path: of the file (``read_rows``).
+        columns: of names, but for ``COUNT`` and ``SHARE``.
+        keys: columns that no two rows may have alike.
+
+    Raises:
+        InputError: where the file is missing or broken, or a value is not what its column holds.
+    """
+    rows: list[Sequence[Any]] = []
+    lines: list[int] = []
+    seen = [dict[tuple[Any, ...], str]() for _ in keys]
+    for row in read_rows(path, columns, others=True):
+        values = [_listed(row, column, value) for column, value in zip(columns, row.values, strict=True)]
+        for key, places in zip(keys, seen, strict=True):
+            own = tuple(values[columns.index(column)] for column in key)
+            if places.setdefault(own, row.place) != row.place:
+                raise row.error(f"{short(' '.join(own))} is there twice: also in {places[own]}")
+        if len(rows) >= MOST_ROWS:
+            raise row.error(f"expected a table of at most {MOST_ROWS:,} rows")
+        rows.append(values)
+        lines.append(int(row.place.split()[-1]))
+    return pd.DataFrame(rows, columns=list(columns), index=lines)
+
+
+def _listed(row: Row, column: str, value: Any) -> Any:
+    """A value as its column holds it."""
+    if column == COUNT:
+        return value
+    if column == SHARE:
+        if not re.fullmatch(r"0|1|[01]?\.[0-9]{1,12}", value) or float(value) > 1:
+            raise row.error(f"expected a number from 0 to 1 as share, got {short(value)}")
+        return float(value)
+    wrong = fault(value)
+    if wrong:
+        raise row.error(f"{column}: {wrong}")
+    return value
 
 
 def form_of(path: Path) -> str:
@@ -101,14 +164,14 @@ def read_text(path: Path, what: str) -> str:
     return text
 
 
-def _of_text(path: Path, separator: str, required: Sequence[str], columns: Sequence[str]) -> Iterator[Row]:
+def _of_text(path: Path, separator: str, columns: _Columns) -> Iterator[Row]:
     line = 0
     try:
         with open_text(path) as file:
             lines = iter(partial(file.readline, LINE), "")
             reader = csv.reader(lines, delimiter=separator, strict=True, skipinitialspace=True)
             header = next(reader, [])
-            places = _places(path, "line 1", header, required, columns)
+            places = columns.places(path, "line 1", header)
             line = reader.line_num
             for fields in reader:
                 line = reader.line_num
@@ -121,14 +184,15 @@ def _of_text(path: Path, separator: str, required: Sequence[str], columns: Seque
         raise InputError(path, place, f"expected a table of UTF-8 text ({printable(str(error))})") from error
 
 
-def _of_parquet(path: Path, required: Sequence[str], columns: Sequence[str]) -> Iterator[Row]:
+def _of_parquet(path: Path, columns: _Columns) -> Iterator[Row]:
     number = 0
     try:
         with pq.ParquetFile(path) as file:
             header = file.schema_arrow.names
-            places = _places(path, "columns", header, required, columns)
-            for name in header:
-                _check_type(path, name, file.schema_arrow.field(name).type)
+            places = columns.places(path, "columns", header)
+            for name in columns.all:
+                if name in header:
+                    _check_type(path, name, file.schema_arrow.field(name).type)
             for batch in file.iter_batches(BATCH):
                 for fields in zip(*(column.to_pylist() for column in batch.columns), strict=True):
                     number += 1
@@ -137,18 +201,6 @@ def _of_parquet(path: Path, required: Sequence[str], columns: Sequence[str]) -> 
     except UNREADABLE as error:
         place = f"row {number + 1}" if number else ""
         raise InputError(path, place, f"expected a Parquet table ({printable(str(error))})") from error
-
-
-def _places(
-    path: Path, place: str, header: Sequence[str], required: Sequence[str], columns: Sequence[str]
-) -> list[int | None]:
-    """Where each column stands."""
-    listed = [name[:40] for name in header]
-    may = [name for name in columns if name not in required]
-    expected = f"expected the columns {', '.join(required)}" + f" and, if at all, {', '.join(may)}" * bool(may)
-    if not set(required) <= set(listed) <= set(columns) or len(set(listed)) < len(listed):
-        raise InputError(path, place, f"{expected}; got {', '.join(map(repr, listed[:12])) or 'none'}")
-    return [listed.index(name) if name in listed else None for name in columns]
 
 
 def _check_type(path: Path, column: str, kind: pa.DataType) -> None:
@@ -167,7 +219,7 @@ def _counted(place: int, row: Row) -> Row:
     if given is None:
         return row
     if isinstance(given, str) and not re.fullmatch(r"[0-9]{1,10}", given):
-        raise row.error(f"expected a whole number as count, got {given[:40]!r}")
+        raise row.error(f"expected a whole number as count, got {short(given)}")
     if not 1 <= int(given) <= LARGEST:
         raise row.error(f"expected a count from 1 to {LARGEST}, got {given}")
     values = [*row.values]

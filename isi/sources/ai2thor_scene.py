@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +16,7 @@ from isi.sources._household import household
 from isi.sources._materials import simulator
 from isi.sources._mining import Broken, Circular, Untidy, mine
 from isi.sources._naming import fault
+from isi.sources._quoting import json_of
 from isi.sources._recording import ITHOR, ROBOTHOR, Scene, checked
 from isi.sources._rows import read_text
 
@@ -59,10 +59,7 @@ def read_scene(path: Path, room: str | None) -> Scene:
     Raises:
         InputError: where the file is missing, too large, no JSON, or holds no objects of AI2-THOR.
     """
-    try:
-        found = json.loads(read_text(path, "a scene"))
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, "", f"expected JSON: {error}") from error
+    found = json_of(path, "", read_text(path, "a scene"))
     name, objects = _parts(found)
     wrong = fault(name)
     if wrong:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
-from reprlib import repr as short
 from typing import Annotated, Any, TypeVar
 
 import pyarrow as pa
@@ -19,7 +16,8 @@ from isi.sources import Mining, part, source
 from isi.sources._files import packaged
 from isi.sources._household import AT_LOCATION, HAS_AFFORDANCE, household
 from isi.sources._naming import fault
-from isi.sources._rows import read_text
+from isi.sources._quoting import short
+from isi.sources._rows import read_listed, read_text
 
 SCENES, CATEGORIES, PROPERTIES = (
     "combined_room_object_list.json", "category_mapping.csv", "propagated_annots_canonical.json"
@@ -116,18 +114,11 @@ def read_objects(folder: Path) -> Objects:
     Raises:
         InputError: where a file is missing or broken, or lists a category under two synsets.
     """
-    path, synsets = folder / CATEGORIES, dict[str, str]()
-    try:
-        reader = csv.DictReader(StringIO(read_text(path, "a CSV file"), newline=""), restval="")
-        missing = {"category", "synset"} - set(reader.fieldnames or ())
-        if missing:
-            raise InputError(path, f"column {min(missing)!r}", "missing")
-        for row in reader:
-            category, synset = row["category"], row["synset"]
-            if synsets.setdefault(category, synset) != synset:
-                raise InputError(path, f"line {reader.line_num}", f"{short(category)} is listed twice")
-    except csv.Error as error:
-        raise InputError(path, "", f"expected a CSV file ({error})") from error
+    synsets: dict[str, str] = {}
+    listed = read_listed(folder / CATEGORIES, ["category", "synset"])
+    for line, category, synset in listed.itertuples(name=None):
+        if synsets.setdefault(category, synset) != synset:
+            raise InputError(folder / CATEGORIES, f"line {line}", f"{short(category)} is listed twice")
     return Objects(synsets, _read_json(folder / PROPERTIES, dict[str, dict[str, Any]]))
 
 

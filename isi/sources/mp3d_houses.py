@@ -16,6 +16,9 @@ from isi.base.errors import InputError
 from isi.sources import Mining, source
 from isi.sources._household import household
 from isi.sources._mp3d import Counted, entity_name, mine, read_vocabulary
+from isi.sources._naming import fault
+from isi.sources._quoting import short
+from isi.sources._rows import read_text
 
 #: Where a record ``C`` has the name of its category.
 CATEGORY_FIELD = {"category_mapping_name": 3, "mpcat40": 5}
@@ -65,8 +68,9 @@ class Record:
 
     def integer(self, place: int) -> int:
         text = self.text(place)
-        if not re.fullmatch(r"-?[0-9]+", text):
-            raise self.error(f"expected an integer as field {place + 1} of a record {self.fields[0]}, got {text!r}")
+        if not re.fullmatch(r"-?[0-9]{1,9}", text):
+            of = f"field {place + 1} of a record {self.fields[0]}"
+            raise self.error(f"expected a whole number of at most nine digits as {of}, got {short(text)}")
         return int(text)
 
     def error(self, expected: str) -> InputError:
@@ -83,14 +87,17 @@ def houses(folder: Path, category: Literal["category_mapping_name", "mpcat40"]) 
     Raises:
         InputError: where there is no such file, one is broken, or two are of the same house.
     """
-    files = sorted(path for path in folder.rglob("*.house") if path.is_file())
+    try:
+        files = sorted(path for path in folder.rglob("*.house") if path.is_file())
+    except OSError as error:
+        raise InputError(folder, "", f"expected a folder with *.house files ({error.strerror})") from error
     if not files:
         raise InputError(folder, "", "expected a folder with *.house files, unpacked")
     known: dict[str, Path] = {}
     for path in files:
         name, seen = read_house(path, CATEGORY_FIELD[category])
         if name in known:
-            raise InputError(path, f"house {name!r}", f"is also in {known[name]}")
+            raise InputError(path, f"house {short(name)}", f"is also in {known[name]}")
         known[name] = path
         yield seen
 
@@ -102,7 +109,7 @@ def read_house(path: Path, category_field: int) -> tuple[str, list[Counted]]:
         InputError: where the file is in another format, its header counts other records than it has, or an
             object names a region or a category that it lacks.
     """
-    lines = _lines(path)
+    lines = read_text(path, "a .house file").split("\n")
     version = _version(path, lines[0])
     kept: dict[str, list[Record]] = {"R": [], "C": [], "O": []}
     found: Counter[str] = Counter()
@@ -113,7 +120,7 @@ def read_house(path: Path, category_field: int) -> tuple[str, list[Counted]]:
     for record in records:
         kind = record.fields[0]
         if kind not in RECORD_KINDS:
-            raise record.error(f"expected a record of a kind {', '.join(RECORD_KINDS)}, got {kind!r}")
+            raise record.error(f"expected a record of a kind {', '.join(RECORD_KINDS)}, got {short(kind)}")
         found[kind] += 1
         if kind in kept:
             kept[kind].append(record)
@@ -121,17 +128,12 @@ def read_house(path: Path, category_field: int) -> tuple[str, list[Counted]]:
     regions = _numbered(kept["R"], 5)
     categories = {number: entity_name(name) for number, name in _numbered(kept["C"], category_field).items()}
     house = header.text(1).replace("#", " ")
+    if wrong := fault(house):
+        raise header.error(wrong)
     return house, [
         Counted(house, str(number), _named(record, 2, "region", regions), _named(record, 3, "category", categories), 1)
         for number, record in _unique(kept["O"]).items()
     ]
-
-
-def _lines(path: Path) -> list[str]:
-    try:
-        return path.read_text(encoding="utf-8").split("\n")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, "", f"expected a .house file ({error})") from error
 
 
 def _version(path: Path, line: str) -> str:
@@ -172,4 +174,6 @@ def _named(thing: Record, field: int, what: str, names: Mapping[int, str]) -> st
         return None
     if number not in names:
         raise thing.error(f"object {thing.integer(1)} is of {what} {number}, which the file lacks")
+    if wrong := fault(names[number]):
+        raise thing.error(f"its {what}: {wrong}")
     return names[number]

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import re
-from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
@@ -15,6 +12,9 @@ from isi.base.errors import InputError
 from isi.sources import Mining, source
 from isi.sources._household import household
 from isi.sources._mp3d import Counted, Rooms, entity_name, mine, read_vocabulary
+from isi.sources._naming import fault
+from isi.sources._quoting import short
+from isi.sources._rows import read_listed
 
 COLUMNS = ("object", "room", "count")
 
@@ -42,26 +42,15 @@ def tallies(path: Path, regions: Collection[str]) -> list[Counted]:
     Raises:
         InputError: where the file is missing or broken, lists a pair twice, or lacks one of the regions.
     """
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            reader = csv.DictReader(file, restval="")
-            missing = set(COLUMNS) - set(reader.fieldnames or ())
-            if missing:
-                raise InputError(path, f"column {min(missing)!r}", "missing")
-            seen = [_tally(path, reader.line_num, row) for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, "", f"expected a CSV file ({error})") from error
-    twice = [pair for pair, times in Counter((one.category, one.region) for one in seen).items() if times > 1]
-    if twice:
-        raise InputError(path, "", f"{twice[0][0]!r} in {twice[0][1]!r} is listed twice")
-    unknown = set(regions) - {one.region for one in seen}
+    listed = read_listed(path, COLUMNS)
+    seen: dict[tuple[str, str], Counted] = {}
+    for line, category, region, count in listed.itertuples(name=None):
+        name = entity_name(category)
+        wrong = fault(name) or f"{short(name)} in {short(region)} is listed twice" * ((name, region) in seen)
+        if wrong:
+            raise InputError(path, f"line {line}", wrong)
+        seen[name, region] = Counted(None, None, region, name, count)
+    unknown = set(regions) - set(listed["room"])
     if unknown:
-        raise InputError(path, f"room {min(unknown)!r}", "named in the setting rooms, but not here")
-    return seen
-
-
-def _tally(path: Path, line: int, row: dict[str, str]) -> Counted:
-    category, region, count = (row[column] for column in COLUMNS)
-    if not category or not region or not re.fullmatch(r"[0-9]+", count):
-        raise InputError(path, f"line {line}", "expected an object, a room and a count")
-    return Counted(None, None, region, entity_name(category), int(count))
+        raise InputError(path, f"room {short(min(unknown))}", "named in the setting rooms, but not here")
+    return [*seen.values()]

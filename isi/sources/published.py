@@ -11,9 +11,10 @@ import pyarrow as pa
 from isi.base import paths
 from isi.base.errors import InputError
 from isi.sources import Mining, part, source
+from isi.sources._quoting import short
+from isi.sources._rows import read_listed
 
-_TRIPLES = {"head": str, "relation": str, "tail": str, "count": int}
-_PHRASES = {"synset": str, "entity": str, "phrase": str, "kind": str}
+_TRIPLE = ["head", "relation", "tail"]
 
 
 def entities(triples: pd.DataFrame, _rooms: Collection[str]) -> pd.DataFrame:
@@ -40,12 +41,12 @@ def observations(path: Path, entity: Mapping[str, str]) -> pa.Table:
     Raises:
         InputError: where the file is missing or broken, lists a triple twice, or has a synset of no entity.
     """
-    table = _read(path, _TRIPLES, [["head", "relation", "tail"]])
+    table = read_listed(path, [*_TRIPLE, "count"], _TRIPLE)
     for column in ("head", "tail"):
         unknown = table.index[~table[column].isin(entity)]
         if len(unknown):
-            synset = table.loc[unknown[0], column]
-            raise InputError(path, f"line {unknown[0] + 2}", f"the synset {synset!r} has no entity")
+            synset = short(table.loc[unknown[0], column])
+            raise InputError(path, f"line {unknown[0]}", f"the synset {synset} has no entity")
     return part(
         [
             (None, None, None, entity[head], relation, entity[tail], count)
@@ -60,17 +61,4 @@ def read_phrases(path: Path) -> pd.DataFrame:
     Raises:
         InputError: where the file is missing or broken, or a synset or an entity is there twice.
     """
-    return _read(path, _PHRASES, [["synset"], ["entity"]])
-
-
-def _read(path: Path, columns: Mapping[str, type], keys: list[list[str]]) -> pd.DataFrame:
-    """A CSV file with columns of these types, without two rows of the same key."""
-    try:
-        table = pd.read_csv(path, dtype=dict(columns), keep_default_na=False)[list(columns)]
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(path, "", f"expected a CSV file of {', '.join(columns)} ({error})") from error
-    for key in keys:
-        twice = table.index[table.duplicated(key)]
-        if len(twice):
-            raise InputError(path, f"line {twice[0] + 2}", f"{' '.join(table.loc[twice[0], key])!r} is there twice")
-    return table
+    return read_listed(path, ["synset", "entity", "phrase", "kind"], ["synset"], ["entity"])

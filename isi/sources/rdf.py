@@ -21,7 +21,8 @@ from rdflib.term import Node
 from isi.base.errors import InputError
 from isi.sources import Mining, part, source
 from isi.sources._naming import Kinds, Naming, fault
-from isi.sources._rows import LINE, UNREADABLE, form_of, open_text, printable, read_text
+from isi.sources._quoting import cut, printable, short
+from isi.sources._rows import LINE, UNREADABLE, form_of, open_text, read_text
 from isi.sources.table import CHUNK, naming
 
 #: What becomes of triples that are no observations, as they are counted.
@@ -118,7 +119,7 @@ class _Reading:
             types = {} if name in self.kept else self.types.get(iri, {})
             for kind, place in ((self._called(place, of), place) for of, place in types.items()):
                 if kind_of.setdefault(name, kind) != kind:
-                    expected = f"expected one type of {name!r}, got {kind} beside {kind_of[name]}"
+                    expected = f"expected one type of {short(name)}, got {cut(kind)} beside {cut(kind_of[name])}"
                     raise InputError(self.path, place, expected)
             if iri in self.labels and name not in phrase_of:
                 place, label = self.labels[iri]
@@ -130,7 +131,7 @@ class _Reading:
     def _name(self, place: str, node: Node, iris: dict[str, str]) -> str:
         name = self._called(place, node)
         if iris.setdefault(name, str(node)) != str(node):
-            expected = f"{name!r} is also the name of <{iris[name]}>; the setting names: iri keeps them apart"
+            expected = f"{short(name)} is also the name of <{cut(iris[name])}>; the setting names: iri keeps them apart"
             raise InputError(self.path, place, expected)
         return name
 
@@ -138,7 +139,7 @@ class _Reading:
         name = local_name(str(node)) if self.local else str(node)
         wrong = fault(name)
         if wrong:
-            raise InputError(self.path, place, f"<{str(node)[:80]}>: {wrong}")
+            raise InputError(self.path, place, f"<{cut(str(node))}>: {wrong}")
         return name
 
 
@@ -172,7 +173,7 @@ def _of_lines(path: Path) -> Iterator[Placed]:
             try:
                 parser.parseline()
             except (ParserError, ValueError) as error:
-                expected = f"expected a triple of N-Triples, got {line[:60].strip()!r}"
+                expected = f"expected a triple of N-Triples, got {short(line.strip())}"
                 raise InputError(path, f"line {number}", expected) from error
             yield from ((f"line {number}", *triple) for triple in sink.triples)
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from functools import cache
 from pathlib import Path
-from reprlib import repr as short
 
 import pandas as pd
 import pyarrow as pa
@@ -16,7 +15,8 @@ from isi.base import paths
 from isi.base.errors import InputError
 from isi.sources import Mining, part, source
 from isi.sources._naming import fault
-from isi.sources._rows import read_text
+from isi.sources._quoting import short
+from isi.sources._rows import read_listed, read_text
 
 ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"
 #: Of what kind an entity is, by the last part of its name.
@@ -24,8 +24,7 @@ KINDS = {"o": "object", "l": "location", "r": "room", "a": "action", "s": "state
 #: Of an entity whose name does not say.
 THING = "entity"
 SHIPPED = ("virtualhome", "thor_u")
-_TRIPLES = {"head": str, "relation": str, "tail": str, "count": int}
-_NAMES = {"name": str, "entity": str, "phrase": str}
+_TRIPLE = ["head", "relation", "tail"]
 Triple = tuple[str, str, str]
 
 
@@ -79,7 +78,7 @@ def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = Non
 @cache
 def shipped_names() -> pd.DataFrame:
     """What entities of the graphs that ship go by: columns name, entity and phrase."""
-    listed = [_read_csv(paths.RAW / name / "names.csv", _NAMES, ["name"]) for name in SHIPPED]
+    listed = [read_listed(paths.RAW / name / "names.csv", ["name", "entity", "phrase"], ["name"]) for name in SHIPPED]
     return pd.concat(listed).drop_duplicates()
 
 
@@ -89,7 +88,7 @@ def read_counts(path: Path) -> Counter[Triple]:
     Raises:
         InputError: where the file is missing or broken, or lists a triple twice.
     """
-    table = _read_csv(path, _TRIPLES, ["head", "relation", "tail"])
+    table = read_listed(path, [*_TRIPLE, "count"], _TRIPLE)
     return Counter({(head, rel, tail): count for head, rel, tail, count in table.itertuples(index=False, name=None)})
 
 
@@ -143,15 +142,3 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
         said = f"expected how many lines follow, which are {len(filled)}, got {short(first)}"
         raise InputError(path, "line 1", said)
     yield from filled
-
-
-def _read_csv(path: Path, columns: Mapping[str, type], key: list[str]) -> pd.DataFrame:
-    """A CSV file with columns of these types, without two rows of the same key."""
-    try:
-        table = pd.read_csv(path, dtype=dict(columns), keep_default_na=False)[list(columns)]
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(path, "", f"expected a CSV file of {', '.join(columns)} ({error})") from error
-    twice = table.index[table.duplicated(key)]
-    if len(twice):
-        raise InputError(path, f"line {twice[0] + 2}", f"{' '.join(table.loc[twice[0], key])!r} is there twice")
-    return table
