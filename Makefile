@@ -11,7 +11,7 @@ CHECKED := $(VENV)/params-checked
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help repro beyond quick record test verify benchmark words readme console lock families initializers clean
+.PHONY: help repro beyond quick record test fuzz verify benchmark words readme console lock families initializers clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*##/\1:/p' $(MAKEFILE_LIST)
@@ -50,6 +50,9 @@ test: $(INSTALLED)  ## ruff, mypy and pytest
 	ruff format --check .
 	mypy
 	pytest
+
+fuzz: $(INSTALLED)  ## read 10,000 files that are nearly what each reader reads, in about ten minutes (or ARGS="--inputs 1000"), into docs/benchmarks
+	python -m tests.fuzz $(ARGS)
 
 verify: $(INSTALLED)  ## compute vectors, MRR* and epochs of the last run again from its tables alone, by other code, and compare
 	@python -m tools.verify

@@ -21,7 +21,7 @@ from isi.sources._quoting import cut, printable, short
 #: The largest house that is read, in bytes, objects, and corners of floors; those of ProcTHOR-10K have a few hundred
 #: thousand, hundred and dozen at most.
 LONGEST = 16 * 2**20
-MOST_OBJECTS, MOST_CORNERS = 20_000, 2_000
+MOST_OBJECTS, MOST_CORNERS = 10_000, 2_000
 #: Corners of floors are rounded to it (metres).
 ROUNDED = 0.001
 

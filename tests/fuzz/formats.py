@@ -1,0 +1,287 @@
+"""Every format that is read: small lawful files of it, and how it is read where they lie."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import io
+import json
+import struct
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from isi.base import paths, tables
+from isi.base.tables import Provenance
+from isi.building import Seen, graph_of
+from isi.commands import _reading
+from isi.recording.file import Recording
+from isi.sources import observing, procthor_houses, triples_with_ids
+from isi.sources._naming import fault
+from isi.sources._recording import FORMAT, ITHOR, Scene
+from isi.words import look_up, read_vectors
+from tests import floors
+from tests.fuzz.mutations import Files
+
+ROOT = Path(__file__).parent.parent.parent
+OUT = (Path("out/observations.parquet"), Path("out/kinds.parquet"))
+MADE = Provenance("fuzz", {})
+THINGS: list[dict[str, Any]] = [
+    {"objectId": "Mug|+00.10|+00.90|-01.20", "objectType": "Mug", "name": "Mug_1", "pickupable": True,
+     "canFillWithLiquid": True, "breakable": True, "salientMaterials": ["Ceramic"], "receptacleObjectIds": None,
+     "parentReceptacles": ["Shelf|1"], "position": {"x": 0.1, "y": 0.9, "z": -1.2}},
+    {"objectId": "Shelf|1", "objectType": "Shelf", "openable": False, "salientMaterials": ["Wood", "Metal"],
+     "receptacleObjectIds": ["Mug|+00.10|+00.90|-01.20", "Fork|1"], "parentReceptacles": ["Floor|1"]},
+    {"objectId": "Fork|1", "objectType": "Fork", "pickupable": True, "salientMaterials": ["Metal"],
+     "receptacleObjectIds": [], "parentReceptacles": ["Shelf|1"]},
+    {"objectId": "Floor|1", "objectType": "Floor", "receptacleObjectIds": ["Shelf|1"], "parentReceptacles": []},
+]  # fmt: skip
+ROWS = [
+    ("mug", "atLocation", "kitchen", 3, "s1", "kitchen", "Mug|1"),
+    ("mug", "hasMaterial", "ceramic", 1, "s1", "", "Mug|1"),
+    ("bowl", "atLocation", "mug", 2, "s2", "bedroom", ""), ("bowl", "hasAffordance", "fill", 40, "", "", ""),
+]  # fmt: skip
+COLUMNS = ["head", "relation", "tail", "count", "scene", "room", "instance"]
+ENTITIES = (
+    "entity,kind,phrase\nmug,object,cup\nbowl,object,\nkitchen,room,kitchen\nceramic,material,\nfill,affordance,\n"
+)
+NT = """<http://x.org/mug> <http://x.org/atLocation> <http://x.org/kitchen> .
+<http://x.org/mug> <http://www.w3.org/1999/02/22-rdf-syntax-ns#type> <http://x.org/Cup> .
+<http://x.org/mug> <http://www.w3.org/2000/01/rdf-schema#label> "a \\u006dug"@en .
+_:b <http://x.org/atLocation> <http://x.org/kitchen> .
+<urn:x:bowl> <urn:x:near> <http://x.org/mug> .
+<urn:x:bowl> <urn:x:weighs> "1.5"^^<http://www.w3.org/2001/XMLSchema#decimal> .
+"""
+TTL = """@prefix x: <http://x.org/> .
+@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+x:mug a x:Cup ; x:atLocation x:kitchen , x:bedroom ; rdfs:label "mug"@en .
+x:bowl x:near [ x:near x:mug ] ; x:weighs 1.5 ; x:on true ; x:of ( x:clay x:glass ) .
+"""
+HOUSE = """ASCII 1.1
+H 17DRP5sb8fy -  0 0 0 0 0 3 2 2 0 1  0 0 0 0 0  -1.5 0 0 2 3 2.4  0 0 0 0 0
+L 0 2 - 0 0 0 -1.5 0 0 2 3 2.4 0 0 0 0 0
+R 0 0 0 0 b  1 2 3  -1.5 0 0 2 3 2.4  2.5  0 0 0 0
+R 1 0 0 0 k  1 2 3  -1.5 0 0 2 3 2.4  2.5  0 0 0 0
+C 0 10 night#stand 11 chest_of_drawers 0 0 0 0 0
+C 1 10 towel 11 towel 0 0 0 0 0
+O 0 0 0 1 2 3 1 0 0 0 1 0 1 1 1 0 0 0 0 0 0 0 0
+O 1 1 1 1 2 3 1 0 0 0 1 0 1 1 1 0 0 0 0 0 0 0 0
+O 2 -1 -1 1 2 3 1 0 0 0 1 0 1 1 1 0 0 0 0 0 0 0 0
+"""
+BEHAVIOR: Files = {
+    "behavior/combined_room_object_list.json": json.dumps({"scenes": {"House_0": {
+        "kitchen_0": {"stove-abcdef": 1, "bottom_cabinet-ghijkl": 2, "walls-bbbbbb": 4},
+        "childs_room_1": {"bottom_cabinet-mnopqr": 1},
+    }}}).encode(),
+    "behavior/category_mapping.csv": b"ID,category,synset\n1,stove,stove.n.01\n2,bottom_cabinet,cabinet.n.01\n"
+    b'3,walls,wall.n.01\n',
+    "behavior/propagated_annots_canonical.json": json.dumps(
+        {"stove.n.01": {"heatSource": {}}, "cabinet.n.01": {"openable": {}}, "wall.n.01": {}}
+    ).encode(),
+}  # fmt: skip
+IDS: Files = {
+    "ids/entity2id.txt": b"3\nmug.o\t0\nkitchen.r\t1\nceramic.m\t2\n",
+    "ids/relation2id.txt": b"2\natLocation\t0\nhasMaterial\t1\n",
+    "ids/gt2id.txt": b"3\n0 1 0\n0 1 0\n0 2 1\n",
+}
+VECTORS = {"mug": [0.1, -0.25, 3.0], "house_plant": [1.0, 2.0, -1e-7], "café": [0.5, 0.5, 8.0]}
+GLOVE = "".join(f"{token} {' '.join(map(repr, row))}\n" for token, row in VECTORS.items()).encode()
+BINARY = b"3 3\n" + b"".join(token.encode() + b" " + struct.pack("<3f", *row) + b"\n" for token, row in VECTORS.items())
+HEADER: Mapping[str, Any] = {"build": "thor-1", "package": "5.0.0"}
+
+
+@dataclass(frozen=True)
+class Format:
+    """Small lawful files, and how they are read from the folder that holds them."""
+
+    files: Files
+    #: gives what two files of the same meaning have alike
+    read: Callable[[], str]
+    #: outputs that stay as they are where a file is refused
+    writes: tuple[Path, ...] = ()
+    #: of params, where it is a source
+    section: Mapping[str, Any] = field(default_factory=dict)
+
+
+def shipped(*names: str, lines: int | None = None) -> Files:
+    """Files under ``data/raw``, or the first lines of them."""
+    found = {f"data/raw/{name}": (ROOT / paths.RAW / name).read_bytes() for name in names}
+    return {name: b"".join(content.splitlines(keepends=True)[:lines]) for name, content in found.items()}
+
+
+def mined(section: dict[str, Any]) -> str:
+    """Mine a source as its stage does; what it gives is lawful, or this is a fault of the reader."""
+    triples_with_ids.shipped_names.cache_clear()
+    observed, parts = observing(section, "sources.fuzz", 0)
+    tables.write_stream(OUT[0], parts, tables.OBSERVATIONS, MADE)
+    tables.write(OUT[1], observed.kinds, tables.KINDS, MADE)
+    seen = tables.read(OUT[0], tables.OBSERVATIONS), tables.read(OUT[1], tables.KINDS)
+    return _lawful(*seen) + repr(sorted(observed.mining.left.items()))
+
+
+def _lawful(observations: pd.DataFrame, kinds: pd.DataFrame) -> str:
+    plain, kinds = tables.as_text(observations), tables.as_text(kinds)
+    names = {*plain["head"], *plain["relation"], *plain["tail"], *kinds["entity"], *kinds["kind"], *kinds["phrase"]}
+    assert not list(filter(None, map(fault, names)))
+    assert plain["count"].between(1, 2**31 - 1).all()
+    assert plain["count"].sum() < 2**31
+    assert kinds["entity"].is_unique
+    assert set(kinds["entity"]) == {*plain["head"], *plain["tail"]}
+    graph = graph_of(Seen("fuzz", observations, kinds))
+    assert graph.triples["count"].sum() == plain["count"].sum()
+    text = plain.to_csv(index=False) + kinds.to_csv(index=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def guessed(file: str) -> str:
+    """Read a file as ``isi graph`` does, which tells its reader by what is in it."""
+    found = _reading.read(Path(file), None, {}, 0)
+    graph = graph_of(found.seen)
+    return f"{found.reader} {graph.triples.to_csv()} {graph.entities.to_csv()}"
+
+
+def houses() -> str:
+    """Mine a house; what the package has of all houses is read once a process, and little of it."""
+    with mock.patch.multiple(procthor_houses, recorded=lambda _scenes: RECORDED, asset_types=lambda: ASSETS):
+        return mined(dict(PROCTHOR))
+
+
+PROCTHOR = {"reader": "procthor_houses", "path": "houses.jsonl", "sha256": None, "materials": "simulator"}
+RECORDED = procthor_houses.recorded([Scene("FloorPlan1", 1, "kitchen", THINGS)])
+ASSETS = {"Asset_1": "Mug"}
+
+
+def words(file: str) -> str:
+    """Read word vectors, and look phrases up."""
+    found = look_up(read_vectors(Path(file)), ["mug", "house plant", "none of them"])
+    return repr(found.served_by) + hashlib.sha256(found.vectors.tobytes()).hexdigest()
+
+
+def gone_on_with() -> str:
+    """Open a recording to go on with it, which may cut off a last line that is not whole."""
+    return repr(sorted(Recording(Path("r.jsonl.gz"), HEADER).names))
+
+
+def pipeline_table() -> str:
+    """Read a table of the pipeline."""
+    return str(tables.read(Path("triples.parquet"), tables.TRIPLES).to_csv())
+
+
+def pipeline_tensors() -> str:
+    """Read tensors of the pipeline."""
+    return repr(tables.read_tensors(Path("vectors.safetensors"), ["vectors"])["vectors"].shape)
+
+
+def package() -> bytes:
+    """As the package ``procthor`` has it: lists of scenes, most of them empty here."""
+    scenes = {plans.key: [THINGS, *([[]] * (len(plans.names) - 1))] for plans in ITHOR}
+    return json.dumps(scenes).encode()
+
+
+def recorder() -> bytes:
+    """As ``make record`` writes it."""
+    scenes = [
+        {"scene": plan, "spawn": spawn, "objects": THINGS}
+        for plan, spawn in (("FloorPlan1", None), ("FloorPlan301", 4))
+    ]
+    return b"".join(gzip.compress(json.dumps(line).encode() + b"\n", mtime=0) for line in (FORMAT | HEADER, *scenes))
+
+
+def parquet() -> bytes:
+    out = io.BytesIO()
+    pq.write_table(pa.Table.from_pylist([dict(zip(COLUMNS, row, strict=True)) for row in ROWS]), out)
+    return out.getvalue()
+
+
+def csv(separator: str) -> bytes:
+    return "".join(separator.join(map(str, row)) + "\n" for row in [COLUMNS, *ROWS]).encode()
+
+
+def triples() -> bytes:
+    frame = pd.DataFrame(ROWS, columns=COLUMNS)[COLUMNS[:4]].assign(source="x").sort_values(COLUMNS[:3])
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "triples.parquet"
+        tables.write(path, frame, tables.TRIPLES, MADE)
+        return path.read_bytes()
+
+
+def tensors() -> bytes:
+    header = json.dumps({"vectors": {"dtype": "F32", "shape": [2, 3], "data_offsets": [0, 24]}}).encode()
+    return struct.pack("<Q", len(header)) + header + struct.pack("<6f", *range(6))
+
+
+def _source(files: Files, **section: Any) -> Format:
+    """A source, with its section of params."""
+    named = {name.removesuffix("_"): value for name, value in section.items()}
+    return Format(files, partial(mined, named), OUT, named)
+
+
+def _formats() -> dict[str, Format]:
+    recording = {"sha256": None, "broken": "error", "materials": "simulator"}
+    shares = shipped("suncg/material_shares.csv", "suncg/categories.csv")
+    names = shipped("thor_u/names.csv", "virtualhome/names.csv", lines=40)
+    mp3d = {"rooms": {"bedroom": "bedroom", "kitchen": "kitchen"}, "vocabulary": "data/raw/mp3d/vocabulary.yaml"}
+    labels = {"b": "bedroom", "k": "kitchen"}
+    return {
+        "recording of the package": _source({"r.json": package()}, reader="ai2thor", from_="r.json", **recording),
+        "recording": _source({"r.jsonl.gz": recorder()}, reader="ai2thor", from_="r.jsonl.gz", **recording),
+        "recording, untidy": _source(
+            {"r.jsonl.gz": recorder()}, reader="ai2thor", from_="r.jsonl.gz",
+            **(recording | {"broken": "drop", "circular": "drop"}),
+        ),
+        "recording to go on with": Format({"r.jsonl.gz": recorder()}, gone_on_with),
+        "shares of materials": _source(
+            shares | {"r.json": package()}, reader="ai2thor", from_="r.json", **(recording | {"materials": "suncg"})
+        ),
+        "scene": _source(
+            {"scene.json": json.dumps({"metadata": {"sceneName": "FloorPlan1", "objects": THINGS}}).encode()},
+            reader="ai2thor_scene", path="scene.json",
+        ),
+        "file of any kind": Format({"any.json": json.dumps({"scene": "FloorPlan1", "objects": THINGS}).encode()},
+                                   partial(guessed, "any.json")),
+        "houses of ProcTHOR": Format({"houses.jsonl": _house_lines()}, houses, OUT, PROCTHOR),
+        "table, CSV": _source({"log.csv": csv(","), "entities.csv": ENTITIES.encode()}, reader="table", path="log.csv",
+                              entities="entities.csv"),
+        "table, TSV": _source({"log.tsv.gz": gzip.compress(csv("\t"), mtime=0)}, reader="table", path="log.tsv.gz"),
+        "table, Parquet": _source({"log.parquet": parquet()}, reader="table", path="log.parquet"),
+        "RDF, N-Triples": _source({"log.nt": NT.encode()}, reader="rdf", path="log.nt"),
+        "RDF, Turtle": _source({"log.ttl": TTL.encode()}, reader="rdf", path="log.ttl"),
+        "houses of Matterport3D": _source(
+            {"houses/x.house": HOUSE.encode()} | shipped("mp3d/vocabulary.yaml"), reader="mp3d_houses", folder="houses",
+            category="mpcat40", **(mp3d | {"rooms": labels}),
+        ),
+        "tallies of Matterport3D": _source(
+            shipped("mp3d/room_object_counts.csv") | shipped("mp3d/vocabulary.yaml"), reader="mp3d_tallies", **mp3d
+        ),
+        "published graph": _source(shipped("published/triples.csv", "published/phrases.csv"), reader="published"),
+        "shipped graph": _source(
+            names | shipped("thor_u/triples.csv", lines=40), reader="triples_with_ids", from_="thor_u"
+        ),
+        "triples with ids": _source(IDS, reader="triples_with_ids", from_="ids"),
+        "BEHAVIOR": _source(
+            BEHAVIOR, reader="behavior", from_="behavior", structure=["wall.n.01"], names={},
+            affordances={"openable": ["open", "close"], "heatSource": ["heat"]},
+        ),
+        "words": Format({"words.txt": b"3 3\n" + GLOVE}, partial(words, "words.txt")),
+        "words, GloVe": Format({"glove.txt": GLOVE}, partial(words, "glove.txt")),
+        "words, binary": Format({"words.bin": BINARY}, partial(words, "words.bin")),
+        "table of the pipeline": Format({"triples.parquet": triples()}, pipeline_table),
+        "tensors": Format({"vectors.safetensors": tensors()}, pipeline_tensors),
+    }  # fmt: skip
+
+
+def _house_lines() -> bytes:
+    cup = floors.thing("Mug|surface|2|1", 1, 1)
+    listed = [floors.house(floors.thing("SideTable|2|0", 1, 1, cup)), floors.house(floors.thing("small|3|1", 5, 3))]
+    return "\n".join(map(json.dumps, listed)).encode()
+
+
+FORMATS = _formats()

@@ -1,0 +1,156 @@
+"""A process that reads files within limits: 2 GiB more than it has at its start, and ten seconds of its own time."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import resource
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+from isi.base.errors import InputError
+from tests.fuzz.faulty import FAULTY
+from tests.fuzz.formats import FORMATS
+from tests.fuzz.mutations import Files
+
+MEMORY = 2 * 2**30
+SECONDS = 10
+#: After which a process that waits for something is killed, too.
+PATIENCE = 120
+#: Characters of a line that refuses a file, its path left out.
+LONGEST = 300
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of some files."""
+
+    kind: Literal["read", "refused", "fault"]
+    #: the line that refuses them; or the traceback, or what else is wrong
+    said: str = ""
+    #: of what was read: what two files of the same meaning have alike
+    meaning: str = ""
+    seconds: float = 0.0
+    mib: int = 0
+
+
+def attempt(name: str, files: Files) -> Outcome:
+    """Read files in a folder of their own, as a stage does there, and see what it says and leaves behind."""
+    start, home = time.process_time(), Path.cwd()
+    with tempfile.TemporaryDirectory(prefix="isi-fuzz-") as folder:
+        root = Path(folder).resolve()
+        os.chdir(root)
+        try:
+            for path, content in files.items():
+                Path(path).parent.mkdir(parents=True, exist_ok=True)
+                Path(path).write_bytes(content)
+            kind, said, meaning = _read(name, set(files))
+        finally:
+            os.chdir(home)
+    mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+    return Outcome(kind, said, meaning, time.process_time() - start, mib)
+
+
+def _read(name: str, given: set[str]) -> tuple[Literal["read", "refused", "fault"], str, str]:
+    form = FORMATS.get(name) or FAULTY[name]
+    earlier = b"the last good one"
+    for path in form.writes:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        Path(path).write_bytes(earlier)
+    try:
+        meaning = form.read()
+        wrong = ""
+    except InputError as error:
+        meaning, line = "", str(error)
+        wrong = _wrong_line(line)
+        if any(Path(path).read_bytes() != earlier for path in form.writes):
+            wrong = f"an output was touched: {line}"
+    except Exception:
+        return "fault", traceback.format_exc(limit=-12), ""
+    else:
+        line = ""
+    left = {str(path) for path in Path().rglob("*") if path.is_file()} - given - set(map(str, form.writes))
+    if left:
+        wrong = f"files are left: {sorted(left)}"
+    return ("fault", wrong, "") if wrong else ("refused", line, "") if line else ("read", "", meaning)
+
+
+def _wrong_line(line: str) -> str:
+    if not line.isprintable():
+        return f"not printable: {line!r}"
+    return f"{len(line)} characters: {line}" if len(line) > LONGEST else ""
+
+
+def _serve(jobs: Connection, seconds: float) -> None:
+    for warm in ("words", "tensors"):  # what they import is no memory of the files
+        with contextlib.suppress(Exception):
+            attempt(warm, FORMATS[warm].files)
+    status = Path("/proc/self/statm")
+    has = int(status.read_text().split()[0]) * resource.getpagesize() if status.exists() else 0
+    if has:
+        resource.setrlimit(resource.RLIMIT_AS, (has + MEMORY,) * 2)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    jobs.send("ready")
+    while True:
+        try:
+            name, files = jobs.recv()
+        except EOFError:
+            return
+        signal.setitimer(signal.ITIMER_PROF, seconds)  # ends the process, even in a loop of C
+        outcome = attempt(name, files)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        jobs.send(outcome)
+
+
+class Worker:
+    """Reads files in another process; starts a new one where it dies."""
+
+    def __init__(self, seconds: float = SECONDS) -> None:
+        self._seconds = seconds
+
+    def __enter__(self) -> Self:
+        self._start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
+        self._end()
+
+    def read(self, name: str, files: Files) -> Outcome:
+        """What becomes of files of a format."""
+        self._jobs.send((name, files))
+        try:
+            if self._jobs.poll(PATIENCE):
+                found: Outcome = self._jobs.recv()
+                return found
+            died = f"no answer within {PATIENCE} s"
+        except EOFError:
+            self._process.join()
+            status = self._process.exitcode or 0
+            hung = status == -signal.SIGPROF
+            died = f"more than {self._seconds:g} s" if hung else f"the process ended with status {status}"
+        self._end()
+        self._start()
+        return Outcome("fault", died)
+
+    def _start(self) -> None:
+        context: Any = multiprocessing.get_context("spawn")
+        self._jobs, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, self._seconds), daemon=True)
+        self._process.start()
+        theirs.close()
+        if not self._jobs.poll(PATIENCE) or self._jobs.recv() != "ready":
+            sys.exit("the process that reads cannot be started")
+
+    def _end(self) -> None:
+        self._jobs.close()
+        self._process.kill()
+        self._process.join()
