@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing
 import os
 import resource
@@ -26,6 +25,8 @@ MEMORY = 2 * 2**30
 SECONDS = 10
 #: After which a process that waits for something is killed, too.
 PATIENCE = 120
+#: Imported once, since that is no memory of the files.
+PRELOADED = ["tests.fuzz.worker", "gensim.models", "safetensors.torch", "rdflib.plugins.parsers.notation3"]
 #: Characters of a line that refuses a file, its path left out.
 LONGEST = 300
 
@@ -91,9 +92,6 @@ def _wrong_line(line: str) -> str:
 
 
 def _serve(jobs: Connection, seconds: float) -> None:
-    for warm in ("words", "tensors"):  # what they import is no memory of the files
-        with contextlib.suppress(Exception):
-            attempt(warm, FORMATS[warm].files)
     status = Path("/proc/self/statm")
     has = int(status.read_text().split()[0]) * resource.getpagesize() if status.exists() else 0
     if has:
@@ -142,7 +140,8 @@ class Worker:
         return Outcome("fault", died)
 
     def _start(self) -> None:
-        context: Any = multiprocessing.get_context("spawn")
+        context: Any = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(PRELOADED)
         self._jobs, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, self._seconds), daemon=True)
         self._process.start()
