@@ -259,9 +259,12 @@ def _formats() -> dict[str, Format]:
             category="mpcat40", **(mp3d | {"rooms": labels}),
         ),
         "tallies of Matterport3D": _source(
-            shipped("mp3d/room_object_counts.csv", lines=60) | shipped("mp3d/vocabulary.yaml"), reader="mp3d_tallies", **mp3d
+            shipped("mp3d/room_object_counts.csv", lines=60) | shipped("mp3d/vocabulary.yaml"),
+            reader="mp3d_tallies", **mp3d,
         ),
-        "published graph": _source(shipped("published/triples.csv", lines=60) | shipped("published/phrases.csv"), reader="published"),
+        "published graph": _source(
+            shipped("published/triples.csv", lines=60) | shipped("published/phrases.csv"), reader="published"
+        ),
         "shipped graph": _source(
             names | shipped("thor_u/triples.csv", lines=40), reader="triples_with_ids", from_="thor_u"
         ),
