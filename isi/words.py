@@ -207,7 +207,7 @@ def _of_lines(path: Path, file: IO[bytes], header: tuple[int, int] | None) -> _F
         try:
             numbers = array("f", map(float, values))
         except ValueError as error:
-            raise InputError(path, f"line {number}", f"expected a token and numbers ({error})") from error
+            raise InputError(path, f"line {number}", f"expected a token and numbers ({str(error)[:80]})") from error
         if len(values) != dimension or not values:
             expected = f"expected a token and {dimension or 'its'} numbers, got {len(values)} of them"
             raise InputError(path, f"line {number}", expected)

@@ -14,16 +14,16 @@ _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 
 
 def short(value: object) -> str:
-    """The representation of a value, at most some sixty characters of a text, however deep or long it is."""
+    """The representation of a value, at most some sixty characters of a text and a hundred of all."""
     try:
-        return _SHORT.repr(value)
+        return cut(_SHORT.repr(value), 100)
     except ValueError:  # Python writes out no number of more than 4,300 digits
         return "a number of thousands of digits"
 
 
 def cut(text: str, most: int = 80) -> str:
-    """The beginning of a text that is printable as it is."""
-    return text if len(text) <= most else f"{text[: most - 3]}..."
+    """The beginning of a text as it is, but for control characters."""
+    return printable(text if len(text) <= most else f"{text[: most - 3]}...")
 
 
 def printable(text: str) -> str:
