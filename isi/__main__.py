@@ -2,56 +2,37 @@
 
 from __future__ import annotations
 
-import argparse
 import ast
 import importlib
 import io
-import os
 import pkgutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
 
 from isi import commands
-from isi.base.errors import InputError
-
-
-class Parser(argparse.ArgumentParser):
-    """Answers mistakes in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}\n")
+from isi.base.command import Parser, one_line
 
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the command that is asked for; each is a module of ``isi.commands``, and no other is imported."""
-    given = list(sys.argv[1:] if argv is None else argv)
-    about = "New entities in knowledge-graph embeddings, what is asked of them, and graphs of your own."
-    parser = Parser(prog="isi", description=about)
-    added = parser.add_subparsers(metavar="COMMAND", required=True)
-    for name in _names():
-        about, typed = _about(name), name.rstrip("_").replace("_", "-")
-        own = added.add_parser(typed, help=about, description=about)
-        if typed in given:
-            module = importlib.import_module(f"{commands.__name__}.{name}")
-            module.configure(own)
-            own.set_defaults(run=module.run, prog=own.prog)
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # names may be of letters that a terminal lacks
-    arguments = parser.parse_args(given)
-    try:
-        arguments.run(arguments)
-        sys.stdout.flush()
-    except InputError as error:
-        sys.exit(f"{arguments.prog}: {error}")
-    except BrokenPipeError:  # whoever read has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
-    except KeyboardInterrupt:
-        sys.exit(130)  # as shells have it
-    except OSError as error:  # of a path that cannot even be looked at
-        sys.exit(f"{arguments.prog}: {InputError(error.filename or '', '', error.strerror or str(error))}")
+    with one_line("isi"):  # while what a command needs is imported, too
+        given = list(sys.argv[1:] if argv is None else argv)
+        about = "New entities in knowledge-graph embeddings, what is asked of them, and graphs of your own."
+        parser = Parser(prog="isi", description=about)
+        added = parser.add_subparsers(metavar="COMMAND", required=True)
+        for name in _names():
+            about, typed = _about(name), name.rstrip("_").replace("_", "-")
+            own = added.add_parser(typed, help=about, description=about)
+            if typed in given:
+                module = importlib.import_module(f"{commands.__name__}.{name}")
+                module.configure(own)
+                own.set_defaults(run=module.run, prog=own.prog)
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            sys.stdout.reconfigure(errors="backslashreplace")  # names may be of letters that a terminal lacks
+        arguments = parser.parse_args(given)
+        with one_line(arguments.prog):
+            arguments.run(arguments)
 
 
 def _names() -> list[str]:

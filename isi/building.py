@@ -12,7 +12,7 @@ from pydantic import model_validator
 from isi.base import paths
 from isi.base.errors import InputError
 from isi.base.params import Count, Name, Section, distinct
-from isi.base.rules import MOST
+from isi.base.rules import MOST_OBSERVED
 from isi.base.streams import stream
 
 
@@ -69,8 +69,8 @@ def count_triples(observations: pd.DataFrame, source: str, min_count: int = 1) -
     Raises:
         InputError: where there are more observations than a table may count.
     """
-    if observations["count"].sum() > MOST:
-        raise InputError(source, "observations", f"expected {MOST:,} at most, altogether")
+    if observations["count"].sum() > MOST_OBSERVED:
+        raise InputError(source, "observations", f"expected {MOST_OBSERVED:,} at most, altogether")
     key = ["head", "relation", "tail"]
     plain = observations.astype(dict.fromkeys(key, str))
     counts = plain.groupby(key, sort=True, observed=True)["count"].sum().reset_index()

@@ -12,7 +12,6 @@ from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from reprlib import repr as short
 from typing import IO, Literal
 
 import numpy as np
@@ -20,7 +19,7 @@ from gensim.models import KeyedVectors
 from smart_open import open as open_any
 
 from isi.base import paths
-from isi.base.errors import InputError
+from isi.base.errors import InputError, short
 from isi.base.params import Section, Sha256
 
 #: What numbers of vectors lie within; those of word2vec and GloVe are below a hundred.

@@ -20,7 +20,7 @@ from isi.base.stage import Given, stage
 from isi.experiments.cells import Cells
 from isi.experiments.executor import compute_of, run
 from isi.graph import Graph, build
-from isi.studies.hidden import HIDDEN, Hidden, mean_seconds
+from isi.studies.hidden import Hidden, mean_seconds
 from isi.studies.hidden_in_pykeen import HidingTask, hidden_in
 from isi.words import load_vectors, look_up
 
@@ -38,7 +38,7 @@ def hide(given: Given, graph: str) -> None:
         for seed in range(how.seeds)
     ]
     answers, seconds = zip(*run(hidden_in, tasks, compute_of(given), f"hide {graph}"), strict=True)
-    tables.write(paths.hidden(graph), pd.concat(answers, ignore_index=True), HIDDEN, given.provenance)
+    tables.write(paths.hidden(graph), pd.concat(answers, ignore_index=True), tables.HIDDEN, given.provenance)
     listed = json.dumps(mean_seconds(pd.concat(seconds)), indent=1)
     tables.atomically(paths.hidden_seconds(graph), lambda path: path.write_text(f"{listed}\n", encoding="utf-8"))
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pandas as pd
 
-from isi.base import tables
+from isi.base import paths, tables
 from isi.base.stage import Given, stage
 from isi.experiments.executor import compute_of, run, stack_height
 from isi.experiments.learning import family_of
@@ -37,7 +37,7 @@ def single_out(given: Given, experiment: str) -> None:
     done = run(singles.single_out, tasks, compute, f"{experiment}, entity by entity")
     for what, (schema, order) in singles.TABLES.items():
         frame = pd.concat(getattr(one, what) for one in done).sort_values(order, kind="stable")
-        tables.write(singles.path(experiment, what), frame, schema, given.provenance)
+        tables.write(paths.explorer(experiment, what), frame, schema, given.provenance)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from isi.base.params import check
 from isi.experiments.cells import Cells
 from isi.graph import Graph
 from isi.studies import beyond
-from isi.studies.hidden import HIDDEN, Hidden, Hiding, hide
+from isi.studies.hidden import Hidden, Hiding, hide
 from tools.check_params import check_beyond
 
 ROOT = Path(__file__).parent.parent
@@ -176,7 +176,7 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(tmp_path: Path, mo
         hide_stage()
         written.append(paths.hidden("nations").read_bytes())
     assert written[0] == written[1]
-    found = tables.read(paths.hidden("nations"), HIDDEN)
+    found = tables.read(paths.hidden("nations"), tables.HIDDEN)
     assert set(found["entities"]) == {1}
     assert set(found["seed"]) == {0, 1}
     took = json.loads(paths.hidden_seconds("nations").read_text(encoding="utf-8"))

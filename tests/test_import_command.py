@@ -218,7 +218,7 @@ MISTAKES: dict[str, tuple[Callable[[], object], list[str], str]] = {
     "another form": (lists, ["mine", "--family", "distmult", "--tensors", "t.h5"], r"t\.h5: expected a file of te"),
     "an option of no family": (
         lambda: lists(entities=ENTITIES, relations=LABELS),
-        ["mine", "--family", "distmult", "--set", "margin=2"], r"--family: distmult: margin: Extra inputs",
+        ["mine", "--family", "distmult", "--set", "margin=2"], r"--family: distmult: margin: unknown key",
     ),
     "a margin of nothing": (
         lambda: (lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").unlink(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
 import sys
 import tomllib
@@ -70,9 +71,9 @@ MISTAKES = {
     ("insert", "x", "--fact", "atLocation", "bed", "--out", "."):
         r"isi insert: argument --out: expected a folder by its name, got '\.'",
     ("insert", "x", "--fact", "atLocation", "bed", "--out", "x" * 300):
-        r"isi insert: x{300}: File name too long",
+        r"isi insert: x+\.\.\.x+: File name too long",
     ("nearest", "bed", "--embedding", "x" * 300):
-        r"isi nearest: x{300}: File name too long",
+        r"isi nearest: x+\.\.\.x+: File name too long",
     ("nearest", ""):
         r"isi nearest: ENTITY: expected an entity of this embedding, got '' \(there are 'kitchen'",
     ("export", "--embedding", "home", "--format", "turtle", "--out", "."):
@@ -115,7 +116,7 @@ def test_a_mistake_is_one_line_and_nothing_is_written(
 def test_a_broken_embedding_is_one_line(capsys: pytest.CaptureFixture[str], home: Path) -> None:
     edit(home, lambda about: about.update(family_options={"margin": 2.0}))
     line = refused(capsys, "ask", "bed", "atLocation")
-    assert re.match(r"isi ask: home/embedding\.json: family: margin: Extra inputs are not permitted", line)
+    assert re.match(r"isi ask: home/embedding\.json: family: margin: unknown key", line)
 
 
 def test_numbers_that_are_too_large_are_not_inserted_among(capsys: pytest.CaptureFixture[str], home: Path) -> None:
@@ -179,11 +180,14 @@ def test_a_terminal_that_lacks_a_letter_shows_its_number(tmp_path: Path) -> None
         assert shown in done.stdout
 
 
-def test_who_interrupts_gets_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("isi.commands.nearest.run", interrupted)
-    with pytest.raises(SystemExit) as ended:
-        main(["nearest", "bed", "--embedding", "home"])
+def test_who_interrupts_gets_one_line(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("isi.commands.nearest.run", lambda _: signal.raise_signal(signal.SIGINT))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(SystemExit) as ended:
+            main(["nearest", "bed", "--embedding", "home"])
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert ended.value.code == 130
+    said = "isi nearest: stopped by SIGINT; no file is half-written; run it again\n"
+    assert capfd.readouterr() == ("", said)

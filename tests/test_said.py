@@ -54,7 +54,7 @@ def test_a_mistake_in_a_file_is_told_in_one_line(
         main(command[1:]) if "isi" in command[0] else mine()
     printed = capsys.readouterr()
     line = ended.value.code if isinstance(ended.value.code, str) else printed.err.rstrip("\n")
-    whose = "python -m isi graph: " if "isi" in command[0] else "mine: "
+    whose = "isi graph: " if "isi" in command[0] else "mine: "
     within = "" if whose != "mine: " or case.said.startswith("sources.fuzz.") else "sources.fuzz: "
     assert line == whose + within + case.said
     assert ended.value.code not in (None, 0)

@@ -176,7 +176,7 @@ def test_an_entity_of_two_kinds_is_refused_by_its_relations(tmp_path: Path) -> N
         ("a.csv", "head,relation,tail,count\na,b,c,2.0\n", ["line 2", "'2.0'"]),
         ("a.csv", "head,relation,tail,count\na,b,c,0\n", ["line 2", "from 1"]),
         ("a.csv", "head,relation,tail,count\na,b,c,9999999999\n", ["line 2", "from 1"]),
-        ("a.csv", "head,relation,tail,count\na,b,c,2147483647\na,b,c,1\n", ["line 3", "in all"]),
+        ("a.csv", "head,relation,tail,count\na,b,c,1000000000\na,b,c,1\n", ["line 3", "in all"]),
         ("a.csv", "head,relation,tail\na,b,c\n".encode("utf-16"), ["UTF-8"]),
         ("a.csv", b"head,relation,tail\na,b,c\nM\xf6bel,b,c\n", ["UTF-8"]),
         ("a.csv", gzip.compress(LOG.encode()), ["UTF-8"]),

@@ -9,7 +9,7 @@ import pandas as pd
 
 from isi.base import paths, tables
 from isi.studies.beyond import load
-from isi.studies.hidden import HIDDEN, Hidden
+from isi.studies.hidden import Hidden
 
 TABLE = Path(__file__).parent.parent / "docs" / "benchmarks" / "hidden.md"
 ALL = "all"
@@ -89,7 +89,7 @@ def main() -> None:
     entries = {name: how for name, how in load().hidden.items() if paths.hidden(name).exists()}
     parts, sentences = [], []
     for name, how in entries.items():
-        found = tables.read(paths.hidden(name), HIDDEN)
+        found = tables.read(paths.hidden(name), tables.HIDDEN)
         seconds = pd.DataFrame(json.loads(paths.hidden_seconds(name).read_text(encoding="utf-8")))
         parts.append(rows_of(found, seconds, how).assign(graph=[how.title, *[""] * (found["method"].nunique() - 1)]))
         sentences.append(f"- {words(found, how)}")

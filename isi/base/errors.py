@@ -15,7 +15,7 @@ LONGEST = 270
 _GIB, _MIB = 2**30, 2**20
 
 _SHORT = reprlib.Repr()
-_SHORT.maxstring = _SHORT.maxother = 60
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 
 
 class InputError(Exception):
@@ -61,12 +61,12 @@ def _room(path: Path, error: OSError) -> str:
 def short(value: object) -> str:
     """A value as a message repeats it: as Python writes it, but cut where it is long or deep."""
     try:
-        return _SHORT.repr(value)
+        return cut(_SHORT.repr(value), 100)
     except ValueError:  # Python writes no number of more than 4,300 digits
         return "a number of thousands of digits"
 
 
-def cut(text: str, most: int) -> str:
+def cut(text: str, most: int = 80) -> str:
     """A text of at most so many characters, without its middle where it has more."""
     if len(text) <= most:
         return text

@@ -150,9 +150,9 @@ def families(experiment: str, family: str) -> Path:
     return DATA / "studies" / "families" / experiment / f"{family}.parquet"
 
 
-def explorer(experiment: str) -> Path:
-    """Single insertions, entity by entity, for the report's explorer."""
-    return DATA / "studies" / "explorer" / f"{experiment}.parquet"
+def explorer(experiment: str, what: str) -> Path:
+    """Single insertions, entity by entity, for the report's explorer: entities, indicators, places or answers."""
+    return DATA / "studies" / "explorer" / f"{experiment}{f'.{what}' * (what != 'entities')}.parquet"
 
 
 def kept(experiment: str) -> Path:

@@ -11,7 +11,7 @@ import pandas as pd
 #: Characters of a name, and of a value that a message repeats, at most.
 LONGEST, SHOWN = 1000, 40
 #: Observations of a table, at most: training passes over all of them in every epoch.
-MOST = 10**9
+MOST_OBSERVED = 10**9
 #: By how much single-precision means may leave where they should be.
 ROUNDING = 1e-6
 
@@ -68,6 +68,11 @@ def within(low: float, high: float, *columns: str) -> list[Rule]:
     return [_of(name, f"expected {name!r} from {low:g} to {high:g}", outside) for name in columns]
 
 
+def finite(*columns: str) -> list[Rule]:
+    """Numbers are not infinite; null is none."""
+    return [_of(name, f"expected {name!r} to be finite", lambda values: np.isinf(_numbers(values))) for name in columns]
+
+
 def one_of(column: str, names: Collection[str]) -> list[Rule]:
     """Text is of a list; null is none."""
     says = f"expected {column!r} among {', '.join(names)}"
@@ -107,9 +112,9 @@ def in_blocks(block: str, *key: str) -> list[Rule]:
 
 
 def counted(column: str = "count") -> list[Rule]:
-    """Numbers of observations: each from 1 on, and ``MOST`` altogether."""
-    says = f"expected {MOST:,} observations at most, altogether"
-    return [*at_least(1, column), _of(column, says, lambda values: np.cumsum(_numbers(values)) > MOST)]
+    """Numbers of observations: each from 1 on, and ``MOST_OBSERVED`` altogether."""
+    says = f"expected {MOST_OBSERVED:,} observations at most, altogether"
+    return [*at_least(1, column), _of(column, says, lambda values: np.cumsum(_numbers(values)) > MOST_OBSERVED)]
 
 
 def measured(measures: Sequence[str], queries: str) -> list[Rule]:

@@ -16,6 +16,7 @@ from isi.base.rules import (
     ascending,
     at_least,
     counted,
+    finite,
     first_breach,
     in_blocks,
     mean_of,
@@ -70,6 +71,11 @@ SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
 FALLBACK_NAMES = ("es", "rs", "centroid")
 FILTERS = ("learned", "true")
 SLOTS = ("head", "relation", "tail")
+#: The ends of a triple, one of which a query hides; and what a true answer is to a session.
+ENDS = ("tail", "head")
+TRUE_NAMES = ("told", "learned", "held_out")
+#: What is asked of entities that were hidden from another trainer (``HIDDEN``).
+ASKED_OF_HIDDEN = ("known", "hidden", "earlier")
 #: Where a query has a novel entity.
 NOVEL_AT = ("none", "given", "answer", "both")
 
@@ -204,3 +210,45 @@ TIES = Schema(
     [*_CELL, ("scope", _NAME), ("ties", _INT), ("session", _INT)],
     [*_OF_SESSIONS, *at_least(0, "ties"), *one_of("scope", SCOPES), *ascending("size", "seed", "session", "scope")],
 )
+#: Single insertions, one row per entity. ``told``: its insert triples. ``shown``: the share of the known entities'
+#: variance that the two axes of its map hold. ``fitted``: the share of it that the joint model's vectors of them have
+#: in common with Θ⁰'s.
+SINGLES = Schema(
+    [("entity", _INT), ("seed", _INT), ("told", _INT), ("shown", _REAL), ("fitted", _REAL)],
+    [*at_least(0, "entity", "seed", "told"), *within(0, 1, "shown", "fitted"), *ascending("entity")],
+)
+#: Whose vectors make the centre of an entity's vector, by weight; ``fallback``: by whose means, where not the model's
+#: own. ``by_words``: cosine of word vectors; ``by_relations``: mean of cos(v_e, ᾱ_r) over the relations told.
+SINGLE_INDICATORS = Schema(
+    [("entity", _INT), ("model", _NAME), ("fallback", _NAME), ("indicator", _INT), ("weight", _REAL),
+     ("by_words", _REAL), ("by_relations", _REAL)],
+    [*at_least(0, "entity", "indicator"), *one_of("fallback", FALLBACK_NAMES), *within(0, 1, "weight"),
+     *within(-1, 1, "by_words", "by_relations"), *unique("entity", "model", "indicator")],
+    nullable=["fallback", "by_words", "by_relations"],
+)  # fmt: skip
+#: Where entities lie on the map of a seed: the known ones in Θ⁰, others where a model has them after an epoch.
+SINGLE_PLACES = Schema(
+    [("seed", _INT), ("entity", _INT), ("model", _NAME), ("epoch", _INT), ("x", _REAL), ("y", _REAL)],
+    [*at_least(0, "seed", "entity", "epoch"), *finite("x", "y"), *unique("seed", "entity", "model", "epoch")],
+)
+#: Answers to (entity, relation, ?) and (?, relation, entity), the first and the true ones, with their places among all
+#: entities of the session. ``true``: what a true one is; null: not true.
+SINGLE_ANSWERS = Schema(
+    [("entity", _INT), ("model", _NAME), ("epoch", _INT), ("relation", _NAME), ("hidden", _NAME), ("answer", _INT),
+     ("rank", _INT), ("true", _NAME)],
+    [*at_least(0, "entity", "epoch", "answer"), *at_least(1, "rank"), *one_of("hidden", ENDS),
+     *one_of("true", TRUE_NAMES), *unique("entity", "model", "epoch", "relation", "hidden", "answer"),
+     *unique("entity", "model", "epoch", "relation", "hidden", "rank")],
+    nullable=["true"],
+)  # fmt: skip
+#: ``method``: what gave hidden entities their vectors. ``initializer``: of ``isi.pykeen.insert``, where that did.
+#: ``told``: triples told of each entity, at most (null: all). ``asked``: for the ``known`` end of a triple by its
+#: hidden entity, for the ``hidden`` entity by the known end, or for the ends of ``earlier`` triples, of known entities
+#: alone, which were not trained on; all entities are candidates of all.
+HIDDEN = Schema(
+    [("method", _NAME), ("initializer", _NAME), ("told", _INT), ("seed", _INT), ("asked", _NAME), ("entities", _INT),
+     ("queries", _INT), ("mrr", _REAL), ("hits_at_10", _REAL)],
+    [*at_least(1, "told", "entities", "queries"), *at_least(0, "seed"), *one_of("asked", ASKED_OF_HIDDEN),
+     *within(0, 1, "mrr", "hits_at_10"), *unique("method", "initializer", "told", "seed", "asked")],
+    nullable=["initializer", "told"],
+)  # fmt: skip

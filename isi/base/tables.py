@@ -27,6 +27,7 @@ from isi.base.schemas import (
     CROSS_VALIDATION,
     ENTITIES,
     FAMILIES,
+    HIDDEN,
     INDICATOR_SWEEP,
     INSERT_TRIPLES,
     INSERTED,
@@ -36,6 +37,10 @@ from isi.base.schemas import (
     OBSERVATIONS,
     RATE_SWEEP,
     RUNS,
+    SINGLE_ANSWERS,
+    SINGLE_INDICATORS,
+    SINGLE_PLACES,
+    SINGLES,
     SPLITS,
     TIES,
     TRAINING_LOG,
@@ -50,10 +55,11 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 __all__ = [
-    "AFFORDANCES", "ASKED", "COVERAGE", "CROSS_VALIDATION", "ENTITIES", "FAMILIES", "INDICATOR_SWEEP", "INSERTED",
-    "INSERT_TRIPLES", "KINDS", "MINED", "NOVEL", "OBSERVATIONS", "RATE_SWEEP", "RUNS", "SPLITS", "TIES", "TRAINING_LOG",
-    "TRIPLES", "USED", "VARIANTS", "VARIANTS_ASKED", "Provenance", "Schema", "as_text", "atomically", "keep_only",
-    "read", "read_tensors", "read_text", "shape_of", "together", "write", "write_stream", "write_tensors",
+    "AFFORDANCES", "ASKED", "COVERAGE", "CROSS_VALIDATION", "ENTITIES", "FAMILIES", "HIDDEN", "INDICATOR_SWEEP",
+    "INSERTED", "INSERT_TRIPLES", "KINDS", "MINED", "NOVEL", "OBSERVATIONS", "RATE_SWEEP", "RUNS", "SINGLES",
+    "SINGLE_ANSWERS", "SINGLE_INDICATORS", "SINGLE_PLACES", "SPLITS", "TIES", "TRAINING_LOG", "TRIPLES", "USED",
+    "VARIANTS", "VARIANTS_ASKED", "Provenance", "Schema", "as_text", "atomically", "keep_only", "read",
+    "read_tensors", "read_text", "shape_of", "together", "write", "write_stream", "write_tensors",
 ]  # fmt: skip
 
 

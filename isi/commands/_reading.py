@@ -17,7 +17,7 @@ from isi.base.errors import InputError
 from isi.base.params import options
 from isi.building import Seen
 from isi.sources import SOURCES, observing
-from isi.sources._quoting import json_of
+from isi.sources._json import json_of
 from isi.sources._rows import SEPARATORS, UNREADABLE, form_of, open_text
 
 READERS = {**dict.fromkeys([*SEPARATORS, ".parquet"], "table"), ".nt": "rdf", ".ttl": "rdf"}

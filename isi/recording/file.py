@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from isi.base import tables
-from isi.base.errors import InputError
+from isi.base.errors import InputError, short
 from isi.recording.settings import Layout
 from isi.sources._materials import Object
-from isi.sources._quoting import short
 from isi.sources._recording import FIELDS, FORMAT, MOST_BYTES, check_header, check_line, parsed
 
 _CHUNK = 1 << 20

@@ -281,7 +281,9 @@ def _approach(experiment: str) -> Mapping[str, np.ndarray]:
 
 
 def _explorer(experiment: str) -> Mapping[str, pd.DataFrame]:
-    return {what: tables.read_text(singles.path(experiment, what), singles.TABLES[what][0]) for what in singles.TABLES}
+    return {
+        what: tables.read_text(paths.explorer(experiment, what), singles.TABLES[what][0]) for what in singles.TABLES
+    }
 
 
 def _read_yaml(path: Path) -> Mapping[str, Any]:

@@ -11,17 +11,15 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from isi.base.errors import InputError
+from isi.base.errors import InputError, short
 from isi.base.params import Name, check, keywords
 from isi.base.plugins import Plugins
+from isi.base.rules import MOST_OBSERVED
 from isi.base.tables import OBSERVATIONS
 from isi.sources._naming import fault
-from isi.sources._quoting import short
 
 #: Settings that name what a source reads.
 READ = ("path", "from_", "folder")
-#: Observations, at most.
-LARGEST = 2**31 - 1
 _TRIPLE = ["head", "relation", "tail"]
 #: Names the entities of a source (``tables.KINDS``), given its unique triples and the names of its rooms.
 Entities = Callable[[pd.DataFrame, Collection[str]], pd.DataFrame]
@@ -110,8 +108,8 @@ class Observed:
             if wrong := next(filter(None, map(fault, {name for triple in new for name in triple})), None):
                 raise InputError(self.file, "", wrong)
             total += pc.sum(table["count"]).as_py() or 0
-            if total > LARGEST:
-                raise InputError(self.file, "", f"expected at most {LARGEST:,} observations in all")
+            if total > MOST_OBSERVED:
+                raise InputError(self.file, "", f"expected at most {MOST_OBSERVED:,} observations in all")
             triples |= new
             rooms |= {room for (room,) in _distinct(table, ["room"]) if room is not None}
             yield table

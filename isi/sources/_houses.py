@@ -14,9 +14,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from isi.base.errors import InputError
+from isi.base.errors import InputError, cut, short
 from isi.sources._files import check_sha256, packaged
-from isi.sources._quoting import cut, printable, short
 
 #: The largest house that is read, in bytes, objects, and corners of floors; those of ProcTHOR-10K have a few hundred
 #: thousand, hundred and dozen at most.
@@ -181,7 +180,7 @@ def asset_types() -> dict[str, str]:
     try:
         listed = _ASSETS.validate_json(path.read_bytes())
     except (OSError, ValueError) as error:
-        problem = f"expected the assets of each type ({printable(str(error))})"
+        problem = f"expected the assets of each type ({cut(str(error), 120)})"
         raise InputError("package procthor", "asset-database.json", problem) from error
     return {asset.name: kind for kind, assets in listed.items() for asset in assets}
 

@@ -9,10 +9,9 @@ from typing import Annotated
 import pandas as pd
 from pydantic import Field
 
-from isi.base.errors import InputError
+from isi.base.errors import InputError, short
 from isi.base.params import Section
 from isi.sources._household import entity_name, household
-from isi.sources._quoting import short
 
 #: Characters of a name, at most.
 LONGEST = 200

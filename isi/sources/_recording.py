@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from isi.base import paths
-from isi.base.errors import InputError
+from isi.base.errors import InputError, cut, short
 from isi.sources._files import check_sha256, packaged
+from isi.sources._json import json_of
 from isi.sources._materials import Object
 from isi.sources._naming import fault
-from isi.sources._quoting import cut, json_of, short
 
 #: Header of a recording of ``make record``, a line of JSON; each line behind it is a scene.
 FORMAT = {"format": "isi recording", "version": 1, "simulator": "ai2thor"}

@@ -15,9 +15,9 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isi.base.errors import InputError
+from isi.base.errors import InputError, cut, short
+from isi.base.rules import MOST_OBSERVED
 from isi.sources._naming import fault
-from isi.sources._quoting import cut, printable, short
 
 #: Rows of a Parquet file that are read at once.
 BATCH = 65_536
@@ -28,7 +28,6 @@ MOST = 2**26
 MOST_ROWS = 1_000_000
 #: Names of the columns of whole numbers, and of numbers from 0 to 1; the others hold text.
 COUNT, SHARE = "count", "share"
-LARGEST = 2**31 - 1
 
 SEPARATORS = {".csv": ",", ".tsv": "\t"}
 UNREADABLE = (OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error, pa.ArrowException)
@@ -181,7 +180,7 @@ def _of_text(path: Path, separator: str, columns: _Columns) -> Iterator[Row]:
                     raise InputError(path, f"line {line}", f"expected {len(header)} fields, got {len(fields)}")
     except UNREADABLE as error:
         place = "" if isinstance(error, FileNotFoundError | PermissionError) else f"line {line + 1}"
-        raise InputError(path, place, f"expected a table of UTF-8 text ({printable(str(error))})") from error
+        raise InputError(path, place, f"expected a table of UTF-8 text ({cut(str(error), 120)})") from error
 
 
 def _of_parquet(path: Path, columns: _Columns) -> Iterator[Row]:
@@ -200,7 +199,7 @@ def _of_parquet(path: Path, columns: _Columns) -> Iterator[Row]:
                     yield Row(path, f"row {number}", values)
     except UNREADABLE as error:
         place = f"row {number + 1}" if number else ""
-        raise InputError(path, place, f"expected a Parquet table ({printable(str(error))})") from error
+        raise InputError(path, place, f"expected a Parquet table ({cut(str(error), 120)})") from error
 
 
 def _check_type(path: Path, column: str, kind: pa.DataType) -> None:
@@ -220,8 +219,8 @@ def _counted(place: int, row: Row) -> Row:
         return row
     if isinstance(given, str) and not re.fullmatch(r"[0-9]{1,10}", given):
         raise row.error(f"expected a whole number as count, got {short(given)}")
-    if not 1 <= int(given) <= LARGEST:
-        raise row.error(f"expected a count from 1 to {LARGEST}, got {given}")
+    if not 1 <= int(given) <= MOST_OBSERVED:
+        raise row.error(f"expected a count from 1 to {MOST_OBSERVED}, got {given}")
     values = [*row.values]
     values[place] = int(given)
     return row._replace(values=values)

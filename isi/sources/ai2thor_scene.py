@@ -13,10 +13,10 @@ import pyarrow.compute as pc
 from isi.base.errors import InputError
 from isi.sources import Mining, source
 from isi.sources._household import household
+from isi.sources._json import json_of
 from isi.sources._materials import simulator
 from isi.sources._mining import Broken, Circular, Untidy, mine
 from isi.sources._naming import fault
-from isi.sources._quoting import json_of
 from isi.sources._recording import ITHOR, ROBOTHOR, Scene, checked
 from isi.sources._rows import read_text
 

@@ -11,12 +11,11 @@ from typing import Annotated, Any, TypeVar
 import pyarrow as pa
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from isi.base.errors import InputError
+from isi.base.errors import InputError, short
 from isi.sources import Mining, part, source
 from isi.sources._files import packaged
 from isi.sources._household import AT_LOCATION, HAS_AFFORDANCE, household
 from isi.sources._naming import fault
-from isi.sources._quoting import short
 from isi.sources._rows import read_listed, read_text
 
 SCENES, CATEGORIES, PROPERTIES = (

@@ -12,12 +12,11 @@ from typing import Annotated, Literal
 import pyarrow as pa
 from pydantic import Field
 
-from isi.base.errors import InputError
+from isi.base.errors import InputError, short
 from isi.sources import Mining, source
 from isi.sources._household import household
 from isi.sources._mp3d import Counted, entity_name, mine, read_vocabulary
 from isi.sources._naming import fault
-from isi.sources._quoting import short
 from isi.sources._rows import read_text
 
 #: Where a record ``C`` has the name of its category.

@@ -9,9 +9,8 @@ import pandas as pd
 import pyarrow as pa
 
 from isi.base import paths
-from isi.base.errors import InputError
+from isi.base.errors import InputError, short
 from isi.sources import Mining, part, source
-from isi.sources._quoting import short
 from isi.sources._rows import read_listed
 
 _TRIPLE = ["head", "relation", "tail"]

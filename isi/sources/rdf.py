@@ -18,10 +18,9 @@ from rdflib.plugins.parsers.notation3 import BadSyntax
 from rdflib.plugins.parsers.ntriples import DummySink, W3CNTriplesParser
 from rdflib.term import Node
 
-from isi.base.errors import InputError
+from isi.base.errors import InputError, cut, short
 from isi.sources import Mining, part, source
 from isi.sources._naming import Kinds, Naming, fault
-from isi.sources._quoting import cut, printable, short
 from isi.sources._rows import LINE, UNREADABLE, form_of, open_text, read_text
 from isi.sources.table import CHUNK, naming
 
@@ -196,5 +195,5 @@ def _of_turtle(path: Path) -> Iterator[Placed]:
         place, what = "", f"{type(error).__name__}: {error}"
         if isinstance(error, BadSyntax):
             place, what = f"line {error.lines + 1}", str(error._why)
-        raise InputError(path, place, f"expected Turtle ({printable(what)})") from error
+        raise InputError(path, place, f"expected Turtle ({cut(what, 120)})") from error
     yield from (("", *triple) for triple in sorted(graph))

@@ -9,9 +9,10 @@ from pathlib import Path
 import pyarrow as pa
 
 from isi.base.errors import InputError
+from isi.base.rules import MOST_OBSERVED
 from isi.sources import Mining, part, source
 from isi.sources._naming import Kinds, Naming, fault
-from isi.sources._rows import LARGEST, Row, read_rows
+from isi.sources._rows import Row, read_rows
 
 TRIPLE = ("head", "relation", "tail")
 MAY = ("count", "scene", "room", "instance")
@@ -82,8 +83,8 @@ def _observations(path: Path) -> Iterator[Observation]:
         if instance:
             _check(row, instance)
         total += (count := 1 if count is None else count)
-        if total > LARGEST:
-            raise row.error(f"expected at most {LARGEST} observations in all")
+        if total > MOST_OBSERVED:
+            raise row.error(f"expected at most {MOST_OBSERVED} observations in all")
         yield scene, room, instance, head, relation, tail, count
     if not total:
         raise InputError(path, "", "expected triples, got none")

@@ -12,10 +12,9 @@ import pandas as pd
 import pyarrow as pa
 
 from isi.base import paths
-from isi.base.errors import InputError
+from isi.base.errors import InputError, short
 from isi.sources import Mining, part, source
 from isi.sources._naming import fault
-from isi.sources._quoting import short
 from isi.sources._rows import read_listed, read_text
 
 ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import torch
 from torch import Tensor
 
+from isi.base.schemas import TRUE_NAMES
 from isi.embeddings.stack import Embedding
 from isi.experiments.cells import Cells
 from isi.graph import HEAD, RELATION, TAIL
@@ -19,14 +19,8 @@ from isi.sessions.session import OUT, TRAIN
 #: Columns of triples with the end that a query hides, and with the one that it gives.
 HIDDEN = {"tail": (TAIL, HEAD), "head": (HEAD, TAIL)}
 #: What a true answer is to a session; none: not true.
-TRUE = (None, "told", "learned", "held_out")
+TRUE = (None, *TRUE_NAMES)
 TOLD, LEARNED, HELD_OUT = 1, 2, 3
-
-_NAME = pa.dictionary(pa.int32(), pa.string())
-#: Answers to (entity, relation, ?) and (?, relation, entity), the first and the true ones, with their places among all
-#: entities of the session. ``true``: see ``TRUE``.
-ANSWERS = pa.schema([("entity", pa.int32()), ("model", _NAME), ("epoch", pa.int32()), ("relation", _NAME),
-                     ("hidden", _NAME), ("answer", pa.int32()), ("rank", pa.int32()), ("true", _NAME)])  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -85,7 +79,7 @@ def asked_of(cells: Cells, picked: Picked, told: Tensor) -> Asked:
 
 
 def answers_of(embedding: Embedding, cells: Cells, queries: Asked, first: int) -> pd.DataFrame:
-    """The first answers to each query and the true ones, in order (``ANSWERS``); equal scores by id."""
+    """The first answers to each query and the true ones, in order (``tables.SINGLE_ANSWERS``); equal scores by id."""
     novel, picked = cells.novel_in(1), queries.picked
     scores = torch.stack([
         torch.stack([picked.of(embedding.score_tails(novel, relation)),

@@ -8,15 +8,18 @@ from typing import Annotated
 from pydantic import Field
 
 from isi.base import paths
-from isi.base.params import Name, check, read
-from isi.studies import elsewhere
+from isi.base.params import Name, Section, check, read
+from isi.studies.elsewhere import Elsewhere
 from isi.studies.hidden import Hidden
+from isi.studies.variants import Variant
 
 
-class Beyond(elsewhere.Beyond):
+class Beyond(Section):
     """The params of the second pipeline, of every stage."""
 
+    graphs: Annotated[dict[Name, Elsewhere], Field(default_factory=dict)]
     hidden: Annotated[dict[Name, Hidden], Field(default_factory=dict)]
+    variants: dict[Name, Variant]
 
 
 def load(path: Path = paths.BEYOND_PARAMS) -> Beyond:

@@ -1,17 +1,15 @@
-"""Experiments on graphs of their own, each run from its source on, and all params of the second pipeline."""
+"""Experiments on graphs of their own, each run from its source on."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from isi.base import paths
-from isi.base.params import Count, Name, Section, check, read
+from isi.base.params import Count, Name, Section
 from isi.building import GraphTables
 from isi.experiments.store import Store
 from isi.sessions.drawing import SessionsOf
@@ -47,24 +45,6 @@ class Elsewhere(Section):
             title=self.title, group="graphs", experiments=[name], initializers=self.initializers,
             size=self.sessions.sizes[0], seeds=self.sessions.seeds, options={}, changes=self.changes, trained=True,
         )  # fmt: skip
-
-
-class Beyond(Section):
-    """The params of the second pipeline."""
-
-    graphs: Annotated[dict[Name, Elsewhere], Field(default_factory=dict)]
-    variants: dict[Name, Variant]
-
-
-def load(path: Path = paths.BEYOND_PARAMS) -> Beyond:
-    """All params of the second pipeline; empty where there is none.
-
-    Raises:
-        InputError: where a key is unknown, of another type or out of range.
-    """
-    if not path.exists():
-        return Beyond(graphs={}, variants={})
-    return check(read(path), Beyond, "", path)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 from pydantic import Field
 
 from isi.base import paths
@@ -16,15 +15,6 @@ from isi.base.params import Count, Fraction, Name, Positive, Section
 from isi.base.streams import stream
 from isi.graph import HEAD, RELATION, TAIL
 from isi.words import Words
-
-_NAME = pa.dictionary(pa.int32(), pa.string())
-#: ``method``: what gave the hidden entities their vectors. ``initializer``: of ``isi.pykeen.insert``, where that did.
-#: ``told``: triples told of each entity, at most (null: all). ``asked``: for the ``known`` end of a triple by its
-#: hidden entity, for the ``hidden`` entity by the known end, or for the ends of ``earlier`` triples, of known entities
-#: alone, which were not trained on; all entities are candidates of all.
-HIDDEN = pa.schema([("method", _NAME), ("initializer", _NAME), ("told", pa.int32()), ("seed", pa.int32()),
-                    ("asked", _NAME), ("entities", pa.int32()), ("queries", pa.int32()), ("mrr", pa.float64()),
-                    ("hits_at_10", pa.float64())])  # fmt: skip
 
 
 class Training(Section):

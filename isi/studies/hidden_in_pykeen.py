@@ -77,7 +77,7 @@ Method = Callable[[Case], tuple[Model, Inserted | None]]
 
 
 def hidden_in(task: HidingTask) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """What each method answers (``hidden.HIDDEN``), and its seconds of processor time: method, initializer, told."""
+    """What each method answers (``tables.HIDDEN``), and its seconds of processor time: method, initializer, told."""
     for name in ("pykeen", "torch_max_mem"):
         logging.getLogger(name).setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", "'pin_memory' argument", UserWarning)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import torch
 from torch import Tensor
 
-from isi.base import paths
 from isi.base.params import Count, Name, Option, Section, Study
+from isi.base.schemas import SINGLE_ANSWERS, SINGLE_INDICATORS, SINGLE_PLACES, SINGLES
 from isi.embeddings.stack import Embedding
 from isi.experiments.cells import Cells, Vectors
 from isi.insertion.core import ES, FALLBACKS, NONE, RS, Initial, Insertion
@@ -21,7 +19,7 @@ from isi.insertion.similarity import first_able, has_insert_triples, has_words, 
 from isi.insertion.step import initialize, insertion_of, learn, put
 from isi.insertion.tasks import InsertTask, how_in, told_in
 from isi.insertion.weighing import mean_relational_score, soft
-from isi.studies.answering import ANSWERS, TOLD, Picked, answers_of, asked_of, pick
+from isi.studies.answering import TOLD, Picked, answers_of, asked_of, pick
 from isi.studies.asking import JOINT
 from isi.studies.planes import Plane, on, plane, turn
 
@@ -30,31 +28,11 @@ SHOWN = ("xavier", "es", "rs", "ers")
 #: What a map shows of the known entities.
 THETA0 = "theta0"
 
-_NAME = pa.dictionary(pa.int32(), pa.string())
-#: One row per entity. ``told``: its insert triples. ``shown``: the share of the known entities' variance that the two
-#: axes of its map hold. ``fitted``: the share of it that the joint model's vectors of them have in common with Θ⁰'s.
-SINGLES = pa.schema([("entity", pa.int32()), ("seed", pa.int32()), ("told", pa.int32()),
-                     ("shown", pa.float64()), ("fitted", pa.float64())])  # fmt: skip
-#: Whose vectors make the centre of an entity's vector, by weight; ``fallback``: by whose means, where not the model's
-#: own. ``by_words``: cosine of word vectors; ``by_relations``: mean of cos(v_e, ᾱ_r) over the relations told.
-INDICATORS = pa.schema([("entity", pa.int32()), ("model", _NAME), ("fallback", _NAME), ("indicator", pa.int32()),
-                        ("weight", pa.float64()), ("by_words", pa.float64()),
-                        ("by_relations", pa.float64())])  # fmt: skip
-#: Where entities lie on the map of a seed: the known ones in Θ⁰, others where a model has them after an epoch.
-PLACES = pa.schema([("seed", pa.int32()), ("entity", pa.int32()), ("model", _NAME), ("epoch", pa.int32()),
-                    ("x", pa.float64()), ("y", pa.float64())])  # fmt: skip
-
-
 #: What is shown, each in a table of its own: its schema, and what it is sorted by.
 TABLES = {
-    "entities": (SINGLES, "entity"), "indicators": (INDICATORS, "entity"), "places": (PLACES, "seed"),
-    "answers": (ANSWERS, "entity"),
+    "entities": (SINGLES, "entity"), "indicators": (SINGLE_INDICATORS, "entity"), "places": (SINGLE_PLACES, "seed"),
+    "answers": (SINGLE_ANSWERS, "entity"),
 }  # fmt: skip
-
-
-def path(experiment: str, what: str) -> Path:
-    """Where one of ``TABLES`` is kept."""
-    return paths.explorer(experiment if what == "entities" else f"{experiment}.{what}")
 
 
 class Singled(Section):
@@ -89,7 +67,7 @@ class SinglesTask:
 
 @dataclass(frozen=True)
 class Singles:
-    """What is shown of the entities of a task: ``SINGLES``, ``INDICATORS``, ``PLACES`` and ``ANSWERS``."""
+    """What is shown of the entities of a task: a table of each of ``TABLES``."""
 
     entities: pd.DataFrame
     indicators: pd.DataFrame
@@ -150,7 +128,7 @@ def _to_the_end(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:  # 
 def indicators_of(
     insertion: Insertion, weights: Tensor, fallback: Tensor, picked: Picked, model: str, most: int
 ) -> pd.DataFrame:
-    """The entities of largest weight in the centre of each vector (``INDICATORS``), the most similar first.
+    """The entities of largest weight in the centre of each vector (``tables.SINGLE_INDICATORS``), most similar first.
 
     Args:
         weights: shape (M, n, E).
@@ -203,7 +181,7 @@ def weights_of(insertion: Insertion, initial: Initial, options: Mapping[str, Opt
 def _places(
     cells: Cells, picked: Picked, entity: Tensor, planes: Sequence[Plane], model: str, epoch: int
 ) -> pd.DataFrame:  # fmt: skip
-    """Of novel entities, where tables of shape (M, E, d) have them (``PLACES``)."""
+    """Of novel entities, where tables of shape (M, E, d) have them (``tables.SINGLE_PLACES``)."""
     points = torch.stack([on(planes[m], entity[m, e]) for m, e in zip(picked.model, picked.entity, strict=True)])
     x, y = points.T.cpu().numpy()
     frame = pd.DataFrame({"seed": _seeds(cells, picked), "entity": picked.entity.cpu().numpy(), "x": x, "y": y})
