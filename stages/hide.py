@@ -56,8 +56,8 @@ def of_package(name: str) -> tuple[Graph, list[str]]:
 def explored(given: Given, name: str) -> tuple[Graph, list[str]]:
     """A graph of the second pipeline, and the phrases of its entities."""
     entities = tables.read(paths.explored(name, "entities"), tables.ENTITIES, given.provenance)
-    triples = tables.read(paths.explored(name, "triples"), tables.TRIPLES, given.provenance)
-    return build(entities, triples), list(entities["phrase"])
+    path = paths.explored(name, "triples")
+    return build(entities, tables.read(path, tables.TRIPLES, given.provenance), path), list(entities["phrase"])
 
 
 if __name__ == "__main__":

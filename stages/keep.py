@@ -7,7 +7,6 @@ from isi.base.stage import COMPUTE, Given, stage
 from isi.experiments.executor import compute_of, run
 from isi.experiments.learning import learning
 from isi.experiments.store import Store
-from isi.graph import build
 from isi.keeping.folder import write
 from isi.keeping.kept import MODEL, About, Kept, WordSource
 from isi.studies.keeping import learn_whole, usual_epochs, whole
@@ -21,11 +20,11 @@ def keep(given: Given, experiment: str) -> None:
     Trained as joint models are, for as many epochs as they usually took.
     """
     store, how = Store(experiment, given.provenance), learning(given)
-    entities, graph = tables.as_text(store.entities()), build(store.entities(), store.triples())
+    entities, graph = tables.as_text(store.entities()), store.graph()
     log = tables.read(paths.training_log(experiment, "joint"), tables.TRAINING_LOG, given.provenance)
     task = whole(experiment, graph, how, usual_epochs(log))
     (learned,) = run(learn_whole, [task], compute_of(given), f"{experiment}, kept")
-    words = given.section("words", Words)
+    vectors, words = store.words(), given.section("words", Words)
     source = WordSource(
         source=words.source, text=words.text, model=MODEL if words.shipped and words.text != "glove" else None
     )
@@ -37,7 +36,7 @@ def keep(given: Given, experiment: str) -> None:
     )  # fmt: skip
     kept = Kept(
         about, learned.entity[0], learned.relation[0], graph.entities, list(entities["kind"]), list(entities["phrase"]),
-        graph.relations, graph.triples.numpy(), store.words(),
+        graph.relations, graph.triples.numpy(), vectors,
     )  # fmt: skip
     write(paths.kept(experiment), kept)
 

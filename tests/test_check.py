@@ -24,12 +24,17 @@ from tests.lawful import alter, alter_tensors
 from tests.small import NAME
 
 FILES = 3 + 2 + 2 + 3 + 2 + 1 + 4 + 4
+#: Of the kept embedding and of single insertions.
+FILES += 5 + 4
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("checked")
     small.run_all(folder)
+    with chdir(folder):
+        small.run(f"keep {NAME}")
+        small.run(f"single_out {NAME}")
     return folder
 
 
@@ -71,6 +76,26 @@ def test_each_finding_is_one_line_and_the_status_is_1(capsys: pytest.CaptureFixt
     ):
         assert any(line.startswith(f"{path}: {says}") for line in lines), lines
     assert len(set(lines)) == len(lines)
+
+
+@pytest.mark.usefixtures("_in_copy")
+def test_a_kept_embedding_is_checked_by_its_own_digests_and_by_what_it_was_made_from(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = paths.kept(NAME)
+    names = (folder / "entities.tsv").read_text(encoding="utf-8")
+    (folder / "entities.tsv").write_text(f"{names[:-1]}x\n", encoding="utf-8")
+    (line, _), ended = check(capsys)
+    assert ended == 1
+    assert line.startswith(f"{folder}/entities.tsv: expected the bytes whose SHA-256 is in embedding.json")
+    (folder / "entities.tsv").write_text(names, encoding="utf-8")
+    alter_tensors(paths.vectors(NAME), a_little)
+    assert check(capsys, "--accept", str(paths.vectors(NAME)))[1] == 0
+    lines, _ = check(capsys)
+    made = f"was made from another {paths.vectors(NAME)} than is there: run `dvc repro keep@{NAME}`"
+    assert f"{folder}/embedding.json: {made}" in lines
+    (folder / "embedding.json").unlink()
+    assert any(line.startswith(f"{folder}/embedding.json: cannot be read") for line in check(capsys)[0])
 
 
 @pytest.mark.usefixtures("_in_copy")
@@ -175,7 +200,7 @@ def test_every_output_of_the_pipelines_has_rules() -> None:
                     path = Path(OPEN.sub("x", out))
                     there = schema_of(path) or is_tensors(path) or is_tensors(path / "size=01.safetensors")
                     assert there, out
-    assert len({id(schema) for _, schema in TABLES}) == 22
+    assert len({id(schema) for _, schema in TABLES}) == 27
 
 
 def test_it_runs_from_the_shell_and_says_where_it_is_not_at_home(tmp_path: Path) -> None:

@@ -11,8 +11,10 @@ from isi.base.errors import InputError
 from isi.base.pipeline import declared, made_files, maker_now
 from isi.base.provenance import CONTENT, OWN, STAGE, inputs_of, metadata_of
 
-#: Of files that bear metadata.
-SUFFIXES = (".parquet", ".safetensors")
+
+def bears_metadata(path: Path) -> bool:
+    """Whether a file says where it comes from: tables and tensors do, and of a kept embedding what describes it."""
+    return path.suffix == ".json" if path.is_relative_to(paths.KEPT) else path.suffix in (".parquet", ".safetensors")
 
 
 class PipelineOrigins:
@@ -37,7 +39,7 @@ class PipelineOrigins:
     def check_first(self) -> None:
         """The same of all that the first pipeline has written."""
         for path, made in made_files(self._everything):
-            if made.pipeline == paths.PIPELINE and path.suffix in SUFFIXES:
+            if made.pipeline == paths.PIPELINE and bears_metadata(path):
                 self.check(path)
 
     def fault(self, path: Path) -> InputError | None:

@@ -12,6 +12,8 @@ BEYOND_PIPELINE = Path("beyond") / "dvc.yaml"
 DATA = Path("data")
 RAW = DATA / "raw"
 REPORTS = Path("reports")
+#: Embeddings that commands of ``isi`` insert into.
+KEPT = DATA / "kept"
 
 MATERIAL_SHARES = RAW / "suncg" / "material_shares.csv"
 MATERIAL_CATEGORIES = RAW / "suncg" / "categories.csv"
@@ -157,7 +159,7 @@ def explorer(experiment: str, what: str) -> Path:
 
 def kept(experiment: str) -> Path:
     """The folder of the embedding of all of an experiment's graph, which commands of ``isi`` insert into."""
-    return DATA / "kept" / experiment
+    return KEPT / experiment
 
 
 def hidden(graph: str) -> Path:

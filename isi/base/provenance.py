@@ -79,14 +79,14 @@ def own(stage: str, params: Mapping[str, Any]) -> str:
 
 
 def metadata_of(path: Path) -> dict[str, str]:
-    """What a table or tensors say of themselves; nothing where the file is missing or broken."""
+    """What a table, tensors or a kept embedding say of themselves; nothing where the file is missing or broken."""
     try:
-        return (
-            metadata_of_tensors(path)
-            if path.suffix == ".safetensors"
-            else metadata_of_table(pq.read_metadata(path).metadata)
-        )
-    except (OSError, ValueError, pa.ArrowException):
+        if path.suffix == ".json":
+            return metadata_of_embedding(path)
+        if path.suffix == ".safetensors":
+            return metadata_of_tensors(path)
+        return metadata_of_table(pq.read_metadata(path).metadata)
+    except (OSError, ValueError, RecursionError, pa.ArrowException):
         return {}
 
 
@@ -103,6 +103,13 @@ def metadata_of_tensors(path: Path) -> dict[str, str]:
         header = json.loads(file.read(size if size <= _LONGEST else 0))
     found = header.get("__metadata__", {}) if isinstance(header, dict) else {}
     return dict(found) if isinstance(found, dict) else {}
+
+
+def metadata_of_embedding(path: Path) -> dict[str, str]:
+    """The product's own part of what a kept embedding says of how it was made."""
+    found = json.loads(path.read_bytes())
+    made = found.get("made") if isinstance(found, dict) else None
+    return {key: str(value) for key, value in made.items() if key.startswith("isi.")} if isinstance(made, dict) else {}
 
 
 def inputs_of(metadata: Metadata) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,8 +13,8 @@ from isi.base import paths, tables
 from isi.base.errors import InputError
 from isi.base.origin import PipelineOrigins
 from isi.base.params import at, check
-from isi.base.pipeline import made_files
-from isi.base.provenance import Provenance
+from isi.base.pipeline import made_files, maker_now
+from isi.base.provenance import Provenance, metadata_of
 from isi.base.schemas import Schema
 
 if TYPE_CHECKING:
@@ -23,6 +23,13 @@ if TYPE_CHECKING:
 
 #: Models of a stack, at most: all of a size.
 _ALL = 10**9
+#: The tables of single insertions, and their columns of ids of entities.
+OF_SINGLES: dict[str, tuple[Schema, Sequence[str]]] = {
+    "entities": (tables.SINGLES, ["entity"]),
+    "indicators": (tables.SINGLE_INDICATORS, ["entity", "indicator"]),
+    "places": (tables.SINGLE_PLACES, ["entity"]),
+    "answers": (tables.SINGLE_ANSWERS, ["entity", "answer"]),
+}
 #: Which table lies where: by its path's function of names.
 TABLES: list[tuple[Callable[..., Path], Schema]] = [
     (paths.observations, tables.OBSERVATIONS),
@@ -48,10 +55,12 @@ TABLES: list[tuple[Callable[..., Path], Schema]] = [
     (paths.families, tables.FAMILIES),
     (paths.variant, tables.VARIANTS),
     (paths.variant_asked, tables.VARIANTS_ASKED),
+    *((partial(paths.explorer, what=what), schema) for what, (schema, _) in OF_SINGLES.items()),
     (partial(paths.explored, what="entities"), tables.ENTITIES),
     (partial(paths.explored, what="triples"), tables.TRIPLES),
     (partial(paths.explored, what="runs"), tables.VARIANTS),
     (partial(paths.explored, what="asked"), tables.VARIANTS_ASKED),
+    (paths.hidden, tables.HIDDEN),
 ]
 #: Where tensors lie, but for Θ⁰'s.
 TENSORS: list[Callable[..., Path]] = [paths.vectors, paths.joint, paths.initial_vectors, paths.approach]
@@ -90,6 +99,10 @@ class Checking:
             if schema_of(path) or is_tensors(path):
                 self.files += 1
                 yield from found(partial(self._read, path))
+        for folder in sorted(paths.KEPT.glob("*")):
+            if maker_now(folder, self.everything):
+                self.files += sum(1 for _ in folder.iterdir())
+                yield from found(partial(self._read_kept, folder))
         for folder in sorted((paths.DATA / "graph").glob("*")):
             yield from self.between(folder.name)
 
@@ -99,6 +112,12 @@ class Checking:
             tables.read(path, schema, self._provenance)
         else:
             tables.read_tensors(path, [], self._provenance)
+
+    def _read_kept(self, folder: Path) -> None:
+        from isi.keeping.folder import ABOUT, read
+
+        read(folder)
+        self._provenance.seen(folder / ABOUT, metadata_of(folder / ABOUT))
 
     def between(self, experiment: str) -> Iterator[InputError]:
         """What does not agree with what it stands beside, of one experiment, as far as that has run."""
@@ -157,6 +176,10 @@ def _of_entities(store: Store) -> Iterator[InputError]:
         yield from found(partial(see_ids, affordances, tables.AFFORDANCES, "entity", "answer"))
     for path in sorted(paths.inserted(experiment, "x").parent.glob("*.inserted.parquet")):
         yield from found(partial(see_ids, path, tables.INSERTED, "entity"))
+    for what, (schema, columns) in OF_SINGLES.items():
+        path = paths.explorer(experiment, what)
+        if path.exists():
+            yield from found(partial(see_ids, path, schema, *columns))
 
 
 def _of_inserted(store: Store, cells: Cells) -> Iterator[InputError]:
