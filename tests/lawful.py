@@ -62,6 +62,19 @@ COLUMNS: dict[str, dict[str, Any]] = {
     "USED": {"seed": [0, 0, 1], "model": "joint", "relation": ["in", None, "in"], "part": "scalars", "used": [0, 2, 1],
              "of": 2},
     "TIES": {**CELLS, "scope": ["all", "known", "all"], "ties": [0, 9, 2]},
+    "SINGLES": {"entity": [0, 1, 4], "seed": [3, 0, 0], "told": [2, 0, 5], "shown": [0.25, 0.5, 1.0],
+                "fitted": [0.0, 0.5, 1.0]},
+    "SINGLE_INDICATORS": {"entity": [0, 0, 1], "model": ["es", "es", "rs"], "fallback": [None, None, "es"],
+                          "indicator": [4, 2, 4], "weight": [0.5, 0.25, 1.0], "by_words": [0.5, None, -1.0],
+                          "by_relations": [None, -0.25, 1.0]},
+    "SINGLE_PLACES": {"seed": [0, 0, 1], "entity": [1, 4, 1], "model": ["theta0", "es", "theta0"],
+                      "epoch": [0, 100, 0], "x": [0.5, -2.0, 0.0], "y": [1.0, 0.0, -0.25]},
+    "SINGLE_ANSWERS": {"entity": [0, 0, 1], "model": "es", "epoch": [0, 0, 100], "relation": "atLocation",
+                       "hidden": ["tail", "tail", "head"], "answer": [1, 2, 0], "rank": [2, 1, 1],
+                       "true": ["told", None, "held_out"]},
+    "HIDDEN": {"method": ["insert", "insert", "retrained"], "initializer": ["es", "es", None], "told": [1, None, None],
+               "seed": [0, 0, 1], "asked": ["known", "hidden", "earlier"], "entities": 5, "queries": [4, 4, 9],
+               "mrr": [0.5, 1 / 3, 1.0], "hits_at_10": [0.0, 0.5, 1.0]},
 }  # fmt: skip
 
 

@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from isi.base.errors import InputError
+from isi.base.params import Option
 from isi.embeddings.stack import Embedding
 from isi.experiments.executor import Compute, run
 from isi.experiments.learning import LearningTask, learn_initial
@@ -105,6 +106,19 @@ def test_insertion_of_vectors_that_are_none_names_its_cells() -> None:
                                               np.float32("nan"), trained.entity))  # fmt: skip
     tasks = insert_tasks(2, "xavier", broken)
     with pytest.raises(InputError, match=r"seeds \d+: diverged in epoch 0 \(NaN or infinity in vectors or scores\)"):
+        run(insert, tasks, Compute(workers=1, stack=2), "insertion")
+
+
+def test_insertion_by_the_covariance_of_vectors_that_do_not_differ_names_its_cells() -> None:
+    trained = theta0()
+    collapsed = replace(trained, entity=np.where(np.arange(trained.entity.shape[0])[:, None, None] == 1,
+                                                 np.float32(0), trained.entity))  # fmt: skip
+    options: dict[str, Option] = {"strength": 0.5, "ratio": 3}
+    tasks = [
+        replace(task, how=replace(task.how, initializer="map_mean", options=options))
+        for task in insert_tasks(2, "mean", collapsed)
+    ]
+    with pytest.raises(InputError, match=r"params\.yaml: .*seeds 1: known vectors that do not differ .*: turn"):
         run(insert, tasks, Compute(workers=1, stack=2), "insertion")
 
 

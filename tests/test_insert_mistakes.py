@@ -107,6 +107,10 @@ NAN = np.float32("nan")
             {"words": {"cup": "a cup"}},
             "'words': expected vectors, or the argument 'word_source' that makes vectors of texts",
         ),
+        (
+            {"words": {"cup": "a cup"}, "word_source": 3},
+            "'word_source': expected a function, gensim's KeyedVectors or a file of such, got 3",
+        ),
         ({"words": {"kup": [1.0]}}, "'words': expected one of 'entity_names' or of 'new', got 'kup'"),
         ({"kinds": ["a"]}, "'kinds': expected 14 kinds, of known and new entities, got 1"),
         ({"initializer": "er"}, "'initializer': expected one of "),

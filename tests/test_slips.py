@@ -19,7 +19,8 @@ import torch
 from isi.base import paths, tables
 from isi.base.errors import LONGEST, InputError, closest, cut, meant, short
 from isi.base.pipeline import absent
-from tests.test_bad_input import KINDS, MADE, OBSERVED, graph, observed, outputs, workspace
+from tests.lawful import written_by_its_stage
+from tests.test_bad_input import KINDS, OBSERVED, graph, observed, outputs, workspace
 
 __all__ = ["workspace"]  # a fixture
 
@@ -190,7 +191,8 @@ def test_vectors_that_are_read_before_they_are_made_are_said_to_be_missing(
     (workspace / "beyond").symlink_to(ROOT / "beyond")
     with pytest.raises(InputError, match=r"run `dvc repro train_theta0@ai2thor`, which makes it$"):
         tables.read_tensors(paths.theta0("ai2thor", 5), ["entity"])
-    tables.write_tensors(paths.theta0("ai2thor", 5), {"entity": torch.ones(1)}, MADE)
+    made = written_by_its_stage(paths.theta0("ai2thor", 5))
+    tables.write_tensors(paths.theta0("ai2thor", 5), {"entity": torch.ones(1)}, made)
     tables.read_tensors(paths.theta0("ai2thor", 5), ["entity"])
 
 

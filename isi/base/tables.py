@@ -262,8 +262,11 @@ def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
     """Let a function write to a temporary name beside the path, then replace the path.
 
     Raises:
+        InputError: where the path has no name, such as ``.``.
         Unwritable: where the disk is full, read-only, or refuses otherwise; what was there stays.
     """
+    if path.name in ("", ".."):
+        raise InputError(path, "", "expected the name of a file")
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -67,8 +67,6 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError(arguments.out, "", "expected another name: what is written is not compressed")
     files = make(out, arguments.out)
     for path, text in files.items():
-        if not path.name:
-            raise InputError(path, "", "expected the name of a file")
         try:
             if text is None:
                 path.unlink(missing_ok=True)

@@ -35,6 +35,7 @@ from isi.inserting.wording import Source, word_table
 from isi.insertion.core import FALLBACKS, Initial, Insertion
 from isi.insertion.step import How, Told, insertion_of
 from isi.learning.batches import Negatives
+from isi.learning.finite import NotFinite
 from isi.learning.training import Optimizer
 from isi.sessions.session import OUT, TRAIN, Session
 
@@ -180,7 +181,7 @@ def _told(task: Task, triple: np.ndarray) -> str:
 def _inserted(task: Task, choice: Choice) -> Inserted:
     try:
         initials = list(_initials(task, choice))
-    except torch.linalg.LinAlgError as error:  # type: ignore[attr-defined]
+    except NotFinite as error:
         expected = f"expected known vectors that differ, whose covariance {choice.initializer} goes by"
         raise InputError("argument 'entities'", "", expected) from error
     fallback = [FALLBACKS[code] for initial in initials for code in initial.fallback[0].tolist()]

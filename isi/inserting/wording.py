@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
 import numpy as np
 
-from isi.base.errors import InputError
+from isi.base.errors import InputError, short
 from isi.inserting.given import Names, table
-
-if TYPE_CHECKING:
-    from gensim.models import KeyedVectors
 
 #: What makes vectors of texts: a function, word vectors of gensim's, or a file of such.
 Source = Callable[[Sequence[str]], Any] | str | Path
@@ -59,9 +56,14 @@ def embedded(texts: Sequence[str], source: Source | None) -> np.ndarray:
     if callable(source):
         made = table(np.asarray(source(list(texts)), np.float32), "word_source")
     else:
-        from isi.words import look_up, read_vectors  # here, since gensim takes a second
+        from gensim.models import KeyedVectors  # here, since it takes a second
 
-        vectors = read_vectors(Path(source)) if isinstance(source, str | Path) else cast("KeyedVectors", source)
+        from isi.words import look_up, read_vectors
+
+        vectors = read_vectors(Path(source)) if isinstance(source, str | Path) else source
+        if not isinstance(vectors, KeyedVectors):
+            expected = f"expected a function, gensim's KeyedVectors or a file of such, got {short(source)}"
+            raise InputError("argument 'word_source'", "", expected)
         made = look_up(vectors, texts).vectors
     if len(made) != len(texts):
         raise InputError("argument 'word_source'", "", f"expected {len(texts)} vectors, got {len(made)}")

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
-from torch.linalg import inv, solve
+from torch.linalg import inv_ex, solve
 from torch.nn.functional import softplus
 
 from isi.base import paths
@@ -20,6 +20,7 @@ from isi.base.errors import InputError
 from isi.embeddings import bits
 from isi.embeddings.stack import Embedding, select
 from isi.insertion.core import Initial, Insertion
+from isi.learning.finite import NotFinite
 
 #: Share of an isotropic covariance of equal trace in that of the prior, whose rank is below d.
 SHRINKAGE = 0.1
@@ -82,11 +83,18 @@ def covariance(insertion: Insertion) -> Tensor:
 
 
 def evidence(insertion: Insertion, mean: Tensor, strength: float, ratio: int) -> Evidence:
-    """The evidence of the insert triples, and a prior of mean (M, n, d) and covariance Σ / ``strength``."""
+    """The evidence of the insert triples, and a prior of mean (M, n, d) and covariance Σ / ``strength``.
+
+    Raises:
+        NotFinite: where Σ has no inverse, since all known vectors of a model are the same.
+    """
     positive = told(insertion)
     negative = expected_negatives(insertion, positive, ratio)
-    precision = strength * inv(covariance(insertion))
-    return Evidence(positive.flatten(2).double(), negative.flatten(2).double(), mean.double(), precision)
+    inverse, failed = inv_ex(covariance(insertion))
+    if failed.any():
+        found = "known vectors that do not differ have no covariance to go by: turn down the weight decay of training"
+        raise NotFinite(failed.nonzero()[:, 0].tolist(), found)
+    return Evidence(positive.flatten(2).double(), negative.flatten(2).double(), mean.double(), strength * inverse)
 
 
 def ridge(insertion: Insertion, prior: Initial, strength: float, ratio: int) -> Initial:

@@ -1,4 +1,4 @@
-"""A model that diverges is stopped before anything is measured of it, and said to be one."""
+"""A model that diverges or collapses is stopped before anything is measured of it, and said to be one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LARGEST = 1e11
 
 
 class NotFinite(InputError):
-    """NaN or infinity in what some models of a stack hold, or would answer."""
+    """NaN or infinity in what some models of a stack hold, would answer, or are to be inserted into by."""
 
     def __init__(self, models: list[int], found: str) -> None:
         super().__init__("", "", found)

@@ -23,6 +23,7 @@ from isi.report import varied
 from isi.report.models import JOINT
 from isi.report.statistics import converged
 from isi.report.varied import Explored, Varied
+from isi.sources._rows import read_rows
 from isi.studies import singles
 from isi.studies.tracing import TRACED
 
@@ -295,7 +296,5 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
 
 
 def _read_definitions(path: Path) -> pd.DataFrame:
-    try:
-        return pd.read_csv(path, keep_default_na=False)[["phrase", "definition"]]
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(path, "", f"expected a CSV file with columns phrase and definition ({error})") from error
+    columns = ["phrase", "definition"]
+    return pd.DataFrame([row.values for row in read_rows(path, columns, others=True)], columns=columns)
