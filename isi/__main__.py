@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib
-import io
 import pkgutil
 import sys
 from collections.abc import Sequence
@@ -28,8 +27,6 @@ def main(argv: Sequence[str] | None = None) -> None:
                 module = importlib.import_module(f"{commands.__name__}.{name}")
                 module.configure(own)
                 own.set_defaults(run=module.run, prog=own.prog)
-        if isinstance(sys.stdout, io.TextIOWrapper):
-            sys.stdout.reconfigure(errors="backslashreplace")  # names may be of letters that a terminal lacks
         arguments = parser.parse_args(given)
         with one_line(arguments.prog):
             arguments.run(arguments)

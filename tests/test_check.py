@@ -15,7 +15,8 @@ import pandas as pd
 import pytest
 
 from isi.__main__ import main
-from isi.base import paths, tables
+from isi.base import params, paths, tables
+from isi.base.origin import PipelineOrigins
 from isi.base.provenance import ACCEPTED, CONTENT, metadata_of
 from isi.commands._checking import TABLES, is_tensors, schema_of
 from tests import small
@@ -88,6 +89,7 @@ def test_a_kept_embedding_is_checked_by_its_own_digests_and_by_what_it_was_made_
     (line, _), ended = check(capsys)
     assert ended == 1
     assert line.startswith(f"{folder}/entities.tsv: expected the bytes whose SHA-256 is in embedding.json")
+    PipelineOrigins(params.read(paths.PARAMS)).check_first()  # the report does not read it
     (folder / "entities.tsv").write_text(names, encoding="utf-8")
     alter_tensors(paths.vectors(NAME), a_little)
     assert check(capsys, "--accept", str(paths.vectors(NAME)))[1] == 0

@@ -8,6 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from isi.base import paths, tables
+from isi.base.command import one_line
 from isi.studies.beyond import load
 from isi.studies.hidden import Hidden
 
@@ -103,4 +104,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with one_line("hidden"):
+        main()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import fcntl
+import io
 import os
 import re
 import sys
@@ -35,6 +36,8 @@ def one_line(name: str, then: str = "run it again") -> Iterator[None]:
         name: of the command.
         then: what goes on from where a signal has stopped it.
     """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names may be of letters that a terminal lacks
     with stoppable(name, then):
         try:
             yield

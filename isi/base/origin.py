@@ -11,10 +11,8 @@ from isi.base.errors import InputError
 from isi.base.pipeline import declared, made_files, maker_now
 from isi.base.provenance import CONTENT, OWN, STAGE, inputs_of, metadata_of
 
-
-def bears_metadata(path: Path) -> bool:
-    """Whether a file says where it comes from: tables and tensors do, and of a kept embedding what describes it."""
-    return path.suffix == ".json" if path.is_relative_to(paths.KEPT) else path.suffix in (".parquet", ".safetensors")
+#: Of files that bear metadata, but for kept embeddings, whose tensors bear none.
+SUFFIXES = (".parquet", ".safetensors")
 
 
 class PipelineOrigins:
@@ -37,9 +35,10 @@ class PipelineOrigins:
             raise fault
 
     def check_first(self) -> None:
-        """The same of all that the first pipeline has written."""
+        """The same of all that the first pipeline has written but kept embeddings, which no stage of it reads."""
         for path, made in made_files(self._everything):
-            if made.pipeline == paths.PIPELINE and bears_metadata(path):
+            kept = path.is_relative_to(paths.KEPT)
+            if made.pipeline == paths.PIPELINE and path.suffix in SUFFIXES and not kept:
                 self.check(path)
 
     def fault(self, path: Path) -> InputError | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from isi.base import tables
 from isi.base.content import digest_of_table, digest_of_tensors
 from isi.base.errors import InputError
-from isi.base.origin import bears_metadata
+from isi.base.origin import SUFFIXES
 from isi.base.pipeline import Maker, declared, dependencies, maker_now
 from isi.base.provenance import ACCEPTED, CONTENT, OWN, Metadata, Provenance, metadata_of
 from isi.commands._checking import Checking, is_tensors, schema_of
@@ -71,6 +71,6 @@ def _metadata(by: Maker, checking: Checking) -> Metadata:
     provenance = Provenance(by.stage, declared(by.stage, by.arguments, checking.everything))
     for listed in map(Path, dependencies(by)):
         for path in sorted(listed.rglob("*")) if listed.is_dir() else [listed]:
-            if bears_metadata(path) and CONTENT in (metadata := metadata_of(path)):
+            if path.suffix in SUFFIXES and CONTENT in (metadata := metadata_of(path)):
                 provenance.seen(path, metadata)
     return provenance.metadata()

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from isi.base.errors import InputError
+from isi.base.errors import InputError, Unwritable
 from isi.base.params import check
 from isi.keeping.kept import About, Described, Kept
 from isi.keeping.rows import distinct_names, read_rows, table
@@ -43,7 +43,7 @@ def write(folder: Path, kept: Kept) -> None:
             for name, content in files.items():
                 (temporary / name).write_bytes(content)
     except OSError as error:
-        raise InputError(folder, "", f"cannot be written ({error.strerror})") from error
+        raise InputError(folder, "", f"cannot be written ({Unwritable(folder, error).strerror})") from error
 
 
 def _files(folder: Path, kept: Kept) -> dict[str, bytes]:
