@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from isi.report import glossary, page, summary
+from isi.base.errors import InputError
+from isi.report import glossary, page, results, summary
 from isi.report.figures import in_words
 from isi.report.glossary import Marker, Term
 from isi.report.section import Heading
@@ -118,3 +120,24 @@ def test_there_is_no_verdict_where_there_is_nothing_to_compare() -> None:
     home = small_results(["home"])
     alone = replace(home.experiments["home"], initializers=["xavier", "iu"])
     assert summary.verdict(replace(home, experiments={"home": alone})).sentences == []
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"phrase,definition\nmug,a cup\nbed\n", "line 3: expected 2 fields, got 1"),
+        (b"phrase,meaning\nmug,a cup\n", "line 1: expected the columns phrase, definition; got 'phrase', 'meaning'"),
+        (b"phrase,definition\nmug,a c\xffp\n", "line 1: expected a table of UTF-8 text"),
+    ],
+)
+def test_definitions_that_are_broken_are_one_line(tmp_path: Path, content: bytes, said: str) -> None:
+    path = tmp_path / "definitions.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=said):
+        results.read_definitions(path)
+
+
+def test_definitions_are_read_with_a_byte_order_mark_and_not_as_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "definitions.csv"
+    path.write_bytes("\ufeffphrase,definition\nNA,1\n".encode())
+    assert results.read_definitions(path).to_dict("list") == {"phrase": ["NA"], "definition": ["1"]}

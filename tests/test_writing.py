@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from isi.base import paths, tables
-from isi.base.errors import Unwritable
+from isi.base.errors import InputError, Unwritable
 from tests.test_bad_input import KINDS, OBSERVED, leave, observed, outputs, workspace, write
 
 __all__ = ["workspace"]  # a fixture
@@ -79,6 +79,12 @@ def test_a_name_that_is_too_long_and_a_folder_that_is_a_file_are_said_to_be_so(t
         with pytest.raises(Unwritable, match=why):
             tables.atomically(path, lambda temporary: temporary.write_bytes(b""))
     assert names(tmp_path) == ["file"]
+
+
+@pytest.mark.parametrize("path", [".", "..", "/"])
+def test_a_path_without_a_name_is_refused(path: str) -> None:
+    with pytest.raises(InputError, match=r"expected the name of a file$"):
+        tables.atomically(Path(path), lambda temporary: temporary.write_bytes(b""))
 
 
 def test_what_fails_to_be_read_while_writing_is_not_said_to_be_unwritable(tmp_path: Path) -> None:

@@ -187,7 +187,7 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         run=run,
         paper=_read_yaml(paths.PAPER),
         vocabulary=_read_yaml(paths.PAPER.with_name("vocabulary.yaml")),
-        definitions=_read_definitions(paths.DEFINITIONS),
+        definitions=read_definitions(paths.DEFINITIONS),
         experiments=experiments,
         seen={name: _seen(name) for name in sources},
         mined={name: tables.read_text(paths.mined(name), tables.MINED) for name in sources},
@@ -295,6 +295,7 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
     return values
 
 
-def _read_definitions(path: Path) -> pd.DataFrame:
+def read_definitions(path: Path) -> pd.DataFrame:
+    """What phrases mean: columns phrase and definition."""
     columns = ["phrase", "definition"]
     return pd.DataFrame([row.values for row in read_rows(path, columns, others=True)], columns=columns)
