@@ -138,7 +138,7 @@ class _Reading:
         name = local_name(str(node)) if self.local else str(node)
         wrong = fault(name)
         if wrong:
-            raise InputError(self.path, place, f"<{cut(str(node))}>: {wrong}")
+            raise InputError(self.path, place, f"<{cut(str(node), 40)}>: {wrong}")
         return name
 
 
