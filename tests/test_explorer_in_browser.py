@@ -37,8 +37,9 @@ Shown = dict[str, pd.DataFrame]
 def shown(tmp_path_factory: pytest.TempPathFactory) -> Shown:
     folder, found = tmp_path_factory.mktemp("explorer"), {}
     done = singles.single_out(singles_task())
-    for what, (schema, _) in TABLES.items():
-        tables.write(folder / what, getattr(done, what), schema, Provenance("single_out", {}))
+    for what, (schema, order) in TABLES.items():
+        frame = getattr(done, what).sort_values(order, kind="stable")
+        tables.write(folder / what, frame, schema, Provenance("single_out", {}))
         found[what] = tables.read_text(folder / what, schema)
     return found
 

@@ -189,7 +189,7 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(tmp_path: Path, mo
         ({"fewest": 1}, "hidden.umls.fewest: "),
         ({"initializers": ["best"]}, "hidden.umls.initializers: expected names among "),
         ({"source": "graphs"}, "hidden.umls: expected names among "),
-        ({"epoch": 1}, "hidden.umls.epoch: Extra inputs are not permitted"),
+        ({"epoch": 1}, "hidden.umls.epoch: unknown key; did you mean 'epochs'?"),
     ],
 )
 def test_what_cannot_be_hidden_is_refused_in_one_line(
