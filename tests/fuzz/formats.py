@@ -18,8 +18,11 @@ from unittest import mock
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+import torch
 
 from isi.base import paths, tables
+from isi.base.content import digest_of_tensors
+from isi.base.provenance import CONTENT
 from isi.base.tables import Provenance
 from isi.building import Seen, graph_of
 from isi.commands import _reading
@@ -214,7 +217,9 @@ def triples() -> bytes:
 
 
 def tensors() -> bytes:
-    header = json.dumps({"vectors": {"dtype": "F32", "shape": [2, 3], "data_offsets": [0, 24]}}).encode()
+    values = {"dtype": "F32", "shape": [2, 3], "data_offsets": [0, 24]}
+    digest = digest_of_tensors({"vectors": torch.arange(6, dtype=torch.float32).view(2, 3)})
+    header = json.dumps({"__metadata__": {CONTENT: digest}, "vectors": values}).encode()
     return struct.pack("<Q", len(header)) + header + struct.pack("<6f", *range(6))
 
 
