@@ -282,9 +282,8 @@ def _approach(experiment: str) -> Mapping[str, np.ndarray]:
 
 
 def _explorer(experiment: str) -> Mapping[str, pd.DataFrame]:
-    return {
-        what: tables.read_text(paths.explorer(experiment, what), singles.TABLES[what][0]) for what in singles.TABLES
-    }
+    listed = singles.TABLES.items()
+    return {what: tables.read_text(paths.explorer(experiment, what), schema) for what, (schema, _) in listed}
 
 
 def _read_yaml(path: Path) -> Mapping[str, Any]:
