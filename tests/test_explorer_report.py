@@ -61,7 +61,7 @@ def test_maps_by_hand() -> None:
     rows = pd.DataFrame({"entity": [3, 4, 5], "seed": [0, 1, 1], "shown": [0.347, 0.5, 0.5], "fitted": [0.1, 1, 1.0]})
     assert maps_of(known, rows) == {
         "0": {"known": [7], "at": [[0, 0]], "shown": 35, "fitted": 10},
-        "1": {"known": [5, 6], "at": [[123, 500], [-1000, 2000]], "shown": 50, "fitted": 100},
+        "1": {"known": [5, 6], "at": [[12, 50], [-100, 200]], "shown": 50, "fitted": 100},
     }
 
 

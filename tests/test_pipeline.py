@@ -263,7 +263,7 @@ def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
     metrics = json.loads((folder / "reports/metrics.json").read_text(encoding="utf-8"))
     runs = pd.read_parquet(folder / "data/runs/ai2thor/rs.parquet")
     at_once = runs[(runs["epoch"] == 0) & (runs["scope"] == "novel")]["mrr_star"].mean()
-    assert metrics["immediate_mrr_star"]["novel"]["rs"] == pytest.approx(100 * at_once, abs=1e-3)
+    assert metrics["immediate_mrr_star"]["novel"]["rs"] == pytest.approx(100 * at_once, abs=6e-3)
 
 
 def verified(folder: Path) -> subprocess.CompletedProcess[str]:

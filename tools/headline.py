@@ -22,7 +22,7 @@ COLUMNS = (
 
 def headline(title: str, metrics: Mapping[str, Any]) -> str:
     """One experiment's numbers, a line a model."""
-    models = list(metrics["immediate_mrr_star"]["all"])
+    models = list(dict.fromkeys(model for scope in metrics["immediate_mrr_star"].values() for model in scope))
     first = max(map(len, [title, *models])) + 2
     lines = [f"{title:{first}}" + "".join(f"{upper:>14}" for upper, *_ in COLUMNS)]
     lines.append(f"{'':{first}}" + "".join(f"{lower:>14}" for _, lower, *_ in COLUMNS))

@@ -131,8 +131,8 @@ def experiments_of(params: dict[str, Any]) -> list[Experiment]:
 def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
     """Compare some cells, chosen at random, and all epochs; prints what is left out."""
     experiments = experiments_of(params)
-    checks = [Check("initial vectors", 1e-5), Check("MRR* at once", 1e-5), Check("mean epochs", 1e-3),
-              Check("unconverged %", 1e-3)]  # fmt: skip
+    checks = [Check("initial vectors", 1e-5), Check("MRR* at once", 1e-5), Check("mean epochs", 6e-3),
+              Check("unconverged %", 6e-3)]  # fmt: skip
     vectors, at_once, epochs, unconverged = checks
     cells = [(one, size, seed) for one in experiments for size, seed, session in one.novel if session == 1]
     if params["embedding"]["family"] == "analogy":

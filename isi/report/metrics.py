@@ -6,7 +6,7 @@ from typing import Any
 
 import pandas as pd
 
-from isi.report import statistics
+from isi.report import statistics, steady
 from isi.report.models import BASELINE, JOINT
 from isi.report.results import Experiment, Results
 from isi.report.sections import affordances, asked, transfer
@@ -51,7 +51,9 @@ def _of_experiment(results: Results, experiment: Experiment) -> Numbers:
 
 
 def _rounded(values: Numbers) -> Numbers:
-    return {name: _rounded(value) if isinstance(value, dict) else round(value, 6) for name, value in values.items()}
+    """As files keep them, without those that are null."""
+    known = {name: value for name, value in values.items() if isinstance(value, dict) or not pd.isna(value)}
+    return {name: _rounded(value) if isinstance(value, dict) else steady.number(value) for name, value in known.items()}
 
 
 def plots(results: Results) -> dict[str, pd.DataFrame]:
@@ -60,7 +62,8 @@ def plots(results: Results) -> dict[str, pd.DataFrame]:
     for experiment in results.own:
         means = 100 * experiment.at_once.groupby(["scope", "size", "model"])["mrr_star"].mean().unstack("model")
         for scope in ("all", "novel"):
-            frames[f"immediate_{scope}{experiment.suffix}"] = means.loc[scope].reset_index()
+            own = means.loc[scope] if scope in means.index.unique("scope") else means.head(0).droplevel("scope")
+            frames[f"immediate_{scope}{experiment.suffix}"] = own.reset_index()
     named = [(experiment, f"curves_{{}}{experiment.suffix}") for experiment in results.own]
     named += [(experiment, f"{experiment.name}_{{}}") for experiment in results.extended]
     for experiment, name in named:

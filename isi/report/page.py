@@ -18,7 +18,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from markupsafe import Markup, escape
 
 from isi.base.tables import atomically
-from isi.report import summary, wording
+from isi.report import steady, summary, wording
 from isi.report.drawing import Drawing, colours, drawing, palette
 from isi.report.figures import STYLE, boxes, in_words, rendered
 from isi.report.glossary import Marker, terms
@@ -30,6 +30,8 @@ from isi.report.summary import Verdict
 
 #: Sections that have something to say, each with what it says.
 Made = Sequence[tuple[Section, Sequence[Content]]]
+#: A number in a sentence that there is none of.
+_ABSENT = re.compile(r"(?<![\w.-])[+-]?(?:nan|inf)\b")
 
 
 def write(folder: Path, results: Results, sections: Sequence[Section]) -> None:
@@ -47,14 +49,14 @@ def write(folder: Path, results: Results, sections: Sequence[Section]) -> None:
                 folder / "tables" / f"{content.name}.{form}": text.encode() for form, text in forms(content).items()
             }
         elif isinstance(content, Figure):
+            words = in_words(content.canvas)
+            steady.steady(content.canvas)
             drawn = {form: rendered(content.canvas, form) for form in ("png", "svg")}
             files |= {folder / "figures" / f"{content.name}.{form}": drawing for form, drawing in drawn.items()}
             boxed, across = boxes(content.canvas)
-            drawings[content.name] = drawing(
-                drawn["svg"].decode(), f"f{len(drawings)}", boxed, across, in_words(content.canvas)
-            )
+            drawings[content.name] = drawing(drawn["svg"].decode(), f"f{len(drawings)}", boxed, across, words)
     for name, frame in plots(results).items():
-        files[folder / "plots" / f"{name}.csv"] = frame.to_csv(index=False, float_format="%.4f").encode()
+        files[folder / "plots" / f"{name}.csv"] = steady.csv(frame).encode()
     files[folder / "metrics.json"] = (json.dumps(metrics(results), indent=2) + "\n").encode()
     files[folder / "index.html"] = html(made, drawings, verdict, results).encode()
     for path, data in files.items():
@@ -117,6 +119,7 @@ def marked_up(text: str, ids: Collection[str]) -> Markup:
         there = not place[2].startswith("#") or place[2][1:] in ids
         return f'<a href="{place[2]}">{place[1]}</a>' if there else place[1]
 
+    text = _ABSENT.sub("–", text)
     linked = re.sub(r"\[([^\]]+)\]\((#[\w-]+|https://[^)\s]+)\)", link, str(escape(text)))
     weighed = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", linked)
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", weighed))  # noqa: S704
@@ -159,7 +162,7 @@ def forms(table: Table) -> dict[str, str]:
     """A table as CSV, Markdown and LaTeX."""
     shown = shorten(table.frame, table.formats)
     return {
-        "csv": table.frame.to_csv(index=False, float_format="%.6g", lineterminator="\n"),
+        "csv": steady.csv(table.frame, table.of_any_size),
         "md": shown.to_markdown(index=False, disable_numparse=True, colalign=_alignment(table)) + "\n",
         "tex": _latex(table, shown),
     }
@@ -186,7 +189,7 @@ def columns_of(frame: pd.DataFrame) -> list[str]:
 
 
 def _plain(columns: pd.DataFrame) -> Callable[[Any], str]:
-    parts = columns.apply(pd.to_numeric, errors="coerce").to_numpy(float) % 1
+    parts = columns.apply(pd.to_numeric, errors="coerce").to_numpy(float).round(3) % 1
     digits = 0 if (np.isnan(parts) | (parts == 0)).all() else 1
     return lambda value: f"{round(value, digits) + 0.0:,.{digits}f}"  # no -0.0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import nan
 
 from isi.report.models import label
 
@@ -25,6 +26,12 @@ def reached(epochs: Mapping[str, float], never: Mapping[str, float], models: Seq
         return f" ({never[model]:.0f} % of runs never get there)" if never.get(model) else ""
 
     return joined(f"{label(model)} {epochs[model]:.1f}{never_there(model)}" for model in models if model in epochs)
+
+
+def mean(values: Mapping[str, float], models: Iterable[str]) -> float:
+    """Over those of the models that have a value; null without any."""
+    own = [values[model] for model in models if model in values]
+    return sum(own) / len(own) if own else nan
 
 
 def capitalized(text: str) -> str:

@@ -11,15 +11,12 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from isi.base import paths, tables
-from isi.base.errors import InputError
 from isi.building import Seen
 from isi.insertion.tasks import among
 from isi.params import ExperimentOf, Params
-from isi.report import varied
+from isi.report import stated, varied
 from isi.report.models import JOINT
 from isi.report.statistics import converged
 from isi.report.varied import Explored, Varied
@@ -126,7 +123,7 @@ class Results:
     params: Params
     #: what was run, by title: mappings of names to values
     run: Mapping[str, Mapping[str, Any]]
-    #: the paper's numbers, and what it calls things
+    #: the paper's numbers, and what it calls things (``stated.Paper``, ``stated.Vocabulary``)
     paper: Mapping[str, Any]
     vocabulary: Mapping[str, Any]
     #: columns phrase and definition
@@ -185,8 +182,8 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
     return Results(
         params=params,
         run=run,
-        paper=_read_yaml(paths.PAPER),
-        vocabulary=_read_yaml(paths.PAPER.with_name("vocabulary.yaml")),
+        paper=stated.read(paths.PAPER, stated.Paper),
+        vocabulary=stated.read(paths.PAPER.with_name("vocabulary.yaml"), stated.Vocabulary),
         definitions=read_definitions(paths.DEFINITIONS),
         experiments=experiments,
         seen={name: _seen(name) for name in sources},
@@ -284,14 +281,6 @@ def _approach(experiment: str) -> Mapping[str, np.ndarray]:
 def _explorer(experiment: str) -> Mapping[str, pd.DataFrame]:
     listed = singles.TABLES.items()
     return {what: tables.read_text(paths.explorer(experiment, what), schema) for what, (schema, _) in listed}
-
-
-def _read_yaml(path: Path) -> Mapping[str, Any]:
-    try:
-        values: Mapping[str, Any] = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
-    except (OSError, YAMLError) as error:
-        raise InputError(path, "", f"expected what the paper says, in YAML ({error})") from error
-    return values
 
 
 def read_definitions(path: Path) -> pd.DataFrame:

@@ -32,6 +32,8 @@ class Table:
     formats: Mapping[str, Callable[[Any], str]] = field(default_factory=dict)
     #: shown when asked for
     folded: bool = False
+    #: columns of which files keep digits rather than decimals (``steady.csv``)
+    of_any_size: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,7 +51,20 @@ def converged(
         epochs_to_convergence(own, joint[joint["session"] == session], margin, max_epochs, by).assign(session=session)
         for session, own in runs.groupby("session")
     ]
-    return pd.concat(found, ignore_index=True)
+    columns = {**dict.fromkeys([*by, "scope", "size", "seed", "queries", "session"], object), "epochs": float}
+    nothing = pd.DataFrame({name: pd.Series(dtype=kind) for name, kind in {**columns, "converged": bool}.items()})
+    return pd.concat(found, ignore_index=True) if found else nothing
+
+
+def collapsed(at_once: pd.DataFrame, ties: pd.DataFrame, entities: int) -> dict[str, float]:
+    """Of models that give nearly everything the same score over all queries, how many rivals tie with an answer.
+
+    A triple is asked for its head and for its tail; a model is taken for collapsed where, of both together, half as
+    many rivals as there are entities have the answer's score.
+    """
+    tied, asked = ties[ties["scope"] == "all"], at_once[at_once["scope"] == "all"]
+    rivals = tied.groupby("model")["ties"].sum() / asked.groupby("model")["queries"].sum().replace(0, np.nan)
+    return {str(model): float(number) for model, number in rivals.items() if number >= entities / 2}
 
 
 def improvement(at_once: pd.DataFrame, scope: str) -> dict[str, float]:
@@ -124,6 +137,9 @@ def over_seeds(rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str]
     Returns:
         each column and where its interval ends (``LOW``, ``HIGH``), by group.
     """
+    if rows.empty:
+        ends = [f"{name}{end}" for name in columns.values() for end in ("", LOW, HIGH)]
+        return pd.DataFrame(columns=[*by, *ends], dtype=float).set_index(list(by))
     seeds = rows.groupby([*by, "seed"])[list(columns)]
     totals, numbers = seeds.sum().unstack("seed"), seeds.count().unstack("seed")
     found: dict[str, np.ndarray] = {}
@@ -180,6 +196,8 @@ def of_means(of: Callable[..., np.ndarray], *cells: pd.DataFrame) -> tuple[float
         cells: a row a seed and a column a cell, likewise in each; null values are left out.
     """
 
+    if cells[0].empty:
+        return np.nan, np.nan, np.nan
     values = [frame.to_numpy(float) for frame in cells]
     with np.errstate(invalid="ignore"):  # a cell without any value makes null
         value = float(of(*(np.nansum(own, axis=0) / (~np.isnan(own)).sum(0) for own in values)))

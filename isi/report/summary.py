@@ -18,6 +18,7 @@ from isi.report.prose import capitalized, joined
 from isi.report.results import Experiment, Results
 from isi.report.section import Figure
 from isi.report.sections.asked import CELL
+from isi.report.sections.at_once import collapsed
 from isi.report.statistics import HIGH, LOW, over_seeds
 
 TITLE = "Incremental semantic initialization"
@@ -76,8 +77,12 @@ def asked_about(results: Results, experiment: Experiment) -> pd.DataFrame:
 
 
 def sentences(results: Results, found: _Found) -> Iterator[str]:
-    """Five: over all queries, about the novel entity, what it is made of, what is better, and what training does."""
+    """Over all queries, about the novel entity, what it is made of, what is better, and what training does.
+
+    Who has collapsed is told before.
+    """
     experiment, best, everything = found.experiment, found.best, found.everything
+    yield from collapsed(experiment)
     about = {str(model): float(value) for model, value in found.about["mean"].items()}
     yield (
         f"**{answer(experiment)}** Right after insertion, over all queries, {label(best)} has an MRR* (how near ranked "

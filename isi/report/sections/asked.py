@@ -136,7 +136,9 @@ def _ordered(level: pd.Index) -> pd.Index:
 def extremes(pairs: pd.DataFrame) -> str:
     """Which queries of scope all the joint model answers worst and best."""
     rows = pairs.reset_index()
-    joint = rows[rows["scope"] == "all"].sort_values(JOINT)
+    joint = rows[rows["scope"] == "all"].dropna(subset=JOINT).sort_values(JOINT) if JOINT in rows else rows.head(0)
+    if joint.empty:
+        return "Nothing was asked over all queries."
     names, values = [_query(row) for _, row in joint.iterrows()], joint[JOINT].tolist()
     return (
         "By relation and direction, MRR* of the joint model over all queries goes from "

@@ -10,7 +10,7 @@ import pandas as pd
 from isi.report import statistics
 from isi.report.figures import by_size
 from isi.report.models import BASELINE, JOINT, contenders, isi, label
-from isi.report.prose import listed
+from isi.report.prose import joined, listed
 from isi.report.results import Experiment, Results
 from isi.report.section import Content, Figure, Section, Table, by_experiment
 from isi.report.sections.graph import in_order_of
@@ -28,6 +28,7 @@ def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]
     """MRR* at once in words, Figure 3a and its tables."""
     at_once, models = experiment.at_once, experiment.models
     stated = results.paper["immediate"]["improvement_over_xavier"]
+    yield from collapsed(experiment)
     yield in_words(at_once, experiment.initializers, stated)
     yield about_novel_in_words(at_once, experiment.initializers)
     yield Figure(
@@ -48,6 +49,17 @@ def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]
     yield every_scope(at_once, models)
     if experiment.how.sessions.steps > 1:
         yield by_session(at_once, models)
+
+
+def collapsed(experiment: Experiment) -> Iterator[str]:
+    """Who has no opinion, where anyone has none."""
+    found = statistics.collapsed(experiment.at_once, experiment.ties, len(experiment.entities))
+    if found:
+        named = joined(f"{label(model)} (rivals tied with an answer: {number:,.0f})" for model, number in found.items())
+        yield (
+            f"**Collapsed on {experiment.title}:** {named}. Who gives nearly everything the same score knows nothing, "
+            "whatever MRR* it has; a smaller weight decay or learning rate may help (see [the training](#graph))."
+        )
 
 
 def in_words(at_once: pd.DataFrame, initializers: Sequence[str], stated: Mapping[str, float]) -> str:

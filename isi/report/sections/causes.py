@@ -11,7 +11,7 @@ import pandas as pd
 
 from isi.report import parts, varied
 from isi.report.models import BASELINE, JOINT, isi, label
-from isi.report.prose import joined
+from isi.report.prose import joined, mean
 from isi.report.results import Experiment, Results
 from isi.report.section import Content, Section, Table
 from isi.report.sections.epochs import curves, table2
@@ -125,11 +125,11 @@ def row(line: Line, methods: list[str]) -> dict[str, Any]:
 
 def stated(paper: Mapping[str, Any], methods: list[str]) -> dict[str, Any]:
     """What the paper says."""
-    gains, later = paper["immediate"]["improvement_over_xavier"], paper["convergence"]["epochs"]
+    gains = paper["immediate"]["improvement_over_xavier"]
+    later = {name: numbers["mean"] for name, numbers in paper["convergence"]["epochs"].items()}
     return {
-        "what": "the paper", "gain %": float(np.mean([gains[name] for name in methods if name in gains])),
-        f"epochs: {label(BASELINE)}": later[BASELINE]["mean"],
-        "epochs: ISI": float(np.mean([later[name]["mean"] for name in methods if name in later])),
+        "what": "the paper", "gain %": mean(gains, methods), f"epochs: {label(BASELINE)}": later.get(BASELINE, np.nan),
+        "epochs: ISI": mean(later, methods),
     }  # fmt: skip
 
 

@@ -189,18 +189,23 @@ def shares_of_the_gain(found: Sequence[Share]) -> Table:
 def sentence(found: Sequence[Part], scope: str, method: str) -> str:
     """What one initializer gains, and what that is made of; about novel entities half by half, too."""
     whole, entities, relations = (_half(found, scope, half, method) for half in HALVES)
-    text = f"{_ASKED[scope]}, {label(method)} is {whole}."
-    if scope == "all":
+    text = f"{_ASKED[scope]}, {label(method)} is {whole or 'not to be compared with Xavier'}."
+    if scope == "all" or not (entities and relations):
         return text
     return f"{text} In the half that asks for entities, {entities}; in the half that asks for relations, {relations}."
 
 
 def _half(found: Sequence[Part], scope: str, half: str, method: str) -> str:
-    """One gain and its parts: the points of each, their shares where each adds to it, and the last's interval."""
+    """One gain and its parts: the points of each, their shares where each adds to it, and the last's interval.
+
+    Nothing where nothing was asked of both.
+    """
     own = [one for one in found if (one.scope, one.half) == (scope, half)]
-    (gain,) = (one.points for one in own if (one.first, one.second, one.what) == (method, BASELINE, WHOLE))
+    gain = next((one.points for one in own if (one.first, one.second, one.what) == (method, BASELINE, WHOLE)), None)
     models = {name for one in own for name in (one.first, one.second)}
     made = [one for step in steps(method, sorted(models)) for one in own if (one.what, one.first, one.second) == step]
+    if gain is None or not made:
+        return ""
     shared = gain.mean >= NOTHING and min(one.points.mean for one in made) >= 0
     told = joined(
         f"{one.what} {one.points.mean:+.1f}{f' ({100 * one.points.mean / gain.mean:.0f} %)' if shared else ''}"
@@ -214,7 +219,7 @@ def _half(found: Sequence[Part], scope: str, half: str, method: str) -> str:
 def of_the_centre(found: Sequence[Part]) -> str:
     """Where the gain of the centre about novel entities comes from; nothing where the control was not run."""
     own = {one.half: one.points for one in found if (one.scope, one.first, one.second) == ("novel", _MEAN, BASELINE)}
-    if not own:
+    if not {*HALVES} <= set(own):
         return ""
     whole, entities, relations = (own[half] for half in HALVES)
     text = (

@@ -85,6 +85,7 @@ def every_pair(name: str, title: str, caption: str, pairs: Sequence[Pair]) -> Ta
         pd.DataFrame(rows, columns=columns),
         {DIFFERENCE: signed} | dict.fromkeys(("p", "p (Holm)"), _p),
         folded=True,
+        of_any_size=("p", "p (Holm)"),
     )
 
 
@@ -130,8 +131,8 @@ def cells_of(rows: pd.DataFrame, models: Sequence[str], scope: str, column: str)
 
 
 def _kept(p: float, seeds: int) -> float | str:
-    """A p to six figures; "none" where no seed differs, null where there is no seed."""
-    return "none" if np.isnan(p) and seeds else float(f"{p:.6g}")
+    """A p; "none" where no seed differs, null where there is no seed."""
+    return "none" if np.isnan(p) and seeds else p
 
 
 def _text(one: Pair) -> str | None:

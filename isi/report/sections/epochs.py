@@ -45,6 +45,8 @@ def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]
 def at_other_rates(params: Params, experiment: Experiment, runs: pd.DataFrame) -> Iterator[Content]:
     """The study of rates."""
     size, varied = params.rates.size, [name for name in experiment.finetuned if name in params.rates.initializers]
+    if not varied:
+        return
     main = experiment.runs[(experiment.runs["size"] == size) & experiment.runs["model"].isin(varied)]
     both = pd.concat([main.assign(factor=rates.AS_CHOSEN), runs[runs["model"].isin(varied)]])
     cells = experiment.converged(both, ["model", "factor"])

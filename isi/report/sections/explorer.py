@@ -48,7 +48,7 @@ def contents(results: Results) -> Iterator[Content]:
 def data_of(experiment: Experiment, found: Shown, how: Singled) -> dict[str, Any]:
     """All that the explorer shows, in as few numbers as say it: entities by id, ranks and rounded places as integers.
 
-    Coordinates are in thousandths, similarities and weights in hundredths; who has none has null.
+    Coordinates, similarities and weights are in hundredths; who has none has null.
     """
     models, relations = [*SHOWN, how.best], sorted(set(found["answers"]["relation"]))
     steps = [(JOINT, 0), *((model, epoch) for model in models for epoch in (0, how.epochs))]
@@ -57,7 +57,7 @@ def data_of(experiment: Experiment, found: Shown, how: Singled) -> dict[str, Any
     queries = queries_of(found["answers"], how.answers, steps, relations)
     novel = places[places["model"] != THETA0]
     at = {tuple(key): place for *key, place in zip(*(novel[name] for name in ("entity", "model", "epoch")),
-                                                    _thousandths(novel), strict=True)}  # fmt: skip
+                                                    _hundredths_of(novel), strict=True)}  # fmt: skip
     return {
         "names": experiment.entities["entity"].tolist(),
         "kinds": experiment.entities["kind"].tolist(),
@@ -90,7 +90,7 @@ def maps_of(known: pd.DataFrame, rows: pd.DataFrame) -> dict[str, dict[str, Any]
     shares = rows.drop_duplicates("seed").set_index("seed")
     return {
         str(seed): {
-            "known": own["entity"].tolist(), "at": _thousandths(own),
+            "known": own["entity"].tolist(), "at": _hundredths_of(own),
             "shown": round(100 * shares["shown"][seed]), "fitted": round(100 * shares["fitted"][seed]),
         }
         for seed, own in known.groupby("seed")
@@ -141,8 +141,8 @@ def queries_of(
     return {entity: sorted(own, key=lambda query: not query["true"]) for entity, own in found.items()}
 
 
-def _thousandths(places: pd.DataFrame) -> list[list[int]]:
-    points: list[list[int]] = (1000 * places[["x", "y"]]).round().astype(int).to_numpy().tolist()
+def _hundredths_of(places: pd.DataFrame) -> list[list[int]]:
+    points: list[list[int]] = (100 * places[["x", "y"]]).round().astype(int).to_numpy().tolist()
     return points
 
 

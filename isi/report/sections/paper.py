@@ -12,7 +12,7 @@ import pandas as pd
 
 from isi.report import selection, statistics
 from isi.report.models import BASELINE, label
-from isi.report.prose import joined
+from isi.report.prose import joined, mean
 from isi.report.results import Experiment, Results, Study
 from isi.report.section import Content, Section, Table
 from isi.report.sections import affordances, cross_validation, sensitivity, transfer
@@ -58,6 +58,7 @@ def against(results: Results) -> Table:
         f"closeness is no goal; order and size are. Notes are on this run.{others}",
         frame,
         dict.fromkeys(("paper", *columns), shown),
+        of_any_size=("paper", *columns),
     )
 
 
@@ -115,9 +116,9 @@ def _abstract(column: _Column) -> Iterator[Row]:
     yield Row(
         "abstract", f"{what}: the figure is ES's", stated["improvement_in_the_abstract"], column.gain.get("es", np.nan)
     )  # fmt: skip
-    mean = float(np.mean([theirs[name] for name in methods]))
-    yield Row("section 6.1", f"{what}: mean of {names}", mean, _mean(column.gain, methods))
-    yield Row("abstract", f"fewer epochs than Xavier, %: mean of {names}", epochs["mean"], _mean(column.fewer, methods))
+    yield Row("section 6.1", f"{what}: mean of {names}", mean(theirs, methods), mean(column.gain, methods))
+    yield Row("abstract", f"fewer epochs than Xavier, %: mean of {names}", epochs.get("mean", np.nan),
+              mean(column.fewer, methods))  # fmt: skip
 
 
 def _graph(column: _Column) -> Iterator[Row]:
@@ -158,7 +159,10 @@ def _table1(column: _Column) -> Iterator[Row]:
             own = "object types" if name == "entities" else name
             there = room in counts.index and own in counts.columns
             yield Row(
-                "Table 1", f"{room}: {what}{median}", numbers[name], float(counts[own][room]) if there else np.nan
+                "Table 1",
+                f"{room}: {what}{median}",
+                numbers.get(name, np.nan),
+                float(counts[own][room]) if there else np.nan,
             )
 
 
@@ -232,15 +236,16 @@ def _convergence(column: _Column) -> Iterator[Row]:
     scopes = {"all": "", "novel_heldout": ", asked about held-out triples of the novel entities instead"}
     for scope, asked in scopes.items():
         epochs = cells[cells["scope"] == scope].groupby("model")["epochs"]
-        mean, deviation = epochs.mean(), epochs.std(ddof=1)
+        means, deviation = epochs.mean(), epochs.std(ddof=1)
         for name, numbers in stated["epochs"].items():
             what = f"{label(name)}: epochs to convergence, mean{asked}"
-            yield Row("Table 2", what, numbers["mean"], mean.get(name, np.nan))
+            yield Row("Table 2", what, numbers["mean"], means.get(name, np.nan))
             what = f"{label(name)}: epochs to convergence, standard deviation{asked}"
             yield Row("Table 2", what, numbers["deviation"], deviation.get(name, np.nan))
     for name in column.paper["indicators"]:
         what = f"{label(name)}: fewer epochs than Xavier, %"
-        yield Row("section 6.2", what, stated["fewer_epochs_than_xavier"][name], column.fewer.get(name, np.nan))
+        theirs = stated["fewer_epochs_than_xavier"].get(name, np.nan)
+        yield Row("section 6.2", what, theirs, column.fewer.get(name, np.nan))
 
 
 def _transfer(column: _Column) -> Iterator[Row]:
@@ -272,11 +277,6 @@ def _affordances(column: _Column) -> Iterator[Row]:
         shown = f"{label(name)}: of {affordances.TOP * len(how.entities)} answers shown, how many are"
         for how_so, number in {"affordances": stated[who], **stated["judged"][who]}.items():
             yield Row("Table 3", f"{shown} {how_so}", number, counts.get(how_so, np.nan))
-
-
-def _mean(values: Mapping[str, float], models: list[str]) -> float:
-    own = [values[name] for name in models if name in values]
-    return float(np.mean(own)) if own else np.nan
 
 
 SECTION = Section("paper", "The paper's numbers beside ours", contents)

@@ -107,13 +107,15 @@ def means(at_once: pd.DataFrame, cells: pd.DataFrame, models: Sequence[str]) -> 
         cells: epochs to convergence, likewise.
     """
     mrr_star = 100 * at_once.groupby(["model", "k", "scope"])["mrr_star"].mean().unstack("scope")
+    mrr_star = mrr_star.reindex(columns=("all", "novel"))
     groups = cells.groupby(["model", "k", "scope"])
     epochs = groups["epochs"].mean().unstack("scope").reindex(columns=SCOPES)
     never = 100 * (1 - groups["converged"].mean()).unstack("scope").reindex(columns=SCOPES)
     columns = {f"{scope}: MRR*": mrr_star[scope] for scope in ("all", "novel")}
     for scope in SCOPES:
         columns |= {f"{scope}: epochs": epochs[scope], f"{scope}: unconverged %": never[scope]}
-    return pd.DataFrame(columns, index=mrr_star.index, dtype=float).loc[list(models)]
+    frame = pd.DataFrame(columns, index=mrr_star.index, dtype=float)
+    return frame.loc[[model for model in models if model in frame.index]]
 
 
 def chosen_sizes(

@@ -1,0 +1,133 @@
+"""Results that are lawful and strange: nothing asked, nobody there, everyone tied."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+import pandas as pd
+
+from isi.report.results import Asked, Experiment, Results, Study
+from isi.report.stated import Paper, Vocabulary
+
+#: Columns with what was measured.
+MEASURES = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr"]
+Frames = Callable[[pd.DataFrame], pd.DataFrame]
+
+
+def of_frames(value: Any, change: Frames) -> Any:
+    """The same with every table of measures changed, in experiments and studies alike."""
+    if isinstance(value, pd.DataFrame):
+        return change(value) if {*MEASURES, "x"} & set(value) else value
+    if isinstance(value, Experiment | Study | Asked):
+        return replace(value, **{one.name: of_frames(getattr(value, one.name), change) for one in fields(value)})
+    if isinstance(value, Mapping):
+        return {name: of_frames(own, change) for name, own in value.items()}
+    return value
+
+
+def changed(results: Results, change: Frames) -> Results:
+    """Results with every table of measures changed; studies stand on the changed experiments."""
+    found = {one.name: getattr(results, one.name) for one in fields(results) if one.name not in ("paper", "vocabulary")}
+    found = {name: of_frames(value, change) for name, value in found.items()}
+    studies = {name: replace(value, experiment=found["experiments"][value.experiment.name])
+               for name, value in found.items() if isinstance(value, Study)}  # fmt: skip
+    return replace(results, **found | studies)
+
+
+def unasked(*scopes: str, half: str = "") -> Frames:
+    """Without queries in scopes, or in one half of them."""
+
+    def change(frame: pd.DataFrame) -> pd.DataFrame:
+        if not {"scope", "mrr_star"} <= set(frame):
+            return frame
+        own = frame["scope"].isin(scopes)
+        columns = [name for name in MEASURES if name in frame and (not half or name in (half, "mrr_star"))]
+        empty = frame.assign(**{name: frame[name].mask(own) for name in columns})
+        return empty if half else empty.assign(queries=empty["queries"].mask(own, 0))
+
+    return change
+
+
+def everywhere(value: float) -> Frames:
+    """With one value for everything that was measured: a collapsed model."""
+    return lambda frame: frame.assign(**{name: value for name in MEASURES if name in frame})
+
+
+def of_experiments(results: Results, change: Callable[[Experiment], Experiment]) -> Results:
+    """Results with every experiment changed, and studies on them."""
+    experiments = {name: change(one) for name, one in results.experiments.items()}
+    studies = {one.name: replace(study, experiment=experiments[study.experiment.name])
+               for one in fields(results) if isinstance(study := getattr(results, one.name), Study)}  # fmt: skip
+    return replace(results, experiments=experiments, **studies)
+
+
+def few_triples(experiment: Experiment) -> Experiment:
+    """All triples of one relation."""
+    return replace(experiment, triples=experiment.triples.assign(relation="atLocation"))
+
+
+def one_seed(results: Results) -> Results:
+    """The first seed alone, in every table but the explorer's, whose seeds are each of one entity."""
+    first = changed(results, lambda frame: frame[frame["seed"] == 0] if {"seed", "mrr_star"} <= set(frame) else frame)
+    return of_experiments(first, lambda one: replace(
+        one, **{name: frame[frame["seed"] == 0] for name in ("novel", "splits", "insert_triples", "ties")
+                if "seed" in (frame := getattr(one, name))}))  # fmt: skip
+
+
+def untold(experiment: Experiment) -> Experiment:
+    """Nobody has words, insert triples, or anything to fall back to."""
+    return replace(
+        experiment, coverage=experiment.coverage.assign(served_by=None),
+        insert_triples=experiment.insert_triples.head(0), inserted=experiment.inserted.assign(fallback=None),
+    )  # fmt: skip
+
+
+def unscened(results: Results) -> Results:
+    """Observations of no scene, or of scenes whose room is unknown."""
+    seen = {name: replace(one, observations=one.observations.assign(room=None)) for name, one in results.seen.items()}
+    return replace(results, seen=seen)
+
+
+def unplaced(results: Results) -> Results:
+    """An explorer without entities."""
+    if results.explorer is None:
+        return results
+    return replace(results, explorer=replace(
+        results.explorer, found={name: frame.head(0) for name, frame in results.explorer.found.items()}))  # fmt: skip
+
+
+def tied(experiment: Experiment) -> Experiment:
+    """As many ties as there are queries and rivals."""
+    return replace(experiment, ties=experiment.ties.assign(ties=10_000))
+
+
+def without(*scopes: str) -> Frames:
+    """Without any row of scopes."""
+    return lambda frame: frame[~frame["scope"].isin(scopes)] if {"scope", "mrr_star"} <= set(frame) else frame
+
+
+#: By what is strange about them.
+STRANGE: dict[str, Callable[[Results], Results]] = {
+    "nothing is asked about novel entities": lambda one: changed(one, unasked("novel", "novel_heldout")),
+    "nothing held out is asked": lambda one: changed(one, unasked("novel_heldout")),
+    "nothing is asked about earlier knowledge": lambda one: changed(one, unasked("known", "known_closed")),
+    "nothing is asked over all": lambda one: changed(one, unasked("all")),
+    "nothing is asked": lambda one: changed(one, unasked("all", "novel", "novel_heldout", "known", "known_closed")),
+    "no relation is asked for": lambda one: changed(one, unasked("all", "novel", half="mrr_star_relation")),
+    "no entity is asked for": lambda one: changed(one, unasked("all", "novel", half="mrr_star_entity")),
+    "no row is about novel entities": lambda one: changed(one, without("novel", "novel_heldout")),
+    "no row is about earlier knowledge": lambda one: changed(one, without("known", "known_closed")),
+    "no row is over all": lambda one: changed(one, without("all")),
+    "all is zero": lambda one: changed(one, everywhere(0.0)),
+    "all is one": lambda one: changed(one, everywhere(1.0)),
+    "all scores are tied": lambda one: of_experiments(one, tied),
+    "one seed": one_seed,
+    "one relation": lambda one: of_experiments(one, few_triples),
+    "nothing to go by": lambda one: of_experiments(one, untold),
+    "no rooms": unscened,
+    "an empty explorer": unplaced,
+    "a paper that states nothing": lambda one: replace(one, paper=Paper().model_dump()),
+    "a vocabulary without words": lambda one: replace(one, vocabulary=Vocabulary().model_dump()),
+}
