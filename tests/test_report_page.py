@@ -133,11 +133,11 @@ def test_metrics_hold_each_other_experiment_under_its_name() -> None:
     found = metrics(everything)
     home, moved = everything.experiments["home"], everything.experiments["moved"]
     own = home.at_once[(home.at_once["scope"] == "novel") & (home.at_once["model"] == "rs")]
-    assert found["immediate_mrr_star"]["novel"]["rs"] == pytest.approx(100 * own["mrr_star"].mean(), abs=1e-6)
+    assert found["immediate_mrr_star"]["novel"]["rs"] == pytest.approx(100 * own["mrr_star"].mean(), abs=6e-3)
     assert found["graph"] == {"observations": 6, "unique_triples": 3, "entities": 4}
     assert list(found["away"]) == [name for name in found if name not in ("away", "moved")]
     there = moved.at_once[(moved.at_once["scope"] == "all") & (moved.at_once["model"] == "es")]
-    assert found["moved"]["immediate_mrr_star"]["all"]["es"] == pytest.approx(100 * there["mrr_star"].mean(), abs=1e-6)
+    assert found["moved"]["immediate_mrr_star"]["all"]["es"] == pytest.approx(100 * there["mrr_star"].mean(), abs=6e-3)
     assert {"drop_percent", "known_closed_at_the_end", "affordances_percent"} <= set(found["moved"])
     assert "affordances_percent" not in found  # they are those of the other study
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
+import sys
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -118,7 +121,7 @@ def test_a_figure_is_drawn_from_rounded_values() -> None:
     for noise in (0, 1e-6):
         canvas, (axes,) = panels(1, 1)
         axes.plot([1, 2, 3], np.array([40.123, 45.678, 60.111]) * (1 + noise))
-        axes.fill_between([1, 2, 3], np.array([39.2, 44.1, 58.3]) * (1 + noise), [41, 46, 62])
+        axes.fill_between([1, 2, 3], np.array([39.21, 44.12, 58.33]) * (1 + noise), [41, 46, 62])
         axes.annotate("here", (2, 45.678 * (1 + noise)), (1.5, 50 * (1 + noise)), arrowprops={"arrowstyle": "-"})
         axes.axhline(50.005 * (1 + noise))
         steady.steady(canvas)
@@ -156,6 +159,25 @@ def test_what_the_paper_states_is_refused_in_one_line_where_it_is_broken(
     assert str(path) in str(refused.value)
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(("name", "content", "said"), [BROKEN[place] for place in (0, 2, 3, 10)])
+def test_the_stage_refuses_it_before_anything_is_read_or_written(
+    tmp_path: Path, name: str, content: Any, said: str
+) -> None:
+    for part in ("isi", "stages", "beyond", "dvc.yaml", "params.yaml"):
+        (tmp_path / part).symlink_to(ROOT / part)
+    folder = tmp_path / paths.PAPER.parent
+    shutil.copytree(ROOT / paths.PAPER.parent, folder)
+    (folder / f"{name}.yaml").write_bytes(content if isinstance(content, bytes) else content.encode())
+    command = [sys.executable, "-m", "stages.report"]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120)
+    (line,) = ended.stderr.splitlines()
+    assert (ended.returncode, ended.stdout) == (1, "")
+    assert line.startswith(f"report: {paths.PAPER.parent}/{name}.yaml: ")
+    assert said in line
+    assert len(line) < 300
+    assert not (tmp_path / paths.REPORTS).exists()
 
 
 def leaves(values: Any, key: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:

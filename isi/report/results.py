@@ -176,14 +176,16 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
     Raises:
         InputError: where one is missing or broken.
     """
+    paper = stated.read(paths.PAPER, stated.Paper)
+    vocabulary = stated.read(paths.PAPER.with_name("vocabulary.yaml"), stated.Vocabulary)
     experiments = {name: _experiment(params, name) for name in params.experiments}
     graphs = [one.graph for one in params.experiments.values()]
     sources = dict.fromkeys([*(one.source for one in graphs), *(one.extend.source for one in graphs if one.extend)])
     return Results(
         params=params,
         run=run,
-        paper=stated.read(paths.PAPER, stated.Paper),
-        vocabulary=stated.read(paths.PAPER.with_name("vocabulary.yaml"), stated.Vocabulary),
+        paper=paper,
+        vocabulary=vocabulary,
         definitions=read_definitions(paths.DEFINITIONS),
         experiments=experiments,
         seen={name: _seen(name) for name in sources},
