@@ -1,8 +1,8 @@
 # `make repro` runs the whole experiment, `make test` the checks; both set up .venv first.
 
 PYTHON ?= python3
-# What to install before requirements.lock, for example a CPU build of torch (see the README).
-TORCH ?=
+# Which build of torch to install, before what requirements.lock lists: for example a CPU build's file (see the README).
+TORCH ?= torch==2.13.0
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -19,9 +19,9 @@ help:  ## this list
 $(INSTALLED): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.12 ...")'
 	$(PYTHON) -m venv $(VENV)
-	$(if $(TORCH),$(BIN)/pip install --quiet $(TORCH))
-	$(BIN)/pip install --quiet -r requirements.lock
-	$(BIN)/pip install --quiet --no-deps bddl==3.6.0 --editable .   # of bddl, its data alone are read
+	$(BIN)/pip install --quiet --no-deps $(TORCH)
+	$(BIN)/pip install --quiet --no-deps --require-hashes -r requirements.lock
+	$(BIN)/pip install --quiet --editable .   # and what a CUDA build of torch wants besides
 	@touch $@
 
 $(CHECKED): params.yaml beyond/params.yaml $(INSTALLED)
@@ -70,8 +70,10 @@ words: $(INSTALLED)  ## embed the phrases of data/raw/words again (installs the 
 readme: $(INSTALLED)  ## put the tables and numbers of the report and of the benchmarks into the README and docs/
 	python tools/readme.py
 
-lock: $(INSTALLED)  ## write requirements.lock from what is installed
-	$(BIN)/pip freeze --exclude-editable | sed 's/+cpu$$//; /^bddl==/d' > requirements.lock
+lock: $(INSTALLED)  ## write requirements.lock, with hashes, from what is installed beside a CPU build of torch
+	$(BIN)/pip install --quiet uv
+	$(BIN)/pip freeze --exclude-editable | sed 's/+cpu$$//; /^uv==/d' > $(VENV)/frozen
+	uv pip compile --quiet --no-deps --generate-hashes --no-header --no-annotate $(VENV)/frozen -o requirements.lock > /dev/null
 
 console: $(INSTALLED)  ## put what commands print into docs/insert.md (installs the extra `words`)
 	$(BIN)/pip install --quiet --editable '.[words]'

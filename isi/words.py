@@ -5,9 +5,7 @@ from __future__ import annotations
 import codecs
 import hashlib
 import logging
-import lzma
 import re
-import zlib
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,7 +17,7 @@ from gensim.models import KeyedVectors
 from smart_open import open as open_any
 
 from isi.base import paths
-from isi.base.errors import InputError, short
+from isi.base.errors import InputError, cut, short
 from isi.base.params import Section, Sha256
 
 #: What numbers of vectors lie within; those of word2vec and GloVe are below a hundred.
@@ -85,6 +83,9 @@ def load_vectors(given: Words) -> KeyedVectors:
         return read_vectors(path)
     if path.suffix or len(path.parts) > 1:
         raise InputError(path, "", "expected a file of word vectors, but there is no such file")
+    if given.sha256 is not None:
+        expected = "expected null for a gensim download, which nothing checks: download it, and name the file"
+        raise InputError(paths.PARAMS, "words.sha256", expected)
     import gensim.downloader  # asks the network, so only where params ask for it
 
     logging.getLogger("gensim").setLevel(logging.ERROR)
@@ -124,8 +125,10 @@ def read_vectors(path: Path) -> KeyedVectors:
         header, binary = _form(path)
         with open_any(path, "rb") as file:
             found = _of_bytes(path, file, *header) if header and binary else _of_lines(path, file, header)
-    except (OSError, EOFError, zlib.error, lzma.LZMAError) as error:
-        raise InputError(path, "", f"expected word vectors in word2vec or GloVe format ({error})") from error
+    except InputError:
+        raise
+    except Exception as error:  # each kind of compression has faults of its own
+        raise InputError(path, "", f"expected word vectors in word2vec or GloVe format ({cut(str(error))})") from error
     if not found.tokens:
         raise InputError(path, "", "expected word vectors in word2vec or GloVe format, got none")
     vectors = np.frombuffer(found.numbers, dtype="<f4").reshape(len(found.tokens), -1)
@@ -154,8 +157,8 @@ class _Found:
             name = token.decode("utf-8")
         except UnicodeDecodeError as error:
             raise InputError(self.path, place, f"expected a token in UTF-8 ({error})") from error
-        if not name.strip() or len(name) > LONGEST:
-            raise InputError(self.path, place, f"expected a token of at most {LONGEST} characters, got {short(name)}")
+        if not name or len(name) > LONGEST:
+            raise InputError(self.path, place, f"expected a token of 1 to {LONGEST:,} characters, got {short(name)}")
         if name not in self.seen:
             self.seen.add(name)
             self.tokens.append(name)
@@ -197,24 +200,29 @@ def _is_number(text: bytes) -> bool:
 
 def _of_lines(path: Path, file: IO[bytes], header: tuple[int, int] | None) -> _Found:
     """Of text: a line for each token, with its numbers behind it."""
-    found, dimension, count, line = _Found(path), header[1] if header else None, 0, b"\n"
+    found, dimension, count, last = _Found(path), header[1] if header else None, 0, (0, b"\n")
     for number, line in enumerate(iter(lambda: file.readline(LINE), b""), 1):
         if not line.strip() or (header and number == 1):
             continue
-        token, *values = line.removeprefix(codecs.BOM_UTF8 if number == 1 else b"").rstrip().split(b" ")
-        dimension, count = dimension or len(values), count + 1
+        text = line.removeprefix(codecs.BOM_UTF8 if number == 1 else b"").rstrip(b" \t\r\n")
+        pieces = text.split(b" ")
+        dimension, count, last = dimension or len(pieces) - 1, count + 1, (number, line)
+        behind = max(1, len(pieces) - dimension)  # tokens of GloVe may have spaces, as `. . .` has
+        token, values = b" ".join(pieces[:behind]), pieces[behind:]
         try:
             numbers = array("f", map(float, values))
+            if b"_" in text[len(token) :]:
+                raise ValueError("Python takes 1_0 for ten")
         except ValueError as error:
             raise InputError(path, f"line {number}", f"expected a token and numbers ({str(error)[:80]})") from error
-        if len(values) != dimension or not values:
-            expected = f"expected a token and {dimension or 'its'} numbers, got {len(values)} of them"
+        if len(values) != dimension or not values or any(not one or _is_number(one) for one in pieces[1:behind]):
+            expected = f"expected a token and {dimension or 'its'} numbers, got {len(pieces) - 1} of them"
             raise InputError(path, f"line {number}", expected)
         found.add(f"line {number}", token, numbers.tobytes())
     if header and count != header[0]:
         raise InputError(path, "line 1", f"promises {header[0]} vectors, but the file has {count}")
-    if not line.endswith(b"\n"):
-        raise InputError(path, f"line {number}", "is cut short: expected a line end behind the last vector")
+    if not last[1].endswith(b"\n"):
+        raise InputError(path, f"line {last[0]}", "is cut short: expected a line end behind the last vector")
     return found
 
 

@@ -342,7 +342,7 @@ def test_every_number_that_the_paper_states_has_a_row_beside_ours(folder: Path) 
     runs = pd.read_parquet(folder / "data/runs/transfer/es.parquet")
     at_once = runs[(runs["epoch"] == 0) & (runs["scope"] == "novel")]["mrr_star"].mean()
     own = rows[rows["what"] == "ES: MRR* at once, new entities' queries"].iloc[0]
-    assert (own["paper"], own["this run"]) == (85.7, pytest.approx(100 * at_once, rel=1e-5))
+    assert (own["paper"], own["this run"]) == (85.7, pytest.approx(100 * at_once, abs=0.01))
 
 
 def test_each_repeat_of_the_transfer_has_ai2thors_entities_and_its_ten(folder: Path) -> None:

@@ -28,7 +28,7 @@ def headline(title: str, metrics: Mapping[str, Any]) -> str:
     lines.append(f"{'':{first}}" + "".join(f"{lower:>14}" for _, lower, *_ in COLUMNS))
     for model in models:
         values = [metrics.get(section, {}).get(scope, {}).get(model) for *_, section, scope in COLUMNS]
-        lines.append(f"{model:{first}}" + "".join(f"{'' if value is None else f'{value:.1f}':>14}" for value in values))
+        lines.append(f"{model:{first}}" + "".join(f"{'' if value is None else f'{value:.2f}':>14}" for value in values))
     return "\n".join(lines)
 
 

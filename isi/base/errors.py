@@ -58,6 +58,10 @@ def _room(path: Path, error: OSError) -> str:
     return f"; {free / _GIB:.1f} GiB free there" if free >= _GIB else f"; {free / _MIB:.1f} MiB free there"
 
 
+class NotAsWritten(InputError):
+    """A file that by itself is not what its stage has written: it breaks a rule, or was edited."""
+
+
 def short(value: object) -> str:
     """A value as a message repeats it: as Python writes it, but cut where it is long or deep."""
     try:

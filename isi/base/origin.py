@@ -45,7 +45,10 @@ class PipelineOrigins:
         """The same as a value."""
         if path not in self._faults:
             self._faults[path] = None  # where a file says that it was made from itself
-            self._faults[path] = self._found(path)
+            try:
+                self._faults[path] = self._found(path)
+            except InputError as error:
+                self._faults[path] = error
         return self._faults[path]
 
     def _found(self, path: Path) -> InputError | None:
@@ -61,7 +64,8 @@ class PipelineOrigins:
             if (fault := self.fault(path_of_input)) is not None:
                 return fault
         if metadata.get(OWN) != provenance.own(made.stage, declared(made.stage, made.arguments, self._everything)):
-            return InputError(path, "", f"was made under other params than there are now: {_anew(made)}")
+            expected = f"was made under other params than there are now: {_anew(made)} (--force, if DVC finds none)"
+            return InputError(path, "", expected)
         for path_of_input, digest in beside.items():
             if metadata_of(path_of_input).get(CONTENT) != digest:
                 return InputError(path, "", f"was made from another {path_of_input} than is there: {_anew(made)}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -74,6 +74,7 @@ def _check_arguments(
 
 
 def _values(pipeline: Path, everything: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The params that a pipeline's matrices run over."""
     return everything if pipeline == paths.PIPELINE else _read(PIPELINES[pipeline])
 
 
@@ -83,11 +84,17 @@ def _matrix(entry: Mapping[str, Any]) -> dict[str, str]:
     return {item: key[1] for item, key in found.items() if key}
 
 
+def _listed(values: Mapping[str, Any], key: str) -> Collection[Any]:
+    """What a matrix runs over: the keys of a mapping, or a list; none where params have there what they must not."""
+    there = params.at(values, key)
+    return there if isinstance(there, dict | list) else []
+
+
 def described(name: str) -> str:
     """The choices of a stage's arguments, what it reads, and what it writes."""
     pipeline, entry = _stage(name)
     values = _read(PIPELINES[pipeline])
-    lines = [f"{item}: {', '.join(map(str, params.at(values, key) or []))}" for item, key in _matrix(entry).items()]
+    lines = [f"{item}: {', '.join(map(str, _listed(values, key)))}" for item, key in _matrix(entry).items()]
     data = [path for path in _paths(entry, "deps") if Path(path).parts[0] == str(paths.DATA)]
     lines += [f"reads: {', '.join(data)}", f"writes: {', '.join(_outputs(entry))}"]
     return "\n".join(re.sub(r"\$\{item\.(\w+)\}", lambda item: item[1].upper(), line) for line in lines)
@@ -110,7 +117,7 @@ class Maker:
 def maker(path: Path) -> Maker | None:
     """The stage that writes a file, or what is in it; null where none does."""
     for pipeline in PIPELINES:
-        if pipeline.exists():
+        if pipeline.exists() and PIPELINES[pipeline].exists():
             for name, entry in _stages(pipeline).items():
                 found = _made(path, _outputs(entry))
                 if found is not None:
@@ -128,9 +135,9 @@ def maker_now(path: Path, everything: Mapping[str, Any]) -> Maker | None:
     made = maker(path)
     if made is None:
         return None
-    values = everything if made.pipeline == paths.PIPELINE else _read(PIPELINES[made.pipeline])
+    values = _values(made.pipeline, everything)
     listed = _matrix(_stages(made.pipeline)[made.stage]).items()
-    now = all(made.arguments.get(item, "") in (params.at(values, key) or []) for item, key in listed)
+    now = all(made.arguments.get(item, "") in _listed(values, key) for item, key in listed)
     return made if now else None
 
 

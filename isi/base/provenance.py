@@ -65,12 +65,12 @@ class Provenance:
         self.inputs[path.as_posix()] = metadata
 
     def to_check(self, path: Path) -> bool:
-        """Whether a file was not read before as it is now."""
-        stat = path.stat()
-        stamp = (stat.st_mtime_ns, stat.st_size)
-        before = self._checked.get(path.as_posix())
-        self._checked[path.as_posix()] = stamp
-        return stamp != before
+        """Whether a file was not yet checked as it is now."""
+        return self._checked.get(path.as_posix()) != _stamp(path)
+
+    def checked(self, path: Path) -> None:
+        """Note that a file holds its rules and what was written."""
+        self._checked[path.as_posix()] = _stamp(path)
 
 
 def own(stage: str, params: Mapping[str, Any]) -> str:
@@ -121,5 +121,19 @@ def inputs_of(metadata: Metadata) -> dict[str, str]:
     return found if isinstance(found, dict) else {}
 
 
+def _stamp(path: Path) -> tuple[int, int]:
+    stat = path.stat()
+    return stat.st_mtime_ns, stat.st_size
+
+
 def _hash(value: Any) -> str:
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(_as_compared(value), sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _as_compared(value: Any) -> Any:
+    """Params as DVC compares them, to which 2.0 is 2."""
+    if isinstance(value, Mapping):
+        return {str(key): _as_compared(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_as_compared(one) for one in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value

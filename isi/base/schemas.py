@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 import pyarrow as pa
 
-from isi.base.errors import InputError
+from isi.base.errors import NotAsWritten
 from isi.base.rules import (
     Rule,
     ascending,
@@ -53,12 +53,12 @@ class Schema:
         """See that the rows of a table hold the rules.
 
         Raises:
-            InputError: naming the first row of the file that breaks one, from 0 as ids are, and the rule.
+            NotAsWritten: naming the first row of the file that breaks one, from 0 as ids are, and the rule.
         """
         required = present(*(name for name in self.names if name not in self.nullable))
         breach = first_breach(frame, [*required, *self.rules])
         if breach:
-            raise InputError(path, *breach)
+            raise NotAsWritten(path, *breach)
 
 
 _NAME = pa.dictionary(pa.int32(), pa.string())
@@ -127,6 +127,7 @@ TRAINING_LOG = Schema(
     [*_CELL, ("epoch", _INT), *_FIELDS_OF_MEASURES, ("kept", pa.bool_())],
     [*at_least(0, "size", "seed"), *at_least(1, "epoch"), *ascending("size", "seed", "epoch"),
      *within(0, 1, *_MEASURES), *_HALVES],
+    nullable=_MEASURES,  # of a model that has nothing to validate it by
 )  # fmt: skip
 
 
@@ -172,8 +173,7 @@ FAMILIES = Schema(
 #: Rank of each answer to (entity, relation, ?) right after insertion.
 AFFORDANCES = Schema(
     [("initializer", _NAME), ("seed", _INT), ("entity", _INT), ("answer", _INT), ("rank", _INT)],
-    [*at_least(0, "seed", "entity", "answer"), *at_least(1, "rank"),
-     *unique("initializer", "seed", "entity", "answer"), *unique("initializer", "seed", "entity", "rank")],
+    [*at_least(0, "seed", "entity", "answer"), *at_least(1, "rank")],
 )  # fmt: skip
 
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 import glob
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from isi.base.content import Content, digest_of_table, digest_of_tensors
-from isi.base.errors import InputError, Unwritable
+from isi.base.errors import InputError, NotAsWritten, Unwritable
 from isi.base.lifetime import lives
 from isi.base.pipeline import absent
 from isi.base.provenance import CONTENT, Metadata, Provenance, metadata_of_table
@@ -80,6 +80,7 @@ def read(path: Path, schema: Schema, provenance: Provenance | None = None) -> pd
         schema.check(frame, path)
         check_content(path, metadata, digest_of_table(table, schema.columns))
     if provenance:
+        provenance.checked(path)
         provenance.seen(path, metadata)
     return frame
 
@@ -107,12 +108,12 @@ def check_content(path: Path, metadata: Metadata, digest: str) -> None:
     """See that a file holds the values that it says were written.
 
     Raises:
-        InputError: where it does not, or does not say.
+        NotAsWritten: where it does not, or does not say.
     """
     if metadata.get(CONTENT) != digest:
         edited = "was edited" if CONTENT in metadata else "bears no digest of a stage"
         ways = f"`dvc checkout --force {path}`, or where the edit is meant, `isi check --accept {path}`"
-        raise InputError(path, "", f"{edited}: {ways}")
+        raise NotAsWritten(path, "", f"{edited}: {ways}")
 
 
 def read_text(path: Path, schema: Schema) -> pd.DataFrame:
@@ -173,7 +174,7 @@ def write_stream(path: Path, parts: Iterable[pa.Table], schema: Schema, provenan
         nonlocal rows
         columns = schema.columns.with_metadata(provenance.metadata())
         with pq.ParquetWriter(temporary, columns, compression="zstd") as writer:
-            for part in parts:
+            for part in _read(parts):
                 writer.write_table(part)
                 schema.check(part.to_pandas(), path)
                 content.add(part)
@@ -182,6 +183,14 @@ def write_stream(path: Path, parts: Iterable[pa.Table], schema: Schema, provenan
 
     atomically(path, write_parts)
     return rows
+
+
+def _read(parts: Iterable[pa.Table]) -> Iterator[pa.Table]:
+    """Parts as they come; a fault in reading what they are made of is none in writing."""
+    try:
+        yield from parts
+    except OSError as error:
+        raise InputError(error.filename or "its source", "", f"cannot be read ({error.strerror or error})") from error
 
 
 def read_tensors(path: Path, names: Sequence[str], provenance: Provenance | None = None) -> dict[str, Tensor]:
@@ -198,20 +207,27 @@ def read_tensors(path: Path, names: Sequence[str], provenance: Provenance | None
         check_finite(path, tensors)
         check_content(path, metadata, digest_of_tensors(tensors))
     if provenance:
+        provenance.checked(path)
         provenance.seen(path, metadata)
     return {name: tensors[name] for name in names}
 
 
 def opened_tensors(path: Path, names: Iterable[str] | None = None) -> tuple[dict[str, Tensor], Metadata]:
     """Those of the named tensors (null: all) that a file has, unchecked, and its metadata."""
+    with _tensors_of(path) as file:
+        there = file.keys()
+        wanted = there if names is None else set(names) & set(there)
+        return {name: file.get_tensor(name) for name in wanted}, file.metadata() or {}
+
+
+@contextmanager
+def _tensors_of(path: Path) -> Iterator[Any]:
+    """A safetensors file, opened."""
     from safetensors import SafetensorError, safe_open  # here, since it loads torch
 
     try:
         with safe_open(path, framework="pt") as file:
-            there = file.keys()
-            return {name: file.get_tensor(name) for name in (there if names is None else set(names) & set(there))}, (
-                file.metadata() or {}
-            )
+            yield file
     except FileNotFoundError as error:
         raise absent(path) from error
     except (OSError, SafetensorError) as error:
@@ -219,10 +235,14 @@ def opened_tensors(path: Path, names: Iterable[str] | None = None) -> tuple[dict
 
 
 def shape_of(path: Path, name: str) -> tuple[int, ...]:
-    """The shape of a tensor of a safetensors file, which must be there."""
-    from safetensors import safe_open
+    """The shape of a tensor of a safetensors file.
 
-    with safe_open(path, framework="pt") as file:
+    Raises:
+        InputError: where the file is missing or broken, or lacks it.
+    """
+    with _tensors_of(path) as file:
+        if name not in file.keys():  # noqa: SIM118 it is no mapping
+            raise InputError(path, f"tensor {name!r}", "missing")
         return tuple(file.get_slice(name).get_shape())
 
 

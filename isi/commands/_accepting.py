@@ -7,7 +7,7 @@ from pathlib import Path
 
 from isi.base import tables
 from isi.base.content import digest_of_table, digest_of_tensors
-from isi.base.errors import InputError
+from isi.base.errors import InputError, NotAsWritten
 from isi.base.origin import SUFFIXES
 from isi.base.pipeline import Maker, declared, dependencies, maker_now
 from isi.base.provenance import ACCEPTED, CONTENT, OWN, Metadata, Provenance, metadata_of
@@ -18,8 +18,8 @@ def accept(files: Sequence[Path], checking: Checking) -> Iterator[str]:
     """Write the digest of each file's values anew; what DVC makes of that, file by file.
 
     Raises:
-        InputError: where one is no table or tensors of the pipeline, or breaks a rule, by itself or beside what it is
-            made from; then all stay as they were.
+        InputError: where one is no table or tensors of the pipeline, or breaks a rule, by itself or beside others of
+            its experiment, or one of these was edited, too; then all stay as they were.
     """
     made = {path: _made(path, checking) for path in files}
     before = {path: path.read_bytes() for path in files}
@@ -28,7 +28,7 @@ def accept(files: Sequence[Path], checking: Checking) -> Iterator[str]:
             _write(path, by, checking)
         for experiment in sorted({by.arguments["experiment"] for by in made.values() if "experiment" in by.arguments}):
             for finding in checking.between(experiment):
-                if Path(finding.args[0]) in made:
+                if Path(finding.args[0]) in made or isinstance(finding, NotAsWritten):
                     raise finding
     except BaseException:
         for path, content in before.items():

@@ -103,8 +103,12 @@ class Checking:
             if maker_now(folder, self.everything):
                 self.files += sum(1 for _ in folder.iterdir())
                 yield from found(partial(self._read_kept, folder))
-        for folder in sorted((paths.DATA / "graph").glob("*")):
-            yield from self.between(folder.name)
+        for listed in self._made(paths.DATA / "graph", "*/entities.parquet"):
+            yield from self.between(listed.parent.name)
+
+    def _made(self, folder: Path, names: str) -> list[Path]:
+        """Files that a run of the pipelines writes, not those of what params no longer list."""
+        return [path for path in sorted(folder.glob(names)) if maker_now(path, self.everything)]
 
     def _read(self, path: Path) -> None:
         schema = schema_of(path)
@@ -126,7 +130,7 @@ class Checking:
         store = Store(experiment, self._provenance)
         if _there(paths.entities(experiment), paths.triples(experiment)):
             yield from found(store.graph)
-            yield from _of_entities(store)
+            yield from self._of_entities(store)
         sessions = paths.splits, paths.novel, paths.insert_triples
         if _there(paths.entities(experiment), *(at_path(experiment) for at_path in sessions)):
             yield from found(store.insert_triples)
@@ -137,56 +141,64 @@ class Checking:
 
         try:
             stacks = store.cells(_ALL)
+            how = check(self.everything.get("embedding"), EmbeddingParams, "embedding")
+            family = make(how.family, at(self.everything, f"families.{how.family}"), f"families.{how.family}")
         except InputError as error:
             yield error
             return
-        how = check(self.everything.get("embedding"), EmbeddingParams, "embedding")
-        family = make(how.family, at(self.everything, f"families.{how.family}"), f"families.{how.family}")
         for cells in stacks:
             if paths.theta0(store.experiment, cells.size).exists():
                 yield from found(partial(store.theta0, cells, family))
-                yield from _of_inserted(store, cells)
+                yield from self._of_inserted(store, cells)
             if paths.joint(store.experiment).exists():
                 yield from found(partial(store.joint, cells, family))
             if paths.runs(store.experiment, "joint").exists():
                 yield from found(partial(_see_joint_runs, store, cells))
 
+    def _of_entities(self, store: Store) -> Iterator[InputError]:
+        """What lists entities, or their ids."""
+        experiment = store.experiment
+        listed = [
+            (paths.affordances(experiment), tables.AFFORDANCES, ["entity", "answer"]),
+            *((path, tables.INSERTED, ["entity"]) for path in self._made_by_insertion(store, ".inserted.parquet")),
+            *((paths.explorer(experiment, what), *of_singles) for what, of_singles in OF_SINGLES.items()),
+        ]
+        if paths.coverage(experiment).exists():
+            yield from found(partial(_see_coverage, store))
+        if paths.vectors(experiment).exists():
+            yield from found(store.words)
+        for path, schema, columns in listed:
+            if path.exists():
+                yield from found(partial(_see_ids, store, path, schema, columns))
 
-def _of_entities(store: Store) -> Iterator[InputError]:
-    """What lists entities, or their ids."""
+    def _of_inserted(self, store: Store, cells: Cells) -> Iterator[InputError]:
+        """The vectors that each initializer inserted."""
+        for path in self._made_by_insertion(store, ".safetensors"):
+            yield from found(partial(_see_inserted, store, path, cells))
+
+    def _made_by_insertion(self, store: Store, ending: str) -> list[Path]:
+        return self._made(paths.runs(store.experiment, "x").parent, f"*{ending}")
+
+
+def _see_coverage(store: Store) -> None:
     from isi.experiments import agreement
 
-    experiment, provenance = store.experiment, store.provenance
-    coverage, affordances = paths.coverage(experiment), paths.affordances(experiment)
-
-    def see_coverage() -> None:
-        listed = tables.read(coverage, tables.COVERAGE, provenance)
-        agreement.rows_are_entities(coverage, listed, store.entities())
-
-    def see_ids(path: Path, schema: Schema, *columns: str) -> None:
-        table, number = tables.read(path, schema, provenance), len(store.entities())
-        for column in columns:
-            agreement.ids_below(path, table, column, number, "graph's entities")
-
-    if coverage.exists():
-        yield from found(see_coverage)
-    if paths.vectors(experiment).exists():
-        yield from found(store.words)
-    if affordances.exists():
-        yield from found(partial(see_ids, affordances, tables.AFFORDANCES, "entity", "answer"))
-    for path in sorted(paths.inserted(experiment, "x").parent.glob("*.inserted.parquet")):
-        yield from found(partial(see_ids, path, tables.INSERTED, "entity"))
-    for what, (schema, columns) in OF_SINGLES.items():
-        path = paths.explorer(experiment, what)
-        if path.exists():
-            yield from found(partial(see_ids, path, schema, *columns))
+    path = paths.coverage(store.experiment)
+    agreement.rows_are_entities(path, tables.read(path, tables.COVERAGE, store.provenance), store.entities())
 
 
-def _of_inserted(store: Store, cells: Cells) -> Iterator[InputError]:
-    """The vectors that each initializer inserted; one that the experiment does not list left none."""
-    for path in sorted(paths.initial_vectors(store.experiment, "x").parent.glob("*.safetensors")):
-        if tables.opened_tensors(path, [f"size={cells.size:02d}"])[0]:
-            yield from found(partial(store.initial_vectors, path.stem, cells))
+def _see_ids(store: Store, path: Path, schema: Schema, columns: Sequence[str]) -> None:
+    from isi.experiments import agreement
+
+    table, number = tables.read(path, schema, store.provenance), len(store.entities())
+    for column in columns:
+        agreement.ids_below(path, table, column, number, "graph's entities")
+
+
+def _see_inserted(store: Store, path: Path, cells: Cells) -> None:
+    """An initializer that an experiment does not list has left no vectors."""
+    if tables.opened_tensors(path, [f"size={cells.size:02d}"])[0]:
+        store.initial_vectors(path.stem, cells)
 
 
 def _see_joint_runs(store: Store, cells: Cells) -> None:

@@ -22,7 +22,9 @@ def number(value: Any, of_any_size: bool = False) -> Any:
     """A number as files keep it; all else as it is."""
     if not isinstance(value, float) or pd.isna(value):
         return value
-    return float(f"{value:.{DIGITS}g}") if of_any_size else round(float(value), DECIMALS) + 0.0  # no -0.0
+    if of_any_size and abs(value) < 10**DIGITS and not float(value).is_integer():
+        return float(f"{value:.{DIGITS}g}")
+    return round(float(value), DECIMALS) + 0.0  # no -0.0
 
 
 def csv(frame: pd.DataFrame, of_any_size: tuple[str, ...] = ()) -> str:

@@ -62,5 +62,5 @@ def _draw(
 
 
 def simulator(_scene: int, objects: Sequence[Object]) -> list[list[str]]:
-    """The ``salientMaterials`` that the simulator reports, in lower case."""
-    return [[material.lower() for material in thing.get("salientMaterials") or ()] for thing in objects]
+    """The ``salientMaterials`` that the simulator reports, in lower case, each once."""
+    return [list(dict.fromkeys(map(str.lower, thing.get("salientMaterials") or ()))) for thing in objects]

@@ -246,7 +246,7 @@ def _check(path: Path, scene: str, place: int, thing: Any) -> None:
         named = thing.get(key) or []
         if not isinstance(named, list) or not all(map(_is_name, named)):
             raise InputError(path, where, f"expected {key} to be a list of names or null")
-        if len(set(named)) < len(named):
+        if key != "salientMaterials" and len(set(named)) < len(named):
             raise InputError(path, where, f"expected {key} to name each once")
     for material in thing.get("salientMaterials") or ():
         if wrong := _fault(material):

@@ -118,6 +118,8 @@ def read_listed(path: Path, columns: Sequence[str], *keys: Sequence[str]) -> pd.
             raise row.error(f"expected a table of at most {MOST_ROWS:,} rows")
         rows.append(values)
         lines.append(int(row.place.split()[-1]))
+    if not rows:
+        raise InputError(path, "", "expected rows, got none")
     return pd.DataFrame(rows, columns=list(columns), index=lines)
 
 
@@ -126,7 +128,7 @@ def _listed(row: Row, column: str, value: Any) -> Any:
     if column == COUNT:
         return value
     if column == SHARE:
-        if not re.fullmatch(r"0|1|[01]?\.[0-9]{1,12}", value) or float(value) > 1:
+        if not re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+)(e-?[0-9]{1,3})?", value[:40].lower()) or float(value) > 1:
             raise row.error(f"expected a number from 0 to 1 as share, got {short(value)}")
         return float(value)
     wrong = fault(value)

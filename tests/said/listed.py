@@ -198,7 +198,7 @@ WORD_CASES = [
             "line 3: is cut short: expected a line end behind the last vector"),
     vectors("what is no number", GLOVE + b"bowl 1 x 2\n",
             "line 4: expected a token and numbers (could not convert string to float: b'x')"),
-    vectors("no token", GLOVE + b" 1 2 3\n", "line 4: expected a token of at most 1000 characters, got ''"),
+    vectors("no token", GLOVE + b" 1 2 3\n", "line 4: expected a token of 1 to 1,000 characters, got ''"),
     vectors("a header of three words, and one", b"3 3\nmug 1 2 3\n", "line 1: promises 3 vectors, but the file has 1"),
     vectors("a header of a dimension of none", b"3 0\nmug\n", "line 1: expected a dimension from 1 to 100,000, got 0"),
     vectors("numbers of 10¹⁷", GLOVE + b"bowl 1e17 1 1\n",

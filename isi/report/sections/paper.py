@@ -64,6 +64,7 @@ def against(results: Results) -> Table:
 
 def shown(value: float) -> str:
     """A number of any size, as people read it."""
+    value = round(value, 6)  # a mean that is whole but for its last bits
     return f"{value:,.0f}" if float(value).is_integer() else f"{value:.1f}" if abs(value) >= 1 else f"{value:.2g}"
 
 
