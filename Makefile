@@ -11,10 +11,10 @@ CHECKED := $(VENV)/params-checked
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help repro beyond quick record test fuzz verify benchmark words readme console lock families initializers clean
+.PHONY: help repro beyond quick record test fuzz kill-test verify benchmark words readme console lock families initializers clean
 
 help:  ## this list
-	@sed -n 's/^\([a-z]*\):.*##/\1:/p' $(MAKEFILE_LIST)
+	@sed -n 's/^\([a-z-]*\):.*##/\1:/p' $(MAKEFILE_LIST)
 
 $(INSTALLED): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.12 ...")'
@@ -49,10 +49,13 @@ test: $(INSTALLED)  ## ruff, mypy and pytest
 	ruff check .
 	ruff format --check .
 	mypy
-	pytest
+	pytest --numprocesses auto --dist loadfile
 
 fuzz: $(INSTALLED)  ## read 10,000 files that are nearly what each reader reads, in about ten minutes (or ARGS="--inputs 1000"), into docs/benchmarks
 	python -m tests.fuzz $(ARGS)
+
+kill-test: $(INSTALLED)  ## strike twenty runs of a small pipeline at random moments, in about twenty minutes (or ARGS="--kills 4"), into docs/benchmarks
+	python -m tests.kills $(ARGS)
 
 verify: $(INSTALLED)  ## compute vectors, MRR* and epochs of the last run again from its tables alone, by other code, and compare
 	@python -m tools.verify

@@ -14,6 +14,7 @@ from isi.sources import procthor_houses, triples_with_ids
 from stages.mine import mine
 from tests.fuzz import formats
 from tests.said import LOG, Case, files_of
+from tests.said.__main__ import TABLE, table
 from tests.said.every import CASES
 
 ROOT = Path(__file__).parent.parent
@@ -61,3 +62,8 @@ def test_a_mistake_in_a_file_is_told_in_one_line(
     assert len(line) < 300
     assert printed.out == ""
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+def test_what_the_documentation_lists_is_what_is_said() -> None:
+    """After a change: ``python -m tests.said``, then ``make readme``."""
+    assert TABLE.read_text(encoding="utf-8") == table()

@@ -64,7 +64,7 @@ def running(command: list[str], folder: Path, begun: Callable[[], bool]) -> Iter
     """A command in a session of its own, once it has begun; none of its processes stays."""
     with subprocess.Popen(
         command, cwd=folder, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env=ENVIRONMENT,
+        env=ENVIRONMENT, preexec_fn=_heed_ctrl_c,
     ) as process:  # fmt: skip
         try:
             assert wait_until(lambda: begun() or process.poll() is not None, 60)
@@ -73,6 +73,11 @@ def running(command: list[str], folder: Path, begun: Callable[[], bool]) -> Iter
         finally:
             for left in session(process.pid):
                 os.kill(left, signal.SIGKILL)
+
+
+def _heed_ctrl_c() -> None:
+    """Though whoever runs the tests may have wanted it ignored, as shells do in the background."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def asleep(folder: Path) -> Callable[[], bool]:

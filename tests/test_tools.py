@@ -85,8 +85,8 @@ def test_the_headline_has_a_part_for_each_experiment(tmp_path: Path, capsys: pyt
     headline.main(tmp_path)
     said = capsys.readouterr().out
     lines = [line.split() for line in said.splitlines() if line]
-    assert ["es", "71.2", "60.0"] in lines
-    assert lines.index(["rs", "50.0"]) > next(place for place, line in enumerate(lines) if line[0] == "elsewhere")
+    assert ["es", "71.25", "60.00"] in lines
+    assert lines.index(["rs", "50.00"]) > next(place for place, line in enumerate(lines) if line[0] == "elsewhere")
     assert said.rstrip().endswith("index.html")
 
 
@@ -136,6 +136,52 @@ def test_what_dvc_says_names_a_stage_of_either_pipeline(line: str, stage: str | 
     found = repro.BEGINS.match(line)
     assert (found and (found["stage"] or found["same"])) == stage
     assert (found and bool(found["stage"])) == runs
+
+
+#: As DVC writes it.
+LOCK = """schema: '2.0'
+stages:
+  mine@here:
+    cmd: mine
+    deps:
+    - path: a
+      hash: md5
+      md5: d58d856d185b4819303cce492ad3cc65
+      size: 4428
+  report:
+    cmd: report
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "left", "whole"),
+    [
+        (LOCK, 0, False), (LOCK, 30, False), (LOCK, LOCK.index("  report"), False), (LOCK, len(LOCK), True),
+        (None, 0, False), (None, 30, False), (None, len(LOCK), True),
+    ],
+)  # fmt: skip
+def test_a_lock_file_that_was_cut_short_is_as_before_and_a_whole_one_stays(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    before: str | None,
+    left: int,
+    whole: bool,
+) -> None:
+    """Whoever is stopped while it is written, by whatever, and whether or not the run before could mend it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / ".dvc/tmp").mkdir(parents=True)
+    path, now = tmp_path / "dvc.lock", LOCK.replace("4428", "4429")
+    if before:
+        path.write_text(before, encoding="utf-8")
+    repro.LockFile(Path("dvc.lock")).keep()
+    path.write_text(now[:left], encoding="utf-8")
+    for _ in range(2):
+        repro.LockFile(Path("dvc.lock")).mend()
+        expected = now[:left] if whole else before
+        assert (path.read_text(encoding="utf-8") if path.exists() else None) == expected
+    assert ("was cut short" in capsys.readouterr().out) is not whole
+    assert not list((tmp_path / ".dvc/tmp").iterdir())
 
 
 def test_stages_are_read_from_the_lock_of_their_pipeline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

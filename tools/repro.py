@@ -61,23 +61,61 @@ def main(arguments: list[str]) -> int:
     """Run DVC, passing its output on; its exit status."""
     known = {**(_read(SHIPPED) if Path.cwd() == ROOT else {}), **_read(HERE)}
     pipeline = next((one for one in PIPELINES if str(one) in arguments), PIPELINES[0])
+    lock = LockFile(pipeline.with_name("dvc.lock"))
+    lock.mend()
     progress = Progress(stages(pipeline), known)
     try:
-        status = run([sys.executable, "-m", "dvc", "repro", *arguments], progress)
+        return run([sys.executable, "-m", "dvc", "repro", *arguments], progress, lock)
     finally:
+        lock.mend()
         _note(progress)
-    return status
 
 
-def run(command: list[str], progress: Progress) -> int:
+class LockFile:
+    """DVC's lock file, which it writes in place: whoever stops it meanwhile leaves a part, which no DVC reads."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self._copy = path, HERE.with_name("_".join([*path.parts, "whole"]))
+
+    def keep(self) -> None:
+        """Copy it while DVC does not write it; the copy of none is empty."""
+        with suppress(OSError):  # no room
+            self._copy.write_bytes(self.path.read_bytes() if self.path.exists() else b"")
+
+    def mend(self) -> None:
+        """Put the copy back where a run was stopped that left a part; without that, forget it."""
+        if self._copy.exists() and self.path.exists() and not self._is_whole():
+            self._copy.replace(self.path)
+            if not self.path.stat().st_size:
+                self.path.unlink()
+            print(f"repro: {self.path} was cut short by the end of DVC: it is as before the last stage", flush=True)
+        self._copy.unlink(missing_ok=True)
+
+    def _is_whole(self) -> bool:
+        from dvc.schema import COMPILED_LOCKFILE_SCHEMA  # which takes a while to import, as the next does
+        from dvc.utils.serialize import load_yaml
+
+        if not set(_listed(self._copy)) <= set(_listed(self.path)):  # DVC takes no stage away
+            return False
+        try:
+            COMPILED_LOCKFILE_SCHEMA(load_yaml(self.path))
+        except Exception:  # whatever is wrong with it
+            return False
+        return True
+
+
+def run(command: list[str], progress: Progress, lock: LockFile) -> int:
     """Run DVC in a group of processes of its own, so that Ctrl-C ends it by our hand alone; its stage ends with it."""
     tied = partial(tie_to_parent, os.getpid()) if sys.platform == "linux" else None
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, text=True, bufsize=1, process_group=0, preexec_fn=tied
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, bufsize=1, process_group=0,
+        preexec_fn=tied,
     ) as dvc:  # fmt: skip
         try:
             for line in dvc.stdout or ():
                 found = BEGINS.match(line)
+                if found and found["stage"]:
+                    lock.keep()
                 said = progress.begin(found["stage"] or found["same"], bool(found["stage"])) if found else None
                 print(*filter(None, [said, line]), sep="\n", end="", flush=True)
         except BaseException:
@@ -101,11 +139,15 @@ def stages(pipeline: Path) -> list[str]:
     """Names of a pipeline's stages: those of its lock file, sooner than DVC tells, or else what DVC makes of it."""
     lock = pipeline.with_name("dvc.lock")
     if lock.exists():
-        return re.findall(r"^  ([a-z]\S*):$", lock.read_text(encoding="utf-8"), re.MULTILINE)
+        return _listed(lock)
     from dvc.repo import Repo  # which takes seconds to import
 
     own = str(pipeline.resolve())
     return [stage.addressing.rpartition(":")[2] for stage in Repo().index.stages if stage.path == own]
+
+
+def _listed(lock: Path) -> list[str]:
+    return re.findall(r"^  ([a-z]\S*):$", lock.read_text(encoding="utf-8"), re.MULTILINE)
 
 
 def _read(path: Path) -> dict[str, float]:

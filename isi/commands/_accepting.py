@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 from isi.base import tables
+from isi.base.command import only_one
 from isi.base.content import digest_of_table, digest_of_tensors
 from isi.base.errors import InputError, NotAsWritten
 from isi.base.origin import SUFFIXES
@@ -22,7 +24,24 @@ def accept(files: Sequence[Path], checking: Checking) -> Iterator[str]:
             its experiment, or one of these was edited, too; then all stay as they were.
     """
     made = {path: _made(path, checking) for path in files}
-    before = {path: path.read_bytes() for path in files}
+    with ExitStack() as held:
+        for stage in sorted(set(map(_held, made.values()))):
+            held.enter_context(only_one(stage))
+        _write_all(made, checking)
+    for stage in dict.fromkeys(map(str, made.values())):
+        names = ", ".join(str(path) for path, by in made.items() if str(by) == stage)
+        yield f"{names}: accepted. `dvc commit --force {stage}` makes DVC keep it, until it runs that stage again"
+    yield "`dvc repro` then runs what depends on it; without the commit, it would undo the edit first"
+
+
+def _held(by: Maker) -> str:
+    """What a stage holds while it runs (``isi.base.stage``)."""
+    return "@".join(filter(None, [by.stage, "-".join(by.arguments.values())]))
+
+
+def _write_all(made: Mapping[Path, Maker], checking: Checking) -> None:
+    """All of them or none."""
+    before = {path: path.read_bytes() for path in made}
     try:
         for path, by in made.items():
             _write(path, by, checking)
@@ -34,10 +53,6 @@ def accept(files: Sequence[Path], checking: Checking) -> Iterator[str]:
         for path, content in before.items():
             tables.atomically(path, lambda temporary, content=content: temporary.write_bytes(content))  # type: ignore[misc]
         raise
-    for stage in dict.fromkeys(map(str, made.values())):
-        names = ", ".join(str(path) for path, by in made.items() if str(by) == stage)
-        yield f"{names}: accepted. `dvc commit --force {stage}` makes DVC keep it, until it runs that stage again"
-    yield "`dvc repro` then runs what depends on it; without the commit, it would undo the edit first"
 
 
 def _made(path: Path, checking: Checking) -> Maker:

@@ -31,7 +31,7 @@ from isi.report.summary import Verdict
 #: Sections that have something to say, each with what it says.
 Made = Sequence[tuple[Section, Sequence[Content]]]
 #: A number in a sentence that there is none of.
-_ABSENT = re.compile(r"(?<![\w.-])[+-]?(?:nan|inf)\b")
+_ABSENT = re.compile(r"(?<![\w.-])[+\-−±]?(?:nan|inf)\b")
 
 
 def write(folder: Path, results: Results, sections: Sequence[Section]) -> None:

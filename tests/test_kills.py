@@ -1,0 +1,64 @@
+"""Two runs that are killed, and gone on with; and that the comparison sees what is lost."""
+
+from __future__ import annotations
+
+import random
+import signal
+import sys
+
+import pytest
+
+from tests.kills.__main__ import table
+from tests.kills.campaign import kills, limits, survived
+from tests.kills.workspace import Fault, Workspace
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes as Linux has them")
+
+
+@pytest.fixture(scope="module")
+def where(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
+    """A pipeline up to one insertion, and what it makes."""
+    made = Workspace(tmp_path_factory.mktemp("kills"), ["insert@published-ers"])
+    made.finish()
+    made.expected = made.digests()
+    return made
+
+
+def test_two_runs_that_are_killed_and_one_without_room_lose_nothing(where: Workspace) -> None:
+    assert "data/runs/published/ers.parquet" in where.expected
+    found = [*kills(where, 2, 8.0, random.Random(2)), *limits(where, 1, random.Random(0))]
+    assert [fault.lost for fault in found] == ["", "", ""]
+    assert found[-1].status != 0
+
+
+def test_what_a_fault_has_changed_is_seen(where: Workspace) -> None:
+    def change() -> Fault:
+        where.finish()
+        (where.folder / "data/runs/published/.ers.parquet.1.tmp").write_bytes(b"left over")
+        return Fault("a stage", "KILL", "insert", 137)
+
+    fault = survived(where, change)
+    assert fault
+    assert fault.lost == "1 files differ, lack or stay: data/runs/published/.ers.parquet.1.tmp"
+
+
+def test_what_is_struck_is_a_worker_of_the_stage_that_runs(where: Workspace) -> None:
+    where.clear()
+    fault = where.strike("a worker", signal.SIGKILL, 0, random.Random(0))
+    assert fault
+    assert fault.status == 1
+    assert fault.stage.split() == ["train_theta0", "published"]
+
+
+def test_the_table_counts_by_what_was_struck() -> None:
+    faults = [
+        Fault("DVC", "SIGKILL", "mine a", -9),
+        Fault("DVC", "SIGKILL", "report", -9, "2 files differ"),
+        Fault("a worker", "SIGINT", "report", 0),
+    ]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table(faults).splitlines()[2:]]
+    assert rows == [
+        ["DVC", "SIGKILL", "2", "2", "2", "1"],
+        ["a worker", "SIGINT", "1", "1", "0", "0"],
+        ["all", "", "3", "2", "2", "1"],
+    ]
