@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+import datetime
 import os
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import chdir
 from pathlib import Path
 
 import pandas as pd
 import pytest
+import yaml
 
 from isi.__main__ import main
 from isi.base import params, paths, tables
+from isi.base.command import only_one
 from isi.base.origin import PipelineOrigins
 from isi.base.provenance import ACCEPTED, CONTENT, metadata_of
+from isi.base.schemas import Schema
 from isi.commands._checking import TABLES, is_tensors, schema_of
 from tests import small
 from tests.altered import NOVEL, SPLITS, THETA0, TOLD, a_little, another_novel, put
 from tests.lawful import alter, alter_tensors
 from tests.small import NAME
+from tools.workspace import change
 
 FILES = 3 + 2 + 2 + 3 + 2 + 1 + 4 + 4
 #: Of the kept embedding and of single insertions.
@@ -77,6 +82,73 @@ def test_each_finding_is_one_line_and_the_status_is_1(capsys: pytest.CaptureFixt
     ):
         assert any(line.startswith(f"{path}: {says}") for line in lines), lines
     assert len(set(lines)) == len(lines)
+
+
+@pytest.mark.usefixtures("_in_copy")
+@pytest.mark.parametrize(
+    ("path", "schema", "how"),
+    [
+        (SPLITS, tables.SPLITS, put("split", None)),
+        (SPLITS, tables.SPLITS, put("split", "foo")),
+        (TOLD, tables.INSERT_TRIPLES, put("triple", None)),
+        (NOVEL, tables.NOVEL, put("entity", -1000)),
+        (NOVEL, tables.NOVEL, put("entity", None)),
+        (paths.triples(NAME), tables.TRIPLES, put("count", None)),
+    ],
+)
+def test_a_file_that_is_refused_is_refused_whenever_it_is_read(
+    capsys: pytest.CaptureFixture[str], path: Path, schema: Schema, how: Callable[[pd.DataFrame], pd.DataFrame]
+) -> None:
+    """By itself, and then beside the others."""
+    alter(path, how, schema)
+    lines, ended = check(capsys)
+    assert ended == 1
+    assert any(line.startswith(f"{path}: ") for line in lines)
+    assert lines[-1].startswith(f"{FILES} files under data, ")
+
+
+@pytest.mark.usefixtures("_in_copy")
+def test_tensors_that_are_cut_short_are_one_finding_among_others(capsys: pytest.CaptureFixture[str]) -> None:
+    vectors = paths.initial_vectors(NAME, "rs")
+    for path in (THETA0, vectors):
+        path.write_bytes(path.read_bytes()[:-100])
+    alter(NOVEL, put("entity", -1), tables.NOVEL)
+    lines, _ = check(capsys)
+    for path in (THETA0, vectors, NOVEL):
+        assert any(line.startswith(f"{path}: ") for line in lines), path
+
+
+@pytest.mark.usefixtures("_in_copy")
+def test_what_params_no_longer_list_is_not_looked_at(capsys: pytest.CaptureFixture[str]) -> None:
+    """DVC leaves it lying."""
+    shutil.copy(paths.initial_vectors(NAME, "rs"), paths.initial_vectors(NAME, "gone"))
+    shutil.copy(paths.inserted(NAME, "rs"), paths.inserted(NAME, "gone"))
+    shutil.copytree(paths.entities(NAME).parent, paths.entities("gone").parent)
+    assert check(capsys) == ([f"{FILES} files under data, 0 findings"], 0)
+
+
+@pytest.mark.usefixtures("_in_copy")
+@pytest.mark.parametrize("value", [5, "published", datetime.date(2001, 1, 1)])
+@pytest.mark.parametrize("key", ["experiments", "sweep.experiments", "training.batch_size"])
+def test_params_of_another_type_end_it_in_findings_or_one_line(
+    capsys: pytest.CaptureFixture[str], key: str, value: object
+) -> None:
+    values = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
+    change(values, key, value)
+    paths.PARAMS.write_text(yaml.safe_dump(values), encoding="utf-8")
+    lines, ended = check(capsys)
+    assert "\n" not in str(ended)
+    assert lines[-1].startswith(f"{FILES} files") or lines[-1].endswith(" findings")
+
+
+@pytest.mark.usefixtures("_in_copy")
+def test_an_edit_is_not_accepted_while_its_stage_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    alter(NOVEL, another_novel, tables.NOVEL)
+    Path(".dvc").mkdir()
+    with only_one(f"make_sessions@{NAME}"):
+        lines, ended = check(capsys, "--accept", str(NOVEL))
+    assert lines == []
+    assert f"make_sessions@{NAME} runs already" in str(ended)
 
 
 @pytest.mark.usefixtures("_in_copy")

@@ -112,6 +112,8 @@ def test_noise_of_another_processor_changes_nothing_but_what_lies_between_two_ro
 def test_numbers_of_files_have_two_decimals_or_four_digits() -> None:
     frame = pd.DataFrame({"a": [1.23456, None, -0.001], "p": ["none", 1.86265e-9, 0.123456], "n": [1, 2, 3]})
     assert steady.csv(frame, ("p",)) == "a,p,n\n1.23,none,1\n,1.863e-09,2\n0,0.1235,3\n"
+    counts = pd.DataFrame({"p": [24941.0, 14759.0, 77.00000001, 12345.678]})
+    assert steady.csv(counts, ("p",)) == "p\n24941\n14759\n77\n12345.68\n"
     assert steady.number(-0.004) == 0
     assert str(steady.number(-0.004)) == "0.0"
 

@@ -182,6 +182,10 @@ NAN = VECTORS | {"plant": [0.0, float("nan"), 0.0]}
         pytest.param(binary()[:-6], ".", id="binary: truncated in a vector"),
         pytest.param(binary()[:25], ".", id="binary: truncated in the first vector"),
         pytest.param(binary()[:4], ".", id="binary: truncated after the header"),
+        pytest.param(_line(3, "house_plant 1_0 2 3", glove()), "line 3", id="GloVe: 1_0"),
+        pytest.param(_line(3, ". 1 2 3 4", glove()), "line 3", id="GloVe: a number behind the token"),
+        pytest.param(_line(3, "house  1 2 3", glove()), "line 3", id="GloVe: two spaces"),
+        pytest.param(glove()[:-1], "line 5", id="GloVe: no line end behind the last vector"),
         pytest.param(b"", "", id="empty"),
         pytest.param(b"\n", "", id="an empty line"),
         pytest.param(b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "", id="no word vectors at all"),
@@ -196,6 +200,25 @@ def test_a_broken_file_is_named_with_the_place(tmp_path: Path, content: bytes, p
     assert file == str(path)
     assert pd.Series([where]).str.contains(place).all(), where
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("token", ["\u00a0", "\u0085", "\u3000", ". . .", "at name@domain.com", "snake_case"])
+def test_tokens_of_real_files_are_read(tmp_path: Path, token: str) -> None:
+    """Blanks other than those between numbers, and GloVe's tokens of several pieces."""
+    found = loaded(tmp_path / "glove.txt", glove({"the": [1.0, 2.0]} | {token: [3.0, 4.0]}))
+    assert found.index_to_key == ["the", token]
+    assert found[token].tolist() == [3.0, 4.0]
+
+
+@pytest.mark.parametrize("name", ["words.zst", "words.gz", "words.xz", "words.bz2"])
+def test_what_is_not_compressed_as_its_name_says_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="expected word vectors in word2vec or GloVe format"):
+        loaded(tmp_path / name, glove())
+
+
+def test_a_download_that_nothing_can_check_is_refused_without_asking_the_network() -> None:
+    with pytest.raises(InputError, match="expected null for a gensim download"):
+        words.load_vectors(Words(source="glove-wiki-gigaword-50", text="definition", sha256="0" * 64))
 
 
 @pytest.mark.parametrize("wrong", [383, 385, 192, 768, 300, 1])

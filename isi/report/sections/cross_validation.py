@@ -66,7 +66,6 @@ def cross_validation(rows: pd.DataFrame, settings: Sequence[Setting], stated: Se
         f"The paper chose {_named(stated)}.",
         pd.DataFrame(lines),
         {"from the choice": "{:+.1f}".format},
-        of_any_size=tuple(name.replace("_", " ") for name in settings[0]),
     )
 
 
