@@ -11,7 +11,7 @@ CHECKED := $(VENV)/params-checked
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help repro beyond quick record test fuzz kill-test verify benchmark words readme console lock families initializers clean
+.PHONY: help repro beyond quick record test fuzz kill-test mutants verify benchmark words readme console lock families initializers clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*##/\1:/p' $(MAKEFILE_LIST)
@@ -56,6 +56,11 @@ fuzz: $(INSTALLED)  ## read 10,000 files that are nearly what each reader reads,
 
 kill-test: $(INSTALLED)  ## strike twenty runs of a small pipeline at random moments, in about twenty minutes (or ARGS="--kills 4"), into docs/benchmarks
 	python -m tests.kills $(ARGS)
+
+mutants: $(INSTALLED)  ## change the code of ranks, scopes, batches, sessions, families and insertion bit by bit, in about an hour; what tests see of it into docs/benchmarks (installs the extra `mutants`)
+	$(BIN)/pip install --quiet --editable '.[mutants]'
+	mutmut run $(ARGS)
+	python -m tools.mutants
 
 verify: $(INSTALLED)  ## compute vectors, MRR* and epochs of the last run again from its tables alone, by other code, and compare
 	@python -m tools.verify

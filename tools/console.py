@@ -13,6 +13,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from isi.base.command import one_line
+
 ROOT = Path(__file__).parent.parent
 BLOCK = re.compile(r"(?<=^```console\n)(.*?)(?=^```)", re.DOTALL | re.MULTILINE)
 COMMAND = re.compile(r"^\$ (isi .*)\n((?:[^$\n].*\n)*)", re.MULTILINE)
@@ -43,4 +45,5 @@ def main(pages: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:] or [str(ROOT / "docs" / "insert.md")])
+    with one_line("console"):
+        main(sys.argv[1:] or [str(ROOT / "docs" / "insert.md")])
