@@ -429,8 +429,11 @@ def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows() -> Non
 
 @pytest.mark.parametrize(("name", "options"), DISTANCES)
 def test_ridge_refuses_a_score_that_is_not_linear(name: str, options: dict[str, Option]) -> None:
-    with pytest.raises(InputError, match=r"initializers\.ridge.*linear"):
-        insert("ridge", some(family(name, **options)), **MAP)
+    of = some(family(name, **options))
+    with pytest.raises(InputError) as refused:
+        insert("ridge", of, **MAP)
+    expected = f"needs a score that is linear in a vector; {type(of.theta0.family).__name__}'s is not"
+    assert refused.value.args == ("params.yaml", "initializers.ridge", expected)
 
 
 @given(st.integers(0, 1000))

@@ -492,6 +492,13 @@ def test_options_that_an_initializer_does_not_take_are_refused_in_one_line(
     assert all(part in message for part in ["params.yaml", *says])
 
 
+@pytest.fixture
+def _of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a test registers goes with it."""
+    monkeypatch.setattr(INITIALIZERS, "_registered", dict(INITIALIZERS._registered))
+
+
+@pytest.mark.usefixtures("_of_ones_own")
 def test_options_come_from_the_signature_with_its_defaults() -> None:
     @initializer("constant")
     def constant(insertion: Insertion, at: float, times: Count = 2) -> Initial:
@@ -504,6 +511,7 @@ def test_options_come_from_the_signature_with_its_defaults() -> None:
     assert not found.fallback.any()
 
 
+@pytest.mark.usefixtures("_of_ones_own")
 def test_one_of_ones_own_is_shown_by_its_name_unless_it_says_otherwise() -> None:
     initializer("plain")(unaided)
     initializer("fancy", label="Fancy", role="isi", colour="#123456")(unaided)

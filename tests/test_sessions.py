@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import sys
 import zlib
@@ -77,8 +78,10 @@ def test_a_split_that_holds_out_less_than_asked_is_refused(valids: int, tests: i
 
 
 def test_a_split_that_holds_out_nothing_is_refused_however_little_was_asked() -> None:
-    with pytest.raises(InputError, match=r"sessions\.valid, sessions\.test"):
+    least = "expected shares that leave triples to each split (for every entity, one stays in train)"
+    with pytest.raises(InputError, match=f"^{re.escape(f'params.yaml: sessions.valid, sessions.test: {least}')}$"):
         check_held_out(np.array([TRAIN] * 9 + [TEST], dtype=np.int8), 0.01, 0.1)
+    check_held_out(np.array([TRAIN] * 8 + [TEST, VALID], dtype=np.int8), 0.01, 0.01)
 
 
 @given(GRAPHS, SEEDS, st.integers(2, 7))

@@ -1,0 +1,81 @@
+"""What is drawn for which purpose: the names of random streams are part of every result, and stay as they are."""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+import pytest
+import torch
+
+from isi.initializers.es_permuted import permuted_words
+from isi.initializers.xavier import xavier
+from isi.insertion.dealing import dealt_words
+from isi.insertion.drawing import standard_normal
+from isi.sessions.drawing import folds, split
+from isi.sessions.session import TEST, TRAIN, VALID
+from tests.graphs import random_graph
+from tests.test_baselines import some
+
+ROOT = 0
+
+
+def generator(purpose: str, *key: int) -> np.random.Generator:
+    """Numpy's own, as seeded for a purpose."""
+    return np.random.default_rng(np.random.SeedSequence([ROOT, zlib.crc32(purpose.encode()), *key]))
+
+
+def may_leave_train(order: np.ndarray, triples: list[list[int]]) -> list[int]:
+    """Of triples in an order, those that are not the first to hold an entity or a relation."""
+    entities, relations, free = set[int](), set[int](), []
+    for triple in order.tolist():
+        head, relation, tail = triples[triple]
+        if {head, tail} <= entities and relation in relations:
+            free.append(triple)
+        entities |= {head, tail}
+        relations.add(relation)
+    return free
+
+
+def test_folds_are_parts_of_a_random_order_of_what_may_leave_train() -> None:
+    graph = random_graph(12, 3, 60)
+    free = may_leave_train(generator("folds").permutation(len(graph.triples)), graph.triples.tolist())
+    splits = folds(graph, ROOT, 4)
+    assert splits.dtype == np.int8
+    for own, fold in zip(splits, np.array_split(free, 4), strict=True):
+        assert np.flatnonzero(own == VALID).tolist() == sorted(fold.tolist())
+        assert (own[own != VALID] == TRAIN).all()
+
+
+def test_a_split_is_the_first_of_such_an_order() -> None:
+    graph, seed = random_graph(12, 3, 60), 3
+    free = may_leave_train(generator("splits", seed).permutation(len(graph.triples)), graph.triples.tolist())
+    tests, valids = round(0.2 * len(graph.triples)), round(0.1 * len(graph.triples))
+    splits = split(graph, ROOT, seed, valid=0.1, test=0.2)
+    assert splits.dtype == np.int8
+    assert np.flatnonzero(splits == TEST).tolist() == sorted(free[:tests])
+    assert np.flatnonzero(splits == VALID).tolist() == sorted(free[tests : tests + valids])
+
+
+def test_gaussians_are_drawn_for_one_purpose() -> None:
+    of = some()
+    drawn = generator("gaussian", *of.keys[0].tolist()).standard_normal((4, 8))
+    torch.testing.assert_close(standard_normal(of)[0], torch.as_tensor(drawn, dtype=torch.float32))
+
+
+def test_xavier_is_drawn_for_its_own() -> None:
+    of = some()
+    drawn, bound = generator("xavier", *of.keys[0].tolist()).random((4, 8)), 6 / 8**0.5
+    np.testing.assert_allclose(xavier(of).vectors[0].numpy(), (2 * drawn - 1) * bound, rtol=1e-5)
+
+
+@pytest.mark.parametrize("within", ["es_permuted", "es_permuted_kinds"])
+def test_words_are_dealt_for_the_purpose_of_each_control(within: str) -> None:
+    of, rng = some(), generator(within, 2, 0)
+    groups = torch.zeros_like(of.kinds) if within == "es_permuted" else of.kinds
+    dealt = np.arange(len(of.words))
+    for group in sorted(set(groups.tolist())):
+        wordy = [entity for entity in range(len(of.words)) if groups[entity] == group and of.words[entity].any()]
+        dealt[wordy] = np.array(wordy)[rng.permutation(len(wordy))]
+    found = permuted_words(of) if within == "es_permuted" else dealt_words(of, within, of.kinds)
+    assert found[0].tolist() == dealt.tolist()

@@ -1,0 +1,137 @@
+"""What tasks of insertion are made of: params, and the tables of an experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import chdir
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isi.base import paths
+from isi.base.errors import InputError
+from isi.base.stage import Given, Provenance
+from isi.experiments.store import Store
+from isi.insertion.tasks import among, inserting_in, insertion_tasks, lists, reached
+from isi.learning.convergence import SCOPES
+from tests import small
+from tests.graphs import cells_of, random_graph
+from tests.small import NAME
+
+CELLS = cells_of(random_graph(12, 2, 80), 2, [4, 6], steps=2)
+VALUES: dict[str, Any] = {
+    "seed": 9, "embedding.family": "analogy", "families.analogy": {},
+    "negatives": {"mode": "sampled", "ratio": 2, "head_pool": "all"}, "convergence": {"margin": 0.25},
+    "finetuning": {"batch_size": 50, "learning_rate": 0.01, "weight_decay": 0.5, "max_epochs": 7, "new_rows_first": 0},
+    "experiments.home.followed": {"sizes": [3, 5], "initializers": ["rs"]}, "experiments.home.at_once": ["ers"],
+    "initializers.es": {"k": 4}, "initializers.rs": {"k": 6}, "initializers.ers": {"k": 2, "candidates": 8},
+}  # fmt: skip
+
+
+def given(**values: object) -> Given:
+    return Given(VALUES | values, Provenance("insert", {}))
+
+
+def joint_runs() -> pd.DataFrame:
+    """Of every cell and some that are none of these, in no order; each value says where it stands."""
+    rows = [
+        (size, seed, session, epoch, scope, 1000 * size + 100 * seed + 10 * session + epoch + place / 10)
+        for size in (2, 3) for seed in (8, 6, 5, 4) for session in (2, 1) for epoch in (1, 0)
+        for place, scope in enumerate((*SCOPES, "novel"))
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=["size", "seed", "session", "epoch", "scope", "mrr_star"])
+
+
+def test_what_convergence_is_measured_against_is_the_joint_models_at_once_in_the_same_cells() -> None:
+    found = reached(joint_runs(), CELLS)
+    assert found.keys() == {(session, scope) for session in (1, 2) for scope in SCOPES}
+    for (session, scope), values in found.items():
+        place = SCOPES.index(scope) / 10
+        assert values.dtype == np.float64
+        np.testing.assert_allclose(values, [2400 + 10 * session + place, 2600 + 10 * session + place])
+        values[:] = 0  # its own
+    assert reached(joint_runs(), CELLS)[1, SCOPES[0]].all()
+
+
+@pytest.mark.parametrize(("session", "scope"), [(1, SCOPES[0]), (2, SCOPES[-1])])
+def test_a_cell_that_the_joint_models_lack_is_named(session: int, scope: str) -> None:
+    runs = joint_runs()
+    cell = runs["size"].eq(2) & runs["session"].eq(session) & runs["scope"].eq(scope) & runs["epoch"].eq(0)
+    with pytest.raises(InputError) as refused:
+        reached(runs[~(cell & runs["seed"].eq(6))], CELLS)
+    expected = "expected a row of each of seeds 4, 6 at epoch 0"
+    where = f"size 2, session {session}, scope {scope}"
+    assert refused.value.args == (str(paths.runs(CELLS.experiment, "joint")), where, expected)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "epochs", "followed"),
+    [("es", {"k": 4}, 7, []), ("rs", {"k": 6}, 7, [3, 5]), ("ers", {"k": 2, "candidates": 8}, 0, [])],
+)
+def test_params_say_how_an_experiment_inserts(
+    name: str, options: dict[str, int], epochs: int, followed: list[int]
+) -> None:
+    how = inserting_in(given(), "home", name)
+    assert (how.initializer, how.options, how.root, how.margin) == (name, options, 9, 0.25)
+    assert (how.negatives.mode, how.negatives.ratio, how.negatives.head_pool) == ("sampled", 2, "all")
+    assert (how.optimizer.max_epochs, how.optimizer.learning_rate, how.optimizer.weight_decay) == (epochs, 0.01, 0.5)
+    assert list(how.followed) == followed
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "named"),
+    [
+        ("initializers.es", {"k": 0}, "initializers.es.k"),
+        ("initializers.es", {}, "initializers.es.k"),
+        ("finetuning", {}, "finetuning.batch_size"),
+        ("negatives", {"mode": "some"}, "negatives.mode"),
+        ("convergence", {"margin": 2}, "convergence.margin"),
+        ("experiments.home.followed", {"sizes": 3}, "experiments.home.followed.sizes"),
+        ("experiments.home.at_once", "es", "experiments.home.at_once"),
+    ],
+)
+def test_a_mistake_is_named_by_its_key(key: str, value: object, named: str) -> None:
+    with pytest.raises(InputError) as refused:
+        inserting_in(given(**{key: value}), "home", "es")
+    assert refused.value.args[:2] == ("params.yaml", named)
+
+
+def test_a_list_names_initializers_or_all() -> None:
+    assert among("all", "es")
+    assert among(["rs", "es"], "es")
+    assert not among(["rs", "ers"], "es")
+    assert lists(given(**{"studied.initializers": "all"}), "studied.initializers", "es")
+    assert not lists(given(**{"studied.initializers": ["rs"]}), "studied.initializers", "es")
+    with pytest.raises(InputError, match=r"params\.yaml: studied\.initializers: "):
+        lists(given(**{"studied.initializers": "some"}), "studied.initializers", "es")
+
+
+@pytest.fixture(scope="module")
+def _made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """The tables and tensors of a small experiment."""
+    folder: Path = tmp_path_factory.mktemp("tasks")
+    small.run_all(folder)
+    with chdir(folder):
+        yield
+
+
+@pytest.mark.usefixtures("_made")
+def test_tasks_are_made_of_what_the_experiment_has_for_their_cells() -> None:
+    store, how = Store(NAME, Provenance("insert", {})), inserting_in(given(), "home", "es")
+    cells = store.cells(1)
+    tasks = insertion_tasks(store, given(), how, cells)
+    assert [task.cells for task in tasks] == cells
+    told, joint = (pd.read_parquet(path) for path in (paths.insert_triples(NAME), paths.runs(NAME, "joint")))
+    for task in tasks:
+        (seed,), size = task.cells.seeds, task.cells.size
+        assert task.how is how
+        own = told[(told["size"] == size) & (told["seed"] == seed)]
+        assert task.told.insert_triples[:, 3].tolist() == own["triple"].tolist()
+        np.testing.assert_array_equal(task.told.words, store.words())
+        rows = joint[(joint["size"] == size) & (joint["seed"] == seed) & (joint["epoch"] == 0)].set_index("scope")
+        for (_, scope), values in task.told.joint.items():
+            np.testing.assert_array_equal(values, [rows.loc[scope, "mrr_star"]])
+        np.testing.assert_array_equal(task.theta0.entity, store.theta0(task.cells, task.theta0.family).entity)
