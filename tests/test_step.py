@@ -1,0 +1,96 @@
+"""One step of incremental learning: what it measures at once, and on what it learns on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from isi.embeddings.stack import Embedding
+from isi.experiments.cells import Cells
+from isi.insertion.step import How, Step, Told, learn, put, step
+from isi.learning import training
+from isi.learning.batches import Negatives, training_data
+from isi.learning.training import Optimizer
+from isi.sessions.session import TEST, TRAIN, VALID
+from tests.test_initializers import NOVEL, World, cells_at, world
+
+NEGATIVES = Negatives(mode="sampled", ratio=2, head_pool="unseen")
+OPTIMIZER = Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=3)
+
+
+def how_to(cells: Cells, **changes: object) -> How:
+    how = How("es", {"k": 3}, 0, cells.keys(), NEGATIVES, OPTIMIZER, {"all": torch.full((2,), torch.nan)}, True)
+    return replace(how, **changes)  # type: ignore[arg-type]
+
+
+def told_of(of: World) -> Told:
+    return Told(torch.as_tensor(NOVEL), torch.as_tensor(of.insert_triples), torch.as_tensor(of.words))
+
+
+def on(_epoch: int, _embedding: Embedding, models: Tensor) -> Tensor:
+    """Lets no model go."""
+    return torch.ones(len(models), dtype=torch.bool)
+
+
+def stepped(of: World) -> Step:
+    cells = cells_at(of.graph, of.splits)
+    return step(of.theta0, cells.session(0), cells.session(1), told_of(of), how_to(cells))
+
+
+def test_the_mask_is_of_each_models_own_insert_triples() -> None:
+    told = Told(torch.zeros(2, 3, dtype=torch.long), torch.tensor([[0, 0, 1], [0, 2, 4], [1, 1, 0]]), torch.zeros(1, 1))
+    mask = told.mask(6)
+    assert mask.dtype == torch.bool
+    assert mask.tolist() == [[False, True, False, False, True, False], [True] + [False] * 5]
+
+
+def test_at_once_it_asks_about_the_novel_entities_what_was_not_told() -> None:
+    """Each triple that takes part and touches one; measures count triples, asked about by all three slots."""
+    of = world()
+    done, triples = stepped(of), of.graph.triples.tolist()
+    for model in range(2):
+        novel = set(NOVEL[model].tolist())
+        told = {triple for own, _, triple in of.insert_triples.tolist() if own == model}
+        asked = [
+            (head, tail)
+            for triple, (head, _, tail) in enumerate(triples)
+            if of.splits[model, triple] in (TRAIN, VALID, TEST) and triple not in told and {head, tail} & novel
+        ]  # fmt: skip
+        assert told
+        assert int(done.at_once["novel"].queries[model]) == len(asked)
+        for place, entity in enumerate(NOVEL[model]):
+            assert int(done.own[place].queries[model]) == sum(int(entity) in ends for ends in asked)
+
+
+def trained(of: World, how: How, purpose: str, pool: str) -> Embedding:
+    """The same by the parts that it is made of."""
+    cells = cells_at(of.graph, of.splits)
+    data = training_data(cells.session(1), purpose, how.keys, pool, torch.as_tensor(NOVEL))
+    return training.train(of.theta0, data, how.negatives, how.optimizer, how.root, on)
+
+
+@pytest.mark.parametrize("pool", ["all", "unseen"])
+def test_fine_tuning_draws_for_its_own_purpose_from_the_pool_that_params_name(pool: str) -> None:
+    of = world()
+    cells = cells_at(of.graph, of.splits)
+    how = how_to(cells, negatives=NEGATIVES.model_copy(update={"head_pool": pool}))
+    learned = learn(of.theta0, cells.session(1), torch.as_tensor(NOVEL), how, on).entity
+    other = {"all": "unseen", "unseen": "all"}[pool]
+    assert torch.equal(learned, trained(of, how, "fine-tuning", pool).entity)
+    assert not torch.equal(learned, trained(of, how, "fine-tuning", other).entity)
+    assert not torch.equal(learned, trained(of, how, "training", pool).entity)
+
+
+def test_where_new_rows_go_first_they_are_those_of_the_session() -> None:
+    of = world()
+    cells = cells_at(of.graph, of.splits)
+    how = how_to(cells, optimizer=OPTIMIZER.model_copy(update={"new_rows_first": 3}))
+    done = step(of.theta0, cells.session(0), cells.session(1), told_of(of), how)
+    before = put(of.theta0, torch.as_tensor(NOVEL), done.initial.vectors).entity
+    moved = (done.theta.entity != before).any(-1).numpy()
+    for model in range(2):
+        assert set(np.flatnonzero(moved[model])) == set(NOVEL[model])
