@@ -12,12 +12,15 @@ from isi.initializers.es_permuted import permuted_words
 from isi.initializers.xavier import xavier
 from isi.insertion.dealing import dealt_words
 from isi.insertion.drawing import standard_normal
+from isi.learning.batches import as_lists, deal, in_turn, training_data
 from isi.sessions.drawing import folds, split
 from isi.sessions.session import TEST, TRAIN, VALID
-from tests.graphs import random_graph
+from tests.graphs import cells_of, random_graph
 from tests.test_baselines import some
 
 ROOT = 0
+CELLS = cells_of(random_graph(12, 3, 60), 2, [5, 6])
+DATA = training_data(CELLS.session(0), "test", CELLS.keys(), "unseen")
 
 
 def generator(purpose: str, *key: int) -> np.random.Generator:
@@ -79,3 +82,44 @@ def test_words_are_dealt_for_the_purpose_of_each_control(within: str) -> None:
         dealt[wordy] = np.array(wordy)[rng.permutation(len(wordy))]
     found = permuted_words(of) if within == "es_permuted" else dealt_words(of, within, of.kinds)
     assert found[0].tolist() == dealt.tolist()
+
+
+def shuffled(model: int, epoch: int) -> np.ndarray:
+    """The observations of a model in the order of an epoch."""
+    counts = DATA.counts[model].numpy()
+    observations = np.repeat(np.arange(len(counts)), counts)
+    generator("test batches", *DATA.keys[model].tolist(), epoch).shuffle(observations)
+    return observations
+
+
+def test_batches_are_dealt_from_a_stream_of_model_and_epoch() -> None:
+    for epoch in (1, 2):
+        dealt = deal(DATA, ROOT, epoch, 20)
+        for model in range(2):
+            assert np.concatenate([batch[model] for batch in dealt]).tolist() == shuffled(model, epoch).tolist()
+
+
+@pytest.mark.parametrize(("purpose", "number"), [("negatives", (3, 1)), ("negatives in turn", (3,))])
+def test_negatives_are_drawn_from_a_stream_of_their_own(purpose: str, number: tuple[int, ...]) -> None:
+    """Tails come first of a stream's numbers."""
+    ratio, epoch = 2, 3
+    if len(number) == 1:
+        drawn = in_turn(DATA, ratio, ROOT, epoch)
+        positives = [one.triples for one in drawn]
+        tails = [one.others[0] for one in drawn]
+    else:
+        dealt = deal(DATA, ROOT, epoch, 10**6)[0]
+        lists = as_lists(DATA, dealt, ratio, ROOT, *number)
+        own = [lists.triples.model == model for model in range(2)]
+        positives = [DATA.session.graph.triples[dealt[model]] for model in range(2)]
+        tails = [
+            lists.triples.tail[own[model] & (lists.positive == 0)][: ratio * len(dealt[model])].view(-1, ratio)
+            for model in range(2)
+        ]
+    for model in range(2):
+        assert torch.equal(positives[model], DATA.session.graph.triples[shuffled(model, epoch)])
+        pool = np.flatnonzero(DATA.tail_pool[model].numpy())
+        random = generator(f"test {purpose}", *DATA.keys[model].tolist(), *number).random(
+            (len(positives[model]), ratio)
+        )
+        assert tails[model].tolist() == pool[(random * len(pool)).astype(int)].tolist()

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from isi.embeddings.stack import Embedding
 from isi.experiments.cells import Cells
-from isi.insertion.step import How, Step, Told, learn, put, step
+from isi.insertion.step import How, Step, Told, insertion_of, learn, put, step
 from isi.learning import training
 from isi.learning.batches import Negatives, training_data
 from isi.learning.training import Optimizer
@@ -64,6 +64,25 @@ def test_at_once_it_asks_about_the_novel_entities_what_was_not_told() -> None:
         assert int(done.at_once["novel"].queries[model]) == len(asked)
         for place, entity in enumerate(NOVEL[model]):
             assert int(done.own[place].queries[model]) == sum(int(entity) in ends for ends in asked)
+
+
+def test_what_is_told_of_each_is_packed_to_the_left() -> None:
+    of = world()
+    cells, told = cells_at(of.graph, of.splits), told_of(of)
+    shown = insertion_of(of.theta0, cells.session(0), told, how_to(cells))
+    rows = {(model, place): [] for model in range(2) for place in range(3)}  # type: ignore[var-annotated]
+    for model, place, triple in of.insert_triples.tolist():
+        head, relation, tail = of.graph.triples[triple].tolist()
+        is_tail = tail == NOVEL[model, place]
+        rows[model, place].append((head if is_tail else tail, relation, is_tail))
+    longest = max(map(len, rows.values()))
+    assert longest > 1
+    for (model, place), expected in rows.items():
+        padded = [*((*row, True) for row in expected), *[(0, 0, False, False)] * (longest - len(expected))]
+        found = (shown.other, shown.relation, shown.novel_is_tail, shown.observed)
+        assert list(zip(*(table[model, place].tolist() for table in found), strict=True)) == padded
+    nothing = Told(told.novel, told.insert_triples[:0], told.words)
+    assert insertion_of(of.theta0, cells.session(0), nothing, how_to(cells)).observed.tolist() == [[[False]] * 3] * 2
 
 
 def trained(of: World, how: How, purpose: str, pool: str) -> Embedding:
