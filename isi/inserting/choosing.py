@@ -8,7 +8,7 @@ from typing import Any
 
 from isi.base.errors import InputError
 from isi.initializers import options_of
-from isi.inserting.given import argument
+from isi.inserting.arguments import argument, mapping, name_of
 
 #: Options where a user gives none: those that were best on hidden entities (docs/method.md, "How the options of other
 #: initializers were chosen"), and the paper's.
@@ -92,10 +92,11 @@ def choose(
         InputError: where there is no such initializer, it takes other options, or the embedding is too large for it or
             of a family that it does not serve.
     """
-    best = _best if invertible else _best_without_map
-    name, why = (initializer, "as asked") if initializer else best(sizes, triples, words)
+    given, best = mapping(options, "options"), _best if invertible else _best_without_map
+    asked = name_of(initializer, "initializer")
+    name, why = best(sizes, triples, words) if asked is None else (asked, "as asked")
     with argument("initializer"):
-        checked = options_of(name, DEFAULTS.get(name, {}) | dict(options or {}), "initializer")
+        checked = options_of(name, DEFAULTS.get(name, {}) | given, "initializer")
     _check_size(name, sizes)
     if not invertible and name not in NEED_NO_MAP:
         expected = f"expected one that needs no inverse of a relation: {', '.join(sorted(NEED_NO_MAP))}; got {name!r}"

@@ -10,13 +10,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from isi.base.errors import InputError
+from isi.base.errors import InputError, short
 from isi.base.params import Seed, check
 from isi.embeddings.family import Family
 from isi.embeddings.stack import Embedding
 from isi.graph import HEAD, TAIL
-from isi.inserting.given import Names, Triple, argument, family_of, graph_of, stack_of_one, table, triples_of
+from isi.inserting.arguments import argument
+from isi.inserting.given import Triple, family_of, graph_of, names_of, stack_of_one, table, triples_of
 from isi.learning.batches import Negatives, fits_tables, training_data
+from isi.learning.finite import NotFinite
 from isi.learning.training import Optimizer, train
 from isi.sessions.session import TRAIN, Session
 
@@ -57,11 +59,12 @@ def fit_new(
     with argument("seed"):
         check(seed, Seed, "seed")
     given = table(entities, "entities")
-    if not 0 < new < len(given):
-        raise InputError("argument 'new'", "", f"expected a number from 1 to {len(given) - 1}, got {new}")
+    if not isinstance(new, int | np.integer) or isinstance(new, bool) or not 0 < new < len(given):
+        raise InputError("argument 'new'", "", f"expected a number from 1 to {len(given) - 1}, got {short(new)}")
     kind = family_of(family, family_options, given)
     rows = table(relations, "relations", kind.width(given.shape[1]))
-    names, labels = Names("entity_names", len(given), entity_names), Names("relation_names", len(rows), relation_names)
+    names = names_of("entity_names", len(given), entity_names)
+    labels = names_of("relation_names", len(rows), relation_names)
     own = triples_of(triples, "triples", names, labels)
     before = triples_of(known_triples if known_triples is not None else [], "known_triples", names, labels)
     _check(own, before, len(given) - new, epochs, all_epochs)
@@ -86,7 +89,10 @@ def _check(triples: np.ndarray, known_triples: np.ndarray, known: int, epochs: i
         raise InputError("argument 'triples'", "", "expected triples, each with a new entity")
     if (known_triples[:, [HEAD, TAIL]] >= known).any():
         raise InputError("argument 'known_triples'", "", "expected triples of known entities alone")
-    if epochs < 0 or all_epochs < 0 or epochs + all_epochs < 1:
+    for name, number in (("epochs", epochs), ("all_epochs", all_epochs)):
+        with argument(name):
+            check(number, Seed, name)
+    if epochs + all_epochs < 1:
         raise InputError("argument 'epochs'", "", "expected at least one epoch")
     if all_epochs and not len(known_triples):
         expected = "expected 'known_triples' too: all rows would forget what they know"
@@ -101,7 +107,10 @@ def _learned(theta: Embedding, triples: np.ndarray, new: int, optimizer: Optimiz
     negatives = check({"mode": mode, "ratio": ratio, "head_pool": "unseen"}, Negatives, "", Path("fit_new"))
     novel = torch.arange(entities - new, entities)[None]
     data = training_data(session, "fine-tuning", torch.tensor([[entities, new]]), negatives.head_pool, novel)
-    return train(theta, data, negatives, optimizer, seed, _onward)
+    try:
+        return train(theta, data, negatives, optimizer, seed, _onward)
+    except NotFinite as error:
+        raise InputError("fit_new", "", error.found) from error
 
 
 def _onward(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:  # noqa: ARG001

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,31 +10,19 @@ from typing import Any
 import numpy as np
 import torch
 
-from isi.base import paths
-from isi.base.errors import InputError
+from isi.base.errors import InputError, short
 from isi.base.params import keywords
 from isi.embeddings.family import Family
 from isi.embeddings.stack import Embedding
 from isi.families import make
 from isi.graph import Graph
+from isi.inserting.arguments import argument, array, listed, mapping, texts
 from isi.inserting.taxicab import TransEL1
 
 #: A triple by names or by ids: head, relation, tail.
 Triple = Sequence[str | int]
 #: What stands in a slot of a triple.
 SLOTS = ("head", "relation", "tail")
-
-
-@contextmanager
-def argument(name: str) -> Iterator[None]:
-    """Mistakes that are said of ``params.yaml``, said of an argument."""
-    try:
-        yield
-    except InputError as error:
-        file, place, expected = error.args
-        if file != str(paths.PARAMS):
-            raise
-        raise InputError(f"argument {name!r}", place.removeprefix(name).removeprefix("."), expected) from error
 
 
 @dataclass(frozen=True)
@@ -54,9 +41,6 @@ class Names:
             InputError: where the names are not as many as the rows, or one is twice there.
         """
         given = self.given if self.given is not None else ()
-        wrong = next((name for name in given if not isinstance(name, str)), None)
-        if wrong is not None:
-            raise InputError(f"argument {self.argument!r}", "", f"expected texts, got {wrong!r:.80}")
         found = {name: row for row, name in enumerate(given)}
         if self.given is not None and len(given) != self.number:
             raise InputError(f"argument {self.argument!r}", "", f"expected {self.number} names, got {len(given)}")
@@ -86,25 +70,31 @@ class Names:
         raise InputError(place, "", f"expected a name or an id, got {value!r:.80}")
 
 
+def names_of(argument: str, number: int, given: Sequence[str] | None) -> Names:
+    """What so many rows are called, as an argument says.
+
+    Raises:
+        InputError: where that lists no texts.
+    """
+    return Names(argument, number, None if given is None else texts(given, argument))
+
+
 def all_names(known: int, entity_names: Sequence[str] | None, new: int | Sequence[str]) -> Names:
     """Names of known and new entities.
 
     Raises:
         InputError: where known ones have names and new ones do not, or the other way round, or names repeat.
     """
-    if isinstance(new, str):
-        raise InputError("argument 'new'", "", "expected a list of names, got one text")
-    if isinstance(new, np.integer):
-        new = int(new)
-    if isinstance(new, int) != (entity_names is None):
+    number = int(new) if isinstance(new, int | np.integer) and not isinstance(new, bool) else None
+    if (number is None) != (entity_names is not None):
         raise InputError("argument 'new'", "", "expected names where 'entity_names' are given, else a number")
-    number = new if isinstance(new, int) else len(new)
-    if number < 1:
+    before = names_of("entity_names", known, entity_names).given
+    own = [] if number is not None else texts(new, "new")
+    if not own and (number is None or number < 1):
         raise InputError("argument 'new'", "", "expected at least one new entity")
-    if entity_names is not None and len(entity_names) != known:
-        raise InputError("argument 'entity_names'", "", f"expected {known} names, got {len(entity_names)}")
-    listed = None if entity_names is None or isinstance(new, int) else [*entity_names, *new]
-    names = Names("entity_names", known + number, listed)
+    if before is not None and len(before) != known:
+        raise InputError("argument 'entity_names'", "", f"expected {known} names, got {len(before)}")
+    names = Names("entity_names", known + (number or len(own)), None if before is None else [*before, *own])
     names.ids  # noqa: B018  # which refuses those that repeat
     return names
 
@@ -115,13 +105,16 @@ def family_of(family: str | Family, options: Mapping[str, Any] | None, entities:
     Raises:
         InputError: where there is no such family, or it has no such options or no vectors of this dimension.
     """
+    given = mapping(options, "family_options")
+    if not isinstance(family, str | Family):
+        raise InputError("argument 'family'", "", f"expected the name of a family, or a family, got {short(family)}")
     with argument("family"):
         if isinstance(family, Family):
             found = family
         elif family == "transe_l1":
-            found = TransEL1(**keywords(TransEL1.__init__, options or {}, "family"))
+            found = TransEL1(**keywords(TransEL1.__init__, given, "family"))
         else:
-            found = make(family, options or {}, "family")
+            found = make(family, given, "family")
         found.width(entities.shape[1])
     return found
 
@@ -132,8 +125,8 @@ def table(values: Any, name: str, width: int | None = None) -> np.ndarray:
     Raises:
         InputError: where it is none.
     """
-    found = np.asarray(values)
     place = f"argument {name!r}"
+    found = array(values, place, "expected a table of floats (rows, numbers)")
     if np.iscomplexobj(found):
         expected = "expected real numbers: of complex vectors the real halves, then the imaginary ones"
         raise InputError(place, "", expected)
@@ -169,13 +162,12 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
     Raises:
         InputError: naming the triple of which a name or an id is unknown.
     """
-    listed = triples if isinstance(triples, np.ndarray) else list(triples)
-    if isinstance(listed, np.ndarray) and np.issubdtype(listed.dtype, np.integer) and listed.ndim == 2:
-        found = _in_range(listed, name, entities.number, relations.number)
+    if isinstance(triples, np.ndarray) and np.issubdtype(triples.dtype, np.integer) and triples.ndim == 2:
+        found = _in_range(triples, name, entities.number, relations.number)
     else:
         found = np.array(
             [_triple(triple, f"argument {name!r}: triple {row}", entities, relations)
-             for row, triple in enumerate(listed)], dtype=np.int64,
+             for row, triple in enumerate(listed(triples, name, "triples"))], dtype=np.int64,
         ).reshape(-1, 3)  # fmt: skip
     return found[np.sort(np.unique(found, axis=0, return_index=True)[1])] if len(found) > 1 else found
 
@@ -194,7 +186,7 @@ def _in_range(triples: np.ndarray, name: str, entities: int, relations: int) -> 
 
 
 def _triple(triple: Any, place: str, entities: Names, relations: Names) -> tuple[int, int, int]:
-    if isinstance(triple, str) or not hasattr(triple, "__len__") or len(triple) != 3:
+    if isinstance(triple, str | bytes | Set | Mapping) or not hasattr(triple, "__len__") or len(triple) != 3:
         raise InputError(place, "", f"expected head, relation and tail, got {triple!r:.80}")
     head, relation, tail = triple
     return (
@@ -214,11 +206,12 @@ def kinds_of(kinds: Any, entities: Names) -> np.ndarray:
     """
     if kinds is None:
         return np.zeros(entities.number, dtype=np.int64)
-    listed = [""] * entities.number if isinstance(kinds, Mapping) else [str(kind) for kind in kinds]
-    if isinstance(kinds, Mapping):
+    by_name = isinstance(kinds, Mapping)
+    found = [""] * entities.number if by_name else [str(kind) for kind in listed(kinds, "kinds", "kinds")]
+    if by_name:
         for name, kind in kinds.items():
-            listed[entities.id(name, "argument 'kinds'")] = str(kind)
-    if len(listed) != entities.number:
-        expected = f"expected {entities.number} kinds, of known and new entities, got {len(listed)}"
+            found[entities.id(name, "argument 'kinds'")] = str(kind)
+    if len(found) != entities.number:
+        expected = f"expected {entities.number} kinds, of known and new entities, got {len(found)}"
         raise InputError("argument 'kinds'", "", expected)
-    return np.unique(np.array(listed), return_inverse=True)[1].astype(np.int64)
+    return np.unique(np.array(found), return_inverse=True)[1].astype(np.int64)

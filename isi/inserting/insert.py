@@ -17,15 +17,16 @@ from isi.embeddings.family import Family
 from isi.embeddings.stack import Embedding
 from isi.graph import HEAD, TAIL
 from isi.initializers import INITIALIZERS
+from isi.inserting.arguments import argument
 from isi.inserting.choosing import Choice, Sizes, at_once, choose
 from isi.inserting.given import (
     Names,
     Triple,
     all_names,
-    argument,
     family_of,
     graph_of,
     kinds_of,
+    names_of,
     stack_of_one,
     table,
     triples_of,
@@ -136,7 +137,7 @@ def insert(
     kind = family_of(family, family_options, known)
     relation_table = table(relations, "relations", kind.width(known.shape[1]))
     names = all_names(len(known), entity_names, new)
-    labels = Names("relation_names", len(relation_table), relation_names)
+    labels = names_of("relation_names", len(relation_table), relation_names)
     found = triples_of(triples, "triples", names, labels)
     before = triples_of(known_triples if known_triples is not None else [], "known_triples", names, labels)
     task = Task(

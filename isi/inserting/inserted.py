@@ -16,8 +16,9 @@ from isi.base.params import Count, Seed, check
 from isi.embeddings.family import Family
 from isi.embeddings.stack import Embedding
 from isi.graph import HEAD, TAIL
+from isi.inserting.arguments import argument
 from isi.inserting.crowding import Interference, interference
-from isi.inserting.given import Names, Triple, argument, stack_of_one, triples_of
+from isi.inserting.given import Names, Triple, stack_of_one, triples_of
 
 #: Numbers in a table of cosines, at most.
 BUDGET = 2**24

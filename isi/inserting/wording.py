@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from isi.base.errors import InputError, short
+from isi.inserting.arguments import array
 from isi.inserting.given import Names, table
 
 #: What makes vectors of texts: a function, word vectors of gensim's, or a file of such.
@@ -38,7 +39,10 @@ def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray
             return table(found.astype(np.float32), "words")
     rows = {entities.id(name, PLACE): value for name, value in words.items()}
     texts = {row: value for row, value in rows.items() if isinstance(value, str)}
-    vectors = {row: np.asarray(value, np.float32) for row, value in rows.items() if row not in texts}
+    vectors = {
+        row: array(value, f"{PLACE}: {entities.of(row)!r:.80}", "expected a vector or a text", np.float32)
+        for row, value in rows.items() if row not in texts
+    }  # fmt: skip
     if texts:
         made = embedded(list(texts.values()), source)
         vectors |= dict(zip(texts, made, strict=True))
@@ -54,7 +58,8 @@ def embedded(texts: Sequence[str], source: Source | None) -> np.ndarray:
     if source is None:
         raise InputError(PLACE, "", "expected vectors, or the argument 'word_source' that makes vectors of texts")
     if callable(source):
-        made = table(np.asarray(source(list(texts)), np.float32), "word_source")
+        given = array(source(list(texts)), "argument 'word_source'", "expected it to give vectors", np.float32)
+        made = table(given, "word_source")
     else:
         from gensim.models import KeyedVectors  # here, since it takes a second
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
+from pydantic import Field
 from pykeen.models import ERModel
 from pykeen.nn.representation import Embedding as Table
 from pykeen.triples import CoreTriplesFactory, TriplesFactory
@@ -15,7 +16,9 @@ from torch import Tensor
 from torch.optim import Optimizer
 
 import isi
-from isi.base.errors import InputError
+from isi.base.errors import InputError, short
+from isi.base.params import check
+from isi.inserting.arguments import argument, listed
 from isi.inserting.given import Triple
 from isi.inserting.inserted import Inserted
 from isi.inserting.wording import Source
@@ -23,6 +26,7 @@ from isi.pykeen.families import read_model, table_of
 from isi.pykeen.forms import Form
 
 Model = ERModel[Any, Any, Any]
+Margin = Annotated[float, Field(allow_inf_nan=False)]
 
 
 def insert(
@@ -61,17 +65,38 @@ def inserted(
         margin: from which distance on a triple counts as wrong; read off the scores of the factory's triples where
             there is none.
     """
-    listed: Any = triples.cpu().numpy() if isinstance(triples, Tensor) else triples
-    listed = listed if isinstance(listed, np.ndarray) else list(listed)
+    own: Any = triples.cpu().numpy() if isinstance(triples, Tensor) else triples
+    own = own if isinstance(own, np.ndarray) and own.ndim else listed(own, "triples", "triples")
+    with argument("margin"):
+        check(margin, Margin | None, "margin")  # type: ignore[arg-type]
+    _check_fit(model, factory)
     embedding = read_model(model, factory.mapped_triples, margin)
     entity_names, relation_names = _labels(factory)
     return isi.insert(
-        embedding.entity[0].numpy(), embedding.relation[0].numpy(), listed,
-        new=_new(factory, listed) if new is None else new, family=embedding.family,
+        embedding.entity[0].numpy(), embedding.relation[0].numpy(), own,
+        new=_new(factory, own) if new is None else new, family=embedding.family,
         entity_names=entity_names, relation_names=relation_names,
         known_triples=factory.mapped_triples.numpy(), words=words, word_source=word_source, kinds=kinds,
         initializer=initializer, options=options, seed=seed,
     )  # fmt: skip
+
+
+def _check_fit(model: Model, factory: CoreTriplesFactory) -> None:
+    """See that a factory is one, and of as many entities and relations as a model.
+
+    Raises:
+        InputError: where it is not.
+    """
+    if not isinstance(factory, CoreTriplesFactory):
+        raise InputError("argument 'factory'", "", f"expected a triples factory of PyKEEN's, got {short(factory)}")
+    expected, got = (
+        f"{entities} entities and {relations} relations"
+        for entities, relations in (
+            (table_of(model).max_id, model.num_real_relations), (factory.num_entities, factory.real_num_relations)
+        )
+    )  # fmt: skip
+    if got != expected:
+        raise InputError("argument 'factory'", "", f"expected {expected}, as the model has, got {got}")
 
 
 def enlarge(model: Model, factory: CoreTriplesFactory, done: Inserted) -> tuple[Model, CoreTriplesFactory]:
@@ -126,7 +151,8 @@ def _new(factory: CoreTriplesFactory, triples: Any) -> list[str]:
     """
     if not isinstance(factory, TriplesFactory):
         raise InputError("argument 'new'", "", "expected how many entities are new: the factory has no labels")
-    ends = [end for triple in triples if len(triple) == 3 for end in triple[::2] if isinstance(end, str)]
+    whole = [tuple(triple) for triple in triples if hasattr(triple, "__len__") and len(triple) == 3]
+    ends = [end for triple in whole for end in triple[::2] if isinstance(end, str)]
     return [str(end) for end in dict.fromkeys(ends) if end not in factory.entity_to_id]
 
 
