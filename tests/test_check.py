@@ -250,22 +250,6 @@ def test_files_that_change_together_are_accepted_together(capsys: pytest.Capture
     assert any(line.startswith(f"{TOLD}: ") for line in lines)  # what was told is of another entity
 
 
-@pytest.mark.usefixtures("_in_copy")
-@pytest.mark.parametrize(
-    ("file", "says"),
-    [
-        ("params.yaml", "expected a table or tensors of the pipeline"),
-        ("data/graph/nowhere/triples.parquet", "expected a table or tensors of the pipeline"),
-        (f"data/runs/{NAME}/es.parquet", f"no such file: `dvc repro insert@{NAME}-es` makes it"),
-    ],
-)
-def test_what_is_no_table_of_the_pipeline_is_not_accepted(
-    capsys: pytest.CaptureFixture[str], file: str, says: str
-) -> None:
-    _, ended = check(capsys, "--accept", file)
-    assert re.search(rf"check: {file}: {says}", str(ended)), ended
-
-
 def test_every_output_of_the_pipelines_has_rules() -> None:
     with chdir(small.ROOT):
         from tests.test_stages import BEYOND, FIRST, OPEN

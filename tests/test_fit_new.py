@@ -74,27 +74,6 @@ def test_the_seed_alone_decides() -> None:
     assert not np.array_equal(one[0], fit(done, batch_size=2, seed=4)[0])
 
 
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ({"triples": [("e1", "in", "e2")]}, "argument 'triples': expected triples, each with a new entity"),
-        ({"triples": []}, "argument 'triples': expected triples, each with a new entity"),
-        ({"known_triples": TOLD}, "argument 'known_triples': expected triples of known entities alone"),
-        ({"new": 0}, "argument 'new': expected a number from 1 to 13, got 0"),
-        ({"new": 14}, "argument 'new': expected a number from 1 to 13, got 14"),
-        ({"epochs": 0}, "argument 'epochs': expected at least one epoch"),
-        ({"all_epochs": 1}, "argument 'all_epochs': expected 'known_triples' too: all rows would forget what they"),
-        ({"learning_rate": -1.0}, "fit_new: learning_rate: Input should be greater than 0, got -1.0"),
-        ({"ratio": 0}, "fit_new: ratio: Input should be greater than or equal to 1, got 0"),
-        ({"family": "rotate"}, "argument 'family': margin: Field required"),
-    ],
-)
-def test_a_mistake_is_one_line(wrong: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError) as refused:
-        fit(call(), **wrong)
-    assert str(refused.value).startswith(said)
-
-
 # What is told of an insertion, by hand: DistMult in one dimension, f = h · r · t
 
 LINE: dict[str, Any] = {
@@ -147,8 +126,6 @@ def test_interference_asks_about_the_known_triples_or_some_of_them() -> None:
     assert done.interference(most=2) == done.interference(most=2)
     with pytest.raises(InputError, match="expected triples of known entities, to ask about"):
         call(known_triples=None).interference()
-    with pytest.raises(InputError, match="expected triples of known entities, to ask about"):
-        done.interference(TOLD)
 
 
 def test_a_familys_own_object_serves() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,6 @@ from safetensors.numpy import save_file
 
 from isi.__main__ import main
 from isi.asking.model import Model, open_model
-from isi.importing.tensors import OF_PYKEEN
 from isi.keeping.folder import read
 from isi.keeping.kept import Kept
 from tests.kept import BETWEEN, NAMES, RELATIONS, TRIPLES, VECTORS, files
@@ -47,16 +45,6 @@ def lists(folder: Path = Path("mine"), **tensors: Any) -> Path:
     if tensors:
         np.savez(folder / "tables.npz", **tensors)
     return folder
-
-
-def corrupt() -> None:
-    """An archive that begins as one, and cannot be inflated."""
-    np.savez_compressed(lists() / "tables.npz", entities=ENTITIES)
-    path = Path("mine/tables.npz")
-    content = bytearray(path.read_bytes())
-    start = content.index(b"entities.npy") + len(b"entities.npy")
-    content[start + 20 : start + 60] = b"\xff" * 40
-    path.write_bytes(content)
 
 
 def ids(folder: Path = Path("theirs")) -> Path:
@@ -158,103 +146,3 @@ def test_a_margin_lies_halfway_between_triples_and_corrupted_ones() -> None:
     np.savez(folder / "t.npz", entities=np.array([[0.0], [1.0], [5.0], [6.0], [9.0], [9.0]]), relations=np.ones((2, 1)))
     family = opened(str(folder), "--family", "transe_l1").family
     assert vars(family) == {"margin": pytest.approx(2.5)}  # distances are 0; 5 with the other head or tail
-
-
-# Mistakes
-
-
-def nan() -> np.ndarray:
-    table = ENTITIES.copy()
-    table[2, 1] = np.inf
-    return table
-
-
-MISTAKES: dict[str, tuple[Callable[[], object], list[str], str]] = {
-    "nothing there": (lambda: None, ["mine"], r"mine: expected a folder with training_triples, entity2id\.txt or ent"),
-    "no tensors": (lists, ["mine", "--family", "distmult"], r"mine: expected a file of tensors"),
-    "no family": (lambda: lists(entities=ENTITIES, relations=LABELS), ["mine"], r"--family: expected how a triple is"),
-    "too few rows": (
-        lambda: lists(entities=ENTITIES[:5], relations=LABELS), ["mine", "--family", "distmult"],
-        r"mine/tables\.npz: entities: expected a row for each of 6 names, got 5",
-    ),
-    "another width": (
-        lambda: lists(entities=ENTITIES, relations=LABELS[:, :3]), ["mine", "--family", "distmult"],
-        r"mine/tables\.npz: relations: expected rows of 4 numbers, got rows of 3",
-    ),
-    "an odd width": (
-        lambda: lists(entities=ENTITIES[:, :3], relations=LABELS[:, :3]), ["mine", "--family", "complex"],
-        r"--family: complex: ",
-    ),
-    "infinity": (
-        lambda: lists(entities=nan(), relations=LABELS), ["mine", "--family", "distmult"],
-        r"mine/tables\.npz: entities: row 2: expected finite numbers",
-    ),
-    "one dimension": (
-        lambda: lists(entities=ENTITIES[0], relations=LABELS), ["mine", "--family", "distmult"],
-        r"mine/tables\.npz: entities: expected a table of numbers, got float32 of shape \(4,\)",
-    ),
-    "texts": (
-        lambda: lists(entities=np.array([["a"]]), relations=LABELS), ["mine", "--family", "distmult"],
-        r"mine/tables\.npz: entities: expected a table of numbers, got <U1 of shape \(1, 1\)",
-    ),
-    "half a pair": (
-        lambda: lists(**dict(zip(OF_PYKEEN, (ENTITIES[:, :3], LABELS[:, :3]), strict=True))),
-        ["mine", "--family", "complex"], r"mine/tables\.npz: expected real and imaginary parts in turn, got rows of 3",
-    ),
-    "a broken archive": (corrupt, ["mine", "--family", "distmult"], r"mine/tables\.npz: expected tensors \(Error -3"),
-    "a number beyond all": (
-        lambda: (lists() / "t.json").write_text(f'{{"entities": [[1{"0" * 400}]]}}', encoding="utf-8"),
-        ["mine", "--family", "distmult"], r"mine/t\.json: expected tensors \(int too large",
-    ),
-    "objects": (
-        lambda: lists(entities=np.array([{}, None]), relations=LABELS), ["mine", "--family", "distmult"],
-        r"mine/tables\.npz: expected tensors \(Object arrays cannot be loaded",
-    ),
-    "other names": (
-        lambda: lists(vectors=ENTITIES), ["mine", "--family", "distmult"],
-        r"mine/tables\.npz: expected one tensor 'entities', or as other tools call it, among vectors",
-    ),
-    "no such file": (lists, ["mine", "--family", "distmult", "--tensors", "t.npz"], r"t\.npz: .* there is no such"),
-    "another form": (lists, ["mine", "--family", "distmult", "--tensors", "t.h5"], r"t\.h5: expected a file of te"),
-    "an option of no family": (
-        lambda: lists(entities=ENTITIES, relations=LABELS),
-        ["mine", "--family", "distmult", "--set", "margin=2"], r"--family: distmult: margin: unknown key",
-    ),
-    "a margin of nothing": (
-        lambda: (lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").unlink(),
-        ["mine", "--family", "transe"], r"--set: margin: expected margin=NUMBER: there are no triples",
-    ),
-    "a margin that is none": (lists, ["mine", "--set", "margin=x"], r"argument --set: expected KEY=NUMBER"),
-    "what a pickle says itself": (
-        lists, ["mine", "--trust-pickle", "--set", "margin=2"], r"--trust-pickle: expected no --family, --set or",
-    ),
-    "no pickle": (lists, ["mine", "--trust-pickle"], r"mine/trained_model\.pkl: expected PyKEEN's pickle"),
-    "a broken triple": (
-        lambda: (lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").write_text("a\tb\n", encoding="utf-8"),
-        ["mine", "--family", "distmult"], r"mine/triples\.tsv: line 1: expected head, relation and tail",
-    ),
-    "a triple of nobody": (
-        lambda: (lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").write_text("a\tb\tc\n", encoding="utf-8"),
-        ["mine", "--family", "distmult"], r"mine/triples\.tsv: line 1: expected a known name, got 'a'",
-    ),
-    "a name twice": (
-        lambda: (lists(entities=ENTITIES, relations=LABELS) / "relations.txt").write_text("x\nx\n", encoding="utf-8"),
-        ["mine", "--family", "distmult"], r"mine/relations\.txt: line 2: expected names that do not repeat",
-    ),
-    "broken ids": (
-        lambda: (ids() / "entity2id.txt").write_text("2\na\t0\n", encoding="utf-8"),
-        ["theirs", "--family", "distmult"], r"theirs/entity2id\.txt: line 1: expected how many lines follow",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_is_one_line_and_nothing_is_written(capsys: pytest.CaptureFixture[str], name: str) -> None:
-    prepare, arguments, line = MISTAKES[name]
-    prepare()
-    with pytest.raises(SystemExit) as ended:
-        main(["import", *arguments, "--out", "out"])
-    said = capsys.readouterr().err.strip() or str(ended.value.code)
-    assert "\n" not in said
-    assert re.match(f"isi import: {line}", said), said
-    assert not Path("out").exists()

@@ -108,17 +108,3 @@ class Bomb:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return os.mkdir, ("exploded",)
-
-
-def test_a_model_without_a_closed_form_is_refused(saved: Callable[[str], tuple[Any, Path]]) -> None:
-    _, folder = saved("RESCAL")
-    with pytest.raises(SystemExit, match=r"expected TransE, DistMult, ComplEx or RotatE: others are inserted into by"):
-        opened(str(folder), "--trust-pickle")
-
-
-def test_a_pickle_alone_says_what_to_do(saved: Callable[[str], tuple[Any, Path]]) -> None:
-    _, folder = saved("DistMult")
-    (folder / "state.pt").rename(folder / "state")
-    with pytest.raises(SystemExit, match=r"trained_model\.pkl is a pickle, which is read with --trust-pickle alone"):
-        opened(str(folder), "--family", "distmult")
-    (folder / "state").rename(folder / "state.pt")

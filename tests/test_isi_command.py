@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -11,11 +10,10 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from isi.__main__ import main
-from tests.kept import NAMES, edit, small, without_words, written
+from tests.kept import NAMES, small, without_words, written
 
 ROOT = Path(__file__).parent.parent
 
@@ -37,104 +35,6 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     assert ended.value.code not in (0, None)
     assert "\n" not in line
     return line
-
-
-# Mistakes
-
-MISTAKES = {
-    ("insert", "stove"):
-        r"isi insert: 'stove': expected a --fact, an --inverse-fact or a word vector, and it has none",
-    ("insert", "Kettle", "--fact", "atLocation", "kitchen"):
-        r"isi insert: NAME: expected a new name: 'kettle' is known",
-    ("insert", "a\tb"):
-        r"isi insert: NAME: expected text without tabs",
-    ("insert", " "):
-        r"isi insert: NAME: expected a name, got none",
-    ("insert", "x", "--definition", "a\nb"):
-        r"isi insert: --definition: expected text without tabs",
-    ("insert", "x", "--fact", "atLocation", "kitchn"):
-        r"isi insert: --fact: .*got 'kitchn' \(did you mean 'kitchen'\?\)",
-    ("insert", "x", "--fact", "hasColour", "bed"):
-        r"isi insert: --fact: expected a relation .*'hasAffordance'\)",
-    ("insert", "x", "--inverse-fact", "atLocation", "bed"):
-        r"isi insert: --inverse-fact: expected a relation",
-    ("insert", "x", "--fact", "atLocation"):
-        r"isi insert: argument --fact: expected 2 arguments",
-    ("insert", "x", "--kind", "rom"):
-        r"isi insert: --kind: expected a kind .*\(did you mean 'room'\?\)",
-    ("insert", "x", "--initializer", "e", "--fact", "atLocation", "bed"):
-        r"isi insert: --initializer: expected one of ",
-    ("insert", "x", "--vectors", "none.txt"):
-        r"isi insert: none\.txt: expected word vectors",
-    ("insert", "x", "--seed", "-1"):
-        r"isi insert: argument --seed: expected",
-    ("insert", "x", "--fact", "atLocation", "bed", "--out", "."):
-        r"isi insert: argument --out: expected a folder by its name, got '\.'",
-    ("insert", "x", "--fact", "atLocation", "bed", "--out", "x" * 300):
-        r"isi insert: x+\.\.\.x+: File name too long",
-    ("nearest", "bed", "--embedding", "x" * 300):
-        r"isi nearest: x+\.\.\.x+: File name too long",
-    ("nearest", ""):
-        r"isi nearest: ENTITY: expected an entity of this embedding, got '' \(there are 'kitchen'",
-    ("export", "--embedding", "home", "--format", "turtle", "--out", "."):
-        r"isi export: \.: expected the name of a file",
-    ("export", "--embedding", "home", "--format", "turtle", "--out", "graph.ttl", "--seed", "1"):
-        r"isi export: --seed: expected an experiment",
-    ("ask", "kettle"):
-        r"isi ask: expected ENTITY RELATION, or --relation",
-    ("ask", "kettle", "atLocation", "--tail", "bed"):
-        r"isi ask: expected ENTITY RELATION, or --relation",
-    ("ask", "kettle", "atLocation", "--head", "bed"):
-        r"isi ask: --head: expected it once",
-    ("ask", "ketle", "atLocation"):
-        r"isi ask: ENTITY: .*did you mean 'kettle'",
-    ("ask", "kettle", "located"):
-        r"isi ask: RELATION: expected a relation .*'atLocation'",
-    ("ask", "kettle", "atLocation", "--top", "0"):
-        r"isi ask: argument --top: expected a whole number from 1, got '0'",
-    ("nearest", "lamp"):
-        r"isi nearest: ENTITY: expected an entity of this embedding, got 'lamp'",
-    ("nearest", "bed", "--embedding", "nowhere"):
-        r"isi nearest: nowhere: expected the folder of an embedding",
-    ("nearest", "bed", "--embedding", "data/kept/ai2thor"):
-        r"isi nearest: data/kept/ai2thor: the pipeline has not kept",
-    ("explain", "bed"):
-        r"isi explain: home: expected an entity that was inserted \(none\), got 'bed'",
-    ("frob",):
-        r"isi: argument COMMAND: invalid choice: 'frob'",
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("arguments", MISTAKES, ids=" ".join)
-def test_a_mistake_is_one_line_and_nothing_is_written(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, ...]
-) -> None:
-    assert re.match(MISTAKES[arguments], refused(capsys, *arguments))
-    assert [path.name for path in tmp_path.iterdir()] == ["home"]
-
-
-def test_a_broken_embedding_is_one_line(capsys: pytest.CaptureFixture[str], home: Path) -> None:
-    edit(home, lambda about: about.update(family_options={"margin": 2.0}))
-    line = refused(capsys, "ask", "bed", "atLocation")
-    assert re.match(r"isi ask: home/embedding\.json: family: margin: unknown key", line)
-
-
-def test_numbers_that_are_too_large_are_not_inserted_among(capsys: pytest.CaptureFixture[str], home: Path) -> None:
-    written(home, replace(small(), entities=small().entities * np.float32(1e30)))
-    line = refused(capsys, "insert", "stove", "--fact", "atLocation", "kitchen", "--out", "out")
-    assert line.startswith("isi insert: --embedding: expected smaller numbers")
-    assert not Path("out").exists()
-
-
-def test_what_others_say_of_an_embedding_does_nothing_to_a_terminal(
-    capsys: pytest.CaptureFixture[str], home: Path
-) -> None:
-    main(["insert", "stove", "--fact", "atLocation", "kitchen", "--embedding", "home", "--out", "home"])
-    capsys.readouterr()
-    edit(home, lambda about: about["inserted"][0].update(why="\x1b[2J"))
-    line = refused(capsys, "explain", "stove")
-    assert line.startswith("isi explain: home/embedding.json: inserted.0.why: expected text without")
-    assert line.isprintable()
 
 
 # The command itself

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,7 +12,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from safetensors.numpy import load_file, save
+from safetensors.numpy import load_file
 
 from isi.base.errors import InputError
 from isi.embeddings.stack import uniform
@@ -24,7 +22,7 @@ from isi.learning.batches import training_data
 from isi.learning.training import run_epoch, start
 from isi.studies.keeping import learn_whole, usual_epochs, whole
 from tests.graphs import random_graph
-from tests.kept import NAMES, TRIPLES, edit, files, small, tamper, written
+from tests.kept import NAMES, TRIPLES, files, small, written
 from tests.test_experiments import LEARNING
 
 CELLS = st.text(st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"]), max_size=20)
@@ -132,95 +130,6 @@ def test_a_folder_with_something_else_in_it_is_not_replaced(tmp_path: Path) -> N
     with pytest.raises(InputError, match="expected a folder, or a name that nothing has"):
         written(path / "thesis.tex")
     assert (path / "thesis.tex").read_text(encoding="utf-8") == "all of it"
-
-
-def tensors(**changed: Any) -> bytes:
-    kept = small()
-    given = {"entities": kept.entities, "relations": kept.relations, "words": kept.words, **changed}
-    return bytes(save({name: value for name, value in given.items() if value is not None}))
-
-
-def put(name: str, content: bytes) -> Callable[[Path], None]:
-    """Other bytes in a file, with their digest."""
-    return lambda path: tamper(path, name, content)
-
-
-def changed(path: Path) -> None:
-    """A file without a new digest."""
-    file = path / "entities.tsv"
-    file.write_bytes(file.read_bytes().replace(b"object", b"gadget"))
-
-
-NAN = small().entities.copy()
-NAN[3, 1] = np.nan
-BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
-    "no folder": (lambda path: path.rename(path.with_name("two")), r"one: expected the folder of an embedding"),
-    "no file": (lambda path: (path / "triples.tsv").unlink(), r"triples\.tsv: cannot be read \(No such file"),
-    "no JSON": (lambda path: (path / "embedding.json").write_bytes(b"{"), r"embedding\.json: expected JSON"),
-    "deep JSON": (lambda path: (path / "embedding.json").write_bytes(b"[" * 10**6), r"embedding\.json: expected JSON"),
-    "a list": (lambda path: (path / "embedding.json").write_bytes(b"[]"), r"embedding\.json: format: expected"),
-    "a later version": (lambda path: edit(path, lambda about: about.update(version=2)), r"version: expected 1, got 2"),
-    "a key too many": (lambda path: edit(path, lambda about: about.update(pickle="x")), r"json: pickle: unknown key"),
-    "a missing key": (lambda path: edit(path, lambda about: about.pop("family")), r"json: family: Field required"),
-    "a wrong size": (
-        lambda path: edit(path, lambda about: about.update(entities=7)), r"'entities': expected .* \(7, 4\), got"
-    ),
-    "inserted elsewhere": (
-        lambda path: edit(path, lambda about: about.update(inserted=[{**TOLD.model_dump(), "entity": "bed"}])),
-        r"json: inserted: expected the entities of the last rows",
-    ),
-    "told of nobody": (
-        lambda path: edit(path, lambda about: about.update(
-            inserted=[{**TOLD.model_dump(), "told": [["sofa", "hasAffordance", "lie on"]]}])),
-        r"json: inserted\.0\.told: expected known names",
-    ),
-    "no tensors": (put("vectors.safetensors", b"x" * 50), r"expected a safetensors file"),
-    "half of the tensors": (
-        put("vectors.safetensors", tensors()[:-40]), r"expected a safetensors file"
-    ),
-    "no relations": (
-        put("vectors.safetensors", tensors(relations=None)), r"tensor 'relations': missing"
-    ),
-    "NaN": (put("vectors.safetensors", tensors(entities=NAN)), r"'entities': row 3: .* NaN"),
-    "whole numbers": (
-        put("vectors.safetensors", tensors(words=np.ones((6, 2), np.int64))),
-        r"'words': expected float32 or float64 of shape",
-    ),
-    "one tensor more": (
-        put("vectors.safetensors", tensors(code=np.ones((2, 2)))), r"tensor 'code': expected no"
-    ),
-    "another header": (put("relations.tsv", b"name\natLocation\n"), r"line 1: expected the col"),
-    "a cell too many": (
-        put("relations.tsv", b"relation\natLocation\nx\ty\n"), r"line 3: expected 1 columns, got 2"
-    ),
-    "no UTF-8": (put("relations.tsv", b"relation\nat\nh\xff\n"), r"line 3: expected UTF-8"),
-    "a name twice": (
-        put("relations.tsv", b"relation\nx\nx\n"), r"line 3: expected names that do not repeat"
-    ),
-    "a control character": (put("relations.tsv", b"relation\nx\n\x1b\n"), r"line 3: expected text"),
-    "a name too many": (put("relations.tsv", b"relation\nx\ny\nz\n"), r"expected 2 rows, .* got 3"),
-    "a triple of nobody": (
-        put("triples.tsv", b"head\trelation\ttail\nbed\tatLocation\tsofa\n"),
-        r"triples\.tsv: line 2: expected a known name as tail, got 'sofa'",
-    ),
-    "a triple too few": (
-        put("triples.tsv", b"head\trelation\ttail\n"), r"expected 4 rows, as embedding\.json says"
-    ),
-    "an edit": (
-        changed,
-        r"entities\.tsv: expected the bytes whose SHA-256 is in embedding\.json: it was changed",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", BROKEN)
-def test_a_broken_folder_is_refused_in_one_line_with_file_and_place(tmp_path: Path, name: str) -> None:
-    path, (damage, line) = written(tmp_path / "one"), BROKEN[name]
-    damage(path)
-    with pytest.raises(InputError, match=line) as refused:
-        read(path)
-    assert "\n" not in str(refused.value)
-    assert str(refused.value).startswith(str(path))
 
 
 # The embedding that the pipeline keeps

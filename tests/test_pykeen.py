@@ -10,12 +10,11 @@ import pytest
 import torch
 
 import isi
-from isi.base.errors import InputError
 
 pytest.importorskip("pykeen")
 
 from pykeen.evaluation import RankBasedEvaluator
-from pykeen.models import ERModel, SimplE, model_resolver
+from pykeen.models import ERModel, model_resolver
 from pykeen.predict import predict_target
 from pykeen.training import SLCWATrainingLoop
 from pykeen.triples import CoreTriplesFactory, TriplesFactory
@@ -133,19 +132,6 @@ def test_a_model_of_another_family_takes_initializers_that_need_none(name: str, 
     assert done.initializer == name
 
 
-def test_what_a_model_of_another_family_cannot_serve_is_refused(factory: Any) -> None:
-    model, words = model_of("rescal", {}, factory), np.eye(ENTITIES + 2)
-    with pytest.raises(
-        InputError, match=r"'initializer': expected one that needs no inverse of a relation: .*; got 'rs'"
-    ):
-        isi.pykeen.insert(model, factory, NEW, initializer="rs")
-    with pytest.raises(InputError, match=r"^new entity 'kup': expected a triple with a known entity"):
-        isi.pykeen.insert(model, factory, [*NEW, ("cup", "r0", "kup")])
-    words[ENTITIES + 1] = 0
-    with pytest.raises(InputError, match=r"^new entity 'mug': expected a word vector, which es goes by$"):
-        isi.pykeen.insert(model, factory, NEW, initializer="es", words=words)
-
-
 @pytest.mark.parametrize(("name", "options"), CLOSED, ids=id_of)
 def test_ranks_of_known_triples_are_unchanged_when_new_candidates_are_masked(
     name: str, options: dict[str, Any], factory: Any
@@ -214,22 +200,3 @@ def test_a_factory_without_labels_goes_by_ids(factory: Any) -> None:
     for key, value in larger.state_dict().items():
         torch.testing.assert_close(value, named.state_dict()[key], rtol=0, atol=0)
     assert more.num_entities == 22
-    with pytest.raises(InputError, match="argument 'new': expected how many entities are new"):
-        isi.pykeen.insert(model, plain, told)
-
-
-def test_mistakes_are_one_line(factory: Any) -> None:
-    model = model_of("complex", {}, factory)
-    with pytest.raises(InputError, match=r"^argument 'model': SimplE: expected a model with one vector for each"):
-        isi.pykeen.insert(SimplE(triples_factory=factory), factory, NEW)
-    with pytest.raises(InputError, match=r"^argument 'triples': triple 0: relation: expected one of 'relation_names'"):
-        isi.pykeen.insert(model, factory, [("cup", "under", "e1")])
-    with pytest.raises(InputError, match=r"^argument 'new': expected at least one new entity$"):
-        isi.pykeen.insert(model, factory, [("e0", "r0", "e1")])
-    with pytest.raises(InputError, match=r"^new entity 'kup': expected a triple with a known entity"):
-        isi.pykeen.insert(model, factory, [("cup", "r0", "e1"), ("cup", "r0", "kup")])
-    inverse = TriplesFactory(
-        factory.mapped_triples, factory.entity_to_id, factory.relation_to_id, create_inverse_triples=True
-    )
-    with pytest.raises(InputError, match=r"^argument 'model': expected a model that was trained without inverse"):
-        isi.pykeen.insert(model_of("complex", {}, inverse), inverse, NEW)

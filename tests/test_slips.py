@@ -221,19 +221,6 @@ def test_tools_of_another_python_say_which_one_to_use() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("content", "said"), [(None, "there is no report yet: run `make repro` first"), ("{", "run `dvc repro report`")]
-)
-def test_the_headline_of_no_report_says_what_to_run(tmp_path: Path, content: str | None, said: str) -> None:
-    if content:
-        (tmp_path / "metrics.json").write_text(content)
-    command = [sys.executable, str(ROOT / "tools/headline.py"), str(tmp_path)]
-    ended = subprocess.run(command, capture_output=True, text=True)
-    assert (ended.returncode, len(ended.stderr.splitlines())) == (1, 1)
-    assert ended.stderr.startswith("headline: ")
-    assert said in ended.stderr
-
-
 # What is asked for, and help
 
 

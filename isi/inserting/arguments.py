@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -21,7 +22,8 @@ def argument(name: str) -> Iterator[None]:
         file, place, expected = error.args
         if file != str(paths.PARAMS):
             raise
-        raise InputError(f"argument {name!r}", place.removeprefix(name).removeprefix("."), expected) from error
+        within = re.sub(rf"{name}s?(\.|$)", "", place, count=1) if place.startswith(name) else place
+        raise InputError(f"argument {name!r}", within, expected) from error
 
 
 def listed(values: Any, name: str, of: str) -> list[Any]:

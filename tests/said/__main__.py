@@ -1,12 +1,15 @@
-"""Put what is said of files, and why, into docs/benchmarks/said.md: ``python -m tests.said``."""
+"""Put what is said, and why, into docs/benchmarks/said.md and said_by_commands.md: ``python -m tests.said``."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from tests.said.every import CASES
+from tests.said.typed import CALLS, PROGRAMS
 
-TABLE = Path(__file__).parents[2] / "docs" / "benchmarks" / "said.md"
+BENCHMARKS = Path(__file__).parents[2] / "docs" / "benchmarks"
+#: What readers say of files, and what commands and the library's calls say of what they are given.
+TABLE, BY_COMMANDS = BENCHMARKS / "said.md", BENCHMARKS / "said_by_commands.md"
 
 
 def table() -> str:
@@ -19,5 +22,15 @@ def table() -> str:
     return "\n".join(["| read as | what went wrong | what is said |", "| --- | --- | --- |", *rows, ""])
 
 
+def by_commands() -> str:
+    """A row for each mistake of what is typed, or called."""
+    listed = [(f"`{one.name}`", case.what, one.says + case.said) for one in PROGRAMS for case in one.cases]
+    listed += [(f"`{name}`", case.what, case.said) for name, cases in CALLS.items() for case in cases]
+    cells = ([cell.replace("|", "&#124;").replace("<", "&lt;") for cell in row] for row in listed)
+    rows = [f"| {' | '.join(row)} |" for row in cells]
+    return "\n".join(["| what is called | what went wrong | what is said |", "| --- | --- | --- |", *rows, ""])
+
+
 if __name__ == "__main__":
+    BY_COMMANDS.write_text(by_commands(), encoding="utf-8")
     TABLE.write_text(table(), encoding="utf-8")

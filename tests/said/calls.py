@@ -1,0 +1,113 @@
+"""What a command, or a call of the library, says of a mistake: every cause, with the line that a user meets."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from isi.base import paths
+from tests.kept import without_words, written
+from tests.said import LOG
+from tools.workspace import change_all
+
+ROOT = Path(__file__).parents[2]
+#: What a library's call is given in place of what is sound; a function where it takes time to make.
+Given = dict[str, Any] | Callable[[], dict[str, Any]]
+
+
+def nothing() -> None:
+    """What most mistakes need to be made before."""
+
+
+@dataclass(frozen=True)
+class Typed:
+    """A mistake in what is typed, or in what a command finds."""
+
+    what: str
+    #: behind the name of the program, as in a shell
+    typed: str
+    #: the line, behind the name of the command
+    said: str
+    #: what is done before, in the folder where it is typed
+    before: Callable[[], object] = nothing
+    #: with which the command ends
+    status: int = 1
+    #: a package that it takes to make the mistake
+    needs: str = ""
+
+
+@dataclass(frozen=True)
+class Called:
+    """A mistake in an argument of the library."""
+
+    what: str
+    given: Given
+    #: all of it
+    said: str
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        return self.given() if callable(self.given) else self.given
+
+
+@dataclass(frozen=True)
+class Program:
+    """What is started, and the mistakes that it tells of."""
+
+    #: as the table has it
+    name: str
+    #: behind ``python -m``
+    module: str
+    #: what its lines begin with
+    says: str
+    cases: list[Typed] = field(default_factory=list)
+
+
+def put(**files: str | bytes) -> Callable[[], object]:
+    """Write files; ``__`` in a name stands for the dot before its ending."""
+
+    def write() -> None:
+        for name, content in files.items():
+            path = Path(name.replace("__", "."))
+            path.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "surrogateescape"))
+
+    return write
+
+
+def params(changes: dict[str, Any]) -> Callable[[], object]:
+    """The params that ship, changed at dotted keys."""
+
+    def write() -> None:
+        values = yaml.load(paths.PARAMS.read_text(encoding="utf-8"), yaml.CSafeLoader)
+        change_all(values, changes)
+        paths.PARAMS.write_text(yaml.dump(values, Dumper=yaml.CSafeDumper, sort_keys=False), encoding="utf-8")
+
+    return write
+
+
+def lay_out(folder: Path) -> Path:
+    """Where commands are typed: params, what ships, an embedding without words, and a log of one triple."""
+    for path in (paths.PARAMS, paths.BEYOND_PARAMS, paths.PIPELINE, paths.BEYOND_PIPELINE):
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / path, folder / path)
+    (folder / paths.DATA).mkdir()
+    (folder / paths.RAW).symlink_to(ROOT / paths.RAW)
+    (folder / "log.csv").write_text(LOG, encoding="utf-8")
+    written(folder / "home", without_words())
+    return folder
+
+
+def packed(columns: str, *rows: str) -> bytes:
+    """A table as PyKEEN compresses it."""
+    return gzip.compress("".join(f"{row}\n" for row in (columns, *rows)).encode())
+
+
+def as_json(value: object) -> str:
+    return json.dumps(value)
