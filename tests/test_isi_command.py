@@ -1,4 +1,4 @@
-"""``isi``: mistakes are one line, help is quick, and it is installed."""
+"""``isi``: help is quick, it is installed, and who interrupts it gets one line."""
 
 from __future__ import annotations
 
@@ -23,18 +23,6 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with an embedding, ``home``."""
     monkeypatch.chdir(tmp_path)
     return written(tmp_path / "home", without_words())
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """The one line with which a command ends, at status other than 0."""
-    with pytest.raises(SystemExit) as ended:
-        main([*arguments, "--embedding", "home"] if "--embedding" not in arguments else list(arguments))
-    out, err = capsys.readouterr()
-    assert out == ""
-    line = err.strip() or str(ended.value.code)
-    assert ended.value.code not in (0, None)
-    assert "\n" not in line
-    return line
 
 
 # The command itself
