@@ -20,8 +20,14 @@ COPIED = ("isi", "stages", "data/raw", "dvc.yaml", "pyproject.toml")
 
 YAML_1_2 = YAML()  # keeps the comments
 
+
+class _Drop:
+    def __repr__(self) -> str:
+        return "DROP"
+
+
 #: Value of a key that is to go.
-DROP = object()
+DROP = _Drop()
 
 #: A grid that takes about five minutes: fewer of everything, the plain mean the only control.
 QUICK: dict[str, Any] = {
