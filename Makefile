@@ -49,7 +49,7 @@ test: $(INSTALLED)  ## ruff, mypy and pytest
 	ruff check .
 	ruff format --check .
 	mypy
-	pytest --numprocesses auto --dist loadfile
+	pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 fuzz: $(INSTALLED)  ## read 10,000 files that are nearly what each reader reads, in about ten minutes (or ARGS="--inputs 1000"), into docs/benchmarks
 	python -m tests.fuzz $(ARGS)

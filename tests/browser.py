@@ -45,9 +45,9 @@ class Opened:
         return int(self.page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth"))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
-    """A Chromium without a window, one for all tests."""
+    """A Chromium without a window, one for the tests of a module: while it is there, no other asyncio loop may run."""
     api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install 'isi[browser]'")
     found = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, _NAMES)), None)
     if found is None:

@@ -100,13 +100,6 @@ def test_what_was_made_under_other_params_is_refused(key: str, value: Any, named
     assert named is None or str(named.parent) in line
 
 
-def test_a_number_that_is_the_same_to_dvc_is_the_same_to_whoever_reads() -> None:
-    """Or else `dvc repro` would find nothing to do."""
-    before = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))["negatives"]["ratio"]
-    with small.for_a_while(paths.PARAMS, changed("negatives.ratio", float(before))):
-        small.run(command("insert"))
-
-
 def test_params_that_shape_nothing_that_is_read_refuse_nothing() -> None:
     with small.for_a_while(paths.PARAMS, changed("compute.stack", 1)):
         small.run(command("build_graph"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import date
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from hypothesis import strategies as st
 from isi.base import tables
 from isi.base.content import Content, digest_of_table, digest_of_tensors
 from isi.base.errors import InputError
-from isi.base.provenance import CONTENT, metadata_of
+from isi.base.provenance import CONTENT, metadata_of, own
 from isi.base.rules import SHOWN, shown
 from isi.base.schemas import FALLBACK_NAMES, NOVEL_AT, SPLIT_NAMES
 from isi.base.tables import Provenance
@@ -165,6 +166,16 @@ def test_a_file_is_read_whole_once_however_often_it_is_asked_for(
 
 
 # Rules
+
+
+def test_params_that_are_the_same_to_dvc_are_the_same_to_whoever_reads() -> None:
+    """Or else `dvc repro` would find nothing to do; and params may hold what JSON does not."""
+    same = [{"margin": 2.0, "sizes": [1.0, 2]}, {"sizes": (1, 2.0), "margin": 2}]
+    assert own("insert", same[0]) == own("insert", same[1])
+    others = [{"margin": 2.5, "sizes": [1, 2]}, {"margin": 2, "sizes": [2, 1]}, {"margin": 2, "sizes": [1], "k": None},
+              {"margin": "2", "sizes": [1, 2]}, {1: date(2001, 1, 1), "b": b"x"}]  # fmt: skip
+    assert len({own("insert", one) for one in [same[0], *others]}) == 1 + len(others)
+    assert own("insert", same[0]) != own("train", same[0])
 
 
 def test_a_table_that_breaks_a_rule_is_not_written(tmp_path: Path) -> None:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import importlib
 import sys
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pkgutil import iter_modules
 
 import numpy as np
 import pytest
 import torch
 
+from isi import initializers
 from isi.base import paths
 from isi.base.errors import InputError
 from isi.base.params import Count, Option, read
@@ -493,9 +496,12 @@ def test_options_that_an_initializer_does_not_take_are_refused_in_one_line(
 
 
 @pytest.fixture
-def _of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
+def _of_ones_own() -> Iterator[None]:
     """What a test registers goes with it."""
-    monkeypatch.setattr(INITIALIZERS, "_registered", dict(INITIALIZERS._registered))
+    before = INITIALIZERS._registered.keys() | {module.name for module in iter_modules(initializers.__path__)}
+    yield
+    for name in INITIALIZERS._registered.keys() - before:
+        del INITIALIZERS._registered[name]
 
 
 @pytest.mark.usefixtures("_of_ones_own")

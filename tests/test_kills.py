@@ -46,7 +46,7 @@ def test_what_is_struck_is_a_worker_of_the_stage_that_runs(where: Workspace) -> 
     where.clear()
     fault = where.strike("a worker", signal.SIGKILL, 0, random.Random(0))
     assert fault
-    assert fault.status == 1
+    assert fault.status != 0
     assert fault.stage.split() == ["train_theta0", "published"]
 
 

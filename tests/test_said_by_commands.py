@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import shutil
 import sys
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 
 import pytest
 
+from isi.families import FAMILIES
+from isi.initializers import INITIALIZERS
+from isi.sources import SOURCES
 from tests.said.__main__ import BY_COMMANDS, TABLE, by_commands
 from tests.said.calls import ROOT, Called, Program, Typed, lay_out
 from tests.said.pieces import EXCEPT, long_pieces
@@ -23,6 +28,15 @@ CALLED = [pytest.param(name, case, id=f"{name}: {case.what}") for name, cases in
 @pytest.fixture(scope="module")
 def laid_out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return lay_out(tmp_path_factory.mktemp("said") / "folder")
+
+
+@pytest.fixture(autouse=True)
+def _as_it_ships(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Messages list what there is: not what other tests have registered."""
+    for plugins in (FAMILIES, INITIALIZERS, SOURCES):
+        modules = {module.name for module in iter_modules(import_module(plugins.package).__path__)}
+        for name in plugins._registered.keys() - modules:
+            monkeypatch.delitem(plugins._registered, name)
 
 
 @pytest.mark.parametrize(("program", "case"), TYPED)

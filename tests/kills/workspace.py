@@ -178,7 +178,9 @@ def _ended(run: subprocess.Popen[str]) -> Iterator[None]:
         for process in _session(run.pid):
             with _gone():
                 process.kill()
-        run.communicate()
+        run.wait()
+        if run.stderr:
+            run.stderr.close()
 
 
 @contextmanager
@@ -189,11 +191,14 @@ def _gone() -> Iterator[None]:
 
 
 def _session(leader: int) -> list[psutil.Process]:
-    """Living processes of the session that a process leads."""
+    """Processes of the session that a process leads, those too that are dead and that nobody has taken note of yet.
+
+    DVC takes these for alive, and their lock for theirs.
+    """
     found = []
     for process in psutil.process_iter():
         with _gone():
-            if os.getsid(process.pid) == leader and process.status() != psutil.STATUS_ZOMBIE:
+            if os.getsid(process.pid) == leader:
                 found.append(process)
     return found
 
@@ -202,7 +207,7 @@ def _nobody_left(leader: int) -> None:
     deadline = time.monotonic() + GONE
     while left := _session(leader):
         if time.monotonic() > deadline:
-            raise Lost(f"a process stays: {' '.join(left[0].cmdline())[:200]}")
+            raise Lost(f"a process stays: {left[0]}")
         time.sleep(0.05)
 
 
