@@ -184,6 +184,17 @@ def test_a_lock_file_that_was_cut_short_is_as_before_and_a_whole_one_stays(
     assert not list((tmp_path / ".dvc/tmp").iterdir())
 
 
+@pytest.mark.parametrize(
+    ("notes", "stay"), [("", False), ('{"read": {"a', False), ("{}", True), ('{"read": {}}', True)]
+)
+def test_notes_of_dvc_that_were_cut_short_go(tmp_path: Path, notes: str, stay: bool) -> None:
+    path = tmp_path / "rwlock"
+    path.write_text(notes, encoding="utf-8")
+    repro.mend_notes(path)
+    assert (path.read_text(encoding="utf-8") if path.exists() else None) == (notes if stay else None)
+    repro.mend_notes(tmp_path / "none")
+
+
 def test_stages_are_read_from_the_lock_of_their_pipeline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     lock = "schema: '2.0'\nstages:\n  mine@here:\n    cmd: mine\n    deps:\n    - path: a\n  report:\n    cmd: report\n"

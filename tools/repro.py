@@ -21,6 +21,8 @@ from isi.base.lifetime import tie_to_parent
 
 #: Seconds that each stage took when it last ran here; before that, in the run that the documentation tells of.
 HERE = Path(".dvc/tmp/stage_seconds.json")
+#: DVC's notes of who reads and writes what.
+NOTES = Path(".dvc/tmp/rwlock")
 ROOT = Path(__file__).parent.parent
 SHIPPED = ROOT / "docs" / "benchmarks" / "stage_seconds.json"
 PIPELINES = (Path("dvc.yaml"), Path("beyond/dvc.yaml"))
@@ -63,6 +65,7 @@ def main(arguments: list[str]) -> int:
     pipeline = next((one for one in PIPELINES if str(one) in arguments), PIPELINES[0])
     lock = LockFile(pipeline.with_name("dvc.lock"))
     lock.mend()
+    mend_notes()
     progress = Progress(stages(pipeline), known)
     try:
         return run([sys.executable, "-m", "dvc", "repro", *arguments], progress, lock)
@@ -102,6 +105,22 @@ class LockFile:
         except Exception:  # whatever is wrong with it
             return False
         return True
+
+
+def mend_notes(path: Path = NOTES) -> None:
+    """Take away DVC's notes where its end has cut them short: it would refuse to run.
+
+    Another DVC may be writing them just now: they must stay broken for a while.
+    """
+    for _ in range(10):
+        try:
+            json.loads(path.read_text(encoding="utf-8"))
+            return
+        except FileNotFoundError:
+            return
+        except ValueError:
+            time.sleep(0.1)
+    path.unlink(missing_ok=True)
 
 
 def run(command: list[str], progress: Progress, lock: LockFile) -> int:
