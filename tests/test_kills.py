@@ -9,8 +9,8 @@ import sys
 import pytest
 
 from tests.kills.__main__ import table
-from tests.kills.campaign import kills, limits, survived
-from tests.kills.workspace import Fault, Workspace
+from tests.kills.campaign import kills
+from tests.kills.workspace import Fault, Lost, Workspace
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes as Linux has them")
 
@@ -24,22 +24,21 @@ def where(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
     return made
 
 
-def test_two_runs_that_are_killed_and_one_without_room_lose_nothing(where: Workspace) -> None:
-    assert "data/runs/published/ers.parquet" in where.expected
-    found = [*kills(where, 2, 8.0, random.Random(2)), *limits(where, 1, random.Random(0))]
-    assert [fault.lost for fault in found] == ["", "", ""]
-    assert found[-1].status != 0
-
-
 def test_what_a_fault_has_changed_is_seen(where: Workspace) -> None:
-    def change() -> Fault:
-        where.finish()
-        (where.folder / "data/runs/published/.ers.parquet.1.tmp").write_bytes(b"left over")
-        return Fault("a stage", "KILL", "insert", 137)
+    where.compare()
+    left, changed = (where.folder / "data/runs/published" / name for name in (".ers.parquet.1.tmp", "ers.parquet"))
+    left.write_bytes(b"left over")
+    before = changed.read_bytes()
+    changed.write_bytes(before[:-1])
+    with pytest.raises(Lost, match=r"^2 files differ, lack or stay: data/runs/published/\.ers\.parquet\.1\.tmp, data"):
+        where.compare()
+    left.unlink()
+    changed.write_bytes(before)
 
-    fault = survived(where, change)
-    assert fault
-    assert fault.lost == "1 files differ, lack or stay: data/runs/published/.ers.parquet.1.tmp"
+
+def test_two_runs_that_are_killed_lose_nothing(where: Workspace) -> None:
+    assert "data/runs/published/ers.parquet" in where.expected
+    assert [fault.lost for fault in kills(where, 2, 8.0, random.Random(2))] == ["", ""]
 
 
 def test_what_is_struck_is_a_worker_of_the_stage_that_runs(where: Workspace) -> None:
