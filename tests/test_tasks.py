@@ -15,7 +15,7 @@ from isi.base import paths
 from isi.base.errors import InputError
 from isi.base.stage import Given, Provenance
 from isi.experiments.store import Store
-from isi.insertion.tasks import among, inserting_in, insertion_tasks, lists, reached
+from isi.insertion.tasks import among, inserting, inserting_in, inserting_with, insertion_tasks, lists, reached
 from isi.learning.convergence import SCOPES
 from tests import small
 from tests.graphs import cells_of, random_graph
@@ -81,6 +81,12 @@ def test_params_say_how_an_experiment_inserts(
     assert list(how.followed) == followed
 
 
+def test_an_initializer_is_fine_tuned_unless_it_is_said_not_to_be() -> None:
+    for how in (inserting(given(), "es"), inserting_with(given(), "es", {"k": 4}, "elsewhere")):
+        assert (how.options, how.optimizer.max_epochs, list(how.followed)) == ({"k": 4}, 7, [])
+    assert inserting(given(), "es", [3], finetuned=False).optimizer.max_epochs == 0
+
+
 @pytest.mark.parametrize(
     ("key", "value", "named"),
     [
@@ -104,6 +110,7 @@ def test_a_list_names_initializers_or_all() -> None:
     assert among(["rs", "es"], "es")
     assert not among(["rs", "ers"], "es")
     assert lists(given(**{"studied.initializers": "all"}), "studied.initializers", "es")
+    assert lists(given(**{"studied.initializers": ["rs", "es"]}), "studied.initializers", "es")
     assert not lists(given(**{"studied.initializers": ["rs"]}), "studied.initializers", "es")
     with pytest.raises(InputError, match=r"params\.yaml: studied\.initializers: "):
         lists(given(**{"studied.initializers": "some"}), "studied.initializers", "es")
