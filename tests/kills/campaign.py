@@ -42,7 +42,7 @@ def survived(where: Workspace, strike: Callable[[], Fault | None]) -> Fault | No
             where.finish()
             where.compare()
     except Lost as error:
-        return replace(fault or Fault("?", "?", "?", 0), lost=str(error))
+        return replace(fault or Fault("the disk", "?", "?", 0), lost=str(error))
     return fault
 
 
@@ -55,7 +55,7 @@ def kills(where: Workspace, number: int, seconds: float, chosen: random.Random) 
         while fault is None:  # its moment may lie behind the last stage
             after = chosen.uniform(0, seconds)
             fault = survived(where, partial(where.strike, whom, how, after, chosen))
-        yield fault if fault.whom != "?" else replace(fault, whom=whom, how=how.name)
+        yield replace(fault, whom=whom, how=how.name)
 
 
 def limits(where: Workspace, number: int, chosen: random.Random) -> Iterator[Fault]:
@@ -75,7 +75,7 @@ def full_disks(expected: dict[str, str], number: int, chosen: random.Random) -> 
             used = shutil.disk_usage(folder).used // 1024
 
             def strike(where: Workspace = where, hold: Callable[[int], object] = hold, used: int = used) -> Fault:
-                hold(used + chosen.randrange(50, 3000))
+                hold(used + chosen.randrange(50, 1500))
                 fault = where.starve()
                 hold(2**20)
                 return fault
