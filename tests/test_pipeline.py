@@ -27,6 +27,7 @@ from safetensors.torch import load_file, save_file
 from isi.keeping.folder import read
 from isi.report import parts
 from tests import documented
+from tests.environment import ENVIRONMENT
 from tools import workspace
 
 #: The paper's.
@@ -56,10 +57,6 @@ SMALL |= {f"{key}.{name}": workspace.DROP for key, names in LEFT_OUT.items() for
 #: indicators; rates; families.
 STAGES = 3 + 3 * 7 + 3 * len(INITIALIZERS) + 6 + len(ISI) + len(INITIALIZERS) + len(FAMILIES)
 SCOPES = {"all", "known", "known_closed", "novel_heldout"}
-
-
-#: With this interpreter's ``python`` first on the path.
-ENVIRONMENT = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
 
 
 def dvc(folder: Path, *arguments: str) -> str:

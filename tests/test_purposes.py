@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
-
 import numpy as np
 import pytest
 import torch
@@ -17,15 +15,12 @@ from isi.sessions.drawing import folds, split
 from isi.sessions.session import TEST, TRAIN, VALID
 from tests.graphs import cells_of, random_graph
 from tests.test_baselines import some
+from tests.test_sessions import generator
 
+#: As ``generator`` has it.
 ROOT = 0
 CELLS = cells_of(random_graph(12, 3, 60), 2, [5, 6])
 DATA = training_data(CELLS.session(0), "test", CELLS.keys(), "unseen")
-
-
-def generator(purpose: str, *key: int) -> np.random.Generator:
-    """Numpy's own, as seeded for a purpose."""
-    return np.random.default_rng(np.random.SeedSequence([ROOT, zlib.crc32(purpose.encode()), *key]))
 
 
 def may_leave_train(order: np.ndarray, triples: list[list[int]]) -> list[int]:

@@ -16,6 +16,7 @@ import yaml
 
 from isi.base.command import only_one
 from tests import sleepers
+from tests.environment import ENVIRONMENT
 from tests.test_bad_input import KINDS, OBSERVED, observed, run_stage, session, wait_until, workspace
 from tools import workspace as workspaces
 
@@ -49,11 +50,8 @@ with only_one("build_graph@ai2thor"):
     time.sleep(300)
 """
 
-#: With this interpreter's ``python`` first on the path, and this code.
-ENVIRONMENT = os.environ | {
-    "PYTHONPATH": str(ROOT),
-    "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-}
+#: And this code.
+WITH_CODE = ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 SIGNALS = pytest.mark.parametrize(("signalled", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
@@ -64,7 +62,7 @@ def running(command: list[str], folder: Path, begun: Callable[[], bool]) -> Iter
     """A command in a session of its own, once it has begun; none of its processes stays."""
     with subprocess.Popen(
         command, cwd=folder, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env=ENVIRONMENT, preexec_fn=_heed_ctrl_c,
+        env=WITH_CODE, preexec_fn=_heed_ctrl_c,
     ) as process:  # fmt: skip
         try:
             assert wait_until(lambda: begun() or process.poll() is not None, 60)
@@ -196,7 +194,7 @@ def test_make_repro_that_is_killed_takes_all_that_it_began_along(pipeline: Path)
 def test_a_second_run_says_that_there_is_a_first_and_leaves_it_alone(pipeline: Path, first: list[str]) -> None:
     with running(first, pipeline, asleep(pipeline / "asleep")) as running_first:
         before = session(running_first.pid).keys()
-        second = subprocess.run(first, cwd=pipeline, capture_output=True, text=True, env=ENVIRONMENT)
+        second = subprocess.run(first, cwd=pipeline, capture_output=True, text=True, env=WITH_CODE)
         assert second.returncode
         assert "Traceback" not in second.stderr
         if first is REPRO:

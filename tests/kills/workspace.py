@@ -21,6 +21,7 @@ from typing import Any
 import psutil
 
 from isi.base.lifetime import tie_to_parent
+from tests.environment import ENVIRONMENT
 from tools import workspace
 
 #: A pipeline of one small graph, whose stages yet share their tasks among workers.
@@ -42,8 +43,6 @@ SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 MOST, GONE = 600, 30
 #: What ``make repro`` calls.
 REPRO = [sys.executable, str(Path(workspace.__file__).with_name("repro.py"))]
-#: With this interpreter's ``python`` first on the path.
-ENVIRONMENT = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
 
 
 @dataclass(frozen=True)
