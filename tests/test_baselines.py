@@ -183,6 +183,13 @@ def test_projection_is_ridge_regression_on_unit_word_vectors() -> None:
     torch.testing.assert_close(far, mean_of(of, *KNOWN).expand(3, -1), atol=1e-5, rtol=0)
 
 
+def test_projection_from_a_single_example_is_that_example() -> None:
+    of = some()
+    one = replace(of, eligible=torch.arange(ENTITIES)[None] == 3)
+    found = insert("projection", one, penalty=0.7).vectors[0, :3]
+    torch.testing.assert_close(found, mean_of(of, 3).expand(3, -1))
+
+
 def test_soft_es_weighs_by_the_exponential_of_cosines() -> None:
     of = some()
     cosine = cosine_similarity(of.words[0], of.words[list(KNOWN)]).double()
@@ -273,6 +280,15 @@ def test_dead_blocks_are_dead_in_both_coordinates_and_steps_and_turns_never_die(
         assert alive(random_embedding(1, 3, 2, DIMENSION, family=family(name, **options))).all()
 
 
+def test_a_coordinate_that_is_stretched_by_the_bound_is_alive_and_a_step_back_kills_none() -> None:
+    theta0 = random_embedding(1, 3, 2, DIMENSION, family=family("distmult"))
+    theta0.relation[0, 1, 4] = DEAD
+    assert alive(theta0).all()
+    back = random_embedding(1, 3, 1, DIMENSION, family=family("transe", margin=2.0, squared=True))
+    back.relation[0, 0] = -torch.eye(DIMENSION)[2] / 2
+    assert alive(back).all()
+
+
 def test_what_is_told_lies_in_cells_and_brings_its_negatives() -> None:
     of = some()
     positive = evidence.told(of)
@@ -290,6 +306,16 @@ def test_what_is_told_lies_in_cells_and_brings_its_negatives() -> None:
     assert negative[0, 1, 0, 4] == pytest.approx(2)
     assert (negative[..., [0, 5, 9, 11]] == 0).all()  # the novel ones are no known ends
     assert negative.sum() == pytest.approx(7 * 2 * 4)
+
+
+@pytest.mark.parametrize("relations", [1, 2, 3])
+def test_each_positive_brings_as_many_negatives_of_each_sort_as_it_has_copies(relations: int) -> None:
+    seen: list[list[Seen]] = [[(1, 0, False), (4, relations - 1, True)], [(7, 0, True)]]
+    theta0 = random_embedding(1, ENTITIES, relations, DIMENSION)
+    of = insertion(theta0, [0, 5], seen, torch.ones(ENTITIES, 2), [0] * ENTITIES)
+    negative = evidence.expected_negatives(of, evidence.told(of), ratio=4)[0]
+    sorts = 1 if relations == 1 else 2  # another relation, where there is one
+    np.testing.assert_allclose(negative.sum((1, 2, 3)), [2 * sorts * 4, sorts * 4], rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", LINEAR)
@@ -404,6 +430,26 @@ def test_map_of_a_distance_gains_on_its_prior_and_leaves_little_gradient(name: s
     assert (after[[0, 1, 3]] < before[[0, 1, 3]]).all()
     assert torch.equal(found.vectors[0, 2], around.vectors[0, 2])
     assert gradient_at(of, found, around).abs().max() < 0.05 * gradient_at(of, around, around).abs().max()
+
+
+def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
+    """With a strong prior about a parabola, on which n times the way to its lowest point is too far from n = 2 on."""
+    of = some(family("distmult"))
+    theta0 = replace(of.theta0, entity=of.theta0.entity.double(), relation=of.theta0.relation.double())
+    known = evidence.evidence(of, insert("mean", of).vectors, 1000, 3)
+    step, _ = evidence.newton(known, theta0, known.mean, evidence.anchors(theta0))
+    for times, share in ((0, 1), (1, 1), (3, 1 / 2), (6, 1 / 4), (12, 1 / 8)):
+        expected = [share, share, 1, share]  # the third has nothing to go for
+        assert evidence.length(known, theta0, known.mean, times * step)[0].tolist() == expected
+
+
+def test_products_of_cells_are_the_same_in_parts_of_a_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    generator = torch.Generator().manual_seed(2)
+    slopes, weight = torch.randn(2, 9, 4, generator=generator), torch.rand(2, 5, 9, generator=generator)
+    expected = torch.einsum("mnk,mkd,mke->mnde", weight, slopes, slopes)
+    for budget in (1, 72, 108, evidence.BUDGET):  # of one, two, three and all novel entities
+        monkeypatch.setattr(evidence, "BUDGET", budget)
+        torch.testing.assert_close(evidence.gram(slopes, weight), expected)
 
 
 def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows() -> None:

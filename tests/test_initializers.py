@@ -22,6 +22,7 @@ from isi.experiments.cells import Cells
 from isi.graph import Graph
 from isi.initializers import INITIALIZERS, initializer, options_of
 from isi.initializers.es_permuted import permuted_words
+from isi.insertion import similarity
 from isi.insertion.core import FALLBACKS, Initial, Insertion, unaided
 from isi.insertion.step import How, Told, insertion_of, put
 from isi.learning.batches import Negatives
@@ -258,6 +259,14 @@ def test_equal_relational_scores_go_to_the_lower_id(name: str, options: dict[str
     found = insert(name, replace(given, theta0=replace(given.theta0, entity=entity)), **options)
     for model in range(2):
         torch.testing.assert_close(found.vectors[model], entity[model, [1, 2, 3]].mean(0).expand(3, -1))
+
+
+def test_word_similarity_is_the_same_where_there_are_too_many_for_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = insertion()
+    whole = similarity.word_similarity(given)
+    monkeypatch.setattr(similarity, "WHOLE", len(given.words) ** 2 - 1)
+    torch.testing.assert_close(similarity.word_similarity(given), whole)
+    assert not torch.equal(whole[0, 0], whole[0, 1])
 
 
 def test_ers_candidates_go_to_the_lower_id() -> None:

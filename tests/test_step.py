@@ -9,9 +9,10 @@ import pytest
 import torch
 from torch import Tensor
 
+from isi.base.errors import InputError
 from isi.embeddings.stack import Embedding
 from isi.experiments.cells import Cells
-from isi.insertion.step import How, Step, Told, insertion_of, learn, put, step
+from isi.insertion.step import How, Step, Told, initialize, insertion_of, learn, put, step
 from isi.learning import training
 from isi.learning.batches import Negatives, training_data
 from isi.learning.training import Optimizer
@@ -113,3 +114,10 @@ def test_where_new_rows_go_first_they_are_those_of_the_session() -> None:
     moved = (done.theta.entity != before).any(-1).numpy()
     for model in range(2):
         assert set(np.flatnonzero(moved[model])) == set(NOVEL[model])
+
+
+def test_an_initializer_that_there_is_not_is_named_by_its_key() -> None:
+    of = world()
+    cells = cells_at(of.graph, of.splits)
+    with pytest.raises(InputError, match=r"^params\.yaml: initializers\.rz: "):
+        initialize(of.theta0, cells.session(0), told_of(of), how_to(cells, initializer="rz"))

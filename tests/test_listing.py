@@ -1,0 +1,78 @@
+"""Sessions as tables: who counts as added, what is refused, and one split for each seed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isi.base.errors import InputError
+from isi.graph import Graph
+from isi.sessions.drawing import SessionsOf, Shares
+from isi.sessions.listing import Sessions, listed
+from tests.graphs import random_graph
+
+KEY = "experiments.home.sessions"
+NUMBER = 12
+GRAPH = random_graph(NUMBER, 2, 80)
+SHARES = Shares(valid=0.1, test=0.1, insert_fraction=0.5)
+#: The second entity is of another source than the first.
+TWO_SOURCES = ["a", "b", *["a", "b"] * (NUMBER // 2 - 1)]
+ADDED = set(range(1, NUMBER, 2))
+
+
+def sessions(graph: Graph = GRAPH, sources: list[str] = TWO_SOURCES, **how: Any) -> Sessions:
+    entities = pd.DataFrame({"kind": ["kind"] * NUMBER, "source": sources})
+    values: dict[str, Any] = {"novel": "any", "sizes": [2], "seeds": 8, **how}
+    return listed(graph, entities, SessionsOf(**values), SHARES, 3, KEY)
+
+
+def refusal(**how: Any) -> tuple[object, ...]:
+    with pytest.raises(InputError) as refused:
+        sessions(**how)
+    return refused.value.args
+
+
+def test_a_graph_without_triples_is_refused_by_its_key() -> None:
+    assert refusal(graph=GRAPH.part(np.array([], dtype=int))) == ("params.yaml", KEY, "expected a graph with triples")
+
+
+@pytest.mark.parametrize(
+    ("how", "candidates"),
+    [({"sizes": [1, 12]}, 12), ({"sizes": [4], "steps": 3}, 12), ({"novel": "added", "sizes": [7]}, 6)],
+)
+def test_more_novel_entities_than_there_may_be_are_refused_by_their_key(how: dict[str, Any], candidates: int) -> None:
+    few = f"expected fewer novel entities than the {candidates} that may be novel"
+    assert refusal(**how) == ("params.yaml", f"{KEY}.sizes", few)
+
+
+def test_all_added_may_be_novel_at_once_and_one_known_entity_is_enough_otherwise() -> None:
+    assert set(sessions(novel="added", sizes=[6]).novel["entity"]) == ADDED
+    assert len(sessions(sizes=[11], seeds=1).novel) == 11
+
+
+def test_added_are_those_of_another_source_than_the_first_and_take_no_part_where_they_are_not_drawn() -> None:
+    found = sessions(novel="added")
+    assert set(found.novel["entity"]) == ADDED
+    ends = GRAPH.triples[:, [0, 2]].numpy()
+    for seed, own in found.splits.groupby("seed"):
+        drawn = set(found.novel.loc[found.novel["seed"] == seed, "entity"])
+        absent = list(ADDED - drawn)
+        assert own["triple"].tolist() == np.flatnonzero(~np.isin(ends, absent).any(1)).tolist()
+
+
+def test_all_take_part_where_others_than_the_added_are_novel() -> None:
+    one, two = sessions(sources=["a"] * NUMBER), sessions()
+    for name in ("splits", "novel", "insert_triples"):
+        pd.testing.assert_frame_equal(getattr(one, name), getattr(two, name))
+    assert sorted(two.splits["triple"].unique()) == list(range(len(GRAPH.triples)))
+
+
+@pytest.mark.parametrize(("sizes", "seeds"), [([2], 1), ([1, 2], 1), ([2, 1], 3)])
+def test_each_seed_has_one_split_whatever_the_sizes(sizes: list[int], seeds: int) -> None:
+    found = sessions(sizes=sizes, seeds=seeds)
+    assert not found.splits.duplicated(["seed", "triple"]).any()
+    assert len(found.splits) == seeds * len(GRAPH.triples)
+    assert len(found.novel) == seeds * sum(sizes)
