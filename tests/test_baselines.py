@@ -244,6 +244,27 @@ def test_soft_similarities_fall_back_to_what_there_is() -> None:
 
 @pytest.mark.parametrize(
     ("name", "options"),
+    [("soft_es", {"temperature": 0.2}), ("soft_rs", {"temperature": 0.2}),
+     ("soft_hybrid", {"word_weight": 3.0, "relation_weight": 3.0})],
+)  # fmt: skip
+def test_similarity_to_nobody_is_the_centroid_of_the_known(name: str, options: dict[str, Option]) -> None:
+    of = some()
+    found = insert(name, replace(of, eligible=torch.zeros_like(of.eligible)), **options)
+    assert fallbacks(found) == ["centroid"] * 4
+    torch.testing.assert_close(found.vectors[0], mean_of(of, *KNOWN).expand(4, -1))
+
+
+def test_there_may_be_more_relations_than_coordinates() -> None:
+    theta0 = random_embedding(1, ENTITIES, 9, 4, family=family("distmult"))
+    of = insertion(theta0, [0], [[(1, 8, False), (2, 5, True)]], torch.ones(ENTITIES, 2), [0] * ENTITIES)
+    entity, relation = of.theta0.entity[0], of.theta0.relation[0]
+    alphas = [entity[1] / relation[8], entity[2] * relation[5]]
+    expected = sum(cosine_similarity(alpha, entity) for alpha in alphas) / 2
+    torch.testing.assert_close(mean_relational_score(of)[0, 0], expected)
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
     [("soft_es", {"temperature": 0.2}), ("soft_rs", {"temperature": 0.2}), ("neighbour_mean", {}), ("er_avg", {}),
      ("soft_hybrid", {"word_weight": 3.0, "relation_weight": 3.0}), ("projection", {"penalty": 1.0}), ("ridge", MAP),
      ("map_mean", MAP), ("map_ers", {"k": 2, "candidates": 4, **MAP}),

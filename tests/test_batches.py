@@ -80,6 +80,12 @@ def test_heads_come_from_everyone_where_asked_or_where_the_pool_is_empty() -> No
     assert torch.equal(data.head_pool, torch.ones(1, 1, 3))
 
 
+def test_a_relation_whose_pool_is_empty_leaves_that_of_others_as_it_is() -> None:
+    graph = graph_of({(0, 0, 1): 1, (1, 0, 2): 1, (2, 0, 0): 1, (1, 1, 0): 1}, 3, 2)
+    data = training_data(everything(graph, torch.zeros(1, 4, dtype=torch.int8)), "t", torch.tensor([[0, 0]]), "unseen")
+    assert data.head_pool[0].tolist() == [[1, 1, 1], [1, 0, 1]]
+
+
 @pytest.mark.parametrize("head_pool", ["unseen", "all"])
 def test_expected_negatives_are_the_mean_of_sampled_ones(head_pool: str) -> None:
     cells, draws, ratio = cells_of(random_graph(6, 3, 20), 1, [0, 1]), 600, 4
@@ -185,18 +191,21 @@ def test_data_count_training_observations_alone() -> None:
 
 @pytest.mark.parametrize("mode", ["expected", "sampled"])
 @pytest.mark.parametrize("fits", [True, False])
-def test_a_batch_has_the_form_that_suits_the_graph(mode: str, fits: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("size", [1, 40])
+def test_a_batch_has_the_form_that_suits_the_graph(
+    mode: str, fits: bool, size: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """And each observation is in one of them."""
     monkeypatch.setattr("isi.learning.batches.TABLE_CELLS", 3 * 13 * 13 - (not fits))
     grid = small_cells()
     data = training_data(grid.session(0), "test", grid.keys(), "unseen")
     total = torch.zeros(len(grid.seeds), dtype=torch.int64)
-    for batch, positives in batches(data, Negatives(mode=mode, ratio=3, head_pool="unseen"), 40, 0, 1):
+    for batch, positives in batches(data, Negatives(mode=mode, ratio=3, head_pool="unseen"), size, 0, 1):
         total += positives
         if fits:
             assert isinstance(batch, Tables)
             assert torch.equal(batch.positives.sum((1, 2, 3)), positives.float())
         else:
             assert isinstance(batch, Lists)
-            assert torch.equal(torch.bincount(batch.triples.model[batch.positive > 0]), positives)
+            assert torch.equal(torch.bincount(batch.triples.model[batch.positive > 0], minlength=4), positives)
     assert torch.equal(total, data.counts.sum(1))
