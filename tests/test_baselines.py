@@ -26,6 +26,7 @@ from isi.insertion.core import FALLBACKS, Initial, Insertion
 from isi.insertion.dealing import dealt_words
 from isi.insertion.drawing import standard_normal
 from isi.insertion.weighing import mean_relational_score
+from isi.learning.finite import NotFinite
 from tests.graphs import ANALOGY, dense, random_embedding
 
 LINEAR = ("analogy", "complex", "distmult")
@@ -536,6 +537,17 @@ def stack(models: int, dimension: int = 20) -> Insertion:
     entity = torch.cat([one.theta0.entity for one in own])
     keys = torch.tensor([[3, seed] for seed in range(models)])
     return replace(own[0], **stacked, theta0=replace(theta0, entity=entity), keys=keys)
+
+
+@pytest.mark.parametrize("name", ["map_mean", "ridge"])
+def test_known_vectors_that_do_not_differ_are_told_by_their_models(name: str) -> None:
+    of = stack(4)
+    same = torch.isin(torch.arange(4), torch.tensor([1, 3]))[:, None, None]
+    with pytest.raises(NotFinite) as failed:
+        insert(name, replace(of, theta0=replace(of.theta0, entity=of.theta0.entity.masked_fill(same, 0))), **MAP)
+    assert failed.value.models == [1, 3]
+    expected = "known vectors that do not differ have no covariance to go by: turn down the weight decay of training"
+    assert failed.value.found == expected
 
 
 @pytest.mark.parametrize(

@@ -91,6 +91,18 @@ def test_mrr_star_by_hand(case: Case) -> None:
     assert found == pytest.approx([(entity + 1 / 2) / 2, entity, 1 / 2, plain])
 
 
+@pytest.mark.parametrize(
+    ("asked", "slots"),
+    [
+        ([[0, 1, 0, 1, 1], [0, 0, 0, 0, 1]], [[1, 3, 4], [4, -1, -1]]),
+        ([[1, 0], [0, 1]], [[0], [1]]),
+        ([[0, 0], [0, 0]], [[-1], [-1]]),
+    ],
+)
+def test_slots_are_who_is_asked_about_padded_to_the_longest(asked: list[list[int]], slots: list[list[int]]) -> None:
+    assert query_slots(torch.tensor(asked) == 1).tolist() == slots
+
+
 def test_filter_takes_relations_out_of_relation_queries() -> None:
     counts = COUNTS | {(0, 1, 3): 1}
     assert measure(counts, scalar([1, 4, 3, 2], [1, 2]), [QUERY])[2] == pytest.approx(1 / 2)
