@@ -11,7 +11,7 @@ CHECKED := $(VENV)/params-checked
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help repro beyond quick record test fuzz kill-test mutants verify benchmark words readme console lock families initializers clean
+.PHONY: help install repro beyond quick record test fuzz kill-test mutants verify benchmark words readme console lock families initializers clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*##/\1:/p' $(MAKEFILE_LIST)
@@ -27,6 +27,8 @@ $(INSTALLED): requirements.lock pyproject.toml
 $(CHECKED): params.yaml beyond/params.yaml $(INSTALLED)
 	@python tools/check_params.py
 	@touch $@
+
+install: $(INSTALLED)  ## set up .venv, and no more
 
 repro: $(CHECKED)  ## run what is not up to date of the pipeline; then where the report is, and its headline
 	@python tools/repro.py

@@ -9,9 +9,13 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-__all__ = ["fit_new", "insert"]
+__all__ = ["InputError", "fit_new", "insert"]
 
-_WHERE = {"fit_new": "isi.inserting.fitting", "insert": "isi.inserting.insert"}
+_WHERE = {"InputError": "isi.base.errors", "fit_new": "isi.inserting.fitting", "insert": "isi.inserting.insert"}
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_WHERE, "pykeen"])
 
 
 def __getattr__(name: str) -> Any:

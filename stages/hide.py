@@ -11,7 +11,7 @@ import pandas as pd
 import torch
 
 if find_spec("pykeen") is None:
-    sys.exit("hide: expected the package PyKEEN: pip install 'isi[pykeen]'")
+    sys.exit("hide: expected the package PyKEEN: pip install pykeen")
 
 from pykeen.datasets import get_dataset
 

@@ -98,6 +98,17 @@ def test_the_nearest_known_and_the_distance_from_their_cloud() -> None:
     assert far.farther_than == 0.75  # -4 itself lies as far
 
 
+@pytest.mark.parametrize("apart", [0.0, 1e-9])
+def test_coordinates_in_which_all_known_are_the_same_count_for_no_distance(apart: float) -> None:
+    known = np.array([[1, 7], [2, 7], [3, 7], [-4, 7 + apart]])
+    given: dict[str, Any] = {"family": "distmult", "triples": [(4, 0, 1)], "new": 1, "initializer": "xavier"}
+    done = isi.insert(known, np.ones((1, 2)), **given)
+    own = done.report()[0].distance
+    assert own == pytest.approx(abs(done.entities[4, 0] - 0.5) / np.std([1, 2, 3, -4]), rel=1e-5)
+    (same,) = isi.insert(np.ones((3, 2)), np.ones((1, 2)), **(given | {"triples": [(3, 0, 1)]})).report()
+    assert same.distance == 0
+
+
 def test_interference_by_hand() -> None:
     """Of (0, 1): heads by score are 3·2, 2·2, 1·2, 0.5·2, -4·2, and tails 3, 2, 1, 0.5, -4."""
     found = on_a_line().interference([(0, 0, 1)])

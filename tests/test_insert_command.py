@@ -22,6 +22,7 @@ from isi.keeping.folder import read
 from isi.keeping.kept import MODEL, WordSource
 from isi.words import read_vectors
 from tests.kept import files, small, without_words, written
+from tests.test_rehearsing import model as dense
 
 ROOT = Path(__file__).parent.parent
 STOVE = ["insert", "stove", "--kind", "object", "--fact", "at location", "Kitchen", "--fact", "hasaffordance", "turnOn"]
@@ -105,6 +106,55 @@ def test_what_is_likely_and_neither_told_nor_known_of_an_indicator_would_surpris
         assert not surprising(replace(likely, **changed))  # type: ignore[arg-type]
 
 
+def test_what_would_surprise_is_looked_for_beyond_the_answers_that_are_shown(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Every third answer is right, so that none is unlikely."""
+    written(Path("dense"), dense(600).kept)
+    asked = ["insert", "new", "--fact", "in", "e1", "--initializer", "rs", "--set", "k=1", "--embedding", "dense"]
+    found = [parsed(capsys, *asked, "--top", top) for top in ("1", "2", "20")]
+    assert found[0]["surprises"] == found[1]["surprises"] == found[2]["surprises"]
+    shown = [one for question in found[2]["answers"] for one in question["answers"] if one["surprising"]]
+    assert sorted(one["chance"] for one in shown) == sorted(one["chance"] for one in found[2]["surprises"])
+    number = len(shown)
+    assert number > 20
+    assert max(one["rank"] for one in shown) == 20
+    (line,) = [line for line in printed(capsys, *asked, "--top", "2").splitlines() if line.startswith("would surprise")]
+    assert line.count(";") == 2
+    assert line.endswith(f"; and {number - 2} more")
+
+
+def test_a_fact_unlike_all_that_is_known_of_its_relation_is_noted(capsys: pytest.CaptureFixture[str]) -> None:
+    odd = ["--fact", "atLocation", "lie on", "--inverse-fact", "kitchen", "hasAffordance"]
+    expected = [
+        "no known triple of atLocation has a tail of kind affordance, as lie on is",
+        "no known triple of hasAffordance has a head of kind room, as kitchen is",
+    ]
+    assert parsed(capsys, *STOVE, *odd)["notes"] == expected
+    assert printed(capsys, *STOVE, *odd).splitlines()[2:4] == [f"  note: {one}" for one in expected]
+    assert parsed(capsys, *STOVE)["notes"] == []
+
+
+def test_an_initializer_takes_options(capsys: pytest.CaptureFixture[str]) -> None:
+    for k in (1, 2):
+        found = parsed(capsys, *STOVE, "--initializer", "rs", "--set", f"k={k}", "--out", "larger")
+        assert [one["weight"] for one in found["indicators"] if one["weight"]] == [1 / k] * k
+        assert read(Path("larger")).inserted()["stove"].options == {"k": k}
+    assert parsed(capsys, "explain", "stove", "--embedding", "larger")["entity"] == "stove"
+
+
+def test_what_was_inserted_is_not_lost_to_another_insertion(capsys: pytest.CaptureFixture[str]) -> None:
+    printed(capsys, *STOVE, "--out", "larger")
+    before = files(Path("larger"))
+    with pytest.raises(SystemExit, match=r"--out: larger: expected another folder: there, stove would be lost"):
+        printed(capsys, "insert", "hob", "--fact", "at location", "kitchen", "--out", "larger")
+    assert files(Path("larger")) == before
+    printed(capsys, "insert", "hob", "--fact", "at location", "kitchen", "--embedding", "larger", "--out", "larger")
+    assert list(read(Path("larger")).inserted()) == ["stove", "hob"]
+    printed(capsys, *STOVE, "--initializer", "mean", "--out", "other")
+    printed(capsys, *STOVE, "--out", "other")  # the same again, in another way
+
+
 def test_the_enlarged_embedding_is_read_by_every_command(capsys: pytest.CaptureFixture[str], home: Path) -> None:
     before = files(home)
     assert "written: larger" in printed(capsys, *STOVE, "--definition", "to cook on", "--out", "larger")
@@ -143,12 +193,17 @@ def test_a_file_of_word_vectors_serves_all_phrases(capsys: pytest.CaptureFixture
     assert again["words"] == f"by {path}"  # the mean of its words, of which the file has one
 
 
+def test_outside_the_project_the_embedding_that_it_keeps_is_elsewhere(tmp_path: Path) -> None:
+    said = f"data/kept/ai2thor: {tmp_path} is not the folder of the project: go there first, or name another by"
+    with pytest.raises(SystemExit, match=re.escape(said)):
+        main(["nearest", "kettle"])
+
+
 def test_what_the_words_lack_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     written(Path("worded"), small())
     lines = printed(capsys, *STOVE, "--embedding", "worded").splitlines()
-    assert "pip install 'isi[words]', or --vectors FILE: goes by relations" in lines[2] or find_spec(
-        "sentence_transformers"
-    )
+    said = "`pip install '.[words]'` in the folder of isi, or --vectors FILE: goes by relations"
+    assert said in lines[2] or find_spec("sentence_transformers")
     assert lines[0].startswith("stove: inserted by map_mean")
 
 

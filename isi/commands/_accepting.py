@@ -57,10 +57,10 @@ def _write_all(made: Mapping[Path, Maker], checking: Checking) -> None:
 
 def _made(path: Path, checking: Checking) -> Maker:
     by = maker_now(path, checking.everything)
+    if not path.is_file():
+        raise InputError(path, "", "no such file" if by is None else f"no such file: `dvc repro {by}` makes it")
     if by is None or not (schema_of(path) or is_tensors(path)):
         raise InputError(path, "", "expected a table or tensors of the pipeline, as a stage writes it")
-    if not path.is_file():
-        raise InputError(path, "", f"no such file: `dvc repro {by}` makes it")
     return by
 
 

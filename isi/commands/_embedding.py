@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,8 +53,10 @@ def open_folder(path: Path) -> Model:
     from isi.keeping.folder import read
 
     if path == DEFAULT and not path.exists():
-        expected = "the pipeline has not kept it yet (dvc repro keep): run it, or name another by --embedding DIR"
-        raise InputError(path, "", expected)
+        here = "the pipeline has not kept it yet (dvc repro keep): run it"
+        away = f"{Path.cwd()} is not the folder of the project: go there first"
+        expected = here if paths.PARAMS.exists() else away
+        raise InputError(path, "", f"{expected}, or name another by --embedding DIR")
     import torch
 
     torch.set_num_threads(1)  # so that equal commands write equal bytes
@@ -69,14 +71,35 @@ def out_folder(text: str) -> Path:
     return path
 
 
+def refuse_to_lose(folder: Path, names: Collection[str]) -> None:
+    """Refuse to write where an embedding has entities inserted that the new one lacks, which has entities ``names``.
+
+    Raises:
+        InputError: naming them.
+    """
+    from isi.keeping.folder import ABOUT, read
+
+    try:
+        inserted = read(folder).inserted() if (folder / ABOUT).is_file() else {}
+    except (InputError, OSError):  # of no use to anyone, or of no such name
+        return
+    if lost := [name for name in inserted if name not in names]:
+        expected = (
+            f"expected another folder: there, {', '.join(lost)} would be lost (`isi insert --embedding` adds to it)"
+        )
+        raise InputError("--out", str(folder), expected)
+
+
 @contextmanager
 def as_option() -> Iterator[None]:
     """Mistakes that are said of an argument of the library, said of the option that it came by."""
     try:
         yield
     except InputError as error:
-        place, *rest = error.args
-        raise InputError(OPTIONS.get(place, place), *rest) from error
+        place, within, expected = error.args
+        if place == "argument 'initializer'" and within:
+            raise InputError(f"--set {within}", "", expected) from error
+        raise InputError(OPTIONS.get(place, place), within, expected) from error
 
 
 def as_json(value: Mapping[str, Any]) -> str:

@@ -31,7 +31,8 @@ def run(arguments: argparse.Namespace) -> None:
         return
     found = list(dict.fromkeys(str(finding) for finding in checking.findings()))
     print(*found, sep="\n", end="\n" * bool(found))
-    print(f"{checking.files:,} files under {paths.DATA}, {len(found):,} findings")
+    nothing = "" if checking.files else ": nothing has run (`dvc repro`)"
+    print(f"{checking.files:,} files under {paths.DATA}, {len(found):,} findings{nothing}")
     if found:
         sys.exit(1)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from isi.base import params, paths
-from isi.base.errors import InputError
+from isi.base.errors import InputError, meant
 from isi.base.tables import ENTITIES, TRIPLES, Provenance, atomically, read_text
 from isi.exports import FORMS, Outgoing
 from isi.sources._naming import ENTITY, fault
@@ -157,4 +157,15 @@ def _files(experiment: str) -> tuple[tuple[Path, Path], bool]:
     own = paths.entities(experiment), paths.triples(experiment)
     elsewhere = paths.explored(experiment, "entities"), paths.explored(experiment, "triples")
     stored = own[0].exists() or not elsewhere[0].exists()
+    if stored and not own[0].exists() and experiment not in (known := _known()):
+        expected = f"expected one of {', '.join(known)}, got {experiment[:80]!r}{meant(experiment, known)}"
+        raise InputError("EXPERIMENT", "", expected)
     return (own if stored else elsewhere), stored
+
+
+def _known() -> list[str]:
+    """Experiments, and graphs of the second pipeline."""
+    found = [
+        params.read(path).get(key) for path, key in ((paths.PARAMS, "experiments"), (paths.BEYOND_PARAMS, "graphs"))
+    ]
+    return [name for names in found if isinstance(names, dict) for name in names]

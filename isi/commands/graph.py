@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from isi.base import params, paths, tables
 from isi.base.errors import InputError
@@ -18,6 +16,7 @@ from isi.base.params import Seed, check
 from isi.base.tables import Provenance
 from isi.building import GraphTables, graph_of
 from isi.commands._reading import read, together
+from isi.commands._setting import setting
 from isi.sources import SOURCES
 
 #: Names that are listed, at most.
@@ -31,18 +30,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="triples as table or RDF, a scene, a house")
     of_reader = "a setting of the reader, as in params.yaml"
     parser.add_argument("--reader", choices=SOURCES.names(), help="what reads them; guessed where a file tells")
-    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], type=_setting, help=of_reader)
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], type=setting, help=of_reader)
     parser.add_argument("--min-count", metavar="N", default=1, type=_count, help="drop triples that are observed less")
     parser.add_argument("--out", metavar="FOLDER", type=Path, help="write entities.parquet and triples.parquet there")
-
-
-def _setting(text: str) -> tuple[str, Any]:
-    """Key and value of ``KEY=VALUE``."""
-    key, found, value = text.partition("=")
-    try:
-        return key, YAML(typ="safe", pure=True).load(value if found else "]")
-    except YAMLError as error:
-        raise argparse.ArgumentTypeError(f"expected KEY=VALUE, the value in YAML, got {text!r}") from error
 
 
 def _count(text: str) -> int:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from isi.base.errors import InputError
-from isi.commands._embedding import out_folder
+from isi.commands._embedding import out_folder, refuse_to_lose
 
 if TYPE_CHECKING:
     from isi.importing.names import Named
@@ -66,6 +66,7 @@ def run(arguments: argparse.Namespace) -> None:
     named, form = _names(arguments.folder)
     pickled = arguments.folder / PICKLE
     found = _of_pickle(pickled, named) if arguments.trust_pickle else _of_tensors(arguments, named, form)
+    refuse_to_lose(arguments.out, found.entity_names)
     write(arguments.out, found)
     about = found.about
     options = ", ".join(f"{key} {value}" for key, value in about.family_options.items())
@@ -130,7 +131,7 @@ def _of_pickle(path: Path, named: Named) -> Kept:
     try:
         from isi.pykeen.families import read_model
     except ImportError as error:
-        raise InputError(path, "", "needs PyKEEN to be read: pip install 'isi[pykeen]'") from error
+        raise InputError(path, "", "needs PyKEEN to be read: pip install pykeen") from error
     import torch
 
     from isi.importing.embedding import Origin, of_pykeen_model

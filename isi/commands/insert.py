@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import pkgutil
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import isi
 from isi.base.errors import InputError
 from isi.commands import _embedding as shared
+from isi.commands._setting import setting
 
 if TYPE_CHECKING:
     from isi.asking.answers import Answer, Question
@@ -19,8 +22,8 @@ if TYPE_CHECKING:
     from isi.inserting.crowding import Interference
     from isi.inserting.inserted import Entity
 
-#: Chance from which on an answer may surprise.
-LIKELY = 0.2
+#: Chance from which on an answer may surprise, and of how many of each question it is looked at, at least.
+LIKELY, LOOKED_AT = 0.2, 20
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -36,11 +39,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--definition", metavar="TEXT", help="what it is, in a sentence")
     parser.add_argument("--kind", metavar="KIND", help="of the embedding's kinds, for initializers that go by kinds")
-    parser.add_argument("--initializer", metavar="NAME", help="what puts it there; the best for what is known, if none")
+    parser.add_argument(
+        "--initializer", metavar="NAME",
+        help=f"what puts it there; if none, the best for what is known; of {', '.join(_initializers())}",
+    )  # fmt: skip
+    parser.add_argument(
+        "--set", metavar="KEY=VALUE", action="append", default=[], type=setting,
+        help="an option of that initializer; else what it has by default here (docs/insert_reference.md)",
+    )  # fmt: skip
     parser.add_argument("--vectors", metavar="FILE", type=Path, help="word2vec or GloVe vectors for all phrases")
     parser.add_argument("--seed", metavar="S", type=_seed, default=0, help="of initializers that draw (default: 0)")
     parser.add_argument("--out", metavar="DIR", type=shared.out_folder, help="write the enlarged embedding there")
     shared.add_arguments(parser)
+
+
+def _initializers() -> list[str]:
+    """Names of those that ship: their modules, of which none is imported."""
+    return [found.name for found in pkgutil.iter_modules([str(Path(isi.__path__[0]) / "initializers")])]
 
 
 def _seed(text: str) -> int:
@@ -55,8 +70,12 @@ class Told:
 
     placed: Placed
     words: str
+    #: facts that no known one is like
+    odd: list[str]
     shown: list[Indicator]
+    #: of each question: those that are shown, and more in which surprises may be
     answers: list[tuple[Question, list[Answer]]]
+    top: int
     report: Entity
     interference: Interference | None
 
@@ -87,9 +106,11 @@ def run(arguments: argparse.Namespace) -> None:
 
     model = shared.open_folder(arguments.embedding)
     worded, news, said = _news(model, arguments)
+    if arguments.out:
+        shared.refuse_to_lose(arguments.out, {*model.entity_ids, news.name})
     with shared.as_option():
         placed = place(worded, news)
-    told = _told(placed, said, arguments.top)
+    told = _told(placed, said, list(_odd(model, news)), arguments.top)
     text = shared.as_json(_as_json(told)) if arguments.json else "\n".join(_lines(told))
     if arguments.out:
         from isi.keeping.folder import write
@@ -122,6 +143,8 @@ def _news(model: Model, arguments: argparse.Namespace) -> tuple[Model, News, str
         (*reversed(_names(model, relation, entity, "--inverse-fact")), name)
         for entity, relation in arguments.inverse_fact
     ]  # fmt: skip
+    if arguments.set and arguments.initializer is None:
+        raise InputError("--set", "", "expected an --initializer, whose options these are")
     kind = _kind(model, arguments.kind)
     words = worded(model.kept, phrase, arguments.definition, arguments.vectors)
     if not facts and words.vector is None and arguments.initializer is None:
@@ -133,7 +156,7 @@ def _news(model: Model, arguments: argparse.Namespace) -> tuple[Model, News, str
         model = replace(model, kept=replace(kept, about=about, words=words.known))
     news = News(
         name, phrase, kind, facts, arguments.definition, words.vector,
-        arguments.initializer, {}, arguments.seed,
+        arguments.initializer, dict(arguments.set), arguments.seed,
     )  # fmt: skip
     return model, news, words.said
 
@@ -153,7 +176,19 @@ def _kind(model: Model, kind: str | None) -> str:
     return list(kinds)[find(kind, kinds, "--kind", "a kind of this embedding")]
 
 
-def _told(placed: Placed, words: str, top: int) -> Told:
+def _odd(model: Model, news: News) -> Iterator[str]:
+    """Facts whose known end is of a kind that no known triple of the relation has there."""
+    from isi.graph import HEAD, TAIL
+
+    for head, relation, tail in news.facts:
+        slot, end, what = (TAIL, tail, "a tail") if head == news.name else (HEAD, head, "a head")
+        kind = model.kept.kinds[model.entity_ids[end]]
+        there = {model.kept.kinds[row] for row in model.stands_in(model.relation_ids[relation], slot)}
+        if kind and there and kind not in there:
+            yield f"no known triple of {relation} has {what} of kind {kind}, as {end} is"
+
+
+def _told(placed: Placed, words: str, odd: list[str], top: int) -> Told:
     from tqdm import tqdm
 
     from isi.asking.answers import Asker, worth_asking
@@ -164,9 +199,9 @@ def _told(placed: Placed, words: str, top: int) -> Told:
     asker = Asker(model, Rehearsal(model, placed))
     asked = tqdm(worth_asking(model, placed.entity, weights), "asked", leave=False, disable=None)
     known = len(placed.done.known_triples) > 0
-    answers = [(one, asker.ask(one, top, weights if known else None)) for one in asked]
+    answers = [(one, asker.ask(one, max(top, LOOKED_AT), weights if known else None)) for one in asked]
     interference = placed.done.interference() if known else None
-    return Told(placed, words, shown, answers, placed.done.report(top)[0], interference)
+    return Told(placed, words, odd, shown, answers, top, placed.done.report(top)[0], interference)
 
 
 def _lines(told: Told) -> Iterator[str]:
@@ -177,18 +212,18 @@ def _lines(told: Told) -> Iterator[str]:
     if record.fallback:
         yield f"  which lacked what it goes by: {record.fallback} served"
     yield f"  triples: {report.told} told"
+    yield from (f"  note: {odd}" for odd in told.odd)
     yield f"  words: {f'none; {told.words}: goes by relations' if _wordless(told) else f'a vector {told.words}'}"
     yield from shared.indicator_lines(model, told.shown)
     yield f"answers ({shared.meaning((one for _, answers in told.answers for one in answers), inserted=True)})"
+    chosen = any(one.weight is not None for one in told.shown)
     for question, answers in told.answers:
+        best = answers[: told.top]
         yield f"  {' '.join(shared.asked(model, question))}"
-        yield from shared.answer_lines(answers, [_note(answer) for answer in answers])
+        yield from shared.answer_lines(best, [_note(answer, chosen) for answer in best])
     if len(told.answers) == MOST:
         yield "  (of other relations, see isi ask)"
-    yield "would surprise: " + (
-        "; ".join(_as_triple(model, question, answer) for question, answer in told.surprises)
-        or "nothing that is likely: each such answer was told, or an indicator has it"
-    )
+    yield f"would surprise: {_surprising(told, 'an indicator' if chosen else 'one of the most similar')}"
     near = ", ".join(f"{name} ({cosine:.2f})" for name, cosine in report.nearest)
     yield f"nearest: {near}"
     yield (
@@ -203,13 +238,21 @@ def _wordless(told: Told) -> bool:
     return words is None or not words[told.placed.entity].any()
 
 
-def _note(answer: Answer) -> str:
+def _surprising(told: Told, like: str) -> str:
+    """The best of what would surprise."""
+    found = [_as_triple(told.model, question, answer) for question, answer in told.surprises]
+    more = [f"and {len(found) - told.top} more"] * (len(found) > told.top)
+    return "; ".join(found[: told.top] + more) or f"nothing that is likely: each such answer was told, or {like} has it"
+
+
+def _note(answer: Answer, chosen: bool) -> str:
     if answer.known:
         return "told"
     if answer.had_by:
         more = f" and {len(answer.had_by) - 1} more" * (len(answer.had_by) > 1)
         return f"as {answer.had_by[0]}{more}"
-    return "" if answer.had_by is None else "no indicator has it"
+    nobody = "no indicator has it" if chosen else "none of the most similar has it"
+    return "" if answer.had_by is None else nobody
 
 
 def _as_triple(model: Model, question: Question, answer: Answer) -> str:
@@ -233,7 +276,8 @@ def _as_json(told: Told) -> dict[str, Any]:
         {
             "question": list(shared.asked(model, question)),
             "answers": [
-                shared.answer_json(one) | {"had_by": one.had_by, "surprising": surprising(one)} for one in answers
+                shared.answer_json(one) | {"had_by": one.had_by, "surprising": surprising(one)}
+                for one in answers[: told.top]
             ],
         }
         for question, answers in told.answers
@@ -242,7 +286,11 @@ def _as_json(told: Told) -> dict[str, Any]:
         "entity": record.entity, "id": told.placed.entity, "initializer": record.initializer, "why": record.why,
         "fallback": record.fallback, "options": dict(told.placed.done.options),
         "told": [list(fact) for fact in record.told], "words": None if _wordless(told) else told.words,
-        "indicators": [shared.indicator_json(model, one) for one in told.shown], "answers": asked,
+        "notes": told.odd, "indicators": [shared.indicator_json(model, one) for one in told.shown], "answers": asked,
+        "surprises": [
+            {"triple": [part if part != "?" else one.entity for part in shared.asked(model, question)],
+             "chance": one.chance} for question, one in told.surprises
+        ],
         "nearest": [{"entity": name, "cosine": cosine} for name, cosine in report.nearest],
         "distance": report.distance, "farther_than": report.farther_than,
         "interference": None if told.interference is None else asdict(told.interference),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from isi.base.errors import InputError, short
+from isi.base.errors import InputError, meant, short
 from isi.base.params import keywords
 from isi.embeddings.family import Family
 from isi.embeddings.stack import Embedding
@@ -32,6 +32,11 @@ class Names:
     argument: str
     number: int
     given: Sequence[str] | None
+
+    @property
+    def of_what(self) -> str:
+        """Entity or relation."""
+        return self.argument.removesuffix("_names")
 
     @cached_property
     def ids(self) -> dict[str, int]:
@@ -62,7 +67,8 @@ class Names:
         if isinstance(value, str):
             if value in self.ids:
                 return self.ids[value]
-            raise InputError(place, "", f"expected one of {self.argument!r} or of 'new', got {value[:80]!r}")
+            known = f"a known {self.of_what}" + (", or a new one" if self.of_what == "entity" else "")
+            raise InputError(place, "", f"expected {known}, got {value[:80]!r}{meant(value, self.ids)}")
         if isinstance(value, int | np.integer) and not isinstance(value, bool):
             if 0 <= value < self.number:
                 return int(value)

@@ -22,6 +22,8 @@ from isi.inserting.given import Names, Triple, stack_of_one, triples_of
 
 #: Numbers in a table of cosines, at most.
 BUDGET = 2**24
+#: Of the largest deviation of a coordinate: known vectors that differ by less are the same in it.
+SAME = 1e-6
 #: Known vectors that tell how wide their cloud is, at most; spread evenly over the table.
 CLOUD = 2**16
 
@@ -141,13 +143,14 @@ class Inserted:
         return ids, cosines
 
     def _from_cloud(self) -> tuple[list[float], list[float]]:
-        """Distances, and the shares of the known that lie nearer."""
+        """Distances, and the shares of the known that lie nearer; without coordinates in which all are the same."""
         vectors = self.embedding.entity[0]
         some = vectors[: self.known : max(1, -(-self.known // CLOUD))].double()
-        centre, deviation = some.mean(0), some.std(0, correction=0).clamp(min=1e-12)
+        centre, deviation = some.mean(0), some.std(0, correction=0)
+        alive = deviation > SAME * deviation.max()
 
         def distance(of: Tensor) -> Tensor:
-            return ((of.double() - centre) / deviation).square().mean(-1).sqrt()
+            return ((of.double() - centre) / deviation)[:, alive].square().sum(-1).div(max(1, int(alive.sum()))).sqrt()
 
         usual, own = distance(some).sort().values, distance(vectors[self.known :])
         return own.tolist(), (torch.searchsorted(usual, own) / len(usual)).tolist()

@@ -24,11 +24,17 @@ def twins() -> None:
     written(Path("home"), small(entity_names=[*NAMES[:-1], "turnOn"]))
 
 
-def inserted(why: str) -> Callable[[], object]:
+def inserted(why: str, folder: str = "home", entity: str = NAMES[-1]) -> Callable[[], object]:
     """The last entity as if it had been inserted."""
-    one = {"entity": "lie on", "told": [["bed", "hasAffordance", "lie on"]], "definition": None, "asked": None,
+    one = {"entity": entity, "told": [["bed", "hasAffordance", entity]], "definition": None, "asked": None,
            "options": {}, "seed": 0, "initializer": "mean", "why": why, "fallback": None}  # fmt: skip
-    return lambda: edit(Path("home"), lambda about: about.update(inserted=[one]))
+    return lambda: edit(Path(folder), lambda about: about.update(inserted=[one]))
+
+
+def inserted_elsewhere() -> None:
+    """In another folder."""
+    written(Path("other"), small(entity_names=[*NAMES[:-1], "wash"]))
+    inserted("as asked", "other", "wash")()
 
 
 ISI_CASES = [
@@ -66,9 +72,14 @@ INSERT_CASES = [
           "--initializer: expected one of class_noise, er_avg, ers, es, es_permuted, es_permuted_kinds, gaussian, "
           "gaussian_centred, iu, kind_mean, map_ers, map_mean, map_soft_hybrid, mean, neigh...ge, rs, rs_alive, "
           "soft_es, soft_hybrid, soft_rs, xavier, got 'e'; did you mean 'es'?"),
+    Typed("options of no initializer", f"{FACT} --set k=3 --embedding home",
+          "--set: expected an --initializer, whose options these are"),
+    Typed("an option that the initializer does not have", f"{FACT} --initializer rs --set kk=3 --embedding home",
+          "--set kk: unknown key; did you mean 'k'?"),
+    Typed("a value that the option may not have", f"{FACT} --initializer rs --set k=0 --embedding home",
+          "--set k: Input should be greater than or equal to 1, got 0"),
     Typed("no file of word vectors", "insert x --vectors none.txt --embedding home",
-          "none.txt: expected word vectors in word2vec or GloVe format ([Errno 2] No such file or directory: "
-          "'none.txt')"),
+          "none.txt: expected a file of word vectors, but there is no such file"),
     Typed("word vectors of other words", "insert x --vectors words.txt --embedding home",
           "words.txt: expected word vectors of this embedding's phrases, got none of any",
           before=put(words__txt="mug 1 2\ncup 2 1\n")),
@@ -93,6 +104,9 @@ INSERT_CASES = [
     Typed("a folder with something else in it", f"{FACT} --embedding home --out home",
           "home: thesis.tex: expected an empty folder, or one with an embedding alone",
           before=lambda: Path("home/thesis.tex").write_text("all of it", encoding="utf-8")),
+    Typed("a folder with an embedding that others were inserted into", f"{FACT} --embedding home --out other",
+          "--out: other: expected another folder: there, wash would be lost (`isi insert --embedding` adds to it)",
+          before=inserted_elsewhere),
     Typed("vectors that are too large to be inserted among", f"{FACT} --embedding home --out out",
           "--embedding: expected smaller numbers: of these, map_mean makes NaN or infinity", before=times(1e30)),
 ]  # fmt: skip

@@ -116,8 +116,11 @@ EXPORT_CASES = [
           "expected either EXPERIMENT or --embedding DIR"),
     Typed("both", "export home --embedding home --format turtle --out x",
           "expected either EXPERIMENT or --embedding DIR"),
-    Typed("an experiment without a graph", "export house --format turtle --out x",
-          "data/graph/house/entities.parquet: missing: run `dvc repro build_graph@house`, which makes it"),
+    Typed("an experiment that there is not", "export transfr --format turtle --out x",
+          "EXPERIMENT: expected one of ai2thor, transfer, published, behavior, virtualhome, robothor, thor_u, got "
+          "'transfr'; did you mean 'transfer'?"),
+    Typed("an experiment without a graph", "export transfer --format turtle --out x",
+          "data/graph/transfer/entities.parquet: missing: run `dvc repro build_graph@transfer`, which makes it"),
     Typed("a number that is none", f"{TURTLE} --predictions many",
           "argument --predictions: expected a whole number, got 'many'; see --help", status=2),
     Typed("a seed of an embedding", "export --embedding home --format turtle --out x --seed 1",

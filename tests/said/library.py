@@ -71,9 +71,9 @@ INSERT_CASES = [
     Called("a mapping as triple", {"triples": [{"cup": 0, "in": 1, "e1": 2}]},
            "argument 'triples': triple 0: expected head, relation and tail, got {'cup': 0, 'in': 1, 'e1': 2}"),
     Called("an unknown relation", {"triples": [("cup", "under", "e1")]},
-           "argument 'triples': triple 0: relation: expected one of 'relation_names' or of 'new', got 'under'"),
+           "argument 'triples': triple 0: relation: expected a known relation, got 'under'"),
     Called("an unknown entity", {"triples": [("cup", "in", "kup")]},
-           "argument 'triples': triple 0: tail: expected one of 'entity_names' or of 'new', got 'kup'"),
+           "argument 'triples': triple 0: tail: expected a known entity, or a new one, got 'kup'; did you mean 'cup'?"),
     Called("an id that is none", {"triples": [("cup", "in", True)]},
            "argument 'triples': triple 0: tail: expected a name or an id, got True"),
     Called("an id that is not there", {"triples": [(14, 0, 1)]},
@@ -150,7 +150,7 @@ INSERT_CASES = [
            "requested array has an inhomogeneous shape after 1 dimensions. The detected shape was (2,) + "
            "inhomogeneous part.)"),
     Called("words of an unknown entity", {"words": {"kup": [1.0]}},
-           "argument 'words': expected one of 'entity_names' or of 'new', got 'kup'"),
+           "argument 'words': expected a known entity, or a new one, got 'kup'; did you mean 'cup'?"),
     Called("texts without a source of vectors", {"words": {"cup": "a cup"}},
            "argument 'words': expected vectors, or the argument 'word_source' that makes vectors of texts"),
     Called("a source of vectors that is none", {"words": {"cup": "a cup"}, "word_source": 3},
@@ -171,7 +171,7 @@ INSERT_CASES = [
     Called("a text as kinds", {"kinds": "objects, rooms"},
            "argument 'kinds': expected a list of kinds, got one text"),
     Called("the kind of an unknown entity", {"kinds": {"kup": "object"}},
-           "argument 'kinds': expected one of 'entity_names' or of 'new', got 'kup'"),
+           "argument 'kinds': expected a known entity, or a new one, got 'kup'; did you mean 'cup'?"),
     Called("an unknown initializer", {"initializer": "er"},
            "argument 'initializer': expected one of class_noise, er_avg, ers, es, es_permuted, es_permuted_kinds, "
            "gaussian, gaussian_centred, iu, kind_mean, map_ers, map_mean, map_soft_hybrid, mean,...s, rs_alive, "

@@ -65,7 +65,7 @@ PYKEEN_CASES = [
     Called("a number as triple", {"triples": [5]},
            "argument 'new': expected at least one new entity"),
     Called("an unknown relation", {"triples": [("cup", "under", "e1")]},
-           "argument 'triples': triple 0: relation: expected one of 'relation_names' or of 'new', got 'under'"),
+           "argument 'triples': triple 0: relation: expected a known relation, got 'under'"),
     Called("triples of known entities", {"triples": [("e0", "r0", "e1")]},
            "argument 'new': expected at least one new entity"),
     Called("nothing is known of an entity", {"triples": [*NEW, ("cup", "r0", "kup")]},
