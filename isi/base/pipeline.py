@@ -39,23 +39,25 @@ def declared(name: str, arguments: Mapping[str, str], everything: Mapping[str, A
         for file, keys in (listed if isinstance(listed, dict) else {str(paths.PARAMS): [listed]}).items():
             values = everything if file == str(paths.PARAMS) else _read(Path(file))
             filled = [_OPEN.sub(fill, key) for key in keys]
-            found |= {key: _value(Path(file), values, key) for key in filled}
+            found |= {key: value_at(Path(file), values, key) for key in filled}
     return found
 
 
-def _value(file: Path, values: Mapping[str, Any], key: str) -> Any:
+def value_at(file: Path, values: Mapping[str, Any], key: str) -> Any:
     """The value at a dotted key, null where there is none.
 
     Raises:
-        InputError: where there is none, but one beside it under a name that is like it.
+        InputError: where there is none, but something beside it, or beside what it is in, has a name that is like it.
     """
-    above, _, name = key.rpartition(".")
-    beside = params.at(values, above) if above else values
-    if isinstance(beside, Mapping) and name not in beside:
-        close = closest(name, beside)
-        if close is not None:
-            raise InputError(file, key, f"missing: was {close!r} to be it?")
-    return params.at(values, key)
+    there: Any = values
+    for number, name in enumerate(parts := key.split("."), 1):
+        if not isinstance(there, Mapping) or name in there:
+            there = there.get(name) if isinstance(there, Mapping) else None
+            continue
+        if (close := closest(name, there)) is not None:
+            raise InputError(file, ".".join(parts[:number]), f"missing: was {close!r} to be it?")
+        return None
+    return there
 
 
 def _check_arguments(
@@ -148,9 +150,26 @@ def made_files(everything: Mapping[str, Any]) -> Iterator[tuple[Path, Maker]]:
             yield path, made
 
 
+def called(stage: str, arguments: Mapping[str, str]) -> Maker:
+    """A stage as it is called.
+
+    Raises:
+        InputError: where no pipeline has it.
+    """
+    return Maker(_stage(stage)[0], stage, arguments)
+
+
 def dependencies(made: Maker) -> list[str]:
     """What a stage reads, as far as its arguments fill it in."""
-    listed = _paths(_stages(made.pipeline)[made.stage], "deps")
+    return _filled(made, _paths(_stages(made.pipeline)[made.stage], "deps"))
+
+
+def outputs(made: Maker) -> list[str]:
+    """What a stage writes, in the same way."""
+    return _filled(made, _outputs(_stages(made.pipeline)[made.stage]))
+
+
+def _filled(made: Maker, listed: list[str]) -> list[str]:
     for item, value in made.arguments.items():
         listed = [path.replace(f"${{item.{item}}}", value) for path in listed]
     return [path for path in listed if not _OPEN.search(path)]

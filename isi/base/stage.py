@@ -11,9 +11,10 @@ from typing import Any, TypeVar
 
 from isi.base import params, paths
 from isi.base.command import Parser, one_line, only_one
+from isi.base.dvc_lock import noted
 from isi.base.errors import InputError
 from isi.base.origin import PipelineOrigins
-from isi.base.pipeline import declared, described
+from isi.base.pipeline import called, declared, described, value_at
 from isi.base.tables import Provenance
 
 T = TypeVar("T")
@@ -71,8 +72,9 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
             everything = params.read(paths.PARAMS)
             picked = declared(name, named, everything)
             provenance = Provenance(name, picked, origins=PipelineOrigins(everything))
-            with only_one("@".join(filter(None, [name, "-".join(named.values())]))):
-                body(Given(picked | {COMPUTE: everything.get(COMPUTE)}, provenance), **named)
+            compute = {COMPUTE: value_at(paths.PARAMS, everything, COMPUTE)}
+            with only_one("@".join(filter(None, [name, "-".join(named.values())]))), noted(called(name, named)):
+                body(Given(picked | compute, provenance), **named)
 
     return main
 
