@@ -56,10 +56,10 @@ test: $(INSTALLED)  ## ruff, mypy and pytest
 fuzz: $(INSTALLED)  ## read 10,000 files that are nearly what each reader reads, in about ten minutes (or ARGS="--inputs 1000"), into docs/benchmarks
 	python -m tests.fuzz $(ARGS)
 
-kill-test: $(INSTALLED)  ## strike twenty runs of a small pipeline at random moments, in about twenty minutes (or ARGS="--kills 4"), into docs/benchmarks
+kill-test: $(INSTALLED)  ## strike twenty runs of a small pipeline at random moments, and eight disks, in about twenty minutes (or ARGS="--kills 4"), into docs/benchmarks
 	python -m tests.kills $(ARGS)
 
-mutants: $(INSTALLED)  ## change the code of ranks, scopes, batches, sessions, families and insertion bit by bit, in about an hour; what tests see of it into docs/benchmarks (installs the extra `mutants`)
+mutants: $(INSTALLED)  ## change the code of ranks, scopes, batches, sessions, families and insertion bit by bit, in half an hour; what tests see of it into docs/benchmarks (installs the extra `mutants`)
 	$(BIN)/pip install --quiet --editable '.[mutants]'
 	mutmut run $(ARGS)
 	python -m tools.mutants

@@ -10,7 +10,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from isi import commands
-from isi.base.command import Parser, one_line
+
+try:
+    from isi.base.command import Parser, one_line
+except ModuleNotFoundError as error:
+    sys.exit(f"isi: {sys.executable} lacks the package {error.name}: activate .venv, or use its `isi`")
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -127,6 +127,8 @@ def read_vectors(path: Path) -> KeyedVectors:
             found = _of_bytes(path, file, *header) if header and binary else _of_lines(path, file, header)
     except InputError:
         raise
+    except FileNotFoundError as error:
+        raise InputError(path, "", "expected a file of word vectors, but there is no such file") from error
     except Exception as error:  # each kind of compression has faults of its own
         raise InputError(path, "", f"expected word vectors in word2vec or GloVe format ({cut(str(error))})") from error
     if not found.tokens:

@@ -150,6 +150,7 @@ CASES: list[tuple[str, Path, Schema, Alter, str, str | None]] = [
     ("twice in a set", NOVEL, tables.NOVEL, twice_in_a_set, "train_theta0", "ascending order of size, seed, session"),
     ("novel shuffled", NOVEL, tables.NOVEL, shuffled, "train_theta0", "ascending order of size, seed, session, entity"),
     ("a novel entity less", NOVEL, tables.NOVEL, lambda f: f[:-1], "train_theta0", "as many rows of each size"),
+    ("nobody novel", NOVEL, tables.NOVEL, lambda f: f[:0], "train_theta0", "at least one set of novel entities"),
     ("a seed less", NOVEL, tables.NOVEL, less(1), "train_theta0", "the same seeds, and the same sessions"),
     ("session 0", NOVEL, tables.NOVEL, lambda f: f.assign(session=0), "train_joint", "'session' from 1 on"),
     ("session 2 alone", NOVEL, tables.NOVEL, lambda f: f.assign(session=2), "train_joint", "the same sessions from 1"),

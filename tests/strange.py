@@ -98,6 +98,14 @@ def unplaced(results: Results) -> Results:
         results.explorer, found={name: frame.head(0) for name, frame in results.explorer.found.items()}))  # fmt: skip
 
 
+def unstudied(results: Results) -> Results:
+    """Studies whose tables have no rows."""
+    asking = {name: replace(one, queries=one.queries.head(0)) for name, one in results.asking.items()}
+    tables = {name: replace(study, found=study.found.head(0)) for name in ("cross_validation", "families")
+              if (study := getattr(results, name)) is not None}  # fmt: skip
+    return replace(results, asking=asking, **tables)
+
+
 def tied(experiment: Experiment) -> Experiment:
     """As many ties as there are queries and rivals."""
     return replace(experiment, ties=experiment.ties.assign(ties=10_000))
@@ -128,6 +136,7 @@ STRANGE: dict[str, Callable[[Results], Results]] = {
     "nothing to go by": lambda one: of_experiments(one, untold),
     "no rooms": unscened,
     "an empty explorer": unplaced,
+    "studies without rows": unstudied,
     "a paper that states nothing": lambda one: replace(one, paper=Paper().model_dump()),
     "a vocabulary without words": lambda one: replace(one, vocabulary=Vocabulary().model_dump()),
 }

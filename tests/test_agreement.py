@@ -73,7 +73,8 @@ def test_every_seed_has_triples_in_every_split(codes: tuple[int, ...], missing: 
 def test_sets_are_as_large_as_they_say_and_sizes_have_the_same_cells() -> None:
     whole = [(1, 0, 3, 1), (1, 0, 2, 2), (2, 0, 0, 1), (2, 0, 1, 1), (2, 0, 2, 2), (2, 0, 3, 2)]
     agreement.sets_are_whole(FILE, novel(*whole))
-    agreement.sets_are_whole(FILE, novel())
+    with refused("expected at least one set of novel entities"):
+        agreement.sets_are_whole(FILE, novel())
     with refused(r"row 4 \(size 2, seed 0, session 2\): expected as many rows"):
         agreement.sets_are_whole(FILE, novel(*whole[:-1]))
     for some in (whole[:-2], whole[1:], [*whole, (2, 1, 0, 1), (2, 1, 1, 1)]):

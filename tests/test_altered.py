@@ -13,11 +13,24 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from safetensors.torch import load_file, save_file
 
 from isi.base import paths, tables
 from isi.base.schemas import Schema
 from tests import small
-from tests.altered import CASES, ENTITIES, JOINT_RUNS, NOVEL, OF_TENSORS, SPLITS, TOLD, TRIPLES, WORDS, Tensors
+from tests.altered import (
+    CASES,
+    ENTITIES,
+    JOINT_RUNS,
+    NOVEL,
+    OF_TENSORS,
+    SPLITS,
+    THETA0,
+    TOLD,
+    TRIPLES,
+    WORDS,
+    Tensors,
+)
 from tests.lawful import Alter, alter, alter_tensors
 from tests.small import NAME
 from tools.workspace import change
@@ -69,6 +82,17 @@ def test_altered_tensors_are_refused(path: Path, how: Callable[[Tensors], None],
         line = small.refusal(command("insert"))
     assert line.startswith(f"insert: {path}: ")
     assert re.search(says if anew and says else "was edited|expected", line), line
+
+
+def test_tensors_of_a_type_that_numpy_lacks_are_refused() -> None:
+    def halved(path: Path) -> None:
+        tensors = load_file(path)
+        save_file(tensors | {"entity": tensors["entity"].bfloat16()}, path)
+
+    with small.for_a_while(THETA0, halved):
+        assert small.refusal(command("insert")) == (
+            f"insert: {THETA0}: tensor 'entity': expected a type that NumPy has, got torch.bfloat16"
+        )
 
 
 # Of another run

@@ -67,6 +67,14 @@ def test_what_the_stages_wrote_holds_all_rules(capsys: pytest.CaptureFixture[str
     assert check(capsys) == ([f"{FILES} files under data, 0 findings"], 0)
 
 
+def test_it_is_said_that_nothing_has_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    small.lay_out(tmp_path, {})
+    assert check(capsys) == (["0 files under data, 0 findings: nothing has run (`dvc repro`)"], 0)
+
+
 @pytest.mark.usefixtures("_in_copy")
 def test_each_finding_is_one_line_and_the_status_is_1(capsys: pytest.CaptureFixture[str]) -> None:
     alter(SPLITS, put("triple", -1), tables.SPLITS)

@@ -98,7 +98,14 @@ def test_the_nearest_known_and_the_distance_from_their_cloud() -> None:
     assert far.farther_than == 0.75  # -4 itself lies as far
 
 
-@pytest.mark.parametrize("apart", [0.0, 1e-9])
+def test_coordinates_in_which_the_known_differ_a_little_count_as_much() -> None:
+    known = np.array([[1, 7], [2, 7.01], [3, 7], [-4, 6.99]])
+    done = isi.insert(known, np.ones((1, 2)), family="distmult", triples=[(4, 0, 1)], new=1, initializer="xavier")
+    away = (done.entities[4] - known.mean(0)) / known.std(0)
+    assert done.report()[0].distance == pytest.approx(np.sqrt((away**2).mean()), rel=1e-3)
+
+
+@pytest.mark.parametrize("apart", [0.0, 2e-6])  # a few steps of single precision
 def test_coordinates_in_which_all_known_are_the_same_count_for_no_distance(apart: float) -> None:
     known = np.array([[1, 7], [2, 7], [3, 7], [-4, 7 + apart]])
     given: dict[str, Any] = {"family": "distmult", "triples": [(4, 0, 1)], "new": 1, "initializer": "xavier"}

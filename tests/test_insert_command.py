@@ -112,8 +112,9 @@ def test_what_would_surprise_is_looked_for_beyond_the_answers_that_are_shown(
     """Every third answer is right, so that none is unlikely."""
     written(Path("dense"), dense(600).kept)
     asked = ["insert", "new", "--fact", "in", "e1", "--initializer", "rs", "--set", "k=1", "--embedding", "dense"]
-    found = [parsed(capsys, *asked, "--top", top) for top in ("1", "2", "20")]
-    assert found[0]["surprises"] == found[1]["surprises"] == found[2]["surprises"]
+    found = [parsed(capsys, *asked, "--top", top) for top in ("1", "2", "20", "30")]
+    assert found[0]["surprises"] == found[1]["surprises"] == found[2]["surprises"] == found[3]["surprises"]
+    assert {len(question["answers"]) for one in found[:2] for question in one["answers"]} == {1, 2}
     shown = [one for question in found[2]["answers"] for one in question["answers"] if one["surprising"]]
     assert sorted(one["chance"] for one in shown) == sorted(one["chance"] for one in found[2]["surprises"])
     number = len(shown)
@@ -133,6 +134,26 @@ def test_a_fact_unlike_all_that_is_known_of_its_relation_is_noted(capsys: pytest
     assert parsed(capsys, *STOVE, *odd)["notes"] == expected
     assert printed(capsys, *STOVE, *odd).splitlines()[2:4] == [f"  note: {one}" for one in expected]
     assert parsed(capsys, *STOVE)["notes"] == []
+    assert parsed(capsys, *STOVE, *odd[:3], *odd[:3])["notes"] == expected[:1]
+    kinds = ["", "", *small().kinds[2:]]
+    for some in (replace(without_words(), kinds=kinds), replace(without_words(), triples=np.zeros((0, 3), np.int64))):
+        written(Path("home"), some)
+        assert parsed(capsys, *STOVE, *odd[:3])["notes"] == []
+
+
+def test_without_known_triples_nobody_can_tell_what_would_surprise(capsys: pytest.CaptureFixture[str]) -> None:
+    written(Path("home"), replace(without_words(), triples=np.zeros((0, 3), np.int64)))
+    assert parsed(capsys, *STOVE)["surprises"] is None
+    assert "would surprise: unknown, since the embedding has no known triples to ask about\n" in printed(capsys, *STOVE)
+
+
+def test_what_nobody_like_it_has_is_noted(capsys: pytest.CaptureFixture[str]) -> None:
+    known = ["insert", "new", "--fact", "in", "e1", "--embedding", "dense"]
+    written(Path("dense"), dense(60).kept)
+    assert "none of the most similar has it" in printed(capsys, *known, "--initializer", "map_mean")
+    chosen = printed(capsys, *known, "--initializer", "rs")
+    assert "no indicator has it" in chosen
+    assert "most similar" not in chosen
 
 
 def test_an_initializer_takes_options(capsys: pytest.CaptureFixture[str]) -> None:
@@ -149,6 +170,15 @@ def test_what_was_inserted_is_not_lost_to_another_insertion(capsys: pytest.Captu
     with pytest.raises(SystemExit, match=r"--out: larger: expected another folder: there, stove would be lost"):
         printed(capsys, "insert", "hob", "--fact", "at location", "kitchen", "--out", "larger")
     assert files(Path("larger")) == before
+    about = Path("larger/embedding.json")
+    for text in (about.read_text("utf-8").replace('"version": 1', '"version": 2'), "{", "[]"):
+        about.write_text(text, "utf-8")
+        with pytest.raises(SystemExit, match=r"--out: larger: expected another folder: there"):
+            printed(capsys, "insert", "hob", "--fact", "at location", "kitchen", "--out", "larger")
+        assert about.read_text("utf-8") == text
+    printed(capsys, *STOVE, "--out", "new")
+    Path("larger").rename("old")
+    Path("new").rename("larger")
     printed(capsys, "insert", "hob", "--fact", "at location", "kitchen", "--embedding", "larger", "--out", "larger")
     assert list(read(Path("larger")).inserted()) == ["stove", "hob"]
     printed(capsys, *STOVE, "--initializer", "mean", "--out", "other")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+import isi
 from isi.__main__ import main
 from tests.kept import NAMES, small, without_words, written
 
@@ -79,3 +81,15 @@ def test_who_interrupts_gets_one_line(monkeypatch: pytest.MonkeyPatch, capfd: py
     assert ended.value.code == 130
     said = "isi nearest: stopped by SIGINT; no file is half-written; run it again\n"
     assert capfd.readouterr() == ("", said)
+
+
+def test_another_python_than_that_of_the_environment_says_so_in_one_line() -> None:
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    command = [sys.executable, "-S", "-m", "isi", "check"]
+    ended = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert re.fullmatch(r"isi: \S+ lacks the package \w+: activate \.venv, or use its `isi`\n", ended.stderr)
+
+
+def test_what_the_library_has_is_listed() -> None:
+    assert {"InputError", "fit_new", "insert", "pykeen"} <= set(dir(isi))

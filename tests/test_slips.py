@@ -90,6 +90,8 @@ def test_an_unknown_name_says_what_was_probably_meant(workspace: Path, says: Say
         ("min_count: 1", "min_cuont: 1", "build_graph",
          "experiments.ai2thor.graph.min_cuont: unknown key; did you mean 'min_count'?"),
         ("\nseed:", "\nsede:", "build_graph", "seed: missing: was 'sede' to be it?"),
+        ("\nexperiments:", "\nexperimets:", "build_graph", "experiments: missing: was 'experimets' to be it?"),
+        ("\ncompute:", "\ncomptue:", "build_graph", "compute: missing: was 'comptue' to be it?"),
         ("novel: any ", "novel: object ", "make_sessions",
          "experiments.ai2thor.sessions.novel: expected a list, got the text 'object': write [object]"),
         ("sizes: [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14]", "sizes: 5", "make_sessions",
@@ -100,7 +102,8 @@ def test_an_unknown_name_says_what_was_probably_meant(workspace: Path, says: Say
         ("min_count: 1 ", f"min_count: 1{'0' * 30}", "build_graph",
          "experiments.ai2thor.graph.min_count: Input should be less than 2147483648, got 1000"),
     ],
-    ids=["key", "key at the top", "text for a list", "number for a list", "choice", "long", "large"],
+    ids=["key", "key at the top", "section", "section of all", "text for a list", "number for a list", "choice", "long",
+         "large"],
 )  # fmt: skip
 def test_a_slip_in_params_is_one_short_line_that_tells_the_way_out(
     workspace: Path, says: Says, old: str, new: str, command: str, line: str

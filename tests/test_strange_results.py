@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from isi.base import paths
 from isi.base.errors import InputError
 from isi.report import contents, page, results, stated, steady
 from isi.report.figures import panels, rendered
-from isi.report.sections import at_once, graph
+from isi.report.sections import at_once, explorer, graph
 from tests.reports import INITIALIZERS, ROOT, small_results
 from tests.strange import STRANGE, changed, of_experiments, tied
 
@@ -60,9 +61,25 @@ def test_strange_results_make_a_whole_report(tmp_path_factory: pytest.TempPathFa
     written(tmp_path_factory.mktemp("report"), found)
 
 
-@pytest.mark.parametrize("what", ["nothing is asked", "a paper that states nothing"])
+@pytest.mark.parametrize("what", ["nothing is asked", "a paper that states nothing", "studies without rows"])
 def test_studies_of_strange_results_are_shown_too(tmp_path: Path, what: str) -> None:
     assert "–" in words(written(tmp_path, STRANGE[what](small_results(["home"]))))
+
+
+@pytest.mark.parametrize("table", ["places", "answers"])
+@pytest.mark.parametrize("left", [0, -1], ids=["none", "one less"])
+def test_what_the_explorer_lacks_is_told_in_one_line(table: str, left: int) -> None:
+    found = small_results(["home"])
+    assert found.explorer is not None
+    of_models = found.explorer.found[table]
+    if table == "answers":  # the first are shown: one less is no lack
+        of_models = of_models[of_models["entity"] == of_models["entity"].iloc[-1]] if left else of_models
+        left = 0
+    rows = {**found.explorer.found, table: of_models.iloc[:left]}
+    lacking = replace(found, explorer=replace(found.explorer, found=rows))
+    says = "expected places and answers of each entity after each step, but .* lacks$"
+    with pytest.raises(InputError, match=rf"^data/studies/explorer/home\.\*\.parquet: {says}"):
+        list(explorer.SECTION.contents(lacking))
 
 
 def test_a_collapsed_model_is_told() -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import normalize
@@ -20,6 +21,7 @@ from isi.inserting.given import family_of, stack_of_one, table
 from isi.keeping.folder import ABOUT, VECTORS
 from isi.keeping.kept import About, Kept
 from isi.keeping.rows import cell_fault
+from isi.learning.finite import LARGEST
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +99,7 @@ def open_model(kept: Kept, folder: Path) -> Model:
         InputError: where its family is unknown, its tables are not of that family, or it says what no terminal should.
     """
     _check_texts(folder / ABOUT, kept.about)
+    check_numbers(folder / VECTORS, kept)
     try:
         family = family_of(kept.about.family, kept.about.family_options, kept.entities)
     except InputError as error:
@@ -106,6 +109,19 @@ def open_model(kept: Kept, folder: Path) -> Model:
     except InputError as error:
         raise InputError(folder / VECTORS, "tensor 'relations'", error.args[2]) from error
     return Model(kept, family)
+
+
+def check_numbers(path: Path, kept: Kept) -> None:
+    """Refuse numbers of which a score would be none in single precision.
+
+    Raises:
+        InputError: naming a row of such, and ``path``, where they come from.
+    """
+    for name, rows in (("entities", kept.entities), ("relations", kept.relations)):
+        largest = np.abs(rows).max(1)
+        if largest.max() > LARGEST:
+            row = int(largest.argmax())
+            raise InputError(path, f"{name}: row {row}", f"expected numbers up to {LARGEST:g}, got {largest[row]:.3g}")
 
 
 def _check_texts(path: Path, about: About) -> None:

@@ -49,8 +49,6 @@ def worded(kept: Kept, phrase: str, definition: str | None, vectors: Path | None
 def _from_file(kept: Kept, phrase: str, path: Path) -> Worded:
     from isi.words import look_up, read_vectors  # here, since it loads gensim
 
-    if not path.is_file():
-        raise InputError(path, "", "expected a file of word vectors, but there is no such file")
     *known, own = look_up(read_vectors(path), [*kept.phrases, phrase]).vectors
     if not np.any(known):
         raise InputError(path, "", "expected word vectors of this embedding's phrases, got none of any")

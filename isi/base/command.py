@@ -61,7 +61,7 @@ def _flush() -> None:
         raise
     except OSError as error:
         _drop_output()
-        raise Unwritable(Path("standard output"), error) from error
+        raise InputError("standard output", "", f"cannot be written ({error.strerror})") from error
 
 
 def _drop_output() -> None:
@@ -95,7 +95,10 @@ def only_one(name: str) -> Iterator[None]:
             holder = file.read(20).strip() or "unknown"
             raise InputError("", "", f"{name} runs already in this folder (process {holder}): let it end, or stop it")
         file.truncate(0)
-        print(os.getpid(), file=file, flush=True)
+        try:
+            print(os.getpid(), file=file, flush=True)
+        except OSError as error:
+            raise Unwritable(path, error) from error
         yield
 
 

@@ -116,9 +116,9 @@ def inputs_of(metadata: Metadata) -> dict[str, str]:
     """The digests of what a file was made from, by path."""
     try:
         found = json.loads(metadata.get(INPUTS, "{}"))
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return {path: digest for path, digest in found.items() if len(path) < 1000} if isinstance(found, dict) else {}
 
 
 def _stamp(path: Path) -> tuple[int, int]:

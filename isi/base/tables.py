@@ -267,7 +267,11 @@ def write_tensors_with(path: Path, tensors: Mapping[str, Tensor], metadata: Meta
 
 def check_finite(path: Path, tensors: Mapping[str, Tensor]) -> None:
     for name, tensor in sorted(tensors.items()):
-        if tensor.is_floating_point() and (place := first_not_finite(tensor.numpy())) is not None:
+        try:
+            numbers = tensor.numpy()
+        except TypeError as error:
+            raise InputError(path, f"tensor {name!r}", f"expected a type that NumPy has, got {tensor.dtype}") from error
+        if tensor.is_floating_point() and (place := first_not_finite(numbers)) is not None:
             raise InputError(path, f"tensor {name!r}, {list(place)}", "expected finite numbers")
 
 

@@ -77,12 +77,15 @@ def refuse_to_lose(folder: Path, names: Collection[str]) -> None:
     Raises:
         InputError: naming them.
     """
-    from isi.keeping.folder import ABOUT, read
+    from isi.keeping.folder import ABOUT
 
     try:
-        inserted = read(folder).inserted() if (folder / ABOUT).is_file() else {}
-    except (InputError, OSError):  # of no use to anyone, or of no such name
+        inserted = [str(one["entity"]) for one in json.loads((folder / ABOUT).read_bytes())["inserted"]]
+    except OSError:  # nothing is there
         return
+    except (ValueError, LookupError, TypeError, RecursionError) as error:
+        expected = "expected another folder: there is an embedding, and nobody can tell what would be lost of it"
+        raise InputError("--out", str(folder), expected) from error
     if lost := [name for name in inserted if name not in names]:
         expected = (
             f"expected another folder: there, {', '.join(lost)} would be lost (`isi insert --embedding` adds to it)"
@@ -91,27 +94,25 @@ def refuse_to_lose(folder: Path, names: Collection[str]) -> None:
 
 
 @contextmanager
-def as_option() -> Iterator[None]:
-    """Mistakes that are said of an argument of the library, said of the option that it came by."""
+def as_option(places: Mapping[str, str] = OPTIONS, initializer: str | None = None) -> Iterator[None]:
+    """Mistakes that are said of an argument of the library, said of the option or file that it came by.
+
+    Args:
+        places: these, by argument.
+        initializer: which was asked for, and may have options by ``--set``.
+    """
     try:
         yield
     except InputError as error:
         place, within, expected = error.args
-        if place == "argument 'initializer'" and within:
+        if initializer is not None and place == "argument 'initializer'" and within not in ("", initializer):
             raise InputError(f"--set {within}", "", expected) from error
-        raise InputError(OPTIONS.get(place, place), within, expected) from error
+        raise InputError(places.get(place, place), within, expected) from error
 
 
 def as_json(value: Mapping[str, Any]) -> str:
-    """One JSON document, in ASCII.
-
-    Raises:
-        InputError: where a number is none, of an embedding whose scores are too large.
-    """
-    try:
-        return json.dumps(value, indent=2, allow_nan=False)
-    except ValueError as error:
-        raise InputError("--embedding", "", "expected smaller numbers: its scores are infinite") from error
+    """One JSON document, in ASCII."""
+    return json.dumps(value, indent=2, allow_nan=False)
 
 
 def columns(rows: Iterable[Sequence[str]], indent: int = 2) -> Iterator[str]:

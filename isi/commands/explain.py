@@ -37,6 +37,7 @@ def run(arguments: argparse.Namespace) -> None:
     model = shared.open_folder(arguments.embedding)
     from isi.asking.answers import worth_asking
     from isi.asking.leaving_out import again, each_left_out
+    from isi.keeping.folder import ABOUT
 
     entity = model.entity(arguments.entity, "ENTITY")
     name = model.kept.entity_names[entity]
@@ -44,7 +45,7 @@ def run(arguments: argparse.Namespace) -> None:
     if record is None:
         there = ", ".join(model.kept.inserted()) or "none"
         raise InputError(arguments.embedding, "", f"expected an entity that was inserted ({there}), got {name!r:.80}")
-    with shared.as_option():
+    with shared.as_option({"argument 'initializer'": f"{arguments.embedding / ABOUT}: inserted: {name}"}):
         placed = again(model, record)
         shown = placed.indicators()
         weights = {one.entity: one.weight or 1.0 for one in shown}

@@ -156,16 +156,16 @@ def _files(experiment: str) -> tuple[tuple[Path, Path], bool]:
     """Entities and triples of an experiment, or of a graph of the second pipeline, and whether it is the former."""
     own = paths.entities(experiment), paths.triples(experiment)
     elsewhere = paths.explored(experiment, "entities"), paths.explored(experiment, "triples")
-    stored = own[0].exists() or not elsewhere[0].exists()
-    if stored and not own[0].exists() and experiment not in (known := _known()):
+    if own[0].exists() or elsewhere[0].exists():
+        return (own, True) if own[0].exists() else (elsewhere, False)
+    experiments, graphs = _listed(paths.PARAMS, "experiments"), _listed(paths.BEYOND_PARAMS, "graphs")
+    if experiment not in (known := [*experiments, *graphs]):
         expected = f"expected one of {', '.join(known)}, got {experiment[:80]!r}{meant(experiment, known)}"
         raise InputError("EXPERIMENT", "", expected)
-    return (own if stored else elsewhere), stored
+    return (own, True) if experiment in experiments else (elsewhere, False)
 
 
-def _known() -> list[str]:
-    """Experiments, and graphs of the second pipeline."""
-    found = [
-        params.read(path).get(key) for path, key in ((paths.PARAMS, "experiments"), (paths.BEYOND_PARAMS, "graphs"))
-    ]
-    return [name for names in found if isinstance(names, dict) for name in names]
+def _listed(path: Path, key: str) -> list[str]:
+    """Names under a key of params."""
+    found = params.read(path).get(key)
+    return list(found) if isinstance(found, dict) else []

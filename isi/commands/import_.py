@@ -59,6 +59,7 @@ def run(arguments: argparse.Namespace) -> None:
     Raises:
         InputError: where something is missing, broken, or does not fit together.
     """
+    from isi.asking.model import check_numbers
     from isi.keeping.folder import write
 
     if arguments.trust_pickle and (arguments.family or arguments.set or arguments.tensors):
@@ -66,6 +67,7 @@ def run(arguments: argparse.Namespace) -> None:
     named, form = _names(arguments.folder)
     pickled = arguments.folder / PICKLE
     found = _of_pickle(pickled, named) if arguments.trust_pickle else _of_tensors(arguments, named, form)
+    check_numbers(arguments.folder, found)
     refuse_to_lose(arguments.out, found.entity_names)
     write(arguments.out, found)
     about = found.about

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from isi.inserting.crowding import Interference
     from isi.inserting.inserted import Entity
 
-#: Chance from which on an answer may surprise, and of how many of each question it is looked at, at least.
+#: Characters of a name, at most.
+LONGEST = 200
+#: Chance from which on an answer may surprise, and of how many of each question it is looked at.
 LIKELY, LOOKED_AT = 0.2, 20
 
 
@@ -41,11 +43,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--kind", metavar="KIND", help="of the embedding's kinds, for initializers that go by kinds")
     parser.add_argument(
         "--initializer", metavar="NAME",
-        help=f"what puts it there; if none, the best for what is known; of {', '.join(_initializers())}",
+        help=f"what puts it there, one of {', '.join(_initializers())}; if none, the best for what is known",
     )  # fmt: skip
     parser.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[], type=setting,
-        help="an option of that initializer; else what it has by default here (docs/insert_reference.md)",
+        help="an option of that initializer, in place of its default (docs/insert_reference.md)",
     )  # fmt: skip
     parser.add_argument("--vectors", metavar="FILE", type=Path, help="word2vec or GloVe vectors for all phrases")
     parser.add_argument("--seed", metavar="S", type=_seed, default=0, help="of initializers that draw (default: 0)")
@@ -86,7 +88,7 @@ class Told:
     @property
     def surprises(self) -> list[tuple[Question, Answer]]:
         """Answers that would surprise, those of the best chance first."""
-        found = [(asked, one) for asked, answers in self.answers for one in answers if surprising(one)]
+        found = [(asked, one) for asked, answers in self.answers for one in answers[:LOOKED_AT] if surprising(one)]
         return sorted(found, key=lambda pair: -(pair[1].chance or 0))
 
 
@@ -108,7 +110,7 @@ def run(arguments: argparse.Namespace) -> None:
     worded, news, said = _news(model, arguments)
     if arguments.out:
         shared.refuse_to_lose(arguments.out, {*model.entity_ids, news.name})
-    with shared.as_option():
+    with shared.as_option(initializer=arguments.initializer):
         placed = place(worded, news)
     told = _told(placed, said, list(_odd(model, news)), arguments.top)
     text = shared.as_json(_as_json(told)) if arguments.json else "\n".join(_lines(told))
@@ -134,6 +136,8 @@ def _news(model: Model, arguments: argparse.Namespace) -> tuple[Model, News, str
     ):  # fmt: skip
         if text is not None and (said := wrong(text)):
             raise InputError(option, "", said)
+    if len(name) > LONGEST:
+        raise InputError("NAME", "", f"expected at most {LONGEST} characters, got {len(name):,}")
     same = [known for known in model.entity_ids if alike(known, name)]
     if same:
         raise InputError("NAME", "", f"expected a new name: {same[0]!r:.80} is known (see isi ask, isi nearest)")
@@ -143,8 +147,11 @@ def _news(model: Model, arguments: argparse.Namespace) -> tuple[Model, News, str
         (*reversed(_names(model, relation, entity, "--inverse-fact")), name)
         for entity, relation in arguments.inverse_fact
     ]  # fmt: skip
-    if arguments.set and arguments.initializer is None:
+    options = dict(arguments.set)
+    if options and arguments.initializer is None:
         raise InputError("--set", "", "expected an --initializer, whose options these are")
+    if len(options) < len(arguments.set):
+        raise InputError("--set", "", "expected each option once")
     kind = _kind(model, arguments.kind)
     words = worded(model.kept, phrase, arguments.definition, arguments.vectors)
     if not facts and words.vector is None and arguments.initializer is None:
@@ -156,7 +163,7 @@ def _news(model: Model, arguments: argparse.Namespace) -> tuple[Model, News, str
         model = replace(model, kept=replace(kept, about=about, words=words.known))
     news = News(
         name, phrase, kind, facts, arguments.definition, words.vector,
-        arguments.initializer, dict(arguments.set), arguments.seed,
+        arguments.initializer, options, arguments.seed,
     )  # fmt: skip
     return model, news, words.said
 
@@ -180,11 +187,11 @@ def _odd(model: Model, news: News) -> Iterator[str]:
     """Facts whose known end is of a kind that no known triple of the relation has there."""
     from isi.graph import HEAD, TAIL
 
-    for head, relation, tail in news.facts:
+    for head, relation, tail in dict.fromkeys(news.facts):
         slot, end, what = (TAIL, tail, "a tail") if head == news.name else (HEAD, head, "a head")
         kind = model.kept.kinds[model.entity_ids[end]]
         there = {model.kept.kinds[row] for row in model.stands_in(model.relation_ids[relation], slot)}
-        if kind and there and kind not in there:
+        if kind and there and not {"", kind} & there:
             yield f"no known triple of {relation} has {what} of kind {kind}, as {end} is"
 
 
@@ -240,6 +247,8 @@ def _wordless(told: Told) -> bool:
 
 def _surprising(told: Told, like: str) -> str:
     """The best of what would surprise."""
+    if told.interference is None:
+        return "unknown, since the embedding has no known triples to ask about"
     found = [_as_triple(told.model, question, answer) for question, answer in told.surprises]
     more = [f"and {len(found) - told.top} more"] * (len(found) > told.top)
     return "; ".join(found[: told.top] + more) or f"nothing that is likely: each such answer was told, or {like} has it"
@@ -287,7 +296,7 @@ def _as_json(told: Told) -> dict[str, Any]:
         "fallback": record.fallback, "options": dict(told.placed.done.options),
         "told": [list(fact) for fact in record.told], "words": None if _wordless(told) else told.words,
         "notes": told.odd, "indicators": [shared.indicator_json(model, one) for one in told.shown], "answers": asked,
-        "surprises": [
+        "surprises": None if told.interference is None else [
             {"triple": [part if part != "?" else one.entity for part in shared.asked(model, question)],
              "chance": one.chance} for question, one in told.surprises
         ],

@@ -86,6 +86,8 @@ def sets_are_whole(path: Path, novel: pd.DataFrame) -> None:
     Args:
         novel: ``tables.NOVEL``.
     """
+    if novel.empty:
+        raise InputError(path, "", "expected at least one set of novel entities")
     drawn = novel.groupby([*CELL, "session"])["entity"].transform("size").to_numpy()
     says = "expected as many rows of each size, seed and session as the size"
     _refuse(path, novel, drawn != novel["size"].to_numpy(), (*CELL, "session"), says)

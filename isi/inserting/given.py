@@ -67,6 +67,8 @@ class Names:
         if isinstance(value, str):
             if value in self.ids:
                 return self.ids[value]
+            if self.given is None:
+                raise InputError(place, "", f"expected an id, as there are no {self.argument!r}, got {value[:80]!r}")
             known = f"a known {self.of_what}" + (", or a new one" if self.of_what == "entity" else "")
             raise InputError(place, "", f"expected {known}, got {value[:80]!r}{meant(value, self.ids)}")
         if isinstance(value, int | np.integer) and not isinstance(value, bool):

@@ -158,8 +158,10 @@ def drawn(about: pd.DataFrame, models: Sequence[str]) -> Canvas:
         if pd.notna(row["mean" + LOW]):
             axes.plot([row["mean" + LOW], row["mean" + HIGH]], [place, place], lw=1.6, **how)
         axes.plot(row["mean"], place, marker="o", ms=5, **how)
-        axes.annotate(f"{row['mean']:.1f}", (max(row["mean"], row.get("mean" + HIGH, 0)), place), (6, 0),
-                      textcoords="offset points", va="center")  # fmt: skip
+        asked = pd.notna(row["mean"])
+        end = max(row["mean"], row.get("mean" + HIGH, 0)) if asked else 0
+        axes.annotate(f"{row['mean']:.1f}" if asked else "–", (end, place), (6, 0), textcoords="offset points",
+                      va="center")  # fmt: skip
     axes.set_yticks(range(len(about)), [label(str(model)) for model in about.index])
     axes.set(xlim=(0, None), xlabel="MRR* (points)")
     axes.invert_yaxis()

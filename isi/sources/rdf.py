@@ -171,7 +171,7 @@ def _of_lines(path: Path) -> Iterator[Placed]:
             parser.line, sink.triples = line.rstrip("\r\n"), []
             try:
                 parser.parseline()
-            except (ParserError, ValueError) as error:
+            except (ParserError, ValueError, OverflowError) as error:
                 expected = f"expected a triple of N-Triples, got {short(line.strip())}"
                 raise InputError(path, f"line {number}", expected) from error
             yield from ((f"line {number}", *triple) for triple in sink.triples)

@@ -11,6 +11,7 @@ import torch
 
 from isi.importing.tensors import OF_PYKEEN
 from tests.said.calls import Typed, packed
+from tests.said.commands import inserted_elsewhere
 from tests.test_import_command import ENTITIES, LABELS, ids, lists
 
 TYPED = "import mine --family distmult --out out"
@@ -117,6 +118,12 @@ TYPED_CASES = [
           before=lambda: (lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").unlink()),
     Typed("a name that the folder does not have where it is to be written", f"{TYPED[:-3]}log.csv",
           "log.csv: expected a folder, or a name that nothing has", before=with_tables()),
+    Typed("numbers of which a score would be none", TYPED,
+          "mine: entities: row 0: expected numbers up to 1e+11, got 1e+200",
+          before=with_tables(entities=np.full(ENTITIES.shape, 1e200))),
+    Typed("a folder with an embedding that others were inserted into", f"{TYPED[:-3]}other",
+          "--out: other: expected another folder: there, wash would be lost (`isi insert --embedding` adds to it)",
+          before=lambda: (with_tables()(), inserted_elsewhere())),
 ]  # fmt: skip
 
 TENSOR_CASES = [

@@ -155,9 +155,10 @@ INSERT_CASES = [
            "argument 'words': expected vectors, or the argument 'word_source' that makes vectors of texts"),
     Called("a source of vectors that is none", {"words": {"cup": "a cup"}, "word_source": 3},
            "argument 'word_source': expected a function, gensim's KeyedVectors or a file of such, got 3"),
+    Called("a name where there are none", {"entity_names": None, "new": 1},
+           "argument 'triples': triple 0: head: expected an id, as there are no 'entity_names', got 'cup'"),
     Called("a file of vectors that is not there", {"words": {"cup": "a cup"}, "word_source": Path("none.txt")},
-           "none.txt: expected word vectors in word2vec or GloVe format ([Errno 2] No such file or directory: "
-           "'none.txt')"),
+           "none.txt: expected a file of word vectors, but there is no such file"),
     Called("a source that gives no vectors", {"words": {"cup": "a cup"}, "word_source": lambda _texts: "none"},
            "argument 'word_source': expected it to give vectors (could not convert string to float: 'none')"),
     Called("a source that gives nothing", {"words": {"cup": "a cup"}, "word_source": lambda _texts: None},

@@ -75,6 +75,8 @@ RDF_CASES = [
          "log.nt: line 7: expected a triple of N-Triples, got 'mug atLocation kitchen'"),
     Case("Turtle that is none", "RDF, Turtle", {"log.ttl": "<a:b> <a:c> [ .\n"},
          "log.ttl: line 1: expected Turtle (']' expected)"),
+    Case("a letter that there is not", "RDF, N-Triples", {"log.nt": "<urn:a:\\UFFFFFFFF> <urn:a:c> <urn:a:d> .\n"},
+         "log.nt: line 1: expected a triple of N-Triples, got '<urn:a:\\\\UFFFFFFFF> <urn:a:c> <urn:a:d> .'"),
     Case("no triple between things", "RDF, N-Triples", {"log.nt": '<urn:a:b> <urn:a:c> "d" .\n'},
          "log.nt: expected triples between entities that have IRIs, got none"),
     Case("two things of one name", "RDF, N-Triples", {"log.nt": NT + "<urn:x:mug> <urn:x:near> <urn:x:bowl> .\n"},

@@ -26,7 +26,10 @@ _PAIR = ["scope", "relation", "hidden", "novel"]
 
 def contents(results: Results) -> Iterator[Content]:
     """The same of every experiment of which it was asked."""
-    asked = [one for one in results.experiments.values() if one.name in results.asking]
+    asked = [
+        one for one in results.experiments.values()
+        if one.name in results.asking and not results.asking[one.name].queries.empty
+    ]  # fmt: skip
     if asked:
         yield (
             "A query about novel entities gives the novel entity and asks what belongs to it, or gives something else "

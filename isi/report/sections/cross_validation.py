@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from math import isnan, nan
 from typing import Any
 
 import pandas as pd
@@ -21,6 +22,9 @@ def contents(results: Results) -> Iterator[Content]:
         return
     rows = results.cross_validation.found
     settings, folds = settings_of(results), results.params.cross_validation.folds
+    if of_setting(rows, settings[0]).empty:
+        yield "There are no folds of the choice of this run, with which others could be compared."
+        return
     yield f"The joint model with other settings, on {folds} folds of unique triples. {sentence(rows, settings[0])}"
     yield cross_validation(rows, settings, results.paper["training"], folds)
 
@@ -102,8 +106,10 @@ def sentence(rows: pd.DataFrame, choice: Setting) -> str:
 
 
 def best(rows: pd.DataFrame, choice: Setting, factor: str) -> float:
-    """The value of one factor that did best, the others as chosen; the choice where it did as well."""
+    """The value of one factor that did best, the others as chosen; the choice where it did as well; NaN of no folds."""
     own = of_setting(rows, {name: value for name, value in choice.items() if name != factor})
+    if own.empty:
+        return nan
     means = own.groupby(factor)["mrr_star"].mean()
     top = means.index.to_numpy()[means.to_numpy() == means.max()]
     return float(choice[factor] if choice[factor] in top else top[0])
@@ -112,7 +118,7 @@ def best(rows: pd.DataFrame, choice: Setting, factor: str) -> float:
 def note(rows: pd.DataFrame, choice: Setting, factor: str) -> str:
     """What there is to say of the best value of one factor: whether folds tell it from the choice."""
     value = best(rows, choice, factor)
-    if value == choice[factor]:
+    if isnan(value) or value == choice[factor]:
         return ""
     found = lead(rows, choice, {**choice, factor: value})
     less = within(rows, choice, {**choice, factor: value})

@@ -8,6 +8,8 @@ from typing import Any
 
 import pandas as pd
 
+from isi.base import paths
+from isi.base.errors import InputError
 from isi.report.models import JOINT, colour, label
 from isi.report.prose import joined
 from isi.report.results import Experiment, Results
@@ -42,7 +44,11 @@ def contents(results: Results) -> Iterator[Content]:
         "The rank of an answer is its place among all entities of the session, none left out; ranks of tables leave "
         "out what was learned."
     )
-    yield Explorer(data_of(experiment, found, how))
+    try:
+        yield Explorer(data_of(experiment, found, how))
+    except KeyError as error:
+        expected = f"expected places and answers of each entity after each step, but {error} lacks"
+        raise InputError(paths.explorer(experiment.name, "*"), "", expected) from error
 
 
 def data_of(experiment: Experiment, found: Shown, how: Singled) -> dict[str, Any]:

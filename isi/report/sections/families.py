@@ -22,6 +22,8 @@ def contents(results: Results) -> Iterator[Content]:
     if results.families is None:
         return
     rows, how = results.families.found, results.params.compare_families
+    if rows.empty:
+        return
     chosen = {name: trained.model_dump() | results.params.families[name] for name, trained in how.families.items()}
     yield (
         f"The joint model, trained on everything, of every family on the graph of {results.families.experiment.title}, "
@@ -52,6 +54,7 @@ def families(rows: pd.DataFrame, chosen: Chosen, seeds: int) -> Table:
         {"family": called(name), **found.loc[name], "epochs": rows.loc[rows["family"] == name, "epochs"].mean()}
         | {what.replace("_", " "): _shown(value) for what, value in values.items()}
         for name, values in chosen.items()
+        if name in found.index
     ]
     return Table(
         "families",
