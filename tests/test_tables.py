@@ -334,8 +334,8 @@ def test_a_stream_that_breaks_off_leaves_the_old_table_and_nothing_else(tmp_path
 def test_tensors_that_cannot_be_written_leave_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "t.safetensors"
     tables.write_tensors(path, {"entity": torch.ones(3)}, MADE)
-    with pytest.raises((ValueError, RuntimeError, TypeError)):
-        tables.write_tensors(path, {"entity": torch.ones(3).to_sparse()}, MADE)
+    with pytest.raises(InputError, match=r"tensor 'entity': expected a type that NumPy has, got torch\.bfloat16"):
+        tables.write_tensors(path, {"entity": torch.ones(3).bfloat16()}, MADE)
     assert torch.equal(tables.read_tensors(path, ["entity"])["entity"], torch.ones(3))
     assert names(tmp_path) == ["t.safetensors"]
 
