@@ -9,16 +9,16 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from isi import commands
+from isi import cli
 
 try:
-    from isi.base.command import Parser, one_line
+    from isi.process import Parser, one_line
 except ModuleNotFoundError as error:
     sys.exit(f"isi: {sys.executable} lacks the package {error.name}: activate .venv, or use its `isi`")
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run the command that is asked for; each is a module of ``isi.commands``, and no other is imported."""
+    """Run the command that is asked for; each is a module of ``isi.cli``, and no other is imported."""
     with one_line("isi"):  # while what a command needs is imported, too
         given = list(sys.argv[1:] if argv is None else argv)
         about = "New entities in knowledge-graph embeddings, what is asked of them, and graphs of your own."
@@ -28,7 +28,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             about, typed = _about(name), name.rstrip("_").replace("_", "-")
             own = added.add_parser(typed, help=about, description=about)
             if typed in given:
-                module = importlib.import_module(f"{commands.__name__}.{name}")
+                module = importlib.import_module(f"{cli.__name__}.{name}")
                 module.configure(own)
                 own.set_defaults(run=module.run, prog=own.prog)
         arguments = parser.parse_args(given)
@@ -38,12 +38,12 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def _names() -> list[str]:
     """Modules of commands; those that are called as Python reserves it end with an underscore."""
-    return [found.name for found in pkgutil.iter_modules(commands.__path__) if not found.name.startswith("_")]
+    return [found.name for found in pkgutil.iter_modules(cli.__path__) if not found.name.startswith("_")]
 
 
 def _about(name: str) -> str:
     """What a command is for: what its module begins with, which is not imported for that."""
-    source = (Path(commands.__path__[0]) / f"{name}.py").read_text(encoding="utf-8")
+    source = (Path(cli.__path__[0]) / f"{name}.py").read_text(encoding="utf-8")
     return (ast.get_docstring(ast.parse(source)) or "").partition("\n\n")[0]
 
 

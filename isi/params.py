@@ -7,29 +7,30 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from isi.base import params, paths
-from isi.base.errors import InputError, meant
-from isi.base.params import Name, Section, Seed, Study, distinct
-from isi.building import GraphOf
-from isi.experiments.executor import Compute
-from isi.families import EmbeddingParams, make
-from isi.insertion.registry import options_of
-from isi.insertion.tasks import Convergence, Listed, ToTheEnd, among
-from isi.learning.batches import Negatives
-from isi.learning.training import Optimizer, Training
+from isi import config
+from isi.analyses.affordances import Affordances
+from isi.analyses.cross_validation import CrossValidation, Setting
+from isi.analyses.final_model import FinalModel
+from isi.analyses.finetune_only import FinetuneOnly
+from isi.analyses.model_comparison import ModelComparison
+from isi.analyses.query_breakdown import QueryBreakdown
+from isi.analyses.single_insertions import SHOWN, Explorer
+from isi.analyses.sweep import RateSweep, Sweep
+from isi.analyses.trajectory import TRACED, Trajectories
+from isi.config import Name, Section, Seed, Study, distinct
+from isi.errors import InputError, meant
+from isi.experiment.insert import Convergence, FullCurves, InitializerList, among
+from isi.experiment.runner import Compute
+from isi.graph.graph import GraphOf
+from isi.graph.sampling import SessionsOf, Shares
+from isi.graph.words import Words
+from isi.initializers.api import options_of
+from isi.models.model import EmbeddingParams, make_model
 from isi.recording.settings import Recorder
-from isi.sessions.drawing import SessionsOf, Shares
 from isi.sources import settings_of
-from isi.studies.affordances import Affordances
-from isi.studies.asking import Asking
-from isi.studies.cross_validation import CrossValidation, Setting
-from isi.studies.families import CompareFamilies
-from isi.studies.keeping import Keep
-from isi.studies.nothing import Nothing
-from isi.studies.singles import SHOWN, Explorer
-from isi.studies.sweeps import Rates, Sweep
-from isi.studies.tracing import TRACED, Approach
-from isi.words import Words
+from isi.tables import paths
+from isi.training.batches import Negatives
+from isi.training.trainer import Optimizer, Training
 
 #: Of cross-validation, which trains a model for each setting and fold.
 MOST_SETTINGS = 13
@@ -41,13 +42,13 @@ class ExperimentOf(Section):
     title: str
     graph: GraphOf
     sessions: SessionsOf
-    initializers: Listed
+    initializers: InitializerList
     #: which are not fine-tuned
     at_once: list[Name]
-    followed: ToTheEnd
+    followed: FullCurves
 
     @property
-    def lists_of_initializers(self) -> dict[str, Listed]:
+    def lists_of_initializers(self) -> dict[str, InitializerList]:
         """By their keys."""
         return {"initializers": self.initializers, "at_once": self.at_once,
                 "followed.initializers": self.followed.initializers}  # fmt: skip
@@ -91,17 +92,17 @@ class Params(Section):
     convergence: Convergence
     initializers: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)]
     plots: Plots
-    nothing: Nothing
+    nothing: FinetuneOnly
     sweep: Sweep
     cross_validation: CrossValidation
-    rates: Rates
-    approach: Approach
-    compare_families: CompareFamilies
+    rates: RateSweep
+    approach: Trajectories
+    compare_families: ModelComparison
     affordances: Affordances
-    asking: Asking
+    asking: QueryBreakdown
     compute: Compute
     recorder: Recorder
-    kept: Keep
+    kept: FinalModel
     explorer: Explorer
 
     @field_validator("initializers")
@@ -196,12 +197,12 @@ def load(path: Path = paths.PARAMS) -> Params:
         InputError: where the file is missing, is no YAML, or holds an unknown key, a wrong type
             or a value out of range; the message gives the key's path.
     """
-    found = params.check(params.read(path), Params, "", path)
+    found = config.check(config.read(path), Params, "", path)
     try:
         for name, settings in found.sources.items():
             settings_of(settings, f"sources.{name}")
         for name, options in found.families.items():
-            make(name, options, f"families.{name}")
+            make_model(name, options, f"families.{name}")
         _check_dimensions(found)
         for name, options in found.initializers.items():
             options_of(name, options, f"initializers.{name}")
@@ -228,6 +229,6 @@ def _check_dimensions(found: Params) -> None:
         asked += [("cross_validation.dimension", found.embedding.family, dimension) for dimension in listed]
     for key, name, dimension in asked:
         try:
-            make(name, found.families[name], f"families.{name}").width(dimension)
+            make_model(name, found.families[name], f"families.{name}").width(dimension)
         except InputError as error:
             raise InputError(error.args[0], key, ": ".join(error.args[1:])) from error

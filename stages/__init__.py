@@ -15,7 +15,7 @@ if sys.version_info < (3, 11) or not all(find_spec(name) for name in (
     sys.exit(f"stages: {sys.executable} lacks the packages of this project: use `make repro`, or activate .venv first")
 # fmt: on
 
-from isi.base.lifetime import stop_in_one_line, tie_to_parent
+from isi.process import stop_in_one_line, tie_to_parent
 
 tie_to_parent()
 if sys.argv[0] == "-m":  # run, not imported

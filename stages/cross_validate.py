@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import pandas as pd
 
-from isi.base import paths, tables
-from isi.base.errors import InputError
-from isi.base.stage import Given, stage
-from isi.experiments.executor import compute_of, run, stack_height
-from isi.experiments.learning import learn_joint, learning
-from isi.experiments.store import Store
-from isi.sessions.session import VALID
-from isi.studies.cross_validation import Factors, best_looks, fold_tasks
+from isi.analyses.cross_validation import CrossValidationFactors, best_looks, fold_tasks
+from isi.errors import InputError
+from isi.experiment.runner import compute_of, run, stack_height
+from isi.experiment.store import Store
+from isi.experiment.train import train_config, train_joint_model
+from isi.graph.sessions import VALID
+from isi.stage import StageContext, stage
+from isi.tables import catalogue, io, paths
 
 
 @stage
-def cross_validate(given: Given, experiment: str) -> None:
+def cross_validate(given: StageContext, experiment: str) -> None:
     """Train the joint model with several settings on all but one fold, and measure it on that."""
-    study, compute = given.section("cross_validation", Factors), compute_of(given)
+    study, compute = given.section("cross_validation", CrossValidationFactors), compute_of(given)
     graph = Store(experiment, given.provenance).graph()
-    tasks = fold_tasks(experiment, graph, study, learning(given), stack_height(compute))
+    tasks = fold_tasks(experiment, graph, study, train_config(given), stack_height(compute))
     if not all((task.cells.splits == VALID).any(1).all() for task in tasks):
         expected = "expected no more folds than triples that may leave train (some must stay, for every entity)"
         raise InputError(paths.PARAMS, "cross_validation.folds", expected)
-    learned = run(learn_joint, tasks, compute, "cross-validation")
+    learned = run(train_joint_model, tasks, compute, "cross-validation")
     looks = pd.concat(best_looks(task, result) for task, result in zip(tasks, learned, strict=True))
     ordered = looks.sort_values(["dimension", "ratio", "learning_rate", "weight_decay", "fold"])
-    tables.write(paths.cross_validation(experiment), ordered, tables.CROSS_VALIDATION, given.provenance)
+    io.write(paths.cross_validation(experiment), ordered, catalogue.CROSS_VALIDATION, given.provenance)
 
 
 if __name__ == "__main__":

@@ -15,18 +15,18 @@ if find_spec("pykeen") is None:
 
 from pykeen.datasets import get_dataset
 
-from isi.base import paths, tables
-from isi.base.stage import Given, stage
-from isi.experiments.cells import Cells
-from isi.experiments.executor import compute_of, run
-from isi.graph import Graph, build
-from isi.studies.hidden import Hidden, mean_seconds
-from isi.studies.hidden_in_pykeen import HidingTask, hidden_in
-from isi.words import load_vectors, look_up
+from isi.analyses.hidden_entities import Hidden, mean_seconds
+from isi.analyses.hidden_in_pykeen import HidingTask, hidden_in
+from isi.experiment.grid import GridPoints
+from isi.experiment.runner import compute_of, run
+from isi.graph.graph import Graph, build_graph
+from isi.graph.words import load_vectors, look_up
+from isi.stage import StageContext, stage
+from isi.tables import catalogue, io, paths
 
 
 @stage
-def hide(given: Given, graph: str) -> None:
+def hide(given: StageContext, graph: str) -> None:
     """Hide entities of a graph, let PyKEEN train on the others, insert the hidden, and ask about them."""
     key = f"hidden.{graph}"
     how = given.section(key, Hidden)
@@ -34,13 +34,13 @@ def hide(given: Given, graph: str) -> None:
     words = None if how.words is None else look_up(load_vectors(how.words), phrases).vectors
     none = np.zeros((1, 0, 0), dtype=np.int64)
     tasks = [
-        HidingTask(Cells(graph, found, 0, [seed], none[0], none), words, how, key, given.seed)
+        HidingTask(GridPoints(graph, found, 0, [seed], none[0], none), words, how, key, given.seed)
         for seed in range(how.seeds)
     ]
     answers, seconds = zip(*run(hidden_in, tasks, compute_of(given), f"hide {graph}"), strict=True)
-    tables.write(paths.hidden(graph), pd.concat(answers, ignore_index=True), tables.HIDDEN, given.provenance)
+    io.write(paths.hidden(graph), pd.concat(answers, ignore_index=True), catalogue.HIDDEN, given.provenance)
     listed = json.dumps(mean_seconds(pd.concat(seconds)), indent=1)
-    tables.atomically(paths.hidden_seconds(graph), lambda path: path.write_text(f"{listed}\n", encoding="utf-8"))
+    io.atomically(paths.hidden_seconds(graph), lambda path: path.write_text(f"{listed}\n", encoding="utf-8"))
 
 
 def of_package(name: str) -> tuple[Graph, list[str]]:
@@ -53,11 +53,11 @@ def of_package(name: str) -> tuple[Graph, list[str]]:
     return Graph(*names, triples, ones, torch.zeros(len(names[0]), dtype=torch.int64)), names[0]
 
 
-def explored(given: Given, name: str) -> tuple[Graph, list[str]]:
+def explored(given: StageContext, name: str) -> tuple[Graph, list[str]]:
     """A graph of the second pipeline, and the phrases of its entities."""
-    entities = tables.read(paths.explored(name, "entities"), tables.ENTITIES, given.provenance)
+    entities = io.read(paths.explored(name, "entities"), catalogue.ENTITIES, given.provenance)
     path = paths.explored(name, "triples")
-    return build(entities, tables.read(path, tables.TRIPLES, given.provenance), path), list(entities["phrase"])
+    return build_graph(entities, io.read(path, catalogue.TRIPLES, given.provenance), path), list(entities["phrase"])
 
 
 if __name__ == "__main__":

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import torch
 
-from isi.base import paths, tables
-from isi.base.stage import Given, stage
-from isi.experiments.executor import compute_of, run, stack_height
-from isi.experiments.store import Store
-from isi.insertion.tasks import insert as insert_cells
-from isi.insertion.tasks import inserting_in, insertion_tasks, lists
+from isi.experiment.insert import insert_stack as insert_cells
+from isi.experiment.insert import inserting_in, insertion_tasks, is_listed
+from isi.experiment.runner import compute_of, run, stack_height
+from isi.experiment.store import Store
+from isi.stage import StageContext, stage
+from isi.tables import catalogue, io, paths
 
 
 @stage
-def insert(given: Given, experiment: str, initializer: str) -> None:
+def insert(given: StageContext, experiment: str, initializer: str) -> None:
     """Insert novel entities into Θ⁰ with one initializer, measure at once, and fine-tune.
 
     An initializer that the experiment does not list leaves tables without rows.
     """
     store, compute = Store(experiment, given.provenance), compute_of(given)
     how = inserting_in(given, experiment, initializer)
-    listed = lists(given, f"experiments.{experiment}.initializers", initializer)
+    listed = is_listed(given, f"experiments.{experiment}.initializers", initializer)
     cells = store.cells(stack_height(compute)) if listed else []
     tasks = insertion_tasks(store, given, how, cells)
     done = run(insert_cells, tasks, compute, f"{experiment}, {initializer}")
@@ -28,12 +28,12 @@ def insert(given: Given, experiment: str, initializer: str) -> None:
     for task, result in zip(tasks, done, strict=True):
         vectors.setdefault(f"size={task.cells.size:02d}", []).append(torch.from_numpy(result.vectors))
     tensors = {name: torch.cat(parts) for name, parts in vectors.items()}
-    runs = tables.together((result.runs for result in done), tables.RUNS, tables.TIES)
-    inserted = tables.together((result.entities for result in done), tables.INSERTED)
+    runs = io.together((result.runs for result in done), catalogue.RUNS, catalogue.TIES)
+    inserted = io.together((result.entities for result in done), catalogue.INSERTED)
     inserted["kind"] = inserted["entity"].map(store.entities()["kind"].astype(str))
-    tables.write_tensors(paths.initial_vectors(experiment, initializer), tensors, given.provenance)
+    io.write_tensors(paths.initial_vectors(experiment, initializer), tensors, given.provenance)
     path = paths.inserted(experiment, initializer)
-    tables.write(path, inserted.sort_values(["size", "seed", "session", "entity"]), tables.INSERTED, given.provenance)
+    io.write(path, inserted.sort_values(["size", "seed", "session", "entity"]), catalogue.INSERTED, given.provenance)
     store.write_runs(initializer, runs)
 
 

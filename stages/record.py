@@ -11,10 +11,11 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from isi.base import params, paths
-from isi.base.command import Parser, one_line, only_one
+from isi import config
+from isi.process import Parser, one_line, only_one
 from isi.recording.file import Recording
 from isi.recording.settings import Recorder
+from isi.tables import paths
 
 
 def record(how: Recorder) -> None:
@@ -44,9 +45,9 @@ def main() -> None:
     parser.add_argument("--output", help="the recording, such as data/recordings/robothor.jsonl.gz")
     given = {key: value for key, value in vars(parser.parse_args()).items() if value is not None}
     with one_line("record", "`make record` goes on from here"), only_one("record"):
-        section = params.read(paths.PARAMS).get("recorder")
+        section = config.read(paths.PARAMS).get("recorder")
         settings = {**section, **given} if isinstance(section, dict) else section
-        record(params.check(settings, Recorder, "recorder"))
+        record(config.check(settings, Recorder, "recorder"))
 
 
 if __name__ == "__main__":

@@ -11,16 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from isi import params
-from isi.base import paths
-from isi.base.stage import COMPUTE, Given, stage
 from isi.report import contents, page, results
+from isi.stage import COMPUTE, StageContext, stage
+from isi.tables import paths
 
 _PACKAGES = ("dvc", "gensim", "matplotlib", "numpy", "pandas", "procthor", "pyarrow", "scipy", "torch")
 _SOURCES = ("isi", "stages", "data/raw")  # dependencies of the stage, whole
 
 
 @stage
-def report(given: Given) -> None:
+def report(given: StageContext) -> None:
     """Render the report: tables, figures, metrics and the page."""
     if given.provenance.origins:
         given.provenance.origins.check_first()

@@ -6,20 +6,20 @@ from dataclasses import replace
 
 import pandas as pd
 
-from isi.base import paths, tables
-from isi.base.stage import Given, stage
-from isi.experiments.executor import compute_of, run, stack_height
-from isi.experiments.learning import family_of
-from isi.experiments.store import Store
-from isi.insertion.tasks import inserting, insertion_tasks
-from isi.studies import singles
-from isi.studies.singles import SHOWN, Singled, SinglesTask, first_seeds
+from isi.analyses import single_insertions
+from isi.analyses.single_insertions import SHOWN, ExplorerSettings, SinglesTask, first_seeds
+from isi.experiment.insert import inserting, insertion_tasks
+from isi.experiment.runner import compute_of, run, stack_height
+from isi.experiment.store import Store
+from isi.experiment.train import model_of
+from isi.stage import StageContext, stage
+from isi.tables import io, paths
 
 
 @stage
-def single_out(given: Given, experiment: str) -> None:
+def single_out(given: StageContext, experiment: str) -> None:
     """Show single insertions, entity by entity."""
-    study, family = given.section("explorer", Singled), family_of(given)
+    study, family = given.section("explorer", ExplorerSettings), model_of(given)
     store, compute = Store(experiment, given.provenance), compute_of(given)
     seeds = first_seeds(store.novel(), study.size)
     cells = [cell for cell in store.cells(stack_height(compute), study.size) if set(cell.seeds) & set(seeds.values())]
@@ -34,10 +34,10 @@ def single_out(given: Given, experiment: str) -> None:
         SinglesTask(cell, own, store.joint(cell, family), seeds, study)
         for cell, *own in zip(cells, *inserted, strict=True)
     ]
-    done = run(singles.single_out, tasks, compute, f"{experiment}, entity by entity")
-    for what, (schema, order) in singles.TABLES.items():
+    done = run(single_insertions.single_insertions, tasks, compute, f"{experiment}, entity by entity")
+    for what, (schema, order) in single_insertions.TABLES.items():
         frame = pd.concat(getattr(one, what) for one in done).sort_values(order, kind="stable")
-        tables.write(paths.explorer(experiment, what), frame, schema, given.provenance)
+        io.write(paths.explorer(experiment, what), frame, schema, given.provenance)
 
 
 if __name__ == "__main__":

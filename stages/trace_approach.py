@@ -6,19 +6,19 @@ from dataclasses import replace
 
 import torch
 
-from isi.base import paths, tables
-from isi.base.errors import InputError
-from isi.base.stage import Given, stage
-from isi.experiments.executor import compute_of, run
-from isi.experiments.store import Store
-from isi.insertion.tasks import inserting, insertion_tasks
-from isi.studies.tracing import TRACED, Approached, TraceTask, place_of_interest, trace
+from isi.analyses.trajectory import TRACED, TrajectorySettings, TrajectoryTask, place_of_interest, trace_trajectory
+from isi.errors import InputError
+from isi.experiment.insert import inserting, insertion_tasks
+from isi.experiment.runner import compute_of, run
+from isi.experiment.store import Store
+from isi.stage import StageContext, stage
+from isi.tables import io, paths
 
 
 @stage
-def trace_approach(given: Given, experiment: str) -> None:
+def trace_approach(given: StageContext, experiment: str) -> None:
     """Follow one novel entity through fine-tuning, from where each initializer puts it."""
-    study = given.section("approach", Approached)
+    study = given.section("approach", TrajectorySettings)
     store = Store(experiment, given.provenance)
     cell = next((cell for cell in store.cells(1, study.size) if cell.seeds == [study.seed]), None)
     if cell is None:
@@ -32,7 +32,9 @@ def trace_approach(given: Given, experiment: str) -> None:
     if place is None:
         expected = f"expected a seed with a novel {study.kind} that has a word vector and insert triples"
         raise InputError(paths.PARAMS, "approach.seed", expected)
-    traces = run(trace, [TraceTask(cell, task, place) for task in inserted], compute_of(given), "approach")
+    traces = run(
+        trace_trajectory, [TrajectoryTask(cell, task, place) for task in inserted], compute_of(given), "approach"
+    )
     tensors = {
         "entity": torch.from_numpy(cell.novel[0, 0, place : place + 1]),
         "known": cell.session(0).entities[0],
@@ -41,7 +43,7 @@ def trace_approach(given: Given, experiment: str) -> None:
     for name, traced in zip(TRACED, traces, strict=True):
         tensors[f"{name}.path"] = torch.from_numpy(traced.path)
         tensors[f"{name}.indicators"] = torch.from_numpy(traced.indicators)
-    tables.write_tensors(paths.approach(experiment), tensors, given.provenance)
+    io.write_tensors(paths.approach(experiment), tensors, given.provenance)
 
 
 if __name__ == "__main__":

@@ -8,12 +8,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from isi.embeddings.family import Family
-from isi.embeddings.stack import Embedding
-from isi.experiments.cells import Cells
-from isi.families import make
-from isi.graph import Graph
-from isi.sessions.drawing import draw_insert_triples, draw_novel, split
+from isi.experiment.grid import GridPoints
+from isi.graph.graph import Graph
+from isi.graph.sampling import sample_insert_triples, sample_novel, split
+from isi.models.model import Model, make_model
+from isi.models.stack import Embedding
 
 #: Head, relation and tail id.
 Triple = tuple[int, int, int]
@@ -45,7 +44,7 @@ def random_graph(entities: int, relations: int, triples: int, seed: int = 0) -> 
 
 
 #: The family of tests that are about none.
-ANALOGY = make("analogy", {}, "families.analogy")
+ANALOGY = make_model("analogy", {}, "families.analogy")
 
 
 def as_stored(graph: Graph) -> Graph:
@@ -56,27 +55,27 @@ def as_stored(graph: Graph) -> Graph:
 
 
 def random_embedding(
-    models: int, entities: int, relations: int, dimension: int, seed: int = 0, family: Family = ANALOGY
+    models: int, entities: int, relations: int, dimension: int, seed: int = 0, family: Model = ANALOGY
 ) -> Embedding:
     generator = torch.Generator().manual_seed(seed)
     entity = torch.randn(models, entities, dimension, generator=generator)
     return Embedding(entity, torch.randn(models, relations, family.width(dimension), generator=generator), family)
 
 
-def cells_of(graph: Graph, size: int, seeds: Sequence[int], root: int = 0, steps: int = 1) -> Cells:
+def cells_of(graph: Graph, size: int, seeds: Sequence[int], root: int = 0, steps: int = 1) -> GridPoints:
     """Cells as the pipeline draws them, with a fifth of the triples each for validation and test."""
     splits = np.stack([split(graph, root, seed, 0.2, 0.2) for seed in seeds])
     everyone = np.arange(len(graph.entities))
-    novel = np.stack([draw_novel(everyone, root, size, seed, steps) for seed in seeds])
-    return Cells("home", graph, size, list(seeds), splits, novel)
+    novel = np.stack([sample_novel(everyone, root, size, seed, steps) for seed in seeds])
+    return GridPoints("home", graph, size, list(seeds), splits, novel)
 
 
-def insert_triples_of(cells: Cells, session: int = 1, root: int = 0, fraction: float = 0.5) -> np.ndarray:
+def insert_triples_of(cells: GridPoints, session: int = 1, root: int = 0, fraction: float = 0.5) -> np.ndarray:
     """(model, place in ``novel``, triple) of what is told in a session, as a step is told it; shape (I, 3)."""
     rows = [
         (model, cells.novel[model, session - 1].tolist().index(entity), triple)
         for model, seed in enumerate(cells.seeds)
-        for entity, triple in draw_insert_triples(
+        for entity, triple in sample_insert_triples(
             cells.graph, cells.splits[model], cells.novel[model], session, root, seed, fraction
         )
     ]

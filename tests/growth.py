@@ -13,14 +13,15 @@ from timeit import Timer
 import numpy as np
 import torch
 
-from isi.base import params, paths
-from isi.embeddings.stack import uniform
-from isi.families import EmbeddingParams, make
-from isi.graph import Graph
-from isi.learning import batches, training
-from isi.learning.ranks import evaluate, prepare, query_slots
-from isi.sessions.drawing import Shares, split
-from isi.sessions.session import TEST, TRAIN, VALID, everything
+from isi import config
+from isi.evaluation.ranking import evaluate, prepare, query_slots
+from isi.graph.graph import Graph
+from isi.graph.sampling import Shares, split
+from isi.graph.sessions import TEST, TRAIN, VALID, everything
+from isi.models.model import EmbeddingParams, make_model
+from isi.models.stack import uniform
+from isi.tables import paths
+from isi.training import batches, trainer
 from tests.houses import peak_mib
 
 RELATIONS = 3
@@ -60,20 +61,20 @@ def main() -> None:
     torch.set_flush_denormal(True)
     batches.TABLE_CELLS = CELLS[given.form]
     graph, keys, root = power_law_graph(given.entities, given.triples), torch.zeros(1, 2, dtype=torch.int64), 0
-    raw = params.read(paths.PARAMS)  # by section, since the whole of it loads sources, too
-    how = params.check(raw["embedding"], EmbeddingParams, "embedding")
-    negatives = params.check(raw["negatives"], batches.Negatives, "negatives")
-    settings = params.check(raw["training"], training.Training, "training")
-    shares = params.check(raw["sessions"], Shares, "sessions")
-    family = make(how.family, raw["families"][how.family], f"families.{how.family}")
+    raw = config.read(paths.PARAMS)  # by section, since the whole of it loads sources, too
+    how = config.check(raw["embedding"], EmbeddingParams, "embedding")
+    negatives = config.check(raw["negatives"], batches.Negatives, "negatives")
+    settings = config.check(raw["training"], trainer.Training, "training")
+    shares = config.check(raw["sessions"], Shares, "sessions")
+    family = make_model(how.family, raw["families"][how.family], f"families.{how.family}")
     session = everything(graph, torch.from_numpy(split(graph, root, 0, shares.valid, shares.test))[None])
     data = batches.training_data(session, "training", keys, negatives.head_pool)
-    state = training.start(uniform(session.entities, RELATIONS, family, how.dimension, how.init_range, root, keys))
+    state = trainer.start(uniform(session.entities, RELATIONS, family, how.dimension, how.init_range, root, keys))
     asked = session.members(TEST)
     asked &= asked.cumsum(1) <= TEST_TRIPLES
 
     def epoch() -> None:
-        training.run_epoch(state, data, negatives, settings, root, 1)
+        trainer.run_epoch(state, data, negatives, settings, root, 1)
 
     def rank() -> None:
         learned = session.members(TRAIN, VALID)

@@ -13,14 +13,14 @@ from collections.abc import Iterator, Sequence
 from itertools import cycle
 from pathlib import Path
 
-from isi.base import paths, tables
-from isi.base.params import read
-from isi.base.tables import Provenance
+from isi.config import read
 from isi.sources import Observed, settings_of
 from isi.sources import _materials as materials
 from isi.sources._materials import Object
 from isi.sources._mining import mine
 from isi.sources._recording import Scene, locate, read_recording
+from isi.tables import catalogue, io, paths
+from isi.tables.provenance import Provenance
 
 
 def houses(scenes: Sequence[Scene], number: int) -> Iterator[Scene]:
@@ -54,7 +54,7 @@ def main() -> None:
     made = houses(list(read_recording(recording, settings["sha256"])), given.houses)
     shares = materials.read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
     parts = Observed(source.entities).passing(mine(made, materials.suncg(shares, 0), recording))
-    rows = tables.write_stream(given.table, parts, tables.OBSERVATIONS, Provenance("houses", {}))
+    rows = io.write_stream(given.table, parts, catalogue.OBSERVATIONS, Provenance("houses", {}))
     seconds = round(time.perf_counter() - start, 1)
     print(json.dumps({"observations": rows, "seconds": seconds, "peak_mib": peak_mib()}))
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from isi.keeping import folder
-from isi.keeping.kept import MODEL, About, Kept, WordSource
+from isi.bundle import folder
+from isi.bundle.manifest import MODEL, Bundle, Manifest, WordSource
 
 NAMES = ["kitchen", "bedroom", "kettle", "bed", "turn on", "lie on"]
 KINDS = ["room", "room", "object", "object", "affordance", "affordance"]
@@ -25,9 +25,9 @@ TRIPLES = [(2, 0, 0), (3, 0, 1), (2, 1, 4), (3, 1, 5)]
 WORDS = [[0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0.8, 0, 0.6], [0, 0.8, 0.6]]
 
 
-def small(**changed: Any) -> Kept:
+def small(**changed: Any) -> Bundle:
     """Four triples about a kettle and a bed."""
-    about = About(
+    about = Manifest(
         family="distmult", family_options={}, words=WordSource(source="shipped", text="definition", model=MODEL),
         made={"by": "a test"}, inserted=[],
     )  # fmt: skip
@@ -36,16 +36,16 @@ def small(**changed: Any) -> Kept:
         "entity_names": list(NAMES), "kinds": list(KINDS), "phrases": list(NAMES), "relation_names": list(BETWEEN),
         "triples": np.array(TRIPLES), "words": np.array(WORDS, np.float32),
     }  # fmt: skip
-    return Kept(**{**given, **changed})
+    return Bundle(**{**given, **changed})
 
 
-def written(path: Path, kept: Kept | None = None) -> Path:
+def written(path: Path, kept: Bundle | None = None) -> Path:
     """The folder of an embedding, the small one where none is given."""
     folder.write(path, kept or small())
     return path
 
 
-def without_words() -> Kept:
+def without_words() -> Bundle:
     """The small embedding, of whose names nothing is known."""
     kept = small(words=None)
     return replace(kept, about=kept.about.model_copy(update={"words": None}))

@@ -11,13 +11,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 
-from isi.base import params, paths, tables
-from isi.base.content import digest_of_table, digest_of_tensors
-from isi.base.pipeline import declared, maker_now
-from isi.base.provenance import CONTENT, Provenance, metadata_of
-from isi.base.schemas import Schema
+from isi import config
+from isi.pipeline import declared, maker_now
+from isi.tables import io, paths
+from isi.tables.catalogue import Schema
+from isi.tables.content import digest_of_table, digest_of_tensors
+from isi.tables.provenance import CONTENT, Provenance, metadata_of
 
-SCHEMAS = {name: schema for name, schema in vars(tables).items() if isinstance(schema, Schema)}
+SCHEMAS = {name: schema for name, schema in vars(io).items() if isinstance(schema, Schema)}
 
 #: As of three runs, the second without queries.
 MEASURED: dict[str, Any] = {
@@ -86,7 +87,7 @@ def lawful(name: str) -> pd.DataFrame:
 
 def written_by_its_stage(path: Path) -> Provenance:
     """What the stage that writes a path would say of it, by the pipeline and the params of this folder."""
-    everything = params.read(paths.PARAMS)
+    everything = config.read(paths.PARAMS)
     by = maker_now(path, everything)
     return Provenance(by.stage, declared(by.stage, by.arguments, everything)) if by else Provenance("no_stage", {})
 

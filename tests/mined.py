@@ -10,9 +10,9 @@ import json
 import time
 from pathlib import Path
 
-from isi.base import tables
-from isi.base.tables import Provenance
 from isi.sources import observing
+from isi.tables import catalogue, io
+from isi.tables.provenance import Provenance
 from tests.houses import peak_mib
 
 
@@ -23,7 +23,7 @@ def main() -> None:
     given = parser.parse_args()
     start = time.perf_counter()
     observed, parts = observing(given.settings, "sources.mined", 0)
-    rows = tables.write_stream(given.table, parts, tables.OBSERVATIONS, Provenance("mined", {}))
+    rows = io.write_stream(given.table, parts, catalogue.OBSERVATIONS, Provenance("mined", {}))
     seconds = round(time.perf_counter() - start, 1)
     print(json.dumps({"observations": rows, "left": observed.mining.left, "seconds": seconds, "peak_mib": peak_mib()}))
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 import pyarrow as pa
 
-from isi.base.errors import InputError
+from isi.errors import InputError
 from isi.sources import observing
 
 TRIPLE = ["head", "relation", "tail"]

@@ -12,13 +12,13 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from isi.base import paths
-from isi.base.params import check
-from isi.building import Seen
+from isi.analyses.single_insertions import SHOWN
+from isi.config import check
+from isi.graph.graph import MinedSource
 from isi.params import Params
 from isi.report.models import JOINT
 from isi.report.results import Asked, Experiment, Results, Study
-from isi.studies.singles import SHOWN
+from isi.tables import paths
 
 ROOT = Path(__file__).parent.parent
 SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
@@ -134,7 +134,7 @@ def _experiment(how: Params, name: str) -> Experiment:
     )  # fmt: skip
 
 
-def _seen() -> dict[str, Seen]:
+def _seen() -> dict[str, MinedSource]:
     columns = ["scene", "room", "instance", "head", "relation", "tail", "count"]
     home = [("one", "kitchen", "c", "cup", "atLocation", "kitchen", 1),
             ("one", "kitchen", "c", "cup", "hasAffordance", "break", 1)]  # fmt: skip
@@ -142,9 +142,9 @@ def _seen() -> dict[str, Seen]:
             (None, "kitchen", None, "cup", "atLocation", "kitchen", 5)]  # fmt: skip
     kinds = pd.DataFrame({"entity": ["cup", "fan", "kitchen"], "kind": ["object", "object", "room"]})
     return {
-        "home": Seen("home", pd.DataFrame(home, columns=columns), kinds),
-        "away": Seen("away", pd.DataFrame(home, columns=columns).assign(scene=None), kinds),
-        "shop": Seen("shop", pd.DataFrame(shop, columns=columns), kinds),
+        "home": MinedSource("home", pd.DataFrame(home, columns=columns), kinds),
+        "away": MinedSource("away", pd.DataFrame(home, columns=columns).assign(scene=None), kinds),
+        "shop": MinedSource("shop", pd.DataFrame(shop, columns=columns), kinds),
     }
 
 

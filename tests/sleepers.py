@@ -10,18 +10,17 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from isi.base.command import one_line
-from isi.base.lifetime import tie_to_parent
-from isi.experiments.cells import Cells
-from isi.experiments.executor import Compute, run
-from isi.graph import Graph
+from isi.experiment.grid import GridPoints
+from isi.experiment.runner import Compute, run
+from isi.graph.graph import Graph
+from isi.process import one_line, tie_to_parent
 
 WORKERS = 2
 
 
 @dataclass(frozen=True)
 class Sleep:
-    cells: Cells
+    cells: GridPoints
 
 
 def sleep(task: Sleep) -> None:
@@ -40,5 +39,5 @@ def _sleep(folder: str) -> None:
     nothing = torch.zeros(0, dtype=torch.int64)
     graph = Graph([], [], torch.zeros((0, 3), dtype=torch.int64), nothing, nothing)
     splits, nobody = np.zeros((1, 0), dtype=np.int8), np.zeros((1, 1, 0), dtype=np.int64)
-    tasks = [Sleep(Cells(folder, graph, 1, [seed], splits, nobody)) for seed in range(WORKERS)]
+    tasks = [Sleep(GridPoints(folder, graph, 1, [seed], splits, nobody)) for seed in range(WORKERS)]
     run(sleep, tasks, Compute(workers=WORKERS, stack=1), "sleeping")

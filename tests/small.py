@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import yaml
 
-from isi.base import paths
+from isi.tables import paths
 from tools.workspace import change
 
 ROOT = Path(__file__).parent.parent

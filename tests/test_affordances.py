@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from isi.experiments.cells import Cells, Vectors
-from isi.sessions.session import OUT, TEST, TRAIN
-from isi.studies.affordances import RankingTask, ranks, ranks_of
+from isi.analyses.affordances import RankingTask, ranks, ranks_of
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.graph.sessions import OUT, TEST, TRAIN
 from tests.graphs import graph_of, random_embedding
 
 #: Entities 0 to 3 are known; 5 is inserted, and 6 in a later session, if at all; 4 takes no part.
@@ -17,7 +17,7 @@ GRAPH = graph_of(
     {(0, 0, 1): 3, (1, 0, 2): 1, (2, 1, 3): 2, (4, 0, 1): 7, (5, 0, 1): 6, (5, 0, 2): 8, (6, 0, 2): 9}, 7, 2
 )
 SPLITS = np.array([[TRAIN, TRAIN, TRAIN, OUT, TRAIN, TEST, OUT]], dtype=np.int8)
-CELLS = Cells("home", GRAPH, 1, [3], SPLITS, np.array([[[5]]]))
+CELLS = GridPoints("home", GRAPH, 1, [3], SPLITS, np.array([[[5]]]))
 LATER = replace(CELLS, splits=np.where(np.arange(7) == 6, TRAIN, SPLITS), novel=np.array([[[5], [6]]]))
 
 
@@ -29,7 +29,7 @@ def test_candidates_outside_the_session_neither_rank_nor_answer() -> None:
 def test_ranks_follow_the_scores_of_each_answer_one_by_one() -> None:
     theta0 = random_embedding(1, 7, 2, 8)
     vectors = random_embedding(1, 1, 1, 8, seed=5).entity
-    before = Vectors(theta0.family, theta0.entity.numpy(), theta0.relation.numpy())
+    before = StackedVectors(theta0.family, theta0.entity.numpy(), theta0.relation.numpy())
     table = theta0.entity[0].clone()
     table[5] = vectors[0, 0]
     candidates = [0, 1, 2, 3, 5]

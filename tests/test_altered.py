@@ -15,8 +15,8 @@ import pytest
 import yaml
 from safetensors.torch import load_file, save_file
 
-from isi.base import paths, tables
-from isi.base.schemas import Schema
+from isi.tables import catalogue, io, paths
+from isi.tables.catalogue import Schema
 from tests import small
 from tests.altered import (
     CASES,
@@ -148,7 +148,7 @@ def test_what_was_made_from_another_table_than_is_there_is_refused(tmp_path: Pat
     assert re.search(rf"was made from another {SPLITS.parent}\S+ than is there: run `dvc repro train_", line), line
 
 
-SCHEMA_OF = {SPLITS: tables.SPLITS, NOVEL: tables.NOVEL, TOLD: tables.INSERT_TRIPLES}
+SCHEMA_OF = {SPLITS: catalogue.SPLITS, NOVEL: catalogue.NOVEL, TOLD: catalogue.INSERT_TRIPLES}
 
 
 def test_the_file_of_another_stage_is_refused() -> None:
@@ -167,4 +167,4 @@ def test_a_table_of_another_program_bears_no_digest() -> None:
 
 def test_as_it_was_everything_is_read_again() -> None:
     small.run(command("make_sessions"))
-    assert np.isfinite(tables.read(JOINT_RUNS, tables.RUNS)["queries"]).all()
+    assert np.isfinite(io.read(JOINT_RUNS, catalogue.RUNS)["queries"]).all()

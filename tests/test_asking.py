@@ -10,30 +10,30 @@ import pandas as pd
 import pytest
 import torch
 
-from isi.embeddings.stack import Embedding
-from isi.experiments.cells import Cells, Vectors
-from isi.families import make
-from isi.insertion.step import put
-from isi.learning.ranks import MEASURES, evaluate
+from isi.analyses.query_breakdown import QueryBreakdownTask, break_down, query_sets_with_filters, used
+from isi.evaluation.ranking import MEASURES, evaluate
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.insertion_step import with_vectors
+from isi.graph.sessions import TEST, TRAIN, VALID
+from isi.models.model import make_model
+from isi.models.stack import Embedding
 from isi.report.parts import mrr_star
-from isi.sessions.session import TEST, TRAIN, VALID
-from isi.studies.asking import AskingTask, ask, scopes_with_filters, used
 from tests.graphs import ANALOGY, cells_of, graph_of, insert_triples_of, random_embedding, random_graph
 
 CELL = ["model", "size", "seed", "scope", "filter"]
 
 
-def task_of(cells: Cells, models: Mapping[str, Embedding]) -> AskingTask:
+def task_of(cells: GridPoints, models: Mapping[str, Embedding]) -> QueryBreakdownTask:
     """Of embeddings as the joint model or, by their novel vectors, as initializers in the joint model's place."""
-    joint = Vectors(ANALOGY, models["joint"].entity.numpy(), models["joint"].relation.numpy())
+    joint = StackedVectors(ANALOGY, models["joint"].entity.numpy(), models["joint"].relation.numpy())
     novel = cells.novel_in(1)
     inserted = {name: one.entity[torch.arange(len(novel))[:, None], novel].numpy()
                 for name, one in models.items() if name != "joint"}  # fmt: skip
     told = insert_triples_of(cells)
-    return AskingTask(cells, joint, joint, inserted, np.insert(told, 0, 1, axis=1))
+    return QueryBreakdownTask(cells, joint, joint, inserted, np.insert(told, 0, 1, axis=1))
 
 
-def random_task(stack: list[int]) -> AskingTask:
+def random_task(stack: list[int]) -> QueryBreakdownTask:
     cells = cells_of(random_graph(12, 3, 90), 2, stack)
     every = {name: random_embedding(3, 12, 3, 8, seed=seed) for seed, name in enumerate(("joint", "es", "rs"))}
     own = {name: Embedding(one.entity[stack], one.relation[stack], ANALOGY) for name, one in every.items()}
@@ -43,12 +43,12 @@ def random_task(stack: list[int]) -> AskingTask:
 def test_groups_put_together_are_the_measures_of_their_scope() -> None:
     task = random_task([0, 1, 2])
     novel, session = task.cells.novel_in(1), task.cells.session(1)
-    found = mrr_star(ask(task), CELL).set_index(CELL)
-    plain = mrr_star(ask(task).assign(mrr_star=lambda rows: rows["mrr"]), CELL).set_index(CELL)
-    models = {name: put(task.theta0.stack, novel, torch.as_tensor(own)) for name, own in task.inserted.items()}
+    found = mrr_star(break_down(task), CELL).set_index(CELL)
+    plain = mrr_star(break_down(task).assign(mrr_star=lambda rows: rows["mrr"]), CELL).set_index(CELL)
+    models = {name: with_vectors(task.theta0.stack, novel, torch.as_tensor(own)) for name, own in task.inserted.items()}
     models["joint"] = task.joint.stack
     compared = 0
-    for scopes in scopes_with_filters(session, novel, task.cells.told_in(1, task.insert_triples)):
+    for scopes in query_sets_with_filters(session, novel, task.cells.told_in(1, task.insert_triples)):
         for name, embedding in models.items():
             for (scope, which), queries in scopes.items():
                 measures = evaluate(embedding, {"own": queries})["own"].measures
@@ -61,7 +61,7 @@ def test_groups_put_together_are_the_measures_of_their_scope() -> None:
 
 
 def test_without_any_true_triple_among_the_candidates_the_true_rank_is_one() -> None:
-    rows = ask(random_task([0, 1, 2]))
+    rows = break_down(random_task([0, 1, 2]))
     true, learned = (rows[rows["filter"] == which] for which in ("true", "learned"))
     assert true["mrr_star"].tolist() == pytest.approx(true["mrr"].tolist())
     assert (learned["mrr_star"] - learned["mrr"]).abs().max() > 0.1
@@ -69,10 +69,10 @@ def test_without_any_true_triple_among_the_candidates_the_true_rank_is_one() -> 
 
 
 def test_a_cells_groups_are_the_same_whatever_stands_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    together = ask(random_task([0, 1, 2]))
-    alone = pd.concat([ask(random_task([seed])) for seed in (0, 1, 2)])
-    monkeypatch.setattr("isi.learning.ranks.BUDGET", 2 * 3 * 12 * 3)  # three queries at a time
-    pieces = ask(random_task([0, 1, 2]))
+    together = break_down(random_task([0, 1, 2]))
+    alone = pd.concat([break_down(random_task([seed])) for seed in (0, 1, 2)])
+    monkeypatch.setattr("isi.evaluation.ranking.BUDGET", 2 * 3 * 12 * 3)  # three queries at a time
+    pieces = break_down(random_task([0, 1, 2]))
     for other, exact in ((alone, True), (pieces, False)):
         one, two = (rows.drop(columns="place").sort_values("seed", kind="stable").reset_index(drop=True)
                     for rows in (together, other))  # fmt: skip
@@ -85,12 +85,12 @@ SPLITS = np.array([[TRAIN, VALID, TRAIN, TEST, TRAIN, TEST]], dtype=np.int8)
 
 
 def test_groups_by_hand() -> None:
-    cells = Cells("home", GRAPH, 1, [7], SPLITS, np.array([[[3]]]))
+    cells = GridPoints("home", GRAPH, 1, [7], SPLITS, np.array([[[3]]]))
     entity = torch.tensor([[[1.0, 0, 0, 0], [2.0, 0, 0, 0], [3.0, 0, 0, 0], [4.0, 0, 0, 0], [5.0, 0, 0, 0]]])
     relation = torch.tensor([[[1.0, 0, 0, 0], [0.5, 0, 0, 0]]])
-    joint = Vectors(ANALOGY, entity.numpy(), relation.numpy())
-    task = AskingTask(cells, joint, joint, {}, np.array([[1, 0, 0, 2]]))  # (3, 0, 0) is told
-    rows = ask(task)
+    joint = StackedVectors(ANALOGY, entity.numpy(), relation.numpy())
+    task = QueryBreakdownTask(cells, joint, joint, {}, np.array([[1, 0, 0, 2]]))  # (3, 0, 0) is told
+    rows = break_down(task)
     assert set(rows["model"]) == {"joint"}
     assert set(rows["seed"]) == {7}
     own = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned")]
@@ -113,16 +113,18 @@ def test_groups_by_hand() -> None:
         ("relation 1", "relation", "given"): (1, pytest.approx(1 / 2), 7),
     }
     later = replace(cells, novel=np.array([[[2]]]))
-    all_of_it = ask(replace(task, cells=later, insert_triples=np.empty((0, 4), dtype=np.int64)))
+    all_of_it = break_down(replace(task, cells=later, insert_triples=np.empty((0, 4), dtype=np.int64)))
     of_all = all_of_it[(all_of_it["scope"] == "all") & (all_of_it["filter"] == "learned")]
     assert set(of_all["novel"]) == {"none"}  # neither test triple has entity 2
     assert of_all["queries"].sum() == 2 * 3
 
 
 def test_both_ends_are_novel() -> None:
-    cells = Cells("home", GRAPH, 2, [7], SPLITS, np.array([[[3, 4]]]))
-    joint = Vectors(ANALOGY, random_embedding(1, 5, 2, 4).entity.numpy(), random_embedding(1, 1, 2, 4).relation.numpy())
-    rows = ask(AskingTask(cells, joint, joint, {}, np.empty((0, 4), dtype=np.int64)))
+    cells = GridPoints("home", GRAPH, 2, [7], SPLITS, np.array([[[3, 4]]]))
+    joint = StackedVectors(
+        ANALOGY, random_embedding(1, 5, 2, 4).entity.numpy(), random_embedding(1, 1, 2, 4).relation.numpy()
+    )
+    rows = break_down(QueryBreakdownTask(cells, joint, joint, {}, np.empty((0, 4), dtype=np.int64)))
     own = rows[(rows["scope"] == "novel_heldout") & (rows["filter"] == "true")].set_index(["relation", "hidden"])
     assert own.loc[[("relation 1", "head"), ("relation 1", "tail")], "novel"].tolist() == ["both", "both"]
     assert own.loc[("relation 1", "relation"), "novel"] == "given"
@@ -139,9 +141,9 @@ def test_coordinates_above_a_thousandth_are_in_use() -> None:
     ]  # fmt: skip
     assert found.set_index("part").loc["blocks", "used"].tolist() == [1, 1, 2]  # sqrt(2) · 0.0008 is above
     assert set(found["seed"]) == {5}
-    distmult = used(make("distmult", {}, ""), relation, [5], ["on", "in"])
+    distmult = used(make_model("distmult", {}, ""), relation, [5], ["on", "in"])
     assert set(distmult["part"]) == {"scalars"}
-    transe = make("transe", {"margin": 1.0, "squared": True}, "")
+    transe = make_model("transe", {"margin": 1.0, "squared": True}, "")
     assert used(transe, relation, [5], ["on", "in"]).empty
 
 

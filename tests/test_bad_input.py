@@ -20,8 +20,8 @@ import pytest
 import torch
 import yaml
 
-from isi.base import paths, tables
-from isi.base.schemas import Schema
+from isi.tables import catalogue, io, paths
+from isi.tables.catalogue import Schema
 from tests import sleepers
 from tests.lawful import written_by_its_stage
 from tools.workspace import change
@@ -91,20 +91,20 @@ def leave(workspace: Path, *earlier: Path) -> None:
 def write(workspace: Path, path: Path, frame: pd.DataFrame, schema: Schema) -> None:
     """A table as an earlier stage has left it."""
     with chdir(workspace):
-        tables.write(path, frame, schema, written_by_its_stage(path))
+        io.write(path, frame, schema, written_by_its_stage(path))
 
 
 def observed(workspace: Path, source: str, observations: pd.DataFrame, kinds: pd.DataFrame) -> None:
     """What mining a source has given."""
-    write(workspace, paths.observations(source), observations, tables.OBSERVATIONS)
-    write(workspace, paths.kinds(source), kinds, tables.KINDS)
+    write(workspace, paths.observations(source), observations, catalogue.OBSERVATIONS)
+    write(workspace, paths.kinds(source), kinds, catalogue.KINDS)
 
 
 def graph(workspace: Path, experiment: str) -> None:
     """A graph of a mug in a kitchen."""
     triples = OBSERVED[["head", "relation", "tail", "count"]].assign(source="ai2thor")
-    write(workspace, paths.triples(experiment), triples, tables.TRIPLES)
-    write(workspace, paths.entities(experiment), KINDS.assign(source="ai2thor"), tables.ENTITIES)
+    write(workspace, paths.triples(experiment), triples, catalogue.TRIPLES)
+    write(workspace, paths.entities(experiment), KINDS.assign(source="ai2thor"), catalogue.ENTITIES)
 
 
 @pytest.mark.parametrize(
@@ -248,7 +248,7 @@ def test_triples_of_ones_own_are_mined_and_broken_ones_are_named_and_the_earlier
     ended = run_stage(workspace, "stages.mine", "own")
     assert (ended.returncode, ended.stderr) == (0, "")
     assert ended.stdout == "1 rows of observations of 2 entities\n"
-    kinds = tables.read(workspace / paths.kinds("own"), tables.KINDS)
+    kinds = io.read(workspace / paths.kinds("own"), catalogue.KINDS)
     assert kinds.to_numpy().tolist() == [["kitchen", "room", "kitchen"], ["mug", "object", "mug"]]
     (workspace / name).write_text(good + bad, encoding="utf-8")
     assert f"sources.own: {name}: line {lines + 1}: " in refusal(workspace, "stages.mine", "own")
@@ -306,7 +306,7 @@ def test_more_novel_entities_than_the_graph_has_are_refused_by_their_key(workspa
 
 def test_a_graph_without_triples_has_no_sessions(workspace: Path) -> None:
     graph(workspace, "ai2thor")
-    write(workspace, paths.triples("ai2thor"), OBSERVED[:0].assign(source=""), tables.TRIPLES)
+    write(workspace, paths.triples("ai2thor"), OBSERVED[:0].assign(source=""), catalogue.TRIPLES)
     line = refusal(workspace, "stages.make_sessions", "ai2thor")
     assert "params.yaml: experiments.ai2thor.sessions: expected a graph with triples" in line
 
@@ -321,7 +321,7 @@ def test_a_good_input_after_a_bad_one_replaces_the_earlier_output(workspace: Pat
     observed(workspace, "ai2thor", OBSERVED, KINDS)
     ended = run_stage(workspace, "stages.build_graph", "ai2thor")
     assert (ended.returncode, ended.stderr) == (0, "")
-    assert tables.read(workspace / paths.entities("ai2thor"), tables.ENTITIES)["entity"].tolist() == ["kitchen", "mug"]
+    assert io.read(workspace / paths.entities("ai2thor"), catalogue.ENTITIES)["entity"].tolist() == ["kitchen", "mug"]
     of = (paths.observations, paths.kinds, paths.entities, paths.triples)
     assert set(outputs(workspace)) == {str(path("ai2thor")) for path in of}  # and no temporary file
 
@@ -330,22 +330,22 @@ def test_an_initializer_that_the_experiment_does_not_list_leaves_tables_without_
     set_params(workspace, {"experiments.ai2thor.initializers": ["rs", "xavier"]})
     graph(workspace, "ai2thor")
     row = pd.DataFrame({"size": [1], "seed": [0], "entity": [1], "triple": [0], "session": [1], "split": ["train"]})
-    write(workspace, paths.splits("ai2thor"), row, tables.SPLITS)
-    write(workspace, paths.novel("ai2thor"), row, tables.NOVEL)
-    write(workspace, paths.insert_triples("ai2thor"), row, tables.INSERT_TRIPLES)
-    write(workspace, paths.runs("ai2thor", "joint"), tables.together([], tables.RUNS), tables.RUNS)
+    write(workspace, paths.splits("ai2thor"), row, catalogue.SPLITS)
+    write(workspace, paths.novel("ai2thor"), row, catalogue.NOVEL)
+    write(workspace, paths.insert_triples("ai2thor"), row, catalogue.INSERT_TRIPLES)
+    write(workspace, paths.runs("ai2thor", "joint"), io.together([], catalogue.RUNS), catalogue.RUNS)
     with chdir(workspace):
         path = paths.vectors("ai2thor")
-        tables.write_tensors(path, {"vectors": torch.ones(2, 3)}, written_by_its_stage(path))
+        io.write_tensors(path, {"vectors": torch.ones(2, 3)}, written_by_its_stage(path))
     ended = run_stage(workspace, "stages.insert", "ai2thor", "es")
     assert ended.returncode == 0, ended.stderr
     for path, schema in (
-        (paths.runs("ai2thor", "es"), tables.RUNS),
-        (paths.ties("ai2thor", "es"), tables.TIES),
-        (paths.inserted("ai2thor", "es"), tables.INSERTED),
+        (paths.runs("ai2thor", "es"), catalogue.RUNS),
+        (paths.ties("ai2thor", "es"), catalogue.TIES),
+        (paths.inserted("ai2thor", "es"), catalogue.INSERTED),
     ):
-        assert tables.read(workspace / path, schema).empty
-    assert tables.read_tensors(workspace / paths.initial_vectors("ai2thor", "es"), []) == {}
+        assert io.read(workspace / path, schema).empty
+    assert io.read_tensors(workspace / paths.initial_vectors("ai2thor", "es"), []) == {}
 
 
 def test_a_stage_explains_itself_without_running(workspace: Path) -> None:

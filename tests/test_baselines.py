@@ -14,19 +14,16 @@ from hypothesis import strategies as st
 from torch import Tensor
 from torch.nn.functional import cosine_similarity
 
-from isi.base.errors import InputError
-from isi.base.params import Option
-from isi.embeddings.family import Family
-from isi.embeddings.stack import Embedding, select
-from isi.families import FAMILIES, make
-from isi.initializers import INITIALIZERS
-from isi.initializers.rs_alive import DEAD, alive
-from isi.insertion import evidence
-from isi.insertion.core import FALLBACKS, Initial, Insertion
-from isi.insertion.dealing import dealt_words
-from isi.insertion.drawing import standard_normal
-from isi.insertion.weighing import mean_relational_score
-from isi.learning.finite import NotFinite
+from isi.config import Option
+from isi.errors import InputError
+from isi.initializers import map as evidence
+from isi.initializers.api import FALLBACKS, INITIALIZERS, InitContext, InitResult
+from isi.initializers.baselines import DEAD, alive
+from isi.initializers.controls import dealt_words, standard_normal
+from isi.initializers.soft import mean_relational_score
+from isi.models.model import MODELS, Model, make_model
+from isi.models.stack import Embedding, select
+from isi.training.trainer import NotFinite
 from tests.graphs import ANALOGY, dense, random_embedding
 
 LINEAR = ("analogy", "complex", "distmult")
@@ -40,19 +37,19 @@ Seen = tuple[int, int, bool]
 MAP = {"strength": 0.5, "ratio": 3}
 
 
-def family(name: str, **options: Option) -> Family:
-    return make(name, options, f"families.{name}")
+def family(name: str, **options: Option) -> Model:
+    return make_model(name, options, f"families.{name}")
 
 
 def insertion(
     theta0: Embedding, novel: Sequence[int], seen: Sequence[Sequence[Seen]], words: Tensor, kinds: Sequence[int]
-) -> Insertion:
+) -> InitContext:
     """Of one model, whose rows of novel entities are made zero; all that are not novel are known and trained on."""
     known = torch.ones(1, len(kinds), dtype=torch.bool)
     known[0, list(novel)] = False
     longest = max([1, *map(len, seen)])
     padded = torch.tensor([[*own, *[(0, 0, False)] * (longest - len(own))] for own in seen]).long()[None]
-    return Insertion(
+    return InitContext(
         theta0=replace(theta0, entity=theta0.entity * known[..., None]), known=known, eligible=known,
         novel=torch.tensor([list(novel)]), words=words, kinds=torch.tensor(kinds),
         other=padded[..., 0], relation=padded[..., 1], novel_is_tail=padded[..., 2] == 1,
@@ -61,7 +58,7 @@ def insertion(
     )  # fmt: skip
 
 
-def some(of: Family = ANALOGY, seed: int = 0) -> Insertion:
+def some(of: Model = ANALOGY, seed: int = 0) -> InitContext:
     """Novel 0, a head and a tail; 5, with a triple; 9, with none; 11, without a word vector."""
     words = torch.randn(ENTITIES, 6, generator=torch.Generator().manual_seed(seed + 1))
     words[11] = 0
@@ -72,20 +69,20 @@ def some(of: Family = ANALOGY, seed: int = 0) -> Insertion:
     return insertion(theta0, [0, 5, 9, 11], seen, words, [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 3, 3])
 
 
-def bare(of: Insertion) -> Insertion:
+def bare(of: InitContext) -> InitContext:
     """The same without words and insert triples."""
     return replace(of, words=torch.zeros_like(of.words), observed=torch.zeros_like(of.observed))
 
 
-def insert(name: str, of: Insertion, **options: Option) -> Initial:
+def insert(name: str, of: InitContext, **options: Option) -> InitResult:
     return INITIALIZERS.get(name, "initializers").function(of, **options)
 
 
-def fallbacks(found: Initial) -> list[str | None]:
+def fallbacks(found: InitResult) -> list[str | None]:
     return [FALLBACKS[code] for code in found.fallback[0].tolist()]
 
 
-def mean_of(of: Insertion, *entities: int) -> Tensor:
+def mean_of(of: InitContext, *entities: int) -> Tensor:
     return of.theta0.entity[0, list(entities)].mean(0)
 
 
@@ -313,7 +310,7 @@ def test_a_coordinate_that_is_stretched_by_the_bound_is_alive_and_a_step_back_ki
 
 def test_what_is_told_lies_in_cells_and_brings_its_negatives() -> None:
     of = some()
-    positive = evidence.told(of)
+    positive = evidence.insert_triple_table(of)
     cells = [(0, 0, 0, 1), (0, 0, 0, 2), (0, 0, 2, 3), (0, 1, 1, 4), (1, 1, 1, 7), (3, 0, 1, 2), (3, 1, 1, 6)]
     assert positive[0].nonzero().tolist() == sorted(map(list, cells))
     assert positive.sum() == 7
@@ -335,7 +332,7 @@ def test_each_positive_brings_as_many_negatives_of_each_sort_as_it_has_copies(re
     seen: list[list[Seen]] = [[(1, 0, False), (4, relations - 1, True)], [(7, 0, True)]]
     theta0 = random_embedding(1, ENTITIES, relations, DIMENSION)
     of = insertion(theta0, [0, 5], seen, torch.ones(ENTITIES, 2), [0] * ENTITIES)
-    negative = evidence.expected_negatives(of, evidence.told(of), ratio=4)[0]
+    negative = evidence.expected_negatives(of, evidence.insert_triple_table(of), ratio=4)[0]
     sorts = 1 if relations == 1 else 2  # another relation, where there is one
     np.testing.assert_allclose(negative.sum((1, 2, 3)), [2 * sorts * 4, sorts * 4], rtol=1e-6)
 
@@ -345,22 +342,22 @@ def test_anchors_are_what_a_novel_vector_is_multiplied_with(name: str) -> None:
     theta0 = random_embedding(2, 5, 3, 8, family=family(name))
     assert theta0.family.linear
     at = torch.randn(2, 1, 8, generator=torch.Generator().manual_seed(3))
-    cells = (at @ evidence.anchors(theta0).mT)[:, 0].view(2, 2, 3, 5)
+    cells = (at @ evidence.cell_anchors(theta0).mT)[:, 0].view(2, 2, 3, 5)
     for relation in range(3):
         for end in range(5):
             rows = theta0.relation[:, relation], theta0.entity[:, end]
             torch.testing.assert_close(cells[:, 0, relation, end], theta0.family.score(at[:, 0], *rows))
             torch.testing.assert_close(cells[:, 1, relation, end], theta0.family.score(rows[1], rows[0], at[:, 0]))
-    torch.testing.assert_close(evidence.score_gradients(theta0, at), evidence.anchors(theta0))
+    torch.testing.assert_close(evidence.score_gradients(theta0, at), evidence.cell_anchors(theta0))
 
 
 def test_families_of_distances_are_not_linear() -> None:
-    assert [name for name in FAMILIES.names() if name in ("rotate", "transe")] == ["rotate", "transe"]
+    assert [name for name in MODELS.names() if name in ("rotate", "transe")] == ["rotate", "transe"]
     assert not any(family(name, **options).linear for name, options in DISTANCES)
 
 
 def plain_objective(
-    of: Insertion, place: int, mean: np.ndarray, ratio: int, strength: float
+    of: InitContext, place: int, mean: np.ndarray, ratio: int, strength: float
 ) -> Callable[[np.ndarray], float]:
     """What MAP minimizes for one novel entity, triple by triple, with true and corrupted ones in lists."""
     theta0 = evidence._double(of.theta0)
@@ -402,7 +399,7 @@ def test_map_is_what_a_general_minimizer_finds(name: str) -> None:
         assert plain(found.vectors[0, place].double().numpy()) <= best.fun + 1e-6
 
 
-def gradient_at(of: Insertion, found: Initial, prior: Initial) -> Tensor:
+def gradient_at(of: InitContext, found: InitResult, prior: InitResult) -> Tensor:
     """Of the objective by autograd; shape (M, n, d)."""
     known = evidence.evidence(of, prior.vectors, 0.5, 3)
     at = found.vectors.double().requires_grad_()
@@ -459,7 +456,7 @@ def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
     of = some(family("distmult"))
     theta0 = replace(of.theta0, entity=of.theta0.entity.double(), relation=of.theta0.relation.double())
     known = evidence.evidence(of, insert("mean", of).vectors, 1000, 3)
-    step, _ = evidence.newton(known, theta0, known.mean, evidence.anchors(theta0))
+    step, _ = evidence.newton(known, theta0, known.mean, evidence.cell_anchors(theta0))
     for times, share in ((0, 1), (1, 1), (3, 1 / 2), (6, 1 / 4), (12, 1 / 8)):
         expected = [share, share, 1, share]  # the third has nothing to go for
         assert evidence.length(known, theta0, known.mean, times * step)[0].tolist() == expected
@@ -479,7 +476,7 @@ def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows() -> Non
     found = insert("ridge", of, strength=0.4, ratio=3)
     mean, theta0 = mean_of(of, *KNOWN).double().numpy(), evidence._double(of.theta0)
     sigma = evidence.covariance(of)[0].numpy()
-    positive = evidence.told(of)
+    positive = evidence.insert_triple_table(of)
     negative = evidence.expected_negatives(of, positive, 3)
     root = np.linalg.cholesky(np.linalg.inv(sigma)).T * np.sqrt(0.4)
     for place in (0, 1, 3):
@@ -517,7 +514,7 @@ def test_the_covariance_is_that_of_the_known_shrunk_to_a_sphere(seed: int) -> No
     assert np.linalg.eigvalsh(found).min() > 0
 
 
-def stack(models: int, dimension: int = 20) -> Insertion:
+def stack(models: int, dimension: int = 20) -> InitContext:
     """Models that differ in all but words and kinds."""
     own = []
     rng = np.random.default_rng(1)

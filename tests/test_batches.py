@@ -9,22 +9,22 @@ import pytest
 import torch
 from torch import Tensor
 
-from isi.embeddings.stack import select
-from isi.experiments.cells import Cells
-from isi.learning.batches import (
-    Lists,
+from isi.experiment.grid import GridPoints
+from isi.graph.sessions import OUT, TRAIN, Session, everything
+from isi.models.stack import select
+from isi.training.batches import (
+    DenseBatch,
+    ListBatch,
     Negatives,
-    Tables,
     TrainingData,
     as_lists,
     batches,
     count_negatives,
     count_table,
-    deal,
     expected_negatives,
+    shuffle_into_batches,
     training_data,
 )
-from isi.sessions.session import OUT, TRAIN, Session, everything
 from tests.graphs import cells_of, graph_of, random_graph
 
 
@@ -49,12 +49,12 @@ def sampled(data: TrainingData, ratio: int, root: int, epoch: int) -> Tensor:
 
 def dealt_counts(data: TrainingData, root: int, epoch: int, size: int) -> Tensor:
     """How often each triple stands in each batch; shape (M, B, T)."""
-    dealt = deal(data, root, epoch, size)
+    dealt = shuffle_into_batches(data, root, epoch, size)
     return torch.stack([torch.stack([torch.bincount(torch.as_tensor(one, dtype=torch.int64),
                         minlength=data.counts.shape[1]) for one in batch]) for batch in dealt], 1)  # fmt: skip
 
 
-def small_cells() -> Cells:
+def small_cells() -> GridPoints:
     return cells_of(random_graph(13, 3, 80), 2, [0, 1, 2, 3])
 
 
@@ -113,7 +113,7 @@ def test_sampled_negatives_are_ratio_times_positives_of_each_kind() -> None:
 def test_sampled_negatives_stay_in_the_session_and_with_their_batch() -> None:
     cells = small_cells()
     data = training_data(cells.session(0), "test", cells.keys(), "unseen")
-    for number, dealt in enumerate(deal(data, 0, 1, 30)):
+    for number, dealt in enumerate(shuffle_into_batches(data, 0, 1, 30)):
         drawn = count_negatives(data, as_lists(data, dealt, 3, 0, 1, number))
         assert drawn.sum((1, 2, 3)).tolist() == [9 * len(one) for one in dealt]
         for model in range(4):
@@ -196,16 +196,16 @@ def test_a_batch_has_the_form_that_suits_the_graph(
     mode: str, fits: bool, size: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And each observation is in one of them."""
-    monkeypatch.setattr("isi.learning.batches.TABLE_CELLS", 3 * 13 * 13 - (not fits))
+    monkeypatch.setattr("isi.training.batches.TABLE_CELLS", 3 * 13 * 13 - (not fits))
     grid = small_cells()
     data = training_data(grid.session(0), "test", grid.keys(), "unseen")
     total = torch.zeros(len(grid.seeds), dtype=torch.int64)
     for batch, positives in batches(data, Negatives(mode=mode, ratio=3, head_pool="unseen"), size, 0, 1):
         total += positives
         if fits:
-            assert isinstance(batch, Tables)
+            assert isinstance(batch, DenseBatch)
             assert torch.equal(batch.positives.sum((1, 2, 3)), positives.float())
         else:
-            assert isinstance(batch, Lists)
+            assert isinstance(batch, ListBatch)
             assert torch.equal(torch.bincount(batch.triples.model[batch.positive > 0], minlength=4), positives)
     assert torch.equal(total, data.counts.sum(1))

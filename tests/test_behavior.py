@@ -11,12 +11,12 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from isi.base import paths
-from isi.base.errors import InputError
-from isi.base.params import read as read_params
+from isi.config import read as read_params
+from isi.errors import InputError
 from isi.sources import Mining, Observed, _rows
 from isi.sources._household import household
 from isi.sources.behavior import CATEGORIES, PROPERTIES, SCENES, STEPS, behavior
+from isi.tables import paths
 
 ROOT = Path(__file__).parent.parent
 SETTINGS: dict[str, Any] = {

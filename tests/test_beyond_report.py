@@ -12,9 +12,8 @@ import pandas as pd
 import pytest
 import yaml
 
-from isi.base import paths, tables
-from isi.base.tables import Provenance
-from isi.insertion.tasks import ToTheEnd
+from isi.analyses.variants import Variant
+from isi.experiment.insert import FullCurves
 from isi.report import page, varied
 from isi.report.figures import rendered
 from isi.report.models import described
@@ -22,7 +21,8 @@ from isi.report.results import Asked, Results
 from isi.report.section import Bullets, Figure, Section, Table
 from isi.report.sections import causes, embeddings, strong, told, vectors
 from isi.report.varied import Varied
-from isi.studies.variants import Variant
+from isi.tables import catalogue, io, paths
+from isi.tables.provenance import Provenance
 from tests.reports import runs, small_results, stated
 
 SECTIONS = [strong.SECTION, embeddings.SECTION, told.SECTION, vectors.SECTION, causes.SECTION]
@@ -168,8 +168,8 @@ def test_variants_are_read_as_far_as_they_ran_on_experiments_that_there_are(
         ran, asked = one.runs.assign(**whole).sort_values(order), one.asked.assign(mrr=0.5, session=1)
         if name == "elsewhere":
             ran, asked = (frame[frame["experiment"] == "away"] for frame in (ran, asked))
-        tables.write(paths.variant(name), ran, tables.VARIANTS, Provenance("vary", {}))
-        tables.write(paths.variant_asked(name), asked, tables.VARIANTS_ASKED, Provenance("vary", {}))
+        io.write(paths.variant(name), ran, catalogue.VARIANTS, Provenance("vary", {}))
+        io.write(paths.variant_asked(name), asked, catalogue.VARIANTS_ASKED, Provenance("vary", {}))
     found = varied.read(["home"])
     assert list(found) == ["second", "first"]
     assert found["first"].experiments == ["home"]
@@ -348,7 +348,7 @@ def compared() -> Results:
             {"xavier": 0.25, "es": 0.5, "ers": 0.75, "joint": 0.9}, title="another decay", finetuned=False,
         ),
     )  # fmt: skip
-    how = results.params.experiments["home"].model_copy(update={"followed": ToTheEnd(sizes=[1])})
+    how = results.params.experiments["home"].model_copy(update={"followed": FullCurves(sizes=[1])})
     params = results.params.model_copy(update={"experiments": results.params.experiments | {"home": how}})
     home = {("xavier", 1): (0.4, 0.2), ("es", 1): (0.5, 0.3), ("rs", 1): (0.6, 0.3), ("ers", 1): (0.7, 0.6),
             ("joint", 1): (0.9, 0.8), ("xavier", 2): (0.2, 0.1), ("es", 2): (0.4, 0.3), ("rs", 2): (0.5, 0.3),
@@ -425,7 +425,7 @@ def test_without_anything_to_compare_nothing_is_said_of_causes(gone: str) -> Non
     results = compared()
     home = results.experiments["home"]
     if gone == "curves":
-        how = home.how.model_copy(update={"followed": ToTheEnd(sizes=[7])})
+        how = home.how.model_copy(update={"followed": FullCurves(sizes=[7])})
         params = results.params.model_copy(update={"experiments": results.params.experiments | {"home": how}})
         other = replace(home, params=params)
     else:

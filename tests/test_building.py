@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isi import building
-from isi.base import tables
-from isi.base.errors import InputError
-from isi.base.params import check
-from isi.building import Extension, GraphOf, GraphTables, Seen
+from isi.config import check
+from isi.errors import InputError
+from isi.graph import graph as building
+from isi.graph.graph import Extension, GraphOf, GraphTables, MinedSource
+from isi.tables import catalogue
 
 #: (head, relation, tail, how many observations), in the order in which they were seen.
 SEEN = [
@@ -47,7 +47,7 @@ def rows(table: pd.DataFrame, schema: pa.Schema) -> list[tuple[object, ...]]:
 
 
 def test_observations_of_a_triple_add_up() -> None:
-    assert rows(building.count_triples(observations(), "home"), tables.TRIPLES) == [
+    assert rows(building.count_triples(observations(), "home"), catalogue.TRIPLES) == [
         ("cabinet", "atLocation", "kitchen", 1, "home"),
         ("mug", "atLocation", "cabinet", 1, "home"),
         ("mug", "atLocation", "kitchen", 5, "home"),
@@ -72,13 +72,13 @@ def test_triples_below_the_minimum_count_are_dropped_and_those_at_it_stay(min_co
 
 
 def test_an_entity_whose_triples_were_all_dropped_is_gone() -> None:
-    graph = building.graph_of(Seen("home", observations(), KINDS), 2)
+    graph = building.build_tables(MinedSource("home", observations(), KINDS), 2)
     assert graph.entities["entity"].tolist() == ["kitchen", "mug"]
 
 
 def test_entities_are_in_alphabetical_order_with_the_kinds_and_phrases_of_their_source() -> None:
-    graph = building.graph_of(Seen("home", observations(), KINDS))
-    assert rows(graph.entities, tables.ENTITIES) == [
+    graph = building.build_tables(MinedSource("home", observations(), KINDS))
+    assert rows(graph.entities, catalogue.ENTITIES) == [
         ("cabinet", "object", "home", "a cabinet"),
         ("fill", "affordance", "home", "a fill"),
         ("kitchen", "room", "home", "a kitchen"),
@@ -88,16 +88,16 @@ def test_entities_are_in_alphabetical_order_with_the_kinds_and_phrases_of_their_
 
 
 def test_relations_and_kinds_may_have_any_name_and_an_entity_be_head_and_tail() -> None:
-    seen = Seen("zoo", observations([("cat", "eats", "bird", 2), ("bird", "fears", "cat", 1)]),
+    seen = MinedSource("zoo", observations([("cat", "eats", "bird", 2), ("bird", "fears", "cat", 1)]),
                 kinds_of(cat="animal", bird="animal"))  # fmt: skip
-    graph = building.graph_of(seen)
+    graph = building.build_tables(seen)
     assert list(graph.entities["kind"]) == ["animal", "animal"]
     assert list(graph.triples["relation"]) == ["fears", "eats"]
 
 
 def test_an_entity_without_a_kind_is_refused() -> None:
     with pytest.raises(InputError, match=r"home\.entities\.parquet.*'wood'"):
-        building.graph_of(Seen("home", observations(), KINDS[KINDS["entity"] != "wood"]))
+        building.build_tables(MinedSource("home", observations(), KINDS[KINDS["entity"] != "wood"]))
 
 
 # Extended
@@ -113,11 +113,11 @@ TRIPLES = pd.DataFrame(
 LETTERS = ["kitchen", "bedroom", "fan", "stove", "bucket", "purse"]
 
 
-def seen_elsewhere(*seen: tuple[str, str, int]) -> Seen:
+def seen_elsewhere(*seen: tuple[str, str, int]) -> MinedSource:
     """Observations of (object, room, count) by another source."""
     frame = observations([(head, "atLocation", room, count) for head, room, count in seen])
     kinds = {room: "room" for _, room, _ in seen} | {head: "object" for head, _, _ in seen}
-    return Seen("shop", frame, kinds_of(**kinds))
+    return MinedSource("shop", frame, kinds_of(**kinds))
 
 
 SHOP = seen_elsewhere(
@@ -127,7 +127,7 @@ SHOP = seen_elsewhere(
 
 
 def test_heads_that_the_graph_lacks_are_counted_over_their_triples() -> None:
-    new = building.newcomers(SHOP, ENTITIES)
+    new = building.new_entities(SHOP, ENTITIES)
     assert new.to_dict() == {"fan": 6, "purse": 5, "stove": 6}
     assert building.frequent(new, SHOP, ENTITIES, 6).to_dict() == {"fan": 6, "stove": 6}
     assert list(building.frequent(new, SHOP, ENTITIES, 5).index) == ["fan", "purse", "stove"]
@@ -136,7 +136,7 @@ def test_heads_that_the_graph_lacks_are_counted_over_their_triples() -> None:
 @pytest.mark.parametrize(("name", "kind"), [("wood", "material"), ("open", "affordance"), ("bedroom", "room")])
 def test_an_object_is_not_merged_with_an_entity_of_another_kind(name: str, kind: str) -> None:
     seen = seen_elsewhere((name, "kitchen", 6))
-    new = building.newcomers(seen, ENTITIES)
+    new = building.new_entities(seen, ENTITIES)
     assert building.frequent(new, seen, ENTITIES, 7).empty
     with pytest.raises(InputError, match=rf"shop\.parquet: object '{name}': .* {kind}.*source"):
         building.frequent(new, seen, ENTITIES, 6)
@@ -145,18 +145,18 @@ def test_an_object_is_not_merged_with_an_entity_of_another_kind(name: str, kind:
 @pytest.mark.parametrize("room", ["bathroom", "lamp"])
 def test_a_room_that_the_graph_lacks_is_refused(room: str) -> None:
     with pytest.raises(InputError, match=rf"shop\.parquet: room '{room}'"):
-        building.newcomers(seen_elsewhere(("fan", room, 6)), ENTITIES)
+        building.new_entities(seen_elsewhere(("fan", room, 6)), ENTITIES)
 
 
 def test_new_entities_and_their_triples_come_behind_those_of_the_graph() -> None:
     encoded = TRIPLES.astype({"head": "category", "relation": "category", "tail": "category", "source": "category"})
     extended = building.extend(GraphTables(ENTITIES, encoded), SHOP, ["fan", "stove"])
     pd.testing.assert_frame_equal(extended.entities.iloc[: len(ENTITIES)], ENTITIES, check_dtype=False)
-    assert rows(extended.entities.iloc[len(ENTITIES) :], tables.ENTITIES) == [
+    assert rows(extended.entities.iloc[len(ENTITIES) :], catalogue.ENTITIES) == [
         ("fan", "object", "shop", "a fan"),
         ("stove", "object", "shop", "a stove"),
     ]
-    assert rows(extended.triples, tables.TRIPLES) == [
+    assert rows(extended.triples, catalogue.TRIPLES) == [
         ("lamp", "atLocation", "kitchen", 2, "home"),  # none of the nine that the other source saw
         ("lamp", "hasMaterial", "wood", 3, "home"),
         ("fan", "atLocation", "bedroom", 4, "shop"),
@@ -167,8 +167,8 @@ def test_new_entities_and_their_triples_come_behind_those_of_the_graph() -> None
 
 def test_a_triple_between_two_newcomers_joins_when_both_do() -> None:
     between = [("fan", "standsOn", "stove", 6), ("stove", "standsOn", "fan", 6), ("fan", "atLocation", "kitchen", 1)]
-    seen = Seen("shop", observations(between), kinds_of(fan="object", stove="object", kitchen="room"))
-    assert list(building.newcomers(seen, ENTITIES).index) == ["fan", "stove"]
+    seen = MinedSource("shop", observations(between), kinds_of(fan="object", stove="object", kitchen="room"))
+    assert list(building.new_entities(seen, ENTITIES).index) == ["fan", "stove"]
     home = GraphTables(ENTITIES, TRIPLES)
     alone, both = (
         building.extend(home, seen, added).triples.iloc[len(TRIPLES) :] for added in (["fan"], ["fan", "stove"])
@@ -192,16 +192,18 @@ def test_as_many_as_there_are_or_are_asked_for_are_drawn_and_some_always(
 ) -> None:
     always = data.draw(st.lists(st.sampled_from(names), unique=True, max_size=number))
     enough = pd.Series(6, index=sorted(names))
-    drawn = building.draw(enough, extension(number, *always), "key", root)
+    drawn = building.sample_candidates(enough, extension(number, *always), "key", root)
     assert len(drawn) == min(number, len(names))
     assert set(always) <= set(drawn) <= set(names)
     assert all(one < other for one, other in pairwise(drawn))
-    assert drawn == building.draw(enough, extension(number, *always[::-1]), "key", root)
+    assert drawn == building.sample_candidates(enough, extension(number, *always[::-1]), "key", root)
 
 
 def test_every_entity_is_as_likely_to_be_drawn() -> None:
     enough = pd.Series(6, index=sorted(LETTERS))
-    times = Counter(name for root in range(400) for name in building.draw(enough, extension(3, "fan"), "key", root))
+    times = Counter(
+        name for root in range(400) for name in building.sample_candidates(enough, extension(3, "fan"), "key", root)
+    )
     assert times.pop("fan") == 400
     assert set(times) == set(LETTERS) - {"fan"}
     assert all(120 < number < 200 for number in times.values())  # 160 expected, deviation 10
@@ -211,7 +213,7 @@ def test_an_entity_that_cannot_be_drawn_is_refused_by_its_param() -> None:
     with pytest.raises(
         InputError, match=r"^params\.yaml: experiments\.x\.graph\.extend\.always: 'bottle': .*shop.* 6 "
     ):
-        building.draw(pd.Series(6, index=LETTERS), extension(3, "bottle"), "experiments.x.graph.extend", 0)
+        building.sample_candidates(pd.Series(6, index=LETTERS), extension(3, "bottle"), "experiments.x.graph.extend", 0)
 
 
 @pytest.mark.parametrize("always", [["fan", "stove"], ["fan", "fan"]])

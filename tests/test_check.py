@@ -16,13 +16,14 @@ import pandas as pd
 import pytest
 import yaml
 
+from isi import config
 from isi.__main__ import main
-from isi.base import params, paths, tables
-from isi.base.command import only_one
-from isi.base.origin import PipelineOrigins
-from isi.base.provenance import ACCEPTED, CONTENT, metadata_of
-from isi.base.schemas import Schema
-from isi.commands._checking import TABLES, is_tensors, schema_of
+from isi.cli._checking import TABLES, is_tensors, schema_of
+from isi.process import only_one
+from isi.tables import catalogue, io, paths
+from isi.tables.catalogue import Schema
+from isi.tables.origin import PipelineOrigins
+from isi.tables.provenance import ACCEPTED, CONTENT, metadata_of
 from tests import small
 from tests.altered import NOVEL, SPLITS, THETA0, TOLD, a_little, another_novel, put
 from tests.lawful import alter, alter_tensors
@@ -77,9 +78,9 @@ def test_it_is_said_that_nothing_has_run(
 
 @pytest.mark.usefixtures("_in_copy")
 def test_each_finding_is_one_line_and_the_status_is_1(capsys: pytest.CaptureFixture[str]) -> None:
-    alter(SPLITS, put("triple", -1), tables.SPLITS)
+    alter(SPLITS, put("triple", -1), catalogue.SPLITS)
     alter_tensors(THETA0, a_little)
-    alter(paths.runs(NAME, "rs"), put("mrr_star", 2.0), tables.RUNS)
+    alter(paths.runs(NAME, "rs"), put("mrr_star", 2.0), catalogue.RUNS)
     lines, ended = check(capsys)
     assert ended == 1
     assert lines[-1] == f"{FILES} files under data, {len(lines) - 1} findings"
@@ -96,12 +97,12 @@ def test_each_finding_is_one_line_and_the_status_is_1(capsys: pytest.CaptureFixt
 @pytest.mark.parametrize(
     ("path", "schema", "how"),
     [
-        (SPLITS, tables.SPLITS, put("split", None)),
-        (SPLITS, tables.SPLITS, put("split", "foo")),
-        (TOLD, tables.INSERT_TRIPLES, put("triple", None)),
-        (NOVEL, tables.NOVEL, put("entity", -1000)),
-        (NOVEL, tables.NOVEL, put("entity", None)),
-        (paths.triples(NAME), tables.TRIPLES, put("count", None)),
+        (SPLITS, catalogue.SPLITS, put("split", None)),
+        (SPLITS, catalogue.SPLITS, put("split", "foo")),
+        (TOLD, catalogue.INSERT_TRIPLES, put("triple", None)),
+        (NOVEL, catalogue.NOVEL, put("entity", -1000)),
+        (NOVEL, catalogue.NOVEL, put("entity", None)),
+        (paths.triples(NAME), catalogue.TRIPLES, put("count", None)),
     ],
 )
 def test_a_file_that_is_refused_is_refused_whenever_it_is_read(
@@ -120,7 +121,7 @@ def test_tensors_that_are_cut_short_are_one_finding_among_others(capsys: pytest.
     vectors = paths.initial_vectors(NAME, "rs")
     for path in (THETA0, vectors):
         path.write_bytes(path.read_bytes()[:-100])
-    alter(NOVEL, put("entity", -1), tables.NOVEL)
+    alter(NOVEL, put("entity", -1), catalogue.NOVEL)
     lines, _ = check(capsys)
     for path in (THETA0, vectors, NOVEL):
         assert any(line.startswith(f"{path}: ") for line in lines), path
@@ -151,7 +152,7 @@ def test_params_of_another_type_end_it_in_findings_or_one_line(
 
 @pytest.mark.usefixtures("_in_copy")
 def test_an_edit_is_not_accepted_while_its_stage_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    alter(NOVEL, another_novel, tables.NOVEL)
+    alter(NOVEL, another_novel, catalogue.NOVEL)
     Path(".dvc").mkdir()
     with only_one(f"make_sessions@{NAME}"):
         lines, ended = check(capsys, "--accept", str(NOVEL))
@@ -169,7 +170,7 @@ def test_a_kept_embedding_is_checked_by_its_own_digests_and_by_what_it_was_made_
     (line, _), ended = check(capsys)
     assert ended == 1
     assert line.startswith(f"{folder}/entities.tsv: expected the bytes whose SHA-256 is in embedding.json")
-    PipelineOrigins(params.read(paths.PARAMS)).check_first()  # the report does not read it
+    PipelineOrigins(config.read(paths.PARAMS)).check_first()  # the report does not read it
     (folder / "entities.tsv").write_text(names, encoding="utf-8")
     alter_tensors(paths.vectors(NAME), a_little)
     assert check(capsys, "--accept", str(paths.vectors(NAME)))[1] == 0
@@ -183,9 +184,9 @@ def test_a_kept_embedding_is_checked_by_its_own_digests_and_by_what_it_was_made_
 @pytest.mark.usefixtures("_in_copy")
 def test_what_does_not_agree_with_another_file_is_found(capsys: pytest.CaptureFixture[str]) -> None:
     last = len(pd.read_parquet(TOLD)) - 1
-    alter(TOLD, put("triple", 10**6, last), tables.INSERT_TRIPLES, anew=True)
+    alter(TOLD, put("triple", 10**6, last), catalogue.INSERT_TRIPLES, anew=True)
     coverage = paths.coverage(NAME)
-    alter(coverage, lambda frame: frame[::-1], tables.COVERAGE, anew=True)
+    alter(coverage, lambda frame: frame[::-1], catalogue.COVERAGE, anew=True)
     lines, ended = check(capsys)
     assert ended == 1
     assert any(line.startswith(f"{TOLD}: row {last} (triple 1000000): expected ids below") for line in lines)
@@ -213,7 +214,7 @@ def test_an_edit_on_purpose_is_accepted_and_then_read(capsys: pytest.CaptureFixt
     assert {key: accepted[key] for key in ("isi.stage", "isi.own", "isi.params")} == {
         key: written[key] for key in ("isi.stage", "isi.own", "isi.params")
     }
-    assert tables.read_text(SPLITS, tables.SPLITS)["split"][row] == "test"
+    assert io.read_text(SPLITS, catalogue.SPLITS)["split"][row] == "test"
     small.run(f"train_theta0 {NAME}")
     lines, ended = check(capsys)
     assert all("was made from another" in line and str(SPLITS) in line for line in lines[:-1])
@@ -241,9 +242,9 @@ def test_an_edit_that_breaks_a_rule_is_not_accepted_and_nothing_changes(capsys: 
         assert [path.read_bytes() for path in (NOVEL, SPLITS)] == before
         return str(ended)
 
-    alter(SPLITS, lambda splits: splits[100:], tables.SPLITS)
+    alter(SPLITS, lambda splits: splits[100:], catalogue.SPLITS)
     assert "has no split" in refused(SPLITS)
-    alter(NOVEL, put("entity", -1), tables.NOVEL)
+    alter(NOVEL, put("entity", -1), catalogue.NOVEL)
     assert "entity -1" in refused(NOVEL)
     assert "entity -1" in refused(SPLITS)  # which cannot be seen beside it
     assert "entity -1" in refused(SPLITS, NOVEL)
@@ -251,7 +252,7 @@ def test_an_edit_that_breaks_a_rule_is_not_accepted_and_nothing_changes(capsys: 
 
 @pytest.mark.usefixtures("_in_copy")
 def test_files_that_change_together_are_accepted_together(capsys: pytest.CaptureFixture[str]) -> None:
-    alter(NOVEL, another_novel, tables.NOVEL)
+    alter(NOVEL, another_novel, catalogue.NOVEL)
     lines, ended = check(capsys, "--accept", str(NOVEL))
     assert ended == 0
     lines, _ = check(capsys)

@@ -7,19 +7,19 @@ import pandas as pd
 import pytest
 import torch
 
-from isi.experiments.cells import Cells
-from isi.initializers import options_of
-from isi.insertion.step import Told
-from isi.learning.ranks import closeness, evaluate
-from isi.learning.scopes import novel_scope
-from isi.sessions.session import OUT, TEST, TRAIN, VALID
+from isi.evaluation.query_sets import novel_query_set
+from isi.evaluation.ranking import closeness, evaluate
+from isi.experiment.grid import GridPoints
+from isi.experiment.insertion_step import NovelEntities
+from isi.graph.sessions import OUT, TEST, TRAIN, VALID
+from isi.initializers.api import options_of
 from tests.graphs import cells_of, random_embedding, random_graph
 from tools.choose_initializers import GRID, about, hide, settings_of, shown, table_of, told_of
 
 ENTITIES, RELATIONS = 20, 3
 
 
-def hidden(draw: int = 0) -> tuple[Cells, Cells]:
+def hidden(draw: int = 0) -> tuple[GridPoints, GridPoints]:
     cells = cells_of(random_graph(ENTITIES, RELATIONS, 140), 3, [0, 1, 2])
     return cells, hide(cells, 4, draw, 0)
 
@@ -58,8 +58,8 @@ def test_half_of_the_training_triples_of_hidden_entities_is_told() -> None:
 def test_half_of_the_queries_for_entities_are_about_the_novel_one() -> None:
     _, pseudo = hidden()
     told = told_of(pseudo, 0, 0, 0.5)
-    told_mask = Told(pseudo.novel_in(1), torch.as_tensor(told[:, 1:]), torch.zeros(ENTITIES, 2)).mask(140)
-    queries = novel_scope(pseudo.session(1), pseudo.novel_in(1), told_mask)["novel"]
+    told_mask = NovelEntities(pseudo.novel_in(1), torch.as_tensor(told[:, 1:]), torch.zeros(ENTITIES, 2)).mask(140)
+    queries = novel_query_set(pseudo.session(1), pseudo.novel_in(1), told_mask)["novel"]
     some = about(queries, pseudo.novel_in(1))
     theta = random_embedding(3, ENTITIES, RELATIONS, 8)
     found = evaluate(theta, {"about": some})["about"].measures[:, 1]

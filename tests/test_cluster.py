@@ -20,12 +20,12 @@ import pytest
 import torch
 import yaml
 
-from isi.base import paths
-from isi.base.errors import InputError
-from isi.experiments import executor
-from isi.experiments.executor import Compute, TaskError, run
-from isi.experiments.learning import Learned, LearningTask, learn_initial
-from isi.insertion.tasks import insert
+from isi.errors import InputError
+from isi.experiment import runner
+from isi.experiment.insert import insert_stack
+from isi.experiment.runner import Compute, TaskError, run
+from isi.experiment.train import TrainResult, TrainTask, train_initial
+from isi.tables import paths
 from tests.test_experiments import insert_tasks, learning_tasks, tabled, theta0, whole
 
 pytest.importorskip("distributed")
@@ -83,21 +83,21 @@ def compute(request: pytest.FixtureRequest) -> Compute:
     return PROCESSES if request.param == "processes" else request.getfixturevalue("cluster").compute
 
 
-def state(_: LearningTask) -> tuple[int, float]:
+def state(_: TrainTask) -> tuple[int, float]:
     """Threads of torch, and what becomes of a denormal number."""
     return torch.get_num_threads(), (torch.tensor([1e-40]) * 1).item()
 
 
-def fail(task: LearningTask) -> None:
+def fail(task: TrainTask) -> None:
     if task.cells.seeds == [2]:
         raise ValueError("no such indicator")
 
 
-def noted(folder: Path, task: LearningTask) -> Learned:
+def noted(folder: Path, task: TrainTask) -> TrainResult:
     """Learn, having noted which process does it."""
     (folder / f"{os.getpid()} {task.cells.seeds[0]}").touch()
     time.sleep(0.5)
-    return learn_initial(task)
+    return train_initial(task)
 
 
 def test_a_task_runs_on_one_thread_without_denormal_numbers(compute: Compute) -> None:
@@ -112,7 +112,7 @@ def test_a_task_that_fails_names_its_cell_and_the_cause(compute: Compute) -> Non
 
 def test_a_cluster_gives_the_bytes_of_processes_though_a_worker_is_killed(cluster: Cluster, tmp_path: Path) -> None:
     tasks = learning_tasks(1)
-    expected = whole(run(learn_initial, tasks, PROCESSES, "theta0"))
+    expected = whole(run(train_initial, tasks, PROCESSES, "theta0"))
 
     def kill_one() -> None:
         note = wait_for(lambda: next(tmp_path.iterdir(), None))
@@ -128,7 +128,7 @@ def test_a_cluster_gives_the_bytes_of_processes_though_a_worker_is_killed(cluste
     assert done_by[killed] <= done_by[other] == {"0", "1", "2", "3"}
     assert whole(learned) == expected
     told = insert_tasks(2, "ers", theta0(steps=2), steps=2)
-    inserted, again = (run(insert, told, compute, "ers") for compute in (PROCESSES, cluster.compute))
+    inserted, again = (run(insert_stack, told, compute, "ers") for compute in (PROCESSES, cluster.compute))
     assert tabled(inserted) == tabled(again)
 
 
@@ -139,7 +139,7 @@ def test_a_scheduler_out_of_reach_ends_a_stage_in_one_line_that_names_the_key(tm
     (tmp_path / paths.PARAMS).write_text(yaml.safe_dump({"compute": compute}), encoding="utf-8")
     (tmp_path / paths.PIPELINE).write_text(yaml.safe_dump({"stages": {"nothing": {}}}), encoding="utf-8")
     stage = (
-        "from isi.base.stage import stage; from isi.experiments.executor import compute_of, run\n"
+        "from isi.stage import stage; from isi.experiment.runner import compute_of, run\n"
         "def nothing(given): run(print, [], compute_of(given), 'nothing')\n"
         "stage(nothing)()"
     )
@@ -154,7 +154,7 @@ def test_a_scheduler_out_of_reach_ends_a_stage_in_one_line_that_names_the_key(tm
 
 @pytest.mark.parametrize("says", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"], ids=["nothing", "another protocol"])
 def test_a_server_that_is_no_scheduler_is_refused_in_time(monkeypatch: pytest.MonkeyPatch, says: bytes) -> None:
-    monkeypatch.setattr(executor, "REACH", 1)
+    monkeypatch.setattr(runner, "REACH", 1)
     with socket.create_server(("127.0.0.1", 0)) as server:
         threading.Thread(target=lambda: server.accept()[0].sendall(says), daemon=True).start()
         other = Compute(workers=1, stack=1, engine="dask", scheduler=f"tcp://127.0.0.1:{server.getsockname()[1]}")

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isi import commands
+from isi import cli
 from isi.__main__ import main
-from isi.commands.import_ import FAMILIES
-from isi.keeping.kept import Described
+from isi.bundle.manifest import EntityInfo
+from isi.cli.import_ import FAMILIES
 from tests.kept import BETWEEN, NAMES, RELATIONS, VECTORS, files, written
 
 PAGE = (Path(__file__).parent.parent / "docs" / "command.md").read_text(encoding="utf-8")
@@ -34,7 +34,7 @@ def test_it_lists_the_files_of_a_folder(tmp_path: Path) -> None:
     section = PAGE.partition("## The folder")[2].partition("## ")[0]
     assert set(re.findall(r"^\| `([\w.]+)` \|", section, re.MULTILINE)) == set(files(written(tmp_path / "one")))
     assert "format and version" in section
-    assert {"format", "version"} <= set(Described.model_fields)
+    assert {"format", "version"} <= set(EntityInfo.model_fields)
 
 
 def test_it_lists_the_families() -> None:
@@ -44,5 +44,5 @@ def test_it_lists_the_families() -> None:
 
 
 def test_it_lists_the_commands_about_embeddings() -> None:
-    modules = {path.stem.rstrip("_") for path in Path(commands.__path__[0]).glob("[a-z]*.py")}
+    modules = {path.stem.rstrip("_") for path in Path(cli.__path__[0]).glob("[a-z]*.py")}
     assert set(re.findall(r"`isi ([a-z]+)", PAGE)) == modules

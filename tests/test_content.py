@@ -16,16 +16,15 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isi.base import tables
-from isi.base.content import Content, digest_of_table, digest_of_tensors
-from isi.base.errors import InputError
-from isi.base.provenance import CONTENT, metadata_of, own
-from isi.base.rules import SHOWN, shown
-from isi.base.schemas import FALLBACK_NAMES, NOVEL_AT, SPLIT_NAMES
-from isi.base.tables import Provenance
-from isi.insertion.core import FALLBACKS
-from isi.sessions.session import SPLITS
-from isi.studies.asking import NOVEL
+from isi.analyses.query_breakdown import NOVEL
+from isi.errors import InputError
+from isi.graph.sessions import SPLITS
+from isi.initializers.api import FALLBACKS
+from isi.tables import catalogue, io
+from isi.tables.catalogue import FALLBACK_NAMES, NOVEL_AT, SPLIT_NAMES
+from isi.tables.content import Content, digest_of_table, digest_of_tensors
+from isi.tables.provenance import CONTENT, Provenance, metadata_of, own
+from isi.tables.rules import SHOWN, shown
 from tests.lawful import SCHEMAS, alter, lawful
 
 MADE = Provenance("some_stage", {})
@@ -59,18 +58,18 @@ def test_a_digest_hangs_neither_on_parts_nor_on_chunks_nor_on_dictionaries(
 @pytest.mark.parametrize("compression", ["none", "snappy", "zstd"])
 @pytest.mark.parametrize("rows", [1, 2, 100])
 def test_it_hangs_on_nothing_of_the_file(tmp_path: Path, compression: str, rows: int) -> None:
-    tables.write(tmp_path / "runs.parquet", lawful("RUNS"), tables.RUNS, MADE)
+    io.write(tmp_path / "runs.parquet", lawful("RUNS"), catalogue.RUNS, MADE)
     again = pq.read_table(tmp_path / "runs.parquet")
     options: dict[str, Any] = {"row_group_size": rows, "compression": compression, "use_dictionary": rows > 1}
     pq.write_table(again, tmp_path / "again.parquet", **options)
-    assert len(tables.read(tmp_path / "again.parquet", tables.RUNS)) == 3
+    assert len(io.read(tmp_path / "again.parquet", catalogue.RUNS)) == 3
 
 
 def test_it_is_the_same_today_as_when_this_was_written() -> None:
-    digest = digest_of_table(arrow("NOVEL"), tables.NOVEL.columns)
+    digest = digest_of_table(arrow("NOVEL"), catalogue.NOVEL.columns)
     assert digest == "9c83498dc4c66435d5ecbeab2bb74e1722fd8ee307c2c06a24231b0bb67e9bb0"
     assert (
-        digest_of_table(arrow("RUNS"), tables.RUNS.columns)
+        digest_of_table(arrow("RUNS"), catalogue.RUNS.columns)
         == "250d0216943206aff9687794d032c56747437ce37b826226645e6a69864df6c1"
     )
     tensors = {"b": torch.arange(6.0).reshape(2, 3), "a": torch.tensor([True, False])}
@@ -91,9 +90,9 @@ def test_of_tensors_it_hangs_on_names_types_shapes_and_numbers_and_not_on_their_
 def test_a_stream_bears_the_digest_of_the_whole(tmp_path: Path) -> None:
     whole = arrow("OBSERVATIONS")
     parts = [whole.slice(0, 1), whole.slice(1, 0), whole.slice(1, 2)]
-    tables.write_stream(tmp_path / "s.parquet", parts, tables.OBSERVATIONS, MADE)
-    assert metadata_of(tmp_path / "s.parquet")[CONTENT] == digest_of_table(whole, tables.OBSERVATIONS.columns)
-    assert len(tables.read(tmp_path / "s.parquet", tables.OBSERVATIONS)) == 3
+    io.write_stream(tmp_path / "s.parquet", parts, catalogue.OBSERVATIONS, MADE)
+    assert metadata_of(tmp_path / "s.parquet")[CONTENT] == digest_of_table(whole, catalogue.OBSERVATIONS.columns)
+    assert len(io.read(tmp_path / "s.parquet", catalogue.OBSERVATIONS)) == 3
 
 
 # What it tells
@@ -121,11 +120,11 @@ def test_any_single_value_that_is_altered_is_refused(
 ) -> None:
     """By its rule, with the row, or by the digest."""
     path, schema = tmp_path_factory.getbasetemp() / f"{name}.parquet", SCHEMAS[name]
-    tables.write(path, lawful(name), schema, MADE)
+    io.write(path, lawful(name), schema, MADE)
     column, row = draw.draw(st.sampled_from(list(schema.columns))), draw.draw(st.integers(0, 2))
 
     def altered(frame: pd.DataFrame) -> pd.DataFrame:
-        plain = [None if pd.isna(value) else value for value in tables.as_text(frame)[column.name].tolist()]
+        plain = [None if pd.isna(value) else value for value in io.as_text(frame)[column.name].tolist()]
         plain = [None if value == "nan" else value for value in plain]
         plain[row] = another(plain[row], column.type, draw)
         values = pd.Series(plain, dtype=object)
@@ -136,7 +135,7 @@ def test_any_single_value_that_is_altered_is_refused(
     if pq.read_table(path).equals(before):  # as 0.0 for -0.0, or one null for another
         return
     with pytest.raises(InputError, match=r"row \d|was edited") as refused:
-        tables.read(path, schema)
+        io.read(path, schema)
     assert len(str(refused.value)) < 300
     assert str(refused.value).startswith(str(path))
 
@@ -145,23 +144,23 @@ def test_any_single_value_that_is_altered_is_refused(
 @pytest.mark.parametrize("name", SCHEMAS)
 def test_rows_that_are_missing_doubled_or_in_another_order_are_refused(tmp_path: Path, name: str, how: Any) -> None:
     path = tmp_path / "t.parquet"
-    tables.write(path, lawful(name), SCHEMAS[name], MADE)
+    io.write(path, lawful(name), SCHEMAS[name], MADE)
     alter(path, how, SCHEMAS[name])
     with pytest.raises(InputError, match=r"row \d|was edited"):
-        tables.read(path, SCHEMAS[name])
+        io.read(path, SCHEMAS[name])
 
 
 def test_a_file_is_read_whole_once_however_often_it_is_asked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tables.write(tmp_path / "t.parquet", lawful("NOVEL"), tables.NOVEL, MADE)
+    io.write(tmp_path / "t.parquet", lawful("NOVEL"), catalogue.NOVEL, MADE)
     seen: list[Path] = []
-    monkeypatch.setattr(type(tables.NOVEL), "check", lambda _, frame, path: seen.append(path))  # noqa: ARG005
+    monkeypatch.setattr(type(catalogue.NOVEL), "check", lambda _, frame, path: seen.append(path))  # noqa: ARG005
     reading = Provenance("reading", {})
     for _ in range(3):
-        tables.read(tmp_path / "t.parquet", tables.NOVEL, reading)
+        io.read(tmp_path / "t.parquet", catalogue.NOVEL, reading)
     assert len(seen) == 1
-    tables.read(tmp_path / "t.parquet", tables.NOVEL)
+    io.read(tmp_path / "t.parquet", catalogue.NOVEL)
     assert len(seen) == 2
 
 
@@ -180,15 +179,15 @@ def test_params_that_are_the_same_to_dvc_are_the_same_to_whoever_reads() -> None
 
 def test_a_table_that_breaks_a_rule_is_not_written(tmp_path: Path) -> None:
     path = tmp_path / "novel.parquet"
-    tables.write(path, lawful("NOVEL"), tables.NOVEL, MADE)
+    io.write(path, lawful("NOVEL"), catalogue.NOVEL, MADE)
     before = path.read_bytes()
     with pytest.raises(InputError, match=r"row 1 \(entity -1\): expected 'entity' from 0 on"):
-        tables.write(path, lawful("NOVEL").assign(entity=[4, -1, 3]), tables.NOVEL, MADE)
+        io.write(path, lawful("NOVEL").assign(entity=[4, -1, 3]), catalogue.NOVEL, MADE)
     parts = [arrow("KINDS"), arrow("KINDS", lawful("KINDS").assign(entity=["a", "", "b"]))]
     with pytest.raises(InputError, match=r"row 1 \(entity ''\): expected 'entity' to be a name"):
-        tables.write_stream(path, parts, tables.KINDS, MADE)
+        io.write_stream(path, parts, catalogue.KINDS, MADE)
     with pytest.raises(InputError, match=r"tensor 'x', \[1\]: expected finite numbers"):
-        tables.write_tensors(path, {"x": torch.tensor([1.0, np.inf])}, MADE)
+        io.write_tensors(path, {"x": torch.tensor([1.0, np.inf])}, MADE)
     assert path.read_bytes() == before
     assert [one.name for one in tmp_path.iterdir()] == ["novel.parquet"]
 

@@ -10,16 +10,15 @@ import pandas as pd
 import pytest
 import torch
 
-from isi.base.errors import InputError
-from isi.experiments import executor
-from isi.experiments.executor import Compute
-from isi.experiments.judging import JudgingTask, judge
-from isi.experiments.learning import learn_initial, learn_joint
-from isi.families import FAMILIES, make
-from isi.insertion.tasks import insert
-from isi.learning import batches
-from isi.studies.singles import TABLES, single_out
-from isi.studies.tracing import TraceTask, trace
+from isi.analyses.single_insertions import TABLES, single_insertions
+from isi.analyses.trajectory import TrajectoryTask, trace_trajectory
+from isi.errors import InputError
+from isi.experiment import runner
+from isi.experiment.insert import insert_stack
+from isi.experiment.runner import Compute
+from isi.experiment.train import EvaluationTask, evaluate_stack, train_initial, train_joint_model
+from isi.models.model import MODELS, make_model
+from isi.training import batches
 from tests.pretend import DEVICE, Pretend
 from tests.test_experiments import FAMILY_OPTIONS, INITIALIZERS, LEARNING, insert_tasks, learning_tasks, theta0
 from tests.test_singles import singles_task
@@ -30,7 +29,7 @@ TRAINED = theta0(steps=2)
 @pytest.fixture
 def pretend(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """``compute.device: cuda`` is a device that only pretends."""
-    monkeypatch.setattr(executor, "device_of", lambda name: DEVICE if name == "cuda" else torch.device("cpu"))
+    monkeypatch.setattr(runner, "device_of", lambda name: DEVICE if name == "cuda" else torch.device("cpu"))
     with Pretend():
         yield
     torch.set_flush_denormal(False)
@@ -50,16 +49,16 @@ def test_the_device_that_pretends_refuses_what_a_gpu_refuses() -> None:
 
 
 @pytest.mark.usefixtures("pretend")
-@pytest.mark.parametrize("name", FAMILIES.names())
+@pytest.mark.parametrize("name", MODELS.names())
 @pytest.mark.parametrize("mode", ["sampled", "expected", "lists"])
 def test_training_on_another_device_is_training(name: str, mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if mode == "lists":
         monkeypatch.setattr(batches, "TABLE_CELLS", 0)
     negatives = LEARNING.negatives.model_copy(update={"mode": "expected" if mode == "expected" else "sampled"})
-    family = make(name, FAMILY_OPTIONS.get(name, {}), f"families.{name}")
+    family = make_model(name, FAMILY_OPTIONS.get(name, {}), f"families.{name}")
     (task,) = learning_tasks(4, replace(LEARNING, family=family, negatives=negatives))
-    for learn in (learn_initial, learn_joint):
-        there, here = (executor.alone(learn, task, device) for device in ("cuda", "cpu"))
+    for learn in (train_initial, train_joint_model):
+        there, here = (runner.run_task(learn, task, device) for device in ("cuda", "cpu"))
         assert np.array_equal(there.entity, here.entity)
         pd.testing.assert_frame_equal(there.log, here.log)
 
@@ -68,7 +67,7 @@ def test_training_on_another_device_is_training(name: str, mode: str, monkeypatc
 @pytest.mark.parametrize("name", INITIALIZERS)
 def test_inserting_on_another_device_is_inserting(name: str) -> None:
     (task,) = insert_tasks(4, name, TRAINED, steps=2)
-    there, here = (executor.alone(insert, task, device) for device in ("cuda", "cpu"))
+    there, here = (runner.run_task(insert_stack, task, device) for device in ("cuda", "cpu"))
     assert np.array_equal(there.vectors, here.vectors)
     pd.testing.assert_frame_equal(there.runs, here.runs)
     pd.testing.assert_frame_equal(there.entities, here.entities)
@@ -77,15 +76,17 @@ def test_inserting_on_another_device_is_inserting(name: str) -> None:
 @pytest.mark.usefixtures("pretend")
 def test_judging_on_another_device_is_judging() -> None:
     (task,) = insert_tasks(4, "es", TRAINED, steps=2)
-    judged = JudgingTask(task.cells, task.theta0, task.told.insert_triples)
-    there, here = (executor.alone(judge, judged, device) for device in ("cuda", "cpu"))
+    judged = EvaluationTask(task.cells, task.theta0, task.told.insert_triples)
+    there, here = (runner.run_task(evaluate_stack, judged, device) for device in ("cuda", "cpu"))
     pd.testing.assert_frame_equal(there, here)
 
 
 @pytest.mark.usefixtures("pretend")
 def test_tracing_on_another_device_is_tracing() -> None:
     task = insert_tasks(1, "es", TRAINED, steps=2)[0]
-    there, here = (executor.alone(trace, TraceTask(task.cells, task, 1), device) for device in ("cuda", "cpu"))
+    there, here = (
+        runner.run_task(trace_trajectory, TrajectoryTask(task.cells, task, 1), device) for device in ("cuda", "cpu")
+    )
     assert np.array_equal(there.path, here.path)
     assert np.array_equal(there.indicators, here.indicators)
 
@@ -93,23 +94,23 @@ def test_tracing_on_another_device_is_tracing() -> None:
 @pytest.mark.usefixtures("pretend")
 def test_singling_out_on_another_device_is_singling_out() -> None:
     task = singles_task()
-    there, here = (executor.alone(single_out, task, device) for device in ("cuda", "cpu"))
+    there, here = (runner.run_task(single_insertions, task, device) for device in ("cuda", "cpu"))
     for what in TABLES:
         pd.testing.assert_frame_equal(getattr(there, what), getattr(here, what))
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
 def test_without_a_gpu_auto_is_the_cpu_and_cuda_is_refused_by_name() -> None:
-    assert executor.device_of("auto") == torch.device("cpu")
-    assert executor.stack_height(Compute(workers=1, stack=7, device="auto")) == 7
+    assert runner.device_of("auto") == torch.device("cpu")
+    assert runner.stack_height(Compute(workers=1, stack=7, device="auto")) == 7
     with pytest.raises(InputError, match=r"compute\.device"):
-        executor.stack_height(Compute(workers=1, stack=7, device="cuda"))
+        runner.stack_height(Compute(workers=1, stack=7, device="cuda"))
     with pytest.raises(InputError, match=r"compute\.device"):  # found by a worker, which may be another machine
-        executor.run(learn_joint, learning_tasks(2), Compute(workers=1, stack=2, device="cuda"), "refused")
+        runner.run(train_joint_model, learning_tasks(2), Compute(workers=1, stack=2, device="cuda"), "refused")
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
 def test_on_a_gpu_training_learns_as_much() -> None:
     (task,) = learning_tasks(4)
-    there, here = (executor.alone(learn_joint, task, device) for device in ("cuda", "cpu"))
+    there, here = (runner.run_task(train_joint_model, task, device) for device in ("cuda", "cpu"))
     assert np.allclose(there.log["mrr_star"].mean(), here.log["mrr_star"].mean(), atol=0.02)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from isi.learning.convergence import epochs_to_convergence
+from isi.evaluation.convergence import epochs_to_convergence
 from isi.report import page, paired
 from isi.report.sections import controls, differences
 from tests.reports import runs

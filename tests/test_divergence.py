@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 import torch
 
-from isi.base.errors import InputError
-from isi.base.params import Option
-from isi.embeddings.stack import Embedding
-from isi.experiments.executor import Compute, run
-from isi.experiments.learning import LearningTask, learn_initial
-from isi.insertion.tasks import insert
-from isi.learning.batches import Negatives, training_data
-from isi.learning.finite import LARGEST, NotFinite, refuse
-from isi.learning.training import Optimizer, start, train
+from isi.config import Option
+from isi.errors import InputError
+from isi.experiment.insert import insert_stack
+from isi.experiment.runner import Compute, run
+from isi.experiment.train import TrainTask, train_initial
+from isi.models.stack import Embedding
+from isi.training.batches import Negatives, training_data
+from isi.training.trainer import LARGEST, NotFinite, Optimizer, refuse, start, train
 from tests.graphs import ANALOGY, cells_of, random_embedding, random_graph
 from tests.test_bad_input import set_params, workspace
 from tests.test_experiments import LEARNING, insert_tasks, learning_tasks, theta0
@@ -85,7 +84,7 @@ def test_adagrads_sums_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     def overflowing(state: object, *_: object) -> None:
         state.squares.relation[0, 0, 0] = torch.inf  # type: ignore[attr-defined]
 
-    monkeypatch.setattr("isi.learning.training.run_epoch", overflowing)
+    monkeypatch.setattr("isi.training.trainer.run_epoch", overflowing)
     error = diverging(random_embedding(1, 13, 3, 8), STEEP, [0])
     assert str(error).startswith("diverged in epoch 1 (NaN or infinity in Adagrad's sums): ")
     assert start(random_embedding(1, 13, 3, 8)).squares.entity.isfinite().all()
@@ -94,9 +93,9 @@ def test_adagrads_sums_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_grid_names_the_cells_that_diverged(workers: int) -> None:
     how = replace(LEARNING, training=LEARNING.training.model_copy(update={"learning_rate": 1e30}))
-    tasks: list[LearningTask] = learning_tasks(2, how)
+    tasks: list[TrainTask] = learning_tasks(2, how)
     with pytest.raises(InputError) as ended:
-        run(learn_initial, tasks, Compute(workers=workers, stack=2), "learning")
+        run(train_initial, tasks, Compute(workers=workers, stack=2), "learning")
     assert any(f": {task.cells}: diverged in epoch 1 (" in str(ended.value) for task in tasks), str(ended.value)
 
 
@@ -106,7 +105,7 @@ def test_insertion_of_vectors_that_are_none_names_its_cells() -> None:
                                               np.float32("nan"), trained.entity))  # fmt: skip
     tasks = insert_tasks(2, "xavier", broken)
     with pytest.raises(InputError, match=r"seeds \d+: diverged in epoch 0 \(NaN or infinity in vectors or scores\)"):
-        run(insert, tasks, Compute(workers=1, stack=2), "insertion")
+        run(insert_stack, tasks, Compute(workers=1, stack=2), "insertion")
 
 
 def test_insertion_by_the_covariance_of_vectors_that_do_not_differ_names_its_cells() -> None:
@@ -119,7 +118,7 @@ def test_insertion_by_the_covariance_of_vectors_that_do_not_differ_names_its_cel
         for task in insert_tasks(2, "mean", collapsed)
     ]
     with pytest.raises(InputError, match=r"params\.yaml: .*seeds 1: known vectors that do not differ .*: turn"):
-        run(insert, tasks, Compute(workers=1, stack=2), "insertion")
+        run(insert_stack, tasks, Compute(workers=1, stack=2), "insertion")
 
 
 def test_a_stage_that_diverges_says_so_in_one_line(

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from isi.base.command import LOCKS
-from isi.base.dvc_lock import RUN_BY_DVC, noted
-from isi.base.errors import InputError
-from isi.base.pipeline import called
+from isi.dvc_lock import RUN_BY_DVC, noted
+from isi.errors import InputError
+from isi.pipeline import called
+from isi.process import LOCKS
 from tests.environment import ENVIRONMENT
 
 ROOT = Path(__file__).parent.parent
@@ -23,8 +23,8 @@ ROOT = Path(__file__).parent.parent
 BY_HAND = """
 import sys, time
 from pathlib import Path
-from isi.base.dvc_lock import noted
-from isi.base.pipeline import called
+from isi.dvc_lock import noted
+from isi.pipeline import called
 
 with noted(called(sys.argv[1], {})):
     Path("begun").touch()

@@ -12,10 +12,10 @@ import pandas as pd
 import pytest
 import yaml
 
-from isi.base import paths, tables
-from isi.base.errors import InputError
+from isi.analyses import other_graphs
+from isi.errors import InputError
 from isi.params import load as load_params
-from isi.studies import beyond
+from isi.tables import catalogue, io, paths
 from stages.build_graph import build_graph
 from stages.embed_words import embed_words
 from stages.explore import explore
@@ -74,25 +74,25 @@ def test_an_experiment_elsewhere_is_what_the_first_pipeline_would_have_run(monke
     ran(monkeypatch, vary, "first")
     ran(monkeypatch, explore, "again")
     for name, first, schema in (
-        ("entities", paths.entities("published"), tables.ENTITIES),
-        ("triples", paths.triples("published"), tables.TRIPLES),
-        ("runs", paths.variant("first"), tables.VARIANTS),
-        ("asked", paths.variant_asked("first"), tables.VARIANTS_ASKED),
+        ("entities", paths.entities("published"), catalogue.ENTITIES),
+        ("triples", paths.triples("published"), catalogue.TRIPLES),
+        ("runs", paths.variant("first"), catalogue.VARIANTS),
+        ("asked", paths.variant_asked("first"), catalogue.VARIANTS_ASKED),
     ):
-        own, theirs = tables.read(paths.explored("again", name), schema), tables.read(first, schema)
+        own, theirs = io.read(paths.explored("again", name), schema), io.read(first, schema)
         assert len(own) > 0
         for column in ("source", "experiment"):
             if column in own:
                 assert set(own[column]) == {"again"}
                 own, theirs = own.drop(columns=column), theirs.drop(columns=column)
         pd.testing.assert_frame_equal(own, theirs, check_exact=True)
-    assert (tables.read(paths.explored("again", "triples"), tables.TRIPLES)["count"] >= 2).all()
+    assert (io.read(paths.explored("again", "triples"), catalogue.TRIPLES)["count"] >= 2).all()
 
 
 def test_what_ships_is_sound(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     check_beyond(load_params())
-    assert not {*beyond.load().graphs} & {*load_params().experiments}
+    assert not {*other_graphs.load().graphs} & {*load_params().experiments}
 
 
 @pytest.mark.usefixtures("workspace")

@@ -11,25 +11,33 @@ import pandas as pd
 import pytest
 import torch
 
-from isi.base.params import Option
-from isi.experiments import executor
-from isi.experiments.cells import Cells, Vectors
-from isi.experiments.executor import Compute, HasCells
-from isi.experiments.judging import JudgingTask, judge
-from isi.experiments.learning import Learned, Learning, LearningTask, as_tensors, learn_initial, learn_joint
-from isi.families import FAMILIES, make
-from isi.insertion.step import insertion_of
-from isi.insertion.tasks import Inserted, Inserting, InsertTask, TaskTold, fold, how_in, insert, told_in
-from isi.learning.batches import Negatives
-from isi.learning.convergence import SCOPES as CONVERGING
-from isi.learning.training import Optimizer, Training
-from isi.studies.cross_validation import CrossValidation, best_looks, fold_tasks
-from isi.studies.families import FamilyTask, measure, rows
-from isi.studies.tracing import TraceTask, place_of_interest, trace
+from isi.analyses.cross_validation import CrossValidation, best_looks, fold_tasks
+from isi.analyses.model_comparison import ModelTask, measure, rows
+from isi.analyses.trajectory import TrajectoryTask, place_of_interest, trace_trajectory
+from isi.config import Option
+from isi.evaluation.convergence import SCOPES as CONVERGING
+from isi.experiment import runner
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.insert import InsertTask, TaskConfig, TaskInput, TaskResult, fold, how_in, insert_stack, told_in
+from isi.experiment.insertion_step import context_of
+from isi.experiment.runner import Compute, HasPoints
+from isi.experiment.train import (
+    EvaluationTask,
+    TrainConfig,
+    TrainResult,
+    TrainTask,
+    as_tensors,
+    evaluate_stack,
+    train_initial,
+    train_joint_model,
+)
+from isi.models.model import MODELS, make_model
+from isi.training.batches import Negatives
+from isi.training.trainer import Optimizer, Training
 from tests.graphs import ANALOGY, cells_of, insert_triples_of, random_graph
 
 ENTITIES, RELATIONS, SIZE, SEEDS = 14, 3, 2, [0, 1, 2, 3]
-Task = TypeVar("Task", bound=HasCells)
+Task = TypeVar("Task", bound=HasPoints)
 Done = TypeVar("Done")
 GRAPH = random_graph(ENTITIES, RELATIONS, 90)
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
@@ -37,7 +45,7 @@ SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
 FAMILY_OPTIONS: dict[str, dict[str, Option]] = {
     "transe": {"margin": 4.0, "squared": False}, "rotate": {"margin": 4.0, "squared": False},
 }  # fmt: skip
-LEARNING = Learning(
+LEARNING = TrainConfig(
     root=0,
     family=ANALOGY,
     dimension=12,
@@ -59,34 +67,39 @@ SCOPES = {"all", "known", "known_closed", "novel", "novel_heldout"}
 JOINT = np.array([0.1, 0.5, 0.6, 2.0])
 
 
-def stacks(height: int, steps: int = 1) -> list[Cells]:
+def stacks(height: int, steps: int = 1) -> list[GridPoints]:
     firsts = range(0, len(SEEDS), height)
     return [cells_of(GRAPH, SIZE, SEEDS[first : first + height], steps=steps) for first in firsts]
 
 
-def learning_tasks(height: int, how: Learning = LEARNING, steps: int = 1) -> list[LearningTask]:
-    return [LearningTask(cells, how) for cells in stacks(height, steps)]
+def learning_tasks(height: int, how: TrainConfig = LEARNING, steps: int = 1) -> list[TrainTask]:
+    return [TrainTask(cells, how) for cells in stacks(height, steps)]
 
 
-def theta0(how: Learning = LEARNING, steps: int = 1) -> Vectors:
-    (learned,) = (learn_initial(task) for task in learning_tasks(len(SEEDS), how, steps))
-    return Vectors(how.family, learned.entity, learned.relation)
+def theta0(how: TrainConfig = LEARNING, steps: int = 1) -> StackedVectors:
+    (learned,) = (train_initial(task) for task in learning_tasks(len(SEEDS), how, steps))
+    return StackedVectors(how.family, learned.entity, learned.relation)
 
 
-def told_to(cells: Cells, words: np.ndarray, joint: np.ndarray) -> TaskTold:
+def told_to(cells: GridPoints, words: np.ndarray, joint: np.ndarray) -> TaskInput:
     sessions = range(1, cells.sessions + 1)
     rows = [np.insert(insert_triples_of(cells, session), 0, session, axis=1) for session in sessions]
-    return TaskTold(np.concatenate(rows), words, {(s, scope): joint.copy() for s in sessions for scope in CONVERGING})
+    return TaskInput(np.concatenate(rows), words, {(s, scope): joint.copy() for s in sessions for scope in CONVERGING})
 
 
 def insert_tasks(
-    height: int, name: str, trained: Vectors, words: np.ndarray = WORDS, steps: int = 1, followed: Sequence[int] = ()
+    height: int,
+    name: str,
+    trained: StackedVectors,
+    words: np.ndarray = WORDS,
+    steps: int = 1,
+    followed: Sequence[int] = (),
 ) -> list[InsertTask]:
-    how = Inserting(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, followed)
+    how = TaskConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, followed)
     tasks = []
     for number, cells in enumerate(stacks(height, steps)):
         rows = slice(number * height, (number + 1) * height)
-        own = Vectors(trained.family, trained.entity[rows], trained.relation[rows])
+        own = StackedVectors(trained.family, trained.entity[rows], trained.relation[rows])
         tasks.append(InsertTask(cells, own, told_to(cells, words, JOINT[rows]), how))
     return tasks
 
@@ -95,18 +108,18 @@ def cut(tasks: Callable[[int], list[Task]], function: Callable[[Task], Done], wo
     """Results of the grid in stacks of 1, 2 and 4 seeds, by height, all run by the same workers."""
     grids = {height: tasks(height) for height in (1, 2, 4)}
     every = [task for grid in grids.values() for task in grid]
-    done = iter(executor.run(function, every, Compute(workers=workers, stack=4), "test"))
+    done = iter(runner.run(function, every, Compute(workers=workers, stack=4), "test"))
     return {height: [next(done) for _ in grid] for height, grid in grids.items()}
 
 
-def whole(learned: list[Learned]) -> dict[str, bytes]:
+def whole(learned: list[TrainResult]) -> dict[str, bytes]:
     """All that learning gave, in the order of seeds and epochs; floats in CSV are whole."""
     tensors = as_tensors(learning_tasks(len(SEEDS) // len(learned)), learned)
     log = pd.concat([result.log for result in learned]).sort_values(["seed", "epoch"])
     return {name: tensor.numpy().tobytes() for name, tensor in tensors.items()} | {"log": csv(log)}
 
 
-def tabled(inserted: list[Inserted]) -> dict[str, bytes]:
+def tabled(inserted: list[TaskResult]) -> dict[str, bytes]:
     """All that insertion gave, in the order of seeds, sessions, epochs and scopes."""
     runs = pd.concat([result.runs for result in inserted]).sort_values(["seed", "session", "epoch", "scope"])
     entities = pd.concat([result.entities for result in inserted]).sort_values(["seed", "session", "entity"])
@@ -119,7 +132,7 @@ def csv(table: pd.DataFrame) -> bytes:
 
 
 def test_learning_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stacks() -> None:
-    one, two = (cut(learning_tasks, learn_initial, workers) for workers in (1, 2))
+    one, two = (cut(learning_tasks, train_initial, workers) for workers in (1, 2))
     expected = whole(one[2])
     for height, learned in [*one.items(), *two.items()]:
         assert whole(learned) == expected
@@ -134,7 +147,7 @@ def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_sta
     def tasks(height: int) -> list[InsertTask]:
         return [task for name, steps in cases for task in insert_tasks(height, name, trained[steps], steps=steps)]
 
-    one, two = (cut(tasks, insert, workers) for workers in (1, 2))
+    one, two = (cut(tasks, insert_stack, workers) for workers in (1, 2))
     for place in range(len(cases)):
         grids = [
             tabled(inserted[place * len(inserted) // len(cases) : (place + 1) * len(inserted) // len(cases)])
@@ -143,15 +156,15 @@ def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_sta
         assert all(grid == grids[0] for grid in grids)
 
 
-@pytest.mark.parametrize("name", FAMILIES.names())
+@pytest.mark.parametrize("name", MODELS.names())
 def test_every_family_gives_the_same_bits_for_any_height_of_stacks(name: str) -> None:
-    how = replace(LEARNING, family=make(name, FAMILY_OPTIONS.get(name, {}), f"families.{name}"))
+    how = replace(LEARNING, family=make_model(name, FAMILY_OPTIONS.get(name, {}), f"families.{name}"))
     trained = theta0(how)
     learned, inserted = (
         [kind([function(task) for task in tasks(height)]) for height in (1, 2, 4)]
         for kind, function, tasks in (
-            (whole, learn_joint, lambda height: learning_tasks(height, how)),
-            (tabled, insert, lambda height: insert_tasks(height, "ers", trained)),
+            (whole, train_joint_model, lambda height: learning_tasks(height, how)),
+            (tabled, insert_stack, lambda height: insert_tasks(height, "ers", trained)),
         )
     )
     for grids in (learned, inserted):
@@ -160,7 +173,7 @@ def test_every_family_gives_the_same_bits_for_any_height_of_stacks(name: str) ->
 
 def test_theta0_knows_no_novel_entity_and_the_joint_model_knows_all() -> None:
     (task,) = learning_tasks(4, steps=2)
-    initial, joint = learn_initial(task), learn_joint(task)
+    initial, joint = train_initial(task), train_joint_model(task)
     for model, novel in enumerate(task.cells.novel):
         assert set(np.flatnonzero(~initial.known[model])) == set(novel.ravel().tolist())
         assert set(np.flatnonzero((initial.entity[model] == 0).all(-1))) == set(novel.ravel().tolist())
@@ -170,7 +183,7 @@ def test_theta0_knows_no_novel_entity_and_the_joint_model_knows_all() -> None:
 
 def test_novel_sets_and_queries_are_shared_by_all_initializers() -> None:
     trained = theta0()
-    found = {name: insert(insert_tasks(4, name, trained)[0]) for name in INITIALIZERS}
+    found = {name: insert_stack(insert_tasks(4, name, trained)[0]) for name in INITIALIZERS}
     key = ["size", "seed", "session", "epoch", "scope"]
     at_once = {name: result.runs[result.runs["epoch"] == 0].set_index(key) for name, result in found.items()}
     first, first_own = at_once["xavier"], found["xavier"].entities
@@ -185,7 +198,7 @@ def test_batches_and_negatives_are_shared_by_all_initializers() -> None:
     trained, wordless = theta0(), np.zeros_like(WORDS)
     (by_words,), (by_relations,) = (insert_tasks(4, name, trained, wordless) for name in ("es", "rs"))
     assert by_words.how.options != by_relations.how.options
-    same = [insert(replace(task, how=replace(task.how, options={"k": 4}))) for task in (by_words, by_relations)]
+    same = [insert_stack(replace(task, how=replace(task.how, options={"k": 4}))) for task in (by_words, by_relations)]
     assert same[0].vectors.tobytes() == same[1].vectors.tobytes()  # ES falls back to RS
     assert same[0].runs.equals(same[1].runs)
     assert set(same[0].entities["fallback"]) == {"rs"} != set(same[1].entities["fallback"])
@@ -193,7 +206,7 @@ def test_batches_and_negatives_are_shared_by_all_initializers() -> None:
 
 def test_insertion_measures_novel_once_and_the_other_scopes_every_epoch() -> None:
     (task,) = insert_tasks(4, "es", theta0(), followed=[SIZE])
-    epochs = insert(task).runs.groupby(["seed", "scope"])["epoch"].apply(list)
+    epochs = insert_stack(task).runs.groupby(["seed", "scope"])["epoch"].apply(list)
     for seed in SEEDS:
         assert epochs[seed, "novel"] == [0]
         for scope in SCOPES - {"novel"}:
@@ -202,10 +215,10 @@ def test_insertion_measures_novel_once_and_the_other_scopes_every_epoch() -> Non
 
 def test_insertion_stops_once_within_the_margin_of_the_joint_model() -> None:
     (task,) = insert_tasks(4, "es", theta0())
-    at_once = insert(task).runs.query("seed == 1 and epoch == 0").set_index("scope")["mrr_star"]
+    at_once = insert_stack(task).runs.query("seed == 1 and epoch == 0").set_index("scope")["mrr_star"]
     for (_, scope), joint in task.told.joint.items():
         joint[1] = at_once[scope] + 0.8 * MARGIN
-    runs = insert(task).runs.sort_values("epoch")
+    runs = insert_stack(task).runs.sort_values("epoch")
     reached_at = []
     for model, seed in enumerate(SEEDS):
         reached = []
@@ -222,9 +235,9 @@ def test_insertion_stops_once_within_the_margin_of_the_joint_model() -> None:
 
 def test_joint_is_judged_in_all_scopes_of_every_session_at_epoch_0() -> None:
     (task,) = learning_tasks(4, steps=2)
-    cells, joint = task.cells, learn_joint(task)
+    cells, joint = task.cells, train_joint_model(task)
     told = told_to(cells, WORDS, JOINT).insert_triples
-    runs = judge(JudgingTask(cells, Vectors(LEARNING.family, joint.entity, joint.relation), told))
+    runs = evaluate_stack(EvaluationTask(cells, StackedVectors(LEARNING.family, joint.entity, joint.relation), told))
     assert set(runs["epoch"]) == {0}
     assert set(runs["size"]) == {SIZE}
     found = sorted(zip(runs["session"], runs["seed"], runs["scope"], strict=True))
@@ -284,7 +297,7 @@ def test_a_later_session_is_told_its_own_triples_and_knows_who_came_before() -> 
     task = two_sessions("rs", np.nan, np.nan)
     first, _ = fold(task)
     told, how = told_in(task, 2), how_in(task, 2)
-    seen = insertion_of(first.theta, task.cells.session(1), told, how)
+    seen = context_of(first.theta, task.cells.session(1), told, how)
     came_before = 0
     for model, (novel1, novel2) in enumerate(task.cells.novel):
         assert seen.known[model, novel1].all()
@@ -302,7 +315,7 @@ def test_a_later_session_is_told_its_own_triples_and_knows_who_came_before() -> 
 
 def test_insertion_gives_rows_of_every_session() -> None:
     (task,) = insert_tasks(4, "es", theta0(steps=2), steps=2, followed=[SIZE])
-    inserted = insert(task)
+    inserted = insert_stack(task)
     assert inserted.vectors.shape == (len(SEEDS), 2 * SIZE, LEARNING.dimension)
     epochs = inserted.runs.groupby(["seed", "session", "scope"])["epoch"].apply(list)
     rows = inserted.entities.sort_values(["seed", "session", "entity"])
@@ -322,7 +335,7 @@ def test_insertion_gives_rows_of_every_session() -> None:
 def test_each_session_stops_at_its_own_target(session: int) -> None:
     targets = [2.0, 2.0]
     targets[session - 1] = np.nan
-    last = insert(two_sessions("es", *targets)).runs.groupby("session")["epoch"].max()
+    last = insert_stack(two_sessions("es", *targets)).runs.groupby("session")["epoch"].max()
     assert last.to_dict() == {session: 0, 3 - session: OPTIMIZER.max_epochs}
 
 
@@ -334,13 +347,13 @@ def test_a_trace_is_of_one_entity_of_the_experiment_and_its_indicators(name: str
     trained = theta0()
     (stack,), alone = insert_tasks(4, name, trained), insert_tasks(1, name, trained)[2]
 
-    def followed(epochs: int) -> TraceTask:
+    def followed(epochs: int) -> TrajectoryTask:
         how = replace(alone.how, optimizer=OPTIMIZER.model_copy(update={"max_epochs": epochs}))
-        return TraceTask(alone.cells, replace(alone, how=how), place=1)
+        return TrajectoryTask(alone.cells, replace(alone, how=how), place=1)
 
-    short, long = (trace(followed(epochs)) for epochs in (2, 4))
+    short, long = (trace_trajectory(followed(epochs)) for epochs in (2, 4))
     assert (len(short.path), len(long.path)) == (3, 5)
-    assert short.path[0].tobytes() == insert(stack).vectors[2, 1].tobytes()
+    assert short.path[0].tobytes() == insert_stack(stack).vectors[2, 1].tobytes()
     assert short.path.tobytes() == long.path[:3].tobytes()
     assert not np.array_equal(long.path[3], long.path[4])
     assert short.indicators.sum() == INITIALIZERS[name].get("k", ENTITIES - SIZE if name == "mean" else 0)
@@ -369,10 +382,10 @@ FEW = CrossValidation(
 
 def test_families_are_measured_over_all_test_triples_with_what_training_took() -> None:
     (task,) = learning_tasks(4)
-    learned = learn_joint(task)
-    theta, log = Vectors(ANALOGY, learned.entity, learned.relation), learned.log
-    found = rows(measure(FamilyTask(task.cells, theta)), learned).set_index("seed")
-    runs = judge(JudgingTask(task.cells, theta, told_to(task.cells, WORDS, JOINT).insert_triples))
+    learned = train_joint_model(task)
+    theta, log = StackedVectors(ANALOGY, learned.entity, learned.relation), learned.log
+    found = rows(measure(ModelTask(task.cells, theta)), learned).set_index("seed")
+    runs = evaluate_stack(EvaluationTask(task.cells, theta, told_to(task.cells, WORDS, JOINT).insert_triples))
     judged = runs[runs["scope"] == "all"].set_index("seed")
     columns = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "queries"]
     pd.testing.assert_frame_equal(found[columns], judged[columns])
@@ -387,9 +400,9 @@ def test_cross_validation_gives_the_same_bits_for_any_height_of_stacks() -> None
     for height in (1, 2, 5):
         tasks = fold_tasks("home", GRAPH, FEW, LEARNING, height)
         assert max(len(task.cells.seeds) for task in tasks) == height
-        tables.append(csv(pd.concat(best_looks(task, learn_joint(task)) for task in tasks)))
+        tables.append(csv(pd.concat(best_looks(task, train_joint_model(task)) for task in tasks)))
     assert tables[0] == tables[1] == tables[2]
-    rows = pd.concat(best_looks(task, learn_joint(task)) for task in tasks)
+    rows = pd.concat(best_looks(task, train_joint_model(task)) for task in tasks)
     assert rows[["dimension", "fold"]].to_numpy().tolist() == [[d, fold] for d in (12, 8) for fold in range(5)]
 
 
@@ -400,6 +413,6 @@ def test_the_best_look_at_a_fold_is_the_last_that_was_kept() -> None:
     )  # fmt: skip
     task = fold_tasks("home", GRAPH, FEW, LEARNING, 5)[0]
     nothing = np.zeros(0)
-    best = best_looks(task, Learned(nothing, nothing, nothing, log)).set_index("fold")
+    best = best_looks(task, TrainResult(nothing, nothing, nothing, log)).set_index("fold")
     assert best["mrr_star"].to_dict() == {0: 0.5, 1: 0.6}
     assert best["epoch"].to_dict() == {0: 4, 1: 2}

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import pandas as pd
 import pytest
 
-from isi.base import tables
-from isi.base.stage import Provenance
+from isi.analyses import single_insertions
+from isi.analyses.single_insertions import SHOWN, TABLES
 from isi.report import contents, page
 from isi.report.models import label
 from isi.report.results import Experiment, Study
-from isi.studies import singles
-from isi.studies.singles import SHOWN, TABLES
+from isi.tables import io
+from isi.tables.io import Provenance
 from tests.browser import Opened, opened
 from tests.reports import small_results
 from tests.test_singles import HOW, singles_task
@@ -36,11 +36,11 @@ Shown = dict[str, pd.DataFrame]
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory: pytest.TempPathFactory) -> Shown:
     folder, found = tmp_path_factory.mktemp("explorer"), {}
-    done = singles.single_out(singles_task())
+    done = single_insertions.single_insertions(singles_task())
     for what, (schema, order) in TABLES.items():
         frame = getattr(done, what).sort_values(order, kind="stable")
-        tables.write(folder / what, frame, schema, Provenance("single_out", {}))
-        found[what] = tables.read_text(folder / what, schema)
+        io.write(folder / what, frame, schema, Provenance("single_out", {}))
+        found[what] = io.read_text(folder / what, schema)
     return found
 
 

@@ -16,9 +16,9 @@ import yaml
 from rdflib import RDF, RDFS, Graph, Literal, URIRef
 
 from isi.__main__ import main
-from isi.base import paths, tables
-from isi.base.tables import Provenance
 from isi.exports import FORMS
+from isi.tables import catalogue, io, paths
+from isi.tables.provenance import Provenance
 from tests.kept import small, written
 from tests.observing import TRIPLE, observe
 
@@ -62,7 +62,7 @@ def lay_out() -> None:
         "known": torch.tensor([[True] * 5, [True] * 4 + [False]]),
         "seed": torch.tensor([4, 7]),
     }
-    tables.write_tensors(paths.joint("home"), tensors, MADE)
+    io.write_tensors(paths.joint("home"), tensors, MADE)
 
 
 @pytest.fixture
@@ -75,8 +75,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def graph(entities: pd.DataFrame, triples: pd.DataFrame) -> None:
     named = entities.assign(source="home", phrase=entities["entity"].str.lower())
-    tables.write(paths.entities("home"), named, tables.ENTITIES, MADE)
-    tables.write(paths.triples("home"), triples.assign(source="home"), tables.TRIPLES, MADE)
+    io.write(paths.entities("home"), named, catalogue.ENTITIES, MADE)
+    io.write(paths.triples("home"), triples.assign(source="home"), catalogue.TRIPLES, MADE)
 
 
 def export(form: str, out: str, *more: str) -> None:
@@ -215,9 +215,9 @@ def test_an_embedding_leaves_with_what_it_predicts_itself() -> None:
 
 
 def test_a_graph_of_the_second_pipeline_leaves_without_predictions(folder: Path) -> None:
-    for name, schema in (("entities", tables.ENTITIES), ("triples", tables.TRIPLES)):
+    for name, schema in (("entities", catalogue.ENTITIES), ("triples", catalogue.TRIPLES)):
         own = paths.entities("home") if name == "entities" else paths.triples("home")
-        tables.write(paths.explored("there", name), tables.read(own, schema), schema, MADE)
+        io.write(paths.explored("there", name), io.read(own, schema), schema, MADE)
     main(["export", "there", "--format", "pykeen-tsv", "--out", "there.tsv"])
     found = pd.read_csv(folder / "there.tsv", sep="\t", header=None)
     assert set(found.itertuples(index=False, name=None)) == ROWS

@@ -12,9 +12,9 @@ import pytest
 import torch
 from torch.nn.functional import normalize
 
-from isi.embeddings.stack import uniform
-from isi.families import FAMILIES, make
-from isi.initializers import INITIALIZERS, options_of
+from isi.initializers.api import INITIALIZERS, options_of
+from isi.models.model import MODELS, make_model
+from isi.models.stack import uniform
 from isi.sources import SOURCES, Mining, Observed, settings_of
 from tests.documented import code, params
 from tests.test_initializers import insertion
@@ -23,7 +23,7 @@ from tests.test_initializers import insertion
 @pytest.fixture
 def own(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> ModuleType:
     """The module that the page shows for a thing."""
-    for plugins in (FAMILIES, INITIALIZERS, SOURCES):  # what the page registers goes when the test does
+    for plugins in (MODELS, INITIALIZERS, SOURCES):  # what the page registers goes when the test does
         monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
     module = ModuleType(request.param.replace(" ", "_"))
     monkeypatch.setitem(sys.modules, module.__name__, module)
@@ -46,7 +46,7 @@ def test_an_initializer() -> None:
 @pytest.mark.parametrize("own", ["own family"], indirect=True)
 @pytest.mark.usefixtures("own")
 def test_a_family() -> None:
-    family = make("transh", params("own family params")["families.transh"], "families.transh")
+    family = make_model("transh", params("own family params")["families.transh"], "families.transh")
     everyone = torch.ones(2, 6, dtype=torch.bool)
     theta = uniform(everyone, 3, family, 4, 0.5, 0, torch.tensor([[0], [1]]))
     scores = theta.score_all()

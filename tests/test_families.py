@@ -11,30 +11,30 @@ import torch
 from torch import Tensor
 from torch.nn.functional import logsigmoid
 
-from isi.base import params, paths
-from isi.base.errors import InputError
-from isi.embeddings.family import Family, Mapping
-from isi.embeddings.meeting import Meeting
-from isi.embeddings.stack import Embedding, select, uniform
-from isi.embeddings.triples import Every, Listed
-from isi.experiments.cells import Cells
-from isi.families import FAMILIES, family, make
-from isi.learning import training
-from isi.learning.batches import Negatives, Tables, batches, training_data
-from isi.learning.ranks import evaluate
-from isi.learning.scopes import validation
-from isi.learning.training import Optimizer
-from isi.sessions.session import everything
+from isi import config
+from isi.errors import InputError
+from isi.evaluation.query_sets import validation
+from isi.evaluation.ranking import evaluate
+from isi.experiment.grid import GridPoints
+from isi.graph.sessions import everything
+from isi.models.interaction import Interaction
+from isi.models.model import MODELS, Model, RelationMapModel, make_model, register_model
+from isi.models.stack import Embedding, select, uniform
+from isi.models.triples import DenseTriples, TripleList
+from isi.tables import paths
+from isi.training import trainer
+from isi.training.batches import DenseBatch, Negatives, batches, training_data
+from isi.training.trainer import Optimizer
 from tests.graphs import ANALOGY, cells_of, graph_of, random_embedding, random_graph
 from tests.pretend import DEVICE, Pretend
 
 DIMENSION = 12
-MODELS, ENTITIES, RELATIONS = 3, 5, 2
+STACK, ENTITIES, RELATIONS = 3, 5, 2
 
 
-@family("transh")
+@register_model("transh")
 @dataclass(frozen=True)
-class TransH(Family):
+class TransH(Model):
     """A family of a user's own with a score alone: -‖h' + r - t'‖², head and tail projected on r's hyperplane."""
 
     def width(self, dimension: int) -> int:
@@ -54,13 +54,13 @@ class TransH(Family):
         return vectors - (vectors * normal).sum(-1, keepdim=True) * normal
 
 
-@family("stretch")
+@register_model("stretch")
 @dataclass(frozen=True)
-class Stretch(Mapping):
+class Stretch(RelationMapModel):
     """A family of a user's own that leaves the gradient of its map to autograd: f = ⟨shift(h ⊙ exp(r)), t⟩."""
 
     @property
-    def meeting(self) -> Meeting:
+    def meeting(self) -> Interaction:
         return ANALOGY.meeting  # type: ignore[attr-defined, no-any-return]
 
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
@@ -83,21 +83,21 @@ OPTIONS: dict[str, dict[str, object]] = {
 }
 
 
-def registered() -> dict[str, Family]:
+def registered() -> dict[str, Model]:
     """Every family, and with its square where it has that option."""
-    options = params.read(paths.PARAMS)["families"] | OPTIONS
-    every = {name: make(name, options.get(name, {}), name) for name in FAMILIES.names()}
+    options = config.read(paths.PARAMS)["families"] | OPTIONS
+    every = {name: make_model(name, options.get(name, {}), name) for name in MODELS.names()}
     squares = {name: own | {"squared": True} for name, own in options.items() if "squared" in own}
-    return every | {f"{name} squared": make(name, own, name) for name, own in squares.items()}
+    return every | {f"{name} squared": make_model(name, own, name) for name, own in squares.items()}
 
 
 BATTERY = registered()
 #: Those whose inverse undoes the transform; a projection cannot be undone.
-INVERTIBLE = {name: family for name, family in BATTERY.items() if name != "transh"}
+INVERTIBLE = {name: register_model for name, register_model in BATTERY.items() if name != "transh"}
 over_all = pytest.mark.parametrize("kind", BATTERY.values(), ids=BATTERY)
 
 
-def precise(kind: Family, models: int = MODELS, entities: int = ENTITIES) -> Embedding:
+def precise(kind: Model, models: int = STACK, entities: int = ENTITIES) -> Embedding:
     """A random embedding in float64."""
     embedding = random_embedding(models, entities, RELATIONS, DIMENSION, seed=4, family=kind)
     return Embedding(embedding.entity.double(), embedding.relation.double(), kind)
@@ -111,11 +111,11 @@ def all_ids(entities: int = ENTITIES) -> tuple[Tensor, Tensor, Tensor]:
     return head, relation, tail
 
 
-def all_listed(models: int = MODELS, entities: int = ENTITIES) -> Listed:
+def all_listed(models: int = STACK, entities: int = ENTITIES) -> TripleList:
     """Every triple of every model, as one list."""
     ids = (ids.repeat(models) for ids in all_ids(entities))
     model = torch.arange(models).repeat_interleave(RELATIONS * entities**2)
-    return Listed((models, RELATIONS, entities), model, *ids)
+    return TripleList((models, RELATIONS, entities), model, *ids)
 
 
 def one_score(embedding: Embedding, model: int, head: int, relation: int, tail: int) -> Tensor:
@@ -124,13 +124,13 @@ def one_score(embedding: Embedding, model: int, head: int, relation: int, tail: 
 
 
 @over_all
-def test_all_ways_to_score_agree(kind: Family) -> None:
+def test_all_ways_to_score_agree(kind: Model) -> None:
     embedding = precise(kind)
-    ids = [ids.expand(MODELS, -1) for ids in all_ids()]
+    ids = [ids.expand(STACK, -1) for ids in all_ids()]
     head, relation, tail = ids
     expected = torch.stack([
         torch.stack([one_score(embedding, model, *one) for one in torch.stack(ids, -1)[model].tolist()])
-        for model in range(MODELS)
+        for model in range(STACK)
     ])  # fmt: skip
     assert expected.std() > 0.1
 
@@ -147,18 +147,18 @@ def test_all_ways_to_score_agree(kind: Family) -> None:
 
 @over_all
 @pytest.mark.parametrize("form", ["tables", "lists"])
-def test_gradient_is_that_of_autograd(kind: Family, form: str) -> None:
+def test_gradient_is_that_of_autograd(kind: Model, form: str) -> None:
     embedding = precise(kind)
-    slope = torch.randn(MODELS, RELATIONS, ENTITIES, ENTITIES, generator=torch.Generator().manual_seed(1)).double()
+    slope = torch.randn(STACK, RELATIONS, ENTITIES, ENTITIES, generator=torch.Generator().manual_seed(1)).double()
     entity, relation = (table.requires_grad_() for table in (embedding.entity, embedding.relation))
     total = sum(
         slope[model, r, h, t] * one_score(embedding, model, h, r, t)
-        for model in range(MODELS)
+        for model in range(STACK)
         for h, r, t in torch.stack(all_ids(), -1).tolist()
     )
     by_entity, by_relation = torch.autograd.grad(total, (entity, relation))  # type: ignore[arg-type]
     entity, relation = entity.detach(), relation.detach()
-    triples = Every.of(entity, relation) if form == "tables" else all_listed()
+    triples = DenseTriples.of(entity, relation) if form == "tables" else all_listed()
     scores, pull = kind.scores(entity, relation, triples)
     found_entity, found_relation = pull(slope.view_as(scores))
     torch.testing.assert_close(found_entity, by_entity)
@@ -166,7 +166,7 @@ def test_gradient_is_that_of_autograd(kind: Family, form: str) -> None:
 
 
 @pytest.mark.parametrize("kind", INVERTIBLE.values(), ids=INVERTIBLE)
-def test_inverse_undoes_the_transform_and_the_other_way_round(kind: Family) -> None:
+def test_inverse_undoes_the_transform_and_the_other_way_round(kind: Model) -> None:
     embedding = precise(kind)
     vectors, relation = embedding.entity, embedding.relation[:, :1]
     torch.testing.assert_close(kind.inverse(kind.transform(vectors, relation), relation), vectors)
@@ -175,12 +175,12 @@ def test_inverse_undoes_the_transform_and_the_other_way_round(kind: Family) -> N
 
 
 @over_all
-def test_resultants_put_the_novel_entity_where_the_relation_takes_the_head_or_comes_from(kind: Family) -> None:
+def test_resultants_put_the_novel_entity_where_the_relation_takes_the_head_or_comes_from(kind: Model) -> None:
     embedding = precise(kind)
     known, row = embedding.entity, embedding.relation[:, :1].expand(-1, ENTITIES, -1)
-    is_tail = torch.arange(MODELS * ENTITIES).view(MODELS, ENTITIES) % 2 == 0
+    is_tail = torch.arange(STACK * ENTITIES).view(STACK, ENTITIES) % 2 == 0
     alpha = embedding.resultants(known, row, is_tail)
-    for place in torch.cartesian_prod(torch.arange(MODELS), torch.arange(ENTITIES)).tolist():
+    for place in torch.cartesian_prod(torch.arange(STACK), torch.arange(ENTITIES)).tolist():
         model, entity = place
         move = kind.transform if is_tail[model, entity] else kind.inverse
         torch.testing.assert_close(alpha[model, entity], move(known[model, entity], row[model, entity]))
@@ -188,7 +188,7 @@ def test_resultants_put_the_novel_entity_where_the_relation_takes_the_head_or_co
 
 @over_all
 @pytest.mark.parametrize("entities", [11, 12, 13, 30])
-def test_scores_and_gradients_are_bit_identical_whatever_the_stack(kind: Family, entities: int) -> None:
+def test_scores_and_gradients_are_bit_identical_whatever_the_stack(kind: Model, entities: int) -> None:
     models = 6
     embedding = random_embedding(models, entities, RELATIONS, DIMENSION, family=kind)
     head, relation, tail = (ids.expand(models, -1) for ids in all_ids(entities))
@@ -198,7 +198,7 @@ def test_scores_and_gradients_are_bit_identical_whatever_the_stack(kind: Family,
         stack, found = select(embedding, some), []
         number = len(some)
         listed = all_listed(number, entities)
-        for triples in (Every.of(stack.entity, stack.relation), listed):
+        for triples in (DenseTriples.of(stack.entity, stack.relation), listed):
             scores, pull = kind.scores(stack.entity, stack.relation, triples)
             by_entity, by_relation = pull(scores / 8)
             found += [scores.reshape(number, -1), by_entity, by_relation]
@@ -219,36 +219,36 @@ def test_scores_and_gradients_are_bit_identical_whatever_the_stack(kind: Family,
 @pytest.mark.parametrize("models", [[1], [0, 2], [3, 2, 1, 0]])
 @pytest.mark.parametrize("cells", [0, 2**23], ids=["lists", "tables"])
 def test_epochs_are_bit_identical_whatever_the_stack(
-    kind: Family, models: list[int], cells: int, monkeypatch: pytest.MonkeyPatch
+    kind: Model, models: list[int], cells: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("isi.learning.batches.TABLE_CELLS", cells)
+    monkeypatch.setattr("isi.training.batches.TABLE_CELLS", cells)
     some, settings = torch.tensor(models), Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=1)
     grid = cells_of(random_graph(13, RELATIONS, 60), 2, [0, 1, 2, 3])
     start = uniform(grid.session(0).entities, RELATIONS, kind, DIMENSION, 0.5, 0, grid.keys())
     negatives = Negatives(mode="sampled", ratio=3, head_pool="unseen")
     data = training_data(grid.session(0), "test", grid.keys(), "unseen")
-    together, alone = training.start(start), training.start(select(start, some))
+    together, alone = trainer.start(start), trainer.start(select(start, some))
     for epoch in (1, 2, 3):
-        training.run_epoch(together, data, negatives, settings, 0, epoch)
-        training.run_epoch(alone, select(data, some), negatives, settings, 0, epoch)
+        trainer.run_epoch(together, data, negatives, settings, 0, epoch)
+        trainer.run_epoch(alone, select(data, some), negatives, settings, 0, epoch)
     for table in ("entity", "relation"):
         assert torch.equal(getattr(together.embedding, table)[some], getattr(alone.embedding, table))
         assert not torch.equal(getattr(together.embedding, table), getattr(start, table))
 
 
 @over_all
-def test_it_learns_steps_along_a_line_better_than_any_constant_score_would(kind: Family) -> None:
+def test_it_learns_steps_along_a_line_better_than_any_constant_score_would(kind: Model) -> None:
     entities, ratio = 13, 5
     steps = {(e, step - 1, e + step): 1 for step in (1, 2) for e in range(entities - step)}
     session = everything(graph_of(steps, entities, 2), torch.zeros(1, len(steps), dtype=torch.int8))
     data = training_data(session, "test", torch.zeros(1, 2, dtype=torch.int64), "all")
     negatives = Negatives(mode="expected", ratio=ratio, head_pool="all")
     settings = Optimizer(batch_size=50, learning_rate=0.3, weight_decay=0.0, max_epochs=300)
-    state = training.start(uniform(session.entities, 2, kind, DIMENSION, 0.1, 0, data.keys))
+    state = trainer.start(uniform(session.entities, 2, kind, DIMENSION, 0.1, 0, data.keys))
     for epoch in range(settings.max_epochs):
-        training.run_epoch(state, data, negatives, settings, 0, epoch)
+        trainer.run_epoch(state, data, negatives, settings, 0, epoch)
     batch, _ = next(batches(data, negatives, settings.batch_size, 0, 1))
-    assert isinstance(batch, Tables)
+    assert isinstance(batch, DenseBatch)
     scores, share = state.embedding.score_all(), 1 / (1 + 3 * ratio)
     loss = -(batch.positives * logsigmoid(scores) + batch.negatives * logsigmoid(-scores)).sum() / len(steps)
     assert loss < 0.9 * -(math.log(share) + 3 * ratio * math.log(1 - share))
@@ -256,18 +256,18 @@ def test_it_learns_steps_along_a_line_better_than_any_constant_score_would(kind:
 
 @over_all
 @pytest.mark.parametrize("cells", [0, 2**23], ids=["lists", "tables"])
-def test_it_learns_the_same_on_another_device(kind: Family, cells: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("isi.learning.batches.TABLE_CELLS", cells)
+def test_it_learns_the_same_on_another_device(kind: Model, cells: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("isi.training.batches.TABLE_CELLS", cells)
     grid = cells_of(random_graph(13, RELATIONS, 60), 2, [0, 1])
     negatives = Negatives(mode="sampled", ratio=3, head_pool="unseen")
     settings = Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=1)
 
-    def learned(own: Cells) -> tuple[Tensor, Tensor]:
+    def learned(own: GridPoints) -> tuple[Tensor, Tensor]:
         """Entity vectors after an epoch, and how the validation triples rank."""
         session = own.session(0)
         data = training_data(session, "test", own.keys(), "unseen")
-        state = training.start(uniform(session.entities, RELATIONS, kind, DIMENSION, 0.5, 0, own.keys()))
-        training.run_epoch(state, data, negatives, settings, 0, 1)
+        state = trainer.start(uniform(session.entities, RELATIONS, kind, DIMENSION, 0.5, 0, own.keys()))
+        trainer.run_epoch(state, data, negatives, settings, 0, 1)
         return state.embedding.entity.cpu(), evaluate(state.embedding, validation(session))["valid"].measures.cpu()
 
     here = learned(grid)
@@ -277,7 +277,7 @@ def test_it_learns_the_same_on_another_device(kind: Family, cells: int, monkeypa
 
 
 @over_all
-def test_it_travels_to_another_process(kind: Family) -> None:
+def test_it_travels_to_another_process(kind: Model) -> None:
     assert pickle.loads(pickle.dumps(kind)) == kind  # noqa: S301
 
 
@@ -301,7 +301,7 @@ def test_an_impossible_dimension_is_refused_by_name(name: str, dimension: int) -
 )
 def test_options_are_checked_by_name(name: str, options: dict[str, object], said: str) -> None:
     with pytest.raises(InputError, match=said):
-        make(name, options, "key")
+        make_model(name, options, "key")
 
 
 def test_distmult_cannot_tell_a_triple_from_its_reverse_and_others_can() -> None:

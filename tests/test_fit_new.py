@@ -9,9 +9,9 @@ import pytest
 import torch
 
 import isi
-from isi.base.errors import InputError
-from isi.inserting.given import family_of, stack_of_one
-from isi.inserting.inserted import Inserted
+from isi.errors import InputError
+from isi.insertion.arguments import family_of, stack_of_one
+from isi.insertion.result import Inserted
 from tests.graphs import random_embedding
 from tests.test_insert import ABOUT, BETWEEN, ENTITIES, KNOWN, NEW, TOLD, call
 

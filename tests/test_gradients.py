@@ -7,9 +7,17 @@ import torch
 from torch import Tensor
 from torch.nn.functional import logsigmoid
 
-from isi.embeddings.stack import Embedding, select
-from isi.learning.batches import Lists, Tables, as_lists, count_negatives, count_table, deal, training_data
-from isi.learning.gradients import loss_gradient
+from isi.models.stack import Embedding, select
+from isi.training.batches import (
+    DenseBatch,
+    ListBatch,
+    as_lists,
+    count_negatives,
+    count_table,
+    shuffle_into_batches,
+    training_data,
+)
+from isi.training.trainer import loss_gradient
 from tests.graphs import ANALOGY, cells_of, dense, random_embedding, random_graph
 
 
@@ -26,7 +34,7 @@ def test_loss_gradient_is_that_of_autograd() -> None:
     generator = torch.Generator().manual_seed(3)
     positives, negatives = (torch.randint(4, (2, 3, 4, 4), generator=generator).double() for _ in range(2))
     by_entity, by_relation = torch.autograd.grad(loss(entity, relation, positives, negatives), (entity, relation))
-    found = loss_gradient(Embedding(entity.detach(), relation.detach(), ANALOGY), Tables(positives, negatives))
+    found = loss_gradient(Embedding(entity.detach(), relation.detach(), ANALOGY), DenseBatch(positives, negatives))
     torch.testing.assert_close(found.entity, by_entity)
     torch.testing.assert_close(found.relation, by_relation)
 
@@ -34,10 +42,10 @@ def test_loss_gradient_is_that_of_autograd() -> None:
 def test_a_batch_has_the_same_gradient_as_lists_and_as_tables() -> None:
     cells = cells_of(random_graph(13, 3, 80), 2, [0, 1, 2, 3])
     data, embedding = training_data(cells.session(0), "test", cells.keys(), "unseen"), random_embedding(4, 13, 3, 12)
-    dealt = deal(data, 0, 1, 40)[1]
+    dealt = shuffle_into_batches(data, 0, 1, 40)[1]
     lists = as_lists(data, dealt, 3, 0, 1, 1)
-    assert isinstance(lists, Lists)
-    tables = Tables(count_table(data, dealt), count_negatives(data, lists))
+    assert isinstance(lists, ListBatch)
+    tables = DenseBatch(count_table(data, dealt), count_negatives(data, lists))
     one, other = (loss_gradient(embedding, batch) for batch in (lists, tables))
     torch.testing.assert_close(one.entity, other.entity, rtol=1e-4, atol=1e-5)
     torch.testing.assert_close(one.relation, other.relation, rtol=1e-4, atol=1e-5)
@@ -50,9 +58,9 @@ def test_loss_gradient_is_bit_identical_whatever_the_stack(entities: int) -> Non
     embedding = random_embedding(models, entities, relations, 12)
     counts = torch.randint(4, (2, models, relations, entities, entities), generator=torch.Generator().manual_seed(1))
     positives, negatives = counts.float()
-    together = loss_gradient(embedding, Tables(positives, negatives))
+    together = loss_gradient(embedding, DenseBatch(positives, negatives))
     for height in (1, 3):
         for some in torch.arange(models).split(height):
-            alone = loss_gradient(select(embedding, some), Tables(positives[some], negatives[some]))
+            alone = loss_gradient(select(embedding, some), DenseBatch(positives[some], negatives[some]))
             assert torch.equal(together.entity[some], alone.entity)
             assert torch.equal(together.relation[some], alone.relation)

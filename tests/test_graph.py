@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 import torch
 
-from isi import graph
-from isi.base import tables
-from isi.base.errors import InputError
-from isi.base.tables import Provenance
+from isi.errors import InputError
+from isi.graph import graph
+from isi.tables import catalogue, io
+from isi.tables.provenance import Provenance
 
 #: As ``tables.TRIPLES``.
 TRIPLES = pd.DataFrame(
@@ -27,7 +27,7 @@ KINDS = ["object", "room", "object", "material", "affordance"]
 def tiny() -> graph.Graph:
     """Entities in an order that is not alphabetical: mug 0, kitchen 1, cabinet 2, wood 3, fill 4."""
     entities = pd.DataFrame({"entity": ["mug", "kitchen", "cabinet", "wood", "fill"], "kind": KINDS})
-    return graph.build(entities, TRIPLES)
+    return graph.build_graph(entities, TRIPLES)
 
 
 def test_entity_ids_are_rows_and_relation_ids_follow_the_alphabet(tiny: graph.Graph) -> None:
@@ -53,11 +53,11 @@ def test_tables_read_from_parquet_give_the_same_graph(tiny: graph.Graph, tmp_pat
     made = Provenance("build_graph", {})
     entities = pd.DataFrame({"entity": tiny.entities, "kind": KINDS, "source": "x", "phrase": tiny.entities})
     entities = entities.sort_values("entity", ignore_index=True)
-    tiny = graph.build(entities, TRIPLES)
-    tables.write(tmp_path / "entities", entities, tables.ENTITIES, made)
-    tables.write(tmp_path / "triples", TRIPLES, tables.TRIPLES, made)
-    read = graph.build(
-        tables.read(tmp_path / "entities", tables.ENTITIES), tables.read(tmp_path / "triples", tables.TRIPLES)
+    tiny = graph.build_graph(entities, TRIPLES)
+    io.write(tmp_path / "entities", entities, catalogue.ENTITIES, made)
+    io.write(tmp_path / "triples", TRIPLES, catalogue.TRIPLES, made)
+    read = graph.build_graph(
+        io.read(tmp_path / "entities", catalogue.ENTITIES), io.read(tmp_path / "triples", catalogue.TRIPLES)
     )
     assert (read.entities, read.relations) == (tiny.entities, tiny.relations)
     assert torch.equal(read.triples, tiny.triples)
@@ -68,7 +68,7 @@ def test_tables_read_from_parquet_give_the_same_graph(tiny: graph.Graph, tmp_pat
 def test_a_triple_of_an_unknown_entity_is_refused() -> None:
     entities = pd.DataFrame({"entity": ["mug", "kitchen", "cabinet", "wood"], "kind": "object"})
     with pytest.raises(InputError, match="entities"):
-        graph.build(entities, TRIPLES)
+        graph.build_graph(entities, TRIPLES)
 
 
 def test_a_graph_travels_between_processes_unchanged(tiny: graph.Graph) -> None:

@@ -11,13 +11,12 @@ from pathlib import Path
 import pytest
 
 from isi.__main__ import main
-from isi.base import paths, tables
-from isi.base.params import read as read_params
-from isi.building import graph_of
-from isi.commands._reading import guess, read, together
-from isi.commands.graph import described
-from isi.graph import build
+from isi.cli._reading import guess, read, together
+from isi.cli.graph import described
+from isi.config import read as read_params
+from isi.graph.graph import build_graph, build_tables
 from isi.sources._recording import FORMAT, locate
+from isi.tables import catalogue, io, paths
 
 ROOT = Path(__file__).parent.parent
 LOG = """head,relation,tail,count,room
@@ -89,14 +88,14 @@ def test_it_says_what_is_in_a_table(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_it_writes_the_tables_of_a_graph(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said(capsys, "log.csv", "--out", "made/graph")
-    entities = tables.read(folder / "made/graph/entities.parquet", tables.ENTITIES)
-    triples = tables.read(folder / "made/graph/triples.parquet", tables.TRIPLES)
+    entities = io.read(folder / "made/graph/entities.parquet", catalogue.ENTITIES)
+    triples = io.read(folder / "made/graph/triples.parquet", catalogue.TRIPLES)
     assert list(entities["entity"]) == ["bedroom", "ceramic", "cup", "fill", "kitchen", "mug", "xqzzy"]
     assert set(entities["kind"]) == {"entity"}
     counts = {tuple(row[:3]): row[3] for row in triples.itertuples(index=False)}
     assert counts["mug", "atLocation", "kitchen"] == 4
     assert sum(counts.values()) == 10
-    assert build(entities, triples).triples.shape == (6, 3)
+    assert build_graph(entities, triples).triples.shape == (6, 3)
     assert {path.name for path in (folder / "made/graph").iterdir()} == {"entities.parquet", "triples.parquet"}
 
 
@@ -114,7 +113,7 @@ def test_several_files_make_one_graph(folder: Path, capsys: pytest.CaptureFixtur
 def test_a_graph_that_can_be_split_is_said_to_be_one(folder: Path) -> None:
     rows = [f"thing{h},near,thing{t}" for h in range(9) for t in range(9)]
     (folder / "dense.csv").write_text("head,relation,tail\n" + "\n".join(rows), encoding="utf-8")
-    graph = graph_of(together([read(folder / "dense.csv", None, {}, 0)]))
+    graph = build_tables(together([read(folder / "dense.csv", None, {}, 0)]))
     lines = list(described(graph, read_params(paths.PARAMS)))
     assert lines[-1] == "  validation and test take 16 triples, which it has"
     assert lines[-3].startswith("  0 of 9 entities have one triple")

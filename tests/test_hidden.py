@@ -13,13 +13,13 @@ import pytest
 import torch
 import yaml
 
-from isi.base import paths, tables
-from isi.base.errors import InputError
-from isi.base.params import check
-from isi.experiments.cells import Cells
-from isi.graph import Graph
-from isi.studies import beyond
-from isi.studies.hidden import Hidden, Hiding, hide
+from isi.analyses import other_graphs
+from isi.analyses.hidden_entities import Hidden, HiddenTask, measure_hidden
+from isi.config import check
+from isi.errors import InputError
+from isi.experiment.grid import GridPoints
+from isi.graph.graph import Graph
+from isi.tables import catalogue, io, paths
 from tools.check_params import check_beyond
 
 ROOT = Path(__file__).parent.parent
@@ -43,8 +43,8 @@ def triples() -> np.ndarray:
     return np.array(sorted(ring | drawn))
 
 
-def hidden(triples: np.ndarray, seed: int = 0, **changed: Any) -> Hiding:
-    return hide(triples, ENTITIES, how(**changed), "hidden.ring", 0, seed)
+def hidden(triples: np.ndarray, seed: int = 0, **changed: Any) -> HiddenTask:
+    return measure_hidden(triples, ENTITIES, how(**changed), "hidden.ring", 0, seed)
 
 
 def as_set(triples: np.ndarray) -> set[tuple[int, ...]]:
@@ -105,16 +105,16 @@ def test_a_share_that_leaves_too_few_triples_is_refused(triples: np.ndarray) -> 
 
 
 @pytest.fixture(scope="module")
-def cells(triples: np.ndarray) -> Cells:
+def cells(triples: np.ndarray) -> GridPoints:
     names = [f"e{row}" for row in range(ENTITIES)]
     counts, kinds = torch.ones(len(triples), dtype=torch.int64), torch.zeros(ENTITIES, dtype=torch.int64)
     graph = Graph(names, ["r0", "r1", "r2"], torch.from_numpy(triples), counts, kinds)
-    return Cells("ring", graph, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
+    return GridPoints("ring", graph, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
 
 
-def test_each_method_answers_and_what_knows_the_same_knows_the_same(cells: Cells) -> None:
+def test_each_method_answers_and_what_knows_the_same_knows_the_same(cells: GridPoints) -> None:
     pytest.importorskip("pykeen")
-    from isi.studies.hidden_in_pykeen import HidingTask, hidden_in
+    from isi.analyses.hidden_in_pykeen import HidingTask, hidden_in
 
     words = np.random.default_rng(1).standard_normal((ENTITIES, 5)).astype(np.float32)
     task = HidingTask(cells, words, how(), "hidden.ring", 0)
@@ -135,7 +135,7 @@ def test_each_method_answers_and_what_knows_the_same_knows_the_same(cells: Cells
 
 def test_ranks_are_those_among_all_entities_less_other_true_answers(triples: np.ndarray) -> None:
     pytest.importorskip("pykeen")
-    from isi.studies.hidden_in_pykeen import factory_of, measured, untrained
+    from isi.analyses.hidden_in_pykeen import factory_of, measured, untrained
 
     found, asked = hidden(triples), {}
     factory = factory_of(torch.from_numpy(found.true), [f"e{row}" for row in range(ENTITIES)], {"a": 0, "b": 1, "c": 2})
@@ -176,7 +176,7 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(tmp_path: Path, mo
         hide_stage()
         written.append(paths.hidden("nations").read_bytes())
     assert written[0] == written[1]
-    found = tables.read(paths.hidden("nations"), tables.HIDDEN)
+    found = io.read(paths.hidden("nations"), catalogue.HIDDEN)
     assert set(found["entities"]) == {1}
     assert set(found["seed"]) == {0, 1}
     took = json.loads(paths.hidden_seconds("nations").read_text(encoding="utf-8"))
@@ -210,4 +210,4 @@ def test_what_cannot_be_hidden_is_refused_in_one_line(
 
 def test_what_ships_hides_in_graphs_that_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    assert [*beyond.load().hidden] == ["umls", "nations", "behavior", "virtualhome"]
+    assert [*other_graphs.load().hidden] == ["umls", "nations", "behavior", "virtualhome"]

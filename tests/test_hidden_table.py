@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 import yaml
 
-from isi.base import paths, tables
-from isi.base.stage import Provenance
+from isi.tables import catalogue, io, paths
+from isi.tables.io import Provenance
 from tests.test_hidden import ENTRY
 from tools import hidden
 
@@ -35,7 +35,7 @@ def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     paths.BEYOND_PARAMS.parent.mkdir()
     entries = {"ring": ENTRY | {"told": [1, None]}, "later": ENTRY}
     paths.BEYOND_PARAMS.write_text(yaml.safe_dump({"variants": {}, "hidden": entries}), encoding="utf-8")
-    tables.write(paths.hidden("ring"), pd.DataFrame(rows), tables.HIDDEN, Provenance("hide", {}))
+    io.write(paths.hidden("ring"), pd.DataFrame(rows), catalogue.HIDDEN, Provenance("hide", {}))
     took = [{"method": method, "told": told, "seconds": 12.34 if told else 0.0123} for method, told, _ in FOUND]
     paths.hidden_seconds("ring").write_text(json.dumps(took), encoding="utf-8")
     return tmp_path / "hidden.md"

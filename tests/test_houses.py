@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isi.base.errors import InputError
+from isi.errors import InputError
 from isi.sources import _houses as reading
 from isi.sources._houses import Point, Room, houses, named_by
 from isi.sources.procthor_houses import numbered

@@ -13,21 +13,21 @@ import torch
 from safetensors.numpy import save_file
 
 from isi.__main__ import main
-from isi.asking.model import Model, open_model
-from isi.keeping.folder import read
-from isi.keeping.kept import Kept
+from isi.bundle.folder import read
+from isi.bundle.manifest import Bundle
+from isi.bundle.query import OpenBundle, open_bundle
 from tests.kept import BETWEEN, NAMES, RELATIONS, TRIPLES, VECTORS, files
 
 ENTITIES, LABELS = np.array(VECTORS, np.float32), np.array(RELATIONS, np.float32)
 
 
-def imported(*arguments: str) -> Kept:
+def imported(*arguments: str) -> Bundle:
     main(["import", *arguments, "--out", "out"])
     return read(Path("out"))
 
 
-def opened(*arguments: str) -> Model:
-    return open_model(imported(*arguments), Path("out"))
+def opened(*arguments: str) -> OpenBundle:
+    return open_bundle(imported(*arguments), Path("out"))
 
 
 @pytest.fixture(autouse=True)

@@ -12,15 +12,15 @@ import pytest
 import torch
 
 from isi.__main__ import main
-from isi.asking.model import Model, open_model
-from isi.graph import HEAD, TAIL
-from isi.keeping.folder import read
+from isi.bundle.folder import read
+from isi.bundle.query import OpenBundle, open_bundle
+from isi.graph.graph import HEAD, TAIL
 
 
-def opened(*arguments: str) -> Model:
+def opened(*arguments: str) -> OpenBundle:
     """What is imported, ready to be asked."""
     main(["import", *arguments, "--out", "out"])
-    return open_model(read(Path("out")), Path("out"))
+    return open_bundle(read(Path("out")), Path("out"))
 
 
 @pytest.fixture(autouse=True)

@@ -14,20 +14,27 @@ import pytest
 import torch
 
 from isi import initializers
-from isi.base import paths
-from isi.base.errors import InputError
-from isi.base.params import Count, Option, read
-from isi.embeddings.stack import Embedding
-from isi.experiments.cells import Cells
-from isi.graph import Graph
-from isi.initializers import INITIALIZERS, initializer, options_of
-from isi.initializers.es_permuted import permuted_words
-from isi.insertion import similarity
-from isi.insertion.core import FALLBACKS, Initial, Insertion, unaided
-from isi.insertion.step import How, Told, insertion_of, put
-from isi.learning.batches import Negatives
-from isi.learning.training import Optimizer
-from isi.sessions.session import TEST, TRAIN, VALID
+from isi.config import Count, Option, read
+from isi.errors import InputError
+from isi.experiment.grid import GridPoints
+from isi.experiment.insertion_step import InsertConfig, NovelEntities, context_of, with_vectors
+from isi.graph.graph import Graph
+from isi.graph.sessions import TEST, TRAIN, VALID
+from isi.initializers import similarity
+from isi.initializers.api import (
+    FALLBACKS,
+    INITIALIZERS,
+    InitContext,
+    InitResult,
+    initializer,
+    options_of,
+    without_indicators,
+)
+from isi.initializers.controls import permuted_words
+from isi.models.stack import Embedding
+from isi.tables import paths
+from isi.training.batches import Negatives
+from isi.training.trainer import Optimizer
 from tests.graphs import cells_of, dense, graph_of, insert_triples_of, random_counts, random_embedding
 
 ENTITIES, RELATIONS, DIMENSION = 16, 3, 8
@@ -95,29 +102,29 @@ def world() -> World:
     return World(graph, splits, known, insert_triples_of(cells), words)
 
 
-def cells_at(graph: Graph, splits: np.ndarray) -> Cells:
-    return Cells("home", graph, 3, [5, 6], splits, NOVEL[:, None])
+def cells_at(graph: Graph, splits: np.ndarray) -> GridPoints:
+    return GridPoints("home", graph, 3, [5, 6], splits, NOVEL[:, None])
 
 
-def seen(of: World) -> Insertion:
+def seen(of: World) -> InitContext:
     """What initializers are shown of it."""
     cells = cells_at(of.graph, of.splits)
-    told = Told(torch.as_tensor(NOVEL), torch.as_tensor(of.insert_triples), torch.as_tensor(of.words))
+    told = NovelEntities(torch.as_tensor(NOVEL), torch.as_tensor(of.insert_triples), torch.as_tensor(of.words))
     negatives = Negatives(mode="sampled", ratio=2, head_pool="all")
     optimizer = Optimizer(batch_size=50, learning_rate=0.01, weight_decay=1e-3, max_epochs=2)
-    how = How("es", {"k": 3}, 0, cells.keys(), negatives, optimizer, {}, False)
-    return insertion_of(of.theta0, cells.session(0), told, how)
+    how = InsertConfig("es", {"k": 3}, 0, cells.keys(), negatives, optimizer, {}, False)
+    return context_of(of.theta0, cells.session(0), told, how)
 
 
-def insertion() -> Insertion:
+def insertion() -> InitContext:
     return seen(world())
 
 
-def insert(name: str, given: Insertion, **options: Option) -> Initial:
+def insert(name: str, given: InitContext, **options: Option) -> InitResult:
     return INITIALIZERS.get(name, "initializers").function(given, **options)
 
 
-def initial(name: str, given: Insertion) -> Initial:
+def initial(name: str, given: InitContext) -> InitResult:
     return insert(name, given, **EVERYONE[name])
 
 
@@ -337,7 +344,7 @@ def test_indicators_are_told_where_a_centroid_was_taken(name: str) -> None:
                 torch.testing.assert_close(found.vectors[model, place], own.mean(0))
 
 
-def wide(dimension: int = 400) -> Insertion:
+def wide(dimension: int = 400) -> InitContext:
     """Many coordinates, in [2, 3] + the number of the coordinate; rows of novel entities are zero."""
     given = insertion()
     entity = (
@@ -475,7 +482,7 @@ def test_es_permuted_falls_back_where_es_does() -> None:
 def test_put_replaces_the_rows_of_novel_entities_alone() -> None:
     given = insertion()
     vectors = torch.arange(2 * 3 * DIMENSION).view(2, 3, DIMENSION).float()
-    theta1 = put(given.theta0, given.novel, vectors)
+    theta1 = with_vectors(given.theta0, given.novel, vectors)
     for model in range(2):
         assert torch.equal(theta1.entity[model, given.novel[model]], vectors[model])
     assert torch.equal(theta1.entity[given.known], given.theta0.entity[given.known])
@@ -516,8 +523,8 @@ def _of_ones_own() -> Iterator[None]:
 @pytest.mark.usefixtures("_of_ones_own")
 def test_options_come_from_the_signature_with_its_defaults() -> None:
     @initializer("constant")
-    def constant(insertion: Insertion, at: float, times: Count = 2) -> Initial:
-        return unaided(torch.full((*insertion.novel.shape, DIMENSION), at * times))
+    def constant(insertion: InitContext, at: float, times: Count = 2) -> InitResult:
+        return without_indicators(torch.full((*insertion.novel.shape, DIMENSION), at * times))
 
     given = options_of("constant", {"at": 1.5}, "initializers.constant")
     assert given == {"at": 1.5, "times": 2}
@@ -528,8 +535,8 @@ def test_options_come_from_the_signature_with_its_defaults() -> None:
 
 @pytest.mark.usefixtures("_of_ones_own")
 def test_one_of_ones_own_is_shown_by_its_name_unless_it_says_otherwise() -> None:
-    initializer("plain")(unaided)
-    initializer("fancy", label="Fancy", role="isi", colour="#123456")(unaided)
+    initializer("plain")(without_indicators)
+    initializer("fancy", label="Fancy", role="isi", colour="#123456")(without_indicators)
     plain, fancy = (INITIALIZERS.get(name, "initializers") for name in ("plain", "fancy"))
     assert (plain.label, plain.role, plain.colour) == ("plain", "own", None)
     assert (fancy.label, fancy.role, fancy.colour) == ("Fancy", "isi", "#123456")

@@ -14,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import isi
-from isi.base import params, paths
-from isi.base.errors import InputError
-from isi.initializers import INITIALIZERS
-from isi.inserting.choosing import BY_ENTITY, BY_PAIR, DEFAULTS
-from isi.inserting.inserted import Inserted
-from isi.insertion.core import Initial, Insertion
+from isi import config
+from isi.errors import InputError
+from isi.initializers.api import INITIALIZERS, InitContext, InitResult
+from isi.insertion.choose import BY_ENTITY, BY_PAIR, DEFAULTS
+from isi.insertion.result import Inserted
+from isi.tables import paths
 from tests.graphs import random_embedding
 
 ENTITIES, RELATIONS, DIMENSION = 12, 3, 8
@@ -49,14 +49,14 @@ def call(**changed: Any) -> Inserted:
     return isi.insert(**named(**changed))
 
 
-def by_hand(seen: list[list[tuple[int, int, bool]]], vectors: np.ndarray | None) -> Insertion:
+def by_hand(seen: list[list[tuple[int, int, bool]]], vectors: np.ndarray | None) -> InitContext:
     """The same as the pipeline gives it to initializers, written out."""
     stack = random_embedding(1, ENTITIES, RELATIONS, DIMENSION)
     entity = torch.cat([stack.entity, torch.zeros(1, 2, DIMENSION)], 1)
     longest = max(map(len, seen))
     padded = torch.tensor([[[*own, *[(0, 0, False)] * (longest - len(own))] for own in seen]]).long()
     known = torch.arange(ENTITIES + 2)[None] < ENTITIES
-    return Insertion(
+    return InitContext(
         theta0=replace(stack, entity=entity), known=known, eligible=known & (torch.arange(ENTITIES + 2) < 8),
         novel=torch.tensor([[ENTITIES, ENTITIES + 1]]),
         words=torch.zeros(ENTITIES + 2, 1) if vectors is None else torch.from_numpy(vectors),
@@ -72,7 +72,7 @@ def test_vectors_are_those_of_the_pipelines_initializers(name: str) -> None:
     vectors = words()
     seen = [[(1, 0, False), (3, 1, True)], [(2, 2, False)]]
     function = INITIALIZERS.get(name, "").function
-    expected: Initial = function(by_hand(seen, vectors), **DEFAULTS.get(name, {}))
+    expected: InitResult = function(by_hand(seen, vectors), **DEFAULTS.get(name, {}))
     done = call(initializer=name, words=vectors)
     torch.testing.assert_close(torch.from_numpy(done.entities[ENTITIES:]), expected.vectors[0], rtol=0, atol=0)
     if expected.indicators is not None:
@@ -201,7 +201,7 @@ def test_kinds_may_be_listed_or_named() -> None:
 
 def test_new_entities_in_several_tables_are_those_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
     at_once = {name: call(initializer=name, words=words()).entities for name in ("ers", "soft_hybrid", "map_mean")}
-    monkeypatch.setattr("isi.inserting.choosing.BUDGET", 1)
+    monkeypatch.setattr("isi.insertion.choose.BUDGET", 1)
     for name, expected in at_once.items():
         np.testing.assert_allclose(call(initializer=name, words=words()).entities, expected, rtol=1e-4, atol=1e-6)
     drawn = call(initializer="iu").entities[ENTITIES:]
@@ -211,7 +211,7 @@ def test_new_entities_in_several_tables_are_those_of_one(monkeypatch: pytest.Mon
 @pytest.mark.parametrize("name", ["es", "ers", "soft_es", "soft_hybrid", "map_soft_hybrid"])
 def test_words_of_a_large_graph_are_compared_with_the_new_alone(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     of_all = call(initializer=name, words=words()).entities
-    monkeypatch.setattr("isi.insertion.similarity.WHOLE", 0)
+    monkeypatch.setattr("isi.initializers.similarity.WHOLE", 0)
     np.testing.assert_allclose(call(initializer=name, words=words()).entities, of_all, rtol=1e-5, atol=1e-6)
 
 
@@ -224,7 +224,7 @@ def test_draws_hang_on_the_seed_alone(seed: int, name: str) -> None:
 
 
 def test_options_are_those_of_params_where_it_has_them() -> None:
-    for name, options in params.read(paths.PARAMS)["initializers"].items():
+    for name, options in config.read(paths.PARAMS)["initializers"].items():
         assert DEFAULTS.get(name, {}) == options
     assert set(DEFAULTS) | BY_ENTITY | BY_PAIR <= set(INITIALIZERS.names())
 
@@ -233,6 +233,6 @@ def test_importing_isi_loads_neither_torch_nor_pykeen() -> None:
     script = "import sys, isi; print({'torch', 'pykeen', 'numpy'} & set(sys.modules), isi.__all__)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout == "set() ['InputError', 'fit_new', 'insert']\n"
-    assert isi.insert.__module__ == "isi.inserting.insert"
+    assert isi.insert.__module__ == "isi.insertion.api"
     with pytest.raises(AttributeError, match="has no attribute 'inser'"):
         isi.inser  # noqa: B018

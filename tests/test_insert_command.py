@@ -14,13 +14,13 @@ import pandas as pd
 import pytest
 
 from isi.__main__ import main
-from isi.asking.answers import Answer
-from isi.asking.wording import worded
-from isi.base import paths
-from isi.commands.insert import surprising
-from isi.keeping.folder import read
-from isi.keeping.kept import MODEL, WordSource
-from isi.words import read_vectors
+from isi.bundle.answers import Answer
+from isi.bundle.folder import read
+from isi.bundle.manifest import MODEL, WordSource
+from isi.bundle.words import worded
+from isi.cli.insert import surprising
+from isi.graph.words import read_vectors
+from isi.tables import paths
 from tests.kept import files, small, without_words, written
 from tests.test_rehearsing import model as dense
 

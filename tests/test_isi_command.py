@@ -35,7 +35,7 @@ def test_help_imports_no_command_and_nothing_that_is_slow() -> None:
         "import sys; from isi.__main__ import main\n"
         "try: main(['--help'])\n"
         "except SystemExit: pass\n"
-        "print(sorted({'torch', 'pandas', 'gensim', 'isi.commands.graph'} & set(sys.modules)))"
+        "print(sorted({'torch', 'pandas', 'gensim', 'isi.cli.graph'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.endswith("[]\n")
@@ -71,7 +71,7 @@ def test_a_terminal_that_lacks_a_letter_shows_its_number(tmp_path: Path) -> None
 
 
 def test_who_interrupts_gets_one_line(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr("isi.commands.nearest.run", lambda _: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr("isi.cli.nearest.run", lambda _: signal.raise_signal(signal.SIGINT))
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(SystemExit) as ended:

@@ -14,28 +14,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.numpy import load_file
 
-from isi.base.errors import InputError
-from isi.embeddings.stack import uniform
-from isi.keeping.folder import read, write
-from isi.keeping.kept import Insertion, Kept
-from isi.learning.batches import training_data
-from isi.learning.training import run_epoch, start
-from isi.studies.keeping import learn_whole, usual_epochs, whole
+from isi.analyses.final_model import final_task, train_final, usual_epochs
+from isi.bundle.folder import read, write
+from isi.bundle.manifest import Bundle, InsertionRecord
+from isi.errors import InputError
+from isi.models.stack import uniform
+from isi.training.batches import training_data
+from isi.training.trainer import run_epoch, start
 from tests.graphs import random_graph
 from tests.kept import NAMES, TRIPLES, files, small, written
 from tests.test_experiments import LEARNING
 
 CELLS = st.text(st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"]), max_size=20)
-TOLD = Insertion(
+TOLD = InsertionRecord(
     entity="lie on", told=[("bed", "hasAffordance", "lie on")], definition="to rest", asked=None, options={"k": 2},
     seed=3, initializer="rs", why="the best", fallback=None,
 )  # fmt: skip
 
 
-def same(one: Kept, other: Kept) -> bool:
+def same(one: Bundle, other: Bundle) -> bool:
     return all(
         np.array_equal(ours, theirs) and getattr(ours, "dtype", None) == getattr(theirs, "dtype", None)
-        for ours, theirs in ((getattr(one, field.name), getattr(other, field.name)) for field in fields(Kept))
+        for ours, theirs in ((getattr(one, field.name), getattr(other, field.name)) for field in fields(Bundle))
     )
 
 
@@ -145,8 +145,8 @@ def test_the_usual_epochs_are_the_lower_median_of_the_last_that_were_kept() -> N
 
 def test_all_triples_are_learned_in_as_many_epochs() -> None:
     graph, how = random_graph(12, 2, 40), LEARNING
-    task = whole("home", graph, how, 3)
-    learned, again = learn_whole(task), learn_whole(task)
+    task = final_task("home", graph, how, 3)
+    learned, again = train_final(task), train_final(task)
     assert learned.entity.tobytes() == again.entity.tobytes()
     session, keys = task.cells.joint, torch.tensor([[0, 0]])
     assert (session.splits == 0).all()

@@ -14,16 +14,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import isi
-from isi.asking.answers import Asker, Question, worth_asking
-from isi.asking.chances import fitted
-from isi.asking.finding import find, plain
-from isi.asking.indicating import as_new, weights
-from isi.asking.leaving_out import again, each_left_out
-from isi.asking.model import Model, open_model
-from isi.asking.placing import News, Placed, only, place
-from isi.base.errors import InputError
-from isi.graph import HEAD, TAIL
-from isi.keeping.kept import Kept
+from isi.bundle.answers import Asker, Question, worth_asking
+from isi.bundle.calibration import fit_curves
+from isi.bundle.explain import again, each_left_out
+from isi.bundle.indicators import as_new, weights
+from isi.bundle.insert_entity import InsertedEntity, NewEntity, insert_entity, without_entities
+from isi.bundle.manifest import Bundle
+from isi.bundle.query import OpenBundle, find, open_bundle, plain
+from isi.errors import InputError
+from isi.graph.graph import HEAD, TAIL
 from tests.kept import BETWEEN, NAMES, RELATIONS, VECTORS, WORDS, small
 
 KITCHEN, BEDROOM, KETTLE, BED, TURN_ON, LIE_ON = range(6)
@@ -31,17 +30,17 @@ AT, HAS = range(2)
 FACTS = [("stove", "atLocation", "kitchen"), ("stove", "hasAffordance", "turn on")]
 
 
-def model(**changed: Any) -> Model:
-    return open_model(small(**changed), Path("one"))
+def model(**changed: Any) -> OpenBundle:
+    return open_bundle(small(**changed), Path("one"))
 
 
-def news(**changed: Any) -> News:
+def news(**changed: Any) -> NewEntity:
     vector = np.array([0.6, 0.8, 0.0], np.float32)
     given: dict[str, Any] = {
         "name": "stove", "phrase": "stove", "kind": "object", "facts": FACTS, "definition": None, "vector": vector,
         "initializer": None, "options": {}, "seed": 0,
     }  # fmt: skip
-    return News(**{**given, **changed})
+    return NewEntity(**{**given, **changed})
 
 
 # Answers
@@ -94,7 +93,7 @@ def test_a_curve_through_two_scores_passes_through_their_shares() -> None:
     scores = torch.tensor([0.0] * 4 + [1.0] * 4, dtype=torch.float64)
     known = torch.tensor([True, False, False, False, True, True, True, False])
     right, wrong = 5 / 6, 1 / 6  # Platt's targets, of four known and four others
-    low, high = fitted(scores, known)(torch.tensor([0.0, 1.0])).tolist()
+    low, high = fit_curves(scores, known)(torch.tensor([0.0, 1.0])).tolist()
     assert low == pytest.approx((right + 3 * wrong) / 4, abs=1e-6)
     assert high == pytest.approx((3 * right + wrong) / 4, abs=1e-6)
 
@@ -107,24 +106,24 @@ def test_chances_are_probabilities_that_rise_with_the_score_whatever_its_unit(
 ) -> None:
     known = torch.tensor(data.draw(st.lists(st.booleans(), min_size=len(scores), max_size=len(scores))))
     table = torch.tensor(scores, dtype=torch.float64)
-    chances = fitted(table, known)(table)
+    chances = fit_curves(table, known)(table)
     assert ((chances >= 0) & (chances <= 1)).all()
     ordered = chances[table.argsort()]
     assert (ordered.diff() >= 0).all()
-    torch.testing.assert_close(fitted(scale * table, known)(scale * table), chances, rtol=1e-3, atol=1e-4)
+    torch.testing.assert_close(fit_curves(scale * table, known)(scale * table), chances, rtol=1e-3, atol=1e-4)
 
 
 def test_some_of_many_others_stand_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
     scores = torch.from_numpy(np.concatenate([rng.normal(2, 1, 100), rng.normal(0, 1, 9000)]))
     known, asked = torch.arange(9100) < 100, torch.linspace(-1, 4, 11)
-    whole = fitted(scores, known)(asked)
-    monkeypatch.setattr("isi.asking.chances.OTHERS", 1000)
-    torch.testing.assert_close(fitted(scores, known)(asked), whole, rtol=0.02, atol=1e-4)
+    whole = fit_curves(scores, known)(asked)
+    monkeypatch.setattr("isi.bundle.calibration.OTHERS", 1000)
+    torch.testing.assert_close(fit_curves(scores, known)(asked), whole, rtol=0.02, atol=1e-4)
 
 
 def test_scores_that_tell_nothing_give_the_share_of_the_known() -> None:
-    curve = fitted(torch.tensor([2.0, 1.0, 1.0, 0.0]).double(), torch.tensor([False, True, False, True]))
+    curve = fit_curves(torch.tensor([2.0, 1.0, 1.0, 0.0]).double(), torch.tensor([False, True, False, True]))
     assert curve.slope == 0.0
     assert curve(torch.tensor([5.0])).item() == pytest.approx((3 / 4 + 3 / 4 + 1 / 4 + 1 / 4) / 4)
 
@@ -137,7 +136,7 @@ def test_scores_that_tell_nothing_give_the_share_of_the_known() -> None:
 def test_weights_are_those_of_the_initializer(name: str, told: str) -> None:
     changed = {"both": {}, "words": {"facts": []}, "triples": {"vector": None}}[told]
     given = model()
-    placed = place(given, news(initializer=name, **changed))
+    placed = insert_entity(given, news(initializer=name, **changed))
     found = weights(as_new(placed.model, placed.entity, placed.done.told), name, dict(placed.done.options))
     assert found is not None
     expected = found @ placed.model.embedding.entity[0]
@@ -145,7 +144,7 @@ def test_weights_are_those_of_the_initializer(name: str, told: str) -> None:
 
 
 def test_indicators_are_shown_with_how_similar_they_are() -> None:
-    shown = place(model(), news(initializer="es", options={"k": 2})).indicators()
+    shown = insert_entity(model(), news(initializer="es", options={"k": 2})).indicators()
     assert {one.entity: (one.weight, round(one.words or 0, 4)) for one in shown} == {
         BED: (0.5, 0.8),
         LIE_ON: (0.5, 0.64),
@@ -155,13 +154,13 @@ def test_indicators_are_shown_with_how_similar_they_are() -> None:
         vector = np.array(VECTORS[one.entity])
         cosines = stove @ vector / np.linalg.norm(vector)
         assert one.relations == pytest.approx(cosines.mean())
-    shown = place(model(), news(facts=[], initializer="es", options={"k": 1})).indicators()
+    shown = insert_entity(model(), news(facts=[], initializer="es", options={"k": 1})).indicators()
     assert [(one.entity, one.weight, one.relations) for one in shown] == [(BED, 1.0, None)]
 
 
 def test_an_insertion_is_that_of_the_library_and_leaves_what_is_known() -> None:
     given = model()
-    placed = place(given, news())
+    placed = insert_entity(given, news())
     words = np.concatenate([np.array(WORDS, np.float32), [[0.6, 0.8, 0.0]]]).astype(np.float32)
     expected = isi.insert(
         given.kept.entities, given.kept.relations, FACTS, new=["stove"], family="distmult", entity_names=NAMES,
@@ -173,11 +172,11 @@ def test_an_insertion_is_that_of_the_library_and_leaves_what_is_known() -> None:
     assert placed.record.initializer == "map_soft_hybrid"
 
 
-def inserted_twice() -> Placed:
+def inserted_twice() -> InsertedEntity:
     """A stove, then a hob that is told of the stove."""
-    first = place(model(), news())
+    first = insert_entity(model(), news())
     told = [("hob", "atLocation", "stove"), ("hob", "hasAffordance", "turn on")]
-    return place(first.model, news(name="hob", phrase="hob", facts=told, vector=None))
+    return insert_entity(first.model, news(name="hob", phrase="hob", facts=told, vector=None))
 
 
 def test_an_insertion_is_done_again_whatever_came_after_it() -> None:
@@ -195,7 +194,7 @@ def test_what_is_left_out_is_an_insertion_without_it() -> None:
     found = list(each_left_out(placed.model, record, shown, questions, 1))
     assert [one.left_out for one in found] == ["fact", "fact", "words", *["indicator"] * len(shown)]
     own = kept.entities[6].astype(float)
-    fewer = place(model(), news(facts=FACTS[1:])).vector.astype(float)
+    fewer = insert_entity(model(), news(facts=FACTS[1:])).vector.astype(float)
     assert found[0].cosine == pytest.approx(own @ fewer / math.sqrt((own @ own) * (fewer @ fewer)))
     assert found[0].moved == pytest.approx(np.linalg.norm(own - fewer) / np.linalg.norm(own))
     named = next(one for one in found if one.left_out == "indicator")
@@ -213,7 +212,7 @@ def test_what_is_left_out_is_an_insertion_without_it() -> None:
 
 
 def test_without_all_that_is_known_there_is_nothing() -> None:
-    placed = place(model(), news(facts=[]))
+    placed = insert_entity(model(), news(facts=[]))
     record = placed.record
     (found,) = each_left_out(placed.model, record, [], [], 1)
     assert (found.left_out, found.initializer, found.cosine) == ("words", None, None)
@@ -221,10 +220,10 @@ def test_without_all_that_is_known_there_is_nothing() -> None:
 
 def test_an_indicator_that_is_called_as_a_relation_takes_no_other_facts_with_it() -> None:
     named = model(entity_names=[*NAMES[:-1], "hasAffordance"])
-    placed = place(named, news())
+    placed = insert_entity(named, news())
     shown = [replace(placed.indicators()[0], entity=LIE_ON)]
     *_, found = each_left_out(placed.model, placed.record, shown, [], 1)
-    fewer = place(only(named, np.arange(5)), news())  # which knows what its triples are of
+    fewer = insert_entity(without_entities(named, np.arange(5)), news())  # which knows what its triples are of
     own, vector = (one.vector.astype(float) for one in (placed, fewer))
     assert found.what == "hasAffordance"
     assert found.moved == pytest.approx(np.linalg.norm(own - vector) / np.linalg.norm(own))
@@ -271,6 +270,6 @@ def test_a_plain_name_is_plain(text: str) -> None:
     ],
 )
 def test_a_family_that_the_tables_are_not_of_is_refused(change: dict[str, Any], line: str) -> None:
-    kept: Kept = small()
+    kept: Bundle = small()
     with pytest.raises(InputError, match=line):
-        open_model(replace(kept, about=kept.about.model_copy(update=change)), Path("one"))
+        open_bundle(replace(kept, about=kept.about.model_copy(update=change)), Path("one"))

@@ -8,10 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isi.base.errors import InputError
-from isi.graph import Graph
-from isi.sessions.drawing import SessionsOf, Shares
-from isi.sessions.listing import Sessions, listed
+from isi.errors import InputError
+from isi.graph.graph import Graph
+from isi.graph.sampling import SessionsOf, SessionTables, Shares, session_tables
 from tests.graphs import random_graph
 
 KEY = "experiments.home.sessions"
@@ -23,10 +22,10 @@ TWO_SOURCES = ["a", "b", *["a", "b"] * (NUMBER // 2 - 1)]
 ADDED = set(range(1, NUMBER, 2))
 
 
-def sessions(graph: Graph = GRAPH, sources: list[str] = TWO_SOURCES, **how: Any) -> Sessions:
+def sessions(graph: Graph = GRAPH, sources: list[str] = TWO_SOURCES, **how: Any) -> SessionTables:
     entities = pd.DataFrame({"kind": ["kind"] * NUMBER, "source": sources})
     values: dict[str, Any] = {"novel": "any", "sizes": [2], "seeds": 8, **how}
-    return listed(graph, entities, SessionsOf(**values), SHARES, 3, KEY)
+    return session_tables(graph, entities, SessionsOf(**values), SHARES, 3, KEY)
 
 
 def refusal(**how: Any) -> tuple[object, ...]:

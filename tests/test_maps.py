@@ -10,16 +10,16 @@ import pytest
 import torch
 from torch import Tensor
 
-from isi.embeddings import bits
-from isi.embeddings.blocks import Blocks
-from isi.embeddings.meeting import EPSILON, Distance
-from isi.embeddings.stack import uniform
-from isi.families import make
+from isi.models import bits
+from isi.models.bilinear import Blocks
+from isi.models.interaction import EPSILON, Distance
+from isi.models.model import make_model
+from isi.models.stack import uniform
 from tests.graphs import ANALOGY, dense, random_embedding
 
 DIMENSION = 12
-SHIPPED = {name: make(name, {}, name) for name in ("analogy", "distmult", "complex")} | {
-    f"{name}{' squared' * squared}": make(name, {"margin": 4.0, "squared": squared}, name)
+SHIPPED = {name: make_model(name, {}, name) for name in ("analogy", "distmult", "complex")} | {
+    f"{name}{' squared' * squared}": make_model(name, {"margin": 4.0, "squared": squared}, name)
     for name in ("transe", "rotate")
     for squared in (False, True)
 }

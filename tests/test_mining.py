@@ -15,17 +15,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isi.base import paths, tables
-from isi.base.errors import InputError
-from isi.base.params import read as read_params
-from isi.base.tables import Provenance
-from isi.building import Seen, graph_of
+from isi.config import read as read_params
+from isi.errors import InputError
+from isi.graph.graph import MinedSource, build_tables
 from isi.sources import Observed, settings_of
 from isi.sources import _materials as materials
 from isi.sources._household import entity_name, household
 from isi.sources._materials import MaterialsOf, Object
 from isi.sources._mining import CHUNK, ELSEWHERE, IN_CIRCLE, ITSELF, MISSING, NOT_THERE, Circular, Untidy, mine
 from isi.sources._recording import Scene, locate, read_recording
+from isi.tables import catalogue, io, paths
+from isi.tables.provenance import Provenance
 from tests.houses import houses
 
 KEYS = ("kitchens", "living_rooms", "bedrooms", "bathrooms")
@@ -131,8 +131,8 @@ def test_two_rooms_give_the_observations_written_out_by_hand(tmp_path: Path) -> 
     observations = mined(scenes, materials.simulator, tmp_path)
     assert rows(observations) == sorted(EXPECTED)
     assert (observations["count"] == 1).all()
-    tables.write(tmp_path / "table.parquet", observations, tables.OBSERVATIONS, Provenance("mine", {}))
-    assert rows(tables.read(tmp_path / "table.parquet", tables.OBSERVATIONS)) == sorted(EXPECTED)
+    io.write(tmp_path / "table.parquet", observations, catalogue.OBSERVATIONS, Provenance("mine", {}))
+    assert rows(io.read(tmp_path / "table.parquet", catalogue.OBSERVATIONS)) == sorted(EXPECTED)
 
 
 @pytest.mark.parametrize(
@@ -378,7 +378,7 @@ BROKEN = [*MANY, Scene("House7777", 7777, "kitchen", [thing("Mug", 9, ["Shelf|3"
 def mine_to(path: Path, scenes: list[Scene], materials_of: MaterialsOf) -> bytes:
     """The bytes of the table of some scenes."""
     parts = Observed(household).passing(mine(scenes, materials_of, Path("recording.json")))
-    tables.write_stream(path, parts, tables.OBSERVATIONS, Provenance("mine", {}))
+    io.write_stream(path, parts, catalogue.OBSERVATIONS, Provenance("mine", {}))
     return path.read_bytes()
 
 
@@ -393,7 +393,7 @@ def test_each_chunk_of_scenes_is_a_row_group_and_together_they_are_what_each_sce
     scenes = [file.read_row_group(group)["scene"].to_pylist() for group in range(file.num_row_groups)]
     assert [len(set(names)) for names in scenes] == [CHUNK, CHUNK, 11]
     alone = pd.concat([mined([scene], materials.simulator, tmp_path) for scene in MANY], ignore_index=True)
-    read = tables.read(tmp_path / "table.parquet", tables.OBSERVATIONS)
+    read = io.read(tmp_path / "table.parquet", catalogue.OBSERVATIONS)
     assert read.astype(alone.dtypes).equals(alone)
 
 
@@ -445,7 +445,7 @@ def test_the_real_recording_gives_the_known_figures(real: list[Scene]) -> None:
     observed = Observed(household)
     parts = observed.passing(mine(real, materials.simulator, Path("recording")))
     observations = pa.concat_tables(parts).to_pandas()
-    made = graph_of(Seen("ai2thor", observations, observed.kinds))
+    made = build_tables(MinedSource("ai2thor", observations, observed.kinds))
     entities, triples = made.entities, made.triples
     assert (len(observations), len(triples), len(entities)) == (23_729, 1_036, 153)
     assert triples["count"].sum() == 23_729

@@ -12,9 +12,8 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from isi.base import paths, tables
-from isi.base.errors import InputError
-from isi.base.params import read as read_params
+from isi.config import read as read_params
+from isi.errors import InputError
 from isi.sources import _materials as materials
 from isi.sources import _mp3d as mp3d
 from isi.sources import settings_of
@@ -23,6 +22,7 @@ from isi.sources._mp3d import STEPS, Counted, Vocabulary, read_vocabulary
 from isi.sources._recording import AFFORDANCES, ITHOR, locate, read_recording
 from isi.sources.mp3d_houses import houses
 from isi.sources.mp3d_tallies import tallies
+from isi.tables import catalogue, paths
 
 LABELS = {"a": "bathroom", "t": "bathroom", "b": "bedroom", "k": "kitchen", "l": "living room"}
 WORDS = Vocabulary(structure=["wall", "unknown"], same_as={"night stand": "side table", "refridgerator": "fridge"})
@@ -34,7 +34,7 @@ def mined(
     """Rows of scene, room, instance, head, tail, count; and the instances left after each step."""
     left: Counter[str] = Counter()
     table = pa.concat_tables(mp3d.mine(batches, rooms, words, left))
-    assert table.schema.equals(tables.OBSERVATIONS.columns)
+    assert table.schema.equals(catalogue.OBSERVATIONS.columns)
     frame = pd.DataFrame(table.to_pydict())
     assert set(frame["relation"]) <= {"atLocation"}
     rows = frame[["scene", "room", "instance", "head", "tail", "count"]].astype(object)

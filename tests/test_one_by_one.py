@@ -11,16 +11,15 @@ from unittest.mock import patch
 import pytest
 import torch
 
-from isi.embeddings.family import Family
-from isi.embeddings.meeting import Distance, Meeting
-from isi.embeddings.stack import Embedding, select, uniform
-from isi.experiments.cells import Cells
-from isi.families import make
-from isi.families.analogy import ANALOGY
-from isi.learning import one_by_one
-from isi.learning.batches import Negatives, TrainingData, batches, in_turn, training_data
-from isi.learning.training import ACCUMULATOR, Optimizer, State, run_epoch, start
-from isi.sessions.session import TRAIN, everything
+from isi.experiment.grid import GridPoints
+from isi.graph.sessions import TRAIN, everything
+from isi.models.bilinear import ANALOGY
+from isi.models.interaction import Distance, Interaction
+from isi.models.model import Model, make_model
+from isi.models.stack import Embedding, select, uniform
+from isi.training import single_updates
+from isi.training.batches import Negatives, TrainingData, batches, in_turn, training_data
+from isi.training.trainer import ACCUMULATOR, Optimizer, State, run_epoch, start
 from tests.graphs import cells_of, graph_of, random_embedding, random_graph
 
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
@@ -28,18 +27,18 @@ SINGLY = Optimizer(batch_size=1, learning_rate=0.1, weight_decay=1e-3, max_epoch
 KINDS = ("analogy", "distmult", "complex")
 
 
-def small_cells(seeds: list[int] | None = None, relations: int = 3) -> Cells:
+def small_cells(seeds: list[int] | None = None, relations: int = 3) -> GridPoints:
     return cells_of(random_graph(13, relations, 80), 2, seeds or [0, 1, 2])
 
 
-def begin(cells: Cells, kind: str = "analogy", half_range: float = 0.3) -> State:
-    relations, family = len(cells.graph.relations), make(kind, {}, kind)
+def begin(cells: GridPoints, kind: str = "analogy", half_range: float = 0.3) -> State:
+    relations, family = len(cells.graph.relations), make_model(kind, {}, kind)
     return start(uniform(cells.session(0).entities, relations, family, 20, half_range, 0, cells.keys()))
 
 
 def by_batches(state: State, data: TrainingData, settings: Optimizer, epoch: int) -> None:
     """What an epoch is where nothing is compiled."""
-    with patch.object(one_by_one, "serves", return_value=False):
+    with patch.object(single_updates, "serves", return_value=False):
         run_epoch(state, data, SAMPLED, settings, 0, epoch)
 
 
@@ -83,7 +82,7 @@ def test_a_graph_too_large_for_tables_learns_the_same(monkeypatch: pytest.Monkey
     data = training_data(cells.session(0), "test", cells.keys(), "unseen")
     small, large = begin(cells), begin(cells)
     run_epoch(small, data, SAMPLED, SINGLY, 0, 1)
-    monkeypatch.setattr("isi.learning.batches.TABLE_CELLS", 0)
+    monkeypatch.setattr("isi.training.batches.TABLE_CELLS", 0)
     run_epoch(large, data, SAMPLED.model_copy(update={"mode": "expected"}), SINGLY, 0, 1)
     assert same(small, large)
 
@@ -94,7 +93,7 @@ def test_one_update_by_hand() -> None:
     session = everything(graph, torch.tensor([[TRAIN]], dtype=torch.int8))
     data = training_data(session, "test", torch.tensor([[0, 0]]), "unseen")
     head, row, tail = (0.5, -1.0), (2.0, 1.0), (1.0, 0.25)
-    family = make("distmult", {}, "distmult")
+    family = make_model("distmult", {}, "distmult")
     state = start(Embedding(torch.tensor([[head, tail]]), torch.tensor([[row]]), family))
     (drawn,) = in_turn(data, 1, 0, 1)
     other = [head, tail][int(drawn.others[0])]
@@ -180,23 +179,23 @@ class Far(ANALOGY):
     """A family of a user's own, which meets otherwise."""
 
     @property
-    def meeting(self) -> Meeting:
+    def meeting(self) -> Interaction:
         return Distance(1.0, squared=True)
 
 
 @pytest.mark.parametrize(
     ("family", "known"),
-    [(make(kind, {}, kind), True) for kind in KINDS]
-    + [(make(kind, {"margin": 2.0, "squared": True}, kind), False) for kind in ("transe", "rotate")]
+    [(make_model(kind, {}, kind), True) for kind in KINDS]
+    + [(make_model(kind, {"margin": 2.0, "squared": True}, kind), False) for kind in ("transe", "rotate")]
     + [(Far(), False)],
 )
-def test_what_has_other_mathematics_learns_by_batches(family: Family, known: bool) -> None:
+def test_what_has_other_mathematics_learns_by_batches(family: Model, known: bool) -> None:
     cells = small_cells([0])
     data = training_data(cells.session(0), "test", cells.keys(), "unseen")
     embedding = random_embedding(1, 13, 3, 20, family=family)
-    assert one_by_one.serves(embedding, data, SAMPLED, 1) is known
-    assert not one_by_one.serves(embedding, data, SAMPLED, 2)
-    assert not one_by_one.serves(embedding, data, SAMPLED.model_copy(update={"mode": "expected"}), 1)
+    assert single_updates.can_compile(embedding, data, SAMPLED, 1) is known
+    assert not single_updates.can_compile(embedding, data, SAMPLED, 2)
+    assert not single_updates.can_compile(embedding, data, SAMPLED.model_copy(update={"mode": "expected"}), 1)
     state = start(embedding)
     run_epoch(state, data, SAMPLED, SINGLY, 0, 1)
     assert not torch.equal(state.embedding.entity, embedding.entity)
@@ -207,11 +206,11 @@ def test_numba_is_imported_where_it_is_needed_alone_and_then_before_workers_are_
     lines = (
         "import sys, stages.insert, stages.train_theta0",
         "from isi.families import make",
-        "from isi.learning.one_by_one import prepare",
+        "from isi.training.single_updates import prepare",
         "prepare(make('analogy', {}, ''), 2048)",
         "prepare(make('rotate', {'margin': 1.0, 'squared': True}, ''), 1)",
         "assert 'numba' not in sys.modules",
         "prepare(make('analogy', {}, ''), 1)",
-        "assert sys.modules['isi.learning.compiled'].update.nopython_signatures",
+        "assert sys.modules['isi.training.compiled'].update.nopython_signatures",
     )
     subprocess.run([sys.executable, "-c", "; ".join(lines)], check=True)

@@ -9,13 +9,14 @@ from typing import Any, Literal
 import pytest
 import yaml
 
-from isi.base import paths
-from isi.base.errors import InputError
-from isi.base.params import Count, Section, check, keywords, options
-from isi.base.stage import Given, Provenance
-from isi.initializers import options_of
+from isi.analyses.sweep import SweepSettings
+from isi.config import Count, Section, check, keywords, options
+from isi.errors import InputError
+from isi.initializers.api import options_of
 from isi.params import Params, load
-from isi.studies.sweeps import Indicators
+from isi.stage import StageContext
+from isi.tables import paths
+from isi.tables.io import Provenance
 from tools.workspace import DROP, change_all
 
 
@@ -343,13 +344,13 @@ def test_an_experiment_runs_all_initializers_or_those_that_it_lists_in_the_order
 
 def test_a_sweep_of_one_initializer_needs_the_options_of_no_other() -> None:
     values = {"sweep.k": [1, 4], "sweep.size": 2, "sweep.seeds": 3}
-    given = Given(values | {"sweep.initializers.ers": {"candidates": 30}}, Provenance("sweep_indicators", {}))
-    assert given.section("sweep", Indicators).model_dump() == {
+    given = StageContext(values | {"sweep.initializers.ers": {"candidates": 30}}, Provenance("sweep_indicators", {}))
+    assert given.section("sweep", SweepSettings).model_dump() == {
         "k": [1, 4], "size": 2, "seeds": 3, "initializers": {"ers": {"candidates": 30}}
     }  # fmt: skip
-    other = Given({**given.values, "sweep.k": [4, 1]}, given.provenance)
+    other = StageContext({**given.values, "sweep.k": [4, 1]}, given.provenance)
     with pytest.raises(InputError, match=r"^params\.yaml: sweep: k must ascend"):
-        other.section("sweep", Indicators)
+        other.section("sweep", SweepSettings)
 
 
 # Options from a signature

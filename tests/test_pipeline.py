@@ -24,7 +24,7 @@ import yaml
 from dvc.repo import Repo
 from safetensors.torch import load_file, save_file
 
-from isi.keeping.folder import read
+from isi.bundle.folder import read
 from isi.report import parts
 from tests import documented
 from tests.environment import ENVIRONMENT
@@ -429,10 +429,10 @@ def test_editing_a_param_of_one_experiment_touches_that_experiment_and_the_repor
 def test_an_edit_of_one_plug_in_touches_what_uses_it_alone(folder: Path) -> None:
     own = {*(f"insert@{name}-rs" for name in EXPERIMENTS), "sweep_indicators@ai2thor-rs", "vary_rate@ai2thor-rs"}
     edits = {
-        "isi/initializers/rs.py": own | {"trace_approach@ai2thor", "single_out@ai2thor"},
-        "isi/families/transe.py": {"compare_families@ai2thor-transe"},
+        "isi/initializers/paper.py": own | {"trace_approach@ai2thor", "single_out@ai2thor"},
+        "isi/models/distance.py": {"compare_families@ai2thor-transe"},
         "isi/report/sections/__init__.py": set(),
-        "isi/studies/tracing.py": {"trace_approach@ai2thor"},
+        "isi/analyses/trajectory.py": {"trace_approach@ai2thor"},
     }
     for name, expected in edits.items():
         path = folder / name

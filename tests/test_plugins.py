@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from isi.base.errors import InputError
-from isi.base.plugins import Plugins
-from isi.families import FAMILIES
-from isi.initializers import INITIALIZERS
+from isi.errors import InputError
+from isi.initializers.api import INITIALIZERS
+from isi.models.model import MODELS
+from isi.registry import Plugins
 from isi.sources import SOURCES
 
 
@@ -21,7 +21,7 @@ def dishes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.Fixt
     package = tmp_path / name
     package.mkdir()
     (package / "__init__.py").write_text(
-        f"from isi.base.plugins import Plugins\nDISHES = Plugins({name!r})\n", encoding="utf-8"
+        f"from isi.registry import Plugins\nDISHES = Plugins({name!r})\n", encoding="utf-8"
     )
     for module, registered in (("soup", "soup"), ("stew", "stew"), ("salad", "slaad"), ("_shared", "shared")):
         text = f"from {name} import DISHES\nDISHES.register({registered!r}, 'a {registered}')\n"
@@ -64,7 +64,7 @@ def test_what_is_registered_from_elsewhere_is_there_too(dishes: Plugins[str]) ->
     assert dishes.names() == ["salad", "soup", "stew", "toast"]
 
 
-@pytest.mark.parametrize("plugins", [FAMILIES, INITIALIZERS, SOURCES], ids=lambda plugins: plugins.package)
+@pytest.mark.parametrize("plugins", [MODELS, INITIALIZERS, SOURCES], ids=lambda plugins: plugins.package)
 def test_every_module_that_ships_registers_its_own_name(plugins: Plugins[object]) -> None:
     modules = {path.stem for path in Path(*plugins.package.split(".")).glob("[!_]*.py")}
     assert modules <= set(plugins.names())

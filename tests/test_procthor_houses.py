@@ -12,13 +12,13 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from isi.base import paths, tables
 from isi.sources import Mining, settings_of
 from isi.sources import procthor_houses as procthor
 from isi.sources._houses import House, Placed, asset_types
 from isi.sources._materials import Object
 from isi.sources._recording import Scene
 from isi.sources.procthor_houses import CHUNK, ELSEWHERE, INSTANCES, OUTSIDE, TAKEN, UNNAMED, UNRECORDED, numbered
+from isi.tables import catalogue, paths
 from tests.floors import house, thing
 from tests.test_bad_input import leave, mined, refusal, set_params, workspace
 from tools import make_houses
@@ -38,7 +38,7 @@ def observed(path: Path, *lines: dict[str, Any]) -> tuple[list[tuple[object, ...
     path.write_text("\n".join(map(json.dumps, lines)), encoding="utf-8")
     left: Counter[str] = Counter()
     table = pa.concat_tables(procthor.mine(numbered(path, None), AFFORDANCES, no_materials, left))
-    assert table.schema.equals(tables.OBSERVATIONS.columns)
+    assert table.schema.equals(catalogue.OBSERVATIONS.columns)
     return list(pd.DataFrame(table.to_pydict())[ROWS].itertuples(index=False, name=None)), +left
 
 

@@ -8,11 +8,11 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from isi.base import paths
-from isi.base.errors import InputError
-from isi.building import GraphTables, Seen, graph_of
+from isi.errors import InputError
+from isi.graph.graph import GraphTables, MinedSource, build_tables
 from isi.sources import Mining, Observed, published
 from isi.sources._household import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
+from isi.tables import paths
 
 PLACES = ["cabinet", "fridge", "hanger", "table", "towel holder"]
 
@@ -22,7 +22,7 @@ def graph() -> GraphTables:
     observed = Observed(published.entities)
     observations = pa.concat_tables(observed.passing(published.published(Mining(0)))).to_pandas()
     assert observations[["scene", "room", "instance"]].isna().all(axis=None)
-    return graph_of(Seen("published", observations, observed.kinds))
+    return build_tables(MinedSource("published", observations, observed.kinds))
 
 
 def test_it_has_the_triples_and_observations_of_its_authors(graph: GraphTables) -> None:

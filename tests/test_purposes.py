@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from isi.initializers.es_permuted import permuted_words
-from isi.initializers.xavier import xavier
-from isi.insertion.dealing import dealt_words
-from isi.insertion.drawing import standard_normal
-from isi.learning.batches import as_lists, deal, in_turn, training_data
-from isi.sessions.drawing import folds, split
-from isi.sessions.session import TEST, TRAIN, VALID
+from isi.graph.sampling import folds, split
+from isi.graph.sessions import TEST, TRAIN, VALID
+from isi.initializers.controls import dealt_words, permuted_words, standard_normal
+from isi.initializers.paper import xavier
+from isi.training.batches import as_lists, in_turn, shuffle_into_batches, training_data
 from tests.graphs import cells_of, random_graph
 from tests.test_baselines import some
 from tests.test_sessions import generator
@@ -89,7 +87,7 @@ def shuffled(model: int, epoch: int) -> np.ndarray:
 
 def test_batches_are_dealt_from_a_stream_of_model_and_epoch() -> None:
     for epoch in (1, 2):
-        dealt = deal(DATA, ROOT, epoch, 20)
+        dealt = shuffle_into_batches(DATA, ROOT, epoch, 20)
         for model in range(2):
             assert np.concatenate([batch[model] for batch in dealt]).tolist() == shuffled(model, epoch).tolist()
 
@@ -103,7 +101,7 @@ def test_negatives_are_drawn_from_a_stream_of_their_own(purpose: str, number: tu
         positives = [one.triples for one in drawn]
         tails = [one.others[0] for one in drawn]
     else:
-        dealt = deal(DATA, ROOT, epoch, 10**6)[0]
+        dealt = shuffle_into_batches(DATA, ROOT, epoch, 10**6)[0]
         lists = as_lists(DATA, dealt, ratio, ROOT, *number)
         own = [lists.triples.model == model for model in range(2)]
         positives = [DATA.session.graph.triples[dealt[model]] for model in range(2)]

@@ -20,7 +20,7 @@ from pykeen.training import SLCWATrainingLoop
 from pykeen.triples import CoreTriplesFactory, TriplesFactory
 from torch.optim import SGD, Adam
 
-from isi.pykeen.families import OfInteraction, read_model
+from isi.pykeen.models import OfInteraction, read_model
 
 #: Models of each way to be read, with what they are made with.
 CLOSED: list[tuple[str, dict[str, Any]]] = [
@@ -184,7 +184,7 @@ def test_it_predicts_and_trains_on_from_what_it_knows(name: str, factory: Any) -
 def test_a_model_of_another_family_on_a_large_graph_has_a_default_too(
     factory: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("isi.inserting.choosing.QUICK", 1)
+    monkeypatch.setattr("isi.insertion.choose.QUICK", 1)
     model, words = model_of("rescal", {}, factory), np.eye(ENTITIES + 2)
     for given, expected in (({}, "mean"), ({"words": words}, "soft_es")):
         done = isi.pykeen.inserted(model, factory, iter(NEW), **given)

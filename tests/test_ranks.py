@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from isi.embeddings.stack import Embedding
-from isi.learning.ranks import compare, evaluate, prepare, query_slots
-from isi.learning.scopes import epoch_scopes, validation
-from isi.sessions.session import VALID, everything
+from isi.evaluation.query_sets import epoch_query_sets, validation
+from isi.evaluation.ranking import compare, evaluate, prepare, query_slots
+from isi.graph.sessions import VALID, everything
+from isi.models.stack import Embedding
 from tests.graphs import ANALOGY, Triple, cells_of, graph_of, random_embedding, random_graph
 
 NONE: frozenset[Triple] = frozenset()
@@ -170,9 +170,9 @@ def test_embedding_that_overflowed_does_not_score_above_one_without_opinion(valu
 def test_queries_asked_in_pieces_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     cells = cells_of(random_graph(13, 3, 300), 2, [0, 1])
     embedding, novel = random_embedding(2, 13, 3, 8), cells.novel_in(1)
-    whole = evaluate(embedding, epoch_scopes(cells.joint, novel))
-    monkeypatch.setattr("isi.learning.ranks.BUDGET", 2 * 2 * 13 * 3)  # three queries at a time
-    pieces = epoch_scopes(cells.joint, novel)
+    whole = evaluate(embedding, epoch_query_sets(cells.joint, novel))
+    monkeypatch.setattr("isi.evaluation.ranking.BUDGET", 2 * 2 * 13 * 3)  # three queries at a time
+    pieces = epoch_query_sets(cells.joint, novel)
     assert pieces["all"].rows is None
     for name, result in evaluate(embedding, pieces).items():
         assert torch.equal(result.measures.nan_to_num(-1), whole[name].measures.nan_to_num(-1))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from isi.base.params import read
+from isi.config import read
 from tools import readme
 
 PAGES = [*readme.pages(), *(readme.ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md"))]

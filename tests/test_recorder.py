@@ -16,14 +16,15 @@ from typing import Any
 import pytest
 import yaml
 
-from isi.base import params, paths, tables
-from isi.base.errors import InputError
-from isi.base.tables import Provenance
+from isi import config
+from isi.errors import InputError
 from isi.recording.settings import Layout, Recorder
 from isi.recording.simulator import Simulator
 from isi.sources import SOURCES, Mining
 from isi.sources._materials import Object
 from isi.sources._recording import ITHOR, locate
+from isi.tables import catalogue, io, paths
+from isi.tables.provenance import Provenance
 from stages.record import record
 from tests import player
 
@@ -44,7 +45,7 @@ def settings(program: object, output: Path, **changes: object) -> dict[str, obje
 
 def recorded(program: object, output: Path, **changes: object) -> list[str]:
     """Names of the scenes that a run leaves in a recording."""
-    record(params.check(settings(program, output, **changes), Recorder, "recorder"))
+    record(config.check(settings(program, output, **changes), Recorder, "recorder"))
     return names(output)
 
 
@@ -206,7 +207,7 @@ def test_settings_that_cannot_be_are_refused_by_their_key_and_nothing_is_started
 
 def test_cloud_rendering_without_its_driver_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ctypes.util.find_library", lambda _name: None)
-    how = params.check(RAW["recorder"], Recorder, "recorder")
+    how = config.check(RAW["recorder"], Recorder, "recorder")
     with pytest.raises(
         InputError, match=r"^params\.yaml: recorder\.platform: CloudRendering: Vulkan API driver missing"
     ):
@@ -214,11 +215,11 @@ def test_cloud_rendering_without_its_driver_is_told_in_one_line(monkeypatch: pyt
 
 
 def test_groups_and_ranges_list_floor_plans_in_order() -> None:
-    how = params.check({**RAW["recorder"], "scenes": ["FloorPlan_Val1_2-3", "ithor"]}, Recorder, "recorder")
+    how = config.check({**RAW["recorder"], "scenes": ["FloorPlan_Val1_2-3", "ithor"]}, Recorder, "recorder")
     plans = [layout.plan for layout in how.layouts]
     assert plans[:3] == ["FloorPlan_Val1_2", "FloorPlan_Val1_3", "FloorPlan1"]
     assert len(plans) == 122
-    apartments = params.check({**RAW["recorder"], "scenes": ["robothor"]}, Recorder, "recorder").layouts
+    apartments = config.check({**RAW["recorder"], "scenes": ["robothor"]}, Recorder, "recorder").layouts
     assert (len(apartments), apartments[59].name, apartments[74].name) == (
         75,
         "FloorPlan_Train12_5",
@@ -285,5 +286,5 @@ def mine(path: Path, source: str) -> bytes:
     given = {**RAW["sources"]["ai2thor"], "sha256": None}
     reader, of_params = given.pop("reader"), {key: value for key, value in given.items() if key != "from"}
     parts = SOURCES.get(reader, "").observe(Mining(0), from_=source, **of_params)
-    tables.write_stream(path, parts, tables.OBSERVATIONS, Provenance("mine", {}))
+    io.write_stream(path, parts, catalogue.OBSERVATIONS, Provenance("mine", {}))
     return path.read_bytes()

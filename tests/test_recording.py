@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from isi.base.errors import InputError
+from isi.errors import InputError
 from isi.sources import _recording
 from isi.sources._materials import Object
 from isi.sources._recording import FORMAT, ITHOR, ROBOTHOR, Plans, Scene, read_recording

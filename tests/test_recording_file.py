@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from isi.base import paths
-from isi.base.errors import InputError
-from isi.base.params import check
-from isi.base.params import read as read_params
+from isi.config import check
+from isi.config import read as read_params
+from isi.errors import InputError
 from isi.recording.file import Recording
 from isi.recording.settings import Layout, Recorder
 from isi.recording.simulator import header
 from isi.sources._recording import read_recording
+from isi.tables import paths
 from tests.test_recording import HEADER, MUG, SIMULATOR, scene
 
 ROOT = Path(__file__).parent.parent

@@ -10,42 +10,41 @@ import numpy as np
 import pytest
 import torch
 
-from isi.asking import rehearsing
-from isi.asking.answers import Asker, Question
-from isi.asking.chances import curve_of, fitted
-from isi.asking.model import Model, open_model
-from isi.asking.placing import News, only, place
-from isi.asking.rehearsing import Rehearsal
-from isi.graph import HEAD, TAIL
-from isi.keeping.kept import About, Kept
+from isi.bundle import calibration
+from isi.bundle.answers import Asker, Question
+from isi.bundle.calibration import HeldOutCalibration, fit_curve, fit_curves
+from isi.bundle.insert_entity import NewEntity, insert_entity, without_entities
+from isi.bundle.manifest import Bundle, Manifest
+from isi.bundle.query import OpenBundle, open_bundle
+from isi.graph.graph import HEAD, TAIL
 from tests.graphs import random_embedding, random_graph
 
 ENTITIES, RELATIONS = 30, 2
 
 
-def model(triples: int = 120) -> Model:
+def model(triples: int = 120) -> OpenBundle:
     """Of random vectors, with as many known triples."""
     graph, stack = random_graph(ENTITIES, RELATIONS, triples), random_embedding(1, ENTITIES, RELATIONS, 8)
     names = [f"e{number}" for number in range(ENTITIES)]
-    about = About(family="analogy", family_options={}, words=None, made={}, inserted=[])
-    kept = Kept(
+    about = Manifest(family="analogy", family_options={}, words=None, made={}, inserted=[])
+    kept = Bundle(
         about, stack.entity[0].numpy(), stack.relation[0].numpy(), names, [""] * ENTITIES, names, ["in", "on"],
         graph.triples.numpy(), np.random.default_rng(0).standard_normal((ENTITIES, 4)).astype(np.float32),
     )  # fmt: skip
-    return open_model(kept, Path("one"))
+    return open_bundle(kept, Path("one"))
 
 
-def news(**changed: Any) -> News:
+def news(**changed: Any) -> NewEntity:
     given: dict[str, Any] = {
         "name": "new", "phrase": "new", "kind": "", "facts": [("new", "in", "e1"), ("e2", "on", "new")],
         "definition": None, "vector": np.ones(4, np.float32), "initializer": None, "options": {}, "seed": 0,
     }  # fmt: skip
-    return News(**{**given, **changed})
+    return NewEntity(**{**given, **changed})
 
 
-def rehearsal(of: Model, **changed: Any) -> Rehearsal:
-    placed = place(of, news(**changed))
-    return Rehearsal(placed.model, placed)
+def rehearsal(of: OpenBundle, **changed: Any) -> HeldOutCalibration:
+    placed = insert_entity(of, news(**changed))
+    return HeldOutCalibration(placed.model, placed)
 
 
 @pytest.mark.parametrize("changed", [{}, {"vector": None}, {"initializer": "rs", "options": {"k": 3}}])
@@ -67,10 +66,10 @@ def test_who_is_rehearsed_is_inserted_as_the_new_one_was(changed: dict[str, Any]
             assert (names.index(head), labels.index(relation), names.index(tail)) in set(
                 map(tuple, known.kept.triples.tolist())
             )
-        rest = only(known, np.array([row for row in range(ENTITIES) if row not in hidden]))
+        rest = without_entities(known, np.array([row for row in range(ENTITIES) if row not in hidden]))
         words = None if "vector" in changed else known.kept.words
         given = {**changed, "facts": facts, "name": own, "vector": None if words is None else words[one.entity]}
-        alone = place(rest, news(**{"initializer": found.placed.done.initializer, **given}))
+        alone = insert_entity(rest, news(**{"initializer": found.placed.done.initializer, **given}))
         np.testing.assert_allclose(one.vector.numpy(), alone.vector, rtol=1e-4, atol=1e-5)
 
 
@@ -86,7 +85,7 @@ def test_a_curve_goes_through_answers_that_were_not_told() -> None:
                 vectors = (known.embedding.entity[0, other], known.embedding.relation[0, 1], one.vector)
                 scores.append(float(known.family.score(*vectors)))
                 right.append(other in true)
-    expected = fitted(torch.tensor(scores).double(), torch.tensor(right))
+    expected = fit_curves(torch.tensor(scores).double(), torch.tensor(right))
     curve = found.curve(1, HEAD)
     assert curve is not None
     assert (curve.slope, curve.offset) == pytest.approx((expected.slope, expected.offset), rel=1e-3, abs=1e-4)
@@ -95,7 +94,7 @@ def test_a_curve_goes_through_answers_that_were_not_told() -> None:
 def test_an_inserted_entity_is_asked_by_its_rehearsal_and_a_known_one_is_not() -> None:
     found = rehearsal(model())
     asker = Asker(found.model, found)
-    for given, curve in ((ENTITIES, found.curve(0, TAIL)), (3, curve_of(found.model, 0, TAIL))):
+    for given, curve in ((ENTITIES, found.curve(0, TAIL)), (3, fit_curve(found.model, 0, TAIL))):
         (answer,) = asker.ask(Question(given, 0, TAIL), 1)
         assert curve is not None
         assert answer.chance == pytest.approx(curve(torch.tensor([answer.score])).item())
@@ -103,23 +102,25 @@ def test_an_inserted_entity_is_asked_by_its_rehearsal_and_a_known_one_is_not() -
 
 def test_what_too_few_answers_tell_is_shared_or_left_out() -> None:
     kept = model().kept
-    few = Kept(**{**vars(kept), "triples": np.concatenate([kept.triples[kept.triples[:, 1] == 0], [[3, 1, 4]]])})
-    found = rehearsal(open_model(few, Path("one")))
+    few = Bundle(**{**vars(kept), "triples": np.concatenate([kept.triples[kept.triples[:, 1] == 0], [[3, 1, 4]]])})
+    found = rehearsal(open_bundle(few, Path("one")))
     assert found.curve(1, TAIL) == found.curve(1, HEAD) is not None  # of all relations
-    none = Kept(**{**vars(kept), "triples": np.zeros((0, 3), np.int64)})
-    assert rehearsal(open_model(none, Path("one"))).curve(0, TAIL) is None
+    none = Bundle(**{**vars(kept), "triples": np.zeros((0, 3), np.int64)})
+    assert rehearsal(open_bundle(none, Path("one"))).curve(0, TAIL) is None
 
 
 def test_the_curve_of_all_relations_is_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
     found, drawn = rehearsal(model()), list[int]()
-    monkeypatch.setattr(rehearsing, "RIGHT", 60)  # more than those of one relation and slot
-    monkeypatch.setattr(rehearsing, "fitted", lambda scores, right: drawn.append(len(scores)) or fitted(scores, right))
+    monkeypatch.setattr(calibration, "RIGHT", 60)  # more than those of one relation and slot
+    monkeypatch.setattr(
+        calibration, "fitted", lambda scores, right: drawn.append(len(scores)) or fit_curves(scores, right)
+    )
     curves = {found.curve(relation, slot) for relation in range(RELATIONS) for slot in (HEAD, TAIL)}
     assert len(curves) == len(drawn) == 1
 
 
 def test_where_nobody_is_left_nothing_is_rehearsed() -> None:
-    alone = only(model(), np.array([1]))
+    alone = without_entities(model(), np.array([1]))
     alone = replace(alone, kept=replace(alone.kept, triples=np.array([[0, 0, 0]])))
     found = rehearsal(alone, facts=[], vector=None, initializer="mean")
     assert found.rehearsed == []

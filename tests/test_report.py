@@ -11,7 +11,7 @@ import pytest
 from matplotlib.colors import to_hex
 from scipy import stats
 
-from isi.learning.convergence import epochs_to_convergence
+from isi.evaluation.convergence import epochs_to_convergence
 from isi.report import figures, page, statistics
 from isi.report.models import colour, label
 from isi.report.prose import joined, listed, reached

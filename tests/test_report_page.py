@@ -15,8 +15,8 @@ import pandas as pd
 import pytest
 from markupsafe import Markup
 
-from isi.initializers import INITIALIZERS, Registered
-from isi.insertion.tasks import ToTheEnd
+from isi.experiment.insert import FullCurves
+from isi.initializers.api import INITIALIZERS, Registered
 from isi.report import contents, page, summary
 from isi.report.drawing import Drawing
 from isi.report.metrics import metrics, plots
@@ -221,7 +221,7 @@ def test_equal_results_make_equal_bytes(tmp_path: Path) -> None:
 
 def test_without_a_followed_size_there_is_no_curve_and_the_page_says_so() -> None:
     results = results_of(("home",), False)
-    how = results.params.experiments["home"].model_copy(update={"followed": ToTheEnd(sizes=[99])})
+    how = results.params.experiments["home"].model_copy(update={"followed": FullCurves(sizes=[99])})
     unfollowed = results.params.model_copy(update={"experiments": {"home": how}})
     home = replace(results.experiments["home"], params=unfollowed)
     other = replace(results, params=unfollowed, experiments={"home": home})

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from isi.base.errors import InputError
+from isi.errors import InputError
 from isi.report import glossary, page, results, summary
 from isi.report.figures import in_words
 from isi.report.glossary import Marker, Term

@@ -10,8 +10,8 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from isi.base.errors import InputError
-from isi.building import Seen, graph_of
+from isi.errors import InputError
+from isi.graph.graph import MinedSource, build_tables
 from isi.sources import Observed, observing
 from tests import player
 from tests.test_recorder import recorded
@@ -29,7 +29,7 @@ def observed(**settings: object) -> tuple[pd.DataFrame, Observed, Counter[str]]:
 
 def test_the_recorded_apartments_give_the_known_figures() -> None:
     observations, found, left = observed()
-    made = graph_of(Seen("robothor", observations, found.kinds))
+    made = build_tables(MinedSource("robothor", observations, found.kinds))
     assert observations["scene"].nunique() == 75
     assert set(observations["room"]) == {"apartment"}
     assert (len(observations), len(made.triples), len(made.entities)) == (15_514, 522, 77)

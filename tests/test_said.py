@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from isi.__main__ import main
-from isi.base import paths
 from isi.sources import procthor_houses, triples_with_ids
+from isi.tables import paths
 from stages.mine import mine
 from tests.fuzz import formats
 from tests.said import LOG, Case, files_of

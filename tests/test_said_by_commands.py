@@ -10,8 +10,8 @@ from pkgutil import iter_modules
 
 import pytest
 
-from isi.families import FAMILIES
-from isi.initializers import INITIALIZERS
+from isi.initializers.api import INITIALIZERS
+from isi.models.model import MODELS
 from isi.sources import SOURCES
 from tests.said.__main__ import BY_COMMANDS, TABLE, by_commands
 from tests.said.calls import ROOT, Called, Program, Typed, lay_out
@@ -33,7 +33,7 @@ def laid_out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def _as_it_ships(monkeypatch: pytest.MonkeyPatch) -> None:
     """Messages list what there is: not what other tests have registered."""
-    for plugins in (FAMILIES, INITIALIZERS, SOURCES):
+    for plugins in (MODELS, INITIALIZERS, SOURCES):
         modules = {module.name for module in iter_modules(import_module(plugins.package).__path__)}
         for name in plugins._registered.keys() - modules:
             monkeypatch.delitem(plugins._registered, name)

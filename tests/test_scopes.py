@@ -12,18 +12,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from isi.embeddings.stack import Embedding
-from isi.families import make
-from isi.learning.ranks import Result, evaluate
-from isi.learning.scopes import entity_scopes, epoch_scopes, novel_scope, validation
-from isi.sessions.session import OUT, TEST, TRAIN, VALID, Session, without
+from isi.evaluation.query_sets import entity_query_sets, epoch_query_sets, novel_query_set, validation
+from isi.evaluation.ranking import Result, evaluate
+from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, without
+from isi.models.model import make_model
+from isi.models.stack import Embedding
 from tests.graphs import ANALOGY, Triple, cells_of, graph_of, random_embedding, random_graph
 
 
 def test_known_closed_does_not_see_the_novel_vectors() -> None:
     cells = cells_of(random_graph(12, 3, 80), 2, [0, 1, 2])
     novel = cells.novel_in(1)
-    scopes = epoch_scopes(cells.joint, novel)
+    scopes = epoch_query_sets(cells.joint, novel)
     embedding = random_embedding(3, 12, 3, 8)
     other = embedding.entity.clone()
     other[~cells.session(0).entities] *= -2
@@ -175,7 +175,7 @@ def check(world: World, result: Result, expected: Callable[[int], tuple[set[Trip
 
 @given(worlds())
 def test_scopes_followed_through_training_are_those_of_brute_force(world: World) -> None:
-    queries = epoch_scopes(world.session, torch.tensor(world.novel))
+    queries = epoch_query_sets(world.session, torch.tensor(world.novel))
     results = evaluate(world.embedding, queries)
     assert set(results) == {"all", "known", "known_closed", "novel_heldout"}
     for scope, result in results.items():
@@ -185,14 +185,14 @@ def test_scopes_followed_through_training_are_those_of_brute_force(world: World)
 @given(worlds())
 def test_novel_scope_is_that_of_brute_force(world: World) -> None:
     session, novel, inserted = world.session, torch.tensor(world.novel), world.mask(world.inserted)
-    result = evaluate(world.embedding, novel_scope(session, novel, inserted))["novel"]
+    result = evaluate(world.embedding, novel_query_set(session, novel, inserted))["novel"]
     check(world, result, lambda model: scopes(world, model)["novel"])
 
 
 @given(worlds())
 def test_each_novel_entity_has_its_own_queries_of_novel_scope(world: World) -> None:
     session, novel, inserted = world.session, torch.tensor(world.novel), world.mask(world.inserted)
-    for place, queries in enumerate(entity_scopes(session, novel, inserted)):
+    for place, queries in enumerate(entity_query_sets(session, novel, inserted)):
 
         def own(model: int, place: int = place) -> tuple[set[Triple], set[Triple], set[int]]:
             asked, filtered, candidates = scopes(world, model)["novel"]
@@ -215,7 +215,7 @@ def test_validation_of_d0_leaves_novel_entities_out() -> None:
     splits = torch.tensor([[TRAIN, TRAIN, VALID, VALID]], dtype=torch.int8)
     session = without(graph_of(counts, 4, 1), splits, torch.tensor([[3]]))
     entity, relation = torch.tensor([[[0.0], [1.0], [2.0], [9.0]]]), torch.tensor([[[1.0]]])
-    products = Embedding(entity, relation, make("distmult", {}, "families.distmult"))
+    products = Embedding(entity, relation, make_model("distmult", {}, "families.distmult"))
     result = evaluate(products, validation(session))["valid"]
     # (0, 0, 2) alone is asked. All tails score 0: 0 ties, 1 is filtered, 3 is no candidate, so R_P = 1 + 1/2.
     # Heads of 2 score 0, 2, 4: R_P = 3. R_G = 1 for both.

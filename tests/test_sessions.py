@@ -18,25 +18,25 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isi.base import paths, tables
-from isi.base.errors import InputError
-from isi.base.streams import stream
-from isi.base.tables import Provenance
-from isi.experiments.cells import Cells
-from isi.experiments.store import Store
-from isi.graph import Graph
-from isi.sessions.drawing import (
+from isi.errors import InputError
+from isi.experiment.grid import GridPoints
+from isi.experiment.store import Store
+from isi.graph.graph import Graph
+from isi.graph.sampling import (
     SessionsOf,
     Shares,
     check_held_out,
-    draw,
-    draw_insert_triples,
-    draw_novel,
     folds,
+    sample_insert_triples,
+    sample_novel,
+    sample_sessions,
     split,
-    untouched,
+    triples_without,
 )
-from isi.sessions.session import OUT, TEST, TRAIN, VALID, everything, without
+from isi.graph.sessions import OUT, TEST, TRAIN, VALID, everything, without
+from isi.random import stream
+from isi.tables import catalogue, io, paths
+from isi.tables.provenance import Provenance
 from stages.make_sessions import make_sessions
 from tests.graphs import as_stored, cells_of, graph_of, insert_triples_of, random_graph
 from tests.lawful import written_by_its_stage
@@ -108,7 +108,7 @@ def test_splits_differ_between_seeds_and_roots() -> None:
     assert (split(graph, 1, 2, 0.2, 0.2) == split(graph, 1, 2, 0.2, 0.2)).all()
 
 
-def sessions_of(cells: Cells) -> list[tuple[np.ndarray, np.ndarray]]:
+def sessions_of(cells: GridPoints) -> list[tuple[np.ndarray, np.ndarray]]:
     """Entities and splits of D⁰, D¹, ... of the first cell."""
     found = [cells.session(number) for number in range(cells.sessions + 1)]
     return [(session.entities[0].numpy(), session.splits[0].numpy()) for session in found]
@@ -160,9 +160,9 @@ def test_insert_triples_are_a_share_of_the_training_triples_to_ends_known_by_the
 ) -> None:
     size = min(size, len(graph.entities) // steps)
     splits = split(graph, 0, seed, 0.3, 0.2)
-    novel = draw_novel(np.arange(len(graph.entities)), 0, size, seed, steps)
+    novel = sample_novel(np.arange(len(graph.entities)), 0, size, seed, steps)
     for session in range(1, steps + 1):
-        pairs = draw_insert_triples(graph, splits, novel, session, 0, seed, fraction)
+        pairs = sample_insert_triples(graph, splits, novel, session, 0, seed, fraction)
         unknown = set(novel[session - 1 :].ravel().tolist())  # who came in an earlier session is known
         assert len(set(pairs)) == len(pairs)
         assert {entity for entity, _ in pairs} <= set(novel[session - 1].tolist())
@@ -179,17 +179,17 @@ def test_insert_triples_are_a_share_of_the_training_triples_to_ends_known_by_the
 
 def test_a_novel_entity_tied_only_to_novel_ones_has_no_insert_triple() -> None:
     graph, splits = graph_of({(0, 0, 1): 3, (0, 0, 0): 1, (1, 0, 2): 1}, 3, 1), np.zeros(3, dtype=np.int8)
-    assert draw_insert_triples(graph, splits, np.array([[0, 1]]), 1, 0, 0, 0.5) == [(1, 2)]
+    assert sample_insert_triples(graph, splits, np.array([[0, 1]]), 1, 0, 0, 0.5) == [(1, 2)]
     one_by_one = np.array([[1], [0]])
-    assert draw_insert_triples(graph, splits, one_by_one, 1, 0, 0, 1.0) == [(1, 2)]
-    assert draw_insert_triples(graph, splits, one_by_one, 2, 0, 0, 1.0) == [(0, 0)]  # 1 came the session before
+    assert sample_insert_triples(graph, splits, one_by_one, 1, 0, 0, 1.0) == [(1, 2)]
+    assert sample_insert_triples(graph, splits, one_by_one, 2, 0, 0, 1.0) == [(0, 0)]  # 1 came the session before
 
 
 # What draws depend on
 
 
 def drawn_novel(entities: int, root: int, size: int, seed: int) -> np.ndarray:
-    (novel,) = draw_novel(np.arange(entities), root, size, seed)
+    (novel,) = sample_novel(np.arange(entities), root, size, seed)
     return novel
 
 
@@ -211,7 +211,7 @@ def test_novel_sets_depend_on_root_size_and_seed_alone() -> None:
 
 @pytest.mark.parametrize(("size", "steps"), [(1, 1), (3, 1), (2, 2)])
 def test_novel_sets_are_drawn_uniformly_without_repeats(size: int, steps: int) -> None:
-    draws = np.array([draw_novel(np.arange(6), 0, size, seed, steps) for seed in range(1500)])
+    draws = np.array([sample_novel(np.arange(6), 0, size, seed, steps) for seed in range(1500)])
     assert draws.shape == (1500, steps, size)
     assert (np.diff(draws, axis=2) > 0).all()
     assert (np.diff(np.sort(draws.reshape(1500, -1)), axis=1) > 0).all()
@@ -222,10 +222,10 @@ def test_novel_sets_are_drawn_uniformly_without_repeats(size: int, steps: int) -
 
 def test_novel_sets_are_drawn_from_the_candidates_alone() -> None:
     candidates = np.array([3, 4, 8, 20, 21])
-    drawn = [draw_novel(candidates, 0, 2, seed, 2) for seed in range(50)]
+    drawn = [sample_novel(candidates, 0, 2, seed, 2) for seed in range(50)]
     assert set(np.concatenate(drawn).ravel()) == set(candidates.tolist())
     places = drawn_novel(5, 0, 2, 9)
-    assert (draw_novel(candidates, 0, 2, 9)[0] == candidates[places]).all()
+    assert (sample_novel(candidates, 0, 2, 9)[0] == candidates[places]).all()
 
 
 @pytest.mark.parametrize(("size", "seed"), [(1, 0), (4, 7)])
@@ -244,7 +244,7 @@ def test_a_session_that_no_other_follows_draws_from_streams_of_size_and_seed(siz
         ]  # fmt: skip
         told = sorted(rng.choice(own, max(1, len(own) // 2), replace=False).tolist()) if own else []
         expected += [(entity, triple) for triple in told]
-    assert draw_insert_triples(graph, splits, novel[None], 1, 0, seed, 0.5) == expected
+    assert sample_insert_triples(graph, splits, novel[None], 1, 0, seed, 0.5) == expected
     assert cells_of(graph, size, [seed, seed + 1]).keys().tolist() == [[size, seed], [size, seed + 1]]
 
 
@@ -260,7 +260,7 @@ def test_a_later_session_has_streams_of_its_own() -> None:
     ]
     told = np.sort(generator("insert triples", 1, 5, 2).choice(own, len(own) // 2, replace=False))
     assert len(told) > 1
-    pairs = draw_insert_triples(graph, cells.splits[0], novel, 2, 0, 5, 0.5)
+    pairs = sample_insert_triples(graph, cells.splits[0], novel, 2, 0, 5, 0.5)
     assert pairs == [(entity, triple) for triple in told.tolist()]
 
 
@@ -279,15 +279,15 @@ ADDED = graph_of(
 
 def test_entities_of_triples_without_a_split_take_no_part() -> None:
     splits = np.array([[TRAIN, TRAIN, TRAIN, OUT, TRAIN, TEST, OUT]], dtype=np.int8)
-    cells = Cells("home", ADDED, 1, [3], splits, np.array([[[5]]]))
+    cells = GridPoints("home", ADDED, 1, [3], splits, np.array([[[5]]]))
     assert cells.joint.entities.tolist() == [[True, True, True, True, False, True, False]]
     assert cells.session(1).entities.tolist() == cells.joint.entities.tolist()
     assert cells.session(0).entities.tolist() == [[True, True, True, True, False, False, False]]
 
 
 def test_untouched_are_the_triples_that_have_none_of_the_entities() -> None:
-    assert untouched(ADDED, np.array([4, 6])).tolist() == [0, 1, 2, 4, 5]
-    assert untouched(ADDED, np.array([], dtype=int)).tolist() == list(range(7))
+    assert triples_without(ADDED, np.array([4, 6])).tolist() == [0, 1, 2, 4, 5]
+    assert triples_without(ADDED, np.array([], dtype=int)).tolist() == list(range(7))
 
 
 def test_a_part_of_a_graph_keeps_the_ids_of_entities() -> None:
@@ -299,7 +299,7 @@ def test_a_part_of_a_graph_keeps_the_ids_of_entities() -> None:
 def test_who_is_replaceable_and_not_drawn_takes_no_part() -> None:
     graph, added = random_graph(14, 2, 120), np.arange(8, 14)
     how = SessionsOf(novel="added", sizes=[2], seeds=3, steps=2)
-    drawn = list(draw(graph, added, added, how, Shares(valid=0.1, test=0.1, insert_fraction=0.5), 0))
+    drawn = list(sample_sessions(graph, added, added, how, Shares(valid=0.1, test=0.1, insert_fraction=0.5), 0))
     assert [(one.size, one.seed) for one in drawn] == [(2, 0), (2, 1), (2, 2)]
     assert len({one.novel.tobytes() for one in drawn}) == 3
     for one in drawn:
@@ -330,8 +330,8 @@ def make(folder: Path, monkeypatch: pytest.MonkeyPatch, graph: Graph, how: dict[
     head, relation, tail = graph.triples.numpy().T
     triples = pd.DataFrame({"head": names[head], "relation": np.array(graph.relations)[relation], "tail": names[tail]})
     triples = triples.assign(count=graph.counts.numpy(), source="here")
-    tables.write(paths.entities("home"), entities, tables.ENTITIES, written_by_its_stage(paths.entities("home")))
-    tables.write(paths.triples("home"), triples, tables.TRIPLES, written_by_its_stage(paths.triples("home")))
+    io.write(paths.entities("home"), entities, catalogue.ENTITIES, written_by_its_stage(paths.entities("home")))
+    io.write(paths.triples("home"), triples, catalogue.TRIPLES, written_by_its_stage(paths.triples("home")))
     monkeypatch.setattr(sys, "argv", ["make_sessions", "home"])
     make_sessions()
     return Store("home", Provenance("test", {}))
@@ -405,9 +405,9 @@ def test_triples_without_a_row_have_no_split(tmp_path: Path, monkeypatch: pytest
     where = Provenance("test", {})
     names = [("a", "on", "b"), ("b", "of", "a"), ("b", "on", "a")]
     triples = pd.DataFrame(names, columns=["head", "relation", "tail"]).assign(count=1, source="here")
-    tables.write(paths.triples("home"), triples, tables.TRIPLES, where)
+    io.write(paths.triples("home"), triples, catalogue.TRIPLES, where)
     rows = [(0, 0, "train"), (0, 1, "valid"), (1, 0, "train"), (1, 2, "test")]
     splits = pd.DataFrame(rows, columns=["seed", "triple", "split"])
-    tables.write(paths.splits("home"), splits, tables.SPLITS, where)
+    io.write(paths.splits("home"), splits, catalogue.SPLITS, where)
     read = Store("home", where).splits()
     assert {seed: codes.tolist() for seed, codes in read.items()} == {0: [0, 1, OUT], 1: [0, OUT, 2]}

@@ -9,33 +9,44 @@ import pandas as pd
 import pytest
 import torch
 
-from isi.embeddings.stack import Embedding
-from isi.experiments.cells import Cells, Vectors
-from isi.experiments.learning import learn_joint
-from isi.insertion.core import Initial
-from isi.insertion.step import insertion_of
-from isi.insertion.tasks import Inserting, InsertTask, how_in, insert, told_in
-from isi.insertion.weighing import softly_by_both
-from isi.sessions.session import OUT, TEST, TRAIN, VALID
-from isi.studies.answering import answers_of, asked_of, pick
-from isi.studies.planes import on, plane, turn
-from isi.studies.singles import SHOWN, TABLES, Singled, Singles, SinglesTask, first_seeds, single_out, weights_of
+from isi.analyses.single_insertions import (
+    SHOWN,
+    TABLES,
+    ExplorerSettings,
+    Singles,
+    SinglesTask,
+    answers_of,
+    first_seeds,
+    pick,
+    queries_of,
+    single_insertions,
+    weights_of,
+)
+from isi.analyses.trajectory import on, plane, turn
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.insert import InsertTask, TaskConfig, how_in, insert_stack, told_in
+from isi.experiment.insertion_step import context_of
+from isi.experiment.train import train_joint_model
+from isi.graph.sessions import OUT, TEST, TRAIN, VALID
+from isi.initializers.api import InitResult
+from isi.initializers.soft import softly_by_both
+from isi.models.stack import Embedding
 from tests.graphs import ANALOGY, graph_of
 from tests.test_experiments import ENTITIES, MARGIN, OPTIMIZER, SAMPLED, WORDS, insert_tasks, learning_tasks, theta0
 
 SOFT = {"word_weight": 3.0, "relation_weight": 5.0}
-HOW = Singled(size=2, epochs=OPTIMIZER.max_epochs, best="soft_hybrid", indicators=4, answers=3)
+HOW = ExplorerSettings(size=2, epochs=OPTIMIZER.max_epochs, best="soft_hybrid", indicators=4, answers=3)
 
 
-def soft_task(trained: Vectors, words: np.ndarray = WORDS) -> InsertTask:
+def soft_task(trained: StackedVectors, words: np.ndarray = WORDS) -> InsertTask:
     (task,) = insert_tasks(4, "es", trained, words)
-    return replace(task, how=Inserting("soft_hybrid", SOFT, 0, SAMPLED, OPTIMIZER, MARGIN, ()))
+    return replace(task, how=TaskConfig("soft_hybrid", SOFT, 0, SAMPLED, OPTIMIZER, MARGIN, ()))
 
 
 def singles_task(height: int = 4, number: int = 0) -> SinglesTask:
     """Of all entities that are novel, each in the first seed that has it."""
     trained, (joint,) = theta0(), learning_tasks(4)
-    whole = learn_joint(joint)
+    whole = train_joint_model(joint)
     rows = slice(number * height, (number + 1) * height)
     hows = [insert_tasks(height, name, trained)[number] for name in SHOWN]
     if height == 4:
@@ -43,7 +54,9 @@ def singles_task(height: int = 4, number: int = 0) -> SinglesTask:
     novel = [(2, seed, entity, 1) for seed, own in zip(joint.cells.seeds, joint.cells.novel[:, 0], strict=True)
              for entity in own.tolist()]  # fmt: skip
     seeds = first_seeds(pd.DataFrame(novel, columns=["size", "seed", "entity", "session"]), 2)
-    return SinglesTask(hows[0].cells, hows, Vectors(ANALOGY, whole.entity[rows], whole.relation[rows]), seeds, HOW)
+    return SinglesTask(
+        hows[0].cells, hows, StackedVectors(ANALOGY, whole.entity[rows], whole.relation[rows]), seeds, HOW
+    )
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +66,7 @@ def task() -> SinglesTask:
 
 @pytest.fixture(scope="module")
 def found(task: SinglesTask) -> Singles:
-    return single_out(task)
+    return single_insertions(task)
 
 
 def test_an_entity_is_shown_in_the_first_seed_whose_first_session_inserts_it() -> None:
@@ -88,7 +101,7 @@ def test_what_is_turned_scaled_and_moved_comes_back() -> None:
 
 
 def test_places_are_of_the_map_of_the_entitys_own_seed(task: SinglesTask, found: Singles) -> None:
-    vectors, cells = insert(task.inserting[1]).vectors, task.cells
+    vectors, cells = insert_stack(task.inserting[1]).vectors, task.cells
     for entity, seed in task.seeds.items():
         model = cells.seeds.index(seed)
         known = [own for own in range(ENTITIES) if own not in cells.novel[model, 0]]
@@ -108,7 +121,7 @@ def test_weights_of_a_soft_hybrid_are_those_that_make_its_vector() -> None:
     task = soft_task(theta0(), wordless)
     told = task.told.insert_triples
     alone = replace(task, told=replace(task.told, insert_triples=told[told[:, 1] > 0]))  # the first has none
-    insertion = insertion_of(task.theta0.stack, task.cells.session(0), told_in(alone, 1), how_in(alone, 1))
+    insertion = context_of(task.theta0.stack, task.cells.session(0), told_in(alone, 1), how_in(alone, 1))
     initial = softly_by_both(insertion, **SOFT)
     weights = weights_of(insertion, initial, SOFT)
     assert weights is not None
@@ -120,7 +133,7 @@ def test_indicators_are_those_whose_centroid_was_taken(task: SinglesTask, found:
     assert set(found.indicators["model"]) == {"es", "rs", "ers", "soft_hybrid"}
     assert (found.indicators.groupby(["model", "entity"]).size() == 3).loc["es"].all()
     assert (found.indicators.groupby(["model", "entity"]).size() == HOW.indicators).loc["soft_hybrid"].all()
-    vectors = insert(task.inserting[1]).vectors
+    vectors = insert_stack(task.inserting[1]).vectors
     unit = WORDS / np.linalg.norm(WORDS, axis=1, keepdims=True)
     for entity, seed in task.seeds.items():
         own = found.indicators[(found.indicators["model"] == "es") & (found.indicators["entity"] == entity)]
@@ -134,8 +147,8 @@ def test_indicators_are_those_whose_centroid_was_taken(task: SinglesTask, found:
 
 def test_without_a_centre_there_are_no_indicators() -> None:
     task = soft_task(theta0())
-    insertion = insertion_of(task.theta0.stack, task.cells.session(0), told_in(task, 1), how_in(task, 1))
-    assert weights_of(insertion, Initial(torch.zeros(4, 2, 12), torch.zeros(4, 2)), {}) is None
+    insertion = context_of(task.theta0.stack, task.cells.session(0), told_in(task, 1), how_in(task, 1))
+    assert weights_of(insertion, InitResult(torch.zeros(4, 2, 12), torch.zeros(4, 2)), {}) is None
 
 
 # Answers
@@ -145,7 +158,7 @@ GRAPH = graph_of(
     {(0, 0, 1): 2, (3, 0, 0): 4, (3, 0, 1): 1, (3, 0, 4): 1, (0, 1, 4): 5, (5, 1, 3): 2, (0, 1, 2): 1}, 6, 2
 )
 SPLITS = np.array([[TRAIN, TRAIN, VALID, TRAIN, TEST, OUT, TRAIN]], dtype=np.int8)
-CELLS = Cells("home", GRAPH, 1, [7], SPLITS, np.array([[[3]]]))
+CELLS = GridPoints("home", GRAPH, 1, [7], SPLITS, np.array([[[3]]]))
 
 
 def answered(first: int, *numbers: float) -> pd.DataFrame:
@@ -154,7 +167,7 @@ def answered(first: int, *numbers: float) -> pd.DataFrame:
     relation = torch.zeros(1, 2, 4)
     relation[..., 0] = 1
     told = torch.tensor([[False, True, False, False, False, False, False]])
-    asked = asked_of(CELLS, pick(CELLS, {3: 7}), told)
+    asked = queries_of(CELLS, pick(CELLS, {3: 7}), told)
     return answers_of(Embedding(entity, relation, ANALOGY), CELLS, asked, first)
 
 
@@ -197,8 +210,8 @@ def test_answers_are_those_of_every_model_as_inserted_and_after_training(task: S
 
 
 def test_a_seed_has_the_same_bits_in_a_stack_and_alone(task: SinglesTask) -> None:
-    together = single_out(replace(task, inserting=task.inserting[:4]))
-    alone = [single_out(singles_task(1, number)) for number in range(4) if number in task.seeds.values()]
+    together = single_insertions(replace(task, inserting=task.inserting[:4]))
+    alone = [single_insertions(singles_task(1, number)) for number in range(4) if number in task.seeds.values()]
     for what, (schema, order) in TABLES.items():
         one, other = (pd.concat(getattr(done, what) for done in parts).sort_values(order, kind="stable")
                       for parts in ([together], alone))  # fmt: skip

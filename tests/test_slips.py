@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 import torch
 
-from isi.base import paths, tables
-from isi.base.errors import LONGEST, InputError, closest, cut, meant, short
-from isi.base.pipeline import absent
+from isi.errors import LONGEST, InputError, closest, cut, meant, short
+from isi.pipeline import absent
+from isi.tables import io, paths
 from tests.lawful import written_by_its_stage
 from tests.test_bad_input import KINDS, OBSERVED, graph, observed, outputs, workspace
 
@@ -193,10 +193,10 @@ def test_vectors_that_are_read_before_they_are_made_are_said_to_be_missing(
     monkeypatch.chdir(workspace)
     (workspace / "beyond").symlink_to(ROOT / "beyond")
     with pytest.raises(InputError, match=r"run `dvc repro train_theta0@ai2thor`, which makes it$"):
-        tables.read_tensors(paths.theta0("ai2thor", 5), ["entity"])
+        io.read_tensors(paths.theta0("ai2thor", 5), ["entity"])
     made = written_by_its_stage(paths.theta0("ai2thor", 5))
-    tables.write_tensors(paths.theta0("ai2thor", 5), {"entity": torch.ones(1)}, made)
-    tables.read_tensors(paths.theta0("ai2thor", 5), ["entity"])
+    io.write_tensors(paths.theta0("ai2thor", 5), {"entity": torch.ones(1)}, made)
+    io.read_tensors(paths.theta0("ai2thor", 5), ["entity"])
 
 
 def test_a_stage_outside_the_project_says_so(tmp_path: Path) -> None:

@@ -24,8 +24,8 @@ MUST = {("torch", "load"): ("weights_only", True), ("np", "load"): ("allow_pickl
         ("numpy", "load"): ("allow_pickle", False), ("YAML", ""): ("typ", "safe")}  # fmt: skip
 #: File and what it holds: where the user has said by a flag that he trusts a file, or where an error alone is named.
 ALLOWED = {
-    ("isi/commands/import_.py", "torch.load without weights_only=True"),
-    ("isi/importing/tensors.py", "pickle"),
+    ("isi/cli/import_.py", "torch.load without weights_only=True"),
+    ("isi/bundle/import_tensors.py", "pickle"),
 }
 
 

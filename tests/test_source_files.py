@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from isi.base.errors import InputError
+from isi.errors import InputError
 from isi.sources import _houses, _recording, behavior
 from isi.sources._files import check_sha256
 

@@ -8,11 +8,11 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from isi.base import paths
-from isi.base.errors import InputError
-from isi.base.params import Count, read
+from isi.config import Count, read
+from isi.errors import InputError
 from isi.sources import SOURCES, Mining, Observed, part, settings_of, source
 from isi.sources._household import household
+from isi.tables import paths
 
 MP3D = read(paths.PARAMS)["sources"]["mp3d"]
 HOUSES = {**MP3D, "reader": "mp3d_houses", "folder": "houses", "category": "mpcat40", "rooms": {"k": "kitchen"}}

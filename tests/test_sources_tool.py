@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isi.base import paths
-from isi.base.errors import InputError
-from isi.base.params import read
+from isi.config import read
+from isi.errors import InputError
+from isi.tables import paths
 from tests.floors import house, thing
 from tools import sources
 

@@ -16,12 +16,13 @@ from typing import Any
 import pytest
 import yaml
 
-from isi.base import paths
-from isi.base.params import Count, Section
-from isi.base.stage import Given, declared, stage
-from isi.families import FAMILIES
-from isi.initializers import INITIALIZERS
+from isi.config import Count, Section
+from isi.initializers.api import INITIALIZERS
+from isi.models.model import MODELS
+from isi.pipeline import declared
 from isi.sources import SOURCES
+from isi.stage import StageContext, stage
+from isi.tables import paths
 from tests.imports import closure
 
 ROOT = Path(__file__).parent.parent
@@ -35,7 +36,7 @@ FIRST: dict[str, dict[str, Any]] = read(paths.PIPELINE)["stages"]
 BEYOND: dict[str, dict[str, Any]] = read(paths.BEYOND_PIPELINE)["stages"]
 STAGES = FIRST | BEYOND
 PARAMS, BEYOND_PARAMS = read(paths.PARAMS), read(paths.BEYOND_PARAMS)
-PACKAGES = {plugins.package.replace(".", "/"): plugins for plugins in (FAMILIES, INITIALIZERS, SOURCES)}
+PACKAGES = {plugins.package.replace(".", "/"): plugins for plugins in (MODELS, INITIALIZERS, SOURCES)}
 #: What it offers to others is imported when it is asked for, which no stage does.
 DOOR = Path("isi/__init__.py")
 OPEN = re.compile(r"\$\{([^}]+)\}")
@@ -223,9 +224,9 @@ def given_to(monkeypatch: pytest.MonkeyPatch, body: Callable[..., None], *argume
 
 @pytest.mark.usefixtures("kitchen")
 def test_a_stage_is_given_the_params_that_dvc_lists_for_it_and_no_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[Given] = []
+    seen: list[StageContext] = []
 
-    def cook(given: Given, dish: str) -> None:
+    def cook(given: StageContext, dish: str) -> None:
         assert dish == "soup"
         seen.append(given)
 
@@ -246,9 +247,9 @@ def test_a_stage_is_given_the_params_that_dvc_lists_for_it_and_no_others(monkeyp
 
 @pytest.mark.usefixtures("kitchen")
 def test_what_a_stage_writes_names_its_params_and_nothing_of_compute(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[Given] = []
+    seen: list[StageContext] = []
 
-    def cook(given: Given, dish: str) -> None:  # noqa: ARG001
+    def cook(given: StageContext, dish: str) -> None:  # noqa: ARG001
         seen.append(given)
 
     given_to(monkeypatch, cook, "stew")
@@ -258,9 +259,9 @@ def test_what_a_stage_writes_names_its_params_and_nothing_of_compute(monkeypatch
 
 @pytest.mark.usefixtures("kitchen")
 def test_a_stage_of_the_second_pipeline_is_given_params_of_both_files(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[Given] = []
+    seen: list[StageContext] = []
 
-    def bake(given: Given, cake: str) -> None:
+    def bake(given: StageContext, cake: str) -> None:
         assert cake == "tart"
         seen.append(given)
 
@@ -278,7 +279,7 @@ def test_a_stage_of_the_second_pipeline_is_given_params_of_both_files(monkeypatc
 def test_a_stage_of_the_second_pipeline_away_from_its_files_says_so(
     monkeypatch: pytest.MonkeyPatch, missing: Path
 ) -> None:
-    def bake(given: Given, cake: str) -> None:
+    def bake(given: StageContext, cake: str) -> None:
         raise AssertionError(given, cake)
 
     missing.unlink()
@@ -288,7 +289,7 @@ def test_a_stage_of_the_second_pipeline_away_from_its_files_says_so(
 
 @pytest.mark.usefixtures("kitchen")
 def test_a_stage_without_params_is_given_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    def wash(given: Given) -> None:
+    def wash(given: StageContext) -> None:
         with pytest.raises(LookupError, match="wash reads seed"):
             print(given.seed)
 
@@ -306,7 +307,7 @@ def test_a_stage_without_params_is_given_none(monkeypatch: pytest.MonkeyPatch) -
 def test_a_mistake_ends_a_stage_in_one_line_that_names_the_key(
     monkeypatch: pytest.MonkeyPatch, dish: str, line: str
 ) -> None:
-    def cook(given: Given, dish: str) -> None:
+    def cook(given: StageContext, dish: str) -> None:
         given.section(f"recipes.{dish}", Recipe)
 
     with pytest.raises(SystemExit) as ended:
@@ -318,7 +319,7 @@ def test_a_mistake_ends_a_stage_in_one_line_that_names_the_key(
 @pytest.mark.usefixtures("kitchen")
 @pytest.mark.parametrize("missing", [paths.PARAMS, paths.PIPELINE])
 def test_a_stage_away_from_its_files_says_so(monkeypatch: pytest.MonkeyPatch, missing: Path) -> None:
-    def wash(given: Given) -> None:
+    def wash(given: StageContext) -> None:
         raise AssertionError(given)
 
     missing.unlink()

@@ -9,27 +9,38 @@ import pytest
 import torch
 from torch import Tensor
 
-from isi.base.errors import InputError
-from isi.embeddings.stack import Embedding
-from isi.experiments.cells import Cells
-from isi.insertion.step import How, Step, Told, initialize, insertion_of, learn, put, step
-from isi.learning import training
-from isi.learning.batches import Negatives, training_data
-from isi.learning.training import Optimizer
-from isi.sessions.session import TEST, TRAIN, VALID
+from isi.errors import InputError
+from isi.experiment.grid import GridPoints
+from isi.experiment.insertion_step import (
+    InsertConfig,
+    NovelEntities,
+    SessionResult,
+    context_of,
+    finetune,
+    initialize,
+    run_session,
+    with_vectors,
+)
+from isi.graph.sessions import TEST, TRAIN, VALID
+from isi.models.stack import Embedding
+from isi.training import trainer
+from isi.training.batches import Negatives, training_data
+from isi.training.trainer import Optimizer
 from tests.test_initializers import NOVEL, World, cells_at, world
 
 NEGATIVES = Negatives(mode="sampled", ratio=2, head_pool="unseen")
 OPTIMIZER = Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=3)
 
 
-def how_to(cells: Cells, **changes: object) -> How:
-    how = How("es", {"k": 3}, 0, cells.keys(), NEGATIVES, OPTIMIZER, {"all": torch.full((2,), torch.nan)}, True)
+def how_to(cells: GridPoints, **changes: object) -> InsertConfig:
+    how = InsertConfig(
+        "es", {"k": 3}, 0, cells.keys(), NEGATIVES, OPTIMIZER, {"all": torch.full((2,), torch.nan)}, True
+    )
     return replace(how, **changes)  # type: ignore[arg-type]
 
 
-def told_of(of: World) -> Told:
-    return Told(torch.as_tensor(NOVEL), torch.as_tensor(of.insert_triples), torch.as_tensor(of.words))
+def told_of(of: World) -> NovelEntities:
+    return NovelEntities(torch.as_tensor(NOVEL), torch.as_tensor(of.insert_triples), torch.as_tensor(of.words))
 
 
 def on(_epoch: int, _embedding: Embedding, models: Tensor) -> Tensor:
@@ -37,13 +48,15 @@ def on(_epoch: int, _embedding: Embedding, models: Tensor) -> Tensor:
     return torch.ones(len(models), dtype=torch.bool)
 
 
-def stepped(of: World) -> Step:
+def stepped(of: World) -> SessionResult:
     cells = cells_at(of.graph, of.splits)
-    return step(of.theta0, cells.session(0), cells.session(1), told_of(of), how_to(cells))
+    return run_session(of.theta0, cells.session(0), cells.session(1), told_of(of), how_to(cells))
 
 
 def test_the_mask_is_of_each_models_own_insert_triples() -> None:
-    told = Told(torch.zeros(2, 3, dtype=torch.long), torch.tensor([[0, 0, 1], [0, 2, 4], [1, 1, 0]]), torch.zeros(1, 1))
+    told = NovelEntities(
+        torch.zeros(2, 3, dtype=torch.long), torch.tensor([[0, 0, 1], [0, 2, 4], [1, 1, 0]]), torch.zeros(1, 1)
+    )
     mask = told.mask(6)
     assert mask.dtype == torch.bool
     assert mask.tolist() == [[False, True, False, False, True, False], [True] + [False] * 5]
@@ -70,7 +83,7 @@ def test_at_once_it_asks_about_the_novel_entities_what_was_not_told() -> None:
 def test_what_is_told_of_each_is_packed_to_the_left() -> None:
     of = world()
     cells, told = cells_at(of.graph, of.splits), told_of(of)
-    shown = insertion_of(of.theta0, cells.session(0), told, how_to(cells))
+    shown = context_of(of.theta0, cells.session(0), told, how_to(cells))
     rows = {(model, place): [] for model in range(2) for place in range(3)}  # type: ignore[var-annotated]
     for model, place, triple in of.insert_triples.tolist():
         head, relation, tail = of.graph.triples[triple].tolist()
@@ -82,15 +95,15 @@ def test_what_is_told_of_each_is_packed_to_the_left() -> None:
         padded = [*((*row, True) for row in expected), *[(0, 0, False, False)] * (longest - len(expected))]
         found = (shown.other, shown.relation, shown.novel_is_tail, shown.observed)
         assert list(zip(*(table[model, place].tolist() for table in found), strict=True)) == padded
-    nothing = Told(told.novel, told.insert_triples[:0], told.words)
-    assert insertion_of(of.theta0, cells.session(0), nothing, how_to(cells)).observed.tolist() == [[[False]] * 3] * 2
+    nothing = NovelEntities(told.novel, told.insert_triples[:0], told.words)
+    assert context_of(of.theta0, cells.session(0), nothing, how_to(cells)).observed.tolist() == [[[False]] * 3] * 2
 
 
-def trained(of: World, how: How, purpose: str, pool: str) -> Embedding:
+def trained(of: World, how: InsertConfig, purpose: str, pool: str) -> Embedding:
     """The same by the parts that it is made of."""
     cells = cells_at(of.graph, of.splits)
     data = training_data(cells.session(1), purpose, how.keys, pool, torch.as_tensor(NOVEL))
-    return training.train(of.theta0, data, how.negatives, how.optimizer, how.root, on)
+    return trainer.train(of.theta0, data, how.negatives, how.optimizer, how.root, on)
 
 
 @pytest.mark.parametrize("pool", ["all", "unseen"])
@@ -98,7 +111,7 @@ def test_fine_tuning_draws_for_its_own_purpose_from_the_pool_that_params_name(po
     of = world()
     cells = cells_at(of.graph, of.splits)
     how = how_to(cells, negatives=NEGATIVES.model_copy(update={"head_pool": pool}))
-    learned = learn(of.theta0, cells.session(1), torch.as_tensor(NOVEL), how, on).entity
+    learned = finetune(of.theta0, cells.session(1), torch.as_tensor(NOVEL), how, on).entity
     other = {"all": "unseen", "unseen": "all"}[pool]
     assert torch.equal(learned, trained(of, how, "fine-tuning", pool).entity)
     assert not torch.equal(learned, trained(of, how, "fine-tuning", other).entity)
@@ -109,8 +122,8 @@ def test_where_new_rows_go_first_they_are_those_of_the_session() -> None:
     of = world()
     cells = cells_at(of.graph, of.splits)
     how = how_to(cells, optimizer=OPTIMIZER.model_copy(update={"new_rows_first": 3}))
-    done = step(of.theta0, cells.session(0), cells.session(1), told_of(of), how)
-    before = put(of.theta0, torch.as_tensor(NOVEL), done.initial.vectors).entity
+    done = run_session(of.theta0, cells.session(0), cells.session(1), told_of(of), how)
+    before = with_vectors(of.theta0, torch.as_tensor(NOVEL), done.initial.vectors).entity
     moved = (done.theta.entity != before).any(-1).numpy()
     for model in range(2):
         assert set(np.flatnonzero(moved[model])) == set(NOVEL[model])

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from isi.base.command import only_one
+from isi.process import only_one
 from tests import sleepers
 from tests.environment import ENVIRONMENT
 from tests.test_bad_input import KINDS, OBSERVED, observed, run_stage, session, wait_until, workspace
@@ -28,8 +28,8 @@ SLEEP = "import sys; from tests import sleepers; sleepers.main(sys.argv[1])"
 WRITE = """
 import sys, time
 from pathlib import Path
-from isi.base.command import one_line
-from isi.base.tables import atomically
+from isi.process import one_line
+from isi.tables.io import atomically
 
 def half(temporary):
     temporary.write_bytes(b"half of the n")
@@ -43,7 +43,7 @@ with one_line("writer"):
 HOLD = """
 import time
 from pathlib import Path
-from isi.base.command import only_one
+from isi.process import only_one
 
 with only_one("build_graph@ai2thor"):
     Path("held").touch()

@@ -18,11 +18,11 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from isi.base import paths
-from isi.base.errors import InputError
+from isi.errors import InputError
 from isi.report import contents, page, results, stated, steady
 from isi.report.figures import panels, rendered
 from isi.report.sections import at_once, explorer, graph
+from isi.tables import paths
 from tests.reports import INITIALIZERS, ROOT, small_results
 from tests.strange import STRANGE, changed, of_experiments, tied
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isi.base.errors import InputError
+from isi.errors import InputError
 from isi.sources import SOURCES, Mining
 from isi.sources._naming import LONGEST, fault, phrase
 from isi.sources.table import CHUNK

@@ -13,10 +13,10 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 
-from isi.base import tables
-from isi.base.content import digest_of_table
-from isi.base.errors import InputError
-from isi.base.tables import Provenance
+from isi.errors import InputError
+from isi.tables import catalogue, io
+from isi.tables.content import digest_of_table
+from isi.tables.provenance import Provenance
 from tests.lawful import SCHEMAS, lawful
 
 MADE = Provenance("some_stage", {"experiments.home.graph": 1})
@@ -28,7 +28,7 @@ def plain(table: pd.DataFrame) -> list[tuple[Any, ...]]:
 
 def novel(path: Path, provenance: Provenance = MADE) -> Path:
     row = pd.DataFrame({"size": [1], "seed": [0], "entity": [4], "session": [1]})
-    tables.write(path, row, tables.NOVEL, provenance)
+    io.write(path, row, catalogue.NOVEL, provenance)
     return path
 
 
@@ -42,8 +42,8 @@ def names(folder: Path) -> list[str]:
 @pytest.mark.parametrize("name", SCHEMAS)
 def test_a_table_comes_back_as_it_was_written(tmp_path: Path, name: str) -> None:
     path, schema = tmp_path / "table.parquet", SCHEMAS[name]
-    tables.write(path, lawful(name).sample(frac=1, axis=1, random_state=0), schema, MADE)
-    read = tables.read(path, schema)
+    io.write(path, lawful(name).sample(frac=1, axis=1, random_state=0), schema, MADE)
+    read = io.read(path, schema)
     assert list(read.columns) == schema.names
     assert plain(read) == plain(lawful(name))
     assert set(read.select_dtypes("number").dtypes.astype(str)) <= {"int32", "int64", "float64"}
@@ -61,7 +61,7 @@ def test_a_table_comes_back_as_it_was_written(tmp_path: Path, name: str) -> None
     ],
 )
 def test_strings_that_repeat_are_dictionary_encoded_on_disk(tmp_path: Path, name: str, repeated: set[str]) -> None:
-    tables.write(tmp_path / "table.parquet", lawful(name), SCHEMAS[name], MADE)
+    io.write(tmp_path / "table.parquet", lawful(name), SCHEMAS[name], MADE)
     on_disk = pq.read_schema(tmp_path / "table.parquet")
     assert {field.name for field in on_disk if pa.types.is_dictionary(field.type)} == repeated
 
@@ -72,59 +72,59 @@ def test_bytes_hang_on_no_chunks_and_on_no_categories(tmp_path: Path, cut: int, 
     kinds = ["room", "object", "room", "material"]
     rows = pd.DataFrame({"entity": list("abcd"), "kind": kinds, "source": "x", "phrase": "y"})
     parts = [rows[:cut].astype({"kind": kind}), rows[cut:].astype({"kind": kind})]
-    tables.write(tmp_path / "whole.parquet", rows, tables.ENTITIES, MADE)
-    tables.write(tmp_path / "parts.parquet", pd.concat(parts), tables.ENTITIES, MADE)
+    io.write(tmp_path / "whole.parquet", rows, catalogue.ENTITIES, MADE)
+    io.write(tmp_path / "parts.parquet", pd.concat(parts), catalogue.ENTITIES, MADE)
     assert (tmp_path / "parts.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
-    assert plain(tables.read(tmp_path / "parts.parquet", tables.ENTITIES)) == list(
+    assert plain(io.read(tmp_path / "parts.parquet", catalogue.ENTITIES)) == list(
         rows.itertuples(index=False, name=None)
     )
 
 
 def test_a_table_may_hold_plain_strings_and_more_columns(tmp_path: Path) -> None:
     plain_strings = pa.table({"more": [1], "entity": ["mug"], "kind": ["object"], "source": ["x"], "phrase": ["mug"]})
-    stated = {"isi.content": digest_of_table(plain_strings, tables.ENTITIES.columns)}
+    stated = {"isi.content": digest_of_table(plain_strings, catalogue.ENTITIES.columns)}
     pq.write_table(plain_strings.replace_schema_metadata(stated), tmp_path / "entities.parquet")
-    assert plain(tables.read(tmp_path / "entities.parquet", tables.ENTITIES)) == [("mug", "object", "x", "mug")]
+    assert plain(io.read(tmp_path / "entities.parquet", catalogue.ENTITIES)) == [("mug", "object", "x", "mug")]
 
 
 def part(*entities: str) -> pa.Table:
-    kinds = pa.array(entities, tables.KINDS.columns.field("kind").type)
-    return pa.Table.from_arrays([pa.array(entities), kinds, pa.array(entities)], schema=tables.KINDS.columns)
+    kinds = pa.array(entities, catalogue.KINDS.columns.field("kind").type)
+    return pa.Table.from_arrays([pa.array(entities), kinds, pa.array(entities)], schema=catalogue.KINDS.columns)
 
 
 def test_a_stream_is_one_row_group_a_part_and_reads_as_the_whole_would(tmp_path: Path) -> None:
     parts = [part("mug", "bed"), part("cup", "sofa", "fan"), part("tap")]
-    assert tables.write_stream(tmp_path / "t.parquet", iter(parts), tables.KINDS, MADE) == 6
+    assert io.write_stream(tmp_path / "t.parquet", iter(parts), catalogue.KINDS, MADE) == 6
     file = pq.ParquetFile(tmp_path / "t.parquet")
     assert [file.metadata.row_group(place).num_rows for place in range(file.num_row_groups)] == [2, 3, 1]
-    tables.write(tmp_path / "whole.parquet", pa.concat_tables(parts).to_pandas(), tables.KINDS, MADE)
-    whole = tables.read(tmp_path / "whole.parquet", tables.KINDS)
-    pd.testing.assert_frame_equal(tables.read(tmp_path / "t.parquet", tables.KINDS), whole)
+    io.write(tmp_path / "whole.parquet", pa.concat_tables(parts).to_pandas(), catalogue.KINDS, MADE)
+    whole = io.read(tmp_path / "whole.parquet", catalogue.KINDS)
+    pd.testing.assert_frame_equal(io.read(tmp_path / "t.parquet", catalogue.KINDS), whole)
     assert pq.read_schema(tmp_path / "t.parquet") == pq.read_schema(tmp_path / "whole.parquet")
 
 
 def test_a_stream_of_nothing_is_an_empty_table(tmp_path: Path) -> None:
-    assert tables.write_stream(tmp_path / "t.parquet", [], tables.KINDS, MADE) == 0
-    assert list(tables.read(tmp_path / "t.parquet", tables.KINDS).columns) == tables.KINDS.names
+    assert io.write_stream(tmp_path / "t.parquet", [], catalogue.KINDS, MADE) == 0
+    assert list(io.read(tmp_path / "t.parquet", catalogue.KINDS).columns) == catalogue.KINDS.names
 
 
 def test_equal_streams_are_equal_bytes(tmp_path: Path) -> None:
     for name in ("1", "2"):
-        tables.write_stream(tmp_path / name, [part("mug"), part("bed")], tables.KINDS, in_order(1))
+        io.write_stream(tmp_path / name, [part("mug"), part("bed")], catalogue.KINDS, in_order(1))
     assert (tmp_path / "1").read_bytes() == (tmp_path / "2").read_bytes()
 
 
 def test_no_parts_of_a_table_are_a_table_without_rows(tmp_path: Path) -> None:
-    nothing = tables.together([], tables.RUNS, tables.TIES)
-    for schema in (tables.RUNS, tables.TIES):
-        tables.write(tmp_path / "t.parquet", nothing, schema, MADE)
-        read = tables.read(tmp_path / "t.parquet", schema)
+    nothing = io.together([], catalogue.RUNS, catalogue.TIES)
+    for schema in (catalogue.RUNS, catalogue.TIES):
+        io.write(tmp_path / "t.parquet", nothing, schema, MADE)
+        read = io.read(tmp_path / "t.parquet", schema)
         assert (len(read), list(read.columns)) == (0, schema.names)
 
 
 def test_parts_of_a_table_come_behind_each_other() -> None:
     parts = [lawful("NOVEL")[:1], lawful("NOVEL")[1:]]
-    assert plain(tables.together(iter(parts), tables.NOVEL)) == plain(lawful("NOVEL"))
+    assert plain(io.together(iter(parts), catalogue.NOVEL)) == plain(lawful("NOVEL"))
 
 
 # Provenance
@@ -133,8 +133,8 @@ def test_parts_of_a_table_come_behind_each_other() -> None:
 def test_metadata_names_stage_params_inputs_and_content_and_nothing_of_pandas(tmp_path: Path) -> None:
     novel(tmp_path / "1.parquet")
     second = Provenance("second", {})
-    read = tables.read(tmp_path / "1.parquet", tables.NOVEL, second)
-    tables.write(tmp_path / "2.parquet", read, tables.NOVEL, second)
+    read = io.read(tmp_path / "1.parquet", catalogue.NOVEL, second)
+    io.write(tmp_path / "2.parquet", read, catalogue.NOVEL, second)
     metadata = {key.decode(): value.decode() for key, value in pq.read_schema(tmp_path / "2.parquet").metadata.items()}
     assert set(metadata) == {"isi.stage", "isi.own", "isi.params", "isi.inputs", "isi.content"}
     assert metadata["isi.stage"] == "second"
@@ -158,7 +158,7 @@ def test_equal_params_give_equal_bytes_of_tensors_every_time(tmp_path: Path) -> 
     written = set()
     for time in range(20):
         path = tmp_path / str(time)
-        tables.write_tensors(path, {"b": torch.ones(2), "a": torch.zeros(2)}, in_order(1 if time % 2 else -1))
+        io.write_tensors(path, {"b": torch.ones(2), "a": torch.zeros(2)}, in_order(1 if time % 2 else -1))
         written.add(path.read_bytes())
     assert len(written) == 1
 
@@ -180,10 +180,10 @@ def test_a_param_of_an_early_stage_reaches_the_hash_of_every_later_table(tmp_pat
     def last(min_count: int) -> str:
         novel(tmp_path / "first.parquet", Provenance("first", {"experiments.home.graph": min_count}))
         second = Provenance("second", {})
-        tables.read(tmp_path / "first.parquet", tables.NOVEL, second)
-        tables.write_tensors(tmp_path / "second.safetensors", {"entity": torch.zeros(1)}, second)
+        io.read(tmp_path / "first.parquet", catalogue.NOVEL, second)
+        io.write_tensors(tmp_path / "second.safetensors", {"entity": torch.zeros(1)}, second)
         third = Provenance("third", {})
-        tables.read_tensors(tmp_path / "second.safetensors", ["entity"], third)
+        io.read_tensors(tmp_path / "second.safetensors", ["entity"], third)
         return third.metadata()["isi.params"]
 
     assert last(1) == last(1)
@@ -196,7 +196,7 @@ def test_a_param_of_an_early_stage_reaches_the_hash_of_every_later_table(tmp_pat
 def test_a_missing_column_is_named(tmp_path: Path) -> None:
     pq.write_table(pa.table({"size": pa.array([1], pa.int32()), "seed": pa.array([1], pa.int32())}), tmp_path / "t")
     with pytest.raises(InputError, match=rf"{tmp_path / 't'}: column 'entity': missing"):
-        tables.read(tmp_path / "t", tables.NOVEL)
+        io.read(tmp_path / "t", catalogue.NOVEL)
 
 
 @pytest.mark.parametrize(
@@ -206,12 +206,12 @@ def test_a_missing_column_is_named(tmp_path: Path) -> None:
 def test_a_column_of_another_type_is_named_with_both_types(
     tmp_path: Path, column: str, kind: str, content: list[Any]
 ) -> None:
-    tables.write(tmp_path / "t.parquet", lawful("TRIPLES")[:1], tables.TRIPLES, MADE)
+    io.write(tmp_path / "t.parquet", lawful("TRIPLES")[:1], catalogue.TRIPLES, MADE)
     table = pq.read_table(tmp_path / "t.parquet")
     place = table.schema.get_field_index(column)
     pq.write_table(table.set_column(place, column, pa.array(content, pa.type_for_alias(kind))), tmp_path / "t.parquet")
     with pytest.raises(InputError, match=rf"t\.parquet: column '{column}': expected .*(int32|string).*, got {kind}"):
-        tables.read(tmp_path / "t.parquet", tables.TRIPLES)
+        io.read(tmp_path / "t.parquet", catalogue.TRIPLES)
 
 
 def truncated(path: Path) -> bytes:
@@ -236,13 +236,13 @@ def test_what_is_no_parquet_is_named_in_one_line(tmp_path: Path, damage: Any) ->
     path = tmp_path / "novel.parquet"
     path.write_bytes(damage(path))
     with pytest.raises(InputError, match=r"novel\.parquet: expected a Parquet table") as refused:
-        tables.read(path, tables.NOVEL)
+        io.read(path, catalogue.NOVEL)
     assert "\n" not in str(refused.value)
 
 
 def test_a_missing_table_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nowhere\.parquet: no such file"):
-        tables.read(tmp_path / "nowhere.parquet", tables.NOVEL)
+        io.read(tmp_path / "nowhere.parquet", catalogue.NOVEL)
 
 
 # Tensors
@@ -251,17 +251,17 @@ def test_a_missing_table_is_named(tmp_path: Path) -> None:
 def test_tensors_come_back_as_they_were_written_even_views(tmp_path: Path) -> None:
     path = tmp_path / "size=01.safetensors"
     entity = torch.arange(12.0).reshape(3, 4).T
-    tables.write_tensors(path, {"entity": entity, "known": torch.tensor([True, False])}, MADE)
-    read = tables.read_tensors(path, ["known", "entity"])
+    io.write_tensors(path, {"entity": entity, "known": torch.tensor([True, False])}, MADE)
+    read = io.read_tensors(path, ["known", "entity"])
     assert list(read) == ["known", "entity"]
     assert torch.equal(read["entity"], entity)
     assert read["known"].tolist() == [True, False]
 
 
 def test_a_missing_tensor_is_named(tmp_path: Path) -> None:
-    tables.write_tensors(tmp_path / "t.safetensors", {"entity": torch.zeros(1)}, MADE)
+    io.write_tensors(tmp_path / "t.safetensors", {"entity": torch.zeros(1)}, MADE)
     with pytest.raises(InputError, match=r"t\.safetensors: tensor 'relation': missing"):
-        tables.read_tensors(tmp_path / "t.safetensors", ["entity", "relation"])
+        io.read_tensors(tmp_path / "t.safetensors", ["entity", "relation"])
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no tensors here", b"\x10\0\0\0\0\0\0\0{}"])
@@ -269,7 +269,7 @@ def test_what_is_no_safetensors_file_is_named(tmp_path: Path, content: bytes | N
     if content is not None:
         (tmp_path / "t.safetensors").write_bytes(content)
     with pytest.raises(InputError, match=r"t\.safetensors: (expected a safetensors file|no such file)"):
-        tables.read_tensors(tmp_path / "t.safetensors", ["entity"])
+        io.read_tensors(tmp_path / "t.safetensors", ["entity"])
 
 
 # Writes
@@ -289,7 +289,7 @@ def test_an_exception_halfway_through_a_write_leaves_the_old_file_and_nothing_el
         raise RuntimeError("no space left")
 
     with pytest.raises(RuntimeError, match="no space left"):
-        tables.atomically(path, half)
+        io.atomically(path, half)
     assert path.read_bytes() == b"the last good one"
     assert names(tmp_path) == ["table.parquet"]
 
@@ -301,7 +301,7 @@ def test_an_interrupt_before_the_first_byte_leaves_the_old_file_and_nothing_else
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        tables.atomically(tmp_path / "table.parquet", interrupted)
+        io.atomically(tmp_path / "table.parquet", interrupted)
     assert names(tmp_path) == ["table.parquet"]
 
 
@@ -309,7 +309,7 @@ def test_a_frame_that_does_not_fit_its_schema_leaves_the_old_table(tmp_path: Pat
     before = novel(tmp_path / "novel.parquet").read_bytes()
     for unfit in ({"size": [1], "seed": [0]}, {"size": [1], "seed": [0], "entity": ["mug"], "session": [1]}):
         with pytest.raises((KeyError, pa.ArrowException)):
-            tables.write(tmp_path / "novel.parquet", pd.DataFrame(unfit), tables.NOVEL, MADE)
+            io.write(tmp_path / "novel.parquet", pd.DataFrame(unfit), catalogue.NOVEL, MADE)
     assert (tmp_path / "novel.parquet").read_bytes() == before
     assert names(tmp_path) == ["novel.parquet"]
 
@@ -326,23 +326,23 @@ def test_a_stream_that_breaks_off_leaves_the_old_table_and_nothing_else(tmp_path
 
     for last, refused in ((None, InputError), (pa.table({"entity": ["mug"]}), ValueError)):
         with pytest.raises(refused):
-            tables.write_stream(tmp_path / "t.parquet", parts(last), tables.KINDS, MADE)
+            io.write_stream(tmp_path / "t.parquet", parts(last), catalogue.KINDS, MADE)
         assert (tmp_path / "t.parquet").read_bytes() == before
         assert names(tmp_path) == ["t.parquet"]
 
 
 def test_tensors_that_cannot_be_written_leave_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "t.safetensors"
-    tables.write_tensors(path, {"entity": torch.ones(3)}, MADE)
+    io.write_tensors(path, {"entity": torch.ones(3)}, MADE)
     with pytest.raises(InputError, match=r"tensor 'entity': expected a type that NumPy has, got torch\.bfloat16"):
-        tables.write_tensors(path, {"entity": torch.ones(3).bfloat16()}, MADE)
-    assert torch.equal(tables.read_tensors(path, ["entity"])["entity"], torch.ones(3))
+        io.write_tensors(path, {"entity": torch.ones(3).bfloat16()}, MADE)
+    assert torch.equal(io.read_tensors(path, ["entity"])["entity"], torch.ones(3))
     assert names(tmp_path) == ["t.safetensors"]
 
 
 def test_a_write_replaces_the_table_that_was_there(tmp_path: Path) -> None:
-    tables.write(tmp_path / "t.parquet", lawful("NOVEL"), tables.NOVEL, MADE)
-    assert len(tables.read(novel(tmp_path / "t.parquet"), tables.NOVEL)) == 1
+    io.write(tmp_path / "t.parquet", lawful("NOVEL"), catalogue.NOVEL, MADE)
+    assert len(io.read(novel(tmp_path / "t.parquet"), catalogue.NOVEL)) == 1
     assert names(tmp_path) == ["t.parquet"]
 
 
@@ -350,5 +350,5 @@ def test_keep_only_removes_files_of_earlier_and_killed_runs_but_no_folder(tmp_pa
     for name in ("size=01.safetensors", "size=02.safetensors", "size=10.safetensors", ".size=01.safetensors.7.tmp"):
         (tmp_path / name).write_bytes(b"")
     (tmp_path / "folder").mkdir()
-    tables.keep_only(tmp_path, [tmp_path / "size=01.safetensors", tmp_path / "size=02.safetensors"])
+    io.keep_only(tmp_path, [tmp_path / "size=01.safetensors", tmp_path / "size=02.safetensors"])
     assert names(tmp_path) == ["folder", "size=01.safetensors", "size=02.safetensors"]

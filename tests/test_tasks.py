@@ -11,12 +11,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isi.base import paths
-from isi.base.errors import InputError
-from isi.base.stage import Given, Provenance
-from isi.experiments.store import Store
-from isi.insertion.tasks import among, inserting, inserting_in, inserting_with, insertion_tasks, lists, reached
-from isi.learning.convergence import SCOPES
+from isi.errors import InputError
+from isi.evaluation.convergence import SCOPES
+from isi.experiment.insert import (
+    among,
+    inserting,
+    inserting_in,
+    inserting_with,
+    insertion_tasks,
+    is_listed,
+    joint_targets,
+)
+from isi.experiment.store import Store
+from isi.stage import StageContext
+from isi.tables import paths
+from isi.tables.io import Provenance
 from tests import small
 from tests.graphs import cells_of, random_graph
 from tests.small import NAME
@@ -31,8 +40,8 @@ VALUES: dict[str, Any] = {
 }  # fmt: skip
 
 
-def given(**values: object) -> Given:
-    return Given(VALUES | values, Provenance("insert", {}))
+def given(**values: object) -> StageContext:
+    return StageContext(VALUES | values, Provenance("insert", {}))
 
 
 def joint_runs() -> pd.DataFrame:
@@ -46,14 +55,14 @@ def joint_runs() -> pd.DataFrame:
 
 
 def test_what_convergence_is_measured_against_is_the_joint_models_at_once_in_the_same_cells() -> None:
-    found = reached(joint_runs(), CELLS)
+    found = joint_targets(joint_runs(), CELLS)
     assert found.keys() == {(session, scope) for session in (1, 2) for scope in SCOPES}
     for (session, scope), values in found.items():
         place = SCOPES.index(scope) / 10
         assert values.dtype == np.float64
         np.testing.assert_allclose(values, [2400 + 10 * session + place, 2600 + 10 * session + place])
         values[:] = 0  # its own
-    assert reached(joint_runs(), CELLS)[1, SCOPES[0]].all()
+    assert joint_targets(joint_runs(), CELLS)[1, SCOPES[0]].all()
 
 
 @pytest.mark.parametrize(("session", "scope"), [(1, SCOPES[0]), (2, SCOPES[-1])])
@@ -61,7 +70,7 @@ def test_a_cell_that_the_joint_models_lack_is_named(session: int, scope: str) ->
     runs = joint_runs()
     cell = runs["size"].eq(2) & runs["session"].eq(session) & runs["scope"].eq(scope) & runs["epoch"].eq(0)
     with pytest.raises(InputError) as refused:
-        reached(runs[~(cell & runs["seed"].eq(6))], CELLS)
+        joint_targets(runs[~(cell & runs["seed"].eq(6))], CELLS)
     expected = "expected a row of each of seeds 4, 6 at epoch 0"
     where = f"size 2, session {session}, scope {scope}"
     assert refused.value.args == (str(paths.runs(CELLS.experiment, "joint")), where, expected)
@@ -109,11 +118,11 @@ def test_a_list_names_initializers_or_all() -> None:
     assert among("all", "es")
     assert among(["rs", "es"], "es")
     assert not among(["rs", "ers"], "es")
-    assert lists(given(**{"studied.initializers": "all"}), "studied.initializers", "es")
-    assert lists(given(**{"studied.initializers": ["rs", "es"]}), "studied.initializers", "es")
-    assert not lists(given(**{"studied.initializers": ["rs"]}), "studied.initializers", "es")
+    assert is_listed(given(**{"studied.initializers": "all"}), "studied.initializers", "es")
+    assert is_listed(given(**{"studied.initializers": ["rs", "es"]}), "studied.initializers", "es")
+    assert not is_listed(given(**{"studied.initializers": ["rs"]}), "studied.initializers", "es")
     with pytest.raises(InputError, match=r"params\.yaml: studied\.initializers: "):
-        lists(given(**{"studied.initializers": "some"}), "studied.initializers", "es")
+        is_listed(given(**{"studied.initializers": "some"}), "studied.initializers", "es")
 
 
 @pytest.fixture(scope="module")

@@ -10,25 +10,25 @@ import torch
 from torch import Tensor
 from torch.nn.functional import logsigmoid
 
-from isi.embeddings.stack import Embedding, select, uniform
-from isi.experiments.cells import Cells
-from isi.learning.batches import Lists, Negatives, Tables, batches, training_data
-from isi.learning.gradients import loss_gradient
-from isi.learning.ranks import evaluate
-from isi.learning.scopes import epoch_scopes, validation
-from isi.learning.training import (
-    Followed,
-    Following,
-    Look,
+from isi.evaluation.query_sets import epoch_query_sets, validation
+from isi.evaluation.ranking import evaluate
+from isi.experiment.grid import GridPoints
+from isi.graph.sessions import OUT, TRAIN, everything, membership
+from isi.models.stack import Embedding, select, uniform
+from isi.training.batches import DenseBatch, ListBatch, Negatives, batches, training_data
+from isi.training.trainer import (
+    ConvergenceWatch,
+    EpochMeasures,
     Optimizer,
     Training,
+    ValidationResult,
     adagrad,
-    fit,
+    loss_gradient,
     run_epoch,
     start,
     train,
+    train_until_best,
 )
-from isi.sessions.session import OUT, TRAIN, everything, membership
 from tests.graphs import ANALOGY, cells_of, graph_of, random_embedding, random_graph
 
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
@@ -42,11 +42,11 @@ def loss(entity: Tensor, relation: Tensor, positives: Tensor, negatives: Tensor)
     return -(positives * logsigmoid(scores) + negatives * logsigmoid(-scores)).sum()
 
 
-def small_cells(seeds: list[int] | None = None) -> Cells:
+def small_cells(seeds: list[int] | None = None) -> GridPoints:
     return cells_of(random_graph(13, 3, 80), 2, seeds or [0, 1, 2, 3])
 
 
-def start_of(cells: Cells, half_range: float = 0.5) -> Embedding:
+def start_of(cells: GridPoints, half_range: float = 0.5) -> Embedding:
     return uniform(cells.session(0).entities, 3, ANALOGY, 12, half_range, 0, cells.keys())
 
 
@@ -66,7 +66,7 @@ def test_adagrad_is_that_of_torch() -> None:
         optimizer.zero_grad()
         (loss(*tables, positives, negatives) / positives.sum()).backward()
         optimizer.step()
-        gradient = loss_gradient(state.embedding, Tables(positives, negatives))
+        gradient = loss_gradient(state.embedding, DenseBatch(positives, negatives))
         number = positives.sum((1, 2, 3)).long()
         adagrad(state, gradient, number, torch.zeros(1, 5, dtype=torch.bool), settings)
     for found, expected in zip((state.embedding.entity, state.embedding.relation), tables, strict=True):
@@ -89,8 +89,8 @@ def test_a_graph_too_large_for_tables_learns_the_same_from_lists(monkeypatch: py
     data = training_data(cells.session(0), "test", cells.keys(), "unseen")
     small, large = start(start_of(cells)), start(start_of(cells))
     run_epoch(small, data, SAMPLED, TUNING, 0, 1)
-    monkeypatch.setattr("isi.learning.batches.TABLE_CELLS", 0)
-    assert all(isinstance(batch, Lists) for batch, _ in batches(data, EXPECTED, TUNING.batch_size, 0, 1))
+    monkeypatch.setattr("isi.training.batches.TABLE_CELLS", 0)
+    assert all(isinstance(batch, ListBatch) for batch, _ in batches(data, EXPECTED, TUNING.batch_size, 0, 1))
     run_epoch(large, data, SAMPLED, TUNING, 0, 1)
     torch.testing.assert_close(large.embedding.entity, small.embedding.entity, rtol=1e-3, atol=1e-3)
 
@@ -123,13 +123,13 @@ FITTING = Training(
 )  # fmt: skip
 
 
-def fitted(seeds: list[int], settings: Training = FITTING) -> tuple[Embedding, list[Look]]:
+def fitted(seeds: list[int], settings: Training = FITTING) -> tuple[Embedding, list[ValidationResult]]:
     cells = small_cells(seeds)
     data = training_data(cells.session(0), "test", cells.keys(), "unseen")
-    return fit(start_of(cells, 0.01), data, SAMPLED, settings, 0)
+    return train_until_best(start_of(cells, 0.01), data, SAMPLED, settings, 0)
 
 
-def looks_of(model: int, looks: list[Look]) -> list[tuple[int, float, bool]]:
+def looks_of(model: int, looks: list[ValidationResult]) -> list[tuple[int, float, bool]]:
     """Epoch, MRR* and whether it was kept, of one model."""
     rows = []
     for look in looks:
@@ -173,7 +173,7 @@ def test_a_plateau_is_no_better_one() -> None:
 def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Batches in either form."""
     if request.param == "lists":
-        monkeypatch.setattr("isi.learning.batches.TABLE_CELLS", 0)
+        monkeypatch.setattr("isi.training.batches.TABLE_CELLS", 0)
 
 
 @pytest.mark.usefixtures("form")
@@ -185,14 +185,14 @@ def test_fit_in_a_stack_is_fit_alone() -> None:
         assert looks_of(model, looks) == looks_of(0, own)
 
 
-def tuned(seeds: list[int], targets: dict[str, Tensor], to_the_end: bool = False) -> list[Followed]:
+def tuned(seeds: list[int], targets: dict[str, Tensor], to_the_end: bool = False) -> list[EpochMeasures]:
     cells = small_cells(seeds)
-    watch = Following(epoch_scopes(cells.joint, cells.novel_in(1)), targets, to_the_end)
+    watch = ConvergenceWatch(epoch_query_sets(cells.joint, cells.novel_in(1)), targets, to_the_end)
     train(start_of(cells), training_data(cells.joint, "test", cells.keys(), "unseen"), SAMPLED, TUNING, 0, watch)
     return watch.followed
 
 
-def series(followed: list[Followed], model: int, scope: str) -> list[list[float]]:
+def series(followed: list[EpochMeasures], model: int, scope: str) -> list[list[float]]:
     """Measures of one model by epoch."""
     found = []
     for step in followed:

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isi.building import Seen
+from isi.graph.graph import MinedSource
 from isi.report.sections import affordances, paper, run, transfer, words
 from isi.report.sections.affordances import Answers
 from tests.reports import runs
@@ -60,7 +60,7 @@ def test_what_was_mined_goes_on_to_what_was_inserted() -> None:
     kinds = pd.DataFrame({"entity": ["fan", "shelf", "bin", "kitchen"], "kind": ["object"] * 3 + ["room"]})
     triples = pd.DataFrame([("fan", "atLocation", "kitchen", "shop"), ("shelf", "hasAffordance", "open", "home")],
                            columns=["head", "relation", "tail", "source"])  # fmt: skip
-    drawn = transfer.Drawn(ENTITIES, triples, Seen("shop", seen, kinds))
+    drawn = transfer.Drawn(ENTITIES, triples, MinedSource("shop", seen, kinds))
     table = transfer.mined("moved", {"instances": 12}, drawn, "the home", 3, 10)
     assert table.name == "moved_mined"
     assert dict(table.frame.itertuples(index=False, name=None)) == {

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isi.base.errors import InputError
+from isi.errors import InputError
 from isi.sources import Mining, Observed, _rows
 from isi.sources.triples_with_ids import KINDS, entities, read_counts, read_ids, shipped_names, triples_with_ids
 

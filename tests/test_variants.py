@@ -16,19 +16,26 @@ import pytest
 import torch
 import yaml
 
-from isi.base import paths, tables
-from isi.base.errors import InputError
-from isi.base.stage import Given
-from isi.base.tables import Provenance
-from isi.experiments.cells import JOINT, Cells, Vectors
-from isi.experiments.judging import JudgingTask, judge
-from isi.experiments.learning import Learned, Learning, LearningTask, learn_initial, learn_joint
-from isi.insertion.tasks import Inserting, InsertTask, TaskTold, insert
+from isi.analyses import other_graphs
+from isi.analyses.query_breakdown import QueryBreakdownTask, break_down
+from isi.analyses.variants import Variant, VariantTask, changed, repeat, some_of
+from isi.errors import InputError
+from isi.experiment.grid import NO_INSERTION, GridPoints, StackedVectors
+from isi.experiment.insert import InsertTask, TaskConfig, TaskInput, insert_stack
+from isi.experiment.train import (
+    EvaluationTask,
+    TrainConfig,
+    TrainResult,
+    TrainTask,
+    evaluate_stack,
+    train_initial,
+    train_joint_model,
+)
+from isi.graph.sessions import SPLITS
 from isi.params import load as load_params
-from isi.sessions.session import SPLITS
-from isi.studies import beyond
-from isi.studies.asking import AskingTask, ask
-from isi.studies.variants import Variant, VariantTask, changed, repeat, some_of
+from isi.stage import StageContext
+from isi.tables import catalogue, io, paths
+from isi.tables.provenance import Provenance
 from stages.vary import vary
 from tests.graphs import as_stored, cells_of, insert_triples_of
 from tests.test_experiments import GRAPH as DRAWN
@@ -41,7 +48,7 @@ GRAPH = as_stored(DRAWN)
 NAMES = ("xavier", "es", "rs")
 
 
-def told_of(cells: Cells) -> np.ndarray:
+def told_of(cells: GridPoints) -> np.ndarray:
     """All insert triples, as a store gives them."""
     sessions = range(1, cells.sessions + 1)
     rows = [np.insert(insert_triples_of(cells, session), 0, session, axis=1) for session in sessions]
@@ -107,10 +114,10 @@ def test_the_same_is_told_of_an_entity_whatever_stands_beside_its_cell() -> None
 # What params change
 
 
-def given() -> Given:
+def given() -> StageContext:
     values = {"training": {"rate": 0.1, "stop": {"after": 4, "at": 0.5}}, "words": {"text": "definition"}, "seed": 0,
               "variants.own": {"size": 5}}  # fmt: skip
-    return Given(values, MADE)
+    return StageContext(values, MADE)
 
 
 def test_values_change_at_dotted_keys_and_nothing_else_does() -> None:
@@ -166,20 +173,22 @@ def test_a_variant_trains_and_speaks_where_it_changes_what_that_depends_on(
 # The runs
 
 
-def learned(seeds: Sequence[int] = SEEDS, size: int = 2) -> tuple[Vectors, Vectors]:
+def learned(seeds: Sequence[int] = SEEDS, size: int = 2) -> tuple[StackedVectors, StackedVectors]:
     """Θ⁰ and the joint models, as the first pipeline trains and keeps them."""
     cells = cells_of(GRAPH, size, seeds)
-    joint = learn_joint(LearningTask(replace(cells, size=JOINT, novel=cells.novel[:, :0]), LEARNING))
-    return vectors(learn_initial(LearningTask(cells, LEARNING))), vectors(joint)
+    joint = train_joint_model(TrainTask(replace(cells, size=NO_INSERTION, novel=cells.novel[:, :0]), LEARNING))
+    return vectors(train_initial(TrainTask(cells, LEARNING))), vectors(joint)
 
 
-def vectors(of: Learned) -> Vectors:
-    return Vectors(LEARNING.family, of.entity, of.relation)
+def vectors(of: TrainResult) -> StackedVectors:
+    return StackedVectors(LEARNING.family, of.entity, of.relation)
 
 
-def task(start: tuple[Vectors, Vectors] | Learning, most: int | None = None, size: int = 2) -> VariantTask:
+def task(
+    start: tuple[StackedVectors, StackedVectors] | TrainConfig, most: int | None = None, size: int = 2
+) -> VariantTask:
     cells = cells_of(GRAPH, size, SEEDS)
-    how = {name: Inserting(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, ()) for name in NAMES}
+    how = {name: TaskConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, ()) for name in NAMES}
     return VariantTask(cells, start, told_of(cells), some_of(told_of(cells), most, cells, 0), WORDS, how)
 
 
@@ -192,16 +201,18 @@ def test_from_stored_embeddings_the_runs_are_those_of_the_first_pipeline() -> No
     asked_for = task((theta0, joint))
     cells, told = asked_for.cells, asked_for.insert_triples
     runs, asked = repeat(asked_for)
-    judged = judge(JudgingTask(cells, joint, told))
+    judged = evaluate_stack(EvaluationTask(cells, joint, told))
     target = {(1, scope): judged[judged["scope"] == scope].set_index("seed")["mrr_star"].loc[SEEDS].to_numpy(copy=True)
               for scope in ("all", "novel_heldout")}  # fmt: skip
-    inserted = {name: insert(InsertTask(cells, theta0, TaskTold(told, WORDS, target), how))
+    inserted = {name: insert_stack(InsertTask(cells, theta0, TaskInput(told, WORDS, target), how))
                 for name, how in asked_for.how.items()}  # fmt: skip
     assert set(runs["model"]) == {*NAMES, "joint"}
     pd.testing.assert_frame_equal(of_model(runs, "joint"), judged.reset_index(drop=True))
     for name, one in inserted.items():
         pd.testing.assert_frame_equal(of_model(runs, name), one.runs.reset_index(drop=True))
-    same = ask(AskingTask(cells, theta0, joint, {name: one.vectors for name, one in inserted.items()}, told))
+    same = break_down(
+        QueryBreakdownTask(cells, theta0, joint, {name: one.vectors for name, one in inserted.items()}, told)
+    )
     pd.testing.assert_frame_equal(asked.reset_index(drop=True), same.reset_index(drop=True))
 
 
@@ -233,7 +244,7 @@ def test_the_same_is_asked_whatever_was_told() -> None:
 
 def test_what_ships_is_of_experiments_and_initializers_that_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    found = beyond.load().variants
+    found = other_graphs.load().variants
     assert {one.group for one in found.values()} == {"baselines", "embeddings", "told", "words", "causes"}
     assert [one.told for one in found.values() if one.group == "told"] == [0, 1, 2, 3, 5, None]
     check_beyond(load_params())
@@ -241,7 +252,7 @@ def test_what_ships_is_of_experiments_and_initializers_that_there_are(monkeypatc
 
 def test_without_a_second_pipeline_there_are_no_variants(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert beyond.load().variants == {}
+    assert other_graphs.load().variants == {}
 
 
 @pytest.fixture
@@ -291,7 +302,7 @@ def test_options_of_its_own_make_an_initializer_known_to_a_variant() -> None:
 def test_params_without_variants_are_refused_in_one_line() -> None:
     paths.BEYOND_PARAMS.write_text("variant: {}\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"^beyond/params\.yaml: "):
-        beyond.load()
+        other_graphs.load()
 
 
 # The stage
@@ -319,19 +330,19 @@ def home(workspace: Path) -> Path:
     told = [(size, SEEDS[model], cells.novel[model, 0, place], triple, 1) for size, cells in drawn.items()
             for model, place, triple in insert_triples_of(cells).tolist()]  # fmt: skip
     for path, frame, schema in (
-        (paths.entities("home"), entities, tables.ENTITIES), (paths.triples("home"), triples, tables.TRIPLES),
-        (paths.splits("home"), pd.DataFrame(splits, columns=["seed", "triple", "split"]), tables.SPLITS),
-        (paths.novel("home"), pd.DataFrame(novel, columns=["size", "seed", "entity", "session"]), tables.NOVEL),
+        (paths.entities("home"), entities, catalogue.ENTITIES), (paths.triples("home"), triples, catalogue.TRIPLES),
+        (paths.splits("home"), pd.DataFrame(splits, columns=["seed", "triple", "split"]), catalogue.SPLITS),
+        (paths.novel("home"), pd.DataFrame(novel, columns=["size", "seed", "entity", "session"]), catalogue.NOVEL),
         (paths.insert_triples("home"), pd.DataFrame(told, columns=["size", "seed", "entity", "triple", "session"]),
-         tables.INSERT_TRIPLES),
+         catalogue.INSERT_TRIPLES),
     ):  # fmt: skip
-        tables.write(path, frame, schema, MADE)
-    tables.write_tensors(paths.vectors("home"), {"vectors": torch.from_numpy(WORDS)}, MADE)
+        io.write(path, frame, schema, MADE)
+    io.write_tensors(paths.vectors("home"), {"vectors": torch.from_numpy(WORDS)}, MADE)
     sessions, at = (drawn[2].session(0), drawn[2].joint), (paths.theta0("home", 2), paths.joint("home"))
     for path, one, session in zip(at, learned(), sessions, strict=True):
         stack = {"entity": one.stack.entity, "relation": one.stack.relation, "known": session.entities,
                  "seed": torch.tensor(SEEDS)}  # fmt: skip
-        tables.write_tensors(path, stack, MADE)
+        io.write_tensors(path, stack, MADE)
     return workspace
 
 
@@ -343,8 +354,8 @@ def ran(monkeypatch: pytest.MonkeyPatch, stack: int, **how: Any) -> tuple[pd.Dat
     paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
     monkeypatch.setattr(sys, "argv", ["vary", "own"])
     vary()
-    runs = tables.read(paths.variant("own"), tables.VARIANTS)
-    return runs, tables.read(paths.variant_asked("own"), tables.VARIANTS_ASKED)
+    runs = io.read(paths.variant("own"), catalogue.VARIANTS)
+    return runs, io.read(paths.variant_asked("own"), catalogue.VARIANTS_ASKED)
 
 
 @pytest.mark.usefixtures("home")

@@ -8,10 +8,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from isi.base import paths
-from isi.base.errors import InputError
+from isi.errors import InputError
+from isi.graph.words import look_up, read_vectors
 from isi.sources.triples_with_ids import shipped_names
-from isi.words import look_up, read_vectors
+from isi.tables import paths
 from tools import glove, wordnet
 from tools.embed_phrases import WORDNET, defined, read
 

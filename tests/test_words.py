@@ -14,13 +14,13 @@ import pandas as pd
 import pytest
 from gensim.models import KeyedVectors
 
-from isi import words
-from isi.base import paths
-from isi.base.errors import InputError
+from isi.errors import InputError
+from isi.graph import words
+from isi.graph.words import Words
 from isi.sources._household import entity_name
 from isi.sources._recording import locate
 from isi.sources.published import read_phrases
-from isi.words import Words
+from isi.tables import paths
 from tools.embed_phrases import keep
 
 VECTORS = {

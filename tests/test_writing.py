@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from isi.base import paths, tables
-from isi.base.errors import InputError, Unwritable
+from isi.errors import InputError, Unwritable
+from isi.tables import catalogue, io, paths
 from tests.test_bad_input import KINDS, OBSERVED, leave, observed, outputs, workspace, write
 
 __all__ = ["workspace"]  # a fixture
@@ -63,7 +63,7 @@ def test_what_a_disk_refuses_names_the_output_and_why_and_leaves_the_earlier_one
         raise OSError(number, os.strerror(number), str(temporary))
 
     with pytest.raises(Unwritable) as ended:
-        tables.atomically(path, refused)
+        io.atomically(path, refused)
     room = r"; \d+\.\d [GM]iB free there" if tells_room else ""
     assert re.fullmatch(rf"{re.escape(str(path))}: cannot be written \({why}{room}\)", str(ended.value))
     assert path.read_bytes() == b"the last good one"
@@ -77,19 +77,19 @@ def test_a_name_that_is_too_long_and_a_folder_that_is_a_file_are_said_to_be_so(t
         (tmp_path / "file" / "t", "its folder is a file"),
     ):
         with pytest.raises(Unwritable, match=why):
-            tables.atomically(path, lambda temporary: temporary.write_bytes(b""))
+            io.atomically(path, lambda temporary: temporary.write_bytes(b""))
     assert names(tmp_path) == ["file"]
 
 
 @pytest.mark.parametrize("path", [".", "..", "/"])
 def test_a_path_without_a_name_is_refused(path: str) -> None:
     with pytest.raises(InputError, match=r"expected the name of a file$"):
-        tables.atomically(Path(path), lambda temporary: temporary.write_bytes(b""))
+        io.atomically(Path(path), lambda temporary: temporary.write_bytes(b""))
 
 
 def test_what_fails_to_be_read_while_writing_is_not_said_to_be_unwritable(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
-        tables.atomically(tmp_path / "out", lambda temporary: temporary.write_bytes((tmp_path / "in").read_bytes()))
+        io.atomically(tmp_path / "out", lambda temporary: temporary.write_bytes((tmp_path / "in").read_bytes()))
     assert names(tmp_path) == []
 
 
@@ -159,7 +159,7 @@ def test_a_file_that_may_not_grow_ends_a_stage_in_one_line_and_the_earlier_outpu
     workspace: Path, command: str, most: int, named: str
 ) -> None:
     observed(workspace, "ai2thor", OBSERVED, KINDS)
-    write(workspace, paths.entities("ai2thor"), KINDS.assign(source="ai2thor"), tables.ENTITIES)
+    write(workspace, paths.entities("ai2thor"), KINDS.assign(source="ai2thor"), catalogue.ENTITIES)
     leave(workspace, Path(named))
     before = outputs(workspace)
     ended = subprocess.run(

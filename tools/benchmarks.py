@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from isi.learning.batches import TABLE_CELLS
 from isi.report.figures import STYLE
+from isi.training.batches import TABLE_CELLS
 
 FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 COLOURS = {"tables": "#d55e00", "lists": "#0072b2"}

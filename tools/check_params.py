@@ -5,19 +5,19 @@ from __future__ import annotations
 import sys
 from collections.abc import Collection, Iterable, Mapping
 
-from isi.base import paths
-from isi.base.errors import InputError, meant
-from isi.base.params import check, distinct, read
-from isi.base.stage import Given, declared
-from isi.base.tables import Provenance
-from isi.initializers import INITIALIZERS
-from isi.insertion.registry import options_of
+from isi.analyses import variants
+from isi.analyses.other_graphs import Beyond
+from isi.analyses.other_graphs import load as load_beyond
+from isi.analyses.variants import Variant
+from isi.config import check, distinct, read
+from isi.errors import InputError, meant
+from isi.initializers.api import INITIALIZERS, options_of
 from isi.params import Params, load
+from isi.pipeline import declared
 from isi.sources import settings_of
-from isi.studies import variants
-from isi.studies.beyond import Beyond
-from isi.studies.beyond import load as load_beyond
-from isi.studies.variants import Variant
+from isi.stage import StageContext
+from isi.tables import paths
+from isi.tables.provenance import Provenance
 
 
 def check_beyond(params: Params) -> None:
@@ -65,7 +65,7 @@ def _check(params: Params, variant: Variant, key: str, stage: str, arguments: Ma
         for initializer, options in variant.options.items():
             options_of(initializer, options, f"{key}.options.{initializer}")
         everything = read(paths.PARAMS)
-        given = Given(declared(stage, arguments, everything), Provenance(stage, {}))
+        given = StageContext(declared(stage, arguments, everything), Provenance(stage, {}))
         changed = variants.changed(given, variant.changes, f"{key}.changes").values
         check({name: changed.get(name, value) for name, value in everything.items()}, Params, f"{key}.changes")
     except InputError as error:  # which takes all params for those of the first pipeline

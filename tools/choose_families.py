@@ -14,15 +14,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from isi.base import paths
-from isi.base.params import read
-from isi.base.stage import Given, Provenance
-from isi.experiments.cells import JOINT
-from isi.experiments.executor import run
-from isi.experiments.learning import Learning, LearningTask, learn_joint, learning
-from isi.experiments.store import Store
-from isi.families import FAMILIES, make
+from isi.config import read
+from isi.experiment.grid import NO_INSERTION
+from isi.experiment.runner import run
+from isi.experiment.store import Store
+from isi.experiment.train import TrainConfig, TrainTask, train_config, train_joint_model
+from isi.models.model import MODELS, make_model
 from isi.params import Params, load
+from isi.stage import StageContext
+from isi.tables import paths
+from isi.tables.io import Provenance
 
 FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 
@@ -37,17 +38,17 @@ def settings_of(params: Params, family: str, asked: argparse.Namespace) -> list[
     return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
 
 
-def learning_of(given: Given, family: str, setting: dict[str, float | bool]) -> Learning:
+def learning_of(given: StageContext, family: str, setting: dict[str, float | bool]) -> TrainConfig:
     """How a family is trained with a setting."""
     options = given.raw(f"families.{family}")
     own = {key: setting[key] for key in setting if key in options}
-    how = learning(given, family, **{key: value for key, value in setting.items() if key not in options})
-    return replace(how, family=make(family, options | own, f"families.{family}"))
+    how = train_config(given, family, **{key: value for key, value in setting.items() if key not in options})
+    return replace(how, family=make_model(family, options | own, f"families.{family}"))
 
 
-def best_valid(task: LearningTask) -> float:
+def best_valid(task: TrainTask) -> float:
     """Best validation MRR* of the joint models, averaged."""
-    return float(learn_joint(task).log.groupby("seed")["mrr_star"].max().mean())
+    return float(train_joint_model(task).log.groupby("seed")["mrr_star"].max().mean())
 
 
 def main() -> None:
@@ -58,15 +59,15 @@ def main() -> None:
     parser.add_argument("--decays", type=float, nargs="+", default=[0.0, 1e-4, 1e-3])
     parser.add_argument("--margins", type=float, nargs="+", default=[0.5, 1.0, 2.0, 4.0, 8.0])
     asked = parser.parse_args()
-    params, everything = load(), Given(read(paths.PARAMS), Provenance("choose_families", {}))
+    params, everything = load(), StageContext(read(paths.PARAMS), Provenance("choose_families", {}))
     experiment = params.compare_families.experiment or next(iter(params.experiments))
     cells = Store(experiment, everything.provenance).cells(asked.seeds, seeds=asked.seeds)[0]
-    joint = replace(cells, size=JOINT, novel=cells.novel[:, :0])
+    joint = replace(cells, size=NO_INSERTION, novel=cells.novel[:, :0])
     rows, tasks = [], []
-    for family in asked.families or FAMILIES.names():
+    for family in asked.families or MODELS.names():
         for setting in settings_of(params, family, asked):
             rows.append({"family": family, **setting})
-            tasks.append(LearningTask(joint, learning_of(everything, family, setting)))
+            tasks.append(TrainTask(joint, learning_of(everything, family, setting)))
     found = 100 * np.array(run(best_valid, tasks, params.compute, "families"))
     table = pd.DataFrame(rows).assign(**{"validation MRR*": found.round(2)})
     shown = table.sort_values(["family", "validation MRR*"], ascending=[True, False]).astype(object).fillna("–")

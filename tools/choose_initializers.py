@@ -19,23 +19,24 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi.base import paths
-from isi.base.params import read
-from isi.base.stage import Given, Provenance
-from isi.base.streams import stream
-from isi.experiments.cells import Cells, Vectors
-from isi.experiments.executor import compute_of, run
-from isi.experiments.learning import LearningTask, learn_initial, learning
-from isi.experiments.store import Store
-from isi.initializers import INITIALIZERS, options_of
-from isi.insertion.step import insertion_of, put
-from isi.insertion.tasks import InsertTask, TaskTold, how_in, inserting, told_in
-from isi.learning.convergence import SCOPES
-from isi.learning.ranks import Queries, evaluate
-from isi.learning.scopes import novel_scope
+from isi.config import read
+from isi.evaluation.convergence import SCOPES
+from isi.evaluation.query_sets import novel_query_set
+from isi.evaluation.ranking import Queries, evaluate
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.insert import InsertTask, TaskInput, how_in, inserting, told_in
+from isi.experiment.insertion_step import context_of, with_vectors
+from isi.experiment.runner import compute_of, run
+from isi.experiment.store import Store
+from isi.experiment.train import TrainTask, train_config, train_initial
+from isi.graph.sampling import sample_insert_triples
+from isi.graph.sessions import OUT, TRAIN, VALID, membership
+from isi.initializers.api import INITIALIZERS, options_of
 from isi.params import load
-from isi.sessions.drawing import draw_insert_triples
-from isi.sessions.session import OUT, TRAIN, VALID, membership
+from isi.random import stream
+from isi.stage import StageContext
+from isi.tables import paths
+from isi.tables.io import Provenance
 
 FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 Setting = tuple[str, dict[str, Any]]
@@ -68,7 +69,7 @@ GRID: dict[str, dict[str, list[Any]]] = {
 class ChoosingTask:
     """Insert the hidden entities of cells with each setting, and measure at once."""
 
-    cells: Cells
+    cells: GridPoints
     inserting: InsertTask
     settings: list[Setting]
 
@@ -76,13 +77,13 @@ class ChoosingTask:
 def measured(task: ChoosingTask) -> np.ndarray:
     """MRR* in scope novel, and of its queries for entities those about a novel one; shape (settings, M, 2)."""
     theta0, told = task.inserting.theta0.stack, told_in(task.inserting, 1)
-    given = insertion_of(theta0, task.cells.session(0), told, how_in(task.inserting, 1))
-    queries = novel_scope(task.cells.session(1), told.novel, told.mask(len(task.cells.graph.triples)))["novel"]
+    given = context_of(theta0, task.cells.session(0), told, how_in(task.inserting, 1))
+    queries = novel_query_set(task.cells.session(1), told.novel, told.mask(len(task.cells.graph.triples)))["novel"]
     asked = {"novel": queries, "about": about(queries, told.novel)}
     found = []
     for name, options in task.settings:
         vectors = INITIALIZERS.get(name, name).function(given, **options).vectors
-        results = evaluate(put(theta0, told.novel, vectors), asked)
+        results = evaluate(with_vectors(theta0, told.novel, vectors), asked)
         found.append([results["novel"].measures[:, 0].numpy(), results["about"].measures[:, 1].numpy()])
     return np.array(found).transpose(0, 2, 1)
 
@@ -95,7 +96,7 @@ def about(queries: Queries, novel: Tensor) -> Queries:
     return replace(queries, rows=replace(rows, entity_weight=shares))
 
 
-def hide(cells: Cells, number: int, draw: int, root: int) -> Cells:
+def hide(cells: GridPoints, number: int, draw: int, root: int) -> GridPoints:
     """Cells of which some entities that their D⁰ has trained on are novel in place of their own; no test triples."""
     before = cells.session(0)
     splits = before.splits.masked_fill(~before.members(TRAIN, VALID), OUT).numpy()
@@ -106,21 +107,25 @@ def hide(cells: Cells, number: int, draw: int, root: int) -> Cells:
     return replace(cells, size=number, splits=splits, novel=np.stack(novel)[:, None])
 
 
-def told_of(cells: Cells, root: int, draw: int, fraction: float) -> np.ndarray:
+def told_of(cells: GridPoints, root: int, draw: int, fraction: float) -> np.ndarray:
     """(session, model, place in ``novel``, triple) of what is told of hidden entities; shape (I, 4)."""
     rows = [
         (1, model, own[0].tolist().index(entity), triple)
         for model, (seed, splits, own) in enumerate(zip(cells.seeds, cells.splits, cells.novel, strict=True))
-        for entity, triple in draw_insert_triples(cells.graph, splits, own, 1, root, 1000 * draw + seed, fraction)
+        for entity, triple in sample_insert_triples(cells.graph, splits, own, 1, root, 1000 * draw + seed, fraction)
     ]
     return np.array(rows, dtype=np.int64)
 
 
 def tasks_of(
-    everything: Given, experiment: str, asked: argparse.Namespace, settings: list[Setting]
+    everything: StageContext, experiment: str, asked: argparse.Namespace, settings: list[Setting]
 ) -> list[ChoosingTask]:
     """Draws of hidden entities in every cell of a size, and embeddings that were learned without them."""
-    store, how, chosen = Store(experiment, everything.provenance), inserting(everything, "xavier"), learning(everything)
+    store, how, chosen = (
+        Store(experiment, everything.provenance),
+        inserting(everything, "xavier"),
+        train_config(everything),
+    )
     words, fraction = store.words(), everything.raw("sessions.insert_fraction")
     drawn = [
         (hide(own, asked.hidden, draw, everything.seed), draw)
@@ -128,12 +133,12 @@ def tasks_of(
         for draw in range(asked.draws)
     ]
     compute = compute_of(everything)
-    learned = run(learn_initial, [LearningTask(cells, chosen) for cells, _ in drawn], compute, f"{experiment}: theta")
+    learned = run(train_initial, [TrainTask(cells, chosen) for cells, _ in drawn], compute, f"{experiment}: theta")
     tasks = []
     for (cells, draw), theta in zip(drawn, learned, strict=True):
         nowhere = {(1, scope): np.full(len(cells.seeds), np.nan) for scope in SCOPES}
-        told = TaskTold(told_of(cells, everything.seed, draw, fraction), words, nowhere)
-        vectors = Vectors(chosen.family, theta.entity, theta.relation)
+        told = TaskInput(told_of(cells, everything.seed, draw, fraction), words, nowhere)
+        vectors = StackedVectors(chosen.family, theta.entity, theta.relation)
         tasks.append(ChoosingTask(cells, InsertTask(cells, vectors, told, how), settings))
     return tasks
 
@@ -161,7 +166,7 @@ def main() -> None:
     parser.add_argument("--hidden", type=int, default=5, help="entities in each draw")
     parser.add_argument("--stack", type=int, default=5)
     asked = parser.parse_args()
-    params, everything = load(), Given(read(paths.PARAMS), Provenance("choose_initializers", {}))
+    params, everything = load(), StageContext(read(paths.PARAMS), Provenance("choose_initializers", {}))
     fitting = [name for name, one in params.experiments.items() if asked.size in one.sessions.sizes]
     settings, found = settings_of(asked.initializers, params.initializers), {}
     for experiment in asked.experiments or fitting:

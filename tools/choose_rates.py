@@ -15,28 +15,29 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi.base import paths
-from isi.base.params import read
-from isi.base.stage import Given, Provenance
-from isi.embeddings.stack import Embedding
-from isi.experiments.cells import JOINT, Cells, Vectors
-from isi.experiments.executor import run
-from isi.experiments.learning import LearningTask, learn_initial, learn_joint, learning
-from isi.experiments.store import Store
-from isi.initializers import INITIALIZERS
-from isi.insertion.step import initialize, learn, put
-from isi.insertion.tasks import Inserting, InsertTask, TaskTold, how_in, inserting, told_in
-from isi.learning.convergence import SCOPES
-from isi.learning.ranks import evaluate
-from isi.learning.scopes import validation
+from isi.config import read
+from isi.evaluation.convergence import SCOPES
+from isi.evaluation.query_sets import validation
+from isi.evaluation.ranking import evaluate
+from isi.experiment.grid import NO_INSERTION, GridPoints, StackedVectors
+from isi.experiment.insert import InsertTask, TaskConfig, TaskInput, how_in, inserting, told_in
+from isi.experiment.insertion_step import finetune, initialize, with_vectors
+from isi.experiment.runner import run
+from isi.experiment.store import Store
+from isi.experiment.train import TrainTask, train_config, train_initial, train_joint_model
+from isi.initializers.api import INITIALIZERS
+from isi.models.stack import Embedding
 from isi.params import load
+from isi.stage import StageContext
+from isi.tables import paths
+from isi.tables.io import Provenance
 
 
 @dataclass(frozen=True)
 class TuningTask:
     """Fine-tune with given settings and look at validation MRR* every ``every`` epochs."""
 
-    cells: Cells
+    cells: GridPoints
     inserting: InsertTask
     every: int
 
@@ -52,16 +53,16 @@ def fine_tune(task: TuningTask) -> float:
             looks.append(evaluate(embedding, valid)["valid"].measures[:, 0].numpy())
         return torch.ones(len(models), dtype=torch.bool)
 
-    learn(put(theta0, told.novel, initial.vectors), session, told.novel, how, watch)
+    finetune(with_vectors(theta0, told.novel, initial.vectors), session, told.novel, how, watch)
     return float(np.mean(looks))
 
 
-def best_valid(task: LearningTask) -> np.ndarray:
+def best_valid(task: TrainTask) -> np.ndarray:
     """Best validation MRR* of each joint model."""
-    return learn_joint(task).log.groupby("seed")["mrr_star"].max().to_numpy()
+    return train_joint_model(task).log.groupby("seed")["mrr_star"].max().to_numpy()
 
 
-def inserting_of(given: Given, name: str, batch: int, rate: float) -> Inserting:
+def inserting_of(given: StageContext, name: str, batch: int, rate: float) -> TaskConfig:
     """How params insert and fine-tune, with another batch size and rate."""
     how = inserting(given, name)
     return replace(how, optimizer=how.optimizer.model_copy(update={"batch_size": batch, "learning_rate": rate}))
@@ -76,30 +77,30 @@ def main() -> None:
     parser.add_argument("--training", type=float, nargs="+", default=[0.05, 0.1, 0.2, 0.4])
     parser.add_argument("--finetuning", type=float, nargs="+", default=[0.01, 0.02, 0.04, 0.08, 0.16])
     given = parser.parse_args()
-    params, everything = load(), Given(read(paths.PARAMS), Provenance("choose_rates", {}))
+    params, everything = load(), StageContext(read(paths.PARAMS), Provenance("choose_rates", {}))
     store = Store(given.experiment or next(iter(params.experiments)), everything.provenance)
     single = store.cells(1, given.size, given.seeds)
 
     grid = list(product(given.batches, given.training))
-    joint = [replace(cells, size=JOINT, novel=cells.novel[:, :0]) for cells in single]
+    joint = [replace(cells, size=NO_INSERTION, novel=cells.novel[:, :0]) for cells in single]
     tasks = [
-        LearningTask(cells, learning(everything, batch_size=batch, learning_rate=rate))
+        TrainTask(cells, train_config(everything, batch_size=batch, learning_rate=rate))
         for batch, rate in grid
         for cells in joint
     ]
     looks = np.concatenate(run(best_valid, tasks, params.compute, "training"))
     show("training", grid, looks.reshape(len(grid), -1).mean(1))
 
-    chosen = learning(everything)
-    theta0 = run(learn_initial, [LearningTask(cells, chosen) for cells in single], params.compute, "theta0")
+    chosen = train_config(everything)
+    theta0 = run(train_initial, [TrainTask(cells, chosen) for cells in single], params.compute, "theta0")
     table, words = store.insert_triples(), store.words()
     grid = list(product(given.batches, given.finetuning))
     names = [name for name in params.initializers if INITIALIZERS.get(name, name).role in ("paper", "isi")]
     tuned = []
     for point, (cells, learned), name in product(grid, zip(single, theta0, strict=True), names):
         nowhere = {(1, scope): np.full(len(cells.seeds), np.nan) for scope in SCOPES}
-        told = TaskTold(store.insert_triples_of(cells, table), words, nowhere)
-        vectors = Vectors(chosen.family, learned.entity, learned.relation)
+        told = TaskInput(store.insert_triples_of(cells, table), words, nowhere)
+        vectors = StackedVectors(chosen.family, learned.entity, learned.relation)
         task = InsertTask(cells, vectors, told, inserting_of(everything, name, *point))
         tuned.append(TuningTask(cells, task, every=10))
     means = np.reshape(run(fine_tune, tuned, params.compute, "fine-tuning"), (len(grid), -1)).mean(1)

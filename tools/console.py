@@ -13,7 +13,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from isi.base.command import one_line
+from isi.process import one_line
 
 ROOT = Path(__file__).parent.parent
 BLOCK = re.compile(r"(?<=^```console\n)(.*?)(?=^```)", re.DOTALL | re.MULTILINE)

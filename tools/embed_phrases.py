@@ -14,9 +14,9 @@ import numpy as np
 import pandas as pd
 from gensim.models import KeyedVectors
 
-from isi.base import paths
-from isi.base.tables import atomically
-from isi.words import read_vectors
+from isi.graph.words import read_vectors
+from isi.tables import paths
+from isi.tables.io import atomically
 
 WORDNET = paths.RAW / "words" / "wordnet.csv"
 #: Of a coordinate of a vector of unit length; those of two texts are some hundredths apart.

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 from gensim.models import KeyedVectors
 
-from isi.base import paths
-from isi.base.errors import InputError
-from isi.base.tables import atomically
+from isi.errors import InputError
+from isi.tables import paths
+from isi.tables.io import atomically
 from tools.embed_phrases import WORDNET, read
 
 GLOVE = paths.shipped_vectors("glove")

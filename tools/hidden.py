@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from isi.base import paths, tables
-from isi.base.command import one_line
-from isi.studies.beyond import load
-from isi.studies.hidden import Hidden
+from isi.analyses.hidden_entities import Hidden
+from isi.analyses.other_graphs import load
+from isi.process import one_line
+from isi.tables import catalogue, io, paths
 
 TABLE = Path(__file__).parent.parent / "docs" / "benchmarks" / "hidden.md"
 ALL = "all"
@@ -90,7 +90,7 @@ def main() -> None:
     entries = {name: how for name, how in load().hidden.items() if paths.hidden(name).exists()}
     parts, sentences = [], []
     for name, how in entries.items():
-        found = tables.read(paths.hidden(name), tables.HIDDEN)
+        found = io.read(paths.hidden(name), catalogue.HIDDEN)
         seconds = pd.DataFrame(json.loads(paths.hidden_seconds(name).read_text(encoding="utf-8")))
         parts.append(rows_of(found, seconds, how).assign(graph=[how.title, *[""] * (found["method"].nunique() - 1)]))
         sentences.append(f"- {words(found, how)}")

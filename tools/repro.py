@@ -16,8 +16,7 @@ from pathlib import Path
 if not (find_spec("dvc") and find_spec("isi")):
     sys.exit(f"repro: {sys.executable} lacks DVC or this project: use `make repro`, or activate .venv first")
 
-from isi.base.command import one_line, only_one
-from isi.base.lifetime import tie_to_parent
+from isi.process import one_line, only_one, tie_to_parent
 
 #: Seconds that each stage took when it last ran here; before that, in the run that the documentation tells of.
 HERE = Path(".dvc/tmp/stage_seconds.json")

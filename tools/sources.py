@@ -23,11 +23,11 @@ import pandas as pd
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from isi.base import paths
-from isi.base.errors import InputError
-from isi.base.params import Name, check, read
+from isi.config import Name, check, read
+from isi.errors import InputError
 from isi.report.figures import STYLE, rendered
 from isi.sources import observing
+from isi.tables import paths
 from tools import make_houses
 
 DOCS = Path(__file__).parent.parent / "docs"

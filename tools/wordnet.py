@@ -16,8 +16,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from isi.base.errors import InputError
-from isi.base.tables import atomically
+from isi.errors import InputError
+from isi.tables.io import atomically
 from tools.embed_phrases import WORDNET
 
 FILES = {"n": "noun", "v": "verb", "a": "adj", "s": "adj", "r": "adv"}

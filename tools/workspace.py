@@ -12,8 +12,8 @@ from typing import Any
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from isi.base.command import one_line
-from isi.base.errors import InputError, short
+from isi.errors import InputError, short
+from isi.process import one_line
 
 ROOT = Path(__file__).parent.parent
 COPIED = ("isi", "stages", "data/raw", "dvc.yaml", "pyproject.toml")

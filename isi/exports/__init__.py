@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from isi.base.plugins import Plugins
+from isi.registry import Plugins
 
 
 @dataclass(frozen=True)

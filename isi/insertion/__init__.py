@@ -1,1 +1,1 @@
-"""Inserting novel entities into a trained embedding."""
+"""New entities for anyone's trained embedding: ``isi.insert`` and ``isi.fit_new``."""

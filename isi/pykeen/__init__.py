@@ -10,6 +10,6 @@ from importlib.util import find_spec
 if find_spec("pykeen") is None:
     raise ImportError("isi.pykeen needs PyKEEN: pip install pykeen")
 
-from isi.pykeen.inserting import enlarge, insert, inserted, warm
+from isi.pykeen.insert_into import enlarge, insert, inserted, warm
 
 __all__ = ["enlarge", "insert", "inserted", "warm"]

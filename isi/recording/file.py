@@ -10,11 +10,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from isi.base import tables
-from isi.base.errors import InputError, short
+from isi.errors import InputError, short
 from isi.recording.settings import Layout
 from isi.sources._materials import Object
 from isi.sources._recording import FIELDS, FORMAT, MOST_BYTES, check_header, check_line, parsed
+from isi.tables import io
 
 _CHUNK = 1 << 20
 
@@ -74,7 +74,7 @@ class Recording:
                     os.fsync(file.fileno())
             else:
                 whole = _member(self._header) + scene
-                tables.atomically(self.path, lambda temporary: temporary.write_bytes(whole))
+                io.atomically(self.path, lambda temporary: temporary.write_bytes(whole))
         except OSError as error:
             raise _unwritable(self.path, error) from error
         self.names.add(what.name)

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field, field_validator
 
-from isi.base.params import Count, Positive, Section, Seed, distinct
+from isi.config import Count, Positive, Section, Seed, distinct
 from isi.sources._recording import ITHOR, ROBOTHOR, layout
 
 #: Builds that the package ``ai2thor`` downloads.

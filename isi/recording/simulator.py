@@ -19,11 +19,11 @@ from ai2thor.fifo_server import FifoServer
 from ai2thor.platform import STR_PLATFORM_MAP, Request
 from ai2thor.wsgi_server import WsgiServer
 
-from isi.base import paths
-from isi.base.errors import InputError
+from isi.errors import InputError
 from isi.recording.player import Player
 from isi.recording.settings import PLATFORMS, Layout, Recorder
 from isi.sources._materials import Object
+from isi.tables import paths
 
 _SERVERS = {"wsgi": WsgiServer, "fifo": FifoServer}
 #: What is raised where the player has died, by whichever way that was noticed.

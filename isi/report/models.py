@@ -6,8 +6,7 @@ import inspect
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from isi.initializers import INITIALIZERS, Registered
-from isi.insertion.registry import Role
+from isi.initializers.api import INITIALIZERS, Registered, Role
 
 JOINT = "joint"
 #: Θ⁰ trained on with nothing inserted.

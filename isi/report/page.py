@@ -17,7 +17,6 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup, escape
 
-from isi.base.tables import atomically
 from isi.report import steady, summary, wording
 from isi.report.drawing import Drawing, colours, drawing, palette
 from isi.report.figures import STYLE, boxes, in_words, rendered
@@ -27,6 +26,7 @@ from isi.report.results import Results
 from isi.report.section import Content, Figure, Heading, Section, Table, Words
 from isi.report.statistics import HIGH, LOW
 from isi.report.summary import Verdict
+from isi.tables.io import atomically
 
 #: Sections that have something to say, each with what it says.
 Made = Sequence[tuple[Section, Sequence[Content]]]

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
-from isi.base.streams import stream
+from isi.random import stream
 from isi.report.models import isi
 from isi.report.statistics import ratios
 

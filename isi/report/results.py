@@ -12,17 +12,17 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from isi.base import paths, tables
-from isi.building import Seen
-from isi.insertion.tasks import among
+from isi.analyses import single_insertions
+from isi.analyses.trajectory import TRACED
+from isi.experiment.insert import among
+from isi.graph.graph import MinedSource
 from isi.params import ExperimentOf, Params
 from isi.report import stated, varied
 from isi.report.models import JOINT
 from isi.report.statistics import converged
 from isi.report.varied import Explored, Varied
 from isi.sources._rows import read_rows
-from isi.studies import singles
-from isi.studies.tracing import TRACED
+from isi.tables import catalogue, io, paths
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +131,7 @@ class Results:
     #: by name, in the order of the params
     experiments: Mapping[str, Experiment]
     #: what each source observed that the experiments draw on, and what mining it left (``tables.MINED``)
-    seen: Mapping[str, Seen]
+    seen: Mapping[str, MinedSource]
     mined: Mapping[str, pd.DataFrame]
     #: by experiment
     asking: Mapping[str, Asked] = field(default_factory=dict)
@@ -189,11 +189,11 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         definitions=read_definitions(paths.DEFINITIONS),
         experiments=experiments,
         seen={name: _seen(name) for name in sources},
-        mined={name: tables.read_text(paths.mined(name), tables.MINED) for name in sources},
+        mined={name: io.read_text(paths.mined(name), catalogue.MINED) for name in sources},
         asking={name: _asked(name) for name in params.asking.experiments},
         beyond=varied.read(experiments),
         explored=varied.explored(),
-        nothing={name: tables.read_text(paths.nothing(name), tables.RUNS) for name in params.nothing.experiments},
+        nothing={name: io.read_text(paths.nothing(name), catalogue.RUNS) for name in params.nothing.experiments},
         **_studies(params, experiments),
     )
 
@@ -220,69 +220,69 @@ def _experiment(params: Params, name: str) -> Experiment:
         suffix="" if name == next(iter(params.experiments)) else f"_{name}",
         params=params,
         initializers=initializers,
-        entities=tables.read_text(paths.entities(name), tables.ENTITIES),
-        triples=tables.read_text(paths.triples(name), tables.TRIPLES),
-        coverage=tables.read_text(paths.coverage(name), tables.COVERAGE),
-        splits=tables.read_text(paths.splits(name), tables.SPLITS),
-        novel=tables.read_text(paths.novel(name), tables.NOVEL),
-        insert_triples=tables.read_text(paths.insert_triples(name), tables.INSERT_TRIPLES),
-        theta0_log=tables.read_text(paths.training_log(name, "theta0"), tables.TRAINING_LOG),
-        joint_log=tables.read_text(paths.training_log(name, JOINT), tables.TRAINING_LOG),
-        runs=_of_each(partial(paths.runs, name), tables.RUNS, [*initializers, JOINT]),
-        inserted=_of_each(partial(paths.inserted, name), tables.INSERTED, initializers),
-        ties=_of_each(partial(paths.ties, name), tables.TIES, [*initializers, JOINT]),
+        entities=io.read_text(paths.entities(name), catalogue.ENTITIES),
+        triples=io.read_text(paths.triples(name), catalogue.TRIPLES),
+        coverage=io.read_text(paths.coverage(name), catalogue.COVERAGE),
+        splits=io.read_text(paths.splits(name), catalogue.SPLITS),
+        novel=io.read_text(paths.novel(name), catalogue.NOVEL),
+        insert_triples=io.read_text(paths.insert_triples(name), catalogue.INSERT_TRIPLES),
+        theta0_log=io.read_text(paths.training_log(name, "theta0"), catalogue.TRAINING_LOG),
+        joint_log=io.read_text(paths.training_log(name, JOINT), catalogue.TRAINING_LOG),
+        runs=_of_each(partial(paths.runs, name), catalogue.RUNS, [*initializers, JOINT]),
+        inserted=_of_each(partial(paths.inserted, name), catalogue.INSERTED, initializers),
+        ties=_of_each(partial(paths.ties, name), catalogue.TIES, [*initializers, JOINT]),
     )
 
 
-def _seen(source: str) -> Seen:
-    return Seen(
+def _seen(source: str) -> MinedSource:
+    return MinedSource(
         source,
-        tables.read_text(paths.observations(source), tables.OBSERVATIONS),
-        tables.read_text(paths.kinds(source), tables.KINDS),
+        io.read_text(paths.observations(source), catalogue.OBSERVATIONS),
+        io.read_text(paths.kinds(source), catalogue.KINDS),
     )
 
 
 def _affordances(experiment: str) -> pd.DataFrame:
-    return tables.read_text(paths.affordances(experiment), tables.AFFORDANCES).rename(columns={"initializer": "model"})
+    return io.read_text(paths.affordances(experiment), catalogue.AFFORDANCES).rename(columns={"initializer": "model"})
 
 
 def _asked(experiment: str) -> Asked:
     return Asked(
-        tables.read_text(paths.asked(experiment), tables.ASKED), tables.read_text(paths.used(experiment), tables.USED)
+        io.read_text(paths.asked(experiment), catalogue.ASKED), io.read_text(paths.used(experiment), catalogue.USED)
     )
 
 
 def _sweep(initializers: Iterable[str], experiment: str) -> pd.DataFrame:
-    return _of_each(partial(paths.indicator_sweep, experiment), tables.INDICATOR_SWEEP, initializers)
+    return _of_each(partial(paths.indicator_sweep, experiment), catalogue.INDICATOR_SWEEP, initializers)
 
 
 def _rates(params: Params, experiment: str) -> pd.DataFrame:
-    return _of_each(partial(paths.rate_sweep, experiment), tables.RATE_SWEEP, params.rates.initializers)
+    return _of_each(partial(paths.rate_sweep, experiment), catalogue.RATE_SWEEP, params.rates.initializers)
 
 
 def _cross_validation(experiment: str) -> pd.DataFrame:
-    return tables.read_text(paths.cross_validation(experiment), tables.CROSS_VALIDATION)
+    return io.read_text(paths.cross_validation(experiment), catalogue.CROSS_VALIDATION)
 
 
 def _families(families: Iterable[str], experiment: str) -> pd.DataFrame:
-    return _of_each(partial(paths.families, experiment), tables.FAMILIES, families, column="family")
+    return _of_each(partial(paths.families, experiment), catalogue.FAMILIES, families, column="family")
 
 
 def _of_each(
     path: Callable[[str], Path], schema: pa.Schema, names: Iterable[str], column: str = "model"
 ) -> pd.DataFrame:
-    return pd.concat(tables.read_text(path(name), schema).assign(**{column: name}) for name in names)
+    return pd.concat(io.read_text(path(name), schema).assign(**{column: name}) for name in names)
 
 
 def _approach(experiment: str) -> Mapping[str, np.ndarray]:
     of_each = [f"{model}.{what}" for model in TRACED for what in ("path", "indicators")]
-    tensors = tables.read_tensors(paths.approach(experiment), ["entity", "known", "theta0", *of_each])
+    tensors = io.read_tensors(paths.approach(experiment), ["entity", "known", "theta0", *of_each])
     return {name: tensor.numpy() for name, tensor in tensors.items()}
 
 
 def _explorer(experiment: str) -> Mapping[str, pd.DataFrame]:
-    listed = singles.TABLES.items()
-    return {what: tables.read_text(paths.explorer(experiment, what), schema) for what, (schema, _) in listed}
+    listed = single_insertions.TABLES.items()
+    return {what: io.read_text(paths.explorer(experiment, what), schema) for what, (schema, _) in listed}
 
 
 def read_definitions(path: Path) -> pd.DataFrame:

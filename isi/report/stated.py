@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
-from isi.base import params
-from isi.base.errors import InputError
-from isi.base.params import Section
+from isi import config
+from isi.config import Section
+from isi.errors import InputError
 from isi.report.models import registered
 
 #: Null where it is not stated.
@@ -150,7 +150,7 @@ def read(path: Path, kind: type[Section]) -> dict[str, Any]:
     Raises:
         InputError: where it is missing or no YAML, or has something that is unknown or of another type.
     """
-    return params.check(_without_null(params.read(path)), kind, "", path).model_dump()
+    return config.check(_without_null(config.read(path)), kind, "", path).model_dump()
 
 
 def _without_null(values: Any) -> Any:

@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 import pandas as pd
 
-from isi.base.streams import stream
-from isi.learning.convergence import epochs_to_convergence
+from isi.evaluation.convergence import epochs_to_convergence
+from isi.random import stream
 from isi.report.models import BASELINE, label
 
 HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity half", "mrr_star_relation": "relation half"}

@@ -8,13 +8,13 @@ from functools import cached_property
 
 import pandas as pd
 
-from isi.base import paths, tables
+from isi.analyses.other_graphs import load
+from isi.analyses.variants import Variant
 from isi.params import Params
 from isi.report import parts
 from isi.report.models import JOINT, label
 from isi.report.statistics import HIGH, LOW, converged, over_seeds
-from isi.studies.beyond import load
-from isi.studies.variants import Variant
+from isi.tables import catalogue, io, paths
 
 _CELL = ["experiment", "model", "size", "seed"]
 
@@ -90,10 +90,10 @@ def explored() -> dict[str, Explored]:
     """
     return {
         name: Explored(
-            tables.read_text(paths.explored(name, "entities"), tables.ENTITIES),
-            tables.read_text(paths.explored(name, "triples"), tables.TRIPLES),
-            Varied(how.variant(name), tables.read_text(paths.explored(name, "runs"), tables.VARIANTS),
-                   tables.read_text(paths.explored(name, "asked"), tables.VARIANTS_ASKED)),
+            io.read_text(paths.explored(name, "entities"), catalogue.ENTITIES),
+            io.read_text(paths.explored(name, "triples"), catalogue.TRIPLES),
+            Varied(how.variant(name), io.read_text(paths.explored(name, "runs"), catalogue.VARIANTS),
+                   io.read_text(paths.explored(name, "asked"), catalogue.VARIANTS_ASKED)),
         )
         for name, how in load().graphs.items() if paths.explored(name, "asked").exists()
     }  # fmt: skip
@@ -107,8 +107,8 @@ def read(experiments: Collection[str]) -> dict[str, Varied]:
     """
     found = {
         name: Varied(
-            how, _of(experiments, tables.read_text(paths.variant(name), tables.VARIANTS)),
-            _of(experiments, tables.read_text(paths.variant_asked(name), tables.VARIANTS_ASKED)),
+            how, _of(experiments, io.read_text(paths.variant(name), catalogue.VARIANTS)),
+            _of(experiments, io.read_text(paths.variant_asked(name), catalogue.VARIANTS_ASKED)),
         )
         for name, how in load().variants.items() if paths.variant_asked(name).exists()
     }  # fmt: skip

@@ -11,12 +11,12 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from isi.base.errors import InputError, short
-from isi.base.params import Name, check, keywords
-from isi.base.plugins import Plugins
-from isi.base.rules import MOST_OBSERVED
-from isi.base.tables import OBSERVATIONS
+from isi.config import Name, check, keywords
+from isi.errors import InputError, short
+from isi.registry import Plugins
 from isi.sources._naming import fault
+from isi.tables.catalogue import OBSERVATIONS
+from isi.tables.rules import MOST_OBSERVED
 
 #: Settings that name what a source reads.
 READ = ("path", "from_", "folder")

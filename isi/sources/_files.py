@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import IO
 
-from isi.base.errors import InputError
+from isi.errors import InputError
 
 
 def packaged(package: str, path: str, what: str) -> Path:

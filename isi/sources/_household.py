@@ -8,7 +8,7 @@ from functools import cache
 
 import pandas as pd
 
-from isi.base.errors import InputError
+from isi.errors import InputError
 
 AT_LOCATION, HAS_MATERIAL, HAS_AFFORDANCE = "atLocation", "hasMaterial", "hasAffordance"
 #: What the tail of a relation is; locations are rooms where they bear a room's name, else objects.

@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from isi.base.errors import InputError, cut, short
+from isi.errors import InputError, cut, short
 from isi.sources._files import check_sha256, packaged
 
 #: The largest house that is read, in bytes, objects, and corners of floors; those of ProcTHOR-10K have a few hundred

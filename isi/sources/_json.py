@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from isi.base.errors import InputError
+from isi.errors import InputError
 
 
 def json_of(path: Path, place: str, content: bytes | str) -> Any:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from isi.base.errors import InputError, short
-from isi.base.streams import stream
+from isi.errors import InputError, short
+from isi.random import stream
 from isi.sources._household import entity_name
 from isi.sources._rows import read_listed
 

@@ -11,13 +11,13 @@ from typing import Literal
 
 import pyarrow as pa
 
-from isi.base import paths
-from isi.base.errors import InputError, cut, short
-from isi.base.params import Sha256
+from isi.config import Sha256
+from isi.errors import InputError, cut, short
 from isi.sources import Mining, part
 from isi.sources._household import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, entity_name
 from isi.sources._materials import MaterialsOf, Object, read_shares, simulator, suncg
 from isi.sources._recording import AFFORDANCES, Plans, Scene, locate, read_recording
+from isi.tables import paths
 
 FLOOR = "floor"
 #: Scenes mined as one: a row group of the table.

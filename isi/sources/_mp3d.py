@@ -12,8 +12,8 @@ from typing import Annotated
 import pyarrow as pa
 from pydantic import Field, ValidationInfo, field_validator
 
-from isi.base import params
-from isi.base.params import Section
+from isi import config
+from isi.config import Section
 from isi.sources import part
 from isi.sources._household import AT_LOCATION
 
@@ -57,7 +57,7 @@ def read_vocabulary(path: Path) -> Vocabulary:
     Raises:
         InputError: where the file is missing or no YAML, or does not hold what a vocabulary does.
     """
-    return params.check(params.read(path), Vocabulary, "", path)
+    return config.check(config.read(path), Vocabulary, "", path)
 
 
 def mine(

@@ -9,8 +9,8 @@ from typing import Annotated
 import pandas as pd
 from pydantic import Field
 
-from isi.base.errors import InputError, short
-from isi.base.params import Section
+from isi.config import Section
+from isi.errors import InputError, short
 from isi.sources._household import entity_name, household
 
 #: Characters of a name, at most.

@@ -13,12 +13,12 @@ from itertools import count
 from pathlib import Path
 from typing import Any, TypeGuard
 
-from isi.base import paths
-from isi.base.errors import InputError, cut, short
+from isi.errors import InputError, cut, short
 from isi.sources._files import check_sha256, packaged
 from isi.sources._json import json_of
 from isi.sources._materials import Object
 from isi.sources._naming import fault
+from isi.tables import paths
 
 #: Header of a recording of ``make record``, a line of JSON; each line behind it is a scene.
 FORMAT = {"format": "isi recording", "version": 1, "simulator": "ai2thor"}

@@ -15,9 +15,9 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isi.base.errors import InputError, cut, short
-from isi.base.rules import MOST_OBSERVED
+from isi.errors import InputError, cut, short
 from isi.sources._naming import fault
+from isi.tables.rules import MOST_OBSERVED
 
 #: Rows of a Parquet file that are read at once.
 BATCH = 65_536

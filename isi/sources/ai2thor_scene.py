@@ -10,7 +10,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from isi.base.errors import InputError
+from isi.errors import InputError
 from isi.sources import Mining, source
 from isi.sources._household import household
 from isi.sources._json import json_of

@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 import pyarrow as pa
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from isi.base.errors import InputError, short
+from isi.errors import InputError, short
 from isi.sources import Mining, part, source
 from isi.sources._files import packaged
 from isi.sources._household import AT_LOCATION, HAS_AFFORDANCE, household

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import pyarrow as pa
 from pydantic import Field
 
-from isi.base.errors import InputError, short
+from isi.errors import InputError, short
 from isi.sources import Mining, source
 from isi.sources._household import household
 from isi.sources._mp3d import Counted, entity_name, mine, read_vocabulary

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from isi.base import paths
-from isi.base.errors import InputError, short
+from isi.errors import InputError, short
 from isi.sources import Mining, source
 from isi.sources._household import household
 from isi.sources._mp3d import Counted, Rooms, entity_name, mine, read_vocabulary
 from isi.sources._naming import fault
 from isi.sources._rows import read_listed
+from isi.tables import paths
 
 COLUMNS = ("object", "room", "count")
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from isi.base.errors import InputError
-from isi.base.params import Sha256
-from isi.base.streams import stream
+from isi.config import Sha256
+from isi.errors import InputError
+from isi.random import stream
 from isi.sources import Mining, part, source
 from isi.sources._household import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, entity_name, household
 from isi.sources._houses import House, Placed, Room, asset_types, houses, objects

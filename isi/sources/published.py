@@ -8,10 +8,10 @@ from pathlib import Path
 import pandas as pd
 import pyarrow as pa
 
-from isi.base import paths
-from isi.base.errors import InputError, short
+from isi.errors import InputError, short
 from isi.sources import Mining, part, source
 from isi.sources._rows import read_listed
+from isi.tables import paths
 
 _TRIPLE = ["head", "relation", "tail"]
 

@@ -18,7 +18,7 @@ from rdflib.plugins.parsers.notation3 import BadSyntax
 from rdflib.plugins.parsers.ntriples import DummySink, W3CNTriplesParser
 from rdflib.term import Node
 
-from isi.base.errors import InputError, cut, short
+from isi.errors import InputError, cut, short
 from isi.sources import Mining, part, source
 from isi.sources._naming import Kinds, Naming, fault
 from isi.sources._rows import LINE, UNREADABLE, form_of, open_text, read_text

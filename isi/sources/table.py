@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from isi.base.errors import InputError
-from isi.base.rules import MOST_OBSERVED
+from isi.errors import InputError
 from isi.sources import Mining, part, source
 from isi.sources._naming import Kinds, Naming, fault
 from isi.sources._rows import Row, read_rows
+from isi.tables.rules import MOST_OBSERVED
 
 TRIPLE = ("head", "relation", "tail")
 MAY = ("count", "scene", "room", "instance")

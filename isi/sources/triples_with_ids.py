@@ -11,11 +11,11 @@ from pathlib import Path
 import pandas as pd
 import pyarrow as pa
 
-from isi.base import paths
-from isi.base.errors import InputError, short
+from isi.errors import InputError, short
 from isi.sources import Mining, part, source
 from isi.sources._naming import fault
 from isi.sources._rows import read_listed, read_text
+from isi.tables import paths
 
 ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"
 #: Of what kind an entity is, by the last part of its name.

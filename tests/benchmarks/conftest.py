@@ -10,12 +10,11 @@ import pyarrow as pa
 import pytest
 import torch
 
-from isi.base import paths
-from isi.base.params import read
-from isi.building import Seen, graph_of
-from isi.graph import Graph, build
+from isi.config import read
+from isi.graph.graph import Graph, MinedSource, build_graph, build_tables
 from isi.params import Params, load
 from isi.sources import Mining, Observed, settings_of
+from isi.tables import paths
 
 
 def pytest_benchmark_update_machine_info(machine_info: dict[str, Any]) -> None:
@@ -41,5 +40,5 @@ def home() -> Graph:
     source, settings = settings_of(read(paths.PARAMS)["sources"]["ai2thor"], "sources.ai2thor")
     observed = Observed(source.entities)
     observations = pa.concat_tables(observed.passing(source.observe(Mining(0), **settings))).to_pandas()
-    made = graph_of(Seen("ai2thor", observations, observed.kinds))
-    return build(made.entities, made.triples)
+    made = build_tables(MinedSource("ai2thor", observations, observed.kinds))
+    return build_graph(made.entities, made.triples)

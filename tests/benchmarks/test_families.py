@@ -17,12 +17,12 @@ from pykeen.models import ComplEx, DistMult, ERModel
 from pykeen.training import SLCWATrainingLoop
 from torch import Tensor
 
-from isi.embeddings.stack import Embedding, uniform
-from isi.families import make
-from isi.graph import Graph
-from isi.learning.batches import Negatives, training_data
-from isi.learning.training import Training, fit
-from isi.sessions.session import TEST, TRAIN, VALID, Session, everything
+from isi.graph.graph import Graph
+from isi.graph.sessions import TEST, TRAIN, VALID, Session, everything
+from isi.models.model import make_model
+from isi.models.stack import Embedding, uniform
+from isi.training.batches import Negatives, training_data
+from isi.training.trainer import Training, train_until_best
 
 DIMENSION = 100
 NEGATIVES = Negatives(mode="expected", ratio=9, head_pool="unseen")
@@ -59,10 +59,10 @@ def session(umls: UMLS) -> Session:
 
 
 def ours(name: str, session: Session) -> Embedding:
-    keys, family = torch.zeros(1, 2, dtype=torch.int64), make(name, {}, name)
+    keys, family = torch.zeros(1, 2, dtype=torch.int64), make_model(name, {}, name)
     start = uniform(session.entities, len(session.graph.relations), family, DIMENSION, 0.01, 0, keys)
     data = training_data(session, "training", keys, NEGATIVES.head_pool)
-    return fit(start, data, NEGATIVES, SETTINGS, 0)[0]
+    return train_until_best(start, data, NEGATIVES, SETTINGS, 0)[0]
 
 
 def as_pykeen(embedding: Embedding, model: ERModel) -> ERModel:

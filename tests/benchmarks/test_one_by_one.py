@@ -18,13 +18,13 @@ from torchkge.models import AnalogyModel
 from torchkge.sampling import BernoulliNegativeSampler
 from torchkge.utils import LogisticLoss
 
-from isi.embeddings.stack import uniform
-from isi.families import make
-from isi.graph import Graph
-from isi.learning import one_by_one, training
-from isi.learning.batches import TrainingData, training_data
+from isi.graph.graph import Graph
+from isi.graph.sessions import everything
+from isi.models.model import make_model
+from isi.models.stack import uniform
 from isi.params import Params
-from isi.sessions.session import everything
+from isi.training import single_updates, trainer
+from isi.training.batches import TrainingData, training_data
 from tests.benchmarks.test_training import as_torchkge, splits
 
 #: All run on one thread: what else the machine does costs them no time of the processor.
@@ -55,25 +55,25 @@ def time_epoch(benchmark: Any, what: str, family: str, data: TrainingData, param
     how, graph = params.embedding, data.session.graph
     negatives = params.negatives.model_copy(update={"mode": "sampled"})
     settings = params.training.model_copy(update={"batch_size": 1})
-    kind, relations = make(family, {}, f"families.{family}"), len(graph.relations)
+    kind, relations = make_model(family, {}, f"families.{family}"), len(graph.relations)
     start = uniform(data.session.entities, relations, kind, how.dimension, how.init_range, params.seed, data.keys)
-    state = training.start(start)
+    state = trainer.start(start)
 
     def epoch() -> None:
-        training.run_epoch(state, data, negatives, settings, params.seed, 1)
+        trainer.run_epoch(state, data, negatives, settings, params.seed, 1)
 
     measure(benchmark, what, epoch, int(data.counts.sum()), 1 + relations * negatives.ratio)
 
 
 @pytest.mark.parametrize("family", ["analogy", "distmult", "complex"])
 def test_compiled(benchmark: Any, data: TrainingData, params: Params, family: str) -> None:
-    what = f"isi, {type(make(family, {}, family)).__name__}, compiled"
+    what = f"isi, {type(make_model(family, {}, family)).__name__}, compiled"
     time_epoch(benchmark, what, family, data, params)
 
 
 def test_batches_of_one(benchmark: Any, data: TrainingData, params: Params) -> None:
     few = (data.counts.cumsum(1) <= FEW) * data.counts
-    with patch.object(one_by_one, "serves", return_value=False):
+    with patch.object(single_updates, "serves", return_value=False):
         time_epoch(benchmark, "isi, ANALOGY, batches of one", "analogy", replace(data, counts=few), params)
 
 

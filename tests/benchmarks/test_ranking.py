@@ -19,14 +19,14 @@ from pykeen.models import ComplEx
 from pykeen.triples import CoreTriplesFactory
 from torch import Tensor
 
-from isi.embeddings.stack import Embedding, uniform
-from isi.families import make
-from isi.graph import Graph
-from isi.learning.ranks import Queries, evaluate, prepare, query_slots
-from isi.learning.scopes import epoch_scopes
+from isi.evaluation.query_sets import epoch_query_sets
+from isi.evaluation.ranking import Queries, evaluate, prepare, query_slots
+from isi.graph.graph import Graph
+from isi.graph.sampling import sample_novel, split
+from isi.graph.sessions import TEST, TRAIN, VALID, Session, everything
+from isi.models.model import make_model
+from isi.models.stack import Embedding, uniform
 from isi.params import Params
-from isi.sessions.drawing import draw_novel, split
-from isi.sessions.session import TEST, TRAIN, VALID, Session, everything
 
 SCOPES_MODELS = 5
 NOVEL = 5
@@ -68,7 +68,7 @@ def embedding(complex_model: ComplEx) -> Embedding:
         part[0]().detach() for part in (complex_model.entity_representations, complex_model.relation_representations)
     )
     tables = (torch.cat([table.real, table.imag], -1)[None] for table in (entity, relation))
-    return Embedding(*tables, make("complex", {}, "families.complex"))
+    return Embedding(*tables, make_model("complex", {}, "families.complex"))
 
 
 def ask(session: Session) -> Queries:
@@ -122,10 +122,10 @@ def test_scopes(benchmark: Any, home: Graph, params: Params) -> None:
     """What a stack is asked after each epoch of fine-tuning."""
     session = session_of(home, params, SCOPES_MODELS)
     everyone = np.arange(len(home.entities))
-    novel = np.concatenate([draw_novel(everyone, params.seed, NOVEL, seed) for seed in range(SCOPES_MODELS)])
-    scopes = epoch_scopes(session, torch.from_numpy(novel))
+    novel = np.concatenate([sample_novel(everyone, params.seed, NOVEL, seed) for seed in range(SCOPES_MODELS)])
+    scopes = epoch_query_sets(session, torch.from_numpy(novel))
     how, keys = params.embedding, torch.arange(SCOPES_MODELS)[:, None]
-    family = make(how.family, params.families[how.family], f"families.{how.family}")
+    family = make_model(how.family, params.families[how.family], f"families.{how.family}")
     stack = uniform(session.entities, len(home.relations), family, how.dimension, 1.0, params.seed, keys)
     triples = sum(int(scope.asked.sum()) for scope in scopes.values())
     what = f"isi, a stack of {SCOPES_MODELS} in {len(scopes)} scopes"

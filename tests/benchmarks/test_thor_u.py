@@ -15,14 +15,14 @@ import pytest
 import torch
 from torch import Tensor
 
-from isi.base import paths
-from isi.embeddings.stack import Embedding, uniform
-from isi.families import make
-from isi.graph import Graph
-from isi.learning.batches import Negatives, training_data
-from isi.learning.ranks import compare
-from isi.learning.training import Training, fit
-from isi.sessions.session import SPLITS, TEST, VALID, Session, everything
+from isi.evaluation.ranking import compare
+from isi.graph.graph import Graph
+from isi.graph.sessions import SPLITS, TEST, VALID, Session, everything
+from isi.models.model import make_model
+from isi.models.stack import Embedding, uniform
+from isi.tables import paths
+from isi.training.batches import Negatives, training_data
+from isi.training.trainer import Training, train_until_best
 
 MODELS = 5
 DIMENSION = 100
@@ -64,12 +64,14 @@ def session() -> Session:
 def trained(name: str, session: Session) -> Embedding:
     """Models of a family, each at its best look."""
     how, keys = SETTINGS[name], torch.arange(MODELS)[:, None].expand(-1, 2)
-    family, relations = make(name, how.options, name), len(session.graph.relations)
+    family, relations = make_model(name, how.options, name), len(session.graph.relations)
     start = uniform(session.entities, relations, family, DIMENSION, INIT_RANGE, 0, keys)
     settings = Training(
         batch_size=256, learning_rate=how.rate, weight_decay=how.decay, max_epochs=300, evaluate_every=5, patience=6
     )
-    return fit(start, training_data(session, "training", keys, NEGATIVES.head_pool), NEGATIVES, settings, 0)[0]
+    return train_until_best(
+        start, training_data(session, "training", keys, NEGATIVES.head_pool), NEGATIVES, settings, 0
+    )[0]
 
 
 def measured(embedding: Embedding, session: Session, split: int) -> tuple[float, float]:

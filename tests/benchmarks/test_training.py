@@ -22,14 +22,14 @@ from torchkge.models import AnalogyModel
 from torchkge.sampling import BernoulliNegativeSampler
 from torchkge.utils import LogisticLoss
 
-from isi.embeddings.stack import uniform
-from isi.families import make
-from isi.graph import Graph
-from isi.learning import training
-from isi.learning.batches import training_data
+from isi.graph.graph import Graph
+from isi.graph.sampling import split
+from isi.graph.sessions import TRAIN, everything
+from isi.models.model import make_model
+from isi.models.stack import uniform
 from isi.params import Params
-from isi.sessions.drawing import split
-from isi.sessions.session import TRAIN, everything
+from isi.training import trainer
+from isi.training.batches import training_data
 
 ROUNDS = 5
 
@@ -59,13 +59,13 @@ def time_stack(benchmark: Any, home: Graph, params: Params, models: int, mode: s
     keys = torch.tensor([[0, seed] for seed in range(models)])
     negatives = params.negatives.model_copy(update={"mode": mode})
     data = training_data(session, "training", keys, negatives.head_pool)
-    how, kind = params.embedding, make(family, params.families[family], f"families.{family}")
+    how, kind = params.embedding, make_model(family, params.families[family], f"families.{family}")
     start = uniform(session.entities, len(home.relations), kind, how.dimension, how.init_range, params.seed, keys)
-    state = training.start(start)
+    state = trainer.start(start)
     scored = int(data.counts.sum()) * (1 + len(home.relations) * negatives.ratio)
 
     def epoch() -> None:
-        training.run_epoch(state, data, negatives, params.training, params.seed, 1)
+        trainer.run_epoch(state, data, negatives, params.training, params.seed, 1)
 
     measure(benchmark, epoch, scored, library="isi", model=type(kind).__name__, negatives=mode, models=models)
 

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import NoReturn
 
-from isi.base.errors import InputError
+from isi.errors import InputError
 from tests.fuzz.formats import Format
 
 OUT = Path("out/table.parquet")

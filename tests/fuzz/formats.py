@@ -20,17 +20,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 
-from isi.base import paths, tables
-from isi.base.content import digest_of_tensors
-from isi.base.provenance import CONTENT
-from isi.base.tables import Provenance
-from isi.building import Seen, graph_of
-from isi.commands import _reading
+from isi.cli import _reading
+from isi.graph.graph import MinedSource, build_tables
+from isi.graph.words import look_up, read_vectors
 from isi.recording.file import Recording
 from isi.sources import observing, procthor_houses, triples_with_ids
 from isi.sources._naming import fault
 from isi.sources._recording import FORMAT, ITHOR, Scene
-from isi.words import look_up, read_vectors
+from isi.tables import catalogue, paths
+from isi.tables import io as tables
+from isi.tables.content import digest_of_tensors
+from isi.tables.provenance import CONTENT, Provenance
 from tests import floors
 from tests.fuzz.mutations import Files
 
@@ -124,9 +124,9 @@ def mined(section: dict[str, Any]) -> str:
     """Mine a source as its stage does; what it gives is lawful, or this is a fault of the reader."""
     triples_with_ids.shipped_names.cache_clear()
     observed, parts = observing(section, "sources.fuzz", 0)
-    tables.write_stream(OUT[0], parts, tables.OBSERVATIONS, MADE)
-    tables.write(OUT[1], observed.kinds, tables.KINDS, MADE)
-    seen = tables.read(OUT[0], tables.OBSERVATIONS), tables.read(OUT[1], tables.KINDS)
+    tables.write_stream(OUT[0], parts, catalogue.OBSERVATIONS, MADE)
+    tables.write(OUT[1], observed.kinds, catalogue.KINDS, MADE)
+    seen = tables.read(OUT[0], catalogue.OBSERVATIONS), tables.read(OUT[1], catalogue.KINDS)
     return _lawful(*seen) + repr(sorted(observed.mining.left.items()))
 
 
@@ -138,7 +138,7 @@ def _lawful(observations: pd.DataFrame, kinds: pd.DataFrame) -> str:
     assert plain["count"].sum() < 2**31
     assert kinds["entity"].is_unique
     assert set(kinds["entity"]) == {*plain["head"], *plain["tail"]}
-    graph = graph_of(Seen("fuzz", observations, kinds))
+    graph = build_tables(MinedSource("fuzz", observations, kinds))
     assert graph.triples["count"].sum() == plain["count"].sum()
     text = plain.to_csv(index=False) + kinds.to_csv(index=False)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -147,7 +147,7 @@ def _lawful(observations: pd.DataFrame, kinds: pd.DataFrame) -> str:
 def guessed(file: str) -> str:
     """Read a file as ``isi graph`` does, which tells its reader by what is in it."""
     found = _reading.read(Path(file), None, {}, 0)
-    graph = graph_of(found.seen)
+    graph = build_tables(found.seen)
     return f"{found.reader} {graph.triples.to_csv()} {graph.entities.to_csv()}"
 
 
@@ -175,7 +175,7 @@ def gone_on_with() -> str:
 
 def pipeline_table() -> str:
     """Read a table of the pipeline."""
-    return str(tables.read(Path("triples.parquet"), tables.TRIPLES).to_csv())
+    return str(tables.read(Path("triples.parquet"), catalogue.TRIPLES).to_csv())
 
 
 def pipeline_tensors() -> str:
@@ -212,7 +212,7 @@ def triples() -> bytes:
     frame = pd.DataFrame(ROWS, columns=COLUMNS)[COLUMNS[:4]].assign(source="x").sort_values(COLUMNS[:3])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "triples.parquet"
-        tables.write(path, frame, tables.TRIPLES, MADE)
+        tables.write(path, frame, catalogue.TRIPLES, MADE)
         return path.read_bytes()
 
 

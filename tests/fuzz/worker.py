@@ -16,7 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from isi.base.errors import InputError
+from isi.errors import InputError
 from tests.fuzz.faulty import FAULTY
 from tests.fuzz.formats import FORMATS
 from tests.fuzz.mutations import Files

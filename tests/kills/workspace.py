@@ -20,7 +20,7 @@ from typing import Any
 
 import psutil
 
-from isi.base.lifetime import tie_to_parent
+from isi.process import tie_to_parent
 from tests.environment import ENVIRONMENT
 from tools import workspace
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from isi.base import paths
+from isi.tables import paths
 from tests.kept import without_words, written
 from tests.said import LOG
 from tools.workspace import change_all

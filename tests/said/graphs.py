@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from isi.base import paths, tables
+from isi.tables import catalogue, paths
 from tests.kept import NAMES, small, written
 from tests.lawful import alter
 from tests.said.calls import Typed, params, put
@@ -23,7 +23,7 @@ def smaller() -> None:
 
 def misnamed() -> None:
     lay_out()
-    alter(paths.entities("home"), lambda entities: entities.replace("fill", "fi\tll"), tables.ENTITIES, anew=True)
+    alter(paths.entities("home"), lambda entities: entities.replace("fill", "fi\tll"), catalogue.ENTITIES, anew=True)
 
 
 def misspelt() -> None:

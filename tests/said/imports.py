@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from isi.importing.tensors import OF_PYKEEN
+from isi.bundle.import_tensors import OF_PYKEEN
 from tests.said.calls import Typed, packed
 from tests.said.commands import inserted_elsewhere
 from tests.test_import_command import ENTITIES, LABELS, ids, lists

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from isi.families.transe import TransE
+from isi.models.distance import TransE
 from tests.said.calls import Called
 from tests.test_insert import KNOWN, TOLD, tables, words
 
@@ -55,7 +55,7 @@ INSERT_CASES = [
     Called("a family that is none", {"family": 5},
            "argument 'family': expected the name of a family, or a family, got 5"),
     Called("a family by its class", {"family": TransE},
-           "argument 'family': expected the name of a family, or a family, got <class 'isi.families.transe.TransE'>"),
+           "argument 'family': expected the name of a family, or a family, got <class 'isi.models.distance.TransE'>"),
     Called("a family without its margin", {"family": "transe"},
            "argument 'family': margin: Field required (and 1 more)"),
     Called("options of the family that are none", {"family_options": 5},

@@ -16,8 +16,8 @@ import pytest
 
 import isi
 from isi.__main__ import main
-from isi.base.errors import InputError
-from isi.inserting.inserted import Inserted
+from isi.errors import InputError
+from isi.insertion.result import Inserted
 from tests.said import of_pykeen
 from tests.said.calls import Program, Typed
 from tests.test_fit_new import fit

@@ -9,8 +9,8 @@ from typing import Any
 
 import yaml
 
-from isi.base import paths
 from isi.sources._recording import FORMAT
+from isi.tables import paths
 from tests.said.calls import Typed, as_json, params
 
 AI2THOR, TRANSFER = "experiments.ai2thor", "experiments.transfer"

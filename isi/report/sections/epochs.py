@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from isi.learning.convergence import SCOPES
+from isi.evaluation.convergence import SCOPES
 from isi.params import Params
 from isi.report import statistics
 from isi.report.figures import by_epoch

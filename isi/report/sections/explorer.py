@@ -8,14 +8,13 @@ from typing import Any
 
 import pandas as pd
 
-from isi.base import paths
-from isi.base.errors import InputError
+from isi.analyses.single_insertions import HIDDEN, SHOWN, THETA0, TRUE, ExplorerSettings
+from isi.errors import InputError
 from isi.report.models import JOINT, colour, label
 from isi.report.prose import joined
 from isi.report.results import Experiment, Results
 from isi.report.section import Content, Explorer, Section
-from isi.studies.answering import HIDDEN, TRUE
-from isi.studies.singles import SHOWN, THETA0, Singled
+from isi.tables import paths
 
 #: The tables of ``singles.TABLES``, by name.
 Shown = Mapping[str, pd.DataFrame]
@@ -51,7 +50,7 @@ def contents(results: Results) -> Iterator[Content]:
         raise InputError(paths.explorer(experiment.name, "*"), "", expected) from error
 
 
-def data_of(experiment: Experiment, found: Shown, how: Singled) -> dict[str, Any]:
+def data_of(experiment: Experiment, found: Shown, how: ExplorerSettings) -> dict[str, Any]:
     """All that the explorer shows, in as few numbers as say it: entities by id, ranks and rounded places as integers.
 
     Coordinates, similarities and weights are in hundredths; who has none has null.

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from isi.families import FAMILIES
+from isi.models.model import MODELS
 from isi.report.prose import joined
 from isi.report.results import Results
 from isi.report.section import Content, Section, Table
@@ -34,7 +34,7 @@ def contents(results: Results) -> Iterator[Content]:
 
 def called(family: str) -> str:
     """What people call a family: the name of its class."""
-    return FAMILIES.get(family, f"families.{family}").__name__
+    return MODELS.get(family, f"families.{family}").__name__
 
 
 def sentence(rows: pd.DataFrame) -> str:

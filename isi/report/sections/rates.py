@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from isi.learning.convergence import SCOPES
+from isi.evaluation.convergence import SCOPES
 from isi.report import wording
 from isi.report.models import label
 from isi.report.section import Table

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
-from isi.learning.convergence import SCOPES
+from isi.evaluation.convergence import SCOPES
 from isi.report.figures import legend, panels
 from isi.report.models import colour, label
 from isi.report.prose import listed

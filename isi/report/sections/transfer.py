@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from isi.building import Seen, newcomers
+from isi.graph.graph import MinedSource, new_entities
 from isi.report import statistics
 from isi.report.models import BASELINE, JOINT, contenders, label
 from isi.report.paired import Pair
@@ -89,12 +89,12 @@ class Drawn:
     entities: pd.DataFrame
     triples: pd.DataFrame
     #: by the other source
-    seen: Seen
+    seen: MinedSource
 
     @property
     def unknown(self) -> pd.Series[int]:
         """How often each head was observed that the graph had not before."""
-        return newcomers(self.seen, self.entities[self.entities["source"] != self.seen.source])
+        return new_entities(self.seen, self.entities[self.entities["source"] != self.seen.source])
 
     @property
     def candidates(self) -> int:

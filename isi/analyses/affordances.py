@@ -1,0 +1,64 @@
+"""What can be done with a novel entity: the answers to (entity, relation, ?) right after insertion (Table 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Self
+
+import numpy as np
+import pandas as pd
+import torch
+from pydantic import Field, model_validator
+from torch import Tensor
+
+from isi.config import Section, Study, distinct
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.insertion_step import with_vectors
+
+
+class AffordanceSettings(Section):
+    """What is asked of novel entities."""
+
+    relation: str
+
+
+class Affordances(AffordanceSettings, Study):
+    """``affordances`` in params: of which experiment, by which relation, and whose the table shows."""
+
+    entities: Annotated[list[str], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _once(self) -> Self:
+        if not distinct(self.entities):
+            raise ValueError("entities must not repeat")
+        return self
+
+
+@dataclass(frozen=True)
+class RankingTask:
+    """Rank the answers for the novel entities of the first session as they were inserted into Θ⁰."""
+
+    cells: GridPoints
+    theta0: StackedVectors
+    #: shape: (M, n, d)
+    vectors: np.ndarray
+    #: id
+    relation: int
+
+
+def ranks(task: RankingTask) -> pd.DataFrame:
+    """Rank of every entity of D¹ as an answer for each novel entity (``tables.AFFORDANCES``, initializer apart)."""
+    cells, session, novel = task.cells, task.cells.session(1), task.cells.novel_in(1)
+    embedding = with_vectors(task.theta0.stack, novel, torch.as_tensor(task.vectors))
+    scores = embedding.score_tails(novel, torch.full_like(novel, task.relation))
+    rank = ranks_of(scores, session.entities[:, None]).cpu().numpy()
+    model, place, answer = rank.nonzero()
+    columns = {"seed": np.array(cells.seeds)[model], "entity": cells.novel[model, 0, place], "answer": answer}
+    return pd.DataFrame(columns | {"rank": rank[model, place, answer]})
+
+
+def ranks_of(scores: Tensor, candidates: Tensor) -> Tensor:
+    """Rank of each candidate in its row, from 1, ties to the lower id; 0 for who is none; shapes (M, n, E)."""
+    order = scores.masked_fill(~candidates, -torch.inf).sort(dim=-1, descending=True, stable=True).indices
+    rank = torch.empty_like(order).scatter_(-1, order, torch.arange(1, order.shape[-1] + 1).expand_as(order))
+    return rank * candidates

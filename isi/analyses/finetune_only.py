@@ -1,0 +1,46 @@
+"""Θ⁰ trained on, with nothing inserted: what further training alone does to earlier knowledge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pandas as pd
+
+from isi.config import Study
+from isi.evaluation.query_sets import epoch_query_sets
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.train import run_rows
+from isi.training.batches import Negatives, training_data
+from isi.training.trainer import ConvergenceWatch, Optimizer, train
+
+#: The scope that asks the same before and after insertion.
+SCOPE = "known_closed"
+
+
+class FinetuneOnly(Study):
+    """``nothing`` in params."""
+
+
+@dataclass(frozen=True)
+class FinetuneOnlyTask:
+    """Fine-tune Θ⁰ of each cell on its D⁰."""
+
+    cells: GridPoints
+    theta0: StackedVectors
+    root: int
+    negatives: Negatives
+    optimizer: Optimizer
+
+
+def finetune_only(task: FinetuneOnlyTask) -> pd.DataFrame:
+    """Measures of earlier knowledge before training and after every epoch (``tables.RUNS``).
+
+    Batches and negatives come from the random streams of fine-tuning, so that runs with insertion differ by what
+    was inserted.
+    """
+    cells, before, keys = task.cells, task.cells.session(0), task.cells.keys()
+    asked = {SCOPE: epoch_query_sets(cells.session(1), cells.novel_in(1))[SCOPE]}
+    watch = ConvergenceWatch(asked, {}, to_the_end=True)
+    data = training_data(before, "fine-tuning", keys, task.negatives.head_pool)
+    train(task.theta0.stack, data, task.negatives, task.optimizer, task.root, watch)
+    return pd.concat(run_rows(cells, 1, one.epoch, one.models, one.results) for one in watch.followed)

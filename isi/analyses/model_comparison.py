@@ -1,0 +1,55 @@
+"""The joint model of every embedding family on one graph, as well trained as validation triples can tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import torch
+
+from isi.config import Count, Name, NotNegative, Positive, Section, Study
+from isi.evaluation import query_sets
+from isi.evaluation.ranking import MEASURES, evaluate
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.train import TrainResult
+
+
+class ModelTraining(Section):
+    """How the joint model of a family is trained."""
+
+    learning_rate: Positive
+    weight_decay: NotNegative
+
+
+class ModelComparison(Study):
+    """``compare_families`` in params."""
+
+    seeds: Count
+    families: dict[Name, ModelTraining]
+
+
+@dataclass(frozen=True)
+class ModelTask:
+    """Measure joint models over all test triples."""
+
+    cells: GridPoints
+    theta: StackedVectors
+
+
+def measure(task: ModelTask) -> pd.DataFrame:
+    """Measures in scope all, one row a seed."""
+    cells, nobody = task.cells, torch.empty(len(task.cells.seeds), 0, dtype=torch.int64)
+    result = evaluate(task.theta.stack, query_sets.epoch_query_sets(cells.joint, nobody))["all"]
+    columns = dict(zip(MEASURES, result.measures.T.cpu().numpy(), strict=True))
+    return pd.DataFrame(columns | {"seed": cells.seeds, "queries": result.queries.cpu().numpy()})
+
+
+def rows(measured: pd.DataFrame, learned: TrainResult) -> pd.DataFrame:
+    """With the epochs that training took and the validation MRR* that it kept (``tables.FAMILIES``)."""
+    kept = learned.log[learned.log["kept"]].groupby("seed")["mrr_star"].last()
+    epochs = learned.log.groupby("seed")["epoch"].max()
+    seed = measured["seed"]
+    return measured.assign(
+        epochs=epochs.reindex(seed).to_numpy(np.int32), valid_mrr_star=kept.reindex(seed).to_numpy(float)
+    )

@@ -1,0 +1,163 @@
+"""What every model answers right after insertion, by what is asked: the slot, the relation, the novel entity's part."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import torch
+from torch import Tensor
+
+from isi.config import Study
+from isi.evaluation.query_sets import epoch_query_sets, novel_query_set
+from isi.evaluation.ranking import Answered, Queries, Terms, answers, observations, prepare
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.insertion_step import with_vectors
+from isi.graph.sessions import TEST, TRAIN, VALID, Session, membership
+from isi.models.bilinear import Blocks
+from isi.models.model import Model
+from isi.models.stack import Embedding
+from isi.tables import catalogue, io
+
+#: The model that no one is inserted into.
+JOINT = "joint"
+#: Where a query has a novel entity, by 1 for among what is given and 2 for as the answer.
+NOVEL = ("none", "given", "answer", "both")
+#: Magnitude above which a coordinate of a relation counts as used.
+USED = 1e-3
+
+#: Name of a scope, and of a filter: ``learned``, the scope's own, or ``true``, all true triples.
+QueryCounts = tuple[str, str]
+
+
+class QueryBreakdown(Study):
+    """``asking`` in params."""
+
+
+@dataclass(frozen=True)
+class QueryBreakdownTask:
+    """Ask every model of a stack of cells, as the first session inserted its entities."""
+
+    cells: GridPoints
+    theta0: StackedVectors
+    joint: StackedVectors
+    #: by initializer; shapes: (M, n, d)
+    inserted: Mapping[str, np.ndarray]
+    #: (session, model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 4)
+    insert_triples: np.ndarray
+
+
+def break_down(task: QueryBreakdownTask) -> pd.DataFrame:
+    """Means over the queries of each group (``tables.ASKED``), model by model."""
+    cells, session, novel = task.cells, task.cells.session(1), task.cells.novel_in(1)
+    is_novel = membership(novel, len(cells.graph.entities))
+    scopes = query_sets_with_filters(session, novel, cells.told_in(1, task.insert_triples))
+    groups = pd.concat(
+        means(queries).assign(model=name, scope=scope, filter=which)
+        for name, embedding in _models(task, novel)
+        for together in scopes
+        for (scope, which), queries in every_query(embedding, together, is_novel).items()
+    )
+    place, relation = groups["place"].to_numpy(), groups["relation"].to_numpy()
+    return groups.assign(
+        size=cells.size,
+        seed=np.array(cells.seeds)[place],
+        session=1,
+        relation=np.array(cells.graph.relations)[relation],
+        novel=np.array(NOVEL)[groups["novel"]],
+        observations=observations(session).cpu().numpy()[place, relation],
+    )
+
+
+def _models(task: QueryBreakdownTask, novel: Tensor) -> Iterator[tuple[str, Embedding]]:
+    for name, vectors in task.inserted.items():
+        yield name, with_vectors(task.theta0.stack, novel, torch.as_tensor(vectors))
+    yield JOINT, task.joint.stack
+
+
+def query_sets_with_filters(session: Session, novel: Tensor, told: Tensor) -> list[dict[QueryCounts, Queries]]:
+    """The queries of scopes all, novel_heldout and novel with either filter; those of one mapping share their rows.
+
+    Args:
+        session: D¹.
+        novel: shape (M, n).
+        told: the insert triples; shape (M, T), bool.
+    """
+    followed, true = epoch_query_sets(session, novel), session.members(TRAIN, VALID, TEST)
+    shared = {name: followed[name] for name in ("all", "novel_heldout")}, novel_query_set(session, novel, told)
+    return [
+        {(name, "learned"): queries for name, queries in scopes.items()}
+        | {(name, "true"): prepare(session, queries.slots, queries.asked, true, queries.candidates)
+           for name, queries in scopes.items()}
+        for scopes in shared
+    ]  # fmt: skip
+
+
+def every_query(
+    embedding: Embedding, scopes: Mapping[QueryCounts, Queries], is_novel: Tensor
+) -> dict[QueryCounts, pd.DataFrame]:
+    """The queries of scopes that share their rows, one a row (see ``by_query``)."""
+    parts: dict[QueryCounts, list[pd.DataFrame]] = {key: [] for key in scopes}
+    for piece in answers(embedding, scopes):
+        for key, answered in piece.items():
+            parts[key].append(by_query(answered, is_novel))
+    return {key: pd.concat(frames) for key, frames in parts.items()}
+
+
+def by_query(answered: Answered, is_novel: Tensor) -> pd.DataFrame:
+    """A row for each query: its model's place in the stack, the relation's id, what is hidden, its terms.
+
+    Args:
+        is_novel: shape (M, E), bool.
+    """
+    rows, number = answered.rows, answered.rows.head.shape[1]
+    head, tail = (is_novel.gather(1, ends).long() for ends in (rows.head, rows.tail))
+    asked = (
+        ("head", _some(answered.entity, slice(number)), tail + 2 * head),
+        ("tail", _some(answered.entity, slice(number, None)), head + 2 * tail),
+        ("relation", answered.relations, head | tail),
+    )
+    model, query = (rows.relation_weight > 0).nonzero(as_tuple=True)  # but for padding
+
+    def column(values: Tensor) -> np.ndarray:
+        return values[model, query].cpu().numpy()
+
+    return pd.concat(
+        pd.DataFrame({
+            "place": model.cpu().numpy(), "relation": column(rows.relation), "hidden": hidden, "novel": column(novel),
+            "mrr_star": column(terms.closeness.double()), "mrr": column(1 / terms.rank.double()),
+        })
+        for hidden, terms, novel in asked
+    )  # fmt: skip
+
+
+def _some(terms: Terms, queries: slice) -> Terms:
+    return Terms(*(values[:, queries] for values in (terms.closeness, terms.rank, terms.tied)))
+
+
+def means(queries: pd.DataFrame) -> pd.DataFrame:
+    """Mean terms of the queries of each group, and how many they are."""
+    groups = queries.groupby(["place", "relation", "hidden", "novel"])
+    return groups.mean().assign(queries=groups.size()).reset_index()
+
+
+def used(family: Model, relation: np.ndarray, seeds: Sequence[int], names: Sequence[str]) -> pd.DataFrame:
+    """Coordinates that the relations of joint models use (``tables.USED``); none of families without blocks.
+
+    Args:
+        relation: shape (M, R, w).
+        seeds: of the models.
+        names: of the relations.
+    """
+    parts = []
+    if isinstance(family, Blocks):
+        for part, magnitude in family.magnitudes(torch.as_tensor(relation)).items():
+            uses = magnitude > USED  # (M, R, parts)
+            counts = torch.cat([uses.sum(-1), uses.any(1).sum(-1, keepdim=True)], 1)
+            every = pd.MultiIndex.from_product([seeds, [*names, None]], names=["seed", "relation"])
+            frame = every.to_frame(index=False).assign(model=JOINT, part=part, used=counts.flatten().cpu().numpy())
+            parts.append(frame.assign(of=uses.shape[-1]))
+    found = io.together(parts, catalogue.USED)
+    return found[found["of"] > 0]

@@ -1,0 +1,290 @@
+"""Single insertions, entity by entity: who indicates each, where it is put, and what models answer about it.
+
+The answers of a model to every query about some novel entities, in order, with what is true.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import torch
+from torch import Tensor
+
+from isi.analyses.query_breakdown import JOINT
+from isi.analyses.trajectory import Plane, on, plane, turn
+from isi.config import Count, Name, Option, Section, Study
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.insert import InsertTask, how_in, told_in
+from isi.experiment.insertion_step import context_of, finetune, initialize, with_vectors
+from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.graph.sessions import OUT, TRAIN
+from isi.initializers.api import ES, FALLBACKS, NONE, RS, InitContext, InitResult
+from isi.initializers.similarity import first_able, has_insert_triples, has_words, word_eligible, word_similarity
+from isi.initializers.soft import mean_relational_score, soft
+from isi.models.stack import Embedding
+from isi.tables.catalogue import SINGLE_ANSWERS, SINGLE_INDICATORS, SINGLE_PLACES, SINGLES, TRUE_NAMES
+
+#: The paper's initializers that are shown, beside the one that params name.
+SHOWN = ("xavier", "es", "rs", "ers")
+#: What a map shows of the known entities.
+THETA0 = "theta0"
+
+#: What is shown, each in a table of its own: its schema, and what it is sorted by.
+TABLES = {
+    "entities": (SINGLES, "entity"), "indicators": (SINGLE_INDICATORS, "entity"), "places": (SINGLE_PLACES, "seed"),
+    "answers": (SINGLE_ANSWERS, "entity"),
+}  # fmt: skip
+
+
+class ExplorerSettings(Section):
+    """Which insertions are shown, and how much of each."""
+
+    size: Count
+    epochs: Count
+    #: the initializer that is shown beside ``SHOWN``
+    best: Name
+    #: of a centre, at most
+    indicators: Count
+    #: of a query, beside those that are true
+    answers: Count
+
+
+class Explorer(ExplorerSettings, Study):
+    """``explorer`` in params."""
+
+
+@dataclass(frozen=True)
+class SinglesTask:
+    """Insert the novel entities of a stack of cells with each initializer, and show some of them."""
+
+    cells: GridPoints
+    #: of each initializer
+    inserting: Sequence[InsertTask]
+    joint: StackedVectors
+    #: the seed in which each entity is shown
+    seeds: Mapping[int, int]
+    how: ExplorerSettings
+
+
+@dataclass(frozen=True)
+class Singles:
+    """What is shown of the entities of a task: a table of each of ``TABLES``."""
+
+    entities: pd.DataFrame
+    indicators: pd.DataFrame
+    places: pd.DataFrame
+    answers: pd.DataFrame
+
+
+def first_seeds(novel: pd.DataFrame, size: int) -> dict[int, int]:
+    """The first seed in which the first session of a size inserts each entity (``tables.NOVEL``)."""
+    own = novel[(novel["size"] == size) & (novel["session"] == 1)].sort_values("seed", kind="stable")
+    firsts = own.drop_duplicates("entity")
+    return dict(zip(firsts["entity"].tolist(), firsts["seed"].tolist(), strict=True))
+
+
+def single_insertions(task: SinglesTask) -> Singles:
+    """Indicators, places and answers of the entities of a task that are shown."""
+    cells, joint, picked = task.cells, task.joint.stack, pick(task.cells, task.seeds)
+    theta0, known = task.inserting[0].theta0.stack, cells.session(0).entities
+    queries = queries_of(cells, picked, cells.told_in(1, task.inserting[0].told.insert_triples))
+    planes = [plane(vectors[own]) for vectors, own in zip(theta0.entity, known, strict=True)]
+    turned, fitted = turn(joint.entity, theta0.entity, known)
+    indicators = list[pd.DataFrame]()
+    places = [_known_places(cells, picked, theta0.entity, planes), _places(cells, picked, turned, planes, JOINT, 0)]
+    answers = [answers_of(joint, cells, queries, task.how.answers).assign(model=JOINT, epoch=0)]
+    for inserting in task.inserting:
+        name, (insertion, initial, *embeddings) = inserting.how.initializer, followed(inserting, cells)
+        weights = weights_of(insertion, initial, inserting.how.options)
+        if weights is not None:
+            indicators.append(indicators_of(insertion, weights, initial.fallback, picked, name, task.how.indicators))
+        for epoch, embedding in zip((0, task.how.epochs), embeddings, strict=True):
+            places.append(_places(cells, picked, embedding.entity, planes, name, epoch))
+            answers.append(answers_of(embedding, cells, queries, task.how.answers).assign(model=name, epoch=epoch))
+    entities = pd.DataFrame({
+        "entity": picked.entity.cpu().numpy(), "seed": _seeds(cells, picked),
+        "told": (queries.truth == TOLD).sum((1, 2, 3)).cpu().numpy(),
+        "shown": [planes[model].share for model in picked.model.tolist()], "fitted": fitted[picked.model].cpu().numpy(),
+    })  # fmt: skip
+    return Singles(entities, *(pd.concat(parts) for parts in (indicators, places, answers)))
+
+
+def followed(task: InsertTask, cells: GridPoints) -> tuple[InitContext, InitResult, Embedding, Embedding]:
+    """What an initializer is given and gives, and the embedding as inserted and after all epochs of training."""
+    before, after, told, how = cells.session(0), cells.session(1), told_in(task, 1), how_in(task, 1)
+    theta0 = task.theta0.stack
+    initial = initialize(theta0, before, told, how)
+    inserted = with_vectors(theta0, told.novel, initial.vectors)
+    trained = finetune(inserted, after, told.novel, how, _to_the_end)
+    return context_of(theta0, before, told, how), initial, inserted, trained
+
+
+def _to_the_end(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:  # noqa: ARG001
+    return torch.ones(len(models), dtype=torch.bool)
+
+
+# Indicators
+
+
+def indicators_of(
+    insertion: InitContext, weights: Tensor, fallback: Tensor, picked: Picked, model: str, most: int
+) -> pd.DataFrame:
+    """The entities of largest weight in the centre of each vector (``tables.SINGLE_INDICATORS``), most similar first.
+
+    Args:
+        weights: shape (M, n, E).
+        fallback: whose they are, an index into ``FALLBACKS``; shape (M, n).
+    """
+    named = (has_words(insertion)[..., None] & word_eligible(insertion)).expand_as(weights)
+    told = has_insert_triples(insertion)[..., None].expand_as(weights)
+    k, indicator = (picked.of(weights) > 0).nonzero(as_tuple=True)
+
+    def column(values: Tensor) -> np.ndarray:
+        return picked.of(values)[k, indicator].double().cpu().numpy()
+
+    frame = pd.DataFrame({
+        "entity": picked.entity[k].cpu().numpy(), "indicator": indicator.cpu().numpy(), "weight": column(weights),
+        "by_words": column(word_similarity(insertion).masked_fill(~named, torch.nan)),
+        "by_relations": column(mean_relational_score(insertion).masked_fill(~told, torch.nan)),
+        "fallback": np.array(FALLBACKS, dtype=object)[picked.of(fallback)[k].cpu().numpy()],
+    })  # fmt: skip
+    similar = ["by_words", "by_relations"] if model == "es" else ["by_relations", "by_words"]
+    frame = frame.sort_values(["weight", *similar], ascending=False, kind="stable")
+    frame = frame.groupby("entity", sort=False).head(most).sort_values("entity", kind="stable")
+    return frame.assign(model=model)
+
+
+def weights_of(insertion: InitContext, initial: InitResult, options: Mapping[str, Option]) -> Tensor | None:
+    """Weights of entities in the centre of each vector, (M, n, E); none of initializers without one.
+
+    Of a soft hybrid, and of MAP, whose prior has its mean there, they are those of ``weighing.softly_by_both``.
+    """
+    if initial.indicators is not None:
+        weight = initial.indicators.double()
+        return weight / weight.sum(-1, keepdim=True).clamp(min=1)
+    if not {"word_weight", "relation_weight"} <= options.keys():
+        return None
+    similar = float(options["word_weight"]) * word_similarity(insertion)
+    related = float(options["relation_weight"]) * mean_relational_score(insertion)
+    words, triples, named = has_words(insertion), has_insert_triples(insertion), word_eligible(insertion)
+    weights, _ = first_able(
+        insertion,
+        (NONE, words & triples, soft(similar + related, named)),
+        (RS, triples, soft(related, insertion.eligible[:, None])),
+        (ES, words, soft(similar, named)),
+    )
+    return weights / weights.sum(-1, keepdim=True)
+
+
+# Places
+
+
+def _places(
+    cells: GridPoints, picked: Picked, entity: Tensor, planes: Sequence[Plane], model: str, epoch: int
+) -> pd.DataFrame:  # fmt: skip
+    """Of novel entities, where tables of shape (M, E, d) have them (``tables.SINGLE_PLACES``)."""
+    points = torch.stack([on(planes[m], entity[m, e]) for m, e in zip(picked.model, picked.entity, strict=True)])
+    x, y = points.T.cpu().numpy()
+    frame = pd.DataFrame({"seed": _seeds(cells, picked), "entity": picked.entity.cpu().numpy(), "x": x, "y": y})
+    return frame.assign(model=model, epoch=epoch)
+
+
+def _known_places(cells: GridPoints, picked: Picked, entity: Tensor, planes: Sequence[Plane]) -> pd.DataFrame:
+    """The same of the known entities of each seed in which one is shown, in Θ⁰."""
+    known, parts = cells.session(0).entities, []
+    for model in sorted(set(picked.model.tolist())):
+        x, y = on(planes[model], entity[model, known[model]]).T.cpu().numpy()
+        ids = known[model].nonzero().flatten().cpu().numpy()
+        parts.append(pd.DataFrame({"seed": cells.seeds[model], "entity": ids, "x": x, "y": y}))
+    return pd.concat(parts).assign(model=THETA0, epoch=0)
+
+
+def _seeds(cells: GridPoints, picked: Picked) -> list[int]:
+    return [cells.seeds[model] for model in picked.model.tolist()]
+
+
+#: Columns of triples with the end that a query hides, and with the one that it gives.
+HIDDEN = {"tail": (TAIL, HEAD), "head": (HEAD, TAIL)}
+#: What a true answer is to a session; none: not true.
+TRUE = (None, *TRUE_NAMES)
+TOLD, LEARNED, HELD_OUT = 1, 2, 3
+
+
+@dataclass(frozen=True)
+class Picked:
+    """The novel entities of a stack that are shown: their model, place in ``novel``, and id; shapes (K,)."""
+
+    model: Tensor
+    place: Tensor
+    entity: Tensor
+
+    def of(self, values: Tensor) -> Tensor:
+        """Values of novel entities, (M, n, ...), of those alone; shape (K, ...)."""
+        return values[self.model, self.place]
+
+
+@dataclass(frozen=True)
+class ExplorerQuery:
+    """Queries about the entities that are shown: (entity, relation, ?) and (?, relation, entity)."""
+
+    picked: Picked
+    #: who may answer; shape: (K, E), bool
+    candidates: Tensor
+    #: which are asked, by relation and by what is hidden, in the order of ``HIDDEN``; shape: (K, R, 2), bool
+    asked: Tensor
+    #: what each answer is, an index into ``TRUE``; shape: (K, R, 2, E), int8
+    truth: Tensor
+
+
+def pick(cells: GridPoints, seeds: Mapping[int, int]) -> Picked:
+    """The novel entities of a stack that are shown in its seeds; ``seeds``: of entities."""
+    novel = cells.novel_in(1)
+    wanted = torch.tensor([[seeds[entity] == seed for entity in own]
+                           for own, seed in zip(novel.tolist(), cells.seeds, strict=True)])  # fmt: skip
+    model, place = wanted.nonzero(as_tuple=True)
+    return Picked(model, place, novel[model, place])
+
+
+def queries_of(cells: GridPoints, picked: Picked, told: Tensor) -> ExplorerQuery:
+    """The queries of entities that are shown: for the ends that entities of their kind are of triples.
+
+    Args:
+        told: the insert triples; shape (M, T), bool.
+    """
+    graph, session = cells.graph, cells.session(1)
+    code = torch.where(session.splits == TRAIN, torch.where(told, TOLD, LEARNED), HELD_OUT)
+    code = code.masked_fill(session.splits == OUT, 0).to(torch.int8)
+    shape = len(graph.relations), len(HIDDEN)
+    takes = torch.zeros(int(graph.kinds.max()) + 1, *shape, dtype=torch.bool)
+    truth = torch.zeros(len(picked.entity), *shape, len(graph.entities), dtype=torch.int8)
+    relation = graph.triples[:, RELATION]
+    for side, (hidden, given) in enumerate(HIDDEN.values()):
+        takes[graph.kinds[graph.triples[:, given]], relation, side] = True
+        k, triple = (graph.triples[:, given] == picked.entity[:, None]).nonzero(as_tuple=True)
+        truth[k, relation[triple], side, graph.triples[triple, hidden]] = code[picked.model[k], triple]
+    return ExplorerQuery(picked, session.entities[picked.model], takes[graph.kinds[picked.entity]], truth)
+
+
+def answers_of(embedding: Embedding, cells: GridPoints, queries: ExplorerQuery, first: int) -> pd.DataFrame:
+    """The first answers to each query and the true ones, in order (``tables.SINGLE_ANSWERS``); equal scores by id."""
+    novel, picked = cells.novel_in(1), queries.picked
+    scores = torch.stack([
+        torch.stack([picked.of(embedding.score_tails(novel, relation)),
+                     picked.of(embedding.score_heads(relation, novel))], 1)
+        for relation in (torch.full_like(novel, number) for number in range(len(cells.graph.relations)))
+    ], 1)  # fmt: skip
+    barred = ~queries.candidates[:, None, None]
+    order = scores.masked_fill(barred, -torch.inf).sort(dim=-1, descending=True, stable=True).indices
+    rank = order.argsort(-1) + 1
+    shown = queries.asked[..., None] & ~barred & ((rank <= first) | (queries.truth > 0))
+    k, relation, side, place = shown.gather(-1, order).nonzero(as_tuple=True)
+    answer = order[k, relation, side, place]
+    return pd.DataFrame({
+        "entity": picked.entity[k].cpu().numpy(), "relation": np.array(cells.graph.relations)[relation.cpu().numpy()],
+        "hidden": np.array(list(HIDDEN))[side.cpu().numpy()], "answer": answer.cpu().numpy(),
+        "rank": place.cpu().numpy() + 1,
+        "true": np.array(TRUE, dtype=object)[queries.truth[k, relation, side, answer].cpu().numpy()],
+    })  # fmt: skip

@@ -1,0 +1,48 @@
+"""What is varied around the main experiment: the size of the indicator set (section 5.3), the fine-tuning rate."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from isi.config import Count, Name, Option, Positive, Section, Study, distinct
+
+
+class SweepSettings(Section):
+    """Which sizes of indicator sets are tried, of whom, and on which cells."""
+
+    #: options beside k, by initializer
+    initializers: Annotated[dict[Name, dict[str, Option]], Field(min_length=1)]
+    k: Annotated[list[Count], Field(min_length=1)]
+    size: Count
+    seeds: Count
+
+    @model_validator(mode="after")
+    def _ascending(self) -> Self:
+        if sorted(set(self.k)) != self.k:
+            raise ValueError("k must ascend, without repeats")
+        return self
+
+
+class Sweep(SweepSettings, Study):
+    """``sweep`` in params."""
+
+
+class RateFactors(Section):
+    """Multiples of the fine-tuning rate, and the size at which they are tried."""
+
+    factors: Annotated[list[Positive], Field(min_length=1)]
+    size: Count
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        if 1 in self.factors or not distinct(self.factors):
+            raise ValueError("factors must not repeat, nor be 1, which is the main experiment")
+        return self
+
+
+class RateSweep(RateFactors, Study):
+    """``rates`` in params."""
+
+    initializers: list[Name]

@@ -1,0 +1,1 @@
+"""A trained embedding as a folder: imported, queried, explained, and inserted into."""

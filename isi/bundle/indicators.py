@@ -1,0 +1,124 @@
+"""What an insertion goes by: known entities, how similar they are, and how much each of them weighs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from isi.bundle.query import OpenBundle
+from isi.graph.graph import HEAD, TAIL
+from isi.initializers.api import InitContext
+from isi.initializers.similarity import first_able, has_insert_triples, has_words, word_eligible, word_similarity
+from isi.initializers.soft import mean_relational_score, soft
+from isi.insertion.arguments import stack_of_one
+
+#: Entities that are shown where an initializer weighs all, at most, and the least weight of one.
+SHOWN, LEAST = 8, 0.01
+
+
+@dataclass(frozen=True)
+class Indicator:
+    """A known entity by which a new one was placed."""
+
+    entity: int
+    #: in the centroid; null where the initializer has none, and these are the most similar
+    weight: float | None
+    #: cosine of the word vectors; null where one of them has none
+    words: float | None
+    #: mean cosine with where the told triples put the new one (equation 5 over the number of relations)
+    relations: float | None
+
+
+def as_new(model: OpenBundle, entity: int, told: np.ndarray) -> InitContext:
+    """What an initializer saw of an entity: those of lower ids are known, and what it was told.
+
+    Args:
+        told: triples with one end of lower id; shape (I, 3).
+    """
+    kept = model.kept
+    number = entity + 1
+    before = kept.triples[(kept.triples[:, [HEAD, TAIL]] < entity).all(1)]
+    known = torch.arange(number)[None] < entity
+    seen = torch.zeros(1, number, dtype=torch.bool)
+    seen[0, torch.from_numpy(before[:, [HEAD, TAIL]].flatten())] = True
+    vectors = kept.entities[:number].copy()
+    vectors[entity] = 0
+    is_tail = torch.from_numpy(told[:, TAIL] == entity)
+    one_row = torch.zeros(number, 1) if kept.words is None else torch.from_numpy(kept.words[:number])
+    head, relation, tail = torch.from_numpy(told.copy() if len(told) else np.zeros((1, 3), np.int64)).T
+    if not len(told):
+        is_tail = torch.zeros(1, dtype=torch.bool)
+    return InitContext(
+        theta0=stack_of_one(vectors, kept.relations, model.family), known=known,
+        eligible=known & seen if len(before) else known, novel=torch.tensor([[entity]]), words=one_row,
+        kinds=torch.zeros(number, dtype=torch.int64), other=torch.where(is_tail, head, tail)[None, None],
+        relation=relation[None, None], novel_is_tail=is_tail[None, None],
+        observed=torch.full((1, 1, len(is_tail)), len(told) > 0), root=0, keys=torch.zeros(1, 1, dtype=torch.int64),
+    )  # fmt: skip
+
+
+def indicators(
+    insertion: InitContext, initializer: str, options: dict[str, float], chosen: list[int] | None
+) -> list[Indicator]:
+    """The entities that an insertion goes by, those of largest weight first.
+
+    Args:
+        insertion: of one entity.
+        initializer: its name, and its options.
+        chosen: ids of the entities whose centroid was taken, where the initializer chooses some.
+    """
+    words, triples = bool(has_words(insertion)), bool(has_insert_triples(insertion))
+    similar, related = word_similarity(insertion)[0, 0], mean_relational_score(insertion)[0, 0]
+    named = word_eligible(insertion)[0, 0]
+    weight: Tensor | None
+    if chosen is not None and len(chosen) < int(insertion.known.sum()):
+        weight = torch.zeros(len(similar)).index_fill(0, torch.tensor(chosen, dtype=torch.int64), 1 / len(chosen))
+    else:
+        weight = weights(insertion, initializer, options)
+    likeness = similar * named * words + related * triples
+    rank = likeness.masked_fill(~insertion.eligible[0], -torch.inf) if weight is None else weight + 1e-6 * likeness
+    best = rank.sort(descending=True, stable=True).indices
+    best = best[torch.isfinite(rank[best])]
+    if weight is None:
+        best = best[:SHOWN]
+    elif chosen is None:
+        best = best[:SHOWN][weight[best[:SHOWN]] >= LEAST]
+    else:
+        best = best[weight[best] > 0]
+    return [
+        Indicator(
+            row, None if weight is None else float(weight[row]),
+            float(similar[row]) if words and named[row] else None, float(related[row]) if triples else None,
+        )
+        for row in best.tolist()
+    ]  # fmt: skip
+
+
+def weights(insertion: InitContext, initializer: str, options: dict[str, float]) -> Tensor | None:
+    """What each entity weighs in the mean that soft initializers take, (E,); null for others.
+
+    The same as theirs: of MAP, in the mean of its prior.
+    """
+    words, triples = has_words(insertion), has_insert_triples(insertion)
+    similar, related = word_similarity(insertion), mean_relational_score(insertion)
+    named, able = word_eligible(insertion), insertion.eligible[:, None]
+    if initializer in ("soft_hybrid", "map_soft_hybrid"):
+        similar, related = options["word_weight"] * similar, options["relation_weight"] * related
+        ways = [
+            (0, words & triples, soft(similar + related, named)), (0, triples, soft(related, able)),
+            (0, words, soft(similar, named)),
+        ]  # fmt: skip
+    elif initializer == "soft_es":
+        ways = [
+            (0, words, soft(similar / options["temperature"], named)),
+            (0, triples, soft(related / options["temperature"], able)),
+        ]  # fmt: skip
+    elif initializer == "soft_rs":
+        ways = [(0, triples, soft(related / options["temperature"], able))]
+    else:
+        return None
+    found = first_able(insertion, *ways)[0][0, 0].float()
+    return found / found.sum()

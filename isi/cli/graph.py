@@ -1,0 +1,127 @@
+"""Make a graph of scenes or triples of your own, and say what is in it."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from isi import config
+from isi.cli._reading import read, together
+from isi.cli._setting import setting
+from isi.config import Seed, check
+from isi.errors import InputError
+from isi.graph.graph import GraphTables, build_tables
+from isi.sources import SOURCES
+from isi.tables import catalogue, io, paths
+from isi.tables.provenance import Provenance
+
+#: Names that are listed, at most.
+LISTED = 8
+#: How many splits are drawn to see how many triples they can hold out.
+SPLITS = 5
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Its arguments."""
+    parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="triples as table or RDF, a scene, a house")
+    of_reader = "a setting of the reader, as in params.yaml"
+    parser.add_argument("--reader", choices=SOURCES.names(), help="what reads them; guessed where a file tells")
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], type=setting, help=of_reader)
+    parser.add_argument("--min-count", metavar="N", default=1, type=_count, help="drop triples that are observed less")
+    parser.add_argument("--out", metavar="FOLDER", type=Path, help="write entities.parquet and triples.parquet there")
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or len(text) > 9 or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number from 1, got {text[:40]!r}")
+    return int(text)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Read, count, tell, and write.
+
+    Raises:
+        InputError: where a file is broken, or ``params.yaml``, whose words and shares of sessions apply.
+    """
+    values = config.read(paths.PARAMS)
+    seed, settings = check(values.get("seed"), Seed, "seed"), dict(arguments.set)
+    found = [read(file, arguments.reader, settings, seed) for file in arguments.files]
+    graph = build_tables(together(found), arguments.min_count)
+    if graph.triples.empty:
+        raise InputError(arguments.files[0], "", f"no triple was observed {arguments.min_count} times")
+    lines = list(described(graph, values))
+    if arguments.out:
+        _write(arguments.out, graph, {"readers": [one.reader for one in found], "settings": settings})
+    for file, one in zip(arguments.files, found, strict=True):
+        print(f"{file}: read as {one.reader}")
+        print("".join(f"  {number:,} {step}\n" for step, number in one.left.items()), end="")
+    print(*lines, sep="\n")
+
+
+def described(graph: GraphTables, values: dict[str, Any]) -> Iterator[str]:
+    """What is in a graph, line by line.
+
+    Args:
+        graph: of at least one triple.
+        values: of ``params.yaml``: its seed, its words and its shares of validation and test.
+    """
+    entities, triples = graph.entities, graph.triples
+    total = triples["count"].sum()
+    yield f"{len(entities)} entities, {len(triples):,} unique triples of {total:,} observations"
+    yield "entities by kind"
+    of_kind = Counter(sorted(entities["kind"].astype(str))).most_common()
+    yield from (f"  {number:,} {kind}" for kind, number in of_kind)
+    yield "relations"
+    for relation, own in triples.groupby(triples["relation"].astype(str)):
+        yield f"  {relation}: {len(own):,} unique triples of {own['count'].sum():,} observations"
+    yield "words"
+    yield f"  {_number_of(_wordless(entities, values), entities)} have no word vector"
+    yield "too rare to split"
+    yield from (f"  {line}" for line in _rare(graph, values))
+
+
+def _wordless(entities: pd.DataFrame, values: dict[str, Any]) -> list[str]:
+    from isi.graph.words import Words, load_vectors, look_up  # here, since it loads gensim
+
+    found = look_up(load_vectors(check(values.get("words"), Words, "words")), list(entities["phrase"]))
+    return [name for name, served in zip(entities["entity"], found.served_by, strict=True) if served is None]
+
+
+def _rare(graph: GraphTables, values: dict[str, Any]) -> Iterator[str]:
+    from isi.graph.graph import build_graph  # here, since it loads torch
+    from isi.graph.sampling import Shares, split
+    from isi.graph.sessions import TRAIN
+
+    triples = graph.triples
+    pairs = triples[["head", "tail"]].astype(str)
+    ends = pd.concat([pairs["head"], pairs.loc[pairs["head"] != pairs["tail"], "tail"]]).value_counts()
+    once = sorted(ends.index[ends == 1])
+    yield f"{_number_of(once, graph.entities)} have one triple: it stays in train, so that nothing is asked of them"
+    yield f"{(triples['count'] == 1).sum():,} of {len(triples):,} unique triples were observed once"
+    shares, root = check(values.get("sessions"), Shares, "sessions"), check(values.get("seed"), Seed, "seed")
+    wanted = sum(max(1, round(share * len(triples))) for share in (shares.valid, shares.test))
+    built = build_graph(graph.entities, triples)
+    draws = (split(built, root, seed, shares.valid, shares.test) for seed in range(SPLITS))
+    free = min(int((splits != TRAIN).sum()) for splits in draws)
+    verdict = "which it has" if wanted <= free else f"but only {free:,} can leave train: too few for sessions"
+    yield f"validation and test take {wanted:,} triples, {verdict}"
+
+
+def _number_of(names: Sequence[str], entities: pd.DataFrame) -> str:
+    more = [f"and {len(names) - LISTED:,} more"] * (len(names) > LISTED)
+    listed = f" ({', '.join([*names[:LISTED], *more])})" if names else ""
+    return f"{len(names):,} of {len(entities):,} entities{listed}"
+
+
+def _write(folder: Path, graph: GraphTables, made_of: dict[str, Any]) -> None:
+    provenance = Provenance("graph", made_of)
+    try:
+        io.write(folder / "entities.parquet", graph.entities, catalogue.ENTITIES, provenance)
+        io.write(folder / "triples.parquet", graph.triples, catalogue.TRIPLES, provenance)
+    except OSError as error:
+        raise InputError(folder, "", f"cannot be written ({error.strerror})") from error

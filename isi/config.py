@@ -1,0 +1,187 @@
+"""Reading ``params.yaml``: each section is checked by the model of whoever reads it."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from types import UnionType
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, create_model, field_validator
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from isi.errors import InputError, cut, meant, short
+from isi.tables import paths
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
+
+
+Count = Annotated[int, Field(ge=1, lt=2**31)]
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+Fraction = Annotated[float, Field(gt=0, lt=1)]
+#: Within single precision.
+Positive = Annotated[float, Field(gt=0, le=1e30)]
+NotNegative = Annotated[float, Field(ge=0, le=1e30)]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+#: Of an experiment, a source, an initializer: it names files and stages.
+Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+Option = int | float | bool | str
+
+T = TypeVar("T")
+
+
+class Section(BaseModel):
+    """A mapping of ``params.yaml``: no unknown keys, no silent conversions."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class Study(Section):
+    """What is done beside the main pipeline, on the experiments that it lists.
+
+    What one run of it reads stands in a section of its own, so that another experiment in the list changes no run.
+    """
+
+    experiments: list[Name]
+
+    @field_validator("experiments")
+    @classmethod
+    def _each_once(cls, value: list[str]) -> list[str]:
+        if not distinct(value):
+            raise ValueError("names must not repeat")
+        return value
+
+    @property
+    def experiment(self) -> str | None:
+        """The one that the report shows."""
+        return self.experiments[0] if self.experiments else None
+
+
+def read(path: Path) -> dict[str, Any]:
+    """The mapping that a YAML file holds.
+
+    Raises:
+        InputError: where the file is missing, or is no YAML of a mapping.
+    """
+    try:
+        raw = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8-sig"))  # YAML 1.2, as DVC reads it
+    except OSError as error:
+        away = isinstance(error, FileNotFoundError) and path in (paths.PARAMS, paths.PIPELINE)
+        then = f": {Path.cwd()} is not the folder of the project, go there first" if away else ""
+        raise InputError(path, "", f"cannot be read ({error.strerror}){then}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(path, f"byte {error.start + 1}", "expected YAML in UTF-8") from error
+    except RecursionError as error:
+        raise InputError(path, "", "expected YAML that is nested less deeply") from error
+    except (YAMLError, ValueError, LookupError, TypeError, AttributeError) as error:  # the latter: of a value
+        mark = getattr(error, "problem_mark", None)
+        place = f"line {mark.line + 1}" if mark else ""
+        raise InputError(path, place, f"expected YAML: {getattr(error, 'problem', None) or error}") from error
+    if not isinstance(raw, dict):
+        raise InputError(path, "", "expected a mapping of keys to values")
+    return raw
+
+
+def check(value: Any, kind: type[T], key: str, path: Path = paths.PARAMS) -> T:
+    """A value as the type or section that it must be.
+
+    Raises:
+        InputError: naming the key that is unknown, missing, of another type or out of range.
+    """
+    try:
+        return TypeAdapter(kind).validate_python(value, strict=True)
+    except ValidationError as error:
+        first = min(error.errors(), key=_order)
+        where = ".".join([key] * bool(key) + [str(part) for part in first["loc"] if not _ADDED.search(str(part))])
+        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+        raise InputError(path, where, _expected(first, kind) + more) from error
+
+
+#: What pydantic adds to a place that is no key: a type of a union, a function around it.
+_ADDED = re.compile(r"[\[\]()]")
+
+
+def _order(error: ErrorDetails) -> int:
+    """Which mistake of several is told: a misspelt key, which is missing, too; of a union, one that tells most."""
+    return 0 if error["type"] == "extra_forbidden" else 1 if _is_text_for_list(error) else 2
+
+
+def _is_text_for_list(error: ErrorDetails) -> bool:
+    return error["type"] in ("list_type", "tuple_type") and isinstance(error["input"], str)
+
+
+def _expected(error: ErrorDetails, kind: Any) -> str:
+    message, given = error["msg"].removeprefix("Value error, "), short(error["input"])
+    if error["type"] == "extra_forbidden":
+        *above, name = error["loc"]
+        return f"unknown key{meant(name, _keys(kind, above))}"
+    if _is_text_for_list(error):
+        return f"expected a list, got the text {given}: write [{cut(error['input'], 60)}]"
+    if error["type"] == "literal_error" and isinstance(error["input"], str):
+        choices = re.findall("'([^']+)'", message)
+        return f"{message}, got {given}{meant(error['input'], choices)}"
+    return message if error["type"] in ("missing", "value_error") else f"{message}, got {given}"
+
+
+def _keys(kind: Any, place: Sequence[int | str]) -> Iterator[str]:
+    """Keys that a section takes at a place within a type."""
+    if get_origin(kind) in (Annotated, Union, UnionType):
+        of = get_args(kind)[:1] if get_origin(kind) is Annotated else get_args(kind)
+        for one in of:
+            yield from _keys(one, place)
+    elif get_origin(kind) in (dict, list) and place:
+        yield from _keys(get_args(kind)[-1], place[1:])
+    elif isinstance(kind, type) and issubclass(kind, BaseModel):
+        for name, field in kind.model_fields.items():
+            if not place:
+                yield field.alias or name
+            elif place[0] == (field.alias or name):
+                yield from _keys(field.annotation, place[1:])
+
+
+@cache
+def options(function: Callable[..., Any]) -> type[Section]:
+    """The section that a function's options make: its parameters after the first, with their types and defaults.
+
+    One that Python's grammar reserves is named with an underscore behind it (``from_`` takes the option ``from``).
+    """
+    hints = get_type_hints(function, include_extras=True)
+    for name in list(inspect.signature(function).parameters)[1:]:
+        if name not in hints:
+            raise InputError(function.__module__, function.__name__, f"expected a type for its option {name!r}")
+    fields: dict[str, Any] = {
+        name: (
+            hints[name],
+            Field(... if parameter.default is parameter.empty else parameter.default, alias=name.removesuffix("_")),
+        )
+        for name, parameter in list(inspect.signature(function).parameters.items())[1:]
+    }
+    return cast("type[Section]", create_model(function.__name__, __base__=Section, **fields))
+
+
+def keywords(function: Callable[..., Any], given: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """Options as keyword arguments of a function.
+
+    Raises:
+        InputError: where the function does not take them; ``key`` is where they stand.
+    """
+    checked = check(dict(given) if isinstance(given, Mapping) else given, options(function), key)
+    return {name: getattr(checked, name) for name in type(checked).model_fields}
+
+
+def at(values: Any, key: str) -> Any:
+    """The value at a dotted key; null where there is none."""
+    for part in key.split("."):
+        values = values.get(part) if isinstance(values, dict) else None
+    return values
+
+
+def distinct(values: Iterable[Any]) -> bool:
+    """Whether no value repeats."""
+    listed = list(values)
+    return len(set(listed)) == len(listed)

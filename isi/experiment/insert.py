@@ -1,0 +1,219 @@
+"""Insertion over an experiment's cells: a fold of steps over the sessions, as tasks for workers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+import torch
+
+from isi.config import Count, Fraction, Name, Option, Section
+from isi.errors import InputError
+from isi.evaluation.convergence import SCOPES
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.insertion_step import InsertConfig, NovelEntities, SessionResult, run_session
+from isi.experiment.store import Store
+from isi.experiment.train import measure_columns, model_of, run_rows
+from isi.initializers.api import FALLBACKS, options_of
+from isi.stage import StageContext
+from isi.tables import paths
+from isi.training import single_updates
+from isi.training.batches import Negatives
+from isi.training.trainer import Optimizer
+
+#: ``initializers`` of an experiment in params.
+InitializerList = Literal["all"] | list[Name]
+
+
+class FullCurves(Section):
+    """``followed`` of an experiment in params: what is fine-tuned for all epochs; all else stops at convergence."""
+
+    sizes: list[Count]
+    initializers: InitializerList = "all"
+
+
+class Convergence(Section):
+    """When Θ¹ counts as about as good as the joint model."""
+
+    margin: Fraction
+
+
+@dataclass(frozen=True)
+class TaskConfig:
+    """How novel entities are inserted, and Θ is trained after that."""
+
+    initializer: str
+    options: Mapping[str, Option]
+    root: int
+    negatives: Negatives
+    optimizer: Optimizer
+    margin: float
+    #: sizes fine-tuned for all epochs; the others stop at convergence
+    followed: Sequence[int]
+
+
+@dataclass(frozen=True)
+class TaskInput:
+    """What initializers are told, and what convergence is measured against."""
+
+    #: (session, model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 4)
+    insert_triples: np.ndarray
+    #: word vectors; shape: (E, w)
+    words: np.ndarray
+    #: MRR* of the joint models, by session and scope; NaN without queries; shape: (M,)
+    joint: Mapping[tuple[int, str], np.ndarray]
+
+
+@dataclass(frozen=True)
+class InsertTask:
+    """Insert novel entities into Θ⁰ with one initializer and fine-tune, session by session."""
+
+    cells: GridPoints
+    theta0: StackedVectors
+    told: TaskInput
+    how: TaskConfig
+
+
+@dataclass(frozen=True)
+class TaskResult:
+    """What became of a task's novel entities."""
+
+    #: as inserted, by session; shape: (M, S · size, d)
+    vectors: np.ndarray
+    #: in the columns of ``tables.RUNS`` and ``tables.INSERTED`` (entity kinds apart)
+    runs: pd.DataFrame
+    entities: pd.DataFrame
+
+
+def inserting(
+    given: StageContext, initializer: str, followed: Sequence[int] = (), finetuned: bool = True
+) -> TaskConfig:
+    """How a stage's params say that one initializer inserts."""
+    key = f"initializers.{initializer}"
+    return inserting_with(given, initializer, given.raw(key), key, followed, finetuned)
+
+
+def inserting_with(
+    given: StageContext, initializer: str, options: Mapping[str, Any], key: str, followed: Sequence[int] = (),
+    finetuned: bool = True,
+) -> TaskConfig:  # fmt: skip
+    """The same with other options, which stand at a key of params; without any epoch where it is not fine-tuned."""
+    optimizer = given.section("finetuning", Optimizer)
+    if not finetuned:
+        optimizer = optimizer.model_copy(update={"max_epochs": 0})
+    single_updates.compile_ahead(model_of(given), optimizer.batch_size)
+    return TaskConfig(
+        initializer, options_of(initializer, options, key), given.seed, given.section("negatives", Negatives),
+        optimizer, given.section("convergence", Convergence).margin, followed,
+    )  # fmt: skip
+
+
+def inserting_in(given: StageContext, experiment: str, initializer: str) -> TaskConfig:
+    """How an experiment inserts with one initializer: followed to the end, until convergence, or measured at once."""
+    followed = given.section(f"experiments.{experiment}.followed", FullCurves)
+    sizes = followed.sizes if among(followed.initializers, initializer) else []
+    at_once = given.section(f"experiments.{experiment}.at_once", list[Name])
+    return inserting(given, initializer, sizes, initializer not in at_once)
+
+
+def is_listed(given: StageContext, key: str, initializer: str) -> bool:
+    """Whether the list at a key of params names an initializer."""
+    listed: InitializerList = given.section(key, InitializerList)  # type: ignore[arg-type]
+    return among(listed, initializer)
+
+
+def among(listed: InitializerList, initializer: str) -> bool:
+    """Whether a list of initializers names one, or all."""
+    return listed == "all" or initializer in listed
+
+
+def insertion_tasks(
+    store: Store, given: StageContext, how: TaskConfig, cells: Sequence[GridPoints]
+) -> list[InsertTask]:
+    """Insertion with one initializer, and fine-tuning, of cells of the store's experiment."""
+    insert_triples, joint, words = store.insert_triples(), store.runs("joint"), store.words()
+    family = model_of(given)
+
+    return [
+        InsertTask(
+            cell,
+            store.theta0(cell, family),
+            TaskInput(store.insert_triples_of(cell, insert_triples), words, joint_targets(joint, cell)),
+            how,
+        )
+        for cell in cells
+    ]
+
+
+def joint_targets(joint: pd.DataFrame, cells: GridPoints) -> dict[tuple[int, str], np.ndarray]:
+    """What convergence is measured against (see ``TaskTold``), from the runs of the joint models.
+
+    Raises:
+        InputError: where one of them was not measured.
+    """
+    found, at_once = {}, joint[(joint["size"] == cells.size) & (joint["epoch"] == 0)]
+    for session in range(1, cells.sessions + 1):
+        for scope in SCOPES:
+            own = at_once[(at_once["scope"] == scope) & (at_once["session"] == session)].set_index("seed")["mrr_star"]
+            if not set(cells.seeds) <= set(own.index):
+                expected = f"expected a row of each of seeds {', '.join(map(str, cells.seeds))} at epoch 0"
+                where = f"size {cells.size}, session {session}, scope {scope}"
+                raise InputError(paths.runs(cells.experiment, "joint"), where, expected)
+            found[session, scope] = own.loc[cells.seeds].to_numpy(np.float64, copy=True)
+    return found
+
+
+def insert_stack(task: InsertTask) -> TaskResult:
+    """A fold of steps over the sessions: each inserts its entities into what the one before has learned."""
+    steps = list(fold(task))
+    vectors = torch.cat([done.initial.vectors for done in steps], 1).cpu().numpy()
+    runs = [frame for number, done in enumerate(steps, 1) for frame in _run_rows(task.cells, number, done)]
+    entities = pd.concat(_entity_rows(task.cells, number, done) for number, done in enumerate(steps, 1))
+    return TaskResult(vectors, pd.concat(runs), entities)
+
+
+def fold(task: InsertTask) -> Iterator[SessionResult]:
+    """The steps of a task's sessions, one after the other."""
+    theta = task.theta0.stack
+    for number in range(1, task.cells.sessions + 1):
+        before, after = task.cells.session(number - 1), task.cells.session(number)
+        done = run_session(theta, before, after, told_in(task, number), how_in(task, number))
+        yield done
+        theta = done.theta
+
+
+def told_in(task: InsertTask, session: int) -> NovelEntities:
+    """What is told in one session."""
+    table = task.told.insert_triples
+    own = torch.as_tensor(table[table[:, 0] == session, 1:])
+    return NovelEntities(task.cells.novel_in(session), own, torch.as_tensor(task.told.words))
+
+
+def how_in(task: InsertTask, session: int) -> InsertConfig:
+    """How one session inserts and learns."""
+    how = task.how
+    targets = {scope: torch.as_tensor(task.told.joint[session, scope]) - how.margin for scope in SCOPES}
+    to_the_end = task.cells.size in how.followed
+    keys = task.cells.keys(session)
+    return InsertConfig(how.initializer, how.options, how.root, keys, how.negatives, how.optimizer, targets, to_the_end)
+
+
+def _run_rows(cells: GridPoints, session: int, done: SessionResult) -> Iterator[pd.DataFrame]:
+    yield run_rows(cells, session, 0, torch.arange(len(cells.seeds)), done.at_once)
+    for followed in done.followed:
+        yield run_rows(cells, session, followed.epoch, followed.models, followed.results)
+
+
+def _entity_rows(cells: GridPoints, session: int, done: SessionResult) -> pd.DataFrame:
+    rows = []
+    for place, result in enumerate(done.own):
+        fell = pd.Series([FALLBACKS[code] for code in done.initial.fallback[:, place].tolist()], dtype="str")
+        columns: dict[str, Any] = {
+            "size": cells.size, "seed": cells.seeds, "entity": cells.novel[:, session - 1, place], "fallback": fell,
+            "session": session,
+        }  # fmt: skip
+        rows.append(measure_columns(result).assign(**columns))
+    return pd.concat(rows)

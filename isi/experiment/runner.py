@@ -1,0 +1,199 @@
+"""Where tasks run: on processes of this machine, or on a Dask cluster."""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Annotated, Any, Literal, Protocol, Self, TypeVar
+
+import torch
+from pydantic import Field, model_validator
+from tqdm import tqdm
+
+from isi.config import Count, Section
+from isi.errors import InputError
+from isi.experiment.grid import GridPoints
+from isi.process import serve
+from isi.stage import COMPUTE, StageContext
+from isi.tables import paths
+from isi.training.batches import TABLE_CELLS
+from isi.training.trainer import NotFinite
+
+
+class HasPoints(Protocol):
+    """A task: a data class with the cells that it is about, and all else that it needs."""
+
+    @property
+    def cells(self) -> GridPoints: ...
+
+
+Task = TypeVar("Task", bound=HasPoints)
+Done = TypeVar("Done")
+
+
+class Compute(Section):
+    """Where and how tasks run: changes no result."""
+
+    workers: Count | Literal["all"]
+    stack: Count
+    engine: Literal["processes", "dask"] = "processes"
+    scheduler: Annotated[str, Field(pattern=r"^tcp://[^/\s]+:[0-9]{1,5}$")] | None = None
+    device: Literal["cpu", "auto", "cuda"] = "cpu"
+
+    @model_validator(mode="after")
+    def _dask_has_a_scheduler(self) -> Self:
+        if self.engine == "dask" and self.scheduler is None:
+            raise ValueError("engine dask needs the address of its scheduler: compute.scheduler: tcp://host:port")
+        return self
+
+
+def compute_of(given: StageContext) -> Compute:
+    """Where a stage's tasks run."""
+    return given.section(COMPUTE, Compute)
+
+
+#: Seconds in which a scheduler must answer.
+REACH = 5
+#: Memory that a model of a stack takes on a GPU, at most: its batch, scores and slopes as tables, and as much again.
+BYTES_PER_MODEL = 6 * 4 * TABLE_CELLS
+
+
+class TaskError(Exception):
+    """A task failed: names its cells and the cause."""
+
+
+def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Compute, name: str) -> list[Done]:
+    """Run tasks where ``compute`` says; results come in the order of the tasks.
+
+    Raises:
+        TaskError: as soon as one task fails; the others are given up.
+        InputError: where there is no such engine, scheduler or device, memory does not do, or a model diverges.
+    """
+    engine = _dask if compute.engine == "dask" else _processes
+    models = sum(len(task.cells.seeds) for task in tasks)
+    with engine(compute) as executor:
+        futures = {executor.submit(run_task, function, task, compute.device): task for task in tasks}
+        with tqdm(total=models, desc=name, unit="model", disable=None) as bar:  # it starts a thread: workers come first
+            for future in as_completed(futures):
+                task = futures[future]
+                try:
+                    future.result()
+                except (InputError, CancelledError):  # no task's own failure
+                    raise
+                except BrokenExecutor as error:
+                    died = "a worker process was killed, perhaps for want of memory: try fewer, or a lower stack"
+                    raise InputError(paths.PARAMS, "compute.workers", died) from error
+                except Exception as error:
+                    if _lacks_memory(error):
+                        much = f"not enough memory for {task.cells} and what runs beside: try less"
+                        raise InputError(paths.PARAMS, "compute.stack", much) from error
+                    raise TaskError(f"{task.cells}: {type(error).__name__}: {error}") from error
+                bar.update(len(task.cells.seeds))
+    return [future.result() for future in futures]
+
+
+def _lacks_memory(error: Exception) -> bool:
+    return isinstance(error, MemoryError | torch.OutOfMemoryError) or "can't allocate memory" in str(error)
+
+
+def run_task(function: Callable[[Task], Done], task: Task, device: str) -> Done:
+    """Run a task on one thread, and without denormal numbers (slow, and far below what a rank can tell).
+
+    Both are set in the thread that runs the task, which is the engine's choice, and never reset: tasks
+    that share a process cannot disturb each other. Where the device is a GPU, it holds all that the task
+    makes; what the task gives back is on the CPU.
+
+    Raises:
+        InputError: where a model of the task diverges: which one, and what to turn down.
+    """
+    torch.set_num_threads(1)
+    torch.set_flush_denormal(True)
+    found = device_of(device)
+    try:
+        if found.type == "cpu":
+            return function(task)
+        with found:
+            whole: Any = task
+            return function(replace(whole, cells=replace(task.cells, graph=task.cells.graph.on(found))))
+    except NotFinite as error:
+        seeds = [task.cells.seeds[place] for place in error.models]
+        raise InputError(paths.PARAMS, str(replace(task.cells, seeds=seeds)), error.found) from error
+
+
+def device_of(name: str) -> torch.device:
+    """The device that ``compute.device`` names, as it is on the machine that runs a task.
+
+    Raises:
+        InputError: where a GPU is asked for and there is none.
+    """
+    if name == "cuda" and not torch.cuda.is_available():
+        raise InputError(paths.PARAMS, "compute.device", "no NVIDIA GPU that this build of PyTorch can use")
+    return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
+
+
+def stack_height(compute: Compute) -> int:
+    """Models to train as one stack: ``compute.stack``, or on a GPU as many as its memory holds for each worker."""
+    if compute.engine == "dask" or device_of(compute.device).type == "cpu":
+        return compute.stack
+    free, _ = torch.cuda.mem_get_info()
+    return max(compute.stack, free // (_workers(compute) * BYTES_PER_MODEL))
+
+
+@contextmanager
+def _processes(compute: Compute) -> Iterator[Executor]:
+    """Worker processes of this machine: children of the stage, which die with it.
+
+    On Linux they are forked, and need not import everything again (seconds a stage); but a GPU cannot be
+    used by a forked process.
+    """
+    forked = sys.platform == "linux" and compute.device == "cpu"
+    context = multiprocessing.get_context("fork" if forked else "spawn")
+    with ProcessPoolExecutor(_workers(compute), context, initializer=serve, initargs=(os.getpid(),)) as executor:
+        try:
+            yield executor
+        except BaseException:
+            for worker in multiprocessing.active_children():  # not one of which is to be waited for
+                worker.kill()
+            raise
+
+
+def _workers(compute: Compute) -> int:
+    return available_cores() if compute.workers == "all" else compute.workers
+
+
+def available_cores() -> int:
+    """The cores that this process may use, which can be fewer than the machine has."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def _dask(compute: Compute) -> Iterator[Executor]:
+    """Workers of a Dask cluster, which runs a lost worker's tasks again, and drops them all when we leave."""
+    try:
+        from distributed import Client
+        from distributed.comm import connect
+    except ImportError as error:
+        needed = "dask needs the package distributed: pip install 'dask[distributed]'"
+        raise InputError(paths.PARAMS, "compute.engine", needed) from error
+
+    async def greet() -> None:
+        """A Client would wait for a silent scheduler without end."""
+        (await asyncio.wait_for(connect(compute.scheduler, timeout=REACH), REACH)).abort()
+
+    try:
+        asyncio.run(greet())
+        client = Client(compute.scheduler, timeout=REACH, set_as_default=False)
+    except (OSError, MemoryError) as error:  # what another server answers may be read as a length
+        absent = f"no Dask scheduler answers at {compute.scheduler} within {REACH} seconds"
+        raise InputError(paths.PARAMS, "compute.scheduler", absent) from error
+    with client:
+        try:
+            yield client.get_executor(pure=False)
+        except CancelledError as error:
+            raise InputError(paths.PARAMS, "compute.scheduler", f"{compute.scheduler} was lost") from error

@@ -1,0 +1,153 @@
+"""Training Θ⁰ and the joint models.
+
+Measuring embeddings as they are, and measures as rows of tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import torch
+from torch import Tensor
+
+from isi.config import check
+from isi.evaluation import query_sets
+from isi.evaluation.ranking import MEASURES, Result, evaluate
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.graph.sessions import Session
+from isi.models.model import EmbeddingParams, Model, make_model
+from isi.models.stack import uniform
+from isi.stage import StageContext
+from isi.training import single_updates, trainer
+from isi.training.batches import Negatives, training_data
+from isi.training.trainer import Training
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """How Θ⁰ and the joint model are trained."""
+
+    root: int
+    family: Model
+    dimension: int
+    init_range: float
+    negatives: Negatives
+    training: Training
+
+
+@dataclass(frozen=True)
+class TrainTask:
+    """Train an embedding of each cell."""
+
+    cells: GridPoints
+    how: TrainConfig
+
+
+@dataclass(frozen=True)
+class TrainResult:
+    """Trained embeddings of a task's cells."""
+
+    entity: np.ndarray
+    relation: np.ndarray
+    known: np.ndarray
+    log: pd.DataFrame
+
+
+def model_of(given: StageContext, name: str | None = None) -> Model:
+    """The embedding family of a name, or that a stage's params choose, with its options."""
+    name = name or given.section("embedding.family", str)
+    return make_model(name, given.raw(f"families.{name}"), f"families.{name}")
+
+
+def train_config(given: StageContext, family: str | None = None, **changed: float) -> TrainConfig:
+    """How a stage's params say that embeddings are trained, of the family that they choose or another one.
+
+    Args:
+        changed: values of ``training`` in place of those of params.
+    """
+    named = {"family": family} if family else {}
+    embedding = check({**given.raw("embedding"), **named}, EmbeddingParams, "embedding")
+    kind, how = model_of(given, embedding.family), check({**given.raw("training"), **changed}, Training, "training")
+    single_updates.compile_ahead(kind, how.batch_size)
+    negatives = given.section("negatives", Negatives)
+    return TrainConfig(given.seed, kind, embedding.dimension, embedding.init_range, negatives, how)
+
+
+def train_initial(task: TrainTask) -> TrainResult:
+    """Train Θ⁰ of each cell on its D⁰."""
+    return _learn(task, task.cells.session(0))
+
+
+def train_joint_model(task: TrainTask) -> TrainResult:
+    """Train the joint model of each seed on all that has a split (section 5.3)."""
+    return _learn(task, task.cells.joint)
+
+
+def _learn(task: TrainTask, session: Session) -> TrainResult:
+    how, cells, keys = task.how, task.cells, task.cells.keys()
+    relations = len(cells.graph.relations)
+    start = uniform(session.entities, relations, how.family, how.dimension, how.init_range, how.root, keys)
+    data = training_data(session, "training", keys, how.negatives.head_pool)
+    best, looks = trainer.train_until_best(start, data, how.negatives, how.training, how.root)
+    log = pd.concat(
+        pd.DataFrame(dict(zip(MEASURES, look.measures.T.cpu().numpy(), strict=True))).assign(
+            size=cells.size,
+            seed=np.array(cells.seeds)[look.models.cpu().numpy()],
+            epoch=look.epoch,
+            kept=look.kept.cpu().numpy(),
+        )
+        for look in looks
+    )
+    entity, relation, known = (table.cpu().numpy() for table in (best.entity, best.relation, session.entities))
+    return TrainResult(entity, relation, known, log)
+
+
+def as_tensors(tasks: Sequence[TrainTask], learned: Sequence[TrainResult]) -> dict[str, Tensor]:
+    """Trained embeddings of several tasks of one size, as the tensors of one file."""
+    tensors = {
+        name: torch.from_numpy(np.concatenate([getattr(result, name) for result in learned]))
+        for name in ("entity", "relation", "known")
+    }
+    return tensors | {"seed": torch.tensor([seed for task in tasks for seed in task.cells.seeds])}
+
+
+@dataclass(frozen=True)
+class EvaluationTask:
+    """Measure given embeddings in every scope of every session that inserts."""
+
+    cells: GridPoints
+    theta: StackedVectors
+    #: (session, model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 4)
+    insert_triples: np.ndarray
+
+
+def evaluate_stack(task: EvaluationTask) -> pd.DataFrame:
+    """Measures of embeddings as they are, in every scope (``tables.RUNS``, epoch 0)."""
+    cells, theta, rows = task.cells, task.theta.stack, []
+    for number in range(1, cells.sessions + 1):
+        session, novel = cells.session(number), cells.novel_in(number)
+        told = cells.told_in(number, task.insert_triples)
+        results = evaluate(theta, query_sets.epoch_query_sets(session, novel))
+        results |= evaluate(theta, query_sets.novel_query_set(session, novel, told))
+        rows.append(run_rows(cells, number, 0, torch.arange(len(cells.seeds)), results))
+    return pd.concat(rows)
+
+
+def run_rows(
+    cells: GridPoints, session: int, epoch: int, models: Tensor, results: Mapping[str, Result]
+) -> pd.DataFrame:
+    """Measures of some models of a stack of cells after an epoch, by scope (``tables.RUNS`` and ``tables.TIES``)."""
+    seeds = np.array(cells.seeds)[models.cpu().numpy()]
+    return pd.concat(
+        measure_columns(result).assign(size=cells.size, seed=seeds, epoch=epoch, scope=scope, session=session)
+        for scope, result in results.items()
+    )
+
+
+def measure_columns(result: Result) -> pd.DataFrame:
+    """A result as columns, one row a model."""
+    columns = dict(zip(MEASURES, result.measures.T.cpu().numpy(), strict=True))
+    return pd.DataFrame(columns | {"queries": result.queries.cpu().numpy(), "ties": result.ties.cpu().numpy()})

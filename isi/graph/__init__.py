@@ -1,0 +1,1 @@
+"""The knowledge graph as tensors, its learning sessions, and the word vectors of its entities."""

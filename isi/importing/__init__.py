@@ -1,1 +1,0 @@
-"""Embeddings that others have trained, as folders: tensors and names from the files that their tools write."""

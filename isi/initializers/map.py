@@ -1,0 +1,258 @@
+"""What insert triples say of a novel entity's vector, weighed against a prior: ridge regression and MAP.
+
+Each insert triple is a positive. It brings the negatives that training expects of it: ``ratio`` copies with another
+known end, spread over all known entities (true ones among them, as in training), and ``ratio`` with another relation.
+Positives and negatives are weights of cells: (whether the novel entity is the head or the tail, relation, other end),
+K = 2 · R · E of them in this order. Where a score is linear in a vector, that of a cell is ⟨v, α⟩.
+
+MAP, prior ERS: the most probable vector given the insert triples, around where ERS puts it.
+
+MAP, prior mean: the most probable vector given the insert triples, around the centre of what is known.
+
+MAP, prior soft hybrid: the most probable vector given the insert triples, around where the soft hybrid puts it.
+
+Ridge: the vector whose scores are nearest to 1 for insert triples and 0 for their corruptions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+from torch.linalg import inv_ex, solve
+from torch.nn.functional import softplus
+
+from isi.config import Count, NotNegative, Positive
+from isi.errors import InputError
+from isi.initializers.api import NONE, InitContext, InitResult, initializer
+from isi.initializers.similarity import everyone_known, first_that_can, has_insert_triples, nearest_by_both
+from isi.initializers.soft import softly_by_both
+from isi.models import bits
+from isi.models.stack import Embedding, select
+from isi.tables import paths
+from isi.training.trainer import NotFinite
+
+#: Share of an isotropic covariance of equal trace in that of the prior, whose rank is below d.
+SHRINKAGE = 0.1
+#: Of Newton's method, at most: it needs about six where a score is linear.
+STEPS = 20
+#: A step that is expected to gain less than this much log-probability is the last; what is left then is its square.
+TOLERANCE = 1e-6
+#: Relative rounding of an objective.
+ROUNDING = 1e-12
+#: Times that a step may be halved.
+HALVINGS = 10
+#: Numbers in one product of cells and novel entities, at most, for each model.
+BUDGET = 2**23
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Weights of cells, and the prior of novel vectors; all float64."""
+
+    #: shapes: (M, n, K)
+    positive: Tensor
+    negative: Tensor
+    #: μ and λΣ⁻¹; shapes: (M, n, d), (M, d, d)
+    mean: Tensor
+    precision: Tensor
+
+
+def insert_triple_table(insertion: InitContext) -> Tensor:
+    """Insert triples of each novel entity by cell: as head, then as tail; shape (M, n, 2, R, E), float32."""
+    relations, entities = insertion.theta0.relation.shape[1], insertion.theta0.entity.shape[1]
+    cell = (insertion.novel_is_tail * relations + insertion.relation) * entities + insertion.other
+    table = torch.zeros(*insertion.novel.shape, 2 * relations * entities)
+    table.scatter_add_(-1, cell, insertion.observed.float())
+    return table.view(*insertion.novel.shape, 2, relations, entities)
+
+
+def expected_negatives(insertion: InitContext, positive: Tensor, ratio: int) -> Tensor:
+    """Corrupted triples that are expected of positives, (M, n, 2, R, E); the same shape."""
+    share = insertion.known / insertion.known.sum(-1, keepdim=True)
+    by_end = positive.sum(-1, keepdim=True) * share[:, None, None, None]
+    by_relation = (positive.sum(3, keepdim=True) - positive) / max(1, positive.shape[3] - 1)
+    return ratio * (by_end + by_relation)
+
+
+def cell_anchors(theta0: Embedding) -> Tensor:
+    """α of each cell: where its known end meets a head, then where it meets a tail; shape (M, K, d)."""
+    entity, relation = theta0.entity[:, None], theta0.relation[:, :, None]
+    there, back = theta0.family.transform(entity, relation), theta0.family.pullback(entity, relation)
+    return torch.stack([back, there], 1).flatten(1, 3)
+
+
+def covariance(insertion: InitContext) -> Tensor:
+    """Σ of the known vectors, shrunk towards an isotropic one by ``SHRINKAGE``; shape (M, d, d), float64."""
+    known = insertion.known.double()[..., None]
+    number, entity = known.sum(1, keepdim=True), insertion.theta0.entity.double()
+    apart = (entity - (known * entity).sum(1, keepdim=True) / number) * known
+    spread = apart.mT @ apart / number
+    isotropic = spread.diagonal(dim1=1, dim2=2).mean(-1)[:, None, None] * torch.eye(entity.shape[-1])
+    return (1 - SHRINKAGE) * spread + SHRINKAGE * isotropic
+
+
+def evidence(insertion: InitContext, mean: Tensor, strength: float, ratio: int) -> Evidence:
+    """The evidence of the insert triples, and a prior of mean (M, n, d) and covariance Σ / ``strength``.
+
+    Raises:
+        NotFinite: where Σ has no inverse, since all known vectors of a model are the same.
+    """
+    positive = insert_triple_table(insertion)
+    negative = expected_negatives(insertion, positive, ratio)
+    inverse, failed = inv_ex(covariance(insertion))
+    if failed.any():
+        found = "known vectors that do not differ have no covariance to go by: turn down the weight decay of training"
+        raise NotFinite(failed.nonzero()[:, 0].tolist(), found)
+    return Evidence(positive.flatten(2).double(), negative.flatten(2).double(), mean.double(), strength * inverse)
+
+
+def ridge_regression(insertion: InitContext, prior: InitResult, strength: float, ratio: int) -> InitResult:
+    """argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ): y is 1 of a positive and 0 of a negative.
+
+    Args:
+        prior: its vectors are μ, the answer where there is no insert triple.
+        strength: λ.
+
+    Raises:
+        InputError: where the score of the family is not linear in a vector.
+    """
+    if not insertion.theta0.family.linear:
+        named = type(insertion.theta0.family).__name__
+        raise InputError(
+            paths.PARAMS, "initializers.ridge", f"needs a score that is linear in a vector; {named}'s is not"
+        )
+    known = evidence(insertion, prior.vectors, strength, ratio)
+    alpha = cell_anchors(_double(insertion.theta0))
+    weight, mean = known.positive + known.negative, known.mean
+    residual = known.positive - weight * (mean @ alpha.mT)
+    step = solve(gram(alpha, weight) + known.precision[:, None], residual @ alpha)
+    return replace(prior, vectors=(mean + step).to(prior.vectors.dtype), indicators=None)
+
+
+def most_probable(insertion: InitContext, prior: InitResult, strength: float, ratio: int) -> InitResult:
+    """argmin Σ w⁺ softplus(-f) + Σ w⁻ softplus(f) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ), by Newton's method from μ (MAP).
+
+    Strictly convex where the score f is linear in v, so that there is one answer, which no seed has a part in.
+    Elsewhere f is taken as linear around v in each step (Gauss and Newton), and a step is halved until it gains:
+    ``STEPS`` of them lead to a local optimum, or near one. Each novel entity stops by itself.
+
+    Args:
+        prior: its vectors are μ, the answer where there is no insert triple.
+        strength: λ.
+    """
+    known, theta0 = evidence(insertion, prior.vectors, strength, ratio), _double(insertion.theta0)
+    alpha = cell_anchors(theta0) if theta0.family.linear else None
+    if alpha is None:
+        known, theta0 = each_alone(known, theta0)
+    at, going = known.mean, torch.ones(known.mean.shape[:2], dtype=torch.bool)
+    for _ in range(STEPS):
+        step, gain = newton(known, theta0, at, alpha)
+        at = torch.where(going[..., None], at + length(known, theta0, at, step)[..., None] * step, at)
+        going &= gain > TOLERANCE
+        if not going.any():
+            break
+    return replace(prior, vectors=at.view(prior.vectors.shape).to(prior.vectors.dtype), indicators=None)
+
+
+def each_alone(known: Evidence, theta0: Embedding) -> tuple[Evidence, Embedding]:
+    """The same as a stack of M · n models that have one novel entity each."""
+    models, number, _ = known.mean.shape
+    positive, negative, mean = (v.flatten(0, 1)[:, None] for v in (known.positive, known.negative, known.mean))
+    model = torch.arange(models).repeat_interleave(number)
+    return Evidence(positive, negative, mean, known.precision[model]), select(theta0, model)
+
+
+def newton(known: Evidence, theta0: Embedding, at: Tensor, alpha: Tensor | None) -> tuple[Tensor, Tensor]:
+    """The step to where the objective were least if f were linear and the loss quadratic, and twice what that gains.
+
+    Args:
+        at: shape (M, n, d), the shape of the step.
+        alpha: of each cell, where f is linear.
+    """
+    slopes = score_gradients(theta0, at) if alpha is None else alpha
+    weight, likely = known.positive + known.negative, bits.padded(torch.sigmoid, scores(theta0, at))
+    gradient = (weight * likely - known.positive) @ slopes + (at - known.mean) @ known.precision
+    bend = (weight * likely * (1 - likely)).float()  # in single precision, since it only shapes the step
+    step = -solve(gram(slopes.float(), bend).double() + known.precision[:, None], gradient)
+    return step, -(gradient * step).sum(-1)
+
+
+def length(known: Evidence, theta0: Embedding, at: Tensor, step: Tensor) -> Tensor:
+    """The longest of 1, ½, ¼, ... that does not make the objective larger; shape (M, n)."""
+    here, share = objective(known, theta0, at), torch.ones(at.shape[:2], dtype=at.dtype)
+    for _ in range(HALVINGS):
+        worse = objective(known, theta0, at + share[..., None] * step) > here * (1 + ROUNDING)
+        if not worse.any():
+            break
+        share = torch.where(worse, share / 2, share)
+    return share
+
+
+def objective(known: Evidence, theta0: Embedding, at: Tensor) -> Tensor:
+    """What MAP minimizes, at vectors of shape (M, n, d); shape (M, n)."""
+    score, apart = scores(theta0, at), at - known.mean
+    loss = known.positive * softplus(-score) + known.negative * softplus(score)
+    return loss.sum(-1) + (apart @ known.precision * apart).sum(-1) / 2
+
+
+def scores(theta0: Embedding, at: Tensor) -> Tensor:
+    """f of each cell with novel vectors of shape (M, n, d); shape (M, n, K)."""
+    models, number, relations = *at.shape[:2], theta0.relation.shape[1]
+    asked, relation = at.repeat_interleave(relations, 1), theta0.relation.repeat(1, number, 1)
+    as_head = theta0.family.score_tails(asked, relation, theta0.entity)
+    as_tail = theta0.family.score_heads(asked, relation, theta0.entity)
+    return torch.stack([ends.view(models, number, relations, -1) for ends in (as_head, as_tail)], 2).flatten(2)
+
+
+def score_gradients(theta0: Embedding, at: Tensor) -> Tensor:
+    """Gradient of f of each cell by the novel vector, of which each model has one, (M, 1, d); shape (M, K, d)."""
+    entity, relation = theta0.entity[:, None], theta0.relation[:, :, None]
+    shape = (*theta0.relation.shape[:2], *theta0.entity.shape[1:])
+    with torch.enable_grad():
+        head, tail = (at[:, :, None].expand(shape).clone().requires_grad_() for _ in range(2))
+        total = theta0.family.score(head, relation, entity).sum() + theta0.family.score(entity, relation, tail).sum()
+    return torch.stack(torch.autograd.grad(total, (head, tail)), 1).flatten(1, 3)
+
+
+def gram(slopes: Tensor, weight: Tensor) -> Tensor:
+    """Σ w s sᵀ over the cells; shapes (M, K, d) and (M, n, K), result (M, n, d, d)."""
+    models, _, dimension = slopes.shape
+    parts = []
+    for some in torch.split(weight, max(1, BUDGET // slopes[0].numel()), 1):
+        weighted = (slopes[:, :, None] * some.mT[..., None]).flatten(2)  # (M, K, n · d)
+        parts.append((slopes.mT @ weighted).view(models, dimension, -1, dimension).transpose(1, 2))
+    return torch.cat(parts, 1)
+
+
+def _double(embedding: Embedding) -> Embedding:
+    return replace(embedding, entity=embedding.entity.double(), relation=embedding.relation.double())
+
+
+@initializer("map_ers", label="MAP, ERS", role="baseline", colour="#d6604d")
+def map_around_ers(insertion: InitContext, k: Count, candidates: Count, strength: Positive, ratio: Count) -> InitResult:
+    """MAP with the vector of ERS as the mean of its prior."""
+    return most_probable(insertion, nearest_by_both(insertion, k, candidates), strength, ratio)
+
+
+@initializer("map_mean", label="MAP, mean", role="baseline", colour="#f4a582")
+def map_around_mean(insertion: InitContext, strength: Positive, ratio: Count) -> InitResult:
+    """MAP with the centroid of the known entities as the mean of its prior."""
+    prior = first_that_can(insertion, (NONE, has_insert_triples(insertion), everyone_known(insertion)))
+    return most_probable(insertion, prior, strength, ratio)
+
+
+@initializer("map_soft_hybrid", label="MAP, soft hybrid", role="baseline", colour="#b2182b")
+def map_around_soft_hybrid(
+    insertion: InitContext, word_weight: NotNegative, relation_weight: NotNegative, strength: Positive, ratio: Count
+) -> InitResult:
+    """MAP with the vector of the soft hybrid as the mean of its prior."""
+    return most_probable(insertion, softly_by_both(insertion, word_weight, relation_weight), strength, ratio)
+
+
+@initializer("ridge", label="Ridge", role="baseline", colour="#8c6d46")
+def ridge(insertion: InitContext, strength: Positive, ratio: Count) -> InitResult:
+    """Weighted least squares around the centroid of the known (see ``evidence.ridge``); not for distances."""
+    prior = first_that_can(insertion, (NONE, has_insert_triples(insertion), everyone_known(insertion)))
+    return ridge_regression(insertion, prior, strength, ratio)

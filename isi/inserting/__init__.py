@@ -1,1 +1,0 @@
-"""New entities for an embedding of anyone's, given as plain arrays."""

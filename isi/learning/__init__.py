@@ -1,1 +1,0 @@
-"""Batches, gradients, training, ranks and scopes, for stacks of models of any family."""

@@ -1,0 +1,1 @@
+"""Knowledge-graph embedding models: scoring functions over stacks of tables."""

@@ -1,0 +1,147 @@
+"""Linear maps of scalars and 2×2 blocks, which ANALOGY, DistMult, ComplEx and RotatE share.
+
+Of the d coordinates of a vector the first are scalars, as many as the family's share of them; the
+others are the a-halves, then the b-halves, of blocks. A relation holds one factor for each scalar
+and, at the places of a and b, the x and y of the block ``[[x, y], [-y, x]]`` (rows times columns).
+With ``swap`` exchanging a and b,
+
+    vᵀW = v ⊙ (r, x, x) + swap(v) ⊙ (0, -y, y)
+
+so that a map costs two products, whatever it does with its result.
+
+ANALOGY (Liu et al. 2017): normal, commuting linear maps as relations (section 2).
+
+ComplEx (Trouillon et al. 2016): complex vectors, real halves before imaginary ones.
+
+DistMult (Yang et al. 2015): one factor a coordinate; a triple and its reverse score alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from isi.errors import InputError
+from isi.models.interaction import Backward, Interaction, Product
+from isi.models.model import RelationMapModel, register_model
+from isi.models.triples import Triples
+from isi.tables import paths
+
+#: Smallest |r| of a scalar and smallest x² + y² of a block by which ``inverse`` divides.
+CLAMP = 1e-6
+
+
+class Blocks(RelationMapModel):
+    """f(h, r, t) = ⟨vₕᵀW, vₜ⟩, where W has scalars and blocks on its diagonal."""
+
+    #: of a hundred coordinates, how many are scalars
+    scalars: ClassVar[int]
+
+    @property
+    def meeting(self) -> Interaction:
+        return Product()
+
+    def width(self, dimension: int) -> int:
+        multiple = next(m for m in range(1, 201) if m * self.scalars % 100 == 0 == m * (100 - self.scalars) % 200)
+        if dimension % multiple:
+            expected = f"expected a multiple of {multiple}, as {type(self).__name__} needs"
+            raise InputError(paths.PARAMS, f"dimension {dimension}", expected)
+        return dimension
+
+    def first_block(self, dimension: int) -> int:
+        """Coordinates before the blocks."""
+        return dimension * self.scalars // 100
+
+    def maps(self, relation: Tensor) -> Tensor:
+        """(r, x, y) of relations; shape (..., d)."""
+        return relation
+
+    def pull_maps(self, by_maps: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
+        """Gradient by relations, (..., w), from that by their ``maps``, (..., d)."""
+        return by_maps
+
+    def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
+        """vᵀW."""
+        return self._carry(vectors, self.maps(relation))
+
+    def pullback(self, vectors: Tensor, relation: Tensor) -> Tensor:
+        """vᵀWᵀ: the y of each block changes its sign."""
+        scalars, x, y = self._parts(self.maps(relation))
+        return self._carry(vectors, torch.cat([scalars, x, -y], -1))
+
+    def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:
+        """vᵀW⁻¹, with |r| and x² + y² clamped to at least ``CLAMP``."""
+        scalars, x, y = self._parts(self.maps(relation))
+        sign = torch.where(scalars < 0, -1.0, 1.0)
+        norm = (x * x + y * y).clamp(min=CLAMP)
+        return self._carry(vectors, torch.cat([sign / scalars.abs().clamp(min=CLAMP), x / norm, -y / norm], -1))
+
+    def magnitudes(self, relation: Tensor) -> dict[str, Tensor]:
+        """|r| of the scalars and sqrt(x² + y²) of the blocks of relations, (..., w); shapes (..., parts)."""
+        scalars, x, y = self._parts(self.maps(relation))
+        return {"scalars": scalars.abs(), "blocks": torch.hypot(x, y)}
+
+    def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
+        straight, crossed = (triples.relations(factor) for factor in self._factors(self.maps(relation)))
+        heads, swapped = triples.heads(entity), triples.heads(self.swap(entity))
+        rows, mapped = triples.room(entity)
+        torch.mul(heads, straight, out=mapped).addcmul_(swapped, crossed)
+
+        def pull(by_mapped: Tensor) -> tuple[Tensor, Tensor]:
+            by_entity = triples.by_head(by_mapped * straight, (by_mapped * crossed, self.swap))
+            by_straight, by_crossed = triples.by_relation(by_mapped * heads), triples.by_relation(by_mapped * swapped)
+            return by_entity, self.pull_maps(self._by_factors(by_straight, by_crossed), relation)
+
+        return rows, pull
+
+    def swap(self, vectors: Tensor) -> Tensor:
+        """Exchange the a- and b-halves of the blocks; scalars stay. Shape (..., d)."""
+        scalars, a, b = self._parts(vectors)
+        return torch.cat([scalars, b, a], -1)
+
+    def _carry(self, vectors: Tensor, maps: Tensor) -> Tensor:
+        straight, crossed = self._factors(maps)
+        return torch.addcmul(vectors * straight, self.swap(vectors), crossed)
+
+    def _parts(self, vectors: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        dimension = vectors.shape[-1]
+        first = self.first_block(dimension)
+        middle = (first + dimension) // 2
+        return vectors[..., :first], vectors[..., first:middle], vectors[..., middle:]
+
+    def _factors(self, maps: Tensor) -> tuple[Tensor, Tensor]:
+        scalars, x, y = self._parts(maps)
+        return torch.cat([scalars, x, x], -1), torch.cat([torch.zeros_like(scalars), -y, y], -1)
+
+    def _by_factors(self, straight: Tensor, crossed: Tensor) -> Tensor:
+        """Gradient by maps from those by their two factors (see ``_factors``); shape (..., d)."""
+        scalars, straight_a, straight_b = self._parts(straight)
+        _, crossed_a, crossed_b = self._parts(crossed)
+        return torch.cat([scalars, straight_a + straight_b, crossed_b - crossed_a], -1)
+
+
+@register_model("analogy")
+@dataclass(frozen=True)
+class ANALOGY(Blocks):
+    """f(h, r, t) = ⟨vₕᵀW, vₜ⟩: half of the coordinates are scalars, half are of blocks."""
+
+    scalars = 50
+
+
+@register_model("complex")
+@dataclass(frozen=True)
+class ComplEx(Blocks):
+    """f(h, r, t) = Re⟨vₕ ⊙ r, conj(vₜ)⟩: all coordinates are of blocks."""
+
+    scalars = 0
+
+
+@register_model("distmult")
+@dataclass(frozen=True)
+class DistMult(Blocks):
+    """f(h, r, t) = ⟨vₕ ⊙ r, vₜ⟩."""
+
+    scalars = 100

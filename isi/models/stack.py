@@ -1,0 +1,104 @@
+"""A stack of embeddings: the unit of training, ranking and insertion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import Any, TypeVar
+
+import torch
+from torch import Tensor
+
+from isi.models.model import Model
+from isi.models.triples import DenseTriples
+from isi.random import stream
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Embedding:
+    """Vectors of entities and relations of M models of one family."""
+
+    #: shape: (M, E, d)
+    entity: Tensor
+    #: shape: (M, R, w), with the family's width
+    relation: Tensor
+    family: Model = field(metadata={"shared": True})
+
+    def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
+        """f(h, r, t) of triples (section 2); ids and result of shape (M, Q)."""
+        return self.family.score(rows(self.entity, head), rows(self.relation, relation), rows(self.entity, tail))
+
+    def score_tails(self, head: Tensor, relation: Tensor) -> Tensor:
+        """Scores of all entities as tail of (h, r, ?); ids of shape (M, Q), result (M, Q, E)."""
+        return self.family.score_tails(rows(self.entity, head), rows(self.relation, relation), self.entity)
+
+    def score_heads(self, relation: Tensor, tail: Tensor) -> Tensor:
+        """Scores of all entities as head of (?, r, t); ids of shape (M, Q), result (M, Q, E)."""
+        return self.family.score_heads(rows(self.entity, tail), rows(self.relation, relation), self.entity)
+
+    def score_relations(self, head: Tensor, tail: Tensor) -> Tensor:
+        """Scores of all relations of (h, ?, t); ids of shape (M, Q), result (M, Q, R)."""
+        heads, tails = rows(self.entity, head), rows(self.entity, tail)
+        return self.family.score(heads[:, :, None], self.relation[:, None], tails[:, :, None])
+
+    def score_all(self) -> Tensor:
+        """Scores of every triple; shape (M, R, E, E)."""
+        return self.family.scores(self.entity, self.relation, DenseTriples.of(self.entity, self.relation))[0]
+
+    def resultants(self, known: Tensor, relation: Tensor, novel_is_tail: Tensor) -> Tensor:
+        """α of insert triples: where each puts the novel entity (equation 4).
+
+        Args:
+            known: vector of the known end; shape (..., d).
+            relation: row of the triple's relation; shape (..., w).
+            novel_is_tail: where the relation takes the head if true, else where the head of the tail must be;
+                shape (...).
+        """
+        there, back = self.family.transform(known, relation), self.family.inverse(known, relation)
+        return torch.where(novel_is_tail[..., None], there, back)
+
+
+def rows(table: Tensor, ids: Tensor) -> Tensor:
+    """Rows of each model's table; shapes (M, N, d) and (M, Q), result (M, Q, d)."""
+    return table.gather(1, ids[..., None].expand(-1, -1, table.shape[-1]))
+
+
+def select(stacked: T, models: Tensor) -> T:
+    """The same value for some of its models only, by a mask or ids.
+
+    Takes tensors, whose first dimension is the stack, and mappings and data classes of them. What the
+    models share stays whole: a field that says ``metadata={"shared": True}``, and what is no such value.
+    """
+    value: Any = stacked
+    if isinstance(value, Tensor):
+        value = value[models]
+    elif isinstance(value, dict):
+        value = {key: select(part, models) for key, part in value.items()}
+    elif is_dataclass(value):
+        own = [part.name for part in fields(value) if not part.metadata.get("shared")]
+        value = replace(value, **{name: select(getattr(value, name), models) for name in own})  # type: ignore[type-var]
+    return value  # type: ignore[no-any-return]
+
+
+def uniform(
+    entities: Tensor, relations: int, family: Model, dimension: int, half_range: float, root: int, keys: Tensor
+) -> Embedding:
+    """Tables uniform in ± half_range (relations: in what the family says); entities that take no part are zero.
+
+    Args:
+        entities: which take part; shape (M, E), bool.
+        keys: what each model's random stream depends on beside the root seed; shape (M, ...).
+
+    Raises:
+        InputError: where the family has no vectors of this dimension.
+    """
+    shapes = (entities.shape[1], dimension), (relations, family.width(dimension))
+    bounds = half_range, family.half_range(half_range)
+    drawn: tuple[list[Tensor], list[Tensor]] = [], []
+    for key in keys.tolist():
+        rng = stream(root, "embedding", *key)
+        for tables, shape, bound in zip(drawn, shapes, bounds, strict=True):
+            tables.append(torch.as_tensor(rng.uniform(-bound, bound, shape), dtype=torch.float32))
+    entity, relation = (torch.stack(tables) for tables in drawn)
+    return Embedding(entity * entities[..., None], relation, family)

@@ -1,1 +1,0 @@
-"""Studies beside the main experiment, each of one experiment of params."""

@@ -1,0 +1,1 @@
+"""Batches, negatives and the training loop, for stacks of models."""
