@@ -1,4 +1,4 @@
-"""What a command, or a call of the library, says of a mistake: every cause, with the line that a user meets."""
+"""Mistakes in what is typed, and in arguments of the library: how each is made, and what its message must name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import yaml
 
 from isi.tables import paths
 from tests.kept import without_words, written
-from tests.said import LOG
+from tests.mistakes import LOG
 from tools.workspace import change_all
 
 ROOT = Path(__file__).parents[2]
@@ -33,8 +33,8 @@ class Typed:
     what: str
     #: behind the name of the program, as in a shell
     typed: str
-    #: the line, behind the name of the command
-    said: str
+    #: parts that the message names, with | between them
+    names: str
     #: what is done before, in the folder where it is typed
     before: Callable[[], object] = nothing
     #: with which the command ends
@@ -49,8 +49,8 @@ class Called:
 
     what: str
     given: Given
-    #: all of it
-    said: str
+    #: parts that the message names, with | between them
+    names: str
 
     @property
     def arguments(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a reader says of a file that is not what it reads: every cause, with the line that a user meets."""
+"""Mistakes in files that readers mine: what is wrong, and which places the message must name."""
 
 from __future__ import annotations
 
@@ -16,10 +16,6 @@ from tests.fuzz.mutations import Files
 MUG, SHELF, FORK, FLOOR = THINGS
 LOG = "head,relation,tail\nmug,atLocation,kitchen\n"
 LONG = "x" * 10_000
-#: As a message quotes it.
-QUOTED = f"'{'x' * 27}...{'x' * 28}'"
-NO_UTF8 = "'utf-8' codec can't decode byte 0xff in position 0: invalid start byte"
-NOT_A_NAME = "expected a name without control characters, space around it or '../', got"
 
 
 @dataclass(frozen=True)
@@ -31,8 +27,8 @@ class Case:
     format: str
     #: what stands in their place; null: no such file
     files: dict[str, str | bytes | None]
-    #: the line, behind the name of the command
-    said: str
+    #: parts that the message names, such as the file and the line, with | between them
+    names: str
     #: of the section of params
     settings: dict[str, Any] = field(default_factory=dict)
 
@@ -57,32 +53,32 @@ def house(*objects: object, **others: object) -> str:
     return json.dumps(floors.house(*objects, **others))
 
 
-def mug(what: str, said: str, **change: object) -> Case:
+def mug(what: str, names: str, **change: object) -> Case:
     """A mistake in an object of a scene."""
-    return Case(what, "scene", {"scene.json": scene(**change)}, f"scene.json: scene, object {MUG['objectId']}: {said}")
+    return Case(what, "scene", {"scene.json": scene(**change)}, f"scene.json|{MUG['objectId']}|{names}")
 
 
-def log(what: str, rows: str, said: str, **settings: object) -> Case:
+def log(what: str, rows: str, names: str, **settings: object) -> Case:
     """A mistake in a table of triples."""
-    return Case(what, "table, CSV", {"log.csv": rows}, f"log.csv: {said}", {"entities": None, **settings})
+    return Case(what, "table, CSV", {"log.csv": rows}, f"log.csv|{names}", {"entities": None, **settings})
 
 
-def entities(what: str, row: str, said: str) -> Case:
+def entities(what: str, row: str, names: str) -> Case:
     """A mistake in a table of entities."""
-    return Case(what, "table, CSV", {"entities.csv": ENTITIES + row}, said)
+    return Case(what, "table, CSV", {"entities.csv": ENTITIES + row}, names)
 
 
-def changed(what: str, form: str, file: str, old: str, new: str, said: str, **settings: object) -> Case:
+def changed(what: str, form: str, file: str, old: str, new: str, names: str, **settings: object) -> Case:
     """A mistake in text."""
     text = formats.FORMATS[form].files[file].decode()
     assert old in text
-    return Case(what, form, {file: text.replace(old, new, 1)}, said, settings)
+    return Case(what, form, {file: text.replace(old, new, 1)}, names, settings)
 
 
-def vectors(what: str, content: bytes, said: str, binary: bool = False) -> Case:
+def vectors(what: str, content: bytes, names: str, binary: bool = False) -> Case:
     """A mistake in a file of word vectors."""
     name = "words.bin" if binary else "words.txt"
-    return Case(what, f"words{', binary' * binary}", {name: content}, f"{name}: {said}")
+    return Case(what, f"words{', binary' * binary}", {name: content}, f"{name}|{names}")
 
 
 def files_of(case: Case) -> Files:
@@ -93,3 +89,12 @@ def files_of(case: Case) -> Files:
         if content is not None:
             files[name] = content if isinstance(content, bytes) else content.encode("utf-8", "surrogateescape")
     return files
+
+
+def assert_names(line: str, names: str) -> None:
+    """A message is one printable line under 300 characters that names its places and says more than them."""
+    assert len(line) < 300
+    assert line.isprintable()
+    missing = [name for name in filter(None, names.split("|")) if name not in line]
+    assert not missing, f"{missing} not named in: {line}"
+    assert len(line.split()) > 1

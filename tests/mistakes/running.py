@@ -18,8 +18,8 @@ import isi
 from isi.__main__ import main
 from isi.errors import InputError
 from isi.insertion.result import Inserted
-from tests.said import of_pykeen
-from tests.said.calls import Program, Typed
+from tests.mistakes import of_pykeen
+from tests.mistakes.calls import Program, Typed
 from tests.test_fit_new import fit
 from tests.test_insert import call
 

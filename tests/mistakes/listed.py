@@ -1,0 +1,153 @@
+"""Tables, triples, word vectors and the files of Matterport3D and BEHAVIOR-1K that are none."""
+
+from __future__ import annotations
+
+import struct
+
+from tests.fuzz.formats import BINARY, GLOVE, HOUSE, NT
+from tests.mistakes import LOG, LONG, Case, changed, entities, log, vectors
+
+SHARES, CATEGORIES = "data/raw/suncg/material_shares.csv", "data/raw/suncg/categories.csv"
+TALLIES, TRIPLES = "data/raw/mp3d/room_object_counts.csv", "data/raw/published/triples.csv"
+SCENES, MAPPED = "behavior/combined_room_object_list.json", "behavior/category_mapping.csv"
+PROPERTIES = "behavior/propagated_annots_canonical.json"
+
+TABLE_CASES = [
+    Case("no file", "table, CSV", {"log.csv": None}, "log.csv", {"entities": None}),
+    Case("a name that tells no form", "table, CSV", {}, "log.txt", {"path": "log.txt", "entities": None}),
+    log("a column that is missing", "head,tail\na,b\n", "line 1"),
+    log("a field too many", LOG + "mug,atLocation,kitchen,\n", "line 3"),
+    log("text in another encoding", LOG + "caf\udce9,atLocation,kitchen\n", "line 1"),
+    log("a quote without an end", LOG + '"mug,atLocation,kitchen\n', "line 3"),
+    log("a blank name", LOG + ",atLocation,kitchen\n", "line 3"),
+    log("a name of 10,000 characters", LOG + f"{LONG},atLocation,kitchen\n", "line 3"),
+    log("a name with a control character", LOG + "a\x1b[2J,atLocation,kitchen\n", "line 3"),
+    log("a count that is no number", "head,relation,tail,count\na,b,c,many\n", "line 2"),
+    log("a count of 5,000 digits", "head,relation,tail,count\na,b,c," + "9" * 5_000 + "\n", "line 2"),
+    log("a count of none", "head,relation,tail,count\na,b,c,0\n", "line 2"),
+    log("a count that is too large", "head,relation,tail,count\na,b,c,3000000000\n", "line 2"),
+    log("counts that are too large together", "head,relation,tail,count\n" + "a,b,c,1000000000\n" * 2, "line 3"),
+    log("no triples", "head,relation,tail\n", ""),
+    Case("a Parquet file that is none", "table, Parquet", {"log.parquet": b"PAR1 and so on"}, "log.parquet"),
+    entities("an entity twice", "mug,object,cup\n", "entities.csv|line 7"),
+    entities("an entity without a name", ",object,cup\n", "entities.csv|line 7"),
+    Case("an entity without a kind", "table, CSV", {"entities.csv": "entity,kind\nmug,object\n"}, "entity 'bowl'"),
+    Case("a relation that no home has", "table, CSV", {"log.csv": "head,relation,tail\na,near,b\n"},
+         "relation 'near'", {"entities": None, "household": True}),
+    Case("kinds of a relation that is not there", "table, CSV", {}, "kinds|relation 'near'",
+         {"kinds": {"near": {"head": "thing", "tail": "thing"}}}),
+    Case("kinds that two relations give", "table, CSV", {"log.csv": LOG + "kitchen,near,mug\n"},
+         "entity 'mug'",
+         {"entities": None, "kinds": {"atLocation": {"head": "thing", "tail": "place"},
+                                      "near": {"head": "place", "tail": "place"}}}),
+    Case("kinds beside those of homes", "table, CSV", {}, "kinds", {"household": True,
+         "kinds": {"near": {"head": "thing", "tail": "thing"}}}),
+    Case("an entity of two kinds", "table, CSV", {"log.csv": LOG + "mug,hasMaterial,clay\nbowl,hasMaterial,mug\n"},
+         "entity 'mug'", {"entities": None, "household": True}),
+]  # fmt: skip
+
+RDF_CASES = [
+    Case("a name that tells no form", "RDF, Turtle", {}, "log.rdf", {"path": "log.rdf"}),
+    Case("no file", "RDF, N-Triples", {"log.nt": None}, "log.nt"),
+    Case("a line that is no triple", "RDF, N-Triples", {"log.nt": NT + "mug atLocation kitchen\n"}, "log.nt|line 7"),
+    Case("Turtle that is none", "RDF, Turtle", {"log.ttl": "<a:b> <a:c> [ .\n"}, "log.ttl|line 1"),
+    Case("a letter that there is not", "RDF, N-Triples", {"log.nt": "<urn:a:\\UFFFFFFFF> <urn:a:c> <urn:a:d> .\n"},
+         "log.nt|line 1"),
+    Case("no triple between things", "RDF, N-Triples", {"log.nt": '<urn:a:b> <urn:a:c> "d" .\n'}, "log.nt"),
+    Case("two things of one name", "RDF, N-Triples", {"log.nt": NT + "<urn:x:mug> <urn:x:near> <urn:x:bowl> .\n"},
+         "log.nt|line 7"),
+    Case("a thing of two types", "RDF, N-Triples", {"log.nt": NT + NT.splitlines()[1].replace("Cup", "Jug") + "\n"},
+         "log.nt|line 7"),
+    Case("a thing without a name", "RDF, N-Triples",
+         {"log.nt": NT + "<http://x.org/> <urn:x:near> <urn:x:%20> .\n"}, "log.nt|line 7"),
+    Case("a label that is no phrase", "RDF, N-Triples", {"log.nt": NT.replace("a \\u006dug", "")}, "log.nt|line 3"),
+]  # fmt: skip
+
+MP3D_CASES = [
+    Case("no houses", "houses of Matterport3D", {"houses/x.house": None}, "houses"),
+    Case("another format", "houses of Matterport3D", {"houses/x.house": "ASCII 2.0\n"}, "houses/x.house|line 1"),
+    Case("cut short", "houses of Matterport3D", {"houses/x.house": HOUSE[:-60]}, "houses/x.house|line 2"),
+    Case("no header", "houses of Matterport3D", {"houses/x.house": "ASCII 1.1\n"}, "houses/x.house|line 2"),
+    changed("a record of no known kind", "houses of Matterport3D", "houses/x.house", "L 0", f"{LONG} 0",
+            "houses/x.house|line 3"),
+    changed("a number of 5,000 digits", "houses of Matterport3D", "houses/x.house", "O 0 0", f"O {'9' * 5000} 0",
+            "houses/x.house|line 8"),
+    changed("too few fields", "houses of Matterport3D", "houses/x.house", "C 1 10 towel 11 towel 0 0 0 0 0", "C 1",
+            "houses/x.house|line 7"),
+    changed("a region that is not there", "houses of Matterport3D", "houses/x.house", "O 1 1 1", "O 1 7 1",
+            "houses/x.house|line 9"),
+    changed("a category of 10,000 characters", "houses of Matterport3D", "houses/x.house", "11 towel", f"11 {LONG}",
+            "houses/x.house|line 9"),
+    changed("a category without words", "houses of Matterport3D", "houses/x.house", "11 towel", "11 #",
+            "houses/x.house|line 9"),
+    changed("an object twice", "houses of Matterport3D", "houses/x.house", "O 1 1 1", "O 0 1 1",
+            "houses/x.house|line 9"),
+    Case("a house twice", "houses of Matterport3D", {"houses/y.house": HOUSE}, "houses/y.house|house '17DRP5sb8fy'"),
+    changed("a count of 20 digits", "tallies of Matterport3D", TALLIES, "bathroom,2", "bathroom," + "9" * 20, ""),
+    changed("a blank object", "tallies of Matterport3D", TALLIES, "air conditioner,bathroom", ",bathroom", ""),
+    changed("a tally twice", "tallies of Matterport3D", TALLIES, "air conditioner,bathroom",
+            "air conditioner,balcony", "'air conditioner'"),
+    Case("a room that the tallies lack", "tallies of Matterport3D", {}, "'cave'", {"rooms": {"cave": "kitchen"}}),
+]  # fmt: skip
+
+SHIPPED_CASES = [
+    changed("a comma at the end of a line", "shares of materials", CATEGORIES, "arm chair,chair",
+            "arm chair,chair,", ""),
+    changed("a share that is none", "shares of materials", SHARES, "0.731", "1.731", "'1.731'"),
+    changed("a share twice", "shares of materials", SHARES, "bathtub,metal", "bathtub,wood", "'bathtub wood'"),
+    changed("a category without shares", "shares of materials", CATEGORIES, "arm chair,chair", "arm chair,boat",
+            "'boat'"),
+    changed("a triple twice", "published graph", TRIPLES, "alarm_clock.n.01,atLocation,table.l.02,1",
+            "alarm_clock.n.01,atLocation,bedroom.l.01,1", ""),
+    changed("a synset of no entity", "published graph", TRIPLES, "bedroom.l.01,30", "cave.l.01,30", "'cave.l.01'"),
+    changed("a count that is no number", "shipped graph", "data/raw/thor_u/triples.csv", ",1,", ",many,",
+            "data/raw/thor_u/triples.csv|line 2"),
+]  # fmt: skip
+
+ID_CASES = [
+    Case("no file", "triples with ids", {"ids/gt2id.txt": None}, "ids/gt2id.txt"),
+    Case("fewer lines than it says", "triples with ids", {"ids/gt2id.txt": "3\n0 1 0\n"}, "ids/gt2id.txt|line 1"),
+    Case("a line that is no triple", "triples with ids", {"ids/gt2id.txt": "1\n0 1\n"}, "ids/gt2id.txt|line 2"),
+    Case("an id without a name", "triples with ids", {"ids/gt2id.txt": "1\n0 9 0\n"}, "ids/gt2id.txt|line 2"),
+    Case("a name without an id", "triples with ids", {"ids/entity2id.txt": "1\nmug\n"}, "ids/entity2id.txt|line 2"),
+    Case("a blank name", "triples with ids", {"ids/entity2id.txt": "1\n \t0\n"}, "ids/entity2id.txt|line 2"),
+    Case("an id twice", "triples with ids", {"ids/entity2id.txt": "2\na\t0\nb\t0\n"}, "ids/entity2id.txt|line 3"),
+    Case("an id left out", "triples with ids", {"ids/entity2id.txt": "2\na\t0\nb\t2\n"}, "ids/entity2id.txt"),
+    Case("no triples", "triples with ids", {"ids/gt2id.txt": "0\n"}, "ids|gt2id.txt"),
+]  # fmt: skip
+
+BEHAVIOR_CASES = [
+    Case("no file", "BEHAVIOR", {SCENES: None}, ""),
+    Case("no JSON", "BEHAVIOR", {SCENES: "{"}, ""),
+    Case("a count of 3,000,000,000", "BEHAVIOR",
+         {SCENES: '{"scenes": {"a": {"kitchen_0": {"stove-abcdef": 3000000000}}}}'}, "'scenes'"),
+    Case("a scene that is no name", "BEHAVIOR", {SCENES: '{"scenes": {"a b": {"kitchen_0": {"stove-abcdef": 1}}}}'},
+         "'a b'"),
+    Case("a room without a number", "BEHAVIOR", {SCENES: '{"scenes": {"a": {"kitchen": {"stove-abcdef": 1}}}}'},
+         "'kitchen'"),
+    Case("a model without a category", "BEHAVIOR", {SCENES: '{"scenes": {"a": {"kitchen_0": {"stove": 1}}}}'},
+         "'stove'"),
+    Case("a category without a synset", "BEHAVIOR",
+         {SCENES: '{"scenes": {"a": {"kitchen_0": {"boat-abcdef": 1}}}}'}, "'boat-abcdef'"),
+    changed("a category twice", "BEHAVIOR", MAPPED, "3,walls,", "3,stove,", "'stove'"),
+    Case("a setting of what is not there", "BEHAVIOR", {}, "'boat.n.01'", {"structure": ["boat.n.01"]}),
+    Case("an action that is no name", "BEHAVIOR", {}, "affordances", {"affordances": {"openable": [" open"]}}),
+    Case("two synsets of one name", "BEHAVIOR", {}, "'stove'", {"names": {"cabinet.n.01": "stove"}}),
+]  # fmt: skip
+
+WORD_CASES = [
+    vectors("no vectors", b"", ""),
+    vectors("no text", b"\xff\xfe1 2\n", "line 1"),
+    vectors("a line cut in the middle", GLOVE[:-9], "line 3"),
+    vectors("a number cut in the middle", GLOVE[:-2], "line 3|is cut short"),
+    vectors("what is no number", GLOVE + b"bowl 1 x 2\n", "line 4"),
+    vectors("no token", GLOVE + b" 1 2 3\n", "line 4"),
+    vectors("a header of three words, and one", b"3 3\nmug 1 2 3\n", "line 1"),
+    vectors("a header of a dimension of none", b"3 0\nmug\n", "line 1"),
+    vectors("numbers of 10¹⁷", GLOVE + b"bowl 1e17 1 1\n", "vector of 'bowl'"),
+    vectors("what is not a number (NaN)", GLOVE + b"bowl nan 1 1\n", "vector of 'bowl'"),
+    vectors("binary, cut short", BINARY[:-6], "vector 3", binary=True),
+    vectors("binary, of another dimension", BINARY.replace(b"3 3\n", b"3 2\n"), "vector 3", binary=True),
+    vectors("binary, and more behind", BINARY + struct.pack("<3f", 1, 2, 3), "line 1", binary=True),
+    Case("no file of vectors", "words", {"words.txt": None}, "words.txt"),
+]  # fmt: skip

@@ -1,0 +1,68 @@
+"""Mistakes in the arguments of ``isi.pykeen.insert``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tests.mistakes.calls import Called
+
+NEW = [("cup", "r0", "e1"), ("e3", "r1", "cup")]
+
+
+def factory(entities: int = 6, **how: Any) -> Any:
+    """A ring of six entities or more, with two relations."""
+    import torch
+    from pykeen.triples import TriplesFactory
+
+    ring = [(one, one % 2, (one + 1) % entities) for one in range(entities)]
+    names = {f"e{row}": row for row in range(entities)}
+    return TriplesFactory(torch.tensor(ring), names, {"r0": 0, "r1": 1}, **how)
+
+
+def model(name: str, **how: Any) -> Any:
+    """An untrained model of them."""
+    from pykeen.models import model_resolver
+
+    return model_resolver.make(name, triples_factory=factory(**how), embedding_dim=4, random_seed=0)
+
+
+def sound() -> dict[str, Any]:
+    return {"model": model("complex"), "factory": factory(), "triples": NEW}
+
+
+def unnamed() -> Any:
+    """A factory that lacks a label."""
+    found = factory()
+    del found.entity_to_id["e5"]
+    return found
+
+
+def turned() -> dict[str, Any]:
+    inverse = {"create_inverse_triples": True}
+    return {"model": model("complex", **inverse), "factory": factory(**inverse)}
+
+
+PYKEEN_CASES = [
+    Called("no model", {"model": None}, "argument 'model'|NoneType"),
+    Called("a model with several vectors of each entity", lambda: {"model": model("simple")},
+           "argument 'model'|SimplE"),
+    Called("a model with inverse triples", turned, "argument 'model'"),
+    Called("no factory", {"factory": None}, "argument 'factory'"),
+    Called("another model's factory", lambda: {"factory": factory(7)}, "argument 'factory'"),
+    Called("a factory that lacks labels", lambda: {"factory": unnamed()}, "argument 'factory'"),
+    Called("a factory without labels, and no number", lambda: {"factory": factory().to_core_triples_factory()},
+           "argument 'new'"),
+    Called("no list of triples", {"triples": 5}, "argument 'triples'"),
+    Called("a number as triple", {"triples": [5]}, "argument 'new'"),
+    Called("an unknown relation", {"triples": [("cup", "under", "e1")]}, "argument 'triples'|triple 0"),
+    Called("triples of known entities", {"triples": [("e0", "r0", "e1")]}, "argument 'new'"),
+    Called("nothing is known of an entity", {"triples": [*NEW, ("cup", "r0", "kup")]}, "new entity 'kup'"),
+    Called("one name", {"new": "cup"}, "argument 'new'"),
+    Called("a margin that is no number", {"margin": "a"}, "argument 'margin'"),
+    Called("an initializer that the family does not serve", lambda: {"model": model("rescal"), "initializer": "rs"},
+           "argument 'initializer'"),
+    Called("no word for an initializer that goes by words", lambda: {"model": model("rescal"), "initializer": "es",
+           "words": np.eye(7) * (np.arange(7) < 6)}, "new entity 'cup'"),
+]  # fmt: skip

@@ -1,0 +1,111 @@
+"""Scenes, recordings and houses that are none."""
+
+from __future__ import annotations
+
+import gzip
+import json
+
+from isi.sources._recording import FORMAT
+from tests import floors
+from tests.fuzz.formats import THINGS
+from tests.mistakes import (
+    FLOOR,
+    LONG,
+    MUG,
+    SHELF,
+    Case,
+    house,
+    mug,
+    recording,
+    scene,
+    spawned,
+)
+
+SCENE_CASES = [
+    Case("no file", "scene", {"scene.json": None}, "scene.json"),
+    Case("UTF-16", "scene", {"scene.json": scene().encode("utf-16")}, "scene.json"),
+    Case("cut short", "scene", {"scene.json": scene()[:-1]}, "scene.json"),
+    Case("lists in lists, 200,000 deep", "scene", {"scene.json": "[" * 200_000 + "]" * 200_000}, "scene.json"),
+    Case("a number of 5,000 digits", "scene", {"scene.json": "[" + "9" * 5_000 + "]"}, "scene.json"),
+    Case("more than a scene", "scene", {"scene.json": " " * (2**26 + 1)}, "scene.json"),
+    Case("no objects", "scene", {"scene.json": "[]"}, "scene.json"),
+    Case("a name that is none", "scene", {"scene.json": json.dumps({"sceneName": "../x", "objects": THINGS})},
+         "scene.json|scene"),
+    Case("a setting that is no name", "scene", {}, "room", {"room": "kitchen "}),
+    Case("no path", "scene", {}, "sources.fuzz.path", {"path": "a\0b"}),
+    Case("nothing but a floor", "scene", {"scene.json": scene(FLOOR | {"receptacleObjectIds": []})}, "scene.json"),
+    Case("an object without an id", "scene", {"scene.json": scene({"objectType": "Mug"})},
+         "scene.json|scene, object 0"),
+    Case("half a character (a lone surrogate) in an id", "scene",
+         {"scene.json": scene(MUG | {"objectId": "\ud800"})}, "scene.json|scene, object 0"),
+    Case("an id twice, with another type", "scene", {"scene.json": scene(SHELF, SHELF | {"objectType": "Desk"})},
+         "scene.json|scene, object Shelf|1"),
+    Case("more objects than any scene has", "scene", {"scene.json": json.dumps([{"objectId": str(number),
+         "objectType": "Mug"} for number in range(100_001)])}, "scene.json|scene"),
+    mug("a type that is no name", "'../Mug'", objectType="../Mug"),
+    mug("half a character in a type", "'Mug\\ud800'", objectType="Mug\ud800"),
+    mug("a type of 10,000 characters", "", objectType=LONG),
+    mug("no list where one is read", "", parentReceptacles="Shelf|1"),
+    mug("the same receptacle twice", "", parentReceptacles=["Shelf|1", "Shelf|1"]),
+    mug("a material that is blank", "salientMaterials", salientMaterials=[" "]),
+    mug("a flag that is text", "'false'", openable="false"),
+    mug("a receptacle that the scene lacks", "'Desk|1'", parentReceptacles=["Shelf|1", "Desk|1"]),
+    mug("an object in itself", "", parentReceptacles=["Shelf|1", MUG["objectId"]]),
+    mug("contents that are not there", "'Pea|1'", receptacleObjectIds=["Pea|1"]),
+    mug("contents that lie elsewhere", "'Fork|1'", receptacleObjectIds=["Fork|1"]),
+    Case("a receptacle in what it holds, where that is an error", "scene",
+         {"scene.json": scene({"objectId": "a", "objectType": "Cup", "parentReceptacles": ["b"]},
+                              {"objectId": "b", "objectType": "Box", "parentReceptacles": ["a"]})},
+         "scene.json|scene, object a", {"circular": "error"}),
+]  # fmt: skip
+
+RECORDING_CASES = [
+    Case("no file", "recording", {"r.jsonl.gz": None}, "r.jsonl.gz"),
+    Case("another file than params vouch for", "recording", {"r.jsonl.gz": b"other"}, "r.jsonl.gz",
+         {"sha256": "0" * 64}),
+    Case("neither form", "recording", {"r.jsonl.gz": b"a photograph"}, "r.jsonl.gz"),
+    Case("lists of scenes that are missing", "recording of the package", {"r.json": "{}"}, "r.json|kitchens"),
+    Case("cut short", "recording", {"r.jsonl.gz": recording(spawned())[:-12]}, "r.jsonl.gz|is cut short"),
+    Case("damaged", "recording", {"r.jsonl.gz": recording(spawned()) + b"????"}, "r.jsonl.gz"),
+    Case("another header", "recording", {"r.jsonl.gz": recording(spawned(), header=FORMAT | {"version": 2})},
+         "r.jsonl.gz|line 1"),
+    Case("a line that is no JSON", "recording", {"r.jsonl.gz": recording("[")}, "r.jsonl.gz|line 2"),
+    Case("a line in UTF-16", "recording",
+         { "r.jsonl.gz": gzip.compress(json.dumps(FORMAT).encode() + b"\n\xff\xfe{\0")}, "r.jsonl.gz|line 2"),
+    Case("a line that is no scene", "recording", {"r.jsonl.gz": recording(spawned(spawn="3"))}, "r.jsonl.gz|line 2"),
+    Case("objects that are no list", "recording", {"r.jsonl.gz": recording(spawned(objects={}))},
+         "r.jsonl.gz|FloorPlan1"),
+    Case("another simulator's floor plan", "recording", {"r.jsonl.gz": recording(spawned("FloorPlan_Train1_1"))},
+         "r.jsonl.gz|line 2"),
+    Case("a layout twice", "recording", {"r.jsonl.gz": recording(spawned(spawn=1), spawned(spawn=1))},
+         "r.jsonl.gz|line 3"),
+    Case("no scenes", "recording", {"r.jsonl.gz": recording()}, "r.jsonl.gz"),
+    Case("scenes without objects", "recording", {"r.jsonl.gz": recording(spawned(objects=[]))}, "r.jsonl.gz"),
+    Case("a line that is too long", "recording", {"r.jsonl.gz": gzip.compress(bytes(2**26 + 1), 1)},
+         "r.jsonl.gz|line 1"),
+    Case("JSON that is too long", "recording of the package", {"r.json": bytes(2**27 + 1)}, "r.json"),
+]  # fmt: skip
+
+HOUSE_CASES = [
+    Case("no file", "houses of ProcTHOR", {"houses.jsonl": None}, "houses.jsonl|line 1"),
+    Case("no houses", "houses of ProcTHOR", {"houses.jsonl": "\n"}, "houses.jsonl"),
+    Case("a line that is no JSON", "houses of ProcTHOR", {"houses.jsonl": house() + "\n{"}, "houses.jsonl|line 2"),
+    Case("half a character", "houses of ProcTHOR", {"houses.jsonl": house(floors.thing("Mug\ud800", 1, 1))},
+         "houses.jsonl|line 1"),
+    Case("a key that is missing", "houses of ProcTHOR", {"houses.jsonl": json.dumps({"objects": []})},
+         "houses.jsonl|line 1, rooms"),
+    Case("a floor at infinity", "houses of ProcTHOR", {"houses.jsonl": house(floors.thing("Mug|2|0", float("inf"),
+         1))}, "houses.jsonl|line 1, objects.0.position.x"),
+    Case("two rooms of one id", "houses of ProcTHOR",
+         {"houses.jsonl": house(rooms=floors.house()["rooms"][:1] * 2)}, "houses.jsonl|line 1"),
+    Case("floors of more corners than any has", "houses of ProcTHOR",
+         {"houses.jsonl": house(rooms=[floors.house()["rooms"][0] | {"floorPolygon": [{"x": 0, "z": 0}] * 2_001}])},
+         "houses.jsonl|line 1"),
+    Case("more objects than any house has", "houses of ProcTHOR", {"houses.jsonl": house(*[floors.thing("Mug|2|0",
+         1, 1)] * 10_001)}, "houses.jsonl|line 1"),
+    Case("an object of no known type", "houses of ProcTHOR", {"houses.jsonl": house(floors.thing("small|2|0", 1, 1,
+         asset="Gizmo"))}, "houses.jsonl|line 1"),
+    Case("a line that is too long", "houses of ProcTHOR", {"houses.jsonl": bytes(2**24 + 1)}, "houses.jsonl|line 1"),
+    Case("no object in a room", "houses of ProcTHOR", {"houses.jsonl": house(floors.thing("Mug|2|0", 99, 1))},
+         "houses.jsonl"),
+]  # fmt: skip

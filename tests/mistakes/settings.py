@@ -1,0 +1,151 @@
+"""Mistakes in params that no single key has, in the recorder's, and of the tools around the pipeline."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from isi.sources._recording import FORMAT
+from isi.tables import paths
+from tests.mistakes.calls import Typed, as_json, params
+
+AI2THOR, TRANSFER = "experiments.ai2thor", "experiments.transfer"
+#: A program whose digits are known.
+PLAYER = b"#!/bin/sh\n"
+
+
+def beyond(**sections: Any) -> Callable[[], object]:
+    """Params of the second pipeline with no more than these variants and graphs."""
+
+    def write() -> None:
+        values = yaml.load(paths.BEYOND_PARAMS.read_text(encoding="utf-8"), yaml.CSafeLoader)
+        kept = {name: dict(list(values[name].items())[:1]) for name in ("variants", "graphs", "hidden")}
+        changed = {name: section(kept[name]) for name, section in sections.items()}
+        paths.BEYOND_PARAMS.write_text(yaml.safe_dump({**values, **kept, **changed}), encoding="utf-8")
+
+    return write
+
+
+def first(**changes: Any) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    """The first of a section, changed."""
+    return lambda section: {name: {**value, **changes} for name, value in section.items()}
+
+
+def player(recording: bytes | None = None, **changes: Any) -> Callable[[], object]:
+    """A player that is never started, what was recorded, and params."""
+
+    def write() -> None:
+        Path("player").write_bytes(PLAYER)
+        Path("player").chmod(0o755)
+        if recording is not None:
+            Path("r").write_bytes(recording)
+        given = {"platform": "player", "output": "r", **changes}
+        params({f"recorder.{key}": value for key, value in given.items()})()
+
+    return write
+
+
+def lines(*records: object) -> bytes:
+    return b"".join(gzip.compress(f"{as_json(one)}\n".encode()) for one in records)
+
+
+PARAMS_CASES = [
+    Typed("an initializer twice", "", "params.yaml|experiments.ai2thor",
+          before=params({f"{AI2THOR}.initializers": ["es", "es"]})),
+    Typed("novel entities are to be added to a graph that is not extended", "", "params.yaml|experiments.ai2thor",
+          before=params({f"{AI2THOR}.sessions.novel": "added", f"{AI2THOR}.sessions.sizes": [5]})),
+    Typed("more novel entities than are drawn", "", "params.yaml|experiments.transfer",
+          before=params({f"{TRANSFER}.sessions.sizes": [51]})),
+    Typed("several sizes where novel is added", "", "params.yaml|experiments.transfer.sessions",
+          before=params({f"{TRANSFER}.sessions.sizes": [5, 10]})),
+    Typed("a size twice", "", "params.yaml|experiments.ai2thor.sessions",
+          before=params({f"{AI2THOR}.sessions.sizes": [1, 2, 1]})),
+    Typed("entities that are always drawn, twice", "", "params.yaml|experiments.transfer.graph.extend",
+          before=params({f"{TRANSFER}.graph.extend.always": ["fan", "fan"]})),
+    Typed("nothing is left to train on", "", "params.yaml|sessions", before=params({"sessions.test": 0.9})),
+    Typed("an initializer by the joint model's name", "", "params.yaml|initializers",
+          before=params({"initializers.joint": {}})),
+    Typed("a list of an unknown initializer", "", "params.yaml|plots.initializers",
+          before=params({"plots.initializers": ["xaver"]})),
+    Typed("an experiment twice", "", "params.yaml|asking.experiments",
+          before=params({"asking.experiments": ["ai2thor", "ai2thor"]})),
+    Typed("a study of an unknown experiment", "", "params.yaml|sweep.experiments",
+          before=params({"sweep.experiments": ["ai2tor"]})),
+    Typed("a study of a size that its experiment does not have", "", "params.yaml|sweep.size",
+          before=params({"sweep.size": 11})),
+    Typed("a study of more seeds than its experiment has", "", "params.yaml|sweep.seeds",
+          before=params({"sweep.seeds": 31})),
+    Typed("k that does not ascend", "", "params.yaml|sweep", before=params({"sweep.k": [2, 1]})),
+    Typed("the rate of the main experiment once more", "", "params.yaml|rates", before=params({"rates.factors": [1]})),
+    Typed("too many settings", "", "params.yaml|cross_validation", before=params({"cross_validation.ratio": [1, 2,
+          3, 4, 6]})),
+    Typed("an entity of the table twice", "", "params.yaml|affordances",
+          before=params({"affordances.entities": ["fan", "fan"]})),
+    Typed("a dimension that the family does not have", "", "params.yaml|embedding.dimension",
+          before=params({"embedding.dimension": 50})),
+    Typed("a cluster without an address", "", "params.yaml|compute", before=params({"compute.engine": "dask"})),
+    Typed("a variant of an unknown initializer", "", "beyond/params.yaml|variants.baselines.initializers",
+          before=beyond(variants=first(initializers=["xaver"]))),
+    Typed("a variant that changes no section", "", "beyond/params.yaml|variants.baselines.changes",
+          before=beyond(variants=first(changes={"sesions.valid": 0.2}))),
+    Typed("a variant that changes what it may not", "",
+          "beyond/params.yaml|variants.baselines.changes.training.learning_rate",
+          before=beyond(variants=first(changes={"training.learning_rate": -1.0}))),
+    Typed("two graphs of one title", "", "beyond/params.yaml|graphs",
+          before=beyond(graphs=lambda section: {**section, "again": next(iter(section.values()))})),
+    Typed("a graph by the name of an experiment", "", "beyond/params.yaml|graphs.ai2thor",
+          before=beyond(graphs=lambda section: {"ai2thor": next(iter(section.values()))})),
+    Typed("a graph of an unknown reader", "", "beyond/params.yaml|graphs.behavior.source.reader",
+          before=beyond(graphs=first(source={"reader": "whales"}))),
+    Typed("entities hidden in a graph that there is not", "", "beyond/params.yaml|hidden.nowhere",
+          before=beyond(hidden=lambda section: {"nowhere": {**next(iter(section.values())), "source": "graphs"}})),
+]  # fmt: skip
+
+RECORD_CASES = [
+    Typed("a build that there is not", "--platform nowhere/thor", "params.yaml|recorder.platform"),
+    Typed("a folder as the build", "--platform .", "params.yaml|recorder.platform"),
+    Typed("floor plans twice", "--scenes FloorPlan1 FloorPlan1-3", "params.yaml|recorder.scenes"),
+    Typed("a range that ends before it begins", "--scenes FloorPlan3-1", "params.yaml|recorder.scenes"),
+    Typed("the name of no floor plan", "--scenes ../FloorPlan1", "params.yaml|recorder.scenes"),
+    Typed("no layouts", "", "params.yaml|recorder.spawns", before=player(spawns=[])),
+    Typed("a layout that is no seed", "", "params.yaml|recorder.spawns.0", before=player(spawns=["3"])),
+    Typed("params without the recorder", "", "params.yaml|recorder",
+          before=lambda: paths.PARAMS.write_text("seed: 0\n", encoding="utf-8")),
+    Typed("an empty file where the recording is to be", "", "r", before=player(b"")),
+    Typed("a file that is none", "", "r|byte 0", before=player(b"a photograph")),
+    Typed("a recording of another build", "", "r|line 1", before=player(lines({**FORMAT, "simulator": "ai2thor",
+          "build": "thor-1", "package": "5.0.0"}))),
+    Typed("a line that holds no scene", "", "r|line 2", before=player(lines({**FORMAT, "simulator": "ai2thor",
+          "build": "player a8076d3d28d21e02", "package": "5.0.0"}, 3))),
+]  # fmt: skip
+
+HEADLINE_CASES = [
+    Typed("no report yet", "reports", "reports/metrics.json|there is no report yet"),
+    Typed("a report that is broken", ".", "metrics.json", before=lambda: Path("metrics.json").write_text("{",
+          encoding="utf-8")),
+]  # fmt: skip
+
+SOURCES_CASES = [
+    Typed("a source that there is not", "whales", "'whales'"),
+    Typed("a source of a name that is there", "--params mine.yaml published", "mine.yaml|ai2thor",
+          before=lambda: Path("mine.yaml").write_text("sources: {ai2thor: {reader: table}}", encoding="utf-8")),
+]  # fmt: skip
+
+OTHER_CASES = {
+    "tools.verify": [
+        Typed("nothing has run yet", "", "verify"),
+    ],
+    "tools.wordnet": [
+        Typed("no folder of WordNet's", "nowhere", "nowhere/index.noun"),
+    ],
+    "tools.glove": [
+        Typed("another file", "log.csv", "log.csv"),
+    ],
+    "tools.workspace": [
+        Typed("a change without a value", "out --set seed", "workspace|--set"),
+    ],
+}  # fmt: skip
