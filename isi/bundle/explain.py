@@ -74,8 +74,8 @@ def each_left_out(
 
 
 def _compared(
-    model: OpenBundle, entity: int, left_out: Literal["fact", "words", "indicator"], what: str, then: OpenBundle, news: NewEntity,
-    questions: Sequence[Question], best: int,
+    model: OpenBundle, entity: int, left_out: Literal["fact", "words", "indicator"], what: str, then: OpenBundle,
+    news: NewEntity,     questions: Sequence[Question], best: int,
 ) -> Without:  # fmt: skip
     try:
         other = insert_entity(then, news)
