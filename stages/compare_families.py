@@ -26,7 +26,7 @@ def compare_families(given: StageContext, experiment: str, family: str) -> None:
     how = train_config(given, family, **trained.model_dump())
     learned = run(train_joint_model, [TrainTask(cell, how) for cell in cells], compute, f"families, {family}")
     judged = [
-        ModelTask(cell, StackedVectors(how.family, one.entity, one.relation))
+        ModelTask(cell, StackedVectors(how.model, one.entity, one.relation))
         for cell, one in zip(cells, learned, strict=True)
     ]
     measured = run(measure, judged, compute, f"families, {family}, measured")

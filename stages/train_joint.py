@@ -30,7 +30,7 @@ def train_joint(given: StageContext, experiment: str) -> None:
     judged = []
     for cell in cells:
         rows = [row[seed] for seed in cell.seeds]
-        theta = StackedVectors(how.family, tensors["entity"][rows].numpy(), tensors["relation"][rows].numpy())
+        theta = StackedVectors(how.model, tensors["entity"][rows].numpy(), tensors["relation"][rows].numpy())
         judged.append(EvaluationTask(cell, theta, store.insert_triples_of(cell, insert_triples)))
     runs = pd.concat(run(evaluate_stack, judged, compute, f"{experiment}, joint, measured"))
     io.write_tensors(paths.joint(experiment), tensors, given.provenance)

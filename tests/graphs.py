@@ -55,11 +55,11 @@ def as_stored(graph: Graph) -> Graph:
 
 
 def random_embedding(
-    models: int, entities: int, relations: int, dimension: int, seed: int = 0, family: Model = ANALOGY
+    models: int, entities: int, relations: int, dimension: int, seed: int = 0, model: Model = ANALOGY
 ) -> Embedding:
     generator = torch.Generator().manual_seed(seed)
     entity = torch.randn(models, entities, dimension, generator=generator)
-    return Embedding(entity, torch.randn(models, relations, family.width(dimension), generator=generator), family)
+    return Embedding(entity, torch.randn(models, relations, model.width(dimension), generator=generator), model)
 
 
 def cells_of(graph: Graph, size: int, seeds: Sequence[int], root: int = 0, steps: int = 1) -> GridPoints:

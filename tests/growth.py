@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from isi import config
-from isi.evaluation.ranking import evaluate, prepare, query_slots
+from isi.evaluation.ranking import evaluate, padded_ids, prepare
 from isi.graph.graph import Graph
 from isi.graph.sampling import Shares, split
 from isi.graph.sessions import TEST, TRAIN, VALID, everything
@@ -28,7 +28,7 @@ RELATIONS = 3
 #: The share of an entity among heads (or tails) falls with this power of its place.
 POWER = 0.75
 TEST_TRIPLES = 200
-#: ``batches.TABLE_CELLS`` that makes every graph take a form.
+#: ``batches.DENSE_LIMIT`` that makes every graph take a form.
 CELLS = {"tables": 2**62, "lists": 0}
 
 
@@ -59,7 +59,7 @@ def main() -> None:
     given = parser.parse_args()
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
-    batches.TABLE_CELLS = CELLS[given.form]
+    batches.DENSE_LIMIT = CELLS[given.form]
     graph, keys, root = power_law_graph(given.entities, given.triples), torch.zeros(1, 2, dtype=torch.int64), 0
     raw = config.read(paths.PARAMS)  # by section, since the whole of it loads sources, too
     how = config.check(raw["embedding"], EmbeddingParams, "embedding")
@@ -78,7 +78,7 @@ def main() -> None:
 
     def rank() -> None:
         learned = session.members(TRAIN, VALID)
-        queries = prepare(session, query_slots(asked), asked, learned, session.entities)
+        queries = prepare(session, padded_ids(asked), asked, learned, session.entities)
         evaluate(state.embedding, {"test": queries})
 
     before = peak_mib()

@@ -21,9 +21,9 @@ from isi.initializers.api import FALLBACKS, INITIALIZERS, InitContext, InitResul
 from isi.initializers.baselines import DEAD, alive
 from isi.initializers.controls import dealt_words, standard_normal
 from isi.initializers.soft import mean_relational_score
+from isi.models.finite import NotFinite
 from isi.models.model import MODELS, Model, make_model
 from isi.models.stack import Embedding, select
-from isi.training.trainer import NotFinite
 from tests.graphs import ANALOGY, dense, random_embedding
 
 LINEAR = ("analogy", "complex", "distmult")
@@ -253,7 +253,7 @@ def test_similarity_to_nobody_is_the_centroid_of_the_known(name: str, options: d
 
 
 def test_there_may_be_more_relations_than_coordinates() -> None:
-    theta0 = random_embedding(1, ENTITIES, 9, 4, family=family("distmult"))
+    theta0 = random_embedding(1, ENTITIES, 9, 4, model=family("distmult"))
     of = insertion(theta0, [0], [[(1, 8, False), (2, 5, True)]], torch.ones(ENTITIES, 2), [0] * ENTITIES)
     entity, relation = of.theta0.entity[0], of.theta0.relation[0]
     alphas = [entity[1] / relation[8], entity[2] * relation[5]]
@@ -296,14 +296,14 @@ def test_dead_blocks_are_dead_in_both_coordinates_and_steps_and_turns_never_die(
     theta0.relation[0, 1, [4, 6]] = DEAD / 3  # a block's x and y: its places are 4 and 6
     assert (~alive(theta0)).nonzero().tolist() == [[0, 1, 4], [0, 1, 6]]
     for name, options in DISTANCES:
-        assert alive(random_embedding(1, 3, 2, DIMENSION, family=family(name, **options))).all()
+        assert alive(random_embedding(1, 3, 2, DIMENSION, model=family(name, **options))).all()
 
 
 def test_a_coordinate_that_is_stretched_by_the_bound_is_alive_and_a_step_back_kills_none() -> None:
-    theta0 = random_embedding(1, 3, 2, DIMENSION, family=family("distmult"))
+    theta0 = random_embedding(1, 3, 2, DIMENSION, model=family("distmult"))
     theta0.relation[0, 1, 4] = DEAD
     assert alive(theta0).all()
-    back = random_embedding(1, 3, 1, DIMENSION, family=family("transe", margin=2.0, squared=True))
+    back = random_embedding(1, 3, 1, DIMENSION, model=family("transe", margin=2.0, squared=True))
     back.relation[0, 0] = -torch.eye(DIMENSION)[2] / 2
     assert alive(back).all()
 
@@ -339,15 +339,15 @@ def test_each_positive_brings_as_many_negatives_of_each_sort_as_it_has_copies(re
 
 @pytest.mark.parametrize("name", LINEAR)
 def test_anchors_are_what_a_novel_vector_is_multiplied_with(name: str) -> None:
-    theta0 = random_embedding(2, 5, 3, 8, family=family(name))
-    assert theta0.family.linear
+    theta0 = random_embedding(2, 5, 3, 8, model=family(name))
+    assert theta0.model.linear
     at = torch.randn(2, 1, 8, generator=torch.Generator().manual_seed(3))
     cells = (at @ evidence.cell_anchors(theta0).mT)[:, 0].view(2, 2, 3, 5)
     for relation in range(3):
         for end in range(5):
             rows = theta0.relation[:, relation], theta0.entity[:, end]
-            torch.testing.assert_close(cells[:, 0, relation, end], theta0.family.score(at[:, 0], *rows))
-            torch.testing.assert_close(cells[:, 1, relation, end], theta0.family.score(rows[1], rows[0], at[:, 0]))
+            torch.testing.assert_close(cells[:, 0, relation, end], theta0.model.score(at[:, 0], *rows))
+            torch.testing.assert_close(cells[:, 1, relation, end], theta0.model.score(rows[1], rows[0], at[:, 0]))
     torch.testing.assert_close(evidence.score_gradients(theta0, at), evidence.cell_anchors(theta0))
 
 
@@ -380,7 +380,7 @@ def plain_objective(
         v, total = torch.as_tensor(vector), 0.0
         for is_tail, relation, other, weight in weighted:
             row, end = theta0.relation[0, relation], theta0.entity[0, other]
-            score = float(theta0.family.score(end, row, v) if is_tail else theta0.family.score(v, row, end))
+            score = float(theta0.model.score(end, row, v) if is_tail else theta0.model.score(v, row, end))
             total += abs(weight) * np.logaddexp(0, -score if weight > 0 else score)
         return total + strength / 2 * float((vector - mean) @ np.linalg.solve(sigma, vector - mean))
 
@@ -497,7 +497,7 @@ def test_ridge_refuses_a_score_that_is_not_linear(name: str, options: dict[str, 
     of = some(family(name, **options))
     with pytest.raises(InputError) as refused:
         insert("ridge", of, **MAP)
-    expected = f"needs a score that is linear in a vector; {type(of.theta0.family).__name__}'s is not"
+    expected = f"needs a score that is linear in a vector; {type(of.theta0.model).__name__}'s is not"
     assert refused.value.args == ("params.yaml", "initializers.ridge", expected)
 
 
@@ -544,7 +544,7 @@ def test_known_vectors_that_do_not_differ_are_told_by_their_models(name: str) ->
         insert(name, replace(of, theta0=replace(of.theta0, entity=of.theta0.entity.masked_fill(same, 0))), **MAP)
     assert failed.value.models == [1, 3]
     expected = "known vectors that do not differ have no covariance to go by: turn down the weight decay of training"
-    assert failed.value.found == expected
+    assert failed.value.problem == expected
 
 
 @pytest.mark.parametrize(

@@ -196,7 +196,7 @@ def test_a_batch_has_the_form_that_suits_the_graph(
     mode: str, fits: bool, size: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And each observation is in one of them."""
-    monkeypatch.setattr("isi.training.batches.TABLE_CELLS", 3 * 13 * 13 - (not fits))
+    monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 3 * 13 * 13 - (not fits))
     grid = small_cells()
     data = training_data(grid.session(0), "test", grid.keys(), "unseen")
     total = torch.zeros(len(grid.seeds), dtype=torch.int64)

@@ -53,10 +53,10 @@ def test_the_device_that_pretends_refuses_what_a_gpu_refuses() -> None:
 @pytest.mark.parametrize("mode", ["sampled", "expected", "lists"])
 def test_training_on_another_device_is_training(name: str, mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if mode == "lists":
-        monkeypatch.setattr(batches, "TABLE_CELLS", 0)
+        monkeypatch.setattr(batches, "DENSE_LIMIT", 0)
     negatives = LEARNING.negatives.model_copy(update={"mode": "expected" if mode == "expected" else "sampled"})
     family = make_model(name, FAMILY_OPTIONS.get(name, {}), f"families.{name}")
-    (task,) = learning_tasks(4, replace(LEARNING, family=family, negatives=negatives))
+    (task,) = learning_tasks(4, replace(LEARNING, model=family, negatives=negatives))
     for learn in (train_initial, train_joint_model):
         there, here = (runner.run_task(learn, task, device) for device in ("cuda", "cpu"))
         assert np.array_equal(there.entity, here.entity)

@@ -16,9 +16,10 @@ from isi.errors import InputError
 from isi.experiment.insert import insert_stack
 from isi.experiment.runner import Compute, run
 from isi.experiment.train import TrainTask, train_initial
+from isi.models.finite import LARGEST, NotFinite, check_finite
 from isi.models.stack import Embedding
 from isi.training.batches import Negatives, training_data
-from isi.training.trainer import LARGEST, NotFinite, Optimizer, refuse, start, train
+from isi.training.trainer import Optimizer, start, train
 from tests.graphs import ANALOGY, cells_of, random_embedding, random_graph
 from tests.test_bad_input import set_params, workspace
 from tests.test_experiments import LEARNING, insert_tasks, learning_tasks, theta0
@@ -32,13 +33,13 @@ STEEP = Optimizer(batch_size=50, learning_rate=1e30, weight_decay=1e-3, max_epoc
 
 def test_models_that_are_not_finite_are_named_by_their_places() -> None:
     sound = torch.ones(4, 3, 2)
-    refuse((sound, -LARGEST * sound), "vectors")
+    check_finite((sound, -LARGEST * sound), "vectors")
     for value in (torch.nan, torch.inf, -torch.inf, 2 * LARGEST, -2 * LARGEST):
         broken = sound.clone()
         broken[[1, 3], 2, 1] = value
         for tables in ((sound, broken), (broken, sound)):
             with pytest.raises(NotFinite, match=r"^NaN or infinity in vectors$") as ended:
-                refuse(tables, "vectors")
+                check_finite(tables, "vectors")
             assert ended.value.models == [1, 3]
     again = pickle.loads(pickle.dumps(ended.value))  # noqa: S301 (its own bytes, as between processes)
     assert (again.models, str(again)) == ([1, 3], "NaN or infinity in vectors")

@@ -47,7 +47,7 @@ FAMILY_OPTIONS: dict[str, dict[str, Option]] = {
 }  # fmt: skip
 LEARNING = TrainConfig(
     root=0,
-    family=ANALOGY,
+    model=ANALOGY,
     dimension=12,
     init_range=0.01,
     negatives=SAMPLED,
@@ -78,7 +78,7 @@ def learning_tasks(height: int, how: TrainConfig = LEARNING, steps: int = 1) -> 
 
 def theta0(how: TrainConfig = LEARNING, steps: int = 1) -> StackedVectors:
     (learned,) = (train_initial(task) for task in learning_tasks(len(SEEDS), how, steps))
-    return StackedVectors(how.family, learned.entity, learned.relation)
+    return StackedVectors(how.model, learned.entity, learned.relation)
 
 
 def told_to(cells: GridPoints, words: np.ndarray, joint: np.ndarray) -> TaskInput:
@@ -99,7 +99,7 @@ def insert_tasks(
     tasks = []
     for number, cells in enumerate(stacks(height, steps)):
         rows = slice(number * height, (number + 1) * height)
-        own = StackedVectors(trained.family, trained.entity[rows], trained.relation[rows])
+        own = StackedVectors(trained.model, trained.entity[rows], trained.relation[rows])
         tasks.append(InsertTask(cells, own, told_to(cells, words, JOINT[rows]), how))
     return tasks
 
@@ -158,7 +158,7 @@ def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_sta
 
 @pytest.mark.parametrize("name", MODELS.names())
 def test_every_family_gives_the_same_bits_for_any_height_of_stacks(name: str) -> None:
-    how = replace(LEARNING, family=make_model(name, FAMILY_OPTIONS.get(name, {}), f"families.{name}"))
+    how = replace(LEARNING, model=make_model(name, FAMILY_OPTIONS.get(name, {}), f"families.{name}"))
     trained = theta0(how)
     learned, inserted = (
         [kind([function(task) for task in tasks(height)]) for height in (1, 2, 4)]
@@ -237,7 +237,7 @@ def test_joint_is_judged_in_all_scopes_of_every_session_at_epoch_0() -> None:
     (task,) = learning_tasks(4, steps=2)
     cells, joint = task.cells, train_joint_model(task)
     told = told_to(cells, WORDS, JOINT).insert_triples
-    runs = evaluate_stack(EvaluationTask(cells, StackedVectors(LEARNING.family, joint.entity, joint.relation), told))
+    runs = evaluate_stack(EvaluationTask(cells, StackedVectors(LEARNING.model, joint.entity, joint.relation), told))
     assert set(runs["epoch"]) == {0}
     assert set(runs["size"]) == {SIZE}
     found = sorted(zip(runs["session"], runs["seed"], runs["scope"], strict=True))

@@ -60,8 +60,8 @@ class Stretch(RelationMapModel):
     """A family of a user's own that leaves the gradient of its map to autograd: f = ⟨shift(h ⊙ exp(r)), t⟩."""
 
     @property
-    def meeting(self) -> Interaction:
-        return ANALOGY.meeting  # type: ignore[attr-defined, no-any-return]
+    def interaction(self) -> Interaction:
+        return ANALOGY.interaction  # type: ignore[attr-defined, no-any-return]
 
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
         return (vectors * relation.exp()).roll(1, -1)
@@ -69,7 +69,7 @@ class Stretch(RelationMapModel):
     def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:
         return vectors.roll(-1, -1) * (-relation).exp()
 
-    def pullback(self, vectors: Tensor, relation: Tensor) -> Tensor:
+    def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
         return vectors.roll(-1, -1) * relation.exp()
 
 
@@ -99,7 +99,7 @@ over_all = pytest.mark.parametrize("kind", BATTERY.values(), ids=BATTERY)
 
 def precise(kind: Model, models: int = STACK, entities: int = ENTITIES) -> Embedding:
     """A random embedding in float64."""
-    embedding = random_embedding(models, entities, RELATIONS, DIMENSION, seed=4, family=kind)
+    embedding = random_embedding(models, entities, RELATIONS, DIMENSION, seed=4, model=kind)
     return Embedding(embedding.entity.double(), embedding.relation.double(), kind)
 
 
@@ -120,7 +120,7 @@ def all_listed(models: int = STACK, entities: int = ENTITIES) -> TripleList:
 
 def one_score(embedding: Embedding, model: int, head: int, relation: int, tail: int) -> Tensor:
     entity = embedding.entity[model]
-    return embedding.family.score(entity[head], embedding.relation[model, relation], entity[tail])
+    return embedding.model.score(entity[head], embedding.relation[model, relation], entity[tail])
 
 
 @over_all
@@ -190,7 +190,7 @@ def test_resultants_put_the_novel_entity_where_the_relation_takes_the_head_or_co
 @pytest.mark.parametrize("entities", [11, 12, 13, 30])
 def test_scores_and_gradients_are_bit_identical_whatever_the_stack(kind: Model, entities: int) -> None:
     models = 6
-    embedding = random_embedding(models, entities, RELATIONS, DIMENSION, family=kind)
+    embedding = random_embedding(models, entities, RELATIONS, DIMENSION, model=kind)
     head, relation, tail = (ids.expand(models, -1) for ids in all_ids(entities))
 
     def results(some: Tensor) -> list[Tensor]:
@@ -221,7 +221,7 @@ def test_scores_and_gradients_are_bit_identical_whatever_the_stack(kind: Model, 
 def test_epochs_are_bit_identical_whatever_the_stack(
     kind: Model, models: list[int], cells: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("isi.training.batches.TABLE_CELLS", cells)
+    monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", cells)
     some, settings = torch.tensor(models), Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=1)
     grid = cells_of(random_graph(13, RELATIONS, 60), 2, [0, 1, 2, 3])
     start = uniform(grid.session(0).entities, RELATIONS, kind, DIMENSION, 0.5, 0, grid.keys())
@@ -257,7 +257,7 @@ def test_it_learns_steps_along_a_line_better_than_any_constant_score_would(kind:
 @over_all
 @pytest.mark.parametrize("cells", [0, 2**23], ids=["lists", "tables"])
 def test_it_learns_the_same_on_another_device(kind: Model, cells: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("isi.training.batches.TABLE_CELLS", cells)
+    monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", cells)
     grid = cells_of(random_graph(13, RELATIONS, 60), 2, [0, 1])
     negatives = Negatives(mode="sampled", ratio=3, head_pool="unseen")
     settings = Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=1)

@@ -150,7 +150,7 @@ def test_all_triples_are_learned_in_as_many_epochs() -> None:
     assert learned.entity.tobytes() == again.entity.tobytes()
     session, keys = task.cells.joint, torch.tensor([[0, 0]])
     assert (session.splits == 0).all()
-    state = start(uniform(session.entities, 2, how.family, how.dimension, how.init_range, how.root, keys))
+    state = start(uniform(session.entities, 2, how.model, how.dimension, how.init_range, how.root, keys))
     data = training_data(session, "training", keys, how.negatives.head_pool)
     assert data.counts.sum() == graph.counts.sum()
     for epoch in (1, 2, 3):

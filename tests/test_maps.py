@@ -70,7 +70,7 @@ def test_maps_by_hand(name: str, relation: list[float], there: list[float], back
 
 
 def test_rotate_turns_each_pair_as_complex_numbers_do() -> None:
-    embedding = random_embedding(1, 1, 1, DIMENSION, family=SHIPPED["rotate"])
+    embedding = random_embedding(1, 1, 1, DIMENSION, model=SHIPPED["rotate"])
     real, imaginary = embedding.entity[0, 0].chunk(2)
     turned = [
         complex(a, b) * cmath.exp(1j * phase)
@@ -100,7 +100,7 @@ def test_maps_of_analogy_are_dense_matrices(dimension: int) -> None:
     matrix = dense(relation)
     assert isinstance(ANALOGY, Blocks)
     torch.testing.assert_close(ANALOGY.transform(head, relation), head @ matrix)
-    torch.testing.assert_close(ANALOGY.pullback(head, relation), head @ matrix.T)
+    torch.testing.assert_close(ANALOGY.transform_tail(head, relation), head @ matrix.T)
     torch.testing.assert_close(ANALOGY.score(head, relation, tail), head @ matrix @ tail)
     inverse = torch.linalg.inv(matrix.double()).float()
     torch.testing.assert_close(ANALOGY.inverse(tail, relation), tail @ inverse, rtol=1e-3, atol=1e-3)

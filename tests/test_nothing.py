@@ -63,7 +63,7 @@ def test_a_cell_learns_the_same_whatever_stands_beside_it() -> None:
     trained = theta0()
     together = finetune_only(task(cells_of(GRAPH, SIZE, SEEDS), trained)).sort_values(["seed", "epoch"])
     for model, seed in enumerate(SEEDS):
-        own = StackedVectors(trained.family, *(table[[model]] for table in (trained.entity, trained.relation)))
+        own = StackedVectors(trained.model, *(table[[model]] for table in (trained.entity, trained.relation)))
         alone = finetune_only(task(cells_of(GRAPH, SIZE, [seed]), own))
         expected = together[together["seed"] == seed]
         assert np.array_equal(alone[MEASURES].to_numpy(), expected[MEASURES].to_numpy())

@@ -82,7 +82,7 @@ def test_a_graph_too_large_for_tables_learns_the_same(monkeypatch: pytest.Monkey
     data = training_data(cells.session(0), "test", cells.keys(), "unseen")
     small, large = begin(cells), begin(cells)
     run_epoch(small, data, SAMPLED, SINGLY, 0, 1)
-    monkeypatch.setattr("isi.training.batches.TABLE_CELLS", 0)
+    monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 0)
     run_epoch(large, data, SAMPLED.model_copy(update={"mode": "expected"}), SINGLY, 0, 1)
     assert same(small, large)
 
@@ -179,7 +179,7 @@ class Far(ANALOGY):
     """A family of a user's own, which meets otherwise."""
 
     @property
-    def meeting(self) -> Interaction:
+    def interaction(self) -> Interaction:
         return Distance(1.0, squared=True)
 
 
@@ -192,7 +192,7 @@ class Far(ANALOGY):
 def test_what_has_other_mathematics_learns_by_batches(family: Model, known: bool) -> None:
     cells = small_cells([0])
     data = training_data(cells.session(0), "test", cells.keys(), "unseen")
-    embedding = random_embedding(1, 13, 3, 20, family=family)
+    embedding = random_embedding(1, 13, 3, 20, model=family)
     assert single_updates.can_compile(embedding, data, SAMPLED, 1) is known
     assert not single_updates.can_compile(embedding, data, SAMPLED, 2)
     assert not single_updates.can_compile(embedding, data, SAMPLED.model_copy(update={"mode": "expected"}), 1)

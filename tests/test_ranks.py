@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from isi.evaluation.query_sets import epoch_query_sets, validation
-from isi.evaluation.ranking import compare, evaluate, prepare, query_slots
+from isi.evaluation.ranking import compare, evaluate, padded_ids, prepare
 from isi.graph.sessions import VALID, everything
 from isi.models.stack import Embedding
 from tests.graphs import ANALOGY, Triple, cells_of, graph_of, random_embedding, random_graph
@@ -31,7 +31,7 @@ def measure(
     masks = (torch.tensor([[triple in chosen for triple in counts]]) for chosen in (asked, filtered))
     may = range(entities) if candidates is None else candidates
     asks, leaves_out = masks
-    queries = prepare(session, query_slots(asks), asks, leaves_out, torch.tensor([[e in may for e in range(entities)]]))
+    queries = prepare(session, padded_ids(asks), asks, leaves_out, torch.tensor([[e in may for e in range(entities)]]))
     return evaluate(embedding, {"own": queries})["own"].measures[0].tolist()
 
 
@@ -100,7 +100,7 @@ def test_mrr_star_by_hand(case: Case) -> None:
     ],
 )
 def test_slots_are_who_is_asked_about_padded_to_the_longest(asked: list[list[int]], slots: list[list[int]]) -> None:
-    assert query_slots(torch.tensor(asked) == 1).tolist() == slots
+    assert padded_ids(torch.tensor(asked) == 1).tolist() == slots
 
 
 def test_filter_takes_relations_out_of_relation_queries() -> None:

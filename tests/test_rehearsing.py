@@ -83,7 +83,7 @@ def test_a_curve_goes_through_answers_that_were_not_told() -> None:
         if true:
             for other in sorted(everyone - {one.entity} - {end for r, slot, end in one.told if (r, slot) == (1, HEAD)}):
                 vectors = (known.embedding.entity[0, other], known.embedding.relation[0, 1], one.vector)
-                scores.append(float(known.family.score(*vectors)))
+                scores.append(float(known.model.score(*vectors)))
                 right.append(other in true)
     expected = fit_curves(torch.tensor(scores).double(), torch.tensor(right))
     curve = found.curve(1, HEAD)

@@ -32,7 +32,7 @@ from tests.small import NAME
 
 CELLS = cells_of(random_graph(12, 2, 80), 2, [4, 6], steps=2)
 VALUES: dict[str, Any] = {
-    "seed": 9, "embedding.family": "analogy", "families.analogy": {},
+    "seed": 9, "embedding.model": "analogy", "families.analogy": {},
     "negatives": {"mode": "sampled", "ratio": 2, "head_pool": "all"}, "convergence": {"margin": 0.25},
     "finetuning": {"batch_size": 50, "learning_rate": 0.01, "weight_decay": 0.5, "max_epochs": 7, "new_rows_first": 0},
     "experiments.home.followed": {"sizes": [3, 5], "initializers": ["rs"]}, "experiments.home.at_once": ["ers"],
@@ -150,4 +150,4 @@ def test_tasks_are_made_of_what_the_experiment_has_for_their_cells() -> None:
         rows = joint[(joint["size"] == size) & (joint["seed"] == seed) & (joint["epoch"] == 0)].set_index("scope")
         for (_, scope), values in task.told.joint.items():
             np.testing.assert_array_equal(values, [rows.loc[scope, "mrr_star"]])
-        np.testing.assert_array_equal(task.theta0.entity, store.theta0(task.cells, task.theta0.family).entity)
+        np.testing.assert_array_equal(task.theta0.entity, store.theta0(task.cells, task.theta0.model).entity)

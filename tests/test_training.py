@@ -89,7 +89,7 @@ def test_a_graph_too_large_for_tables_learns_the_same_from_lists(monkeypatch: py
     data = training_data(cells.session(0), "test", cells.keys(), "unseen")
     small, large = start(start_of(cells)), start(start_of(cells))
     run_epoch(small, data, SAMPLED, TUNING, 0, 1)
-    monkeypatch.setattr("isi.training.batches.TABLE_CELLS", 0)
+    monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 0)
     assert all(isinstance(batch, ListBatch) for batch, _ in batches(data, EXPECTED, TUNING.batch_size, 0, 1))
     run_epoch(large, data, SAMPLED, TUNING, 0, 1)
     torch.testing.assert_close(large.embedding.entity, small.embedding.entity, rtol=1e-3, atol=1e-3)
@@ -134,7 +134,7 @@ def looks_of(model: int, looks: list[ValidationResult]) -> list[tuple[int, float
     rows = []
     for look in looks:
         for place in torch.nonzero(look.models == model).flatten().tolist():
-            rows.append((look.epoch, look.measures[place, 0].item(), bool(look.kept[place])))
+            rows.append((look.epoch, look.measures[place, 0].item(), bool(look.is_best[place])))
     return rows
 
 
@@ -173,7 +173,7 @@ def test_a_plateau_is_no_better_one() -> None:
 def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Batches in either form."""
     if request.param == "lists":
-        monkeypatch.setattr("isi.training.batches.TABLE_CELLS", 0)
+        monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 0)
 
 
 @pytest.mark.usefixtures("form")
@@ -189,7 +189,7 @@ def tuned(seeds: list[int], targets: dict[str, Tensor], to_the_end: bool = False
     cells = small_cells(seeds)
     watch = ConvergenceWatch(epoch_query_sets(cells.joint, cells.novel_in(1)), targets, to_the_end)
     train(start_of(cells), training_data(cells.joint, "test", cells.keys(), "unseen"), SAMPLED, TUNING, 0, watch)
-    return watch.followed
+    return watch.epochs
 
 
 def series(followed: list[EpochMeasures], model: int, scope: str) -> list[list[float]]:

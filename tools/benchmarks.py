@@ -13,7 +13,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from isi.report.figures import STYLE
-from isi.training.batches import TABLE_CELLS
+from isi.training.batches import DENSE_LIMIT
 
 FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 COLOURS = {"tables": "#d55e00", "lists": "#0072b2"}
@@ -132,7 +132,7 @@ def scaling(rows: pd.DataFrame) -> Figure:
         how = {"color": COLOURS[str(form)], "marker": "o", "ms": 3, "label": f"batches as {form}"}
         left.loglog(part["entities"], 1e6 * _per_observation(part), **how)
         right.semilogx(part["entities"], part["training_mib"], **how)
-    switches = (TABLE_CELLS, "--", "where batches become lists"), (crossing(rows), ":", "where both cost the same")
+    switches = (DENSE_LIMIT, "--", "where batches become lists"), (crossing(rows), ":", "where both cost the same")
     for axes in (left, right):
         for cells, line, what in switches:
             axes.axvline((cells / relations(rows)) ** 0.5, color="black", lw=0.8, ls=line, label=what)
@@ -195,7 +195,7 @@ def _grown(rows: pd.DataFrame) -> None:
     """Where tables and lists cost the same, and the figure."""
     even = float(f"{crossing(rows):.2g}")
     same = f"Tables and lists cost the same on a graph of {even:,.0f} possible triples"
-    switch = f"{same}; batches become lists above {TABLE_CELLS:,}."
+    switch = f"{same}; batches become lists above {DENSE_LIMIT:,}."
     (FOLDER / "switch.md").write_text(switch + "\n", encoding="utf-8")
     print(f"\n{switch}")
     with mpl.rc_context(STYLE):

@@ -43,7 +43,7 @@ def learning_of(given: StageContext, family: str, setting: dict[str, float | boo
     options = given.raw(f"families.{family}")
     own = {key: setting[key] for key in setting if key in options}
     how = train_config(given, family, **{key: value for key, value in setting.items() if key not in options})
-    return replace(how, family=make_model(family, options | own, f"families.{family}"))
+    return replace(how, model=make_model(family, options | own, f"families.{family}"))
 
 
 def best_valid(task: TrainTask) -> float:

@@ -138,7 +138,7 @@ def tasks_of(
     for (cells, draw), theta in zip(drawn, learned, strict=True):
         nowhere = {(1, scope): np.full(len(cells.seeds), np.nan) for scope in SCOPES}
         told = TaskInput(told_of(cells, everything.seed, draw, fraction), words, nowhere)
-        vectors = StackedVectors(chosen.family, theta.entity, theta.relation)
+        vectors = StackedVectors(chosen.model, theta.entity, theta.relation)
         tasks.append(ChoosingTask(cells, InsertTask(cells, vectors, told, how), settings))
     return tasks
 

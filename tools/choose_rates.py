@@ -100,7 +100,7 @@ def main() -> None:
     for point, (cells, learned), name in product(grid, zip(single, theta0, strict=True), names):
         nowhere = {(1, scope): np.full(len(cells.seeds), np.nan) for scope in SCOPES}
         told = TaskInput(store.insert_triples_of(cells, table), words, nowhere)
-        vectors = StackedVectors(chosen.family, learned.entity, learned.relation)
+        vectors = StackedVectors(chosen.model, learned.entity, learned.relation)
         task = InsertTask(cells, vectors, told, inserting_of(everything, name, *point))
         tuned.append(TuningTask(cells, task, every=10))
     means = np.reshape(run(fine_tune, tuned, params.compute, "fine-tuning"), (len(grid), -1)).mean(1)

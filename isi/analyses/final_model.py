@@ -59,11 +59,11 @@ def train_final(task: FinalModelTask) -> StackedVectors:
     """The embedding of all triples of a graph after its epochs."""
     how, session, keys = task.how, task.cells.joint, task.cells.keys()
     relations = len(task.cells.graph.relations)
-    start = uniform(session.entities, relations, how.family, how.dimension, how.init_range, how.root, keys)
+    start = uniform(session.entities, relations, how.model, how.dimension, how.init_range, how.root, keys)
     data = training_data(session, "training", keys, how.negatives.head_pool)
     settings = how.training.model_copy(update={"max_epochs": task.epochs})
     theta = train(start, data, how.negatives, settings, how.root, _onward)
-    return StackedVectors(how.family, theta.entity.cpu().numpy(), theta.relation.cpu().numpy())
+    return StackedVectors(how.model, theta.entity.cpu().numpy(), theta.relation.cpu().numpy())
 
 
 def _onward(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:  # noqa: ARG001

@@ -40,7 +40,7 @@ def finetune_only(task: FinetuneOnlyTask) -> pd.DataFrame:
     """
     cells, before, keys = task.cells, task.cells.session(0), task.cells.keys()
     asked = {SCOPE: epoch_query_sets(cells.session(1), cells.novel_in(1))[SCOPE]}
-    watch = ConvergenceWatch(asked, {}, to_the_end=True)
+    watch = ConvergenceWatch(asked, {}, full_curves=True)
     data = training_data(before, "fine-tuning", keys, task.negatives.head_pool)
     train(task.theta0.stack, data, task.negatives, task.optimizer, task.root, watch)
-    return pd.concat(run_rows(cells, 1, one.epoch, one.models, one.results) for one in watch.followed)
+    return pd.concat(run_rows(cells, 1, one.epoch, one.models, one.results) for one in watch.epochs)

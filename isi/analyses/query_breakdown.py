@@ -89,7 +89,7 @@ def query_sets_with_filters(session: Session, novel: Tensor, told: Tensor) -> li
     shared = {name: followed[name] for name in ("all", "novel_heldout")}, novel_query_set(session, novel, told)
     return [
         {(name, "learned"): queries for name, queries in scopes.items()}
-        | {(name, "true"): prepare(session, queries.slots, queries.asked, true, queries.candidates)
+        | {(name, "true"): prepare(session, queries.slots, queries.queried, true, queries.candidates)
            for name, queries in scopes.items()}
         for scopes in shared
     ]  # fmt: skip

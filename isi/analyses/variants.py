@@ -184,7 +184,7 @@ def repeat(task: VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
 def _trained(cells: GridPoints, how: TrainConfig) -> tuple[StackedVectors, StackedVectors]:
     everyone = replace(cells, size=NO_INSERTION, novel=cells.novel[:, :0])
     learned = train_initial(TrainTask(cells, how)), train_joint_model(TrainTask(everyone, how))
-    theta0, joint = (StackedVectors(how.family, one.entity, one.relation) for one in learned)
+    theta0, joint = (StackedVectors(how.model, one.entity, one.relation) for one in learned)
     return theta0, joint
 
 

@@ -208,7 +208,7 @@ class HeldOutCalibration:
             if right is None:
                 continue
             given = one.vector[None, None]
-            score = theta.family.score_tails if slot == TAIL else theta.family.score_heads
+            score = theta.model.score_tails if slot == TAIL else theta.model.score_heads
             scores = score(given, row, theta.entity)[0, 0].double()
             told = {other for of, where, other in one.told if (of, where) == (relation, slot)} | {one.entity}
             asked = candidates[~torch.isin(candidates, torch.tensor(sorted(told)))]

@@ -109,7 +109,7 @@ def of_pykeen_model(embedding: Embedding, named: Named, origin: Origin) -> Bundl
     Raises:
         InputError: where its family has no closed form, so that no folder says what it is.
     """
-    family = embedding.family
+    family = embedding.model
     name = next((one for one in NAMES if type(family) is _class(one)), None)
     if name is None:
         expected = "expected TransE, DistMult, ComplEx or RotatE: others are inserted into by isi.pykeen.insert"

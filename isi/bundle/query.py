@@ -23,9 +23,9 @@ from isi.bundle.manifest import Bundle, Manifest
 from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion.arguments import family_of, stack_of_one, table
+from isi.models.finite import LARGEST
 from isi.models.model import Model
 from isi.models.stack import Embedding
-from isi.training.trainer import LARGEST
 
 #: Names that are suggested, at most, and listed where none is near.
 SUGGESTED, LISTED = 3, 8

@@ -1,17 +1,17 @@
-"""Scopes: which triples are asked about, and with what filter, so as to tell old knowledge from new."""
+"""Scopes: which triples are queried about, and with what filter, so as to tell old knowledge from new."""
 
 from __future__ import annotations
 
 from torch import Tensor
 
-from isi.evaluation.ranking import Queries, prepare, query_slots
+from isi.evaluation.ranking import Queries, padded_ids, prepare
 from isi.graph.sessions import TEST, TRAIN, VALID, Session, membership, touches
 
 
 def validation(session: Session) -> dict[str, Queries]:
     """The validation triples, with train and valid as filter: what early stopping looks at."""
-    asked = session.members(VALID)
-    queries = prepare(session, query_slots(asked), asked, session.members(TRAIN, VALID), session.entities)
+    queried = session.members(VALID)
+    queries = prepare(session, padded_ids(queried), queried, session.members(TRAIN, VALID), session.entities)
     return {"valid": queries}
 
 
@@ -25,7 +25,7 @@ def epoch_query_sets(session: Session, novel: Tensor) -> dict[str, Queries]:
     is_novel = membership(novel, session.entities.shape[1])
     new = touches(session.graph, is_novel)
     test, heldout = session.members(TEST), session.members(VALID, TEST) & new
-    slots = query_slots(test | heldout)
+    slots = padded_ids(test | heldout)
     old, learned, everyone = test & ~new, session.members(TRAIN, VALID), session.entities
     return {
         "all": prepare(session, slots, test, learned, everyone),
@@ -43,16 +43,16 @@ def novel_query_set(session: Session, novel: Tensor, inserted: Tensor) -> dict[s
         novel: shape (M, n).
         inserted: the insert triples; shape (M, T), bool.
     """
-    asked, filtered = _at_insertion(session, novel, novel, inserted)
-    return {"novel": prepare(session, query_slots(asked), asked, filtered, session.entities)}
+    queried, filtered = _at_insertion(session, novel, novel, inserted)
+    return {"novel": prepare(session, padded_ids(queried), queried, filtered, session.entities)}
 
 
 def entity_query_sets(session: Session, novel: Tensor, inserted: Tensor) -> list[Queries]:
     """The queries of scope novel that touch one novel entity: one stack for each place in ``novel``."""
     queries = []
     for place in range(novel.shape[1]):
-        asked, filtered = _at_insertion(session, novel, novel[:, place : place + 1], inserted)
-        queries.append(prepare(session, query_slots(asked), asked, filtered, session.entities))
+        queried, filtered = _at_insertion(session, novel, novel[:, place : place + 1], inserted)
+        queries.append(prepare(session, padded_ids(queried), queried, filtered, session.entities))
     return queries
 
 
@@ -60,5 +60,5 @@ def _at_insertion(session: Session, novel: Tensor, of: Tensor, inserted: Tensor)
     graph, entities = session.graph, session.entities.shape[1]
     new = touches(graph, membership(novel, entities))
     about = touches(graph, membership(of, entities))
-    asked = session.members(TRAIN, VALID, TEST) & about & ~inserted
-    return asked, (session.members(TRAIN, VALID) & ~new) | inserted
+    queried = session.members(TRAIN, VALID, TEST) & about & ~inserted
+    return queried, (session.members(TRAIN, VALID) & ~new) | inserted

@@ -20,7 +20,7 @@ from isi.models.stack import Embedding
 
 #: Scores closer to the answer's than this times the largest magnitude in their row are tied.
 TIE = 1e-5
-#: Numbers in one score matrix, at most: more queries are asked in pieces.
+#: Numbers in one score matrix, at most: more queries are queried in pieces.
 BUDGET = 2**24
 MEASURES = ("mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr")
 
@@ -63,18 +63,18 @@ class Rows:
 
 @dataclass(frozen=True)
 class Queries:
-    """The triples that a stack of sessions is asked about in one scope, and how."""
+    """The triples that a stack of sessions is queried about in one scope, and how."""
 
     session: Session
     #: ids of the triples that have a row, -1 for padding; shape: (M, Q)
     slots: Tensor
-    #: triples that are asked about; shape: (M, T), bool
-    asked: Tensor
+    #: triples that are queried about; shape: (M, T), bool
+    queried: Tensor
     #: triples that are left out as rivals; shape: (M, T), bool
     filtered: Tensor
     #: entities that may answer; shape: (M, E), bool
     candidates: Tensor
-    #: made once where they fit into ``BUDGET``; else piece by piece, whenever they are asked
+    #: made once where they fit into ``BUDGET``; else piece by piece, whenever they are queried
     rows: Rows | None
 
 
@@ -106,22 +106,22 @@ class Result:
 
     #: in the order of ``MEASURES``; shape: (M, 4), float64
     measures: Tensor
-    #: triples asked about; shape: (M,)
+    #: triples queried about; shape: (M,)
     queries: Tensor
     #: rivals tied with the answer in R_P; shape: (M,)
     ties: Tensor
 
 
-def query_slots(asked: Tensor) -> Tensor:
+def padded_ids(queried: Tensor) -> Tensor:
     """Triple ids of a mask of shape (M, T), padded with -1 to the longest row; shape (M, Q)."""
-    longest = max(1, int(asked.sum(1).max()))
-    order = torch.sort((~asked).to(torch.int8), dim=1, stable=True).indices[:, :longest]
-    return torch.where(asked.gather(1, order), order, -1)
+    longest = max(1, int(queried.sum(1).max()))
+    order = torch.sort((~queried).to(torch.int8), dim=1, stable=True).indices[:, :longest]
+    return torch.where(queried.gather(1, order), order, -1)
 
 
-def prepare(session: Session, slots: Tensor, asked: Tensor, filtered: Tensor, candidates: Tensor) -> Queries:
+def prepare(session: Session, slots: Tensor, queried: Tensor, filtered: Tensor, candidates: Tensor) -> Queries:
     """Queries of a scope, with their rows where these fit into ``BUDGET`` (see ``Queries``)."""
-    queries = Queries(session, slots, asked, filtered, candidates, None)
+    queries = Queries(session, slots, queried, filtered, candidates, None)
     return replace(queries, rows=_rows(queries, slots)) if len(_pieces(queries)) == 1 else queries
 
 
@@ -137,9 +137,9 @@ def _rows(queries: Queries, slots: Tensor) -> Rows:
     head, relation, tail = graph.triples[triple].unbind(-1)
     heads, tails = (_rivals(queries, triple, slot, queries.candidates) for slot in (HEAD, TAIL))
     every_relation = torch.ones(len(slots), len(graph.relations), dtype=torch.bool)
-    counted = (slots >= 0) & queries.asked.gather(1, triple)
-    shares = _relation_shares(session, queries.asked).gather(1, relation) * counted
-    number = queries.asked.sum(1, keepdim=True).clamp(min=1)
+    counted = (slots >= 0) & queries.queried.gather(1, triple)
+    shares = _relation_shares(session, queries.queried).gather(1, relation) * counted
+    number = queries.queried.sum(1, keepdim=True).clamp(min=1)
     return Rows(
         head, relation, tail, _stacked(heads, tails), _rivals(queries, triple, RELATION, every_relation),
         torch.cat([shares, shares], 1) / 2, counted / number,
@@ -173,9 +173,9 @@ def _stacked(heads: Competitors, tails: Competitors) -> Competitors:
     return Competitors(heads.candidates, both("listed"), both("barred"), both("equal"), rank)
 
 
-def _relation_shares(session: Session, asked: Tensor) -> Tensor:
+def _relation_shares(session: Session, queried: Tensor) -> Tensor:
     """Weight of a query by its relation: the relation's share of observations over its queries; (M, R)."""
-    queries = by_relation(session.graph, asked)
+    queries = by_relation(session.graph, queried)
     observed = observations(session) * (queries > 0)
     return observed / observed.sum(1, keepdim=True).clamp(min=1) / queries.clamp(min=1)
 
@@ -256,7 +256,7 @@ def _over_candidates(values: Tensor, rivals: Competitors) -> Tensor:
 
 def _result(queries: Queries, parts: list[tuple[Tensor, Tensor]]) -> Result:
     measures, ties = (torch.stack(values).sum(0) for values in zip(*parts, strict=True))
-    number = queries.asked.sum(1)
+    number = queries.queried.sum(1)
     return Result(measures.masked_fill((number == 0)[:, None], torch.nan), number, ties.long())
 
 

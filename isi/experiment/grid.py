@@ -78,11 +78,11 @@ class GridPoints:
 class StackedVectors:
     """An embedding of each cell of a stack, as it travels to a worker."""
 
-    family: Model
+    model: Model
     #: shapes: (M, E, d), (M, R, w)
     entity: np.ndarray
     relation: np.ndarray
 
     @property
     def stack(self) -> Embedding:
-        return Embedding(torch.as_tensor(self.entity), torch.as_tensor(self.relation), self.family)
+        return Embedding(torch.as_tensor(self.entity), torch.as_tensor(self.relation), self.model)

@@ -84,7 +84,7 @@ def run_session(
     own = [evaluate(inserted, {"own": queries})["own"]
            for queries in query_sets.entity_query_sets(after, told.novel, mask)]  # fmt: skip
     watch = ConvergenceWatch(query_sets.epoch_query_sets(after, told.novel), how.targets, how.to_the_end)
-    return SessionResult(finetune(inserted, after, told.novel, how, watch), initial, at_once, own, watch.followed)
+    return SessionResult(finetune(inserted, after, told.novel, how, watch), initial, at_once, own, watch.epochs)
 
 
 def initialize(theta: Embedding, before: Session, told: NovelEntities, how: InsertConfig) -> InitResult:

@@ -19,11 +19,11 @@ from tqdm import tqdm
 from isi.config import Count, Section
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints
+from isi.models.finite import NotFinite
 from isi.process import serve
 from isi.stage import COMPUTE, StageContext
 from isi.tables import paths
-from isi.training.batches import TABLE_CELLS
-from isi.training.trainer import NotFinite
+from isi.training.batches import DENSE_LIMIT
 
 
 class HasPoints(Protocol):
@@ -61,7 +61,7 @@ def compute_of(given: StageContext) -> Compute:
 #: Seconds in which a scheduler must answer.
 REACH = 5
 #: Memory that a model of a stack takes on a GPU, at most: its batch, scores and slopes as tables, and as much again.
-BYTES_PER_MODEL = 6 * 4 * TABLE_CELLS
+BYTES_PER_MODEL = 6 * 4 * DENSE_LIMIT
 
 
 class TaskError(Exception):
@@ -123,7 +123,7 @@ def run_task(function: Callable[[Task], Done], task: Task, device: str) -> Done:
             return function(replace(whole, cells=replace(task.cells, graph=task.cells.graph.on(found))))
     except NotFinite as error:
         seeds = [task.cells.seeds[place] for place in error.models]
-        raise InputError(paths.PARAMS, str(replace(task.cells, seeds=seeds)), error.found) from error
+        raise InputError(paths.PARAMS, str(replace(task.cells, seeds=seeds)), error.problem) from error
 
 
 def device_of(name: str) -> torch.device:

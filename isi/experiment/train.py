@@ -31,7 +31,7 @@ class TrainConfig:
     """How Θ⁰ and the joint model are trained."""
 
     root: int
-    family: Model
+    model: Model
     dimension: int
     init_range: float
     negatives: Negatives
@@ -89,7 +89,7 @@ def train_joint_model(task: TrainTask) -> TrainResult:
 def _learn(task: TrainTask, session: Session) -> TrainResult:
     how, cells, keys = task.how, task.cells, task.cells.keys()
     relations = len(cells.graph.relations)
-    start = uniform(session.entities, relations, how.family, how.dimension, how.init_range, how.root, keys)
+    start = uniform(session.entities, relations, how.model, how.dimension, how.init_range, how.root, keys)
     data = training_data(session, "training", keys, how.negatives.head_pool)
     best, looks = trainer.train_until_best(start, data, how.negatives, how.training, how.root)
     log = pd.concat(
@@ -97,7 +97,7 @@ def _learn(task: TrainTask, session: Session) -> TrainResult:
             size=cells.size,
             seed=np.array(cells.seeds)[look.models.cpu().numpy()],
             epoch=look.epoch,
-            kept=look.kept.cpu().numpy(),
+            kept=look.is_best.cpu().numpy(),
         )
         for look in looks
     )

@@ -106,6 +106,6 @@ def relational_similarity_alive(insertion: InitContext, k: Count) -> InitResult:
 def alive(theta0: Embedding) -> Tensor:
     """Whether the map of each relation stretches each coordinate to at least ``DEAD``; shape (M, R, d), bool."""
     relation, axes = theta0.relation[:, :, None], torch.eye(theta0.entity.shape[-1])
-    taken = theta0.family.transform(axes, relation) - theta0.family.transform(torch.zeros_like(axes), relation)
+    taken = theta0.model.transform(axes, relation) - theta0.model.transform(torch.zeros_like(axes), relation)
     stretch: Tensor = vector_norm(taken, dim=-1)
     return stretch >= DEAD

@@ -29,9 +29,9 @@ from isi.initializers.api import NONE, InitContext, InitResult, initializer
 from isi.initializers.similarity import everyone_known, first_that_can, has_insert_triples, nearest_by_both
 from isi.initializers.soft import softly_by_both
 from isi.models import bits
+from isi.models.finite import NotFinite
 from isi.models.stack import Embedding, select
 from isi.tables import paths
-from isi.training.trainer import NotFinite
 
 #: Share of an isotropic covariance of equal trace in that of the prior, whose rank is below d.
 SHRINKAGE = 0.1
@@ -79,7 +79,7 @@ def expected_negatives(insertion: InitContext, positive: Tensor, ratio: int) -> 
 def cell_anchors(theta0: Embedding) -> Tensor:
     """α of each cell: where its known end meets a head, then where it meets a tail; shape (M, K, d)."""
     entity, relation = theta0.entity[:, None], theta0.relation[:, :, None]
-    there, back = theta0.family.transform(entity, relation), theta0.family.pullback(entity, relation)
+    there, back = theta0.model.transform(entity, relation), theta0.model.transform_tail(entity, relation)
     return torch.stack([back, there], 1).flatten(1, 3)
 
 
@@ -118,8 +118,8 @@ def ridge_regression(insertion: InitContext, prior: InitResult, strength: float,
     Raises:
         InputError: where the score of the family is not linear in a vector.
     """
-    if not insertion.theta0.family.linear:
-        named = type(insertion.theta0.family).__name__
+    if not insertion.theta0.model.linear:
+        named = type(insertion.theta0.model).__name__
         raise InputError(
             paths.PARAMS, "initializers.ridge", f"needs a score that is linear in a vector; {named}'s is not"
         )
@@ -143,7 +143,7 @@ def most_probable(insertion: InitContext, prior: InitResult, strength: float, ra
         strength: λ.
     """
     known, theta0 = evidence(insertion, prior.vectors, strength, ratio), _double(insertion.theta0)
-    alpha = cell_anchors(theta0) if theta0.family.linear else None
+    alpha = cell_anchors(theta0) if theta0.model.linear else None
     if alpha is None:
         known, theta0 = each_alone(known, theta0)
     at, going = known.mean, torch.ones(known.mean.shape[:2], dtype=torch.bool)
@@ -201,8 +201,8 @@ def scores(theta0: Embedding, at: Tensor) -> Tensor:
     """f of each cell with novel vectors of shape (M, n, d); shape (M, n, K)."""
     models, number, relations = *at.shape[:2], theta0.relation.shape[1]
     asked, relation = at.repeat_interleave(relations, 1), theta0.relation.repeat(1, number, 1)
-    as_head = theta0.family.score_tails(asked, relation, theta0.entity)
-    as_tail = theta0.family.score_heads(asked, relation, theta0.entity)
+    as_head = theta0.model.score_tails(asked, relation, theta0.entity)
+    as_tail = theta0.model.score_heads(asked, relation, theta0.entity)
     return torch.stack([ends.view(models, number, relations, -1) for ends in (as_head, as_tail)], 2).flatten(2)
 
 
@@ -212,7 +212,7 @@ def score_gradients(theta0: Embedding, at: Tensor) -> Tensor:
     shape = (*theta0.relation.shape[:2], *theta0.entity.shape[1:])
     with torch.enable_grad():
         head, tail = (at[:, :, None].expand(shape).clone().requires_grad_() for _ in range(2))
-        total = theta0.family.score(head, relation, entity).sum() + theta0.family.score(entity, relation, tail).sum()
+        total = theta0.model.score(head, relation, entity).sum() + theta0.model.score(entity, relation, tail).sum()
     return torch.stack(torch.autograd.grad(total, (head, tail)), 1).flatten(1, 3)
 
 

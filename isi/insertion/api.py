@@ -33,10 +33,11 @@ from isi.insertion.arguments import (
 from isi.insertion.choose import Choice, Sizes, at_once, choose
 from isi.insertion.result import Inserted
 from isi.insertion.words import Source, word_table
+from isi.models.finite import NotFinite
 from isi.models.model import Model
 from isi.models.stack import Embedding
 from isi.training.batches import Negatives
-from isi.training.trainer import NotFinite, Optimizer
+from isi.training.trainer import Optimizer
 
 
 @dataclass(frozen=True)

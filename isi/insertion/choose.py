@@ -161,7 +161,7 @@ def middle(embedding: Embedding, triples: Tensor, margin: float | None) -> float
         embedding: a stack of one, whose margin is 0.
         triples: that it was trained on; ids, shape (T, 3).
     """
-    if margin is not None or embedding.family.linear or not len(triples):
+    if margin is not None or embedding.model.linear or not len(triples):
         return margin or 0.0
     head, relation, tail = triples[:: -(-len(triples) // ASKED)].T[:, None]
     with torch.no_grad():

@@ -15,10 +15,11 @@ from isi.errors import InputError, short
 from isi.graph.graph import HEAD, TAIL
 from isi.graph.sessions import TRAIN, Session
 from isi.insertion.arguments import Triple, argument, family_of, graph_of, names_of, stack_of_one, table, triples_of
+from isi.models.finite import NotFinite
 from isi.models.model import Model
 from isi.models.stack import Embedding
 from isi.training.batches import Negatives, fits_tables, training_data
-from isi.training.trainer import NotFinite, Optimizer, train
+from isi.training.trainer import Optimizer, train
 
 
 def fit_new(
@@ -108,7 +109,7 @@ def _learned(theta: Embedding, triples: np.ndarray, new: int, optimizer: Optimiz
     try:
         return train(theta, data, negatives, optimizer, seed, _onward)
     except NotFinite as error:
-        raise InputError("fit_new", "", error.found) from error
+        raise InputError("fit_new", "", error.problem) from error
 
 
 def _onward(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:  # noqa: ARG001

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from isi.errors import InputError
-from isi.evaluation.ranking import answers, compare, prepare, query_slots
+from isi.evaluation.ranking import answers, compare, padded_ids, prepare
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.sessions import TRAIN, Session
 from isi.insertion.arguments import graph_of
@@ -61,7 +61,7 @@ def ranked_above(embedding: Embedding, known: int, asked: Tensor, told: Tensor) 
     """Share of queries in which each new entity ranks above the answer; shapes (Q, 3), (I, 3), result (n,)."""
     head, relation, tail = asked.T[:, None]  # (1, Q)
     of, new = rows(embedding.relation, relation), embedding.entity[:, known:]
-    family, heads, tails = embedding.family, rows(embedding.entity, head), rows(embedding.entity, tail)
+    family, heads, tails = embedding.model, rows(embedding.entity, head), rows(embedding.entity, tail)
     answer = family.score(heads, of, tails)[..., None]
     total = torch.zeros(new.shape[1], dtype=torch.float64)
     for scores, given, slot in (
@@ -95,7 +95,7 @@ def _ranks(embedding: Embedding, asked: np.ndarray, right: np.ndarray, known: in
     is_asked = torch.zeros(1, number, dtype=torch.bool)
     is_asked[:, torch.from_numpy(place.flatten()[: len(asked)])] = True
     among = {"before": torch.arange(entities)[None] < known, "after": everyone}
-    slots, filtered = query_slots(is_asked), torch.ones_like(is_asked)
+    slots, filtered = padded_ids(is_asked), torch.ones_like(is_asked)
     queries = {name: prepare(session, slots, is_asked, filtered, some) for name, some in among.items()}
     pieces = list(answers(embedding, queries))
     before, after = (torch.cat([piece[name].entity.rank[0] for piece in pieces]).double() for name in among)

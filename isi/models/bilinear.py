@@ -41,7 +41,7 @@ class Blocks(RelationMapModel):
     scalars: ClassVar[int]
 
     @property
-    def meeting(self) -> Interaction:
+    def interaction(self) -> Interaction:
         return Product()
 
     def width(self, dimension: int) -> int:
@@ -67,7 +67,7 @@ class Blocks(RelationMapModel):
         """vᵀW."""
         return self._carry(vectors, self.maps(relation))
 
-    def pullback(self, vectors: Tensor, relation: Tensor) -> Tensor:
+    def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
         """vᵀWᵀ: the y of each block changes its sign."""
         scalars, x, y = self._parts(self.maps(relation))
         return self._carry(vectors, torch.cat([scalars, x, -y], -1))

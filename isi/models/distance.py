@@ -28,7 +28,7 @@ class TransE(RelationMapModel):
     squared: bool
 
     @property
-    def meeting(self) -> Interaction:
+    def interaction(self) -> Interaction:
         return Distance(self.margin, self.squared)
 
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
@@ -39,7 +39,7 @@ class TransE(RelationMapModel):
         """v - r."""
         return vectors - relation
 
-    def pullback(self, vectors: Tensor, relation: Tensor) -> Tensor:
+    def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
         return self.inverse(vectors, relation)
 
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
@@ -61,7 +61,7 @@ class RotatE(Blocks):
     squared: bool
 
     @property
-    def meeting(self) -> Interaction:
+    def interaction(self) -> Interaction:
         return Distance(self.margin, self.squared)
 
     def width(self, dimension: int) -> int:

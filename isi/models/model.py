@@ -57,7 +57,7 @@ class Model(ABC):
     def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:
         """Where the head of a tail must be; shapes (..., d), (..., w)."""
 
-    def pullback(self, vectors: Tensor, relation: Tensor) -> Tensor:
+    def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
         """Where unmapped heads meet a tail; where nothing else is said, where the head must be."""
         return self.inverse(vectors, relation)
 
@@ -101,11 +101,11 @@ class RelationMapModel(Model):
 
     @property
     @abstractmethod
-    def meeting(self) -> Interaction:
+    def interaction(self) -> Interaction:
         """How a mapped head meets a tail."""
 
     @abstractmethod
-    def pullback(self, vectors: Tensor, relation: Tensor) -> Tensor:
+    def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
         """Where unmapped heads meet a tail: meeting(transform(h, r), t) = meeting(h, pullback(t, r)).
 
         The transposed map for a product, the inverse for a distance that the map keeps.
@@ -113,20 +113,20 @@ class RelationMapModel(Model):
 
     @property
     def linear(self) -> bool:
-        return self.meeting.linear
+        return self.interaction.linear
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
-        return self.meeting.score(self.transform(head, relation), tail)
+        return self.interaction.score(self.transform(head, relation), tail)
 
     def score_tails(self, head: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
-        return self.meeting.pairs(self.transform(head, relation), entity)[0]
+        return self.interaction.pairs(self.transform(head, relation), entity)[0]
 
     def score_heads(self, tail: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
-        return self.meeting.pairs(self.pullback(tail, relation), entity)[0]
+        return self.interaction.pairs(self.transform_tail(tail, relation), entity)[0]
 
     def scores(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
         rows, pull_map = self.map(entity, relation, triples)
-        scores, pull_meeting = triples.meet(self.meeting, rows, entity)
+        scores, pull_meeting = triples.meet(self.interaction, rows, entity)
 
         def pull(slope: Tensor) -> tuple[Tensor, Tensor]:
             by_mapped, by_tail = pull_meeting(slope)

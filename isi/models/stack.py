@@ -17,34 +17,34 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Embedding:
-    """Vectors of entities and relations of M models of one family."""
+    """Vectors of entities and relations of M models of one model."""
 
     #: shape: (M, E, d)
     entity: Tensor
     #: shape: (M, R, w), with the family's width
     relation: Tensor
-    family: Model = field(metadata={"shared": True})
+    model: Model = field(metadata={"shared": True})
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
         """f(h, r, t) of triples (section 2); ids and result of shape (M, Q)."""
-        return self.family.score(rows(self.entity, head), rows(self.relation, relation), rows(self.entity, tail))
+        return self.model.score(rows(self.entity, head), rows(self.relation, relation), rows(self.entity, tail))
 
     def score_tails(self, head: Tensor, relation: Tensor) -> Tensor:
         """Scores of all entities as tail of (h, r, ?); ids of shape (M, Q), result (M, Q, E)."""
-        return self.family.score_tails(rows(self.entity, head), rows(self.relation, relation), self.entity)
+        return self.model.score_tails(rows(self.entity, head), rows(self.relation, relation), self.entity)
 
     def score_heads(self, relation: Tensor, tail: Tensor) -> Tensor:
         """Scores of all entities as head of (?, r, t); ids of shape (M, Q), result (M, Q, E)."""
-        return self.family.score_heads(rows(self.entity, tail), rows(self.relation, relation), self.entity)
+        return self.model.score_heads(rows(self.entity, tail), rows(self.relation, relation), self.entity)
 
     def score_relations(self, head: Tensor, tail: Tensor) -> Tensor:
         """Scores of all relations of (h, ?, t); ids of shape (M, Q), result (M, Q, R)."""
         heads, tails = rows(self.entity, head), rows(self.entity, tail)
-        return self.family.score(heads[:, :, None], self.relation[:, None], tails[:, :, None])
+        return self.model.score(heads[:, :, None], self.relation[:, None], tails[:, :, None])
 
     def score_all(self) -> Tensor:
         """Scores of every triple; shape (M, R, E, E)."""
-        return self.family.scores(self.entity, self.relation, DenseTriples.of(self.entity, self.relation))[0]
+        return self.model.scores(self.entity, self.relation, DenseTriples.of(self.entity, self.relation))[0]
 
     def resultants(self, known: Tensor, relation: Tensor, novel_is_tail: Tensor) -> Tensor:
         """α of insert triples: where each puts the novel entity (equation 4).
@@ -55,7 +55,7 @@ class Embedding:
             novel_is_tail: where the relation takes the head if true, else where the head of the tail must be;
                 shape (...).
         """
-        there, back = self.family.transform(known, relation), self.family.inverse(known, relation)
+        there, back = self.model.transform(known, relation), self.model.inverse(known, relation)
         return torch.where(novel_is_tail[..., None], there, back)
 
 
@@ -82,7 +82,7 @@ def select(stacked: T, models: Tensor) -> T:
 
 
 def uniform(
-    entities: Tensor, relations: int, family: Model, dimension: int, half_range: float, root: int, keys: Tensor
+    entities: Tensor, relations: int, model: Model, dimension: int, half_range: float, root: int, keys: Tensor
 ) -> Embedding:
     """Tables uniform in ± half_range (relations: in what the family says); entities that take no part are zero.
 
@@ -93,12 +93,12 @@ def uniform(
     Raises:
         InputError: where the family has no vectors of this dimension.
     """
-    shapes = (entities.shape[1], dimension), (relations, family.width(dimension))
-    bounds = half_range, family.half_range(half_range)
+    shapes = (entities.shape[1], dimension), (relations, model.width(dimension))
+    bounds = half_range, model.half_range(half_range)
     drawn: tuple[list[Tensor], list[Tensor]] = [], []
     for key in keys.tolist():
         rng = stream(root, "embedding", *key)
         for tables, shape, bound in zip(drawn, shapes, bounds, strict=True):
             tables.append(torch.as_tensor(rng.uniform(-bound, bound, shape), dtype=torch.float32))
     entity, relation = (torch.stack(tables) for tables in drawn)
-    return Embedding(entity * entities[..., None], relation, family)
+    return Embedding(entity * entities[..., None], relation, model)

@@ -72,7 +72,7 @@ def inserted(
     entity_names, relation_names = _labels(factory)
     return isi.insert(
         embedding.entity[0].numpy(), embedding.relation[0].numpy(), own,
-        new=_new(factory, own) if new is None else new, family=embedding.family,
+        new=_new(factory, own) if new is None else new, family=embedding.model,
         entity_names=entity_names, relation_names=relation_names,
         known_triples=factory.mapped_triples.numpy(), words=words, word_source=word_source, kinds=kinds,
         initializer=initializer, options=options, seed=seed,

@@ -102,7 +102,7 @@ def read_model(model: ERModel[Any, Any, Any], triples: Tensor, margin: float | N
         return Embedding(entity[None].float(), rows[None].float(), family)
     make, rows = closed
     without = Embedding(entity[None].float(), rows[None].float(), make(0.0))
-    return replace(without, family=make(middle(without, triples, margin)))
+    return replace(without, model=make(middle(without, triples, margin)))
 
 
 def _closed_form(

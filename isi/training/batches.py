@@ -23,7 +23,7 @@ from isi.random import stream
 
 #: Possible triples of a graph up to which batches are tables: about where one model is as fast either way.
 #: A stack's tables then stay within a gigabyte.
-TABLE_CELLS = 2**23
+DENSE_LIMIT = 2**23
 
 
 class Negatives(Section):
@@ -165,7 +165,7 @@ def are_drawn(negatives: Negatives, graph: Graph) -> bool:
 
 def fits_tables(graph: Graph) -> bool:
     """Whether batches over a graph are tables."""
-    return len(graph.relations) * len(graph.entities) ** 2 <= TABLE_CELLS
+    return len(graph.relations) * len(graph.entities) ** 2 <= DENSE_LIMIT
 
 
 def count_table(data: TrainingData, dealt: list[np.ndarray]) -> Tensor:

@@ -15,13 +15,13 @@ from isi.models.stack import Embedding
 from isi.training.batches import Corrupted, Negatives, TrainingData, are_drawn, in_turn
 
 #: What ``compiled`` knows of a family; one that has its own of any is not its.
-_MATHEMATICS = ("maps", "pull_maps", "map", "transform", "meeting", "score", "scores")
+_MATHEMATICS = ("maps", "pull_maps", "map", "transform", "interaction", "score", "scores")
 
 
 def can_compile(embedding: Embedding, data: TrainingData, negatives: Negatives, batch_size: int) -> bool:
     """Whether an epoch can run one by one."""
     drawn, device = are_drawn(negatives, data.session.graph), embedding.entity.device
-    return batch_size == 1 and drawn and device.type == "cpu" and is_block_model(embedding.family)
+    return batch_size == 1 and drawn and device.type == "cpu" and is_block_model(embedding.model)
 
 
 def is_block_model(family: Model) -> bool:
@@ -50,7 +50,7 @@ def run_compiled(
     """
     from isi.training.compiled import update  # takes a second
 
-    scalars = cast(Blocks, embedding.family).first_block(embedding.entity.shape[-1])
+    scalars = cast(Blocks, embedding.model).first_block(embedding.entity.shape[-1])
     for model, corrupted in enumerate(in_turn(data, ratio, root, epoch)):
         tables, sums = (
             (stack.entity[model].numpy(), stack.relation[model].numpy()) for stack in (embedding, squares)

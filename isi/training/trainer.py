@@ -8,18 +8,18 @@ A model that diverges or collapses is stopped before anything is measured of it,
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Literal, Protocol
 
 import torch
 from pydantic import Field
 from torch import Tensor
 
 from isi.config import Count, NotNegative, Positive, Section
-from isi.errors import InputError
 from isi.evaluation.query_sets import validation
 from isi.evaluation.ranking import Queries, Result, evaluate
 from isi.models import bits
 from isi.models.bits import apart
+from isi.models.finite import NotFinite, check_finite
 from isi.models.stack import Embedding, select
 from isi.models.triples import DenseTriples
 from isi.training import single_updates
@@ -91,7 +91,7 @@ def train(
         except NotFinite as error:
             slower = f"turn down the learning rate ({settings.learning_rate:g})"
             advice = slower if epoch else "look at what training starts from"
-            found = f"diverged in epoch {epoch} ({error.found}): {advice}"
+            found = f"diverged in epoch {epoch} ({error.problem}): {advice}"
             raise NotFinite(models[error.models].tolist(), found) from error
         going = watch(epoch, state.embedding, models)
         if going.all() and epoch < settings.max_epochs:
@@ -106,8 +106,8 @@ def train(
 
 
 def _check(state: State) -> None:
-    refuse((state.embedding.entity, state.embedding.relation), "vectors or scores")
-    refuse((state.squares.entity, state.squares.relation), "Adagrad's sums", torch.finfo(torch.float32).max)
+    check_finite((state.embedding.entity, state.embedding.relation), "vectors or scores")
+    check_finite((state.squares.entity, state.squares.relation), "Adagrad's sums", torch.finfo(torch.float32).max)
 
 
 def run_epoch(
@@ -151,7 +151,7 @@ def adagrad(
 def start(embedding: Embedding) -> State:
     """A copy of an embedding with fresh accumulators."""
     entity, relation = (torch.full_like(table, ACCUMULATOR) for table in (embedding.entity, embedding.relation))
-    return State(_apart(embedding), _apart(Embedding(entity, relation, embedding.family)))
+    return State(_apart(embedding), _apart(Embedding(entity, relation, embedding.model)))
 
 
 def keep_models(state: State, staying: Tensor) -> State:
@@ -160,7 +160,7 @@ def keep_models(state: State, staying: Tensor) -> State:
 
 
 def _apart(embedding: Embedding) -> Embedding:
-    return Embedding(apart(embedding.entity), apart(embedding.relation), embedding.family)
+    return Embedding(apart(embedding.entity), apart(embedding.relation), embedding.model)
 
 
 @dataclass(frozen=True)
@@ -173,14 +173,14 @@ class ValidationResult:
     #: in the order of ``MEASURES``; shape: (A, 4), float64
     measures: Tensor
     #: whether this is each model's best so far, and was kept; shape: (A,), bool
-    kept: Tensor
+    is_best: Tensor
 
 
 class EarlyStopping:
     """Keeps the best embedding of each model by validation MRR*, and lets it go when none better comes."""
 
     def __init__(self, embedding: Embedding, valid: Queries, settings: Training) -> None:
-        self.best, self.looks = start(embedding).embedding, list[ValidationResult]()
+        self.best, self.validations = start(embedding).embedding, list[ValidationResult]()
         self.valid, self.settings = valid, settings
         self.highest = torch.full((len(embedding.entity),), -1.0, dtype=torch.float64)
         self.since = torch.zeros(len(embedding.entity), dtype=torch.int64)
@@ -191,7 +191,7 @@ class EarlyStopping:
         measures = evaluate(embedding, {"valid": self.valid})["valid"].measures
         mrr_star = measures[:, 0]
         better = mrr_star > self.highest[models]
-        self.looks.append(ValidationResult(epoch, models, measures, better))
+        self.validations.append(ValidationResult(epoch, models, measures, better))
         self.highest[models[better]] = mrr_star[better]
         self.since[models] = torch.where(better, 0, self.since[models] + 1)
         for name in ("entity", "relation"):
@@ -208,7 +208,7 @@ def train_until_best(
     """Train each model until validation MRR* stops improving; the best embedding of each is kept."""
     watch = EarlyStopping(embedding, validation(data.session)["valid"], settings)
     train(embedding, data, negatives, settings, root, watch)
-    return watch.best, watch.looks
+    return watch.best, watch.validations
 
 
 @dataclass(frozen=True)
@@ -227,20 +227,20 @@ class ConvergenceWatch:
     Args:
         scopes: where to measure.
         targets: MRR* from which a model counts as converged, by scope; NaN where it is not asked; (M,).
-        to_the_end: let no model go.
+        full_curves: let no model go.
     """
 
-    def __init__(self, scopes: dict[str, Queries], targets: dict[str, Tensor], to_the_end: bool) -> None:
-        self.followed = list[EpochMeasures]()
-        self.scopes, self.targets, self.to_the_end = scopes, targets, to_the_end
+    def __init__(self, scopes: dict[str, Queries], targets: dict[str, Tensor], full_curves: bool) -> None:
+        self.epochs = list[EpochMeasures]()
+        self.scopes, self.targets, self.full_curves = scopes, targets, full_curves
         self.reached = {scope: torch.isnan(target) for scope, target in targets.items()}
 
     def __call__(self, epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
         results = evaluate(embedding, self.scopes)
-        self.followed.append(EpochMeasures(epoch, models, results))
+        self.epochs.append(EpochMeasures(epoch, models, results))
         for scope, target in self.targets.items():
             self.reached[scope] |= results[scope].measures[:, 0] >= target
-        if self.to_the_end:
+        if self.full_curves:
             return torch.ones(len(models), dtype=torch.bool)
         going = ~torch.stack(list(self.reached.values())).all(0)
         if not going.all():
@@ -251,7 +251,7 @@ class ConvergenceWatch:
 
 def loss_gradient(embedding: Embedding, batch: DenseBatch | ListBatch) -> Embedding:
     """Gradient of Σ -log σ(y · f) over a batch (section 3)."""
-    entity, relation, family = embedding.entity, embedding.relation, embedding.family
+    entity, relation, family = embedding.entity, embedding.relation, embedding.model
     if isinstance(batch, DenseBatch):
         scores, pull = family.scores(entity, relation, DenseTriples.of(entity, relation))
         slope = torch.sigmoid_(scores).mul_(batch.positives + batch.negatives).sub_(batch.positives)
@@ -260,32 +260,3 @@ def loss_gradient(embedding: Embedding, batch: DenseBatch | ListBatch) -> Embedd
         slope = bits.padded(torch.sigmoid, scores) - batch.positive
     by_entity, by_relation = pull(slope)
     return replace(embedding, entity=by_entity, relation=by_relation)
-
-
-#: Of coordinates: above it, a product of three of them, summed over a vector, may be no float32.
-LARGEST = 1e11
-
-
-class NotFinite(InputError):
-    """NaN or infinity in what some models of a stack hold, would answer, or are to be inserted into by."""
-
-    def __init__(self, models: list[int], found: str) -> None:
-        super().__init__("", "", found)
-        #: their places in the stack
-        self.models = models
-        #: in what, and what to do
-        self.found = found
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.models, self.found)
-
-
-def refuse(tables: tuple[Tensor, ...], what: str, largest: float = LARGEST) -> None:
-    """Refuse values that are no numbers, or so large that scores are none; shapes (M, ...).
-
-    Raises:
-        NotFinite: naming the models that have such.
-    """
-    sound = torch.stack([table.flatten(1).abs().amax(1) <= largest for table in tables]).all(0)  # NaN is not
-    if not sound.all():
-        raise NotFinite((~sound).nonzero()[:, 0].tolist(), f"NaN or infinity in {what}")

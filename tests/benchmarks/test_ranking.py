@@ -20,7 +20,7 @@ from pykeen.triples import CoreTriplesFactory
 from torch import Tensor
 
 from isi.evaluation.query_sets import epoch_query_sets
-from isi.evaluation.ranking import Queries, evaluate, prepare, query_slots
+from isi.evaluation.ranking import Queries, evaluate, padded_ids, prepare
 from isi.graph.graph import Graph
 from isi.graph.sampling import sample_novel, split
 from isi.graph.sessions import TEST, TRAIN, VALID, Session, everything
@@ -75,7 +75,7 @@ def ask(session: Session) -> Queries:
     """The test triples, where no known triple is a rival, test triples among them."""
     asked = session.members(TEST)
     known = session.members(TRAIN, VALID, TEST)
-    return prepare(session, query_slots(asked), asked, known, session.entities)
+    return prepare(session, padded_ids(asked), asked, known, session.entities)
 
 
 def mean_reciprocal_ranks(embedding: Embedding, session: Session) -> Tensor:
@@ -89,7 +89,7 @@ def mean_reciprocal_ranks(embedding: Embedding, session: Session) -> Tensor:
     assert queries.rows is not None
     entities_only = replace(queries.rows, relation_weight=torch.zeros_like(queries.rows.relation_weight))
     stack = Embedding(
-        embedding.entity.expand(number, -1, -1), embedding.relation.expand(number, -1, -1), embedding.family
+        embedding.entity.expand(number, -1, -1), embedding.relation.expand(number, -1, -1), embedding.model
     )
     return 2 * evaluate(stack, {"test": replace(queries, rows=entities_only)})["test"].measures[:, 3]
 
@@ -102,7 +102,7 @@ def test_ours(benchmark: Any, embedding: Embedding, session: Session, prepared: 
         evaluate(embedding, {"test": ready if prepared else ask(session)})
 
     what = "isi, queries prepared before" if prepared else "isi, with preparing the queries"
-    measure(benchmark, ranked, int(ready.asked.sum()), what=what)
+    measure(benchmark, ranked, int(ready.queried.sum()), what=what)
 
 
 def test_pykeen(benchmark: Any, complex_model: ComplEx, embedding: Embedding, session: Session, home: Graph) -> None:
@@ -125,8 +125,8 @@ def test_scopes(benchmark: Any, home: Graph, params: Params) -> None:
     novel = np.concatenate([sample_novel(everyone, params.seed, NOVEL, seed) for seed in range(SCOPES_MODELS)])
     scopes = epoch_query_sets(session, torch.from_numpy(novel))
     how, keys = params.embedding, torch.arange(SCOPES_MODELS)[:, None]
-    family = make_model(how.family, params.families[how.family], f"families.{how.family}")
+    family = make_model(how.model, params.families[how.model], f"families.{how.model}")
     stack = uniform(session.entities, len(home.relations), family, how.dimension, 1.0, params.seed, keys)
-    triples = sum(int(scope.asked.sum()) for scope in scopes.values())
+    triples = sum(int(scope.queried.sum()) for scope in scopes.values())
     what = f"isi, a stack of {SCOPES_MODELS} in {len(scopes)} scopes"
     measure(benchmark, lambda: evaluate(stack, scopes), triples, what=what)
