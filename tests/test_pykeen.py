@@ -88,11 +88,11 @@ def scores(model: ERModel, triples: torch.Tensor) -> torch.Tensor:
 def test_a_model_scores_in_our_terms_what_it_scores_itself(name: str, options: dict[str, Any], factory: Any) -> None:
     model = model_of(name, options, factory, steps=100)
     read = read_model(model, factory.mapped_triples, None)
-    assert isinstance(read.family, OfInteraction) == ((name, options) in OTHERS)
+    assert isinstance(read.model, OfInteraction) == ((name, options) in OTHERS)
     head, relation, tail = factory.mapped_triples.T[:, None]
     ours, theirs = read.score(head, relation, tail)[0], scores(model, factory.mapped_triples)
     torch.testing.assert_close(ours - ours.mean(), theirs - theirs.mean(), rtol=1e-4, atol=1e-5)
-    if not read.family.linear:  # the margin lies between what is true and what is not
+    if not read.model.linear:  # the margin lies between what is true and what is not
         assert ours.mean() > 0 > read.score_tails(head, relation).mean()
 
 

@@ -32,7 +32,7 @@ from tests.small import NAME
 
 CELLS = cells_of(random_graph(12, 2, 80), 2, [4, 6], steps=2)
 VALUES: dict[str, Any] = {
-    "seed": 9, "embedding.model": "analogy", "families.analogy": {},
+    "seed": 9, "embedding.family": "analogy", "families.analogy": {},
     "negatives": {"mode": "sampled", "ratio": 2, "head_pool": "all"}, "convergence": {"margin": 0.25},
     "finetuning": {"batch_size": 50, "learning_rate": 0.01, "weight_decay": 0.5, "max_epochs": 7, "new_rows_first": 0},
     "experiments.home.followed": {"sizes": [3, 5], "initializers": ["rs"]}, "experiments.home.at_once": ["ers"],

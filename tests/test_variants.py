@@ -154,7 +154,7 @@ VARIANT: dict[str, Any] = {
     [
         ([], False, False),
         (["finetuning.learning_rate", "convergence.margin", "initializers.es.k"], False, False),
-        (["embedding.model"], True, False),
+        (["embedding.family"], True, False),
         (["families.transe.margin"], True, False),
         (["negatives.mode"], True, False),
         (["finetuning.learning_rate", "training.weight_decay"], True, False),
@@ -411,6 +411,6 @@ def test_a_variant_with_words_of_its_own_looks_them_up(monkeypatch: pytest.Monke
 
 def test_a_variant_that_trains_reads_no_embedding(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.rmtree(home / paths.theta0("home", 2).parent.parent)
-    changes = {"embedding.model": "distmult", "embedding.dimension": 8, "training.max_epochs": 5}
+    changes = {"embedding.family": "distmult", "embedding.dimension": 8, "training.max_epochs": 5}
     runs, _ = ran(monkeypatch, 4, initializers=["xavier", "es"], finetuned=False, changes=changes)
     assert len(runs) == 3 * 3 * 5  # models, seeds, scopes
