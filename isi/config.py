@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import inspect
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
-from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, TypeVar, cast, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, create_model, field_validator
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, create_model, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from isi.errors import InputError, cut, meant, short
+from isi.errors import InputError, at, meant
 from isi.tables import paths
-
-if TYPE_CHECKING:
-    from pydantic_core import ErrorDetails
-
 
 Count = Annotated[int, Field(ge=1, lt=2**31)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
@@ -39,6 +34,19 @@ class Section(BaseModel):
     """A mapping of ``params.yaml``: no unknown keys, no silent conversions."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    #: Keys that had another name: old and new.
+    renamed: ClassVar[dict[str, str]] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _keys_are_known(cls, values: Any) -> Any:
+        known = [field.alias or name for name, field in cls.model_fields.items()]
+        for key in values if isinstance(values, dict) else ():
+            if key not in known:
+                new = cls.renamed.get(key)
+                message = f"renamed; use {new}" if new else f"unknown key{meant(key, known)}"
+                raise PydanticCustomError("unknown_key", "{message}", {"key": key, "message": message})
+        return values
 
 
 class Study(Section):
@@ -93,55 +101,8 @@ def check(value: Any, kind: type[T], key: str, path: Path = paths.PARAMS) -> T:
     Raises:
         InputError: naming the key that is unknown, missing, of another type or out of range.
     """
-    try:
+    with at(path, key):
         return TypeAdapter(kind).validate_python(value, strict=True)
-    except ValidationError as error:
-        first = min(error.errors(), key=_order)
-        where = ".".join([key] * bool(key) + [str(part) for part in first["loc"] if not _ADDED.search(str(part))])
-        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        raise InputError(path, where, _expected(first, kind) + more) from error
-
-
-#: What pydantic adds to a place that is no key: a type of a union, a function around it.
-_ADDED = re.compile(r"[\[\]()]")
-
-
-def _order(error: ErrorDetails) -> int:
-    """Which mistake of several is told: a misspelt key, which is missing, too; of a union, one that tells most."""
-    return 0 if error["type"] == "extra_forbidden" else 1 if _is_text_for_list(error) else 2
-
-
-def _is_text_for_list(error: ErrorDetails) -> bool:
-    return error["type"] in ("list_type", "tuple_type") and isinstance(error["input"], str)
-
-
-def _expected(error: ErrorDetails, kind: Any) -> str:
-    message, given = error["msg"].removeprefix("Value error, "), short(error["input"])
-    if error["type"] == "extra_forbidden":
-        *above, name = error["loc"]
-        return f"unknown key{meant(name, _keys(kind, above))}"
-    if _is_text_for_list(error):
-        return f"expected a list, got the text {given}: write [{cut(error['input'], 60)}]"
-    if error["type"] == "literal_error" and isinstance(error["input"], str):
-        choices = re.findall("'([^']+)'", message)
-        return f"{message}, got {given}{meant(error['input'], choices)}"
-    return message if error["type"] in ("missing", "value_error") else f"{message}, got {given}"
-
-
-def _keys(kind: Any, place: Sequence[int | str]) -> Iterator[str]:
-    """Keys that a section takes at a place within a type."""
-    if get_origin(kind) in (Annotated, Union, UnionType):
-        of = get_args(kind)[:1] if get_origin(kind) is Annotated else get_args(kind)
-        for one in of:
-            yield from _keys(one, place)
-    elif get_origin(kind) in (dict, list) and place:
-        yield from _keys(get_args(kind)[-1], place[1:])
-    elif isinstance(kind, type) and issubclass(kind, BaseModel):
-        for name, field in kind.model_fields.items():
-            if not place:
-                yield field.alias or name
-            elif place[0] == (field.alias or name):
-                yield from _keys(field.annotation, place[1:])
 
 
 @cache
@@ -174,7 +135,7 @@ def keywords(function: Callable[..., Any], given: Mapping[str, Any], key: str) -
     return {name: getattr(checked, name) for name in type(checked).model_fields}
 
 
-def at(values: Any, key: str) -> Any:
+def value_of(values: Any, key: str) -> Any:
     """The value at a dotted key; null where there is none."""
     for part in key.split("."):
         values = values.get(part) if isinstance(values, dict) else None

@@ -1,65 +1,110 @@
-"""What stands in the way of a command, said in one line."""
+"""A user's mistake as one line: the file, the place in it, what was found, what was expected, the way out.
+
+A function that finds a mistake says what it knows; whoever knows the file and the place adds them once, around it::
+
+    with at(path):                             # log.csv: line 3, column 'head': expected a name, got ''
+        for number, row in enumerate(rows, 1):
+            with at("", f"line {number}"):
+                raise InputError("", "column 'head'", f"expected a name, got {short(row[0])}")
+"""
 
 from __future__ import annotations
 
 import errno
 import os
+import re
 import reprlib
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
 
 #: Characters of a message, at most: what is longer repeats the input, and is cut.
 LONGEST = 270
-_GIB, _MIB = 2**30, 2**20
-
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 
 
 class InputError(Exception):
-    """A mistake in what the user supplied: names the file, the place in it, and what was expected."""
+    """A mistake in what the user supplied: the file, the place in it, and what was found and expected."""
 
-    def __init__(self, file: object, place: str, expected: str) -> None:
-        super().__init__(str(file), place, expected)
-
-    def __str__(self) -> str:
-        parts = [_printable(part) for part in self.args if part]
-        room = LONGEST - len(": ") * (len(parts) - 1)
-        for number, place in enumerate(sorted(range(len(parts)), key=lambda place: len(parts[place]))):
-            parts[place] = cut(parts[place], room // (len(parts) - number))  # the shorter leave room for the longer
-            room -= len(parts[place])
-        return ": ".join(parts)
-
-
-class Unwritable(OSError):
-    """An output that cannot be written: names it, why, and how much room there is, where that is why."""
-
-    def __init__(self, path: Path, error: OSError) -> None:
-        said = os.strerror(error.errno) if error.errno else str(error)
-        why = "its folder is a file" if error.errno == errno.EEXIST else said
-        super().__init__(error.errno, why + _room(path, error), str(path))
+    def __init__(self, file: object, place: object, message: str) -> None:
+        super().__init__(str(file), str(place), message)
+        self.file, self.place, self.message = str(file), str(place), message
 
     def __str__(self) -> str:
-        return str(InputError(self.filename, "", f"cannot be written ({self.strerror})"))
-
-
-def _room(path: Path, error: OSError) -> str:
-    if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-        return ""
-    folder = next((one for one in path.absolute().parents if one.is_dir()), None)
-    try:
-        free = shutil.disk_usage(folder).free if folder else None
-    except OSError:
-        free = None
-    if free is None:
-        return ""
-    return f"; {free / _GIB:.1f} GiB free there" if free >= _GIB else f"; {free / _MIB:.1f} MiB free there"
+        line = cut(" ".join(": ".join(filter(None, self.args)).split()), LONGEST)  # without what moves a cursor
+        return cut("".join(c if c.isprintable() else ascii(c)[1:-1] for c in line), LONGEST)
 
 
 class NotAsWritten(InputError):
     """A file that by itself is not what its stage has written: it breaks a rule, or was edited."""
+
+
+@contextmanager
+def at(file: object, place: object = "") -> Iterator[None]:
+    """Add a file and a place to the mistakes that are found within.
+
+    An ``InputError`` without a file gets this one; one of this file gets the place before its own; one of another file
+    is quoted whole: ``params.yaml: sources.mp3d: vocabulary.yaml: structure: expected a list``.
+
+    Raises:
+        InputError: also for what pydantic, pyarrow, a decoder of text or the system says of the file.
+    """
+    cause: Exception
+    inner = ""
+    try:
+        yield
+        return
+    except InputError as error:
+        cause, same = error, error.file in ("", str(file))
+        inner, message = (error.place, error.message) if same else ("", str(error))
+    except UnicodeDecodeError as error:
+        cause, message = error, f"expected UTF-8, got byte 0x{error.object[error.start]:02x} at {error.start + 1:,}"
+    except ValidationError as error:
+        cause, (inner, message) = error, explained(error)
+    except OSError as error:
+        cause, message = error, f"cannot be read ({system_says(error)})"
+    except Exception as error:
+        if type(error).__module__.split(".")[0] != "pyarrow":
+            raise
+        cause, message = error, f"cannot be read ({cut(str(error), 120)})"
+    keys = all(re.fullmatch(r"[\w.]+", str(part)) for part in (place, inner))
+    raise InputError(file, ("." if keys else ", ").join(filter(None, map(str, (place, inner)))), message) from cause
+
+
+def explained(error: ValidationError) -> tuple[str, str]:
+    """The place and the text of the first mistake that pydantic found, and how many more there are."""
+    first: Any = min(error.errors(), key=lambda one: one["type"] not in ("unknown_key", "list_type"))
+    loc = [*first["loc"], *([first["ctx"]["key"]] if first["type"] == "unknown_key" else [])]
+    place = ".".join(str(part) for part in loc if not re.search(r"[\[\]()]", str(part)))  # types of a union
+    message, got = first["msg"].removeprefix("Value error, "), first["input"]
+    if first["type"] == "list_type" and isinstance(got, str):
+        message = f"expected a list, got the text {short(got)}: write [{cut(got, 60)}]"
+    elif first["type"] not in ("missing", "value_error", "unknown_key"):
+        message += f", got {short(got)}"
+    if first["type"] == "literal_error":
+        message += meant(got, re.findall("'([^']+)'", first["ctx"]["expected"]))
+    return place, message + (f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else "")
+
+
+def unwritable(path: Path, error: OSError) -> InputError:
+    """What stands in the way of writing a file, and how much room there is where that is why."""
+    why = "its folder is a file" if error.errno == errno.EEXIST else system_says(error)
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        with suppress(OSError, StopIteration):
+            free = shutil.disk_usage(next(folder for folder in path.absolute().parents if folder.is_dir())).free
+            why += f"; {free / 2**20:.1f} MiB free there"
+    return InputError(path, "", f"cannot be written ({why})")
+
+
+def system_says(error: OSError) -> str:
+    """What went wrong, without the file's name."""
+    return os.strerror(error.errno) if error.errno else str(error) or type(error).__name__
 
 
 def short(value: object) -> str:
@@ -72,33 +117,11 @@ def short(value: object) -> str:
 
 def cut(text: str, most: int = 80) -> str:
     """A text of at most so many characters, without its middle where it has more."""
-    if len(text) <= most:
-        return text
     behind = max(0, most - 3) // 3
-    return f"{text[: max(0, most - 3 - behind)]}...{text[len(text) - behind :]}"
-
-
-def closest(name: object, known: Iterable[object]) -> str | None:
-    """The one of some names that another is like; null where none is."""
-    return next(iter(get_close_matches(str(name)[:LONGEST], map(str, known), 1)), None)
+    return text if len(text) <= most else f"{text[: max(0, most - 3 - behind)]}...{text[len(text) - behind :]}"
 
 
 def meant(name: object, known: Iterable[object]) -> str:
-    """What a misspelt name was probably to be, as the end of a message; empty where nothing is like it."""
-    close = closest(name, known)
-    return "" if close is None else f"; did you mean {close!r}?"
-
-
-def reason(error: OSError) -> str:
-    """What the system says about a file, in one line."""
-    if isinstance(error, Unwritable):
-        return str(error)
-    nameless = "standard output, or memory that processes share" if error.errno == errno.ENOSPC else ""
-    named = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else nameless
-    return str(InputError(named, "", error.strerror or str(error) or type(error).__name__))
-
-
-def _printable(text: str) -> str:
-    """The same in one line, without what would move a terminal's cursor."""
-    kept = cut(text, 10 * LONGEST)  # of a text of megabytes, no more is looked at
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in " ".join(kept.split()))
+    """The known name that a misspelt one is like, as the end of a message; empty where none is."""
+    close = get_close_matches(str(name)[:LONGEST], map(str, known), 1)
+    return f"; did you mean {close[0]!r}?" if close else ""

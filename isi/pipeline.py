@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from isi import config
-from isi.errors import InputError, closest, meant
+from isi.errors import InputError, meant
 from isi.tables import paths
 
 #: Each pipeline with the params that its matrices run over.
@@ -33,7 +33,7 @@ def declared(name: str, arguments: Mapping[str, str], everything: Mapping[str, A
 
     def fill(open_part: re.Match[str]) -> str:
         matrix, _, item = open_part[1].partition(".")
-        return str(arguments[item] if matrix == "item" else config.at(everything, open_part[1]))
+        return str(arguments[item] if matrix == "item" else config.value_of(everything, open_part[1]))
 
     found: dict[str, Any] = {}
     for listed in entry.get("params", []):
@@ -55,8 +55,8 @@ def value_at(file: Path, values: Mapping[str, Any], key: str) -> Any:
         if not isinstance(there, Mapping) or name in there:
             there = there.get(name) if isinstance(there, Mapping) else None
             continue
-        if (close := closest(name, there)) is not None:
-            raise InputError(file, ".".join(parts[:number]), f"missing: was {close!r} to be it?")
+        if close := meant(name, there):
+            raise InputError(file, ".".join(parts[:number]), f"missing{close}")
         return None
     return there
 
@@ -69,7 +69,7 @@ def _check_arguments(
     A name that a list lacks is none of the pipeline's runs, but may be run.
     """
     for argument, key in _matrix(entry).items():
-        there = config.at(_values(pipeline, everything), key)
+        there = config.value_of(_values(pipeline, everything), key)
         name = arguments[argument]
         if isinstance(there, dict) and name not in there:
             expected = f"there is no {argument} {name!r} there, but {', '.join(map(str, there))}{meant(name, there)}"
@@ -89,7 +89,7 @@ def _matrix(entry: Mapping[str, Any]) -> dict[str, str]:
 
 def _listed(values: Mapping[str, Any], key: str) -> Collection[Any]:
     """What a matrix runs over: the keys of a mapping, or a list; none where params have there what they must not."""
-    there = config.at(values, key)
+    there = config.value_of(values, key)
     return there if isinstance(there, dict | list) else []
 
 

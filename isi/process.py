@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import ctypes
+import errno
 import fcntl
 import io
 import os
@@ -22,7 +23,7 @@ from types import FrameType
 from typing import NoReturn
 
 from isi import pipeline
-from isi.errors import InputError, Unwritable, cut, reason
+from isi.errors import InputError, cut, system_says, unwritable
 
 _PR_SET_PDEATHSIG = 1
 #: By Ctrl-C, and by ``kill``, ``timeout`` or a scheduler.
@@ -141,9 +142,16 @@ def one_line(name: str, then: str = "run it again") -> Iterator[None]:
             sys.exit(141)
         except OSError as error:
             gone = isinstance(error, FileNotFoundError) and isinstance(error.filename, str)
-            sys.exit(f"{name}: {pipeline.absent(Path(error.filename)) if gone else reason(error)}")
+            sys.exit(f"{name}: {pipeline.absent(Path(error.filename)) if gone else _reason(error)}")
         except MemoryError:
             sys.exit(f"{name}: not enough memory: lower compute.workers or compute.stack in params.yaml, or its input")
+
+
+def _reason(error: OSError) -> InputError:
+    """What the system says, and of which file."""
+    nameless = "standard output, or memory that processes share" if error.errno == errno.ENOSPC else ""
+    named = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else nameless
+    return InputError(named, "", system_says(error))
 
 
 def _flush() -> None:
@@ -180,7 +188,7 @@ def only_one(name: str) -> Iterator[None]:
         LOCKS.mkdir(exist_ok=True)
         file = path.open("a+", encoding="ascii")
     except OSError as error:
-        raise Unwritable(path, error) from error
+        raise unwritable(path, error) from error
     with file:
         if not _locked(file.fileno()):
             file.seek(0)
@@ -190,7 +198,7 @@ def only_one(name: str) -> Iterator[None]:
         try:
             print(os.getpid(), file=file, flush=True)
         except OSError as error:
-            raise Unwritable(path, error) from error
+            raise unwritable(path, error) from error
         yield
 
 

@@ -47,7 +47,7 @@ class StageContext:
             if key == own:
                 return value
             if key.startswith(f"{own}."):
-                return config.at(value, key.removeprefix(f"{own}."))
+                return config.value_of(value, key.removeprefix(f"{own}."))
         below = [own.removeprefix(f"{key}.").partition(".")[0] for own in self.values if own.startswith(f"{key}.")]
         if below:
             return {name: self.raw(f"{key}.{name}") for name in dict.fromkeys(below)}

@@ -1,5 +1,7 @@
 """Alterations of the tables and tensors of a small run, who reads each, and the rule that it breaks."""
 
+# ruff: noqa: E501
+
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from isi.errors import LONGEST, InputError, closest, cut, meant, short
+from isi.errors import LONGEST, InputError, cut, meant, short
 from isi.pipeline import absent
 from isi.tables import io, paths
 from tests.lawful import written_by_its_stage
@@ -287,4 +287,3 @@ def test_a_value_is_repeated_in_short() -> None:
 def test_what_was_meant_is_told_only_where_something_is_like_it() -> None:
     assert meant("xaver", ["es", "xavier"]) == "; did you mean 'xavier'?"
     assert meant("mug", ["es", "xavier"]) == ""
-    assert closest(3, [30, 7]) == "30"

@@ -24,7 +24,7 @@ import numpy as np
 
 from isi.bundle.manifest import Bundle, EntityInfo, Manifest
 from isi.config import check
-from isi.errors import InputError, Unwritable
+from isi.errors import InputError, unwritable
 
 #: Categories of characters that break lines or cells, do something to a terminal, or are no text.
 HOSTILE = frozenset({"Cc", "Cs", "Zl", "Zp"})
@@ -111,7 +111,7 @@ def write(folder: Path, kept: Bundle) -> None:
             for name, content in files.items():
                 (temporary / name).write_bytes(content)
     except OSError as error:
-        raise InputError(folder, "", f"cannot be written ({Unwritable(folder, error).strerror})") from error
+        raise unwritable(folder, error) from error
 
 
 def _files(folder: Path, kept: Bundle) -> dict[str, bytes]:

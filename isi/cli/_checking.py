@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from isi.config import at, check
+from isi.config import check, value_of
 from isi.errors import InputError
 from isi.pipeline import made_files, maker_now
 from isi.tables import catalogue, io, paths
@@ -143,7 +143,9 @@ class Checking:
         try:
             stacks = store.cells(_ALL)
             how = check(self.everything.get("embedding"), EmbeddingParams, "embedding")
-            family = make_model(how.family, at(self.everything, f"families.{how.family}"), f"families.{how.family}")
+            family = make_model(
+                how.family, value_of(self.everything, f"families.{how.family}"), f"families.{how.family}"
+            )
         except InputError as error:
             yield error
             return

@@ -10,7 +10,7 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi.config import at, check
+from isi.config import check, value_of
 from isi.errors import InputError
 from isi.experiment.store import Store
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph
@@ -62,7 +62,7 @@ def _model(store: Store, graph: Graph, values: Mapping[str, Any], seed: int | No
     if row is None or not len(seeds):
         raise InputError(path, f"seed {seed}", f"expected one of {', '.join(map(str, seeds.tolist()))}")
     how = check(values.get("embedding"), EmbeddingParams, "embedding")
-    family = make_model(how.family, at(values, f"families.{how.family}"), f"families.{how.family}")
+    family = make_model(how.family, value_of(values, f"families.{how.family}"), f"families.{how.family}")
     shapes = (len(graph.entities), len(graph.relations), family.width(entity.shape[-1]))
     got = (entity.shape[1], relation.shape[1], relation.shape[2])
     if got != shapes:

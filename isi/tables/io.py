@@ -14,7 +14,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isi.errors import InputError, NotAsWritten, Unwritable
+from isi.errors import InputError, NotAsWritten, unwritable
 from isi.pipeline import absent
 from isi.process import lives
 from isi.tables.catalogue import (
@@ -252,7 +252,7 @@ def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
 
     Raises:
         InputError: where the path has no name, such as ``.``.
-        Unwritable: where the disk is full, read-only, or refuses otherwise; what was there stays.
+        InputError: where the disk is full, read-only, or refuses otherwise; what was there stays.
     """
     if path.name in ("", ".."):
         raise InputError(path, "", "expected the name of a file")
@@ -267,7 +267,7 @@ def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
     except OSError as error:
         if error.errno is None or (error.filename and Path(error.filename).name not in {temporary.name, *path.parts}):
             raise  # of what was to be written, not of writing it
-        raise Unwritable(path, error) from error
+        raise unwritable(path, error) from error
     finally:
         with suppress(OSError):
             temporary.unlink()
