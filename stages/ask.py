@@ -23,10 +23,11 @@ def ask(given: StageContext, experiment: str) -> None:
     insert_triples = store.insert_triples()
     tasks = [
         QueryBreakdownTask(
-            cell, store.theta0(cell, family), store.joint(cell, family),
-            {name: store.initial_vectors(name, cell) for name in names}, store.insert_triples_of(cell, insert_triples),
+            points, store.theta0(points, family), store.joint(points, family),
+            {name: store.initial_vectors(name, points) for name in names},
+            store.insert_triples_of(points, insert_triples),
         )
-        for cell in store.cells(stack_height(compute))
+        for points in store.grid(stack_height(compute))
     ]  # fmt: skip
     asked = pd.concat(run(query_breakdown.break_down, tasks, compute, f"{experiment}, asked"))
     asked = asked.sort_values(["size", "seed"], kind="stable")

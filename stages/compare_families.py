@@ -21,13 +21,17 @@ def compare_families(given: StageContext, experiment: str, family: str) -> None:
     """Train the joint model of one embedding family, and measure it over all queries."""
     trained, compute = given.section(f"compare_families.families.{family}", ModelTraining), compute_of(given)
     store = Store(experiment, given.provenance)
-    first = store.cells(stack_height(compute), seeds=given.section("compare_families.seeds", Count))
-    cells = [replace(cell, size=NO_INSERTION, novel=cell.novel[:, :0]) for cell in first if cell.size == first[0].size]
+    first = store.grid(stack_height(compute), seeds=given.section("compare_families.seeds", Count))
+    grid = [
+        replace(points, size=NO_INSERTION, novel=points.novel[:, :0])
+        for points in first
+        if points.size == first[0].size
+    ]
     how = train_config(given, family, **trained.model_dump())
-    learned = run(train_joint_model, [TrainTask(cell, how) for cell in cells], compute, f"families, {family}")
+    learned = run(train_joint_model, [TrainTask(points, how) for points in grid], compute, f"families, {family}")
     judged = [
-        ModelTask(cell, StackedVectors(how.model, one.entity, one.relation))
-        for cell, one in zip(cells, learned, strict=True)
+        ModelTask(points, StackedVectors(how.model, one.entity, one.relation))
+        for points, one in zip(grid, learned, strict=True)
     ]
     measured = run(measure, judged, compute, f"families, {family}, measured")
     table = pd.concat(rows(frame, one) for frame, one in zip(measured, learned, strict=True))

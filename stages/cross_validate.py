@@ -20,7 +20,7 @@ def cross_validate(given: StageContext, experiment: str) -> None:
     study, compute = given.section("cross_validation", CrossValidationFactors), compute_of(given)
     graph = Store(experiment, given.provenance).graph()
     tasks = fold_tasks(experiment, graph, study, train_config(given), stack_height(compute))
-    if not all((task.cells.splits == VALID).any(1).all() for task in tasks):
+    if not all((task.points.splits == VALID).any(1).all() for task in tasks):
         expected = "expected no more folds than triples that may leave train (some must stay, for every entity)"
         raise InputError(paths.PARAMS, "cross_validation.folds", expected)
     learned = run(train_joint_model, tasks, compute, "cross-validation")

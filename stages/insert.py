@@ -21,12 +21,12 @@ def insert(given: StageContext, experiment: str, initializer: str) -> None:
     store, compute = Store(experiment, given.provenance), compute_of(given)
     how = inserting_in(given, experiment, initializer)
     listed = is_listed(given, f"experiments.{experiment}.initializers", initializer)
-    cells = store.cells(stack_height(compute)) if listed else []
-    tasks = insertion_tasks(store, given, how, cells)
+    grid = store.grid(stack_height(compute)) if listed else []
+    tasks = insertion_tasks(store, given, how, grid)
     done = run(insert_cells, tasks, compute, f"{experiment}, {initializer}")
     vectors: dict[str, list[torch.Tensor]] = {}
     for task, result in zip(tasks, done, strict=True):
-        vectors.setdefault(f"size={task.cells.size:02d}", []).append(torch.from_numpy(result.vectors))
+        vectors.setdefault(f"size={task.points.size:02d}", []).append(torch.from_numpy(result.vectors))
     tensors = {name: torch.cat(parts) for name, parts in vectors.items()}
     runs = io.together((result.runs for result in done), catalogue.RUNS, catalogue.TIES)
     inserted = io.together((result.entities for result in done), catalogue.INSERTED)

@@ -23,9 +23,9 @@ def insert_nothing(given: StageContext, experiment: str) -> None:
     sizes = given.section(f"experiments.{experiment}.followed.sizes", list[Count])
     negatives, optimizer = given.section("negatives", Negatives), given.section("finetuning", Optimizer)
     tasks = [
-        FinetuneOnlyTask(cells, store.theta0(cells, family), given.seed, negatives, optimizer)
-        for cells in store.cells(stack_height(compute))
-        if cells.size in sizes
+        FinetuneOnlyTask(points, store.theta0(points, family), given.seed, negatives, optimizer)
+        for points in store.grid(stack_height(compute))
+        if points.size in sizes
     ]
     done = run(finetune_only, tasks, compute, f"{experiment}, nothing inserted")
     runs = io.together(done, catalogue.RUNS).sort_values(["size", "seed", "session", "epoch", "scope"])

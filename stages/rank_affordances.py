@@ -17,7 +17,7 @@ def rank_affordances(given: StageContext, experiment: str) -> None:
     """Rank what can be done with inserted entities, from the vectors that were inserted."""
     study, compute, family = given.section("affordances", AffordanceSettings), compute_of(given), model_of(given)
     store = Store(experiment, given.provenance)
-    cells = store.cells(stack_height(compute))
+    grid = store.grid(stack_height(compute))
     relations = store.graph().relations
     if study.relation not in relations:
         expected = f"expected a relation of {experiment}: {', '.join(relations)}"
@@ -25,9 +25,9 @@ def rank_affordances(given: StageContext, experiment: str) -> None:
     relation, names, tasks = relations.index(study.relation), [], []
     for name in given.raw("initializers"):
         if is_listed(given, f"experiments.{experiment}.initializers", name):
-            for cell in cells:
-                vectors = store.initial_vectors(name, cell)
-                tasks.append(RankingTask(cell, store.theta0(cell, family), vectors, relation))
+            for points in grid:
+                vectors = store.initial_vectors(name, points)
+                tasks.append(RankingTask(points, store.theta0(points, family), vectors, relation))
                 names.append(name)
     ranked = run(ranks, tasks, compute, "affordances")
     frame = io.together(

@@ -22,17 +22,18 @@ def single_out(given: StageContext, experiment: str) -> None:
     study, family = given.section("explorer", ExplorerSettings), model_of(given)
     store, compute = Store(experiment, given.provenance), compute_of(given)
     seeds = first_seeds(store.novel(), study.size)
-    cells = [cell for cell in store.cells(stack_height(compute), study.size) if set(cell.seeds) & set(seeds.values())]
+    stacks = store.grid(stack_height(compute), study.size)
+    grid = [points for points in stacks if set(points.seeds) & set(seeds.values())]
     hows = [inserting(given, name) for name in (*SHOWN, study.best)]
     inserted = [
         insertion_tasks(
-            store, given, replace(how, optimizer=how.optimizer.model_copy(update={"max_epochs": study.epochs})), cells
+            store, given, replace(how, optimizer=how.optimizer.model_copy(update={"max_epochs": study.epochs})), grid
         )
         for how in hows
     ]
     tasks = [
-        SinglesTask(cell, own, store.joint(cell, family), seeds, study)
-        for cell, *own in zip(cells, *inserted, strict=True)
+        SinglesTask(points, own, store.joint(points, family), seeds, study)
+        for points, *own in zip(grid, *inserted, strict=True)
     ]
     done = run(single_insertions.single_insertions, tasks, compute, f"{experiment}, entity by entity")
     for what, (schema, order) in single_insertions.TABLES.items():

@@ -25,8 +25,8 @@ def sweep_indicators(given: StageContext, experiment: str, initializer: str) -> 
     if not sizes:
         raise InputError(paths.PARAMS, "sweep.k", f"expected a size up to {key}.candidates")
     store = Store(experiment, given.provenance)
-    cells = store.cells(stack_height(compute), how.size, how.seeds)
-    first = insertion_tasks(store, given, inserting_with(given, initializer, {**options, "k": sizes[0]}, key), cells)
+    grid = store.grid(stack_height(compute), how.size, how.seeds)
+    first = insertion_tasks(store, given, inserting_with(given, initializer, {**options, "k": sizes[0]}, key), grid)
     swept = [replace(task, how=replace(task.how, options={**options, "k": k})) for k in sizes for task in first]
     done = run(insert_stack, swept, compute, f"indicator sets, {initializer}")
     runs = pd.concat(result.runs.assign(k=task.how.options["k"]) for task, result in zip(swept, done, strict=True))

@@ -20,24 +20,24 @@ def trace_approach(given: StageContext, experiment: str) -> None:
     """Follow one novel entity through fine-tuning, from where each initializer puts it."""
     study = given.section("approach", TrajectorySettings)
     store = Store(experiment, given.provenance)
-    cell = next((cell for cell in store.cells(1, study.size) if cell.seeds == [study.seed]), None)
-    if cell is None:
+    points = next((points for points in store.grid(1, study.size) if points.seeds == [study.seed]), None)
+    if points is None:
         raise InputError(paths.PARAMS, "approach.seed", f"expected one of the seeds of {experiment}, got {study.seed}")
     inserted = []
     for name in TRACED:
         how = inserting(given, name)
         followed = replace(how, optimizer=how.optimizer.model_copy(update={"max_epochs": study.epochs}))
-        inserted += insertion_tasks(store, given, followed, [cell])
+        inserted += insertion_tasks(store, given, followed, [points])
     place = place_of_interest(inserted[0], store.entities()["kind"], study.kind)
     if place is None:
         expected = f"expected a seed with a novel {study.kind} that has a word vector and insert triples"
         raise InputError(paths.PARAMS, "approach.seed", expected)
     traces = run(
-        trace_trajectory, [TrajectoryTask(cell, task, place) for task in inserted], compute_of(given), "approach"
+        trace_trajectory, [TrajectoryTask(points, task, place) for task in inserted], compute_of(given), "approach"
     )
     tensors = {
-        "entity": torch.from_numpy(cell.novel[0, 0, place : place + 1]),
-        "known": cell.session(0).entities[0],
+        "entity": torch.from_numpy(points.novel[0, 0, place : place + 1]),
+        "known": points.session(0).entities[0],
         "theta0": torch.from_numpy(inserted[0].theta0.entity[0]),
     }
     for name, traced in zip(TRACED, traces, strict=True):

@@ -18,20 +18,20 @@ from isi.tables import io, paths
 def train_joint(given: StageContext, experiment: str) -> None:
     """Train the joint model of every seed on all that has a split, and measure it in the scopes of every size."""
     store, how, compute = Store(experiment, given.provenance), train_config(given), compute_of(given)
-    cells, insert_triples = store.cells(stack_height(compute)), store.insert_triples()
+    grid, insert_triples = store.grid(stack_height(compute)), store.insert_triples()
     tasks = [
-        TrainTask(replace(cell, size=NO_INSERTION, novel=cell.novel[:, :0]), how)
-        for cell in cells
-        if cell.size == cells[0].size  # once for each seed
+        TrainTask(replace(points, size=NO_INSERTION, novel=points.novel[:, :0]), how)
+        for points in grid
+        if points.size == grid[0].size  # once for each seed
     ]
     learned = run(train_joint_model, tasks, compute, f"{experiment}, joint")
     tensors = as_tensors(tasks, learned)
     row = {seed: number for number, seed in enumerate(tensors["seed"].tolist())}
     judged = []
-    for cell in cells:
-        rows = [row[seed] for seed in cell.seeds]
+    for points in grid:
+        rows = [row[seed] for seed in points.seeds]
         theta = StackedVectors(how.model, tensors["entity"][rows].numpy(), tensors["relation"][rows].numpy())
-        judged.append(EvaluationTask(cell, theta, store.insert_triples_of(cell, insert_triples)))
+        judged.append(EvaluationTask(points, theta, store.insert_triples_of(points, insert_triples)))
     runs = pd.concat(run(evaluate_stack, judged, compute, f"{experiment}, joint, measured"))
     io.write_tensors(paths.joint(experiment), tensors, given.provenance)
     store.write_log("joint", pd.concat(result.log for result in learned))

@@ -15,11 +15,11 @@ from isi.tables import io, paths
 def train_theta0(given: StageContext, experiment: str) -> None:
     """Train Θ⁰ on D⁰, for every size and seed."""
     store, how, compute = Store(experiment, given.provenance), train_config(given), compute_of(given)
-    tasks = [TrainTask(cells, how) for cells in store.cells(stack_height(compute))]
+    tasks = [TrainTask(points, how) for points in store.grid(stack_height(compute))]
     learned = run(train_initial, tasks, compute, f"{experiment}, theta0")
     files = {}
-    for size in sorted({task.cells.size for task in tasks}):
-        of_size = [number for number, task in enumerate(tasks) if task.cells.size == size]
+    for size in sorted({task.points.size for task in tasks}):
+        of_size = [number for number, task in enumerate(tasks) if task.points.size == size]
         tensors = as_tensors([tasks[n] for n in of_size], [learned[n] for n in of_size])
         files[paths.theta0(experiment, size)] = tensors
     for path, tensors in files.items():

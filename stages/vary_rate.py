@@ -17,11 +17,11 @@ def vary_rate(given: StageContext, experiment: str, initializer: str) -> None:
     """Insert novel entities with one initializer again, fine-tuned until convergence at other rates."""
     study, how, compute = given.section("rates", RateFactors), inserting(given, initializer), compute_of(given)
     store = Store(experiment, given.provenance)
-    cells, tasks, factors = store.cells(stack_height(compute), study.size), [], []
+    grid, tasks, factors = store.grid(stack_height(compute), study.size), [], []
     for factor in study.factors:
         at_rate = how.optimizer.model_copy(update={"learning_rate": factor * how.optimizer.learning_rate})
-        tasks += insertion_tasks(store, given, replace(how, optimizer=at_rate), cells)
-        factors += [factor] * len(cells)
+        tasks += insertion_tasks(store, given, replace(how, optimizer=at_rate), grid)
+        factors += [factor] * len(grid)
     done = run(insert_stack, tasks, compute, f"rates, {initializer}")
     runs = io.together(
         (result.runs.assign(factor=factor) for factor, result in zip(factors, done, strict=True)), catalogue.RATE_SWEEP

@@ -62,7 +62,7 @@ def random_embedding(
     return Embedding(entity, torch.randn(models, relations, model.width(dimension), generator=generator), model)
 
 
-def cells_of(graph: Graph, size: int, seeds: Sequence[int], root: int = 0, steps: int = 1) -> GridPoints:
+def points_of(graph: Graph, size: int, seeds: Sequence[int], root: int = 0, steps: int = 1) -> GridPoints:
     """Cells as the pipeline draws them, with a fifth of the triples each for validation and test."""
     splits = np.stack([split(graph, root, seed, 0.2, 0.2) for seed in seeds])
     everyone = np.arange(len(graph.entities))
@@ -70,13 +70,13 @@ def cells_of(graph: Graph, size: int, seeds: Sequence[int], root: int = 0, steps
     return GridPoints("home", graph, size, list(seeds), splits, novel)
 
 
-def insert_triples_of(cells: GridPoints, session: int = 1, root: int = 0, fraction: float = 0.5) -> np.ndarray:
+def insert_triples_of(points: GridPoints, session: int = 1, root: int = 0, fraction: float = 0.5) -> np.ndarray:
     """(model, place in ``novel``, triple) of what is told in a session, as a step is told it; shape (I, 3)."""
     rows = [
-        (model, cells.novel[model, session - 1].tolist().index(entity), triple)
-        for model, seed in enumerate(cells.seeds)
+        (model, points.novel[model, session - 1].tolist().index(entity), triple)
+        for model, seed in enumerate(points.seeds)
         for entity, triple in sample_insert_triples(
-            cells.graph, cells.splits[model], cells.novel[model], session, root, seed, fraction
+            points.graph, points.splits[model], points.novel[model], session, root, seed, fraction
         )
     ]
     return np.array(rows, dtype=np.int64).reshape(-1, 3)

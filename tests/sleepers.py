@@ -20,12 +20,12 @@ WORKERS = 2
 
 @dataclass(frozen=True)
 class Sleep:
-    cells: GridPoints
+    points: GridPoints
 
 
 def sleep(task: Sleep) -> None:
     """Note this process in the folder that the task's experiment is named after, and sleep."""
-    Path(task.cells.experiment, str(os.getpid())).touch()
+    Path(task.points.experiment, str(os.getpid())).touch()
     time.sleep(300)
 
 

@@ -18,41 +18,41 @@ from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.models.model import make_model
 from isi.models.stack import Embedding
 from isi.report.parts import mrr_star
-from tests.graphs import ANALOGY, cells_of, graph_of, insert_triples_of, random_embedding, random_graph
+from tests.graphs import ANALOGY, graph_of, insert_triples_of, points_of, random_embedding, random_graph
 
 CELL = ["model", "size", "seed", "scope", "filter"]
 
 
-def task_of(cells: GridPoints, models: Mapping[str, Embedding]) -> QueryBreakdownTask:
+def task_of(points: GridPoints, models: Mapping[str, Embedding]) -> QueryBreakdownTask:
     """Of embeddings as the joint model or, by their novel vectors, as initializers in the joint model's place."""
     joint = StackedVectors(ANALOGY, models["joint"].entity.numpy(), models["joint"].relation.numpy())
-    novel = cells.novel_in(1)
+    novel = points.novel_in(1)
     inserted = {name: one.entity[torch.arange(len(novel))[:, None], novel].numpy()
                 for name, one in models.items() if name != "joint"}  # fmt: skip
-    told = insert_triples_of(cells)
-    return QueryBreakdownTask(cells, joint, joint, inserted, np.insert(told, 0, 1, axis=1))
+    told = insert_triples_of(points)
+    return QueryBreakdownTask(points, joint, joint, inserted, np.insert(told, 0, 1, axis=1))
 
 
 def random_task(stack: list[int]) -> QueryBreakdownTask:
-    cells = cells_of(random_graph(12, 3, 90), 2, stack)
+    points = points_of(random_graph(12, 3, 90), 2, stack)
     every = {name: random_embedding(3, 12, 3, 8, seed=seed) for seed, name in enumerate(("joint", "es", "rs"))}
     own = {name: Embedding(one.entity[stack], one.relation[stack], ANALOGY) for name, one in every.items()}
-    return task_of(cells, own)
+    return task_of(points, own)
 
 
 def test_groups_put_together_are_the_measures_of_their_scope() -> None:
     task = random_task([0, 1, 2])
-    novel, session = task.cells.novel_in(1), task.cells.session(1)
+    novel, session = task.points.novel_in(1), task.points.session(1)
     found = mrr_star(break_down(task), CELL).set_index(CELL)
     plain = mrr_star(break_down(task).assign(mrr_star=lambda rows: rows["mrr"]), CELL).set_index(CELL)
     models = {name: with_vectors(task.theta0.stack, novel, torch.as_tensor(own)) for name, own in task.inserted.items()}
     models["joint"] = task.joint.stack
     compared = 0
-    for scopes in query_sets_with_filters(session, novel, task.cells.told_in(1, task.insert_triples)):
+    for scopes in query_sets_with_filters(session, novel, task.points.insert_triples_in(1, task.insert_triples)):
         for name, embedding in models.items():
             for (scope, which), queries in scopes.items():
                 measures = evaluate(embedding, {"own": queries})["own"].measures
-                for seed, expected in zip(task.cells.seeds, measures.tolist(), strict=True):
+                for seed, expected in zip(task.points.seeds, measures.tolist(), strict=True):
                     own = found.loc[name, 2, seed, scope, which]
                     assert own[list(MEASURES[:3])].tolist() == pytest.approx(expected[:3], abs=1e-6)
                     assert plain.loc[name, 2, seed, scope, which]["mrr_star"] == pytest.approx(expected[3], abs=1e-6)
@@ -85,11 +85,11 @@ SPLITS = np.array([[TRAIN, VALID, TRAIN, TEST, TRAIN, TEST]], dtype=np.int8)
 
 
 def test_groups_by_hand() -> None:
-    cells = GridPoints("home", GRAPH, 1, [7], SPLITS, np.array([[[3]]]))
+    points = GridPoints("home", GRAPH, 1, [7], SPLITS, np.array([[[3]]]))
     entity = torch.tensor([[[1.0, 0, 0, 0], [2.0, 0, 0, 0], [3.0, 0, 0, 0], [4.0, 0, 0, 0], [5.0, 0, 0, 0]]])
     relation = torch.tensor([[[1.0, 0, 0, 0], [0.5, 0, 0, 0]]])
     joint = StackedVectors(ANALOGY, entity.numpy(), relation.numpy())
-    task = QueryBreakdownTask(cells, joint, joint, {}, np.array([[1, 0, 0, 2]]))  # (3, 0, 0) is told
+    task = QueryBreakdownTask(points, joint, joint, {}, np.array([[1, 0, 0, 2]]))  # (3, 0, 0) is told
     rows = break_down(task)
     assert set(rows["model"]) == {"joint"}
     assert set(rows["seed"]) == {7}
@@ -112,19 +112,19 @@ def test_groups_by_hand() -> None:
         ("relation 0", "relation", "given"): (1, pytest.approx(1), 8),
         ("relation 1", "relation", "given"): (1, pytest.approx(1 / 2), 7),
     }
-    later = replace(cells, novel=np.array([[[2]]]))
-    all_of_it = break_down(replace(task, cells=later, insert_triples=np.empty((0, 4), dtype=np.int64)))
+    later = replace(points, novel=np.array([[[2]]]))
+    all_of_it = break_down(replace(task, points=later, insert_triples=np.empty((0, 4), dtype=np.int64)))
     of_all = all_of_it[(all_of_it["scope"] == "all") & (all_of_it["filter"] == "learned")]
     assert set(of_all["novel"]) == {"none"}  # neither test triple has entity 2
     assert of_all["queries"].sum() == 2 * 3
 
 
 def test_both_ends_are_novel() -> None:
-    cells = GridPoints("home", GRAPH, 2, [7], SPLITS, np.array([[[3, 4]]]))
+    points = GridPoints("home", GRAPH, 2, [7], SPLITS, np.array([[[3, 4]]]))
     joint = StackedVectors(
         ANALOGY, random_embedding(1, 5, 2, 4).entity.numpy(), random_embedding(1, 1, 2, 4).relation.numpy()
     )
-    rows = break_down(QueryBreakdownTask(cells, joint, joint, {}, np.empty((0, 4), dtype=np.int64)))
+    rows = break_down(QueryBreakdownTask(points, joint, joint, {}, np.empty((0, 4), dtype=np.int64)))
     own = rows[(rows["scope"] == "novel_heldout") & (rows["filter"] == "true")].set_index(["relation", "hidden"])
     assert own.loc[[("relation 1", "head"), ("relation 1", "tail")], "novel"].tolist() == ["both", "both"]
     assert own.loc[("relation 1", "relation"), "novel"] == "given"

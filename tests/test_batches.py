@@ -25,7 +25,7 @@ from isi.training.batches import (
     shuffle_into_batches,
     training_data,
 )
-from tests.graphs import cells_of, graph_of, random_graph
+from tests.graphs import graph_of, points_of, random_graph
 
 
 def one_triple(head_pool: str, count: int = 2, relations: int = 2, entities: int = 4) -> TrainingData:
@@ -54,8 +54,8 @@ def dealt_counts(data: TrainingData, root: int, epoch: int, size: int) -> Tensor
                         minlength=data.counts.shape[1]) for one in batch]) for batch in dealt], 1)  # fmt: skip
 
 
-def small_cells() -> GridPoints:
-    return cells_of(random_graph(13, 3, 80), 2, [0, 1, 2, 3])
+def small_points() -> GridPoints:
+    return points_of(random_graph(13, 3, 80), 2, [0, 1, 2, 3])
 
 
 def test_expected_negatives_by_hand() -> None:
@@ -88,8 +88,8 @@ def test_a_relation_whose_pool_is_empty_leaves_that_of_others_as_it_is() -> None
 
 @pytest.mark.parametrize("head_pool", ["unseen", "all"])
 def test_expected_negatives_are_the_mean_of_sampled_ones(head_pool: str) -> None:
-    cells, draws, ratio = cells_of(random_graph(6, 3, 20), 1, [0, 1]), 600, 4
-    data = training_data(cells.session(0), "test", cells.keys(), head_pool)
+    points, draws, ratio = points_of(random_graph(6, 3, 20), 1, [0, 1]), 600, 4
+    data = training_data(points.session(0), "test", points.keys(), head_pool)
     expected = expected_negatives(data, count_table(data, observations(data)), ratio)
     total = torch.zeros_like(expected)
     for epoch in range(draws):
@@ -111,8 +111,8 @@ def test_sampled_negatives_are_ratio_times_positives_of_each_kind() -> None:
 
 
 def test_sampled_negatives_stay_in_the_session_and_with_their_batch() -> None:
-    cells = small_cells()
-    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
+    points = small_points()
+    data = training_data(points.session(0), "test", points.keys(), "unseen")
     for number, dealt in enumerate(shuffle_into_batches(data, 0, 1, 30)):
         drawn = count_negatives(data, as_lists(data, dealt, 3, 0, 1, number))
         assert drawn.sum((1, 2, 3)).tolist() == [9 * len(one) for one in dealt]
@@ -142,8 +142,8 @@ def test_many_negatives_on_one_triple_do_not_overflow() -> None:
 
 
 def test_negatives_are_keyed_by_model_purpose_and_epoch() -> None:
-    cells = small_cells()
-    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
+    points = small_points()
+    data = training_data(points.session(0), "test", points.keys(), "unseen")
     drawn = {(root, epoch): sampled(data, 3, root, epoch) for root in (0, 1) for epoch in (1, 2)}
     assert torch.equal(drawn[0, 1], sampled(data, 3, 0, 1))
     assert not torch.equal(drawn[0, 1], drawn[0, 2])
@@ -156,8 +156,8 @@ def test_negatives_are_keyed_by_model_purpose_and_epoch() -> None:
 
 @pytest.mark.parametrize("size", [1, 7, 30, 10_000])
 def test_batches_hold_each_observation_once_and_are_even(size: int) -> None:
-    cells = small_cells()
-    data = training_data(cells.session(0), "test", cells.keys(), "all")
+    points = small_points()
+    data = training_data(points.session(0), "test", points.keys(), "all")
     dealt = dealt_counts(data, 0, 1, size)
     assert torch.equal(dealt.sum(1), data.counts)
     for model in range(4):
@@ -170,8 +170,8 @@ def test_batches_hold_each_observation_once_and_are_even(size: int) -> None:
 
 
 def test_batches_are_keyed_by_model_and_epoch() -> None:
-    cells = small_cells()
-    data = training_data(cells.session(0), "test", cells.keys(), "all")
+    points = small_points()
+    data = training_data(points.session(0), "test", points.keys(), "all")
     dealt = dealt_counts(data, 0, 1, 10)
     assert torch.equal(dealt, dealt_counts(data, 0, 1, 10))
     assert not torch.equal(dealt, dealt_counts(data, 0, 2, 10))
@@ -183,10 +183,10 @@ def test_batches_are_keyed_by_model_and_epoch() -> None:
 
 
 def test_data_count_training_observations_alone() -> None:
-    cells = small_cells()
-    data = training_data(cells.joint, "test", cells.keys(), "all")
-    train = torch.from_numpy(cells.splits) == TRAIN
-    assert torch.equal(data.counts, torch.where(train, cells.graph.counts, 0))
+    points = small_points()
+    data = training_data(points.joint, "test", points.keys(), "all")
+    train = torch.from_numpy(points.splits) == TRAIN
+    assert torch.equal(data.counts, torch.where(train, points.graph.counts, 0))
 
 
 @pytest.mark.parametrize("mode", ["expected", "sampled"])
@@ -197,7 +197,7 @@ def test_a_batch_has_the_form_that_suits_the_graph(
 ) -> None:
     """And each observation is in one of them."""
     monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 3 * 13 * 13 - (not fits))
-    grid = small_cells()
+    grid = small_points()
     data = training_data(grid.session(0), "test", grid.keys(), "unseen")
     total = torch.zeros(len(grid.seeds), dtype=torch.int64)
     for batch, positives in batches(data, Negatives(mode=mode, ratio=3, head_pool="unseen"), size, 0, 1):

@@ -89,13 +89,13 @@ def state(_: TrainTask) -> tuple[int, float]:
 
 
 def fail(task: TrainTask) -> None:
-    if task.cells.seeds == [2]:
+    if task.points.seeds == [2]:
         raise ValueError("no such indicator")
 
 
 def noted(folder: Path, task: TrainTask) -> TrainResult:
     """Learn, having noted which process does it."""
-    (folder / f"{os.getpid()} {task.cells.seeds[0]}").touch()
+    (folder / f"{os.getpid()} {task.points.seeds[0]}").touch()
     time.sleep(0.5)
     return train_initial(task)
 

@@ -76,7 +76,7 @@ def test_inserting_on_another_device_is_inserting(name: str) -> None:
 @pytest.mark.usefixtures("pretend")
 def test_judging_on_another_device_is_judging() -> None:
     (task,) = insert_tasks(4, "es", TRAINED, steps=2)
-    judged = EvaluationTask(task.cells, task.theta0, task.told.insert_triples)
+    judged = EvaluationTask(task.points, task.theta0, task.told.insert_triples)
     there, here = (runner.run_task(evaluate_stack, judged, device) for device in ("cuda", "cpu"))
     pd.testing.assert_frame_equal(there, here)
 
@@ -85,7 +85,7 @@ def test_judging_on_another_device_is_judging() -> None:
 def test_tracing_on_another_device_is_tracing() -> None:
     task = insert_tasks(1, "es", TRAINED, steps=2)[0]
     there, here = (
-        runner.run_task(trace_trajectory, TrajectoryTask(task.cells, task, 1), device) for device in ("cuda", "cpu")
+        runner.run_task(trace_trajectory, TrajectoryTask(task.points, task, 1), device) for device in ("cuda", "cpu")
     )
     assert np.array_equal(there.path, here.path)
     assert np.array_equal(there.indicators, here.indicators)

@@ -20,7 +20,7 @@ from isi.models.finite import LARGEST, NotFinite, check_finite
 from isi.models.stack import Embedding
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, start, train
-from tests.graphs import ANALOGY, cells_of, random_embedding, random_graph
+from tests.graphs import ANALOGY, points_of, random_embedding, random_graph
 from tests.test_bad_input import set_params, workspace
 from tests.test_experiments import LEARNING, insert_tasks, learning_tasks, theta0
 from tests.test_slips import Says, main_of, says
@@ -51,8 +51,8 @@ def test_vectors_below_the_bound_have_finite_scores() -> None:
 
 
 def diverging(embedding: Embedding, settings: Optimizer, seeds: list[int]) -> NotFinite:
-    cells = cells_of(random_graph(13, 3, 80), 2, seeds)
-    data = training_data(cells.joint, "training", cells.keys(), "unseen")
+    points = points_of(random_graph(13, 3, 80), 2, seeds)
+    data = training_data(points.joint, "training", points.keys(), "unseen")
 
     def onward(_: int, __: Embedding, models: torch.Tensor) -> torch.Tensor:
         return torch.tensor([place != 1 for place in models.tolist()])  # the second leaves at once
@@ -97,7 +97,7 @@ def test_a_grid_names_the_cells_that_diverged(workers: int) -> None:
     tasks: list[TrainTask] = learning_tasks(2, how)
     with pytest.raises(InputError) as ended:
         run(train_initial, tasks, Compute(workers=workers, stack=2), "learning")
-    assert any(f": {task.cells}: diverged in epoch 1 (" in str(ended.value) for task in tasks), str(ended.value)
+    assert any(f": {task.points}: diverged in epoch 1 (" in str(ended.value) for task in tasks), str(ended.value)
 
 
 def test_insertion_of_vectors_that_are_none_names_its_cells() -> None:

@@ -34,7 +34,7 @@ from isi.experiment.train import (
 from isi.models.model import MODELS, make_model
 from isi.training.batches import Negatives
 from isi.training.trainer import Optimizer, Training
-from tests.graphs import ANALOGY, cells_of, insert_triples_of, random_graph
+from tests.graphs import ANALOGY, insert_triples_of, points_of, random_graph
 
 ENTITIES, RELATIONS, SIZE, SEEDS = 14, 3, 2, [0, 1, 2, 3]
 Task = TypeVar("Task", bound=HasPoints)
@@ -69,11 +69,11 @@ JOINT = np.array([0.1, 0.5, 0.6, 2.0])
 
 def stacks(height: int, steps: int = 1) -> list[GridPoints]:
     firsts = range(0, len(SEEDS), height)
-    return [cells_of(GRAPH, SIZE, SEEDS[first : first + height], steps=steps) for first in firsts]
+    return [points_of(GRAPH, SIZE, SEEDS[first : first + height], steps=steps) for first in firsts]
 
 
 def learning_tasks(height: int, how: TrainConfig = LEARNING, steps: int = 1) -> list[TrainTask]:
-    return [TrainTask(cells, how) for cells in stacks(height, steps)]
+    return [TrainTask(points, how) for points in stacks(height, steps)]
 
 
 def theta0(how: TrainConfig = LEARNING, steps: int = 1) -> StackedVectors:
@@ -81,9 +81,9 @@ def theta0(how: TrainConfig = LEARNING, steps: int = 1) -> StackedVectors:
     return StackedVectors(how.model, learned.entity, learned.relation)
 
 
-def told_to(cells: GridPoints, words: np.ndarray, joint: np.ndarray) -> TaskInput:
-    sessions = range(1, cells.sessions + 1)
-    rows = [np.insert(insert_triples_of(cells, session), 0, session, axis=1) for session in sessions]
+def told_to(points: GridPoints, words: np.ndarray, joint: np.ndarray) -> TaskInput:
+    sessions = range(1, points.sessions + 1)
+    rows = [np.insert(insert_triples_of(points, session), 0, session, axis=1) for session in sessions]
     return TaskInput(np.concatenate(rows), words, {(s, scope): joint.copy() for s in sessions for scope in CONVERGING})
 
 
@@ -97,10 +97,10 @@ def insert_tasks(
 ) -> list[InsertTask]:
     how = TaskConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, followed)
     tasks = []
-    for number, cells in enumerate(stacks(height, steps)):
+    for number, points in enumerate(stacks(height, steps)):
         rows = slice(number * height, (number + 1) * height)
         own = StackedVectors(trained.model, trained.entity[rows], trained.relation[rows])
-        tasks.append(InsertTask(cells, own, told_to(cells, words, JOINT[rows]), how))
+        tasks.append(InsertTask(points, own, told_to(points, words, JOINT[rows]), how))
     return tasks
 
 
@@ -137,7 +137,7 @@ def test_learning_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stac
     for height, learned in [*one.items(), *two.items()]:
         assert whole(learned) == expected
         seeds = [result.log["seed"].unique().tolist() for result in learned]
-        assert seeds == [cells.seeds for cells in stacks(height)]  # in the order of the tasks
+        assert seeds == [points.seeds for points in stacks(height)]  # in the order of the tasks
 
 
 def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stacks() -> None:
@@ -174,7 +174,7 @@ def test_every_family_gives_the_same_bits_for_any_height_of_stacks(name: str) ->
 def test_theta0_knows_no_novel_entity_and_the_joint_model_knows_all() -> None:
     (task,) = learning_tasks(4, steps=2)
     initial, joint = train_initial(task), train_joint_model(task)
-    for model, novel in enumerate(task.cells.novel):
+    for model, novel in enumerate(task.points.novel):
         assert set(np.flatnonzero(~initial.known[model])) == set(novel.ravel().tolist())
         assert set(np.flatnonzero((initial.entity[model] == 0).all(-1))) == set(novel.ravel().tolist())
     assert joint.known.all()
@@ -235,16 +235,16 @@ def test_insertion_stops_once_within_the_margin_of_the_joint_model() -> None:
 
 def test_joint_is_judged_in_all_scopes_of_every_session_at_epoch_0() -> None:
     (task,) = learning_tasks(4, steps=2)
-    cells, joint = task.cells, train_joint_model(task)
-    told = told_to(cells, WORDS, JOINT).insert_triples
-    runs = evaluate_stack(EvaluationTask(cells, StackedVectors(LEARNING.model, joint.entity, joint.relation), told))
+    points, joint = task.points, train_joint_model(task)
+    told = told_to(points, WORDS, JOINT).insert_triples
+    runs = evaluate_stack(EvaluationTask(points, StackedVectors(LEARNING.model, joint.entity, joint.relation), told))
     assert set(runs["epoch"]) == {0}
     assert set(runs["size"]) == {SIZE}
     found = sorted(zip(runs["session"], runs["seed"], runs["scope"], strict=True))
     assert found == sorted((session, seed, scope) for session in (1, 2) for seed in SEEDS for scope in SCOPES)
     novel = runs[runs["scope"] == "novel"].set_index(["session", "seed"])["queries"]
     for model, seed in enumerate(SEEDS):
-        touching, later = (np.isin(GRAPH.triples[:, [0, 2]], novel).any(1) for novel in cells.novel[model])
+        touching, later = (np.isin(GRAPH.triples[:, [0, 2]], novel).any(1) for novel in points.novel[model])
         first, second = ((told[:, :2] == (session, model)).all(1).sum() for session in (1, 2))
         assert novel[1, seed] == (touching & ~later).sum() - first
         assert novel[2, seed] == later.sum() - second
@@ -271,9 +271,9 @@ def two_sessions(name: str, first: float, second: float) -> InsertTask:
 def test_a_session_inserts_into_what_the_one_before_has_learned_and_leaves_it_as_it_is() -> None:
     task = two_sessions("mean", 2.0, np.nan)  # the first session is fine-tuned, the second is not
     (first, second), before = fold(task), task.theta0.entity
-    for model, (novel1, novel2) in enumerate(task.cells.novel):
+    for model, (novel1, novel2) in enumerate(task.points.novel):
         learned, after = first.theta.entity[model], second.theta.entity[model]
-        d0, d1 = (task.cells.session(number).entities[model] for number in (0, 1))
+        d0, d1 = (task.points.session(number).entities[model] for number in (0, 1))
         assert not torch.equal(learned[d0], torch.from_numpy(before[model])[d0])
         assert not torch.equal(learned[novel1], first.initial.vectors[model])
         assert not learned[novel2].any()  # nobody knows them yet
@@ -287,7 +287,7 @@ def test_a_session_inserts_into_what_the_one_before_has_learned_and_leaves_it_as
 def test_known_entities_of_the_first_session_go_on_learning_in_the_second() -> None:
     task = two_sessions("mean", np.nan, 2.0)  # the first session is not fine-tuned, the second is
     first, second = fold(task)
-    for model, (novel1, novel2) in enumerate(task.cells.novel):
+    for model, (novel1, novel2) in enumerate(task.points.novel):
         assert torch.equal(first.theta.entity[model, novel1], first.initial.vectors[model])
         for novel in (novel1, novel2):
             assert not torch.equal(second.theta.entity[model, novel], first.theta.entity[model, novel])
@@ -297,9 +297,9 @@ def test_a_later_session_is_told_its_own_triples_and_knows_who_came_before() -> 
     task = two_sessions("rs", np.nan, np.nan)
     first, _ = fold(task)
     told, how = told_in(task, 2), how_in(task, 2)
-    seen = context_of(first.theta, task.cells.session(1), told, how)
+    seen = context_of(first.theta, task.points.session(1), told, how)
     came_before = 0
-    for model, (novel1, novel2) in enumerate(task.cells.novel):
+    for model, (novel1, novel2) in enumerate(task.points.novel):
         assert seen.known[model, novel1].all()
         assert not seen.known[model, novel2].any()
         ends = set(seen.other[model][seen.observed[model]].tolist())
@@ -325,7 +325,7 @@ def test_insertion_gives_rows_of_every_session() -> None:
             for scope in SCOPES - {"novel"}:
                 assert epochs[seed, session, scope] == list(range(OPTIMIZER.max_epochs + 1))
             own = rows[(rows["seed"] == seed) & (rows["session"] == session)]
-            assert own["entity"].tolist() == task.cells.novel[model, session - 1].tolist()
+            assert own["entity"].tolist() == task.points.novel[model, session - 1].tolist()
     known = inserted.runs.query("scope == 'known' and epoch == 0").set_index(["session", "seed"])["queries"]
     for seed in SEEDS:
         assert known[2, seed] > known[1, seed]
@@ -349,7 +349,7 @@ def test_a_trace_is_of_one_entity_of_the_experiment_and_its_indicators(name: str
 
     def followed(epochs: int) -> TrajectoryTask:
         how = replace(alone.how, optimizer=OPTIMIZER.model_copy(update={"max_epochs": epochs}))
-        return TrajectoryTask(alone.cells, replace(alone, how=how), place=1)
+        return TrajectoryTask(alone.points, replace(alone, how=how), place=1)
 
     short, long = (trace_trajectory(followed(epochs)) for epochs in (2, 4))
     assert (len(short.path), len(long.path)) == (3, 5)
@@ -363,7 +363,7 @@ def test_a_trace_is_of_one_entity_of_the_experiment_and_its_indicators(name: str
 
 def test_a_trace_takes_an_object_that_has_words_and_insert_triples() -> None:
     task = insert_tasks(1, "ers", theta0())[0]
-    first, second = task.cells.novel[0, 0]
+    first, second = task.points.novel[0, 0]
     kinds = pd.Series("object", index=range(ENTITIES))
     assert place_of_interest(task, kinds, "object") == 0
     assert place_of_interest(task, kinds.replace({"object": "room"}), "object") is None
@@ -384,8 +384,8 @@ def test_families_are_measured_over_all_test_triples_with_what_training_took() -
     (task,) = learning_tasks(4)
     learned = train_joint_model(task)
     theta, log = StackedVectors(ANALOGY, learned.entity, learned.relation), learned.log
-    found = rows(measure(ModelTask(task.cells, theta)), learned).set_index("seed")
-    runs = evaluate_stack(EvaluationTask(task.cells, theta, told_to(task.cells, WORDS, JOINT).insert_triples))
+    found = rows(measure(ModelTask(task.points, theta)), learned).set_index("seed")
+    runs = evaluate_stack(EvaluationTask(task.points, theta, told_to(task.points, WORDS, JOINT).insert_triples))
     judged = runs[runs["scope"] == "all"].set_index("seed")
     columns = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "queries"]
     pd.testing.assert_frame_equal(found[columns], judged[columns])
@@ -399,7 +399,7 @@ def test_cross_validation_gives_the_same_bits_for_any_height_of_stacks() -> None
     tables = []
     for height in (1, 2, 5):
         tasks = fold_tasks("home", GRAPH, FEW, LEARNING, height)
-        assert max(len(task.cells.seeds) for task in tasks) == height
+        assert max(len(task.points.seeds) for task in tasks) == height
         tables.append(csv(pd.concat(best_looks(task, train_joint_model(task)) for task in tasks)))
     assert tables[0] == tables[1] == tables[2]
     rows = pd.concat(best_looks(task, train_joint_model(task)) for task in tasks)

@@ -25,7 +25,7 @@ from isi.tables import paths
 from isi.training import trainer
 from isi.training.batches import DenseBatch, Negatives, batches, training_data
 from isi.training.trainer import Optimizer
-from tests.graphs import ANALOGY, cells_of, graph_of, random_embedding, random_graph
+from tests.graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
 from tests.pretend import DEVICE, Pretend
 
 DIMENSION = 12
@@ -217,13 +217,13 @@ def test_scores_and_gradients_are_bit_identical_whatever_the_stack(kind: Model, 
 
 @over_all
 @pytest.mark.parametrize("models", [[1], [0, 2], [3, 2, 1, 0]])
-@pytest.mark.parametrize("cells", [0, 2**23], ids=["lists", "tables"])
+@pytest.mark.parametrize("points", [0, 2**23], ids=["lists", "tables"])
 def test_epochs_are_bit_identical_whatever_the_stack(
-    kind: Model, models: list[int], cells: int, monkeypatch: pytest.MonkeyPatch
+    kind: Model, models: list[int], points: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", cells)
+    monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", points)
     some, settings = torch.tensor(models), Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=1)
-    grid = cells_of(random_graph(13, RELATIONS, 60), 2, [0, 1, 2, 3])
+    grid = points_of(random_graph(13, RELATIONS, 60), 2, [0, 1, 2, 3])
     start = uniform(grid.session(0).entities, RELATIONS, kind, DIMENSION, 0.5, 0, grid.keys())
     negatives = Negatives(mode="sampled", ratio=3, head_pool="unseen")
     data = training_data(grid.session(0), "test", grid.keys(), "unseen")
@@ -255,10 +255,10 @@ def test_it_learns_steps_along_a_line_better_than_any_constant_score_would(kind:
 
 
 @over_all
-@pytest.mark.parametrize("cells", [0, 2**23], ids=["lists", "tables"])
-def test_it_learns_the_same_on_another_device(kind: Model, cells: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", cells)
-    grid = cells_of(random_graph(13, RELATIONS, 60), 2, [0, 1])
+@pytest.mark.parametrize("points", [0, 2**23], ids=["lists", "tables"])
+def test_it_learns_the_same_on_another_device(kind: Model, points: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", points)
+    grid = points_of(random_graph(13, RELATIONS, 60), 2, [0, 1])
     negatives = Negatives(mode="sampled", ratio=3, head_pool="unseen")
     settings = Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=1)
 

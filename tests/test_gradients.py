@@ -18,7 +18,7 @@ from isi.training.batches import (
     training_data,
 )
 from isi.training.trainer import loss_gradient
-from tests.graphs import ANALOGY, cells_of, dense, random_embedding, random_graph
+from tests.graphs import ANALOGY, dense, points_of, random_embedding, random_graph
 
 
 def loss(entity: Tensor, relation: Tensor, positives: Tensor, negatives: Tensor) -> Tensor:
@@ -40,8 +40,8 @@ def test_loss_gradient_is_that_of_autograd() -> None:
 
 
 def test_a_batch_has_the_same_gradient_as_lists_and_as_tables() -> None:
-    cells = cells_of(random_graph(13, 3, 80), 2, [0, 1, 2, 3])
-    data, embedding = training_data(cells.session(0), "test", cells.keys(), "unseen"), random_embedding(4, 13, 3, 12)
+    points = points_of(random_graph(13, 3, 80), 2, [0, 1, 2, 3])
+    data, embedding = training_data(points.session(0), "test", points.keys(), "unseen"), random_embedding(4, 13, 3, 12)
     dealt = shuffle_into_batches(data, 0, 1, 40)[1]
     lists = as_lists(data, dealt, 3, 0, 1, 1)
     assert isinstance(lists, ListBatch)

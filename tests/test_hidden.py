@@ -105,19 +105,19 @@ def test_a_share_that_leaves_too_few_triples_is_refused(triples: np.ndarray) -> 
 
 
 @pytest.fixture(scope="module")
-def cells(triples: np.ndarray) -> GridPoints:
+def points(triples: np.ndarray) -> GridPoints:
     names = [f"e{row}" for row in range(ENTITIES)]
     counts, kinds = torch.ones(len(triples), dtype=torch.int64), torch.zeros(ENTITIES, dtype=torch.int64)
     graph = Graph(names, ["r0", "r1", "r2"], torch.from_numpy(triples), counts, kinds)
     return GridPoints("ring", graph, 0, [0], np.zeros((1, 0)), np.zeros((1, 0, 0)))
 
 
-def test_each_method_answers_and_what_knows_the_same_knows_the_same(cells: GridPoints) -> None:
+def test_each_method_answers_and_what_knows_the_same_knows_the_same(points: GridPoints) -> None:
     pytest.importorskip("pykeen")
     from isi.analyses.hidden_in_pykeen import HidingTask, hidden_in
 
     words = np.random.default_rng(1).standard_normal((ENTITIES, 5)).astype(np.float32)
-    task = HidingTask(cells, words, how(), "hidden.ring", 0)
+    task = HidingTask(points, words, how(), "hidden.ring", 0)
     answers, seconds = hidden_in(task)
     again, _ = hidden_in(task)
     assert answers.equals(again)

@@ -35,7 +35,7 @@ from isi.models.stack import Embedding
 from isi.tables import paths
 from isi.training.batches import Negatives
 from isi.training.trainer import Optimizer
-from tests.graphs import cells_of, dense, graph_of, insert_triples_of, random_counts, random_embedding
+from tests.graphs import dense, graph_of, insert_triples_of, points_of, random_counts, random_embedding
 
 ENTITIES, RELATIONS, DIMENSION = 16, 3, 8
 #: Two models; in training 15 hangs on 0 alone, so that it is an orphan of both once 0 is novel.
@@ -92,28 +92,28 @@ class World:
 def world() -> World:
     """Embeddings and word vectors at random; splits as the pipeline draws them, but for the orphan's."""
     graph = orphaning_graph()
-    splits = cells_of(graph, 3, [5, 6]).splits
+    splits = points_of(graph, 3, [5, 6]).splits
     splits[:, -3:] = TRAIN, TRAIN, VALID
-    cells = cells_at(graph, splits)
+    points = points_at(graph, splits)
     theta0 = random_embedding(2, ENTITIES, RELATIONS, DIMENSION)
     words = np.random.default_rng(1).normal(size=(ENTITIES, 6)).astype(np.float32)
     words[list(WORDLESS)] = 0
-    known = replace(theta0, entity=theta0.entity * cells.session(0).entities[..., None])
-    return World(graph, splits, known, insert_triples_of(cells), words)
+    known = replace(theta0, entity=theta0.entity * points.session(0).entities[..., None])
+    return World(graph, splits, known, insert_triples_of(points), words)
 
 
-def cells_at(graph: Graph, splits: np.ndarray) -> GridPoints:
+def points_at(graph: Graph, splits: np.ndarray) -> GridPoints:
     return GridPoints("home", graph, 3, [5, 6], splits, NOVEL[:, None])
 
 
 def seen(of: World) -> InitContext:
     """What initializers are shown of it."""
-    cells = cells_at(of.graph, of.splits)
+    points = points_at(of.graph, of.splits)
     told = NovelEntities(torch.as_tensor(NOVEL), torch.as_tensor(of.insert_triples), torch.as_tensor(of.words))
     negatives = Negatives(mode="sampled", ratio=2, head_pool="all")
     optimizer = Optimizer(batch_size=50, learning_rate=0.01, weight_decay=1e-3, max_epochs=2)
-    how = InsertConfig("es", {"k": 3}, 0, cells.keys(), negatives, optimizer, {}, False)
-    return context_of(of.theta0, cells.session(0), told, how)
+    how = InsertConfig("es", {"k": 3}, 0, points.keys(), negatives, optimizer, {}, False)
+    return context_of(of.theta0, points.session(0), told, how)
 
 
 def insertion() -> InitContext:

@@ -20,20 +20,20 @@ from isi.models.stack import Embedding, select, uniform
 from isi.training import single_updates
 from isi.training.batches import Negatives, TrainingData, batches, in_turn, training_data
 from isi.training.trainer import ACCUMULATOR, Optimizer, State, run_epoch, start
-from tests.graphs import cells_of, graph_of, random_embedding, random_graph
+from tests.graphs import graph_of, points_of, random_embedding, random_graph
 
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
 SINGLY = Optimizer(batch_size=1, learning_rate=0.1, weight_decay=1e-3, max_epochs=1)
 KINDS = ("analogy", "distmult", "complex")
 
 
-def small_cells(seeds: list[int] | None = None, relations: int = 3) -> GridPoints:
-    return cells_of(random_graph(13, relations, 80), 2, seeds or [0, 1, 2])
+def small_points(seeds: list[int] | None = None, relations: int = 3) -> GridPoints:
+    return points_of(random_graph(13, relations, 80), 2, seeds or [0, 1, 2])
 
 
-def begin(cells: GridPoints, kind: str = "analogy", half_range: float = 0.3) -> State:
-    relations, family = len(cells.graph.relations), make_model(kind, {}, kind)
-    return start(uniform(cells.session(0).entities, relations, family, 20, half_range, 0, cells.keys()))
+def begin(points: GridPoints, kind: str = "analogy", half_range: float = 0.3) -> State:
+    relations, family = len(points.graph.relations), make_model(kind, {}, kind)
+    return start(uniform(points.session(0).entities, relations, family, 20, half_range, 0, points.keys()))
 
 
 def by_batches(state: State, data: TrainingData, settings: Optimizer, epoch: int) -> None:
@@ -53,24 +53,24 @@ def same(one: State, other: State) -> bool:
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("decay", [0.0, 1e-3, 0.1])
 def test_some_hundred_updates_give_the_numbers_of_batches_of_one(kind: str, decay: float) -> None:
-    cells = small_cells()
-    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
+    points = small_points()
+    data = training_data(points.session(0), "test", points.keys(), "unseen")
     settings = SINGLY.model_copy(update={"weight_decay": decay})
-    compiled, plain = begin(cells, kind), begin(cells, kind)
+    compiled, plain = begin(points, kind), begin(points, kind)
     for epoch in (1, 2, 3, 4):
         run_epoch(compiled, data, SAMPLED, settings, 0, epoch)
         by_batches(plain, data, settings, epoch)
     assert 4 * int(data.counts.sum(1).min()) > 300
     for found, expected in zip(tensors(compiled), tensors(plain), strict=True):
         torch.testing.assert_close(found, expected, rtol=1e-4, atol=2e-5)
-    assert not torch.allclose(compiled.embedding.entity, begin(cells, kind).embedding.entity, atol=0.1)
+    assert not torch.allclose(compiled.embedding.entity, begin(points, kind).embedding.entity, atol=0.1)
 
 
 @pytest.mark.parametrize("relations", [1, 2])
 def test_few_relations(relations: int) -> None:
-    cells = small_cells(relations=relations)
-    data = training_data(cells.session(0), "test", cells.keys(), "all")
-    compiled, plain = begin(cells), begin(cells)
+    points = small_points(relations=relations)
+    data = training_data(points.session(0), "test", points.keys(), "all")
+    compiled, plain = begin(points), begin(points)
     run_epoch(compiled, data, SAMPLED, SINGLY, 0, 1)
     by_batches(plain, data, SINGLY, 1)
     for found, expected in zip(tensors(compiled), tensors(plain), strict=True):
@@ -78,9 +78,9 @@ def test_few_relations(relations: int) -> None:
 
 
 def test_a_graph_too_large_for_tables_learns_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    cells = small_cells()
-    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
-    small, large = begin(cells), begin(cells)
+    points = small_points()
+    data = training_data(points.session(0), "test", points.keys(), "unseen")
+    small, large = begin(points), begin(points)
     run_epoch(small, data, SAMPLED, SINGLY, 0, 1)
     monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 0)
     run_epoch(large, data, SAMPLED.model_copy(update={"mode": "expected"}), SINGLY, 0, 1)
@@ -120,12 +120,12 @@ def test_one_update_by_hand() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_model_has_the_same_bits_whatever_the_stack(kind: str) -> None:
-    cells = small_cells()
-    data, together = training_data(cells.session(0), "test", cells.keys(), "unseen"), begin(cells, kind)
+    points = small_points()
+    data, together = training_data(points.session(0), "test", points.keys(), "unseen"), begin(points, kind)
     for epoch in (1, 2):
         run_epoch(together, data, SAMPLED, SINGLY, 0, epoch)
     for some in (torch.tensor([2]), torch.tensor([1, 0])):
-        alone = begin(cells, kind)
+        alone = begin(points, kind)
         alone = State(select(alone.embedding, some), select(alone.squares, some))
         for epoch in (1, 2):
             run_epoch(alone, select(data, some), SAMPLED, SINGLY, 0, epoch)
@@ -133,10 +133,10 @@ def test_a_model_has_the_same_bits_whatever_the_stack(kind: str) -> None:
 
 
 def test_entities_outside_the_session_stay_as_they_are() -> None:
-    cells = small_cells()
-    session = cells.session(0)
-    data, state = training_data(session, "test", cells.keys(), "unseen"), begin(cells)
-    before = begin(cells)
+    points = small_points()
+    session = points.session(0)
+    data, state = training_data(session, "test", points.keys(), "unseen"), begin(points)
+    before = begin(points)
     run_epoch(state, data, SAMPLED, SINGLY, 0, 1)
     for name in ("embedding", "squares"):
         now, then = getattr(state, name).entity, getattr(before, name).entity
@@ -145,21 +145,21 @@ def test_entities_outside_the_session_stay_as_they_are() -> None:
 
 
 def test_no_observation_is_no_update() -> None:
-    cells = small_cells()
-    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
+    points = small_points()
+    data = training_data(points.session(0), "test", points.keys(), "unseen")
     counts = data.counts.clone()
     counts[1] = 0
-    state, before = begin(cells), begin(cells)
+    state, before = begin(points), begin(points)
     run_epoch(state, replace(data, counts=counts), SAMPLED, SINGLY, 0, 1)
     changed = (state.embedding.entity != before.embedding.entity).flatten(1).any(1)
     assert changed.tolist() == [True, False, True]
     run_epoch(before, replace(data, counts=counts * 0), SAMPLED, SINGLY, 0, 1)
-    assert same(before, begin(cells))
+    assert same(before, begin(points))
 
 
 def test_draws_of_an_epoch_are_those_of_its_batches_of_one() -> None:
-    cells = small_cells()
-    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
+    points = small_points()
+    data = training_data(points.session(0), "test", points.keys(), "unseen")
     whole = in_turn(data, 3, 0, 1)
     positives = torch.stack([number for _, number in batches(data, SAMPLED, 1, 0, 1)])
     assert torch.equal(positives.sum(0), data.counts.sum(1))
@@ -190,8 +190,8 @@ class Far(ANALOGY):
     + [(Far(), False)],
 )
 def test_what_has_other_mathematics_learns_by_batches(family: Model, known: bool) -> None:
-    cells = small_cells([0])
-    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
+    points = small_points([0])
+    data = training_data(points.session(0), "test", points.keys(), "unseen")
     embedding = random_embedding(1, 13, 3, 20, model=family)
     assert single_updates.can_compile(embedding, data, SAMPLED, 1) is known
     assert not single_updates.can_compile(embedding, data, SAMPLED, 2)

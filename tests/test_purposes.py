@@ -11,14 +11,14 @@ from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.initializers.controls import dealt_words, permuted_words, standard_normal
 from isi.initializers.paper import xavier
 from isi.training.batches import as_lists, in_turn, shuffle_into_batches, training_data
-from tests.graphs import cells_of, random_graph
+from tests.graphs import points_of, random_graph
 from tests.test_baselines import some
 from tests.test_sessions import generator
 
 #: As ``generator`` has it.
 ROOT = 0
-CELLS = cells_of(random_graph(12, 3, 60), 2, [5, 6])
-DATA = training_data(CELLS.session(0), "test", CELLS.keys(), "unseen")
+POINTS = points_of(random_graph(12, 3, 60), 2, [5, 6])
+DATA = training_data(POINTS.session(0), "test", POINTS.keys(), "unseen")
 
 
 def may_leave_train(order: np.ndarray, triples: list[list[int]]) -> list[int]:

@@ -13,7 +13,7 @@ from isi.evaluation.query_sets import epoch_query_sets, validation
 from isi.evaluation.ranking import compare, evaluate, padded_ids, prepare
 from isi.graph.sessions import VALID, everything
 from isi.models.stack import Embedding
-from tests.graphs import ANALOGY, Triple, cells_of, graph_of, random_embedding, random_graph
+from tests.graphs import ANALOGY, Triple, graph_of, points_of, random_embedding, random_graph
 
 NONE: frozenset[Triple] = frozenset()
 
@@ -149,13 +149,13 @@ def test_embedding_without_opinion_by_hand(value: float) -> None:
 
 def test_all_zero_embedding_scores_as_chance_and_not_above() -> None:
     graph, guesses = random_graph(30, 3, 150), 200
-    cells = cells_of(graph, 1, [0])
-    queries = validation(cells.joint)
+    points = points_of(graph, 1, [0])
+    queries = validation(points.joint)
     nothing = Embedding(torch.zeros(1, 30, 8), torch.zeros(1, 3, 8), ANALOGY)
     zero = evaluate(nothing, queries)["valid"].measures[0]
     guessed = random_embedding(guesses, 30, 3, 8)
-    cells = cells_of(graph, 1, [0] * guesses)
-    chance = evaluate(guessed, validation(cells.joint))["valid"].measures.mean(0)
+    points = points_of(graph, 1, [0] * guesses)
+    chance = evaluate(guessed, validation(points.joint))["valid"].measures.mean(0)
     assert (zero <= chance).all()
     assert zero[1] < 0.1  # 28 rivals or so: an expected rank of about 15 where 1 would be right
     assert chance[1] < 0.25
@@ -168,11 +168,11 @@ def test_embedding_that_overflowed_does_not_score_above_one_without_opinion(valu
 
 
 def test_queries_asked_in_pieces_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    cells = cells_of(random_graph(13, 3, 300), 2, [0, 1])
-    embedding, novel = random_embedding(2, 13, 3, 8), cells.novel_in(1)
-    whole = evaluate(embedding, epoch_query_sets(cells.joint, novel))
+    points = points_of(random_graph(13, 3, 300), 2, [0, 1])
+    embedding, novel = random_embedding(2, 13, 3, 8), points.novel_in(1)
+    whole = evaluate(embedding, epoch_query_sets(points.joint, novel))
     monkeypatch.setattr("isi.evaluation.ranking.BUDGET", 2 * 2 * 13 * 3)  # three queries at a time
-    pieces = epoch_query_sets(cells.joint, novel)
+    pieces = epoch_query_sets(points.joint, novel)
     assert pieces["all"].rows is None
     for name, result in evaluate(embedding, pieces).items():
         assert torch.equal(result.measures.nan_to_num(-1), whole[name].measures.nan_to_num(-1))
@@ -180,8 +180,8 @@ def test_queries_asked_in_pieces_give_the_same(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_diverged_embedding_scores_as_one_that_knows_nothing() -> None:
-    cells = cells_of(random_graph(13, 3, 80), 2, [0, 1])
-    queries = validation(cells.joint)
+    points = points_of(random_graph(13, 3, 80), 2, [0, 1])
+    queries = validation(points.joint)
     lost, nothing = (
         Embedding(torch.full((2, 13, 8), value), torch.full((2, 3, 8), value), ANALOGY) for value in (torch.nan, 0.0)
     )

@@ -17,16 +17,16 @@ from isi.evaluation.ranking import Result, evaluate
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, without
 from isi.models.model import make_model
 from isi.models.stack import Embedding
-from tests.graphs import ANALOGY, Triple, cells_of, graph_of, random_embedding, random_graph
+from tests.graphs import ANALOGY, Triple, graph_of, points_of, random_embedding, random_graph
 
 
 def test_known_closed_does_not_see_the_novel_vectors() -> None:
-    cells = cells_of(random_graph(12, 3, 80), 2, [0, 1, 2])
-    novel = cells.novel_in(1)
-    scopes = epoch_query_sets(cells.joint, novel)
+    points = points_of(random_graph(12, 3, 80), 2, [0, 1, 2])
+    novel = points.novel_in(1)
+    scopes = epoch_query_sets(points.joint, novel)
     embedding = random_embedding(3, 12, 3, 8)
     other = embedding.entity.clone()
-    other[~cells.session(0).entities] *= -2
+    other[~points.session(0).entities] *= -2
     before = evaluate(embedding, scopes)
     after = evaluate(Embedding(other, embedding.relation, ANALOGY), scopes)
     assert torch.equal(before["known_closed"].measures, after["known_closed"].measures)

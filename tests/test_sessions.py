@@ -38,7 +38,7 @@ from isi.random import stream
 from isi.tables import catalogue, io, paths
 from isi.tables.provenance import Provenance
 from stages.make_sessions import make_sessions
-from tests.graphs import as_stored, cells_of, graph_of, insert_triples_of, random_graph
+from tests.graphs import as_stored, graph_of, insert_triples_of, points_of, random_graph
 from tests.lawful import written_by_its_stage
 
 GRAPHS = st.builds(random_graph, st.integers(4, 9), st.integers(1, 3), st.integers(9, 40), seed=st.integers(0, 10_000))
@@ -108,17 +108,17 @@ def test_splits_differ_between_seeds_and_roots() -> None:
     assert (split(graph, 1, 2, 0.2, 0.2) == split(graph, 1, 2, 0.2, 0.2)).all()
 
 
-def sessions_of(cells: GridPoints) -> list[tuple[np.ndarray, np.ndarray]]:
+def sessions_of(points: GridPoints) -> list[tuple[np.ndarray, np.ndarray]]:
     """Entities and splits of D⁰, D¹, ... of the first cell."""
-    found = [cells.session(number) for number in range(cells.sessions + 1)]
+    found = [points.session(number) for number in range(points.sessions + 1)]
     return [(session.entities[0].numpy(), session.splits[0].numpy()) for session in found]
 
 
 @given(GRAPHS, SEEDS, st.integers(1, 3))
 def test_d0_has_no_novel_entity_and_none_of_its_triples(graph: Graph, seed: int, size: int) -> None:
-    cells = cells_of(graph, size, [seed])
-    splits, novel = cells.splits[0], set(cells.novel[0, 0].tolist())
-    session = without(graph, torch.from_numpy(splits)[None], torch.from_numpy(cells.novel[:, 0]))
+    points = points_of(graph, size, [seed])
+    splits, novel = points.splits[0], set(points.novel[0, 0].tolist())
+    session = without(graph, torch.from_numpy(splits)[None], torch.from_numpy(points.novel[:, 0]))
     assert set(np.flatnonzero(~session.entities[0].numpy())) == novel
     for (head, _, tail), before, now in zip(graph.triples.tolist(), splits, session.splits[0], strict=True):
         assert now == (OUT if {head, tail} & novel else before)
@@ -128,17 +128,17 @@ def test_d0_has_no_novel_entity_and_none_of_its_triples(graph: Graph, seed: int,
 def test_each_session_adds_its_novel_entities_and_their_triples_to_the_one_before(
     graph: Graph, seed: int, size: int
 ) -> None:
-    cells = cells_of(graph, size, [seed], steps=2)
-    (d0, of0), (d1, of1), (d2, of2) = sessions_of(cells)
-    first, second = (set(novel.tolist()) for novel in cells.novel[0])
+    points = points_of(graph, size, [seed], steps=2)
+    (d0, of0), (d1, of1), (d2, of2) = sessions_of(points)
+    first, second = (set(novel.tolist()) for novel in points.novel[0])
     assert len(first | second) == 2 * size
     assert (set(np.flatnonzero(d1 & ~d0)), set(np.flatnonzero(d2 & ~d1))) == (first, second)
     assert (d0 <= d1).all()
     assert (d1 <= d2).all()
-    joint = cells.joint
+    joint = points.joint
     assert (d2 == joint.entities[0].numpy()).all()
     assert (of2 == joint.splits[0].numpy()).all()
-    assert (of2 == cells.splits[0]).all()
+    assert (of2 == points.splits[0]).all()
     for (head, _, tail), before, between, after in zip(graph.triples.tolist(), of0, of1, of2, strict=True):
         assert between == (OUT if {head, tail} & second else after)
         assert before == (OUT if {head, tail} & (first | second) else after)
@@ -201,9 +201,9 @@ def generator(purpose: str, *key: int) -> np.random.Generator:
 def test_novel_sets_depend_on_root_size_and_seed_alone() -> None:
     first = drawn_novel(40, 0, 5, 7)
     stream(0, "novel", 5, 8).random(100)
-    cells = [cells_of(random_graph(40, 2, 60, seed=which), 5, [3, 7]) for which in (0, 1)]
+    points = [points_of(random_graph(40, 2, 60, seed=which), 5, [3, 7]) for which in (0, 1)]
     assert (first == drawn_novel(40, 0, 5, 7)).all()
-    assert all((first == of.novel[1, 0]).all() for of in cells)
+    assert all((first == of.novel[1, 0]).all() for of in points)
     others = [drawn_novel(40, *key).tolist() for key in ((1, 5, 7), (0, 5, 8), (0, 5, 9))]
     assert first.tolist() not in others
     assert drawn_novel(40, 0, 4, 7).tolist() != first[:4].tolist()
@@ -245,22 +245,22 @@ def test_a_session_that_no_other_follows_draws_from_streams_of_size_and_seed(siz
         told = sorted(rng.choice(own, max(1, len(own) // 2), replace=False).tolist()) if own else []
         expected += [(entity, triple) for triple in told]
     assert sample_insert_triples(graph, splits, novel[None], 1, 0, seed, 0.5) == expected
-    assert cells_of(graph, size, [seed, seed + 1]).keys().tolist() == [[size, seed], [size, seed + 1]]
+    assert points_of(graph, size, [seed, seed + 1]).keys().tolist() == [[size, seed], [size, seed + 1]]
 
 
 def test_a_later_session_has_streams_of_its_own() -> None:
     graph = random_graph(12, 2, 100)
-    cells = cells_of(graph, 1, [5], steps=2)
-    assert (cells.keys(1).tolist(), cells.keys(2).tolist()) == ([[1, 5]], [[1, 5, 2]])
-    novel, entity = cells.novel[0], int(cells.novel[0, 1, 0])
+    points = points_of(graph, 1, [5], steps=2)
+    assert (points.keys(1).tolist(), points.keys(2).tolist()) == ([[1, 5]], [[1, 5, 2]])
+    novel, entity = points.novel[0], int(points.novel[0, 1, 0])
     own = [
         number
         for number, (head, _, tail) in enumerate(graph.triples.tolist())
-        if cells.splits[0, number] == TRAIN and entity in (head, tail) and head != tail
+        if points.splits[0, number] == TRAIN and entity in (head, tail) and head != tail
     ]
     told = np.sort(generator("insert triples", 1, 5, 2).choice(own, len(own) // 2, replace=False))
     assert len(told) > 1
-    pairs = sample_insert_triples(graph, cells.splits[0], novel, 2, 0, 5, 0.5)
+    pairs = sample_insert_triples(graph, points.splits[0], novel, 2, 0, 5, 0.5)
     assert pairs == [(entity, triple) for triple in told.tolist()]
 
 
@@ -279,10 +279,10 @@ ADDED = graph_of(
 
 def test_entities_of_triples_without_a_split_take_no_part() -> None:
     splits = np.array([[TRAIN, TRAIN, TRAIN, OUT, TRAIN, TEST, OUT]], dtype=np.int8)
-    cells = GridPoints("home", ADDED, 1, [3], splits, np.array([[[5]]]))
-    assert cells.joint.entities.tolist() == [[True, True, True, True, False, True, False]]
-    assert cells.session(1).entities.tolist() == cells.joint.entities.tolist()
-    assert cells.session(0).entities.tolist() == [[True, True, True, True, False, False, False]]
+    points = GridPoints("home", ADDED, 1, [3], splits, np.array([[[5]]]))
+    assert points.joint.entities.tolist() == [[True, True, True, True, False, True, False]]
+    assert points.session(1).entities.tolist() == points.joint.entities.tolist()
+    assert points.session(0).entities.tolist() == [[True, True, True, True, False, False, False]]
 
 
 def test_untouched_are_the_triples_that_have_none_of_the_entities() -> None:
@@ -341,18 +341,18 @@ def make(folder: Path, monkeypatch: pytest.MonkeyPatch, graph: Graph, how: dict[
 def test_cells_are_read_as_they_were_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
     graph = as_stored(random_graph(13, 2, 90))
     store = make(tmp_path, monkeypatch, graph, {"novel": "any", "sizes": [3, 1], "seeds": 3, "steps": steps})
-    found, told = store.cells(2), store.insert_triples()
-    assert [(cells.size, cells.seeds) for cells in found] == [(1, [0, 1]), (1, [2]), (3, [0, 1]), (3, [2])]
-    for cells in found:
-        drawn = cells_of(graph, cells.size, cells.seeds, steps=steps)
-        assert torch.equal(cells.graph.triples, graph.triples)
-        assert (cells.novel == drawn.novel).all()
-        assert (cells.splits == drawn.splits).all()
-        rows = store.insert_triples_of(cells, told)
+    found, told = store.grid(2), store.insert_triples()
+    assert [(points.size, points.seeds) for points in found] == [(1, [0, 1]), (1, [2]), (3, [0, 1]), (3, [2])]
+    for points in found:
+        drawn = points_of(graph, points.size, points.seeds, steps=steps)
+        assert torch.equal(points.graph.triples, graph.triples)
+        assert (points.novel == drawn.novel).all()
+        assert (points.splits == drawn.splits).all()
+        rows = store.insert_triples_of(points, told)
         for session in range(1, steps + 1):
             assert (rows[rows[:, 0] == session, 1:] == insert_triples_of(drawn, session)).all()
         assert set(rows[:, 0]) == set(range(1, steps + 1))
-    (only,) = store.cells(5, size=3, seeds=2)
+    (only,) = store.grid(5, size=3, seeds=2)
     assert (only.size, only.seeds) == (3, [0, 1])
 
 
@@ -370,14 +370,14 @@ def test_added_entities_are_novel_or_take_no_part(tmp_path: Path, monkeypatch: p
     graph, source = as_stored(random_graph(14, 2, 120)), np.array(["here"] * 8 + ["there"] * 6)
     how = {"novel": "added", "sizes": [3], "seeds": 4, "steps": 2}
     store = make(tmp_path, monkeypatch, graph, how, source=source)
-    (cells,) = store.cells(4)
-    for model, novel in enumerate(cells.novel):
+    (points,) = store.grid(4)
+    for model, novel in enumerate(points.novel):
         assert set(novel.ravel().tolist()) == set(range(8, 14))  # all of them, since there are no more
-        assert set(np.flatnonzero(cells.session(0).entities[model].numpy()).tolist()) == set(range(8))
+        assert set(np.flatnonzero(points.session(0).entities[model].numpy()).tolist()) == set(range(8))
     store = make(tmp_path, monkeypatch, graph, how | {"sizes": [2], "steps": 1}, source=source)
-    (cells,) = store.cells(4)
-    for model, novel in enumerate(cells.novel):
-        there = set(np.flatnonzero(cells.joint.entities[model].numpy()).tolist())
+    (points,) = store.grid(4)
+    for model, novel in enumerate(points.novel):
+        there = set(np.flatnonzero(points.joint.entities[model].numpy()).tolist())
         assert there == set(range(8)) | set(novel.ravel().tolist())
 
 

@@ -51,11 +51,11 @@ def singles_task(height: int = 4, number: int = 0) -> SinglesTask:
     hows = [insert_tasks(height, name, trained)[number] for name in SHOWN]
     if height == 4:
         hows.append(soft_task(trained))
-    novel = [(2, seed, entity, 1) for seed, own in zip(joint.cells.seeds, joint.cells.novel[:, 0], strict=True)
+    novel = [(2, seed, entity, 1) for seed, own in zip(joint.points.seeds, joint.points.novel[:, 0], strict=True)
              for entity in own.tolist()]  # fmt: skip
     seeds = first_seeds(pd.DataFrame(novel, columns=["size", "seed", "entity", "session"]), 2)
     return SinglesTask(
-        hows[0].cells, hows, StackedVectors(ANALOGY, whole.entity[rows], whole.relation[rows]), seeds, HOW
+        hows[0].points, hows, StackedVectors(ANALOGY, whole.entity[rows], whole.relation[rows]), seeds, HOW
     )
 
 
@@ -81,8 +81,8 @@ def test_a_plane_holds_the_two_axes_of_most_variance() -> None:
     vectors = torch.tensor([[3.0, 0, 1, 0], [-3, 0, 1, 0], [0, -2, 1, 0], [0, 2, 1, 0], [0, 0, 2, 0], [0, 0, 0, 0]])
     found = plane(vectors)
     assert found.share == pytest.approx((18 + 8) / (18 + 8 + 2))
-    points = on(found, torch.tensor([[3.0, 0, 1, 5], [0, 2, 1, 0]]))
-    assert points.numpy() == pytest.approx(np.array([[3, 0], [0, 2]]), abs=1e-12)
+    places = on(found, torch.tensor([[3.0, 0, 1, 5], [0, 2, 1, 0]]))
+    assert places.numpy() == pytest.approx(np.array([[3, 0], [0, 2]]), abs=1e-12)
 
 
 def test_what_is_turned_scaled_and_moved_comes_back() -> None:
@@ -101,14 +101,14 @@ def test_what_is_turned_scaled_and_moved_comes_back() -> None:
 
 
 def test_places_are_of_the_map_of_the_entitys_own_seed(task: SinglesTask, found: Singles) -> None:
-    vectors, cells = insert_stack(task.inserting[1]).vectors, task.cells
+    vectors, points = insert_stack(task.inserting[1]).vectors, task.points
     for entity, seed in task.seeds.items():
-        model = cells.seeds.index(seed)
-        known = [own for own in range(ENTITIES) if own not in cells.novel[model, 0]]
+        model = points.seeds.index(seed)
+        known = [own for own in range(ENTITIES) if own not in points.novel[model, 0]]
         axes = plane(torch.as_tensor(task.inserting[0].theta0.entity[model, known]))
         own = found.places[found.places["seed"] == seed].set_index(["model", "epoch", "entity"]).sort_index()
         assert own.loc["theta0", 0].index.tolist() == known
-        expected = on(axes, torch.as_tensor(vectors[model, cells.novel[model, 0].tolist().index(entity)]))
+        expected = on(axes, torch.as_tensor(vectors[model, points.novel[model, 0].tolist().index(entity)]))
         assert own.loc[("es", 0, entity), ["x", "y"]].tolist() == pytest.approx(expected.tolist(), abs=1e-6)
         assert {("joint", 0, entity), ("es", HOW.epochs, entity)} <= set(own.index)
 
@@ -121,7 +121,7 @@ def test_weights_of_a_soft_hybrid_are_those_that_make_its_vector() -> None:
     task = soft_task(theta0(), wordless)
     told = task.told.insert_triples
     alone = replace(task, told=replace(task.told, insert_triples=told[told[:, 1] > 0]))  # the first has none
-    insertion = context_of(task.theta0.stack, task.cells.session(0), told_in(alone, 1), how_in(alone, 1))
+    insertion = context_of(task.theta0.stack, task.points.session(0), told_in(alone, 1), how_in(alone, 1))
     initial = softly_by_both(insertion, **SOFT)
     weights = weights_of(insertion, initial, SOFT)
     assert weights is not None
@@ -137,7 +137,7 @@ def test_indicators_are_those_whose_centroid_was_taken(task: SinglesTask, found:
     unit = WORDS / np.linalg.norm(WORDS, axis=1, keepdims=True)
     for entity, seed in task.seeds.items():
         own = found.indicators[(found.indicators["model"] == "es") & (found.indicators["entity"] == entity)]
-        place = task.cells.novel[seed, 0].tolist().index(entity)
+        place = task.points.novel[seed, 0].tolist().index(entity)
         centre = task.inserting[0].theta0.entity[seed, own["indicator"]].mean(0)
         assert centre == pytest.approx(vectors[seed, place], abs=1e-6)
         assert own["weight"].tolist() == pytest.approx([1 / 3] * 3)
@@ -147,7 +147,7 @@ def test_indicators_are_those_whose_centroid_was_taken(task: SinglesTask, found:
 
 def test_without_a_centre_there_are_no_indicators() -> None:
     task = soft_task(theta0())
-    insertion = context_of(task.theta0.stack, task.cells.session(0), told_in(task, 1), how_in(task, 1))
+    insertion = context_of(task.theta0.stack, task.points.session(0), told_in(task, 1), how_in(task, 1))
     assert weights_of(insertion, InitResult(torch.zeros(4, 2, 12), torch.zeros(4, 2)), {}) is None
 
 
@@ -158,7 +158,7 @@ GRAPH = graph_of(
     {(0, 0, 1): 2, (3, 0, 0): 4, (3, 0, 1): 1, (3, 0, 4): 1, (0, 1, 4): 5, (5, 1, 3): 2, (0, 1, 2): 1}, 6, 2
 )
 SPLITS = np.array([[TRAIN, TRAIN, VALID, TRAIN, TEST, OUT, TRAIN]], dtype=np.int8)
-CELLS = GridPoints("home", GRAPH, 1, [7], SPLITS, np.array([[[3]]]))
+POINTS = GridPoints("home", GRAPH, 1, [7], SPLITS, np.array([[[3]]]))
 
 
 def answered(first: int, *numbers: float) -> pd.DataFrame:
@@ -167,8 +167,8 @@ def answered(first: int, *numbers: float) -> pd.DataFrame:
     relation = torch.zeros(1, 2, 4)
     relation[..., 0] = 1
     told = torch.tensor([[False, True, False, False, False, False, False]])
-    asked = queries_of(CELLS, pick(CELLS, {3: 7}), told)
-    return answers_of(Embedding(entity, relation, ANALOGY), CELLS, asked, first)
+    asked = queries_of(POINTS, pick(POINTS, {3: 7}), told)
+    return answers_of(Embedding(entity, relation, ANALOGY), POINTS, asked, first)
 
 
 def test_answers_by_hand() -> None:
@@ -186,7 +186,7 @@ def test_answers_by_hand() -> None:
 
 
 def test_an_entity_that_is_shown_elsewhere_is_not_asked_about() -> None:
-    assert len(pick(CELLS, {3: 8}).entity) == 0
+    assert len(pick(POINTS, {3: 8}).entity) == 0
 
 
 def test_answers_are_those_of_every_model_as_inserted_and_after_training(task: SinglesTask, found: Singles) -> None:
@@ -200,9 +200,9 @@ def test_answers_are_those_of_every_model_as_inserted_and_after_training(task: S
     assert set(true) == {true.iloc[0]}
     assert set(found.entities["entity"]) == set(task.seeds)
     told = task.inserting[0].told.insert_triples
-    expected = {int(task.cells.novel[model, 0, place]): int(((told[:, 1] == model) & (told[:, 2] == place)).sum())
+    expected = {int(task.points.novel[model, 0, place]): int(((told[:, 1] == model) & (told[:, 2] == place)).sum())
                 for model in range(4) for place in range(2)
-                if task.seeds[int(task.cells.novel[model, 0, place])] == task.cells.seeds[model]}  # fmt: skip
+                if task.seeds[int(task.points.novel[model, 0, place])] == task.points.seeds[model]}  # fmt: skip
     assert dict(zip(found.entities["entity"], found.entities["told"], strict=True)) == expected
 
 

@@ -26,15 +26,15 @@ from isi.models.stack import Embedding
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer
-from tests.test_initializers import NOVEL, World, cells_at, world
+from tests.test_initializers import NOVEL, World, points_at, world
 
 NEGATIVES = Negatives(mode="sampled", ratio=2, head_pool="unseen")
 OPTIMIZER = Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=3)
 
 
-def how_to(cells: GridPoints, **changes: object) -> InsertConfig:
+def how_to(points: GridPoints, **changes: object) -> InsertConfig:
     how = InsertConfig(
-        "es", {"k": 3}, 0, cells.keys(), NEGATIVES, OPTIMIZER, {"all": torch.full((2,), torch.nan)}, True
+        "es", {"k": 3}, 0, points.keys(), NEGATIVES, OPTIMIZER, {"all": torch.full((2,), torch.nan)}, True
     )
     return replace(how, **changes)  # type: ignore[arg-type]
 
@@ -49,8 +49,8 @@ def on(_epoch: int, _embedding: Embedding, models: Tensor) -> Tensor:
 
 
 def stepped(of: World) -> SessionResult:
-    cells = cells_at(of.graph, of.splits)
-    return run_session(of.theta0, cells.session(0), cells.session(1), told_of(of), how_to(cells))
+    points = points_at(of.graph, of.splits)
+    return run_session(of.theta0, points.session(0), points.session(1), told_of(of), how_to(points))
 
 
 def test_the_mask_is_of_each_models_own_insert_triples() -> None:
@@ -82,8 +82,8 @@ def test_at_once_it_asks_about_the_novel_entities_what_was_not_told() -> None:
 
 def test_what_is_told_of_each_is_packed_to_the_left() -> None:
     of = world()
-    cells, told = cells_at(of.graph, of.splits), told_of(of)
-    shown = context_of(of.theta0, cells.session(0), told, how_to(cells))
+    points, told = points_at(of.graph, of.splits), told_of(of)
+    shown = context_of(of.theta0, points.session(0), told, how_to(points))
     rows = {(model, place): [] for model in range(2) for place in range(3)}  # type: ignore[var-annotated]
     for model, place, triple in of.insert_triples.tolist():
         head, relation, tail = of.graph.triples[triple].tolist()
@@ -96,22 +96,22 @@ def test_what_is_told_of_each_is_packed_to_the_left() -> None:
         found = (shown.other, shown.relation, shown.novel_is_tail, shown.observed)
         assert list(zip(*(table[model, place].tolist() for table in found), strict=True)) == padded
     nothing = NovelEntities(told.novel, told.insert_triples[:0], told.words)
-    assert context_of(of.theta0, cells.session(0), nothing, how_to(cells)).observed.tolist() == [[[False]] * 3] * 2
+    assert context_of(of.theta0, points.session(0), nothing, how_to(points)).observed.tolist() == [[[False]] * 3] * 2
 
 
 def trained(of: World, how: InsertConfig, purpose: str, pool: str) -> Embedding:
     """The same by the parts that it is made of."""
-    cells = cells_at(of.graph, of.splits)
-    data = training_data(cells.session(1), purpose, how.keys, pool, torch.as_tensor(NOVEL))
+    points = points_at(of.graph, of.splits)
+    data = training_data(points.session(1), purpose, how.keys, pool, torch.as_tensor(NOVEL))
     return trainer.train(of.theta0, data, how.negatives, how.optimizer, how.root, on)
 
 
 @pytest.mark.parametrize("pool", ["all", "unseen"])
 def test_fine_tuning_draws_for_its_own_purpose_from_the_pool_that_params_name(pool: str) -> None:
     of = world()
-    cells = cells_at(of.graph, of.splits)
-    how = how_to(cells, negatives=NEGATIVES.model_copy(update={"head_pool": pool}))
-    learned = finetune(of.theta0, cells.session(1), torch.as_tensor(NOVEL), how, on).entity
+    points = points_at(of.graph, of.splits)
+    how = how_to(points, negatives=NEGATIVES.model_copy(update={"head_pool": pool}))
+    learned = finetune(of.theta0, points.session(1), torch.as_tensor(NOVEL), how, on).entity
     other = {"all": "unseen", "unseen": "all"}[pool]
     assert torch.equal(learned, trained(of, how, "fine-tuning", pool).entity)
     assert not torch.equal(learned, trained(of, how, "fine-tuning", other).entity)
@@ -120,9 +120,9 @@ def test_fine_tuning_draws_for_its_own_purpose_from_the_pool_that_params_name(po
 
 def test_where_new_rows_go_first_they_are_those_of_the_session() -> None:
     of = world()
-    cells = cells_at(of.graph, of.splits)
-    how = how_to(cells, optimizer=OPTIMIZER.model_copy(update={"new_rows_first": 3}))
-    done = run_session(of.theta0, cells.session(0), cells.session(1), told_of(of), how)
+    points = points_at(of.graph, of.splits)
+    how = how_to(points, optimizer=OPTIMIZER.model_copy(update={"new_rows_first": 3}))
+    done = run_session(of.theta0, points.session(0), points.session(1), told_of(of), how)
     before = with_vectors(of.theta0, torch.as_tensor(NOVEL), done.initial.vectors).entity
     moved = (done.theta.entity != before).any(-1).numpy()
     for model in range(2):
@@ -131,6 +131,6 @@ def test_where_new_rows_go_first_they_are_those_of_the_session() -> None:
 
 def test_an_initializer_that_there_is_not_is_named_by_its_key() -> None:
     of = world()
-    cells = cells_at(of.graph, of.splits)
+    points = points_at(of.graph, of.splits)
     with pytest.raises(InputError, match=r"^params\.yaml: initializers\.rz: "):
-        initialize(of.theta0, cells.session(0), told_of(of), how_to(cells, initializer="rz"))
+        initialize(of.theta0, points.session(0), told_of(of), how_to(points, initializer="rz"))

@@ -27,10 +27,10 @@ from isi.stage import StageContext
 from isi.tables import paths
 from isi.tables.io import Provenance
 from tests import small
-from tests.graphs import cells_of, random_graph
+from tests.graphs import points_of, random_graph
 from tests.small import NAME
 
-CELLS = cells_of(random_graph(12, 2, 80), 2, [4, 6], steps=2)
+POINTS = points_of(random_graph(12, 2, 80), 2, [4, 6], steps=2)
 VALUES: dict[str, Any] = {
     "seed": 9, "embedding.family": "analogy", "families.analogy": {},
     "negatives": {"mode": "sampled", "ratio": 2, "head_pool": "all"}, "convergence": {"margin": 0.25},
@@ -55,14 +55,14 @@ def joint_runs() -> pd.DataFrame:
 
 
 def test_what_convergence_is_measured_against_is_the_joint_models_at_once_in_the_same_cells() -> None:
-    found = joint_targets(joint_runs(), CELLS)
+    found = joint_targets(joint_runs(), POINTS)
     assert found.keys() == {(session, scope) for session in (1, 2) for scope in SCOPES}
     for (session, scope), values in found.items():
         place = SCOPES.index(scope) / 10
         assert values.dtype == np.float64
         np.testing.assert_allclose(values, [2400 + 10 * session + place, 2600 + 10 * session + place])
         values[:] = 0  # its own
-    assert joint_targets(joint_runs(), CELLS)[1, SCOPES[0]].all()
+    assert joint_targets(joint_runs(), POINTS)[1, SCOPES[0]].all()
 
 
 @pytest.mark.parametrize(("session", "scope"), [(1, SCOPES[0]), (2, SCOPES[-1])])
@@ -70,10 +70,10 @@ def test_a_cell_that_the_joint_models_lack_is_named(session: int, scope: str) ->
     runs = joint_runs()
     cell = runs["size"].eq(2) & runs["session"].eq(session) & runs["scope"].eq(scope) & runs["epoch"].eq(0)
     with pytest.raises(InputError) as refused:
-        joint_targets(runs[~(cell & runs["seed"].eq(6))], CELLS)
+        joint_targets(runs[~(cell & runs["seed"].eq(6))], POINTS)
     expected = "expected a row of each of seeds 4, 6 at epoch 0"
     where = f"size 2, session {session}, scope {scope}"
-    assert refused.value.args == (str(paths.runs(CELLS.experiment, "joint")), where, expected)
+    assert refused.value.args == (str(paths.runs(POINTS.experiment, "joint")), where, expected)
 
 
 @pytest.mark.parametrize(
@@ -137,12 +137,12 @@ def _made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 @pytest.mark.usefixtures("_made")
 def test_tasks_are_made_of_what_the_experiment_has_for_their_cells() -> None:
     store, how = Store(NAME, Provenance("insert", {})), inserting_in(given(), "home", "es")
-    cells = store.cells(1)
-    tasks = insertion_tasks(store, given(), how, cells)
-    assert [task.cells for task in tasks] == cells
+    points = store.grid(1)
+    tasks = insertion_tasks(store, given(), how, points)
+    assert [task.points for task in tasks] == points
     told, joint = (pd.read_parquet(path) for path in (paths.insert_triples(NAME), paths.runs(NAME, "joint")))
     for task in tasks:
-        (seed,), size = task.cells.seeds, task.cells.size
+        (seed,), size = task.points.seeds, task.points.size
         assert task.how is how
         own = told[(told["size"] == size) & (told["seed"] == seed)]
         assert task.told.insert_triples[:, 3].tolist() == own["triple"].tolist()
@@ -150,4 +150,4 @@ def test_tasks_are_made_of_what_the_experiment_has_for_their_cells() -> None:
         rows = joint[(joint["size"] == size) & (joint["seed"] == seed) & (joint["epoch"] == 0)].set_index("scope")
         for (_, scope), values in task.told.joint.items():
             np.testing.assert_array_equal(values, [rows.loc[scope, "mrr_star"]])
-        np.testing.assert_array_equal(task.theta0.entity, store.theta0(task.cells, task.theta0.model).entity)
+        np.testing.assert_array_equal(task.theta0.entity, store.theta0(task.points, task.theta0.model).entity)

@@ -29,7 +29,7 @@ from isi.training.trainer import (
     train,
     train_until_best,
 )
-from tests.graphs import ANALOGY, cells_of, graph_of, random_embedding, random_graph
+from tests.graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
 
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
 EXPECTED = Negatives(mode="expected", ratio=3, head_pool="unseen")
@@ -42,12 +42,12 @@ def loss(entity: Tensor, relation: Tensor, positives: Tensor, negatives: Tensor)
     return -(positives * logsigmoid(scores) + negatives * logsigmoid(-scores)).sum()
 
 
-def small_cells(seeds: list[int] | None = None) -> GridPoints:
-    return cells_of(random_graph(13, 3, 80), 2, seeds or [0, 1, 2, 3])
+def small_points(seeds: list[int] | None = None) -> GridPoints:
+    return points_of(random_graph(13, 3, 80), 2, seeds or [0, 1, 2, 3])
 
 
-def start_of(cells: GridPoints, half_range: float = 0.5) -> Embedding:
-    return uniform(cells.session(0).entities, 3, ANALOGY, 12, half_range, 0, cells.keys())
+def start_of(points: GridPoints, half_range: float = 0.5) -> Embedding:
+    return uniform(points.session(0).entities, 3, ANALOGY, 12, half_range, 0, points.keys())
 
 
 def same(one: Embedding, other: Embedding) -> bool:
@@ -75,19 +75,19 @@ def test_adagrad_is_that_of_torch() -> None:
 
 
 def test_start_copies_so_that_training_leaves_its_origin_alone() -> None:
-    cells = small_cells([0])
-    begin = start_of(cells)
+    points = small_points([0])
+    begin = start_of(points)
     before = begin.entity.clone(), begin.relation.clone()
     state = start(begin)
-    run_epoch(state, training_data(cells.session(0), "test", cells.keys(), "all"), EXPECTED, TUNING, 0, 1)
+    run_epoch(state, training_data(points.session(0), "test", points.keys(), "all"), EXPECTED, TUNING, 0, 1)
     assert same(begin, Embedding(*before, ANALOGY))
     assert not same(state.embedding, begin)
 
 
 def test_a_graph_too_large_for_tables_learns_the_same_from_lists(monkeypatch: pytest.MonkeyPatch) -> None:
-    cells = small_cells()
-    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
-    small, large = start(start_of(cells)), start(start_of(cells))
+    points = small_points()
+    data = training_data(points.session(0), "test", points.keys(), "unseen")
+    small, large = start(start_of(points)), start(start_of(points))
     run_epoch(small, data, SAMPLED, TUNING, 0, 1)
     monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 0)
     assert all(isinstance(batch, ListBatch) for batch, _ in batches(data, EXPECTED, TUNING.batch_size, 0, 1))
@@ -97,9 +97,9 @@ def test_a_graph_too_large_for_tables_learns_the_same_from_lists(monkeypatch: py
 
 @pytest.mark.parametrize("negatives", [SAMPLED, EXPECTED], ids=["sampled", "expected"])
 def test_entities_outside_the_session_stay_zero(negatives: Negatives) -> None:
-    cells = small_cells()
-    state, members = start(start_of(cells)), cells.session(0).entities
-    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
+    points = small_points()
+    state, members = start(start_of(points)), points.session(0).entities
+    data = training_data(points.session(0), "test", points.keys(), "unseen")
     before = state.embedding.entity.clone()
     for epoch in (1, 2):
         run_epoch(state, data, negatives, TUNING, 0, epoch)
@@ -124,9 +124,9 @@ FITTING = Training(
 
 
 def fitted(seeds: list[int], settings: Training = FITTING) -> tuple[Embedding, list[ValidationResult]]:
-    cells = small_cells(seeds)
-    data = training_data(cells.session(0), "test", cells.keys(), "unseen")
-    return train_until_best(start_of(cells, 0.01), data, SAMPLED, settings, 0)
+    points = small_points(seeds)
+    data = training_data(points.session(0), "test", points.keys(), "unseen")
+    return train_until_best(start_of(points, 0.01), data, SAMPLED, settings, 0)
 
 
 def looks_of(model: int, looks: list[ValidationResult]) -> list[tuple[int, float, bool]]:
@@ -140,8 +140,8 @@ def looks_of(model: int, looks: list[ValidationResult]) -> list[tuple[int, float
 
 def test_fit_keeps_the_best_and_respects_patience() -> None:
     best, looks = fitted([0, 1, 2, 3])
-    cells = small_cells()
-    reached = evaluate(best, validation(cells.session(0)))["valid"].measures[:, 0]
+    points = small_points()
+    reached = evaluate(best, validation(points.session(0)))["valid"].measures[:, 0]
     lengths = set()
     for model in range(4):
         rows = looks_of(model, looks)
@@ -186,9 +186,9 @@ def test_fit_in_a_stack_is_fit_alone() -> None:
 
 
 def tuned(seeds: list[int], targets: dict[str, Tensor], to_the_end: bool = False) -> list[EpochMeasures]:
-    cells = small_cells(seeds)
-    watch = ConvergenceWatch(epoch_query_sets(cells.joint, cells.novel_in(1)), targets, to_the_end)
-    train(start_of(cells), training_data(cells.joint, "test", cells.keys(), "unseen"), SAMPLED, TUNING, 0, watch)
+    points = small_points(seeds)
+    watch = ConvergenceWatch(epoch_query_sets(points.joint, points.novel_in(1)), targets, to_the_end)
+    train(start_of(points), training_data(points.joint, "test", points.keys(), "unseen"), SAMPLED, TUNING, 0, watch)
     return watch.epochs
 
 
@@ -243,34 +243,34 @@ def test_fine_tuning_in_a_stack_is_fine_tuning_alone() -> None:
 
 @pytest.mark.usefixtures("form")
 def test_no_observation_is_no_step() -> None:
-    cells = small_cells()
-    data = training_data(cells.joint, "test", cells.keys(), "all")
+    points = small_points()
+    data = training_data(points.joint, "test", points.keys(), "all")
     only = replace(data, counts=data.counts * 0)
-    state, before = start(start_of(cells)), start_of(cells)
+    state, before = start(start_of(points)), start_of(points)
     run_epoch(state, only, EXPECTED, TUNING, 0, 1)
     assert same(state.embedding, before)
 
 
 def test_training_gives_each_model_as_it_was_when_it_left() -> None:
-    cells = small_cells()
-    data, stays = training_data(cells.session(0), "test", cells.keys(), "all"), torch.tensor([0, 3, 1, 6])
+    points = small_points()
+    data, stays = training_data(points.session(0), "test", points.keys(), "all"), torch.tensor([0, 3, 1, 6])
 
     def watch(epoch: int, _: Embedding, models: Tensor) -> Tensor:
         return stays[models] > epoch
 
-    left = train(start_of(cells), data, EXPECTED, TUNING, 0, watch)
+    left = train(start_of(points), data, EXPECTED, TUNING, 0, watch)
     for model, epochs in enumerate(stays.tolist()):
-        state, own = start(select(start_of(cells), torch.tensor([model]))), select(data, torch.tensor([model]))
+        state, own = start(select(start_of(points), torch.tensor([model]))), select(data, torch.tensor([model]))
         for epoch in range(1, epochs + 1):
             run_epoch(state, own, EXPECTED, TUNING, 0, epoch)
         assert same(select(left, torch.tensor([model])), state.embedding)
 
 
 def test_new_rows_move_alone_at_first_and_everything_after_that() -> None:
-    cells = small_cells()
-    novel = cells.novel_in(1)
-    data = training_data(cells.joint, "test", cells.keys(), "unseen", novel)
-    state = start(uniform(cells.joint.entities, 3, ANALOGY, 12, 0.5, 0, cells.keys()))
+    points = small_points()
+    novel = points.novel_in(1)
+    data = training_data(points.joint, "test", points.keys(), "unseen", novel)
+    state = start(uniform(points.joint.entities, 3, ANALOGY, 12, 0.5, 0, points.keys()))
     settings = TUNING.model_copy(update={"new_rows_first": 2})
     is_new = membership(novel, 13)
     for epoch in (1, 2):
@@ -292,10 +292,10 @@ def tables(embedding: Embedding) -> tuple[Tensor, Tensor]:
 
 
 def test_new_rows_first_leaves_to_all_the_epochs_that_are_left() -> None:
-    cells = small_cells()
-    data = training_data(cells.joint, "test", cells.keys(), "unseen", cells.novel_in(1))
+    points = small_points()
+    data = training_data(points.joint, "test", points.keys(), "unseen", points.novel_in(1))
     watch = lambda epoch, embedding, models: torch.ones(len(models), dtype=torch.bool)  # noqa: ARG005, E731
-    begin = uniform(cells.joint.entities, 3, ANALOGY, 12, 0.5, 0, cells.keys())
+    begin = uniform(points.joint.entities, 3, ANALOGY, 12, 0.5, 0, points.keys())
     alone = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 6}), 0, watch)
     assert torch.equal(alone.relation, begin.relation)
     both = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 3}), 0, watch)

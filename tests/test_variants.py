@@ -37,7 +37,7 @@ from isi.stage import StageContext
 from isi.tables import catalogue, io, paths
 from isi.tables.provenance import Provenance
 from stages.vary import vary
-from tests.graphs import as_stored, cells_of, insert_triples_of
+from tests.graphs import as_stored, insert_triples_of, points_of
 from tests.test_experiments import GRAPH as DRAWN
 from tests.test_experiments import INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
 from tools.check_params import check_beyond
@@ -48,10 +48,10 @@ GRAPH = as_stored(DRAWN)
 NAMES = ("xavier", "es", "rs")
 
 
-def told_of(cells: GridPoints) -> np.ndarray:
+def told_of(points: GridPoints) -> np.ndarray:
     """All insert triples, as a store gives them."""
-    sessions = range(1, cells.sessions + 1)
-    rows = [np.insert(insert_triples_of(cells, session), 0, session, axis=1) for session in sessions]
+    sessions = range(1, points.sessions + 1)
+    rows = [np.insert(insert_triples_of(points, session), 0, session, axis=1) for session in sessions]
     return np.unique(np.concatenate(rows), axis=0)
 
 
@@ -64,49 +64,51 @@ def rows_of(triples: np.ndarray) -> list[tuple[int, ...]]:
 
 @pytest.mark.parametrize("steps", [1, 2])
 def test_so_many_of_each_entity_are_told_and_the_fewer_are_part_of_the_more(steps: int) -> None:
-    cells = cells_of(GRAPH, 2, SEEDS, steps=steps)
-    told = told_of(cells)
+    points = points_of(GRAPH, 2, SEEDS, steps=steps)
+    told = told_of(points)
     number = Counter(row[:3] for row in rows_of(told))
     assert max(number.values()) > 3
     fewer: set[tuple[int, ...]] = set()
     for most in range(6):
-        found = rows_of(some_of(told, most, cells, 0))
+        found = rows_of(some_of(told, most, points, 0))
         assert Counter(row[:3] for row in found) == Counter({slot: min(most, n) for slot, n in number.items()})
         assert found == [row for row in rows_of(told) if row in set(found)]  # in their order
         assert fewer <= set(found)
         fewer = set(found)
-    assert rows_of(some_of(told, None, cells, 0)) == rows_of(told)
+    assert rows_of(some_of(told, None, points, 0)) == rows_of(told)
 
 
 def test_none_are_told_of_those_who_have_none() -> None:
     nothing = np.empty((0, 4), dtype=np.int64)
     for most in (0, 3, None):
-        assert some_of(nothing, most, cells_of(GRAPH, 2, SEEDS), 0).shape == (0, 4)
+        assert some_of(nothing, most, points_of(GRAPH, 2, SEEDS), 0).shape == (0, 4)
 
 
 def test_what_is_told_is_drawn_anew_for_each_entity_and_root() -> None:
-    cells = cells_of(GRAPH, 2, SEEDS)
-    told = told_of(cells)
-    one, other = (rows_of(some_of(told, 1, cells, root)) for root in (0, 1))
+    points = points_of(GRAPH, 2, SEEDS)
+    told = told_of(points)
+    one, other = (rows_of(some_of(told, 1, points, root)) for root in (0, 1))
     first = {row[:3]: row for row in reversed(rows_of(told))}
     assert one != other
     assert 0 < sum(row != first[row[:3]] for row in one) < len(one)  # neither always nor never the first
 
 
 def test_each_session_draws_what_is_told_for_itself() -> None:
-    cells = cells_of(GRAPH, 1, [0], steps=2)
+    points = points_of(GRAPH, 1, [0], steps=2)
     told = np.array([(session, 0, 0, triple) for session in (1, 2) for triple in range(12)])
-    first, second = ({row[3] for row in rows_of(some_of(told, 6, cells, 0)) if row[0] == session} for session in (1, 2))
+    first, second = (
+        {row[3] for row in rows_of(some_of(told, 6, points, 0)) if row[0] == session} for session in (1, 2)
+    )
     assert len(first) == len(second) == 6
     assert first != second
 
 
 def test_the_same_is_told_of_an_entity_whatever_stands_beside_its_cell() -> None:
-    cells = cells_of(GRAPH, 2, SEEDS, steps=2)
-    together = [(row[0], SEEDS[row[1]], *row[2:]) for row in rows_of(some_of(told_of(cells), 2, cells, 0))]
+    points = points_of(GRAPH, 2, SEEDS, steps=2)
+    together = [(row[0], SEEDS[row[1]], *row[2:]) for row in rows_of(some_of(told_of(points), 2, points, 0))]
     alone = []
     for seed in SEEDS:
-        own = cells_of(GRAPH, 2, [seed], steps=2)
+        own = points_of(GRAPH, 2, [seed], steps=2)
         alone += [(row[0], seed, *row[2:]) for row in rows_of(some_of(told_of(own), 2, own, 0))]
     assert sorted(together) == sorted(alone)
 
@@ -175,9 +177,9 @@ def test_a_variant_trains_and_speaks_where_it_changes_what_that_depends_on(
 
 def learned(seeds: Sequence[int] = SEEDS, size: int = 2) -> tuple[StackedVectors, StackedVectors]:
     """Θ⁰ and the joint models, as the first pipeline trains and keeps them."""
-    cells = cells_of(GRAPH, size, seeds)
-    joint = train_joint_model(TrainTask(replace(cells, size=NO_INSERTION, novel=cells.novel[:, :0]), LEARNING))
-    return vectors(train_initial(TrainTask(cells, LEARNING))), vectors(joint)
+    points = points_of(GRAPH, size, seeds)
+    joint = train_joint_model(TrainTask(replace(points, size=NO_INSERTION, novel=points.novel[:, :0]), LEARNING))
+    return vectors(train_initial(TrainTask(points, LEARNING))), vectors(joint)
 
 
 def vectors(of: TrainResult) -> StackedVectors:
@@ -187,9 +189,9 @@ def vectors(of: TrainResult) -> StackedVectors:
 def task(
     start: tuple[StackedVectors, StackedVectors] | TrainConfig, most: int | None = None, size: int = 2
 ) -> VariantTask:
-    cells = cells_of(GRAPH, size, SEEDS)
+    points = points_of(GRAPH, size, SEEDS)
     how = {name: TaskConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, ()) for name in NAMES}
-    return VariantTask(cells, start, told_of(cells), some_of(told_of(cells), most, cells, 0), WORDS, how)
+    return VariantTask(points, start, told_of(points), some_of(told_of(points), most, points, 0), WORDS, how)
 
 
 def of_model(frame: pd.DataFrame, model: str) -> pd.DataFrame:
@@ -199,19 +201,19 @@ def of_model(frame: pd.DataFrame, model: str) -> pd.DataFrame:
 def test_from_stored_embeddings_the_runs_are_those_of_the_first_pipeline() -> None:
     theta0, joint = learned()
     asked_for = task((theta0, joint))
-    cells, told = asked_for.cells, asked_for.insert_triples
+    points, told = asked_for.points, asked_for.insert_triples
     runs, asked = repeat(asked_for)
-    judged = evaluate_stack(EvaluationTask(cells, joint, told))
+    judged = evaluate_stack(EvaluationTask(points, joint, told))
     target = {(1, scope): judged[judged["scope"] == scope].set_index("seed")["mrr_star"].loc[SEEDS].to_numpy(copy=True)
               for scope in ("all", "novel_heldout")}  # fmt: skip
-    inserted = {name: insert_stack(InsertTask(cells, theta0, TaskInput(told, WORDS, target), how))
+    inserted = {name: insert_stack(InsertTask(points, theta0, TaskInput(told, WORDS, target), how))
                 for name, how in asked_for.how.items()}  # fmt: skip
     assert set(runs["model"]) == {*NAMES, "joint"}
     pd.testing.assert_frame_equal(of_model(runs, "joint"), judged.reset_index(drop=True))
     for name, one in inserted.items():
         pd.testing.assert_frame_equal(of_model(runs, name), one.runs.reset_index(drop=True))
     same = break_down(
-        QueryBreakdownTask(cells, theta0, joint, {name: one.vectors for name, one in inserted.items()}, told)
+        QueryBreakdownTask(points, theta0, joint, {name: one.vectors for name, one in inserted.items()}, told)
     )
     pd.testing.assert_frame_equal(asked.reset_index(drop=True), same.reset_index(drop=True))
 
@@ -322,13 +324,13 @@ def home(workspace: Path) -> Path:
          for (h, r, t), count in zip(GRAPH.triples.tolist(), GRAPH.counts.tolist(), strict=True)],
         columns=["head", "relation", "tail", "count", "source"],
     )  # fmt: skip
-    drawn = {size: cells_of(GRAPH, size, SEEDS) for size in (1, 2)}
+    drawn = {size: points_of(GRAPH, size, SEEDS) for size in (1, 2)}
     splits = [(seed, triple, SPLITS[code]) for seed, codes in zip(SEEDS, drawn[2].splits.tolist(), strict=True)
               for triple, code in enumerate(codes)]  # fmt: skip
-    novel = [(size, seed, entity, 1) for size, cells in drawn.items()
-             for seed, ((*ids,),) in zip(SEEDS, cells.novel.tolist(), strict=True) for entity in ids]  # fmt: skip
-    told = [(size, SEEDS[model], cells.novel[model, 0, place], triple, 1) for size, cells in drawn.items()
-            for model, place, triple in insert_triples_of(cells).tolist()]  # fmt: skip
+    novel = [(size, seed, entity, 1) for size, points in drawn.items()
+             for seed, ((*ids,),) in zip(SEEDS, points.novel.tolist(), strict=True) for entity in ids]  # fmt: skip
+    told = [(size, SEEDS[model], points.novel[model, 0, place], triple, 1) for size, points in drawn.items()
+            for model, place, triple in insert_triples_of(points).tolist()]  # fmt: skip
     for path, frame, schema in (
         (paths.entities("home"), entities, catalogue.ENTITIES), (paths.triples("home"), triples, catalogue.TRIPLES),
         (paths.splits("home"), pd.DataFrame(splits, columns=["seed", "triple", "split"]), catalogue.SPLITS),

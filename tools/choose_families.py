@@ -61,8 +61,8 @@ def main() -> None:
     asked = parser.parse_args()
     params, everything = load(), StageContext(read(paths.PARAMS), Provenance("choose_families", {}))
     experiment = params.compare_families.experiment or next(iter(params.experiments))
-    cells = Store(experiment, everything.provenance).cells(asked.seeds, seeds=asked.seeds)[0]
-    joint = replace(cells, size=NO_INSERTION, novel=cells.novel[:, :0])
+    points = Store(experiment, everything.provenance).grid(asked.seeds, seeds=asked.seeds)[0]
+    joint = replace(points, size=NO_INSERTION, novel=points.novel[:, :0])
     rows, tasks = [], []
     for family in asked.families or MODELS.names():
         for setting in settings_of(params, family, asked):

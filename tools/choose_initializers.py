@@ -67,9 +67,9 @@ GRID: dict[str, dict[str, list[Any]]] = {
 
 @dataclass(frozen=True)
 class ChoosingTask:
-    """Insert the hidden entities of cells with each setting, and measure at once."""
+    """Insert the hidden entities of points with each setting, and measure at once."""
 
-    cells: GridPoints
+    points: GridPoints
     inserting: InsertTask
     settings: list[Setting]
 
@@ -77,8 +77,8 @@ class ChoosingTask:
 def measured(task: ChoosingTask) -> np.ndarray:
     """MRR* in scope novel, and of its queries for entities those about a novel one; shape (settings, M, 2)."""
     theta0, told = task.inserting.theta0.stack, told_in(task.inserting, 1)
-    given = context_of(theta0, task.cells.session(0), told, how_in(task.inserting, 1))
-    queries = novel_query_set(task.cells.session(1), told.novel, told.mask(len(task.cells.graph.triples)))["novel"]
+    given = context_of(theta0, task.points.session(0), told, how_in(task.inserting, 1))
+    queries = novel_query_set(task.points.session(1), told.novel, told.mask(len(task.points.graph.triples)))["novel"]
     asked = {"novel": queries, "about": about(queries, told.novel)}
     found = []
     for name, options in task.settings:
@@ -96,23 +96,23 @@ def about(queries: Queries, novel: Tensor) -> Queries:
     return replace(queries, rows=replace(rows, entity_weight=shares))
 
 
-def hide(cells: GridPoints, number: int, draw: int, root: int) -> GridPoints:
+def hide(points: GridPoints, number: int, draw: int, root: int) -> GridPoints:
     """Cells of which some entities that their D⁰ has trained on are novel in place of their own; no test triples."""
-    before = cells.session(0)
+    before = points.session(0)
     splits = before.splits.masked_fill(~before.members(TRAIN, VALID), OUT).numpy()
     novel = [
         np.sort(stream(root, "hidden", seed, draw).choice(np.flatnonzero(own), number, replace=False))
-        for seed, own in zip(cells.seeds, before.trained().numpy(), strict=True)
+        for seed, own in zip(points.seeds, before.trained().numpy(), strict=True)
     ]
-    return replace(cells, size=number, splits=splits, novel=np.stack(novel)[:, None])
+    return replace(points, size=number, splits=splits, novel=np.stack(novel)[:, None])
 
 
-def told_of(cells: GridPoints, root: int, draw: int, fraction: float) -> np.ndarray:
+def told_of(points: GridPoints, root: int, draw: int, fraction: float) -> np.ndarray:
     """(session, model, place in ``novel``, triple) of what is told of hidden entities; shape (I, 4)."""
     rows = [
         (1, model, own[0].tolist().index(entity), triple)
-        for model, (seed, splits, own) in enumerate(zip(cells.seeds, cells.splits, cells.novel, strict=True))
-        for entity, triple in sample_insert_triples(cells.graph, splits, own, 1, root, 1000 * draw + seed, fraction)
+        for model, (seed, splits, own) in enumerate(zip(points.seeds, points.splits, points.novel, strict=True))
+        for entity, triple in sample_insert_triples(points.graph, splits, own, 1, root, 1000 * draw + seed, fraction)
     ]
     return np.array(rows, dtype=np.int64)
 
@@ -129,17 +129,17 @@ def tasks_of(
     words, fraction = store.words(), everything.raw("sessions.insert_fraction")
     drawn = [
         (hide(own, asked.hidden, draw, everything.seed), draw)
-        for own in store.cells(asked.stack, asked.size, asked.seeds)
+        for own in store.grid(asked.stack, asked.size, asked.seeds)
         for draw in range(asked.draws)
     ]
     compute = compute_of(everything)
-    learned = run(train_initial, [TrainTask(cells, chosen) for cells, _ in drawn], compute, f"{experiment}: theta")
+    learned = run(train_initial, [TrainTask(points, chosen) for points, _ in drawn], compute, f"{experiment}: theta")
     tasks = []
-    for (cells, draw), theta in zip(drawn, learned, strict=True):
-        nowhere = {(1, scope): np.full(len(cells.seeds), np.nan) for scope in SCOPES}
-        told = TaskInput(told_of(cells, everything.seed, draw, fraction), words, nowhere)
+    for (points, draw), theta in zip(drawn, learned, strict=True):
+        nowhere = {(1, scope): np.full(len(points.seeds), np.nan) for scope in SCOPES}
+        told = TaskInput(told_of(points, everything.seed, draw, fraction), words, nowhere)
         vectors = StackedVectors(chosen.model, theta.entity, theta.relation)
-        tasks.append(ChoosingTask(cells, InsertTask(cells, vectors, told, how), settings))
+        tasks.append(ChoosingTask(points, InsertTask(points, vectors, told, how), settings))
     return tasks
 
 
@@ -147,10 +147,10 @@ def settings_of(names: list[str], listed: dict[str, dict[str, Any]]) -> list[Set
     """What is compared: what params say of each initializer, then its grid."""
     settings = []
     for name in names:
-        points = [listed[name]] if name in listed else []
-        points += [dict(zip(GRID[name], values, strict=True)) for values in product(*GRID[name].values())]
-        once = {tuple(point.items()): point for point in points}
-        settings += [(name, options_of(name, point, f"initializers.{name}")) for point in once.values()]
+        combinations = [listed[name]] if name in listed else []
+        combinations += [dict(zip(GRID[name], values, strict=True)) for values in product(*GRID[name].values())]
+        once = {tuple(setting.items()): setting for setting in combinations}
+        settings += [(name, options_of(name, setting, f"initializers.{name}")) for setting in once.values()]
     return settings
 
 
@@ -160,7 +160,7 @@ def main() -> None:
     parser.add_argument(
         "--initializers", nargs="+", choices=list(GRID), default=list(GRID), help="default: all of the grid"
     )
-    parser.add_argument("--size", type=int, default=5, help="|ξ| of the cells")
+    parser.add_argument("--size", type=int, default=5, help="|ξ| of the points")
     parser.add_argument("--seeds", type=int, default=30)
     parser.add_argument("--draws", type=int, default=2, help="of hidden entities in each cell")
     parser.add_argument("--hidden", type=int, default=5, help="entities in each draw")

@@ -37,16 +37,16 @@ from isi.tables.io import Provenance
 class TuningTask:
     """Fine-tune with given settings and look at validation MRR* every ``every`` epochs."""
 
-    cells: GridPoints
+    points: GridPoints
     inserting: InsertTask
     every: int
 
 
 def fine_tune(task: TuningTask) -> float:
     """Mean validation MRR* of an initializer's Θ¹ over models and epochs."""
-    session, theta0 = task.cells.session(1), task.inserting.theta0.stack
+    session, theta0 = task.points.session(1), task.inserting.theta0.stack
     told, how = told_in(task.inserting, 1), how_in(task.inserting, 1)
-    initial, valid, looks = initialize(theta0, task.cells.session(0), told, how), validation(session), []
+    initial, valid, looks = initialize(theta0, task.points.session(0), told, how), validation(session), []
 
     def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
         if epoch and epoch % task.every == 0:
@@ -79,30 +79,30 @@ def main() -> None:
     given = parser.parse_args()
     params, everything = load(), StageContext(read(paths.PARAMS), Provenance("choose_rates", {}))
     store = Store(given.experiment or next(iter(params.experiments)), everything.provenance)
-    single = store.cells(1, given.size, given.seeds)
+    single = store.grid(1, given.size, given.seeds)
 
     grid = list(product(given.batches, given.training))
-    joint = [replace(cells, size=NO_INSERTION, novel=cells.novel[:, :0]) for cells in single]
+    joint = [replace(points, size=NO_INSERTION, novel=points.novel[:, :0]) for points in single]
     tasks = [
-        TrainTask(cells, train_config(everything, batch_size=batch, learning_rate=rate))
+        TrainTask(points, train_config(everything, batch_size=batch, learning_rate=rate))
         for batch, rate in grid
-        for cells in joint
+        for points in joint
     ]
     looks = np.concatenate(run(best_valid, tasks, params.compute, "training"))
     show("training", grid, looks.reshape(len(grid), -1).mean(1))
 
     chosen = train_config(everything)
-    theta0 = run(train_initial, [TrainTask(cells, chosen) for cells in single], params.compute, "theta0")
+    theta0 = run(train_initial, [TrainTask(points, chosen) for points in single], params.compute, "theta0")
     table, words = store.insert_triples(), store.words()
     grid = list(product(given.batches, given.finetuning))
     names = [name for name in params.initializers if INITIALIZERS.get(name, name).role in ("paper", "isi")]
     tuned = []
-    for point, (cells, learned), name in product(grid, zip(single, theta0, strict=True), names):
-        nowhere = {(1, scope): np.full(len(cells.seeds), np.nan) for scope in SCOPES}
-        told = TaskInput(store.insert_triples_of(cells, table), words, nowhere)
+    for point, (points, learned), name in product(grid, zip(single, theta0, strict=True), names):
+        nowhere = {(1, scope): np.full(len(points.seeds), np.nan) for scope in SCOPES}
+        told = TaskInput(store.insert_triples_of(points, table), words, nowhere)
         vectors = StackedVectors(chosen.model, learned.entity, learned.relation)
-        task = InsertTask(cells, vectors, told, inserting_of(everything, name, *point))
-        tuned.append(TuningTask(cells, task, every=10))
+        task = InsertTask(points, vectors, told, inserting_of(everything, name, *point))
+        tuned.append(TuningTask(points, task, every=10))
     means = np.reshape(run(fine_tune, tuned, params.compute, "fine-tuning"), (len(grid), -1)).mean(1)
     show("fine-tuning", grid, means)
 

@@ -38,7 +38,7 @@ class Affordances(AffordanceSettings, Study):
 class RankingTask:
     """Rank the answers for the novel entities of the first session as they were inserted into Θ⁰."""
 
-    cells: GridPoints
+    points: GridPoints
     theta0: StackedVectors
     #: shape: (M, n, d)
     vectors: np.ndarray
@@ -48,12 +48,12 @@ class RankingTask:
 
 def ranks(task: RankingTask) -> pd.DataFrame:
     """Rank of every entity of D¹ as an answer for each novel entity (``tables.AFFORDANCES``, initializer apart)."""
-    cells, session, novel = task.cells, task.cells.session(1), task.cells.novel_in(1)
+    points, session, novel = task.points, task.points.session(1), task.points.novel_in(1)
     embedding = with_vectors(task.theta0.stack, novel, torch.as_tensor(task.vectors))
     scores = embedding.score_tails(novel, torch.full_like(novel, task.relation))
     rank = ranks_of(scores, session.entities[:, None]).cpu().numpy()
     model, place, answer = rank.nonzero()
-    columns = {"seed": np.array(cells.seeds)[model], "entity": cells.novel[model, 0, place], "answer": answer}
+    columns = {"seed": np.array(points.seeds)[model], "entity": points.novel[model, 0, place], "answer": answer}
     return pd.DataFrame(columns | {"rank": rank[model, place, answer]})
 
 

@@ -57,7 +57,7 @@ class CrossValidation(CrossValidationFactors, Study):
 def fold_tasks(
     experiment: str, graph: Graph, study: CrossValidationFactors, choice: TrainConfig, stack: int
 ) -> list[TrainTask]:
-    """Every setting with every fold, in stacks of at most ``stack`` folds; the cells' seeds are the folds' numbers."""
+    """Every setting with every fold, in stacks of at most ``stack`` folds; the points' seeds are the folds' numbers."""
     splits = folds(graph, choice.root, study.folds)
     tasks = []
     for setting in study.settings(Setting.of(choice)):

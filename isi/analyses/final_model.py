@@ -29,7 +29,7 @@ class FinalModel(Study):
 class FinalModelTask:
     """Train one embedding on all triples of a graph."""
 
-    cells: GridPoints
+    points: GridPoints
     how: TrainConfig
     epochs: int
 
@@ -57,8 +57,8 @@ def usual_epochs(log: pd.DataFrame) -> int:
 
 def train_final(task: FinalModelTask) -> StackedVectors:
     """The embedding of all triples of a graph after its epochs."""
-    how, session, keys = task.how, task.cells.joint, task.cells.keys()
-    relations = len(task.cells.graph.relations)
+    how, session, keys = task.how, task.points.joint, task.points.keys()
+    relations = len(task.points.graph.relations)
     start = uniform(session.entities, relations, how.model, how.dimension, how.init_range, how.root, keys)
     data = training_data(session, "training", keys, how.negatives.head_pool)
     settings = how.training.model_copy(update={"max_epochs": task.epochs})

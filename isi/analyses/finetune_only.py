@@ -23,9 +23,9 @@ class FinetuneOnly(Study):
 
 @dataclass(frozen=True)
 class FinetuneOnlyTask:
-    """Fine-tune Θ⁰ of each cell on its D⁰."""
+    """Fine-tune Θ⁰ of each grid point on its D⁰."""
 
-    cells: GridPoints
+    points: GridPoints
     theta0: StackedVectors
     root: int
     negatives: Negatives
@@ -38,9 +38,9 @@ def finetune_only(task: FinetuneOnlyTask) -> pd.DataFrame:
     Batches and negatives come from the random streams of fine-tuning, so that runs with insertion differ by what
     was inserted.
     """
-    cells, before, keys = task.cells, task.cells.session(0), task.cells.keys()
-    asked = {SCOPE: epoch_query_sets(cells.session(1), cells.novel_in(1))[SCOPE]}
+    points, before, keys = task.points, task.points.session(0), task.points.keys()
+    asked = {SCOPE: epoch_query_sets(points.session(1), points.novel_in(1))[SCOPE]}
     watch = ConvergenceWatch(asked, {}, full_curves=True)
     data = training_data(before, "fine-tuning", keys, task.negatives.head_pool)
     train(task.theta0.stack, data, task.negatives, task.optimizer, task.root, watch)
-    return pd.concat(run_rows(cells, 1, one.epoch, one.models, one.results) for one in watch.epochs)
+    return pd.concat(run_rows(points, 1, one.epoch, one.models, one.results) for one in watch.epochs)

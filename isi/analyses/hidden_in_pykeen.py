@@ -43,7 +43,7 @@ class HidingTask:
     """Hide entities of a graph with one seed, and insert them by every method."""
 
     #: whose graph is hidden in; it has one seed and no splits of its own
-    cells: GridPoints
+    points: GridPoints
     #: of the entities; shape (E, w)
     words: np.ndarray | None
     how: Hidden
@@ -82,7 +82,7 @@ def hidden_in(task: HidingTask) -> tuple[pd.DataFrame, pd.DataFrame]:
         logging.getLogger(name).setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", "'pin_memory' argument", UserWarning)
     gc.freeze()  # PyKEEN collects garbage after every epoch
-    graph, (seed,) = task.cells.graph, task.cells.seeds
+    graph, (seed,) = task.points.graph, task.points.seeds
     hiding = measure_hidden(graph.triples.numpy(), len(graph.entities), task.how, task.key, task.root, seed)
     names = [graph.entities[row] for row in hiding.order]
     relations = {name: row for row, name in enumerate(graph.relations)}

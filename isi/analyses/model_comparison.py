@@ -33,16 +33,16 @@ class ModelComparison(Study):
 class ModelTask:
     """Measure joint models over all test triples."""
 
-    cells: GridPoints
+    points: GridPoints
     theta: StackedVectors
 
 
 def measure(task: ModelTask) -> pd.DataFrame:
     """Measures in scope all, one row a seed."""
-    cells, nobody = task.cells, torch.empty(len(task.cells.seeds), 0, dtype=torch.int64)
-    result = evaluate(task.theta.stack, query_sets.epoch_query_sets(cells.joint, nobody))["all"]
+    points, nobody = task.points, torch.empty(len(task.points.seeds), 0, dtype=torch.int64)
+    result = evaluate(task.theta.stack, query_sets.epoch_query_sets(points.joint, nobody))["all"]
     columns = dict(zip(MEASURES, result.measures.T.cpu().numpy(), strict=True))
-    return pd.DataFrame(columns | {"seed": cells.seeds, "queries": result.queries.cpu().numpy()})
+    return pd.DataFrame(columns | {"seed": points.seeds, "queries": result.queries.cpu().numpy()})
 
 
 def rows(measured: pd.DataFrame, learned: TrainResult) -> pd.DataFrame:

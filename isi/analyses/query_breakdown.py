@@ -38,9 +38,9 @@ class QueryBreakdown(Study):
 
 @dataclass(frozen=True)
 class QueryBreakdownTask:
-    """Ask every model of a stack of cells, as the first session inserted its entities."""
+    """Ask every model of a stack of grid points, as the first session inserted its entities."""
 
-    cells: GridPoints
+    points: GridPoints
     theta0: StackedVectors
     joint: StackedVectors
     #: by initializer; shapes: (M, n, d)
@@ -51,9 +51,9 @@ class QueryBreakdownTask:
 
 def break_down(task: QueryBreakdownTask) -> pd.DataFrame:
     """Means over the queries of each group (``tables.ASKED``), model by model."""
-    cells, session, novel = task.cells, task.cells.session(1), task.cells.novel_in(1)
-    is_novel = membership(novel, len(cells.graph.entities))
-    scopes = query_sets_with_filters(session, novel, cells.told_in(1, task.insert_triples))
+    points, session, novel = task.points, task.points.session(1), task.points.novel_in(1)
+    is_novel = membership(novel, len(points.graph.entities))
+    scopes = query_sets_with_filters(session, novel, points.insert_triples_in(1, task.insert_triples))
     groups = pd.concat(
         means(queries).assign(model=name, scope=scope, filter=which)
         for name, embedding in _models(task, novel)
@@ -62,10 +62,10 @@ def break_down(task: QueryBreakdownTask) -> pd.DataFrame:
     )
     place, relation = groups["place"].to_numpy(), groups["relation"].to_numpy()
     return groups.assign(
-        size=cells.size,
-        seed=np.array(cells.seeds)[place],
+        size=points.size,
+        seed=np.array(points.seeds)[place],
         session=1,
-        relation=np.array(cells.graph.relations)[relation],
+        relation=np.array(points.graph.relations)[relation],
         novel=np.array(NOVEL)[groups["novel"]],
         observations=observations(session).cpu().numpy()[place, relation],
     )

@@ -58,9 +58,9 @@ class Explorer(ExplorerSettings, Study):
 
 @dataclass(frozen=True)
 class SinglesTask:
-    """Insert the novel entities of a stack of cells with each initializer, and show some of them."""
+    """Insert the novel entities of a stack of grid points with each initializer, and show some of them."""
 
-    cells: GridPoints
+    points: GridPoints
     #: of each initializer
     inserting: Sequence[InsertTask]
     joint: StackedVectors
@@ -88,33 +88,33 @@ def first_seeds(novel: pd.DataFrame, size: int) -> dict[int, int]:
 
 def single_insertions(task: SinglesTask) -> Singles:
     """Indicators, places and answers of the entities of a task that are shown."""
-    cells, joint, picked = task.cells, task.joint.stack, pick(task.cells, task.seeds)
-    theta0, known = task.inserting[0].theta0.stack, cells.session(0).entities
-    queries = queries_of(cells, picked, cells.told_in(1, task.inserting[0].told.insert_triples))
+    points, joint, picked = task.points, task.joint.stack, pick(task.points, task.seeds)
+    theta0, known = task.inserting[0].theta0.stack, points.session(0).entities
+    queries = queries_of(points, picked, points.insert_triples_in(1, task.inserting[0].told.insert_triples))
     planes = [plane(vectors[own]) for vectors, own in zip(theta0.entity, known, strict=True)]
     turned, fitted = turn(joint.entity, theta0.entity, known)
     indicators = list[pd.DataFrame]()
-    places = [_known_places(cells, picked, theta0.entity, planes), _places(cells, picked, turned, planes, JOINT, 0)]
-    answers = [answers_of(joint, cells, queries, task.how.answers).assign(model=JOINT, epoch=0)]
+    places = [_known_places(points, picked, theta0.entity, planes), _places(points, picked, turned, planes, JOINT, 0)]
+    answers = [answers_of(joint, points, queries, task.how.answers).assign(model=JOINT, epoch=0)]
     for inserting in task.inserting:
-        name, (insertion, initial, *embeddings) = inserting.how.initializer, followed(inserting, cells)
+        name, (insertion, initial, *embeddings) = inserting.how.initializer, followed(inserting, points)
         weights = weights_of(insertion, initial, inserting.how.options)
         if weights is not None:
             indicators.append(indicators_of(insertion, weights, initial.fallback, picked, name, task.how.indicators))
         for epoch, embedding in zip((0, task.how.epochs), embeddings, strict=True):
-            places.append(_places(cells, picked, embedding.entity, planes, name, epoch))
-            answers.append(answers_of(embedding, cells, queries, task.how.answers).assign(model=name, epoch=epoch))
+            places.append(_places(points, picked, embedding.entity, planes, name, epoch))
+            answers.append(answers_of(embedding, points, queries, task.how.answers).assign(model=name, epoch=epoch))
     entities = pd.DataFrame({
-        "entity": picked.entity.cpu().numpy(), "seed": _seeds(cells, picked),
+        "entity": picked.entity.cpu().numpy(), "seed": _seeds(points, picked),
         "told": (queries.truth == TOLD).sum((1, 2, 3)).cpu().numpy(),
         "shown": [planes[model].share for model in picked.model.tolist()], "fitted": fitted[picked.model].cpu().numpy(),
     })  # fmt: skip
     return Singles(entities, *(pd.concat(parts) for parts in (indicators, places, answers)))
 
 
-def followed(task: InsertTask, cells: GridPoints) -> tuple[InitContext, InitResult, Embedding, Embedding]:
+def followed(task: InsertTask, points: GridPoints) -> tuple[InitContext, InitResult, Embedding, Embedding]:
     """What an initializer is given and gives, and the embedding as inserted and after all epochs of training."""
-    before, after, told, how = cells.session(0), cells.session(1), told_in(task, 1), how_in(task, 1)
+    before, after, told, how = points.session(0), points.session(1), told_in(task, 1), how_in(task, 1)
     theta0 = task.theta0.stack
     initial = initialize(theta0, before, told, how)
     inserted = with_vectors(theta0, told.novel, initial.vectors)
@@ -183,27 +183,27 @@ def weights_of(insertion: InitContext, initial: InitResult, options: Mapping[str
 
 
 def _places(
-    cells: GridPoints, picked: Picked, entity: Tensor, planes: Sequence[Plane], model: str, epoch: int
+    points: GridPoints, picked: Picked, entity: Tensor, planes: Sequence[Plane], model: str, epoch: int
 ) -> pd.DataFrame:  # fmt: skip
     """Of novel entities, where tables of shape (M, E, d) have them (``tables.SINGLE_PLACES``)."""
-    points = torch.stack([on(planes[m], entity[m, e]) for m, e in zip(picked.model, picked.entity, strict=True)])
-    x, y = points.T.cpu().numpy()
-    frame = pd.DataFrame({"seed": _seeds(cells, picked), "entity": picked.entity.cpu().numpy(), "x": x, "y": y})
+    places = torch.stack([on(planes[m], entity[m, e]) for m, e in zip(picked.model, picked.entity, strict=True)])
+    x, y = places.T.cpu().numpy()
+    frame = pd.DataFrame({"seed": _seeds(points, picked), "entity": picked.entity.cpu().numpy(), "x": x, "y": y})
     return frame.assign(model=model, epoch=epoch)
 
 
-def _known_places(cells: GridPoints, picked: Picked, entity: Tensor, planes: Sequence[Plane]) -> pd.DataFrame:
+def _known_places(points: GridPoints, picked: Picked, entity: Tensor, planes: Sequence[Plane]) -> pd.DataFrame:
     """The same of the known entities of each seed in which one is shown, in Θ⁰."""
-    known, parts = cells.session(0).entities, []
+    known, parts = points.session(0).entities, []
     for model in sorted(set(picked.model.tolist())):
         x, y = on(planes[model], entity[model, known[model]]).T.cpu().numpy()
         ids = known[model].nonzero().flatten().cpu().numpy()
-        parts.append(pd.DataFrame({"seed": cells.seeds[model], "entity": ids, "x": x, "y": y}))
+        parts.append(pd.DataFrame({"seed": points.seeds[model], "entity": ids, "x": x, "y": y}))
     return pd.concat(parts).assign(model=THETA0, epoch=0)
 
 
-def _seeds(cells: GridPoints, picked: Picked) -> list[int]:
-    return [cells.seeds[model] for model in picked.model.tolist()]
+def _seeds(points: GridPoints, picked: Picked) -> list[int]:
+    return [points.seeds[model] for model in picked.model.tolist()]
 
 
 #: Columns of triples with the end that a query hides, and with the one that it gives.
@@ -239,22 +239,22 @@ class ExplorerQuery:
     truth: Tensor
 
 
-def pick(cells: GridPoints, seeds: Mapping[int, int]) -> Picked:
+def pick(points: GridPoints, seeds: Mapping[int, int]) -> Picked:
     """The novel entities of a stack that are shown in its seeds; ``seeds``: of entities."""
-    novel = cells.novel_in(1)
+    novel = points.novel_in(1)
     wanted = torch.tensor([[seeds[entity] == seed for entity in own]
-                           for own, seed in zip(novel.tolist(), cells.seeds, strict=True)])  # fmt: skip
+                           for own, seed in zip(novel.tolist(), points.seeds, strict=True)])  # fmt: skip
     model, place = wanted.nonzero(as_tuple=True)
     return Picked(model, place, novel[model, place])
 
 
-def queries_of(cells: GridPoints, picked: Picked, told: Tensor) -> ExplorerQuery:
+def queries_of(points: GridPoints, picked: Picked, told: Tensor) -> ExplorerQuery:
     """The queries of entities that are shown: for the ends that entities of their kind are of triples.
 
     Args:
         told: the insert triples; shape (M, T), bool.
     """
-    graph, session = cells.graph, cells.session(1)
+    graph, session = points.graph, points.session(1)
     code = torch.where(session.splits == TRAIN, torch.where(told, TOLD, LEARNED), HELD_OUT)
     code = code.masked_fill(session.splits == OUT, 0).to(torch.int8)
     shape = len(graph.relations), len(HIDDEN)
@@ -268,13 +268,13 @@ def queries_of(cells: GridPoints, picked: Picked, told: Tensor) -> ExplorerQuery
     return ExplorerQuery(picked, session.entities[picked.model], takes[graph.kinds[picked.entity]], truth)
 
 
-def answers_of(embedding: Embedding, cells: GridPoints, queries: ExplorerQuery, first: int) -> pd.DataFrame:
+def answers_of(embedding: Embedding, points: GridPoints, queries: ExplorerQuery, first: int) -> pd.DataFrame:
     """The first answers to each query and the true ones, in order (``tables.SINGLE_ANSWERS``); equal scores by id."""
-    novel, picked = cells.novel_in(1), queries.picked
+    novel, picked = points.novel_in(1), queries.picked
     scores = torch.stack([
         torch.stack([picked.of(embedding.score_tails(novel, relation)),
                      picked.of(embedding.score_heads(relation, novel))], 1)
-        for relation in (torch.full_like(novel, number) for number in range(len(cells.graph.relations)))
+        for relation in (torch.full_like(novel, number) for number in range(len(points.graph.relations)))
     ], 1)  # fmt: skip
     barred = ~queries.candidates[:, None, None]
     order = scores.masked_fill(barred, -torch.inf).sort(dim=-1, descending=True, stable=True).indices
@@ -283,7 +283,7 @@ def answers_of(embedding: Embedding, cells: GridPoints, queries: ExplorerQuery, 
     k, relation, side, place = shown.gather(-1, order).nonzero(as_tuple=True)
     answer = order[k, relation, side, place]
     return pd.DataFrame({
-        "entity": picked.entity[k].cpu().numpy(), "relation": np.array(cells.graph.relations)[relation.cpu().numpy()],
+        "entity": picked.entity[k].cpu().numpy(), "relation": np.array(points.graph.relations)[relation.cpu().numpy()],
         "hidden": np.array(list(HIDDEN))[side.cpu().numpy()], "answer": answer.cpu().numpy(),
         "rank": place.cpu().numpy() + 1,
         "true": np.array(TRUE, dtype=object)[queries.truth[k, relation, side, answer].cpu().numpy()],

@@ -10,7 +10,7 @@ from isi.config import Count, Name, Option, Positive, Section, Study, distinct
 
 
 class SweepSettings(Section):
-    """Which sizes of indicator sets are tried, of whom, and on which cells."""
+    """Which sizes of indicator sets are tried, of whom, and on which points."""
 
     #: options beside k, by initializer
     initializers: Annotated[dict[Name, dict[str, Option]], Field(min_length=1)]

@@ -86,9 +86,9 @@ class Trajectories(TrajectorySettings, Study):
 
 @dataclass(frozen=True)
 class TrajectoryTask:
-    """Insert the novel entities of one cell and follow one of them: a stack of height 1."""
+    """Insert the novel entities of one grid point and follow one of them: a stack of height 1."""
 
-    cells: GridPoints
+    points: GridPoints
     inserting: InsertTask
     #: of the entity in ``novel``
     place: int
@@ -107,15 +107,15 @@ class Trajectory:
 def trace_trajectory(task: TrajectoryTask) -> Trajectory:
     """Follow the entity through the same training as a step of insertion, in the first session."""
     told, how, theta0 = told_in(task.inserting, 1), how_in(task.inserting, 1), task.inserting.theta0.stack
-    initial = initialize(theta0, task.cells.session(0), told, how)
+    initial = initialize(theta0, task.points.session(0), told, how)
     entity, path = told.novel[0, task.place], list[Tensor]()
 
     def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
         path.append(embedding.entity[0, entity].clone() if epoch else initial.vectors[0, task.place])
         return torch.ones(len(models), dtype=torch.bool)
 
-    finetune(with_vectors(theta0, told.novel, initial.vectors), task.cells.session(1), told.novel, how, watch)
-    chosen = torch.zeros(len(task.cells.graph.entities), dtype=torch.bool)
+    finetune(with_vectors(theta0, told.novel, initial.vectors), task.points.session(1), told.novel, how, watch)
+    chosen = torch.zeros(len(task.points.graph.entities), dtype=torch.bool)
     if initial.indicators is not None:
         chosen = initial.indicators[0, task.place]
     return Trajectory(torch.stack(path).cpu().numpy(), chosen.cpu().numpy())
@@ -127,7 +127,7 @@ def place_of_interest(task: InsertTask, kinds: pd.Series, kind: str) -> int | No
     Args:
         kinds: of entities, by id.
     """
-    insertion = context_of(task.theta0.stack, task.cells.session(0), told_in(task, 1), how_in(task, 1))
+    insertion = context_of(task.theta0.stack, task.points.session(0), told_in(task, 1), how_in(task, 1))
     able = (has_words(insertion) & has_insert_triples(insertion))[0].numpy()
-    places = np.flatnonzero(able & (kinds.astype(str)[task.cells.novel[0, 0]] == kind).to_numpy())
+    places = np.flatnonzero(able & (kinds.astype(str)[task.points.novel[0, 0]] == kind).to_numpy())
     return int(places[0]) if len(places) else None

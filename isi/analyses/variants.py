@@ -123,14 +123,14 @@ def results(
 
 
 def tasks(given: StageContext, study: Variant, store: Store) -> list[VariantTask]:
-    """A variant of one experiment, over its cells."""
+    """A variant of one experiment, over its points."""
     family, table, words = model_of(given), store.insert_triples(), words_of(given, study, store)
     how = {name: how_of(given, study, name) for name in study.initializers}
     found = []
-    for cells in store.cells(stack_height(compute_of(given)), study.size, study.seeds):
-        start = train_config(given) if study.trains else (store.theta0(cells, family), store.joint(cells, family))
-        told = store.insert_triples_of(cells, table)
-        found.append(VariantTask(cells, start, told, some_of(told, study.told, cells, given.seed), words, how))
+    for points in store.grid(stack_height(compute_of(given)), study.size, study.seeds):
+        start = train_config(given) if study.trains else (store.theta0(points, family), store.joint(points, family))
+        told = store.insert_triples_of(points, table)
+        found.append(VariantTask(points, start, told, some_of(told, study.told, points, given.seed), words, how))
     return found
 
 
@@ -152,9 +152,9 @@ def words_of(given: StageContext, study: Variant, store: Store) -> np.ndarray:
 
 @dataclass(frozen=True)
 class VariantTask:
-    """Insert into embeddings of a stack of cells with every initializer, beside the joint model."""
+    """Insert into embeddings of a stack of grid points with every initializer, beside the joint model."""
 
-    cells: GridPoints
+    points: GridPoints
     #: Θ⁰ and the joint model, or how to train them
     start: tuple[StackedVectors, StackedVectors] | TrainConfig
     #: the insert triples, and those of them that are told; (session, model, place in ``novel``, triple), in this order
@@ -171,24 +171,24 @@ def repeat(task: VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
 
     The same is asked whatever was told: what touches a novel entity and is no insert triple.
     """
-    cells = task.cells
-    theta0, joint = _trained(cells, task.start) if isinstance(task.start, TrainConfig) else task.start
-    judged = evaluate_stack(EvaluationTask(cells, joint, task.insert_triples))
-    told = TaskInput(task.told, task.words, joint_targets(judged, cells))
-    done = {name: insert_stack(InsertTask(cells, theta0, told, how)) for name, how in task.how.items()}
-    first = {name: one.vectors[:, : cells.size] for name, one in done.items()}
+    points = task.points
+    theta0, joint = _trained(points, task.start) if isinstance(task.start, TrainConfig) else task.start
+    judged = evaluate_stack(EvaluationTask(points, joint, task.insert_triples))
+    told = TaskInput(task.told, task.words, joint_targets(judged, points))
+    done = {name: insert_stack(InsertTask(points, theta0, told, how)) for name, how in task.how.items()}
+    first = {name: one.vectors[:, : points.size] for name, one in done.items()}
     runs = [judged.assign(model=JOINT_MODEL), *(one.runs.assign(model=name) for name, one in done.items())]
-    return pd.concat(runs), break_down(QueryBreakdownTask(cells, theta0, joint, first, task.insert_triples))
+    return pd.concat(runs), break_down(QueryBreakdownTask(points, theta0, joint, first, task.insert_triples))
 
 
-def _trained(cells: GridPoints, how: TrainConfig) -> tuple[StackedVectors, StackedVectors]:
-    everyone = replace(cells, size=NO_INSERTION, novel=cells.novel[:, :0])
-    learned = train_initial(TrainTask(cells, how)), train_joint_model(TrainTask(everyone, how))
+def _trained(points: GridPoints, how: TrainConfig) -> tuple[StackedVectors, StackedVectors]:
+    everyone = replace(points, size=NO_INSERTION, novel=points.novel[:, :0])
+    learned = train_initial(TrainTask(points, how)), train_joint_model(TrainTask(everyone, how))
     theta0, joint = (StackedVectors(how.model, one.entity, one.relation) for one in learned)
     return theta0, joint
 
 
-def some_of(triples: np.ndarray, most: int | None, cells: GridPoints, root: int) -> np.ndarray:
+def some_of(triples: np.ndarray, most: int | None, points: GridPoints, root: int) -> np.ndarray:
     """At most so many insert triples of each novel entity, drawn at random; the fewer are part of the more.
 
     Args:
@@ -198,7 +198,7 @@ def some_of(triples: np.ndarray, most: int | None, cells: GridPoints, root: int)
         return triples
     slots, number = np.unique(triples[:, :3], axis=0, return_counts=True)
     orders = [
-        stream(root, "told", cells.size, cells.seeds[model], place, *later_key(session)).permutation(count)
+        stream(root, "told", points.size, points.seeds[model], place, *later_key(session)).permutation(count)
         for (session, model, place), count in zip(slots.tolist(), number.tolist(), strict=True)
     ]
     return triples[np.concatenate([np.empty(0, dtype=np.int64), *orders]) < most]

@@ -141,7 +141,7 @@ class Checking:
         from isi.models.model import EmbeddingParams, make_model
 
         try:
-            stacks = store.cells(_ALL)
+            stacks = store.grid(_ALL)
             how = check(self.everything.get("embedding"), EmbeddingParams, "embedding")
             family = make_model(
                 how.family, value_of(self.everything, f"families.{how.family}"), f"families.{how.family}"
@@ -149,14 +149,14 @@ class Checking:
         except InputError as error:
             yield error
             return
-        for cells in stacks:
-            if paths.theta0(store.experiment, cells.size).exists():
-                yield from found(partial(store.theta0, cells, family))
-                yield from self._of_inserted(store, cells)
+        for points in stacks:
+            if paths.theta0(store.experiment, points.size).exists():
+                yield from found(partial(store.theta0, points, family))
+                yield from self._of_inserted(store, points)
             if paths.joint(store.experiment).exists():
-                yield from found(partial(store.joint, cells, family))
+                yield from found(partial(store.joint, points, family))
             if paths.runs(store.experiment, "joint").exists():
-                yield from found(partial(_see_joint_runs, store, cells))
+                yield from found(partial(_see_joint_runs, store, points))
 
     def _of_entities(self, store: Store) -> Iterator[InputError]:
         """What lists entities, or their ids."""
@@ -174,10 +174,10 @@ class Checking:
             if path.exists():
                 yield from found(partial(_see_ids, store, path, schema, columns))
 
-    def _of_inserted(self, store: Store, cells: GridPoints) -> Iterator[InputError]:
+    def _of_inserted(self, store: Store, points: GridPoints) -> Iterator[InputError]:
         """The vectors that each initializer inserted."""
         for path in self._made_by_insertion(store, ".safetensors"):
-            yield from found(partial(_see_inserted, store, path, cells))
+            yield from found(partial(_see_inserted, store, path, points))
 
     def _made_by_insertion(self, store: Store, ending: str) -> list[Path]:
         return self._made(paths.runs(store.experiment, "x").parent, f"*{ending}")
@@ -198,16 +198,16 @@ def _see_ids(store: Store, path: Path, schema: Schema, columns: Sequence[str]) -
         checks.ids_below(path, table, column, number, "graph's entities")
 
 
-def _see_inserted(store: Store, path: Path, cells: GridPoints) -> None:
+def _see_inserted(store: Store, path: Path, points: GridPoints) -> None:
     """An initializer that an experiment does not list has left no vectors."""
-    if io.opened_tensors(path, [f"size={cells.size:02d}"])[0]:
-        store.initial_vectors(path.stem, cells)
+    if io.opened_tensors(path, [f"size={points.size:02d}"])[0]:
+        store.initial_vectors(path.stem, points)
 
 
-def _see_joint_runs(store: Store, cells: GridPoints) -> None:
+def _see_joint_runs(store: Store, points: GridPoints) -> None:
     from isi.experiment.insert import joint_targets
 
-    joint_targets(store.runs("joint"), cells)
+    joint_targets(store.runs("joint"), points)
 
 
 def _there(*files: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Cells of the grid. A cell is a (size, seed); a task is a stack of cells of one size.
+"""Points of the grid of insertions. A grid point is a (size, seed); a task is a stack of grid points of one size.
 
 A task carries plain values and arrays and depends on nothing else, so that results are the same
 however tasks are spread.
@@ -25,7 +25,7 @@ NO_INSERTION = 0
 
 @dataclass(frozen=True)
 class GridPoints:
-    """Cells of one size, over one graph."""
+    """Grid points of one size, over one graph."""
 
     experiment: str
     graph: Graph
@@ -62,7 +62,7 @@ class GridPoints:
         """Ids of the entities that a session inserts, from 1; shape: (M, size)."""
         return torch.as_tensor(self.novel[:, number - 1])
 
-    def told_in(self, number: int, insert_triples: np.ndarray) -> Tensor:
+    def insert_triples_in(self, number: int, insert_triples: np.ndarray) -> Tensor:
         """The insert triples of a session as a mask, (M, T).
 
         Args:
@@ -76,7 +76,7 @@ class GridPoints:
 
 @dataclass(frozen=True)
 class StackedVectors:
-    """An embedding of each cell of a stack, as it travels to a worker."""
+    """An embedding of each grid point of a stack, as it travels to a worker."""
 
     model: Model
     #: shapes: (M, E, d), (M, R, w)

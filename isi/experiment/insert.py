@@ -1,4 +1,4 @@
-"""Insertion over an experiment's cells: a fold of steps over the sessions, as tasks for workers."""
+"""Insertion over an experiment's points: a fold of steps over the sessions, as tasks for workers."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class TaskInput:
 class InsertTask:
     """Insert novel entities into Θ⁰ with one initializer and fine-tune, session by session."""
 
-    cells: GridPoints
+    points: GridPoints
     theta0: StackedVectors
     told: TaskInput
     how: TaskConfig
@@ -130,39 +130,37 @@ def among(listed: InitializerList, initializer: str) -> bool:
     return listed == "all" or initializer in listed
 
 
-def insertion_tasks(
-    store: Store, given: StageContext, how: TaskConfig, cells: Sequence[GridPoints]
-) -> list[InsertTask]:
-    """Insertion with one initializer, and fine-tuning, of cells of the store's experiment."""
+def insertion_tasks(store: Store, given: StageContext, how: TaskConfig, grid: Sequence[GridPoints]) -> list[InsertTask]:
+    """Insertion with one initializer, and fine-tuning, of points of the store's experiment."""
     insert_triples, joint, words = store.insert_triples(), store.runs("joint"), store.words()
     family = model_of(given)
 
     return [
         InsertTask(
-            cell,
-            store.theta0(cell, family),
-            TaskInput(store.insert_triples_of(cell, insert_triples), words, joint_targets(joint, cell)),
+            points,
+            store.theta0(points, family),
+            TaskInput(store.insert_triples_of(points, insert_triples), words, joint_targets(joint, points)),
             how,
         )
-        for cell in cells
+        for points in grid
     ]
 
 
-def joint_targets(joint: pd.DataFrame, cells: GridPoints) -> dict[tuple[int, str], np.ndarray]:
+def joint_targets(joint: pd.DataFrame, points: GridPoints) -> dict[tuple[int, str], np.ndarray]:
     """What convergence is measured against (see ``TaskTold``), from the runs of the joint models.
 
     Raises:
         InputError: where one of them was not measured.
     """
-    found, at_once = {}, joint[(joint["size"] == cells.size) & (joint["epoch"] == 0)]
-    for session in range(1, cells.sessions + 1):
+    found, at_once = {}, joint[(joint["size"] == points.size) & (joint["epoch"] == 0)]
+    for session in range(1, points.sessions + 1):
         for scope in SCOPES:
             own = at_once[(at_once["scope"] == scope) & (at_once["session"] == session)].set_index("seed")["mrr_star"]
-            if not set(cells.seeds) <= set(own.index):
-                expected = f"expected a row of each of seeds {', '.join(map(str, cells.seeds))} at epoch 0"
-                where = f"size {cells.size}, session {session}, scope {scope}"
-                raise InputError(paths.runs(cells.experiment, "joint"), where, expected)
-            found[session, scope] = own.loc[cells.seeds].to_numpy(np.float64, copy=True)
+            if not set(points.seeds) <= set(own.index):
+                expected = f"expected a row of each of seeds {', '.join(map(str, points.seeds))} at epoch 0"
+                where = f"size {points.size}, session {session}, scope {scope}"
+                raise InputError(paths.runs(points.experiment, "joint"), where, expected)
+            found[session, scope] = own.loc[points.seeds].to_numpy(np.float64, copy=True)
     return found
 
 
@@ -170,16 +168,16 @@ def insert_stack(task: InsertTask) -> TaskResult:
     """A fold of steps over the sessions: each inserts its entities into what the one before has learned."""
     steps = list(fold(task))
     vectors = torch.cat([done.initial.vectors for done in steps], 1).cpu().numpy()
-    runs = [frame for number, done in enumerate(steps, 1) for frame in _run_rows(task.cells, number, done)]
-    entities = pd.concat(_entity_rows(task.cells, number, done) for number, done in enumerate(steps, 1))
+    runs = [frame for number, done in enumerate(steps, 1) for frame in _run_rows(task.points, number, done)]
+    entities = pd.concat(_entity_rows(task.points, number, done) for number, done in enumerate(steps, 1))
     return TaskResult(vectors, pd.concat(runs), entities)
 
 
 def fold(task: InsertTask) -> Iterator[SessionResult]:
     """The steps of a task's sessions, one after the other."""
     theta = task.theta0.stack
-    for number in range(1, task.cells.sessions + 1):
-        before, after = task.cells.session(number - 1), task.cells.session(number)
+    for number in range(1, task.points.sessions + 1):
+        before, after = task.points.session(number - 1), task.points.session(number)
         done = run_session(theta, before, after, told_in(task, number), how_in(task, number))
         yield done
         theta = done.theta
@@ -189,30 +187,30 @@ def told_in(task: InsertTask, session: int) -> NovelEntities:
     """What is told in one session."""
     table = task.told.insert_triples
     own = torch.as_tensor(table[table[:, 0] == session, 1:])
-    return NovelEntities(task.cells.novel_in(session), own, torch.as_tensor(task.told.words))
+    return NovelEntities(task.points.novel_in(session), own, torch.as_tensor(task.told.words))
 
 
 def how_in(task: InsertTask, session: int) -> InsertConfig:
     """How one session inserts and learns."""
     how = task.how
     targets = {scope: torch.as_tensor(task.told.joint[session, scope]) - how.margin for scope in SCOPES}
-    to_the_end = task.cells.size in how.followed
-    keys = task.cells.keys(session)
+    to_the_end = task.points.size in how.followed
+    keys = task.points.keys(session)
     return InsertConfig(how.initializer, how.options, how.root, keys, how.negatives, how.optimizer, targets, to_the_end)
 
 
-def _run_rows(cells: GridPoints, session: int, done: SessionResult) -> Iterator[pd.DataFrame]:
-    yield run_rows(cells, session, 0, torch.arange(len(cells.seeds)), done.at_once)
+def _run_rows(points: GridPoints, session: int, done: SessionResult) -> Iterator[pd.DataFrame]:
+    yield run_rows(points, session, 0, torch.arange(len(points.seeds)), done.at_once)
     for followed in done.followed:
-        yield run_rows(cells, session, followed.epoch, followed.models, followed.results)
+        yield run_rows(points, session, followed.epoch, followed.models, followed.results)
 
 
-def _entity_rows(cells: GridPoints, session: int, done: SessionResult) -> pd.DataFrame:
+def _entity_rows(points: GridPoints, session: int, done: SessionResult) -> pd.DataFrame:
     rows = []
     for place, result in enumerate(done.own):
         fell = pd.Series([FALLBACKS[code] for code in done.initial.fallback[:, place].tolist()], dtype="str")
         columns: dict[str, Any] = {
-            "size": cells.size, "seed": cells.seeds, "entity": cells.novel[:, session - 1, place], "fallback": fell,
+            "size": points.size, "seed": points.seeds, "entity": points.novel[:, session - 1, place], "fallback": fell,
             "session": session,
         }  # fmt: skip
         rows.append(measure_columns(result).assign(**columns))

@@ -27,10 +27,10 @@ from isi.training.batches import DENSE_LIMIT
 
 
 class HasPoints(Protocol):
-    """A task: a data class with the cells that it is about, and all else that it needs."""
+    """A task: a data class with the points that it is about, and all else that it needs."""
 
     @property
-    def cells(self) -> GridPoints: ...
+    def points(self) -> GridPoints: ...
 
 
 Task = TypeVar("Task", bound=HasPoints)
@@ -65,7 +65,7 @@ BYTES_PER_MODEL = 6 * 4 * DENSE_LIMIT
 
 
 class TaskError(Exception):
-    """A task failed: names its cells and the cause."""
+    """A task failed: names its points and the cause."""
 
 
 def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Compute, name: str) -> list[Done]:
@@ -76,7 +76,7 @@ def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Comput
         InputError: where there is no such engine, scheduler or device, memory does not do, or a model diverges.
     """
     engine = _dask if compute.engine == "dask" else _processes
-    models = sum(len(task.cells.seeds) for task in tasks)
+    models = sum(len(task.points.seeds) for task in tasks)
     with engine(compute) as executor:
         futures = {executor.submit(run_task, function, task, compute.device): task for task in tasks}
         with tqdm(total=models, desc=name, unit="model", disable=None) as bar:  # it starts a thread: workers come first
@@ -91,10 +91,10 @@ def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Comput
                     raise InputError(paths.PARAMS, "compute.workers", died) from error
                 except Exception as error:
                     if _lacks_memory(error):
-                        much = f"not enough memory for {task.cells} and what runs beside: try less"
+                        much = f"not enough memory for {task.points} and what runs beside: try less"
                         raise InputError(paths.PARAMS, "compute.stack", much) from error
-                    raise TaskError(f"{task.cells}: {type(error).__name__}: {error}") from error
-                bar.update(len(task.cells.seeds))
+                    raise TaskError(f"{task.points}: {type(error).__name__}: {error}") from error
+                bar.update(len(task.points.seeds))
     return [future.result() for future in futures]
 
 
@@ -120,10 +120,10 @@ def run_task(function: Callable[[Task], Done], task: Task, device: str) -> Done:
             return function(task)
         with found:
             whole: Any = task
-            return function(replace(whole, cells=replace(task.cells, graph=task.cells.graph.on(found))))
+            return function(replace(whole, points=replace(task.points, graph=task.points.graph.on(found))))
     except NotFinite as error:
-        seeds = [task.cells.seeds[place] for place in error.models]
-        raise InputError(paths.PARAMS, str(replace(task.cells, seeds=seeds)), error.problem) from error
+        seeds = [task.points.seeds[place] for place in error.models]
+        raise InputError(paths.PARAMS, str(replace(task.points, seeds=seeds)), error.problem) from error
 
 
 def device_of(name: str) -> torch.device:

@@ -76,37 +76,37 @@ class Store:
     def runs(self, name: str) -> pd.DataFrame:
         return io.read(paths.runs(self.experiment, name), catalogue.RUNS, self.provenance)
 
-    def theta0(self, cells: GridPoints, family: Model) -> StackedVectors:
-        """Θ⁰ of a stack of cells."""
-        return self._embedding(paths.theta0(self.experiment, cells.size), cells, family, cells.session(0))
+    def theta0(self, points: GridPoints, family: Model) -> StackedVectors:
+        """Θ⁰ of a stack of grid points."""
+        return self._embedding(paths.theta0(self.experiment, points.size), points, family, points.session(0))
 
-    def joint(self, cells: GridPoints, family: Model) -> StackedVectors:
-        """The joint models of a stack of cells."""
-        return self._embedding(paths.joint(self.experiment), cells, family, cells.joint)
+    def joint(self, points: GridPoints, family: Model) -> StackedVectors:
+        """The joint models of a stack of grid points."""
+        return self._embedding(paths.joint(self.experiment), points, family, points.joint)
 
-    def _embedding(self, path: Path, cells: GridPoints, family: Model, session: Session) -> StackedVectors:
+    def _embedding(self, path: Path, points: GridPoints, family: Model, session: Session) -> StackedVectors:
         entity, relation, known, seed = self.tensors(path, "entity", "relation", "known", "seed")
         checks.seeds_are(path, seed, self._seeds, entity, relation, known)
-        rows = np.flatnonzero(np.isin(seed, cells.seeds))
+        rows = np.flatnonzero(np.isin(seed, points.seeds))
         theta = StackedVectors(family, entity[rows], relation[rows])
         checks.vectors_fit(path, theta, known[rows], session)
         return theta
 
-    def initial_vectors(self, initializer: str, cells: GridPoints) -> np.ndarray:
-        """What an initializer inserted in the first session of a stack of cells; shape (M, size, d)."""
-        path, name = paths.initial_vectors(self.experiment, initializer), f"size={cells.size:02d}"
+    def initial_vectors(self, initializer: str, points: GridPoints) -> np.ndarray:
+        """What an initializer inserted in the first session of a stack of grid points; shape (M, size, d)."""
+        path, name = paths.initial_vectors(self.experiment, initializer), f"size={points.size:02d}"
         (vectors,) = self.tensors(path, name)
-        dimension = io.shape_of(paths.theta0(self.experiment, cells.size), "entity")[-1:]
-        checks.has_shape(path, name, vectors, (len(self._seeds), cells.sessions * cells.size, *dimension))
-        return vectors[np.isin(self._seeds, cells.seeds), : cells.size]
+        dimension = io.shape_of(paths.theta0(self.experiment, points.size), "entity")[-1:]
+        checks.has_shape(path, name, vectors, (len(self._seeds), points.sessions * points.size, *dimension))
+        return vectors[np.isin(self._seeds, points.seeds), : points.size]
 
     @cached_property
     def _seeds(self) -> list[int]:
         """Of the sessions of every size."""
         return sorted(self.novel()["seed"].unique().tolist())
 
-    def cells(self, stack: int, size: int | None = None, seeds: int | None = None) -> list[GridPoints]:
-        """Every cell of the grid, in stacks of at most ``stack`` seeds of one size.
+    def grid(self, stack: int, size: int | None = None, seeds: int | None = None) -> list[GridPoints]:
+        """Every point of the grid, in stacks of at most ``stack`` seeds of one size.
 
         Args:
             size: of one size alone.
@@ -135,12 +135,12 @@ class Store:
         checks.every_split_is_there(path, splits)
         checks.everyone_is_trained(path, splits, graph)
 
-    def insert_triples_of(self, cells: GridPoints, table: pd.DataFrame) -> np.ndarray:
-        """(session, model, place in ``novel``, triple) of the insert triples of a stack of cells; shape (I, 4)."""
-        own = table[(table["size"] == cells.size) & table["seed"].isin(cells.seeds)]
-        model = own["seed"].map({seed: number for number, seed in enumerate(cells.seeds)}).to_numpy(np.int64)
+    def insert_triples_of(self, points: GridPoints, table: pd.DataFrame) -> np.ndarray:
+        """(session, model, place in ``novel``, triple) of the insert triples of some grid points; shape (I, 4)."""
+        own = table[(table["size"] == points.size) & table["seed"].isin(points.seeds)]
+        model = own["seed"].map({seed: number for number, seed in enumerate(points.seeds)}).to_numpy(np.int64)
         session = own["session"].to_numpy(np.int64)
-        place = (cells.novel[model, session - 1] == own["entity"].to_numpy()[:, None]).argmax(1)
+        place = (points.novel[model, session - 1] == own["entity"].to_numpy()[:, None]).argmax(1)
         rows = np.stack([session, model, place, own["triple"].to_numpy(np.int64)], 1)
         return rows[np.lexsort(rows.T[::-1])]
 
@@ -158,7 +158,7 @@ class Store:
 
 
 def _stacks(novel: pd.DataFrame, stack: int) -> Iterator[tuple[int, list[int], np.ndarray]]:
-    """Size, seeds and novel entities (M, S, size) of each stack of cells."""
+    """Size, seeds and novel entities (M, S, size) of each stack of points."""
     for size in sorted(novel["size"].unique().tolist()):
         rows = novel[novel["size"] == size]
         seeds = rows["seed"].unique().tolist()

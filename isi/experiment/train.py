@@ -40,15 +40,15 @@ class TrainConfig:
 
 @dataclass(frozen=True)
 class TrainTask:
-    """Train an embedding of each cell."""
+    """Train an embedding of each grid point."""
 
-    cells: GridPoints
+    points: GridPoints
     how: TrainConfig
 
 
 @dataclass(frozen=True)
 class TrainResult:
-    """Trained embeddings of a task's cells."""
+    """Trained embeddings of a task's points."""
 
     entity: np.ndarray
     relation: np.ndarray
@@ -77,25 +77,25 @@ def train_config(given: StageContext, family: str | None = None, **changed: floa
 
 
 def train_initial(task: TrainTask) -> TrainResult:
-    """Train Θ⁰ of each cell on its D⁰."""
-    return _learn(task, task.cells.session(0))
+    """Train Θ⁰ of each grid point on its D⁰."""
+    return _learn(task, task.points.session(0))
 
 
 def train_joint_model(task: TrainTask) -> TrainResult:
     """Train the joint model of each seed on all that has a split (section 5.3)."""
-    return _learn(task, task.cells.joint)
+    return _learn(task, task.points.joint)
 
 
 def _learn(task: TrainTask, session: Session) -> TrainResult:
-    how, cells, keys = task.how, task.cells, task.cells.keys()
-    relations = len(cells.graph.relations)
+    how, points, keys = task.how, task.points, task.points.keys()
+    relations = len(points.graph.relations)
     start = uniform(session.entities, relations, how.model, how.dimension, how.init_range, how.root, keys)
     data = training_data(session, "training", keys, how.negatives.head_pool)
     best, looks = trainer.train_until_best(start, data, how.negatives, how.training, how.root)
     log = pd.concat(
         pd.DataFrame(dict(zip(MEASURES, look.measures.T.cpu().numpy(), strict=True))).assign(
-            size=cells.size,
-            seed=np.array(cells.seeds)[look.models.cpu().numpy()],
+            size=points.size,
+            seed=np.array(points.seeds)[look.models.cpu().numpy()],
             epoch=look.epoch,
             kept=look.is_best.cpu().numpy(),
         )
@@ -111,14 +111,14 @@ def as_tensors(tasks: Sequence[TrainTask], learned: Sequence[TrainResult]) -> di
         name: torch.from_numpy(np.concatenate([getattr(result, name) for result in learned]))
         for name in ("entity", "relation", "known")
     }
-    return tensors | {"seed": torch.tensor([seed for task in tasks for seed in task.cells.seeds])}
+    return tensors | {"seed": torch.tensor([seed for task in tasks for seed in task.points.seeds])}
 
 
 @dataclass(frozen=True)
 class EvaluationTask:
     """Measure given embeddings in every scope of every session that inserts."""
 
-    cells: GridPoints
+    points: GridPoints
     theta: StackedVectors
     #: (session, model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 4)
     insert_triples: np.ndarray
@@ -126,23 +126,23 @@ class EvaluationTask:
 
 def evaluate_stack(task: EvaluationTask) -> pd.DataFrame:
     """Measures of embeddings as they are, in every scope (``tables.RUNS``, epoch 0)."""
-    cells, theta, rows = task.cells, task.theta.stack, []
-    for number in range(1, cells.sessions + 1):
-        session, novel = cells.session(number), cells.novel_in(number)
-        told = cells.told_in(number, task.insert_triples)
+    points, theta, rows = task.points, task.theta.stack, []
+    for number in range(1, points.sessions + 1):
+        session, novel = points.session(number), points.novel_in(number)
+        told = points.insert_triples_in(number, task.insert_triples)
         results = evaluate(theta, query_sets.epoch_query_sets(session, novel))
         results |= evaluate(theta, query_sets.novel_query_set(session, novel, told))
-        rows.append(run_rows(cells, number, 0, torch.arange(len(cells.seeds)), results))
+        rows.append(run_rows(points, number, 0, torch.arange(len(points.seeds)), results))
     return pd.concat(rows)
 
 
 def run_rows(
-    cells: GridPoints, session: int, epoch: int, models: Tensor, results: Mapping[str, Result]
+    points: GridPoints, session: int, epoch: int, models: Tensor, results: Mapping[str, Result]
 ) -> pd.DataFrame:
-    """Measures of some models of a stack of cells after an epoch, by scope (``tables.RUNS`` and ``tables.TIES``)."""
-    seeds = np.array(cells.seeds)[models.cpu().numpy()]
+    """Measures of models of some grid points after an epoch, by scope (``tables.RUNS`` and ``tables.TIES``)."""
+    seeds = np.array(points.seeds)[models.cpu().numpy()]
     return pd.concat(
-        measure_columns(result).assign(size=cells.size, seed=seeds, epoch=epoch, scope=scope, session=session)
+        measure_columns(result).assign(size=points.size, seed=seeds, epoch=epoch, scope=scope, session=session)
         for scope, result in results.items()
     )
 
