@@ -13,27 +13,27 @@ from isi.experiment.grid import GridPoints
 from isi.experiment.insertion_step import NovelEntities
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
 from isi.initializers.api import options_of
-from tests.graphs import cells_of, random_embedding, random_graph
+from tests.graphs import points_of, random_embedding, random_graph
 from tools.choose_initializers import GRID, about, hide, settings_of, shown, table_of, told_of
 
 ENTITIES, RELATIONS = 20, 3
 
 
 def hidden(draw: int = 0) -> tuple[GridPoints, GridPoints]:
-    cells = cells_of(random_graph(ENTITIES, RELATIONS, 140), 3, [0, 1, 2])
-    return cells, hide(cells, 4, draw, 0)
+    points = points_of(random_graph(ENTITIES, RELATIONS, 140), 3, [0, 1, 2])
+    return points, hide(points, 4, draw, 0)
 
 
 def test_known_entities_are_hidden_and_neither_novel_ones_nor_test_triples_have_a_part() -> None:
-    cells, pseudo = hidden()
+    points, pseudo = hidden()
     for model in range(3):
-        known = cells.session(0).trained()[model].nonzero().flatten().tolist()
+        known = points.session(0).trained()[model].nonzero().flatten().tolist()
         assert set(pseudo.novel[model, 0].tolist()) <= set(known)
-        touched = np.isin(cells.graph.triples[:, [0, 2]], cells.novel[model]).any(1)
+        touched = np.isin(points.graph.triples[:, [0, 2]], points.novel[model]).any(1)
         assert (pseudo.splits[model][touched] == OUT).all()
-    assert (pseudo.splits[cells.splits == TEST] == OUT).all()
+    assert (pseudo.splits[points.splits == TEST] == OUT).all()
     kept = pseudo.splits != OUT
-    assert (pseudo.splits[kept] == cells.splits[kept]).all()
+    assert (pseudo.splits[kept] == points.splits[kept]).all()
     assert set(pseudo.splits[kept].tolist()) == {TRAIN, VALID}
     assert not (pseudo.session(0).entities.gather(1, pseudo.novel_in(1))).any()
     assert (pseudo.novel != hidden(draw=1)[1].novel).any()
