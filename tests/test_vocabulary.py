@@ -1,0 +1,70 @@
+"""Names in the code are the field's: none of the words below names a package, module, class, function or param."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parent.parent
+#: Words that no part of a name is.
+PARTS = set(
+    "asked asking chance chances crowding damage elsewhere families family followed kept keeping meeting rehearsal "
+    "rehearsed stated steady tell told varied".split()
+)
+#: Words that no name is as a whole.
+WHOLE = set(
+    "approach at_once cell cells drawing every found given held how keep listed meet news nothing one own placed pull "
+    "rates some what".split()
+)
+
+
+def names(path: Path) -> Iterator[str]:
+    """Of a module: its own, its folder's, and those of its classes and functions."""
+    yield from (path.stem, path.parent.name)
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef):
+            yield node.name
+
+
+def keys(values: object) -> Iterator[str]:
+    if isinstance(values, dict):
+        for key, value in values.items():
+            yield str(key)
+            yield from keys(value)
+
+
+def unwanted(name: str) -> bool:
+    plain = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower().strip("_")
+    return plain in WHOLE or bool(PARTS & set(plain.split("_")))
+
+
+@pytest.mark.parametrize("folder", ["isi", "stages", "tools"])
+def test_code_uses_the_words_of_the_field(folder: str) -> None:
+    found = {f"{path}: {name}" for path in (ROOT / folder).rglob("*.py") for name in names(path) if unwanted(name)}
+    assert not found
+
+
+@pytest.mark.parametrize("file", ["params.yaml", "beyond/params.yaml", "dvc.yaml", "beyond/dvc.yaml"])
+def test_params_and_stages_use_the_words_of_the_field(file: str) -> None:
+    assert not {key for key in keys(yaml.safe_load((ROOT / file).read_text(encoding="utf-8"))) if unwanted(key)}
+
+
+def test_no_two_classes_have_the_same_name() -> None:
+    seen: dict[str, Path] = {}
+    twice = []
+    for path in sorted((ROOT / "isi").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                twice += [(node.name, path, seen[node.name])] if node.name in seen else []
+                seen[node.name] = path
+    assert not twice
+
+
+def test_no_module_is_longer_than_350_lines() -> None:
+    lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in (ROOT / "isi").rglob("*.py")}
+    assert not {path: lines for path, lines in lengths.items() if lines > 350}
