@@ -10,11 +10,10 @@ import torch
 from isi.evaluation.query_sets import novel_query_set
 from isi.evaluation.ranking import closeness, evaluate
 from isi.experiment.grid import GridPoints
-from isi.experiment.insertion_step import NovelEntities
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
-from isi.initializers.api import options_of
+from isi.initializers.api import INITIALIZERS, NovelEntities, options_of
 from tests.graphs import points_of, random_embedding, random_graph
-from tools.choose_initializers import GRID, about, hide, settings_of, shown, table_of, told_of
+from tools.choose_initializers import about, compared, hide, settings_of, shown, table_of, told_of
 
 ENTITIES, RELATIONS = 20, 3
 
@@ -79,9 +78,9 @@ def test_half_of_the_queries_for_entities_are_about_the_novel_one() -> None:
 def test_settings_are_the_grid_and_what_params_say() -> None:
     settings = settings_of(["es", "mean"], {"es": {"k": 5}, "mean": {}})
     assert settings[0] == ("es", {"k": 5})
-    assert [options["k"] for name, options in settings[1:-1]] == GRID["es"]["k"]
+    assert [options["k"] for name, options in settings[1:-1]] == (INITIALIZERS.get("es", "es").grid or {})["k"]
     assert settings[-1] == ("mean", {})
-    assert all(options_of(name, options, name) == options for name, options in settings_of(list(GRID), {}))
+    assert all(options_of(name, options, name) == options for name, options in settings_of(compared(), {}))
     assert shown({"k": 3, "candidates": 4}) == "k 3, candidates 4"
     assert shown({}) == "–"
 

@@ -19,7 +19,6 @@ from isi.evaluation.convergence import SCOPES as CONVERGING
 from isi.experiment import runner
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insert import InsertTask, TaskConfig, TaskInput, TaskResult, fold, how_in, insert_stack, told_in
-from isi.experiment.insertion_step import context_of
 from isi.experiment.runner import Compute, HasPoints
 from isi.experiment.train import (
     EvaluationTask,
@@ -31,6 +30,7 @@ from isi.experiment.train import (
     train_initial,
     train_joint_model,
 )
+from isi.initializers.api import context_of
 from isi.models.model import MODELS, make_model
 from isi.training.batches import Negatives
 from isi.training.trainer import Optimizer, Training
@@ -297,7 +297,7 @@ def test_a_later_session_is_told_its_own_triples_and_knows_who_came_before() -> 
     task = two_sessions("rs", np.nan, np.nan)
     first, _ = fold(task)
     told, how = told_in(task, 2), how_in(task, 2)
-    seen = context_of(first.theta, task.points.session(1), told, how)
+    seen = context_of(first.theta, task.points.session(1), told, how.root, how.keys)
     came_before = 0
     for model, (novel1, novel2) in enumerate(task.points.novel):
         assert seen.known[model, novel1].all()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -17,7 +15,7 @@ from isi import initializers
 from isi.config import Count, Option, read
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints
-from isi.experiment.insertion_step import InsertConfig, NovelEntities, context_of, with_vectors
+from isi.experiment.insertion_step import with_vectors
 from isi.graph.graph import Graph
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.initializers import similarity
@@ -26,15 +24,15 @@ from isi.initializers.api import (
     INITIALIZERS,
     InitContext,
     InitResult,
+    NovelEntities,
+    context_of,
     initializer,
     options_of,
-    without_indicators,
+    without_weights,
 )
 from isi.initializers.controls import permuted_words
 from isi.models.stack import Embedding
 from isi.tables import paths
-from isi.training.batches import Negatives
-from isi.training.trainer import Optimizer
 from tests.graphs import dense, graph_of, insert_triples_of, points_of, random_counts, random_embedding
 
 ENTITIES, RELATIONS, DIMENSION = 16, 3, 8
@@ -110,10 +108,7 @@ def seen(of: World) -> InitContext:
     """What initializers are shown of it."""
     points = points_at(of.graph, of.splits)
     told = NovelEntities(torch.as_tensor(NOVEL), torch.as_tensor(of.insert_triples), torch.as_tensor(of.words))
-    negatives = Negatives(mode="sampled", ratio=2, head_pool="all")
-    optimizer = Optimizer(batch_size=50, learning_rate=0.01, weight_decay=1e-3, max_epochs=2)
-    how = InsertConfig("es", {"k": 3}, 0, points.keys(), negatives, optimizer, {}, False)
-    return context_of(of.theta0, points.session(0), told, how)
+    return context_of(of.theta0, points.session(0), told, 0, points.keys())
 
 
 def insertion() -> InitContext:
@@ -121,7 +116,7 @@ def insertion() -> InitContext:
 
 
 def insert(name: str, given: InitContext, **options: Option) -> InitResult:
-    return INITIALIZERS.get(name, "initializers").function(given, **options)
+    return INITIALIZERS.get(name, "initializers").initialize(given, options)
 
 
 def initial(name: str, given: InitContext) -> InitResult:
@@ -524,7 +519,7 @@ def _of_ones_own() -> Iterator[None]:
 def test_options_come_from_the_signature_with_its_defaults() -> None:
     @initializer("constant")
     def constant(insertion: InitContext, at: float, times: Count = 2) -> InitResult:
-        return without_indicators(torch.full((*insertion.novel.shape, DIMENSION), at * times))
+        return without_weights(torch.full((*insertion.novel.shape, DIMENSION), at * times))
 
     given = options_of("constant", {"at": 1.5}, "initializers.constant")
     assert given == {"at": 1.5, "times": 2}
@@ -535,8 +530,8 @@ def test_options_come_from_the_signature_with_its_defaults() -> None:
 
 @pytest.mark.usefixtures("_of_ones_own")
 def test_one_of_ones_own_is_shown_by_its_name_unless_it_says_otherwise() -> None:
-    initializer("plain")(without_indicators)
-    initializer("fancy", label="Fancy", role="isi", colour="#123456")(without_indicators)
+    initializer("plain")(without_weights)
+    initializer("fancy", label="Fancy", role="isi", colour="#123456")(without_weights)
     plain, fancy = (INITIALIZERS.get(name, "initializers") for name in ("plain", "fancy"))
     assert (plain.label, plain.role, plain.colour) == ("plain", "own", None)
     assert (fancy.label, fancy.role, fancy.colour) == ("Fancy", "isi", "#123456")
@@ -552,12 +547,30 @@ def test_the_params_list_all_that_ship_with_their_options() -> None:
     shown = [INITIALIZERS.get(name, "initializers") for name in listed]
     assert len({one.label for one in shown}) == len({one.colour for one in shown}) == len(EVERYONE)
     assert Counter(one.role for one in shown) == {"paper": 2, "isi": 3, "control": 7, "baseline": 11}
+    assert all(one.description.endswith(".") for one in shown)
 
 
 @pytest.mark.parametrize("name", EVERYONE)
-def test_an_initializer_brings_no_other_with_it(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """So that a stage may depend on its module alone."""
-    for module in [module for module in sys.modules if module.startswith("isi.initializers.")]:
-        monkeypatch.delitem(sys.modules, module)
-    importlib.import_module(f"isi.initializers.{name}")
-    assert [module for module in sys.modules if module.startswith("isi.initializers.")] == [f"isi.initializers.{name}"]
+def test_weights_are_of_known_entities_and_make_the_vector_of_whoever_takes_a_mean(name: str) -> None:
+    given = insertion()
+    result = initial(name, given)
+    assert (result.indicators is not None) == (name in CENTROIDS)
+    if result.weights is None:
+        assert name in ("xavier", "iu", "gaussian", "gaussian_centred", "er_avg", "class_noise", "projection")
+        return
+    torch.testing.assert_close(result.weights.sum(-1), torch.ones(2, 3, dtype=result.weights.dtype))
+    assert not result.weights.masked_select(~given.known[:, None].expand_as(result.weights)).any()
+    mean = (result.weights.float() @ given.theta0.entity).allclose(result.vectors, atol=1e-6)
+    assert mean != (name in ("ridge", "map_mean", "map_ers", "map_soft_hybrid"))
+
+
+@pytest.mark.parametrize("name", EVERYONE)
+def test_what_an_initializer_needs_and_its_defaults_are_those_of_its_function(name: str) -> None:
+    """Without words, and without insert triples, whoever needs none gives what it gives otherwise."""
+    registered, given = INITIALIZERS.get(name, "initializers"), insertion()
+    assert options_of(name, registered.defaults, name) == registered.defaults
+    wordless = initial(name, replace(given, words=torch.zeros_like(given.words)))
+    alone = initial(name, replace(given, observed=torch.zeros_like(given.observed)))
+    for need, without in (("words", wordless), ("insert_triples", alone)):
+        same = torch.equal(without.vectors, initial(name, given).vectors)
+        assert same == (need not in registered.needs), need

@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 import isi
 from isi import config
 from isi.errors import InputError
-from isi.initializers.api import INITIALIZERS, InitContext, InitResult
-from isi.insertion.choose import BY_ENTITY, BY_PAIR, DEFAULTS
+from isi.initializers.api import INITIALIZERS, InitContext
 from isi.insertion.result import Inserted
 from isi.tables import paths
 from tests.graphs import random_embedding
@@ -71,8 +70,8 @@ def by_hand(seen: list[list[tuple[int, int, bool]]], vectors: np.ndarray | None)
 def test_vectors_are_those_of_the_pipelines_initializers(name: str) -> None:
     vectors = words()
     seen = [[(1, 0, False), (3, 1, True)], [(2, 2, False)]]
-    function = INITIALIZERS.get(name, "").function
-    expected: InitResult = function(by_hand(seen, vectors), **DEFAULTS.get(name, {}))
+    registered = INITIALIZERS.get(name, "")
+    expected = registered.initialize(by_hand(seen, vectors), registered.defaults)
     done = call(initializer=name, words=vectors)
     torch.testing.assert_close(torch.from_numpy(done.entities[ENTITIES:]), expected.vectors[0], rtol=0, atol=0)
     if expected.indicators is not None:
@@ -225,8 +224,7 @@ def test_draws_hang_on_the_seed_alone(seed: int, name: str) -> None:
 
 def test_options_are_those_of_params_where_it_has_them() -> None:
     for name, options in config.read(paths.PARAMS)["initializers"].items():
-        assert DEFAULTS.get(name, {}) == options
-    assert set(DEFAULTS) | BY_ENTITY | BY_PAIR <= set(INITIALIZERS.names())
+        assert INITIALIZERS.get(name, name).defaults == options
 
 
 def test_importing_isi_loads_neither_torch_nor_pykeen() -> None:

@@ -20,16 +20,14 @@ from isi.analyses.single_insertions import (
     pick,
     queries_of,
     single_insertions,
-    weights_of,
 )
 from isi.analyses.trajectory import on, plane, turn
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insert import InsertTask, TaskConfig, how_in, insert_stack, told_in
-from isi.experiment.insertion_step import context_of
 from isi.experiment.train import train_joint_model
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
-from isi.initializers.api import InitResult
-from isi.initializers.soft import softly_by_both
+from isi.initializers.api import context_of
+from isi.initializers.soft import soft_hybrid
 from isi.models.stack import Embedding
 from tests.graphs import ANALOGY, graph_of
 from tests.test_experiments import ENTITIES, MARGIN, OPTIMIZER, SAMPLED, WORDS, insert_tasks, learning_tasks, theta0
@@ -121,9 +119,10 @@ def test_weights_of_a_soft_hybrid_are_those_that_make_its_vector() -> None:
     task = soft_task(theta0(), wordless)
     told = task.told.insert_triples
     alone = replace(task, told=replace(task.told, insert_triples=told[told[:, 1] > 0]))  # the first has none
-    insertion = context_of(task.theta0.stack, task.points.session(0), told_in(alone, 1), how_in(alone, 1))
-    initial = softly_by_both(insertion, **SOFT)
-    weights = weights_of(insertion, initial, SOFT)
+    how = how_in(alone, 1)
+    insertion = context_of(task.theta0.stack, task.points.session(0), told_in(alone, 1), how.root, how.keys)
+    initial = soft_hybrid(insertion, **SOFT)
+    weights = initial.weights
     assert weights is not None
     assert torch.allclose(weights.float() @ insertion.theta0.entity, initial.vectors, atol=1e-6)
     assert len(initial.fallback.unique()) > 2
@@ -143,12 +142,6 @@ def test_indicators_are_those_whose_centroid_was_taken(task: SinglesTask, found:
         assert own["weight"].tolist() == pytest.approx([1 / 3] * 3)
         assert own["by_words"].is_monotonic_decreasing
         assert own["by_words"].tolist() == pytest.approx((unit[own["indicator"]] @ unit[entity]).tolist(), abs=1e-6)
-
-
-def test_without_a_centre_there_are_no_indicators() -> None:
-    task = soft_task(theta0())
-    insertion = context_of(task.theta0.stack, task.points.session(0), told_in(task, 1), how_in(task, 1))
-    assert weights_of(insertion, InitResult(torch.zeros(4, 2, 12), torch.zeros(4, 2)), {}) is None
 
 
 # Answers

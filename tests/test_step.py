@@ -13,15 +13,14 @@ from isi.errors import InputError
 from isi.experiment.grid import GridPoints
 from isi.experiment.insertion_step import (
     InsertConfig,
-    NovelEntities,
     SessionResult,
-    context_of,
     finetune,
     initialize,
     run_session,
     with_vectors,
 )
 from isi.graph.sessions import TEST, TRAIN, VALID
+from isi.initializers.api import NovelEntities, context_of
 from isi.models.stack import Embedding
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data
@@ -83,7 +82,7 @@ def test_at_once_it_asks_about_the_novel_entities_what_was_not_told() -> None:
 def test_what_is_told_of_each_is_packed_to_the_left() -> None:
     of = world()
     points, told = points_at(of.graph, of.splits), told_of(of)
-    shown = context_of(of.theta0, points.session(0), told, how_to(points))
+    shown = context_of(of.theta0, points.session(0), told, 0, points.keys())
     rows = {(model, place): [] for model in range(2) for place in range(3)}  # type: ignore[var-annotated]
     for model, place, triple in of.insert_triples.tolist():
         head, relation, tail = of.graph.triples[triple].tolist()
@@ -96,7 +95,7 @@ def test_what_is_told_of_each_is_packed_to_the_left() -> None:
         found = (shown.other, shown.relation, shown.novel_is_tail, shown.observed)
         assert list(zip(*(table[model, place].tolist() for table in found), strict=True)) == padded
     nothing = NovelEntities(told.novel, told.insert_triples[:0], told.words)
-    assert context_of(of.theta0, points.session(0), nothing, how_to(points)).observed.tolist() == [[[False]] * 3] * 2
+    assert context_of(of.theta0, points.session(0), nothing, 0, points.keys()).observed.tolist() == [[[False]] * 3] * 2
 
 
 def trained(of: World, how: InsertConfig, purpose: str, pool: str) -> Embedding:

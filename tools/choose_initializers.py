@@ -25,13 +25,13 @@ from isi.evaluation.query_sets import novel_query_set
 from isi.evaluation.ranking import Queries, evaluate
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insert import InsertTask, TaskInput, how_in, inserting, told_in
-from isi.experiment.insertion_step import context_of, with_vectors
+from isi.experiment.insertion_step import with_vectors
 from isi.experiment.runner import compute_of, run
 from isi.experiment.store import Store
 from isi.experiment.train import TrainTask, train_config, train_initial
 from isi.graph.sampling import sample_insert_triples
 from isi.graph.sessions import OUT, TRAIN, VALID, membership
-from isi.initializers.api import INITIALIZERS, options_of
+from isi.initializers.api import INITIALIZERS, context_of, options_of
 from isi.params import load
 from isi.random import stream
 from isi.stage import StageContext
@@ -40,29 +40,6 @@ from isi.tables.io import Provenance
 
 FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 Setting = tuple[str, dict[str, Any]]
-
-WEIGHTS = [4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0]
-TEMPERATURES = [0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2]
-PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio": [1, 3, 9]}
-#: What is compared, by initializer and option.
-GRID: dict[str, dict[str, list[Any]]] = {
-    "mean": {},
-    "kind_mean": {},
-    "es": {"k": [1, 2, 3, 4, 6, 8, 12, 18, 30]},
-    "rs": {"k": [1, 2, 4, 8, 12, 18, 30]},
-    "ers": {"k": [1, 2, 3, 5, 9, 15], "candidates": [15, 30, 60]},
-    "neighbour_mean": {},
-    "er_avg": {},
-    "class_noise": {"fraction": [0.1, 0.25, 0.5, 1.0]},
-    "projection": {"penalty": [0.03, 0.1, 0.3, 1.0, 3.0, 10.0]},
-    "soft_es": {"temperature": TEMPERATURES},
-    "soft_rs": {"temperature": TEMPERATURES},
-    "soft_hybrid": {"word_weight": WEIGHTS, "relation_weight": WEIGHTS},
-    "ridge": {"strength": [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1], "ratio": [1, 3, 9]},
-    "map_mean": PRIOR,
-    "map_ers": {"k": [9], "candidates": [30]} | PRIOR,
-    "map_soft_hybrid": {"word_weight": [12.0, 16.0], "relation_weight": [8.0, 16.0]} | PRIOR,
-}
 
 
 @dataclass(frozen=True)
@@ -77,12 +54,13 @@ class ChoosingTask:
 def measured(task: ChoosingTask) -> np.ndarray:
     """MRR* in scope novel, and of its queries for entities those about a novel one; shape (settings, M, 2)."""
     theta0, told = task.inserting.theta0.stack, told_in(task.inserting, 1)
-    given = context_of(theta0, task.points.session(0), told, how_in(task.inserting, 1))
+    how = how_in(task.inserting, 1)
+    given = context_of(theta0, task.points.session(0), told, how.root, how.keys)
     queries = novel_query_set(task.points.session(1), told.novel, told.mask(len(task.points.graph.triples)))["novel"]
     asked = {"novel": queries, "about": about(queries, told.novel)}
     found = []
     for name, options in task.settings:
-        vectors = INITIALIZERS.get(name, name).function(given, **options).vectors
+        vectors = INITIALIZERS.get(name, name).initialize(given, options).vectors
         results = evaluate(with_vectors(theta0, told.novel, vectors), asked)
         found.append([results["novel"].measures[:, 0].numpy(), results["about"].measures[:, 1].numpy()])
     return np.array(found).transpose(0, 2, 1)
@@ -143,12 +121,18 @@ def tasks_of(
     return tasks
 
 
+def compared() -> list[str]:
+    """Initializers whose registration says which options to compare."""
+    return [name for name in INITIALIZERS.names() if INITIALIZERS.get(name, name).grid is not None]
+
+
 def settings_of(names: list[str], listed: dict[str, dict[str, Any]]) -> list[Setting]:
     """What is compared: what params say of each initializer, then its grid."""
     settings = []
     for name in names:
         combinations = [listed[name]] if name in listed else []
-        combinations += [dict(zip(GRID[name], values, strict=True)) for values in product(*GRID[name].values())]
+        grid = INITIALIZERS.get(name, name).grid or {}
+        combinations += [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
         once = {tuple(setting.items()): setting for setting in combinations}
         settings += [(name, options_of(name, setting, f"initializers.{name}")) for setting in once.values()]
     return settings
@@ -157,9 +141,8 @@ def settings_of(names: list[str], listed: dict[str, dict[str, Any]]) -> list[Set
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--experiments", nargs="+", help="default: those that have the size")
-    parser.add_argument(
-        "--initializers", nargs="+", choices=list(GRID), default=list(GRID), help="default: all of the grid"
-    )
+    names = compared()
+    parser.add_argument("--initializers", nargs="+", choices=names, default=names, help="default: all that have a grid")
     parser.add_argument("--size", type=int, default=5, help="|ξ| of the points")
     parser.add_argument("--seeds", type=int, default=30)
     parser.add_argument("--draws", type=int, default=2, help="of hidden entities in each cell")

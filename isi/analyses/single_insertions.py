@@ -15,15 +15,20 @@ from torch import Tensor
 
 from isi.analyses.query_breakdown import JOINT
 from isi.analyses.trajectory import Plane, on, plane, turn
-from isi.config import Count, Name, Option, Section, Study
+from isi.config import Count, Name, Section, Study
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insert import InsertTask, how_in, told_in
-from isi.experiment.insertion_step import context_of, finetune, initialize, with_vectors
+from isi.experiment.insertion_step import finetune, initialize, with_vectors
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.sessions import OUT, TRAIN
-from isi.initializers.api import ES, FALLBACKS, NONE, RS, InitContext, InitResult
-from isi.initializers.similarity import first_able, has_insert_triples, has_words, word_eligible, word_similarity
-from isi.initializers.soft import mean_relational_score, soft
+from isi.initializers.api import FALLBACKS, InitContext, InitResult, context_of
+from isi.initializers.similarity import (
+    has_insert_triples,
+    has_words,
+    mean_relational_score,
+    word_eligible,
+    word_similarity,
+)
 from isi.models.stack import Embedding
 from isi.tables.catalogue import SINGLE_ANSWERS, SINGLE_INDICATORS, SINGLE_PLACES, SINGLES, TRUE_NAMES
 
@@ -98,9 +103,9 @@ def single_insertions(task: SinglesTask) -> Singles:
     answers = [answers_of(joint, points, queries, task.how.answers).assign(model=JOINT, epoch=0)]
     for inserting in task.inserting:
         name, (insertion, initial, *embeddings) = inserting.how.initializer, followed(inserting, points)
-        weights = weights_of(insertion, initial, inserting.how.options)
-        if weights is not None:
-            indicators.append(indicators_of(insertion, weights, initial.fallback, picked, name, task.how.indicators))
+        if initial.weights is not None:
+            rows = indicators_of(insertion, initial.weights, initial.fallback, picked, name, task.how.indicators)
+            indicators.append(rows)
         for epoch, embedding in zip((0, task.how.epochs), embeddings, strict=True):
             places.append(_places(points, picked, embedding.entity, planes, name, epoch))
             answers.append(answers_of(embedding, points, queries, task.how.answers).assign(model=name, epoch=epoch))
@@ -119,7 +124,7 @@ def followed(task: InsertTask, points: GridPoints) -> tuple[InitContext, InitRes
     initial = initialize(theta0, before, told, how)
     inserted = with_vectors(theta0, told.novel, initial.vectors)
     trained = finetune(inserted, after, told.novel, how, _to_the_end)
-    return context_of(theta0, before, told, how), initial, inserted, trained
+    return context_of(theta0, before, told, how.root, how.keys), initial, inserted, trained
 
 
 def _to_the_end(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:  # noqa: ARG001
@@ -155,28 +160,6 @@ def indicators_of(
     frame = frame.sort_values(["weight", *similar], ascending=False, kind="stable")
     frame = frame.groupby("entity", sort=False).head(most).sort_values("entity", kind="stable")
     return frame.assign(model=model)
-
-
-def weights_of(insertion: InitContext, initial: InitResult, options: Mapping[str, Option]) -> Tensor | None:
-    """Weights of entities in the centre of each vector, (M, n, E); none of initializers without one.
-
-    Of a soft hybrid, and of MAP, whose prior has its mean there, they are those of ``weighing.softly_by_both``.
-    """
-    if initial.indicators is not None:
-        weight = initial.indicators.double()
-        return weight / weight.sum(-1, keepdim=True).clamp(min=1)
-    if not {"word_weight", "relation_weight"} <= options.keys():
-        return None
-    similar = float(options["word_weight"]) * word_similarity(insertion)
-    related = float(options["relation_weight"]) * mean_relational_score(insertion)
-    words, triples, named = has_words(insertion), has_insert_triples(insertion), word_eligible(insertion)
-    weights, _ = first_able(
-        insertion,
-        (NONE, words & triples, soft(similar + related, named)),
-        (RS, triples, soft(related, insertion.eligible[:, None])),
-        (ES, words, soft(similar, named)),
-    )
-    return weights / weights.sum(-1, keepdim=True)
 
 
 # Places

@@ -15,7 +15,8 @@ from torch import Tensor
 from isi.config import Count, Section, Seed, Study
 from isi.experiment.grid import GridPoints
 from isi.experiment.insert import InsertTask, how_in, told_in
-from isi.experiment.insertion_step import context_of, finetune, initialize, with_vectors
+from isi.experiment.insertion_step import finetune, initialize, with_vectors
+from isi.initializers.api import context_of
 from isi.initializers.similarity import has_insert_triples, has_words
 from isi.models.stack import Embedding
 
@@ -127,7 +128,8 @@ def place_of_interest(task: InsertTask, kinds: pd.Series, kind: str) -> int | No
     Args:
         kinds: of entities, by id.
     """
-    insertion = context_of(task.theta0.stack, task.points.session(0), told_in(task, 1), how_in(task, 1))
+    how = how_in(task, 1)
+    insertion = context_of(task.theta0.stack, task.points.session(0), told_in(task, 1), how.root, how.keys)
     able = (has_words(insertion) & has_insert_triples(insertion))[0].numpy()
     places = np.flatnonzero(able & (kinds.astype(str)[task.points.novel[0, 0]] == kind).to_numpy())
     return int(places[0]) if len(places) else None

@@ -6,13 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from isi.bundle.query import OpenBundle
 from isi.graph.graph import HEAD, TAIL
 from isi.initializers.api import InitContext
-from isi.initializers.similarity import first_able, has_insert_triples, has_words, word_eligible, word_similarity
-from isi.initializers.soft import mean_relational_score, soft
+from isi.initializers.similarity import (
+    has_insert_triples,
+    has_words,
+    mean_relational_score,
+    word_eligible,
+    word_similarity,
+)
 from isi.insertion.arguments import stack_of_one
 
 #: Entities that are shown where an initializer weighs all, at most, and the least weight of one.
@@ -60,34 +64,31 @@ def as_new(model: OpenBundle, entity: int, told: np.ndarray) -> InitContext:
     )  # fmt: skip
 
 
-def indicators(
-    insertion: InitContext, initializer: str, options: dict[str, float], chosen: list[int] | None
-) -> list[Indicator]:
+def indicators(insertion: InitContext, weights: np.ndarray | None, is_centroid: bool) -> list[Indicator]:
     """The entities that an insertion goes by, those of largest weight first.
 
     Args:
         insertion: of one entity.
-        initializer: its name, and its options.
-        chosen: ids of the entities whose centroid was taken, where the initializer chooses some.
+        weights: of known entities, where the initializer has them; shape (E,).
+        is_centroid: whether the initializer takes the centroid of those that have a weight.
     """
     words, triples = bool(has_words(insertion)), bool(has_insert_triples(insertion))
     similar, related = word_similarity(insertion)[0, 0], mean_relational_score(insertion)[0, 0]
     named = word_eligible(insertion)[0, 0]
-    weight: Tensor | None
-    if chosen is not None and len(chosen) < int(insertion.known.sum()):
-        weight = torch.zeros(len(similar)).index_fill(0, torch.tensor(chosen, dtype=torch.int64), 1 / len(chosen))
-    else:
-        weight = weights(insertion, initializer, options)
+    weight = None
+    if weights is not None and weights.min() < weights.max():  # else they say nothing
+        weight = torch.zeros(len(similar))
+        weight[: len(weights)] = torch.from_numpy(weights)
     likeness = similar * named * words + related * triples
     rank = likeness.masked_fill(~insertion.eligible[0], -torch.inf) if weight is None else weight + 1e-6 * likeness
     best = rank.sort(descending=True, stable=True).indices
     best = best[torch.isfinite(rank[best])]
     if weight is None:
         best = best[:SHOWN]
-    elif chosen is None:
-        best = best[:SHOWN][weight[best[:SHOWN]] >= LEAST]
-    else:
+    elif is_centroid:
         best = best[weight[best] > 0]
+    else:
+        best = best[:SHOWN][weight[best[:SHOWN]] >= LEAST]
     return [
         Indicator(
             row, None if weight is None else float(weight[row]),
@@ -95,30 +96,3 @@ def indicators(
         )
         for row in best.tolist()
     ]  # fmt: skip
-
-
-def weights(insertion: InitContext, initializer: str, options: dict[str, float]) -> Tensor | None:
-    """What each entity weighs in the mean that soft initializers take, (E,); null for others.
-
-    The same as theirs: of MAP, in the mean of its prior.
-    """
-    words, triples = has_words(insertion), has_insert_triples(insertion)
-    similar, related = word_similarity(insertion), mean_relational_score(insertion)
-    named, able = word_eligible(insertion), insertion.eligible[:, None]
-    if initializer in ("soft_hybrid", "map_soft_hybrid"):
-        similar, related = options["word_weight"] * similar, options["relation_weight"] * related
-        ways = [
-            (0, words & triples, soft(similar + related, named)), (0, triples, soft(related, able)),
-            (0, words, soft(similar, named)),
-        ]  # fmt: skip
-    elif initializer == "soft_es":
-        ways = [
-            (0, words, soft(similar / options["temperature"], named)),
-            (0, triples, soft(related / options["temperature"], able)),
-        ]  # fmt: skip
-    elif initializer == "soft_rs":
-        ways = [(0, triples, soft(related / options["temperature"], able))]
-    else:
-        return None
-    found = first_able(insertion, *ways)[0][0, 0].float()
-    return found / found.sum()

@@ -55,9 +55,9 @@ class InsertedEntity:
 
     def indicators(self) -> list[Indicator]:
         """What it was placed by."""
-        chosen = None if self.done.indicators is None else self.done.indicators[0]
+        weights = None if self.done.weights is None else self.done.weights[0]
         given = as_new(self.model, self.entity, self.done.told)
-        return indicators(given, self.done.initializer, dict(self.done.options), chosen)
+        return indicators(given, weights, self.done.indicators is not None)
 
 
 def insert_entity(model: OpenBundle, news: NewEntity) -> InsertedEntity:

@@ -14,10 +14,10 @@ from isi.config import Count, Fraction, Name, Option, Section
 from isi.errors import InputError
 from isi.evaluation.convergence import SCOPES
 from isi.experiment.grid import GridPoints, StackedVectors
-from isi.experiment.insertion_step import InsertConfig, NovelEntities, SessionResult, run_session
+from isi.experiment.insertion_step import InsertConfig, SessionResult, run_session
 from isi.experiment.store import Store
 from isi.experiment.train import measure_columns, model_of, run_rows
-from isi.initializers.api import FALLBACKS, options_of
+from isi.initializers.api import FALLBACKS, NovelEntities, options_of
 from isi.stage import StageContext
 from isi.tables import paths
 from isi.training import single_updates

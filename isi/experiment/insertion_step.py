@@ -5,36 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import torch
 from torch import Tensor
 
 from isi.config import Option
 from isi.evaluation import query_sets
 from isi.evaluation.ranking import Result, evaluate
 from isi.graph.sessions import Session
-from isi.initializers.api import INITIALIZERS, InitContext, InitResult
+from isi.initializers.api import INITIALIZERS, InitResult, NovelEntities, context_of
 from isi.models.stack import Embedding
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import ConvergenceWatch, EpochMeasures, Optimizer, Watch
-
-
-@dataclass(frozen=True)
-class NovelEntities:
-    """What is told of the novel entities of a stack of M models: nothing else reaches an initializer."""
-
-    #: ids; shape: (M, n)
-    novel: Tensor
-    #: (model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 3)
-    insert_triples: Tensor
-    #: word vectors, zero where there is none; shape: (E, w)
-    words: Tensor
-
-    def mask(self, triples: int) -> Tensor:
-        """The insert triples of each model; shape (M, T), bool."""
-        mask = torch.zeros(len(self.novel), triples, dtype=torch.bool)
-        mask[self.insert_triples[:, 0], self.insert_triples[:, 2]] = True
-        return mask
 
 
 @dataclass(frozen=True)
@@ -90,7 +71,7 @@ def run_session(
 def initialize(theta: Embedding, before: Session, told: NovelEntities, how: InsertConfig) -> InitResult:
     """Vectors of the novel entities by the initializer (equation 8)."""
     registered = INITIALIZERS.get(how.initializer, f"initializers.{how.initializer}")
-    return registered.function(context_of(theta, before, told, how), **how.options)
+    return registered.initialize(context_of(theta, before, told, how.root, how.keys), how.options)
 
 
 def finetune(theta: Embedding, session: Session, novel: Tensor, how: InsertConfig, watch: Watch) -> Embedding:
@@ -102,27 +83,3 @@ def finetune(theta: Embedding, session: Session, novel: Tensor, how: InsertConfi
 def with_vectors(theta: Embedding, novel: Tensor, vectors: Tensor) -> Embedding:
     """Θ with the vectors of novel entities, (M, n, d), in place (equations 8 and 9)."""
     return replace(theta, entity=theta.entity.scatter(1, novel[..., None].expand_as(vectors), vectors))
-
-
-def context_of(theta: Embedding, before: Session, told: NovelEntities, how: InsertConfig) -> InitContext:
-    """What initializers may see: Θ, the session's entities, word vectors, and the insert triples alone."""
-    novel, (model, place, triple) = told.novel, told.insert_triples.T
-    slot = model * novel.shape[1] + place
-    number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)  # within its entity; slots ascend
-    longest = int(number.max()) + 1 if len(number) else 1
-    head, relation, tail = before.graph.triples[triple].T
-    is_tail = tail == novel[model, place]
-
-    def padded(values: Tensor) -> Tensor:
-        table = torch.zeros(*novel.shape, longest, dtype=values.dtype)
-        table[model, place, number] = values
-        return table
-
-    return InitContext(
-        theta0=theta,
-        known=before.entities, eligible=before.trained(), novel=novel, words=told.words,
-        kinds=before.graph.kinds,
-        other=padded(torch.where(is_tail, head, tail)), relation=padded(relation), novel_is_tail=padded(is_tail),
-        observed=padded(torch.ones_like(is_tail)),
-        root=how.root, keys=how.keys,
-    )  # fmt: skip

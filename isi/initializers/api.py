@@ -1,44 +1,73 @@
-"""What an initializer is given and what it gives.
+"""What an initializer of novel entities sees and gives, and the registry of initializers.
 
-Initializers by name, and how the report shows each.
+An initializer stands between an embedding that is trained and its fine-tuning: it gives each novel entity a vector.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import numpy as np
 import torch
+from numpy.random import Generator
 from torch import Tensor
 
 from isi.config import keywords
+from isi.errors import InputError
+from isi.graph.sessions import Session
+from isi.models.model import Model
 from isi.models.stack import Embedding
+from isi.random import stream
 from isi.registry import Plugins
+from isi.tables import paths
 
-#: What an initializer without the knowledge that it needs falls back to.
+#: What serves a novel entity for which an initializer lacks what it needs.
 FALLBACKS = (None, "es", "rs", "centroid")
 NONE, ES, RS, CENTROID = range(4)
+
+
+class NoRelationMap(Exception):
+    """A model that has no map of its relations was asked where a triple puts an entity."""
+
+
+@dataclass(frozen=True)
+class NovelEntities:
+    """What is given of the novel entities of a stack of M models: nothing else of them reaches an initializer."""
+
+    #: ids; shape: (M, n)
+    novel: Tensor
+    #: (model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 3)
+    insert_triples: Tensor
+    #: word vectors, zero where there is none; shape: (E, w)
+    words: Tensor
+
+    def mask(self, triples: int) -> Tensor:
+        """The insert triples of each model; shape (M, T), bool."""
+        mask = torch.zeros(len(self.novel), triples, dtype=torch.bool)
+        mask[self.insert_triples[:, 0], self.insert_triples[:, 2]] = True
+        return mask
 
 
 @dataclass(frozen=True)
 class InitContext:
     """All that an initializer may look at, for a stack of M models and n novel entities each.
 
-    No validation or test triple is in it.
+    It holds no validation or test triple.
     """
 
     #: Θ⁰; rows of novel entities are zero
     theta0: Embedding
     #: entities of D⁰; shape: (M, E), bool
     known: Tensor
-    #: known entities with a training triple in D⁰, the only ones to serve as indicators; shape: (M, E), bool
+    #: known entities with a training triple in D⁰, the only ones that may be indicators; shape: (M, E), bool
     eligible: Tensor
     #: ids; shape: (M, n)
     novel: Tensor
     #: word vectors, zero where there is none; shape: (E, w)
     words: Tensor
-    #: what kind each entity is of; ids, shape: (E,)
+    #: the kind of each entity; ids, shape: (E,)
     kinds: Tensor
     #: the known end, the relation, and whether the novel entity is the tail, of each insert triple,
     #: padded to I; shapes: (M, n, I)
@@ -51,6 +80,44 @@ class InitContext:
     root: int
     keys: Tensor
 
+    def draw(self, purpose: str, distribution: Callable[[Generator, tuple[int, int]], np.ndarray]) -> Tensor:
+        """Random numbers of novel entities from one stream for each model; shape (M, n, d).
+
+        Args:
+            purpose: name of the stream: the same name gives the same numbers.
+            distribution: such as ``Generator.random``.
+        """
+        shape = (self.novel.shape[1], self.theta0.entity.shape[-1])
+        numbers = [distribution(stream(self.root, purpose, *key), shape) for key in self.keys.tolist()]
+        return torch.as_tensor(np.stack(numbers), dtype=torch.float32)
+
+
+def context_of(theta: Embedding, before: Session, given: NovelEntities, root: int, keys: Tensor) -> InitContext:
+    """What an initializer may see: Θ, the entities of the session before, word vectors, and the insert triples.
+
+    Args:
+        before: its graph holds the insert triples, its splits do not.
+        root: of the random streams.
+        keys: what each model's streams depend on beside it; shape (M, K).
+    """
+    novel, (model, place, triple) = given.novel, given.insert_triples.T
+    slot = model * novel.shape[1] + place
+    number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)  # within its entity; slots ascend
+    longest = int(number.max()) + 1 if len(number) else 1
+    head, relation, tail = before.graph.triples[triple].T
+    is_tail = tail == novel[model, place]
+
+    def padded(values: Tensor) -> Tensor:
+        table = torch.zeros(*novel.shape, longest, dtype=values.dtype)
+        table[model, place, number] = values
+        return table
+
+    return InitContext(
+        theta0=theta, known=before.entities, eligible=before.trained(), novel=novel, words=given.words,
+        kinds=before.graph.kinds, other=padded(torch.where(is_tail, head, tail)), relation=padded(relation),
+        novel_is_tail=padded(is_tail), observed=padded(torch.ones_like(is_tail)), root=root, keys=keys,
+    )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class InitResult:
@@ -60,46 +127,101 @@ class InitResult:
     vectors: Tensor
     #: index into ``FALLBACKS``; shape: (M, n)
     fallback: Tensor
-    #: the entities whose centroid was taken, if one was; shape: (M, n, E), bool
-    indicators: Tensor | None = None
+    #: what each known entity weighs in the vector, or, for MAP and ridge, in the mean of the prior; rows sum to 1;
+    #: shape: (M, n, E)
+    weights: Tensor | None = None
+    #: whether the vector is the centroid of the entities that have a weight, which are its indicators
+    is_centroid: bool = False
+
+    @property
+    def indicators(self) -> Tensor | None:
+        """The entities whose centroid the vector is, if it is one; shape (M, n, E), bool."""
+        return self.weights > 0 if self.weights is not None and self.is_centroid else None
 
 
-#: A function of an ``Insertion`` and its own options.
-Initializer = Callable[..., InitResult]
-
-
-def without_indicators(vectors: Tensor) -> InitResult:
-    """Vectors of shape (M, n, d) that no indicators made and that needed no fallback."""
+def without_weights(vectors: Tensor) -> InitResult:
+    """Vectors of shape (M, n, d) that are no mean of known ones and that needed no fallback."""
     return InitResult(vectors, torch.full(vectors.shape[:2], NONE))
 
 
-#: The paper's baselines, ISI, controls (each has a part of what ISI has beside meaning), strong baselines that the
+#: A function of an ``InitContext`` and its own options.
+Initializer = Callable[..., InitResult]
+#: The paper's baselines, ISI, controls (each has a part of what ISI has beside meaning), stronger baselines that the
 #: paper does not have, and anyone's own.
 Role = Literal["paper", "isi", "control", "baseline", "own"]
+#: What an initializer goes by, beside known vectors.
+Need = Literal["words", "insert_triples", "inverse", "linear_score"]
+#: What its time and memory grow with: entities, pairs of entities, or triples that a novel entity might have.
+Cost = Literal["entities", "pairs", "triples"]
 
 
 @dataclass(frozen=True)
 class Registered:
-    """An initializer, and how the report shows it."""
+    """An initializer, and all that is to say of it."""
 
+    name: str
     function: Initializer
-    #: what people read
+    #: as people read it
     label: str
-    role: Role
+    role: Role = "own"
     #: of its curves, ``#rrggbb``; where there is none, the report takes a spare one
-    colour: str | None
+    colour: str | None = None
+    #: one sentence
+    description: str = ""
+    #: options where the caller of ``isi.insert`` gives none
+    defaults: Mapping[str, Any] = field(default_factory=dict)
+    needs: tuple[Need, ...] = ()
+    cost: Cost = "triples"
+    #: values of options that ``tools/choose_initializers`` compares; null: it leaves the initializer out
+    grid: Mapping[str, Sequence[Any]] | None = None
+
+    def misses(self, model: Model) -> str | None:
+        """What the initializer needs that a model lacks; null where it lacks nothing."""
+        if "inverse" in self.needs and not getattr(model, "invertible", True):
+            return "the inverse of a relation"
+        if "linear_score" in self.needs and not model.linear:
+            return "a score that is linear in a vector"
+        return None
+
+    def check(self, model: Model) -> None:
+        """Refuse a model that lacks what the initializer needs.
+
+        Raises:
+            InputError: naming those that do without.
+        """
+        if lacking := self.misses(model):
+            others = [name for name in INITIALIZERS.names() if not INITIALIZERS.get(name, name).misses(model)]
+            expected = f"needs {lacking}, which {type(model).__name__} lacks: expected one of {', '.join(others)}"
+            raise InputError(paths.PARAMS, f"initializers.{self.name}", expected)
+
+    def initialize(self, context: InitContext, options: Mapping[str, Any]) -> InitResult:
+        """The vectors of the novel entities (equation 8).
+
+        Raises:
+            InputError: where the model lacks what the initializer needs.
+        """
+        self.check(context.theta0.model)
+        return self.function(context, **options)
 
 
 INITIALIZERS: Plugins[Registered] = Plugins("isi.initializers")
 
 
 def initializer(
-    name: str, label: str | None = None, role: Role = "own", colour: str | None = None
-) -> Callable[[Initializer], Initializer]:
-    """Register an initializer; its parameters after the insertion are its options, and their types what they may be."""
+    name: str, *, label: str | None = None, role: Role = "own", colour: str | None = None, description: str = "",
+    defaults: Mapping[str, Any] | None = None, needs: tuple[Need, ...] = (), cost: Cost = "triples",
+    grid: Mapping[str, Sequence[Any]] | None = None,
+) -> Callable[[Initializer], Initializer]:  # fmt: skip
+    """Register a function as an initializer; see ``Registered`` for the arguments.
+
+    The function's parameters after the context are its options, and their types say what they may be.
+    """
 
     def register(function: Initializer) -> Initializer:
-        INITIALIZERS.register(name, Registered(function, label or name, role, colour))
+        registered = Registered(
+            name, function, label or name, role, colour, description, defaults or {}, needs, cost, grid
+        )
+        INITIALIZERS.register(name, registered)
         return function
 
     return register

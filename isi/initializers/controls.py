@@ -1,125 +1,155 @@
-"""Random vectors for novel entities, and the moments of the known ones: what initializers share.
-
-Word vectors dealt out at random: what controls without meaning share.
-
-Mean: the centre of what is known, without a choice of indicators (a control).
-
-Kind mean: the centre of what is known of the same kind, what kind alone is worth (a control).
-
-Gaussian: the centre and the spread of what is known, without meaning (a control).
-
-Centred Gaussian: the spread of what is known, around zero (a control).
-
-Permuted ES: centroids as ES takes them, of entities chosen without meaning (a control).
-
-ES permuted within kinds: centroids of entities of the right kind, chosen without meaning (a control).
-"""
+"""Controls: initializers that have a part of what ISI has, such as its centre or its spread, without the meaning."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-import numpy as np
 import torch
 from numpy.random import Generator
 from torch import Tensor
+from torch.linalg import vector_norm
 
 from isi.config import Count
-from isi.initializers.api import NONE, InitContext, InitResult, initializer, without_indicators
+from isi.initializers.api import NONE, InitContext, InitResult, initializer, without_weights
 from isi.initializers.similarity import (
-    at_centroid,
+    centroid,
+    centroid_of_first,
     cosines,
     everyone_known,
-    first_that_can,
+    has_insert_triples,
     nearest_by_words,
+    relational_score,
+    resultants,
     same_kind,
+    top_k,
 )
+from isi.models.stack import Embedding
 from isi.random import stream
 
 
-def drawn(insertion: InitContext, purpose: str, draw: Callable[[Generator, tuple[int, int]], np.ndarray]) -> Tensor:
-    """Numbers drawn from one stream for each model; shape (M, n, d)."""
-    shape = (insertion.novel.shape[1], insertion.theta0.entity.shape[-1])
-    numbers = [draw(stream(insertion.root, purpose, *key), shape) for key in insertion.keys.tolist()]
-    return torch.as_tensor(np.stack(numbers), dtype=torch.float32)
+@initializer(
+    "mean", label="Mean", role="control", colour="#a08a5b", cost="entities", grid={},
+    description="Mean: the centroid of all known entities, without a choice of indicators (a control).",
+)  # fmt: skip
+def mean(context: InitContext) -> InitResult:
+    """Centroid of all known entities (equation 1)."""
+    return centroid(context, everyone_known(context), torch.full(context.novel.shape, NONE))
 
 
-def standard_normal(insertion: InitContext) -> Tensor:
-    """The same draws for whoever shapes them; shape (M, n, d)."""
-    return drawn(insertion, "gaussian", Generator.standard_normal)
+@initializer(
+    "kind_mean", label="Kind mean", role="control", colour="#6f8f5b", cost="entities", grid={},
+    description="Kind mean: the centroid of the known entities of the same kind, what the kind alone is worth "
+    "(a control).",
+)  # fmt: skip
+def kind_mean(context: InitContext) -> InitResult:
+    """Centroid of the known entities of the novel one's kind; of all known where there is none."""
+    everyone = torch.ones_like(context.novel, dtype=torch.bool)
+    return centroid_of_first(context, (NONE, everyone, lambda: same_kind(context)))
 
 
-def known_moments(insertion: InitContext) -> tuple[Tensor, Tensor]:
+@initializer(
+    "gaussian", label="Gaussian", role="control", colour="#a58fbf", cost="entities",
+    description="Gaussian: random vectors with the centre and the spread of the known ones, without meaning "
+    "(a control).",
+)  # fmt: skip
+def gaussian(context: InitContext) -> InitResult:
+    """Normal with the mean and the deviation of each coordinate over the known vectors."""
+    centre, deviation = known_moments(context)
+    return without_weights(centre + deviation * standard_normal(context))
+
+
+@initializer(
+    "gaussian_centred", label="Centred Gaussian", role="control", colour="#c79aa6", cost="entities",
+    description="Centred Gaussian: random vectors around zero with the spread of the known ones (a control).",
+)  # fmt: skip
+def gaussian_centred(context: InitContext) -> InitResult:
+    """The draws of ``gaussian`` around zero: the centre is the only difference between the two."""
+    _, deviation = known_moments(context)
+    return without_weights(deviation * standard_normal(context))
+
+
+def standard_normal(context: InitContext) -> Tensor:
+    """The same draws for whichever initializer scales them; shape (M, n, d)."""
+    return context.draw("gaussian", Generator.standard_normal)
+
+
+def known_moments(context: InitContext) -> tuple[Tensor, Tensor]:
     """Mean and standard deviation of each coordinate over the known vectors; shapes (M, 1, d)."""
-    known = insertion.known[..., None].to(insertion.theta0.entity.dtype)
+    known = context.known[..., None].to(context.theta0.entity.dtype)
     number = known.sum(1, keepdim=True)
-    centre = (known * insertion.theta0.entity).sum(1, keepdim=True) / number
-    variance = (known * (insertion.theta0.entity - centre) ** 2).sum(1, keepdim=True) / number
+    centre = (known * context.theta0.entity).sum(1, keepdim=True) / number
+    variance = (known * (context.theta0.entity - centre) ** 2).sum(1, keepdim=True) / number
     return centre, variance.sqrt()
 
 
-def dealt_word_similarity(insertion: InitContext, dealt: Tensor) -> Tensor:
+@initializer(
+    "es_permuted", label="Permuted ES", role="control", colour="#8db4cf", cost="pairs", needs=("words",),
+    defaults={"k": 8},
+    description="Permuted ES: centroids as ES takes them, after word vectors have been dealt out anew (a control).",
+)  # fmt: skip
+def permuted_entity_similarity(context: InitContext, k: Count) -> InitResult:
+    """ES with the word vectors dealt out anew among the entities that have one."""
+    return nearest_by_words(context, dealt_word_similarity(context, permuted_words(context)), k)
+
+
+@initializer(
+    "es_permuted_kinds", label="ES permuted within kinds", role="control", colour="#5f7f96", cost="pairs",
+    needs=("words",), defaults={"k": 8},
+    description="ES permuted within kinds: the same, but word vectors stay within a kind of entity (a control).",
+)  # fmt: skip
+def permuted_within_kinds(context: InitContext, k: Count) -> InitResult:
+    """ES with the word vectors dealt out anew among the entities of a kind that have one."""
+    dealt = dealt_words(context, "es_permuted_kinds", context.kinds)
+    return nearest_by_words(context, dealt_word_similarity(context, dealt), k)
+
+
+def dealt_word_similarity(context: InitContext, dealt: Tensor) -> Tensor:
     """``word_similarity``, each entity with the word vector that it is dealt, (M, E); shape (M, n, E)."""
-    similarity = cosines(insertion.words)[dealt.gather(1, insertion.novel)]
+    similarity = cosines(context.words)[dealt.gather(1, context.novel)]
     return similarity.gather(-1, dealt[:, None].expand_as(similarity))
 
 
-def dealt_words(insertion: InitContext, purpose: str, groups: Tensor) -> Tensor:
+def permuted_words(context: InitContext) -> Tensor:
+    """Whose word vector each entity is dealt, in each model; shape (M, E)."""
+    return dealt_words(context, "es_permuted", torch.zeros_like(context.kinds))
+
+
+def dealt_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
     """Whose word vector each entity is dealt, in each model, among its group; those without one keep none; (M, E).
 
     Args:
         purpose: of the random streams.
         groups: within which words are dealt; ids, shape (E,).
     """
-    wordy = (insertion.words != 0).any(-1)
+    wordy = (context.words != 0).any(-1)
     members = [(wordy & (groups == group)).nonzero().flatten() for group in torch.unique(groups)]
-    dealt = torch.arange(len(insertion.words)).repeat(len(insertion.novel), 1)
-    for model, key in enumerate(insertion.keys.tolist()):
-        rng = stream(insertion.root, purpose, *key)
+    dealt = torch.arange(len(context.words)).repeat(len(context.novel), 1)
+    for model, key in enumerate(context.keys.tolist()):
+        rng = stream(context.root, purpose, *key)
         for group in members:
             dealt[model, group] = group[torch.as_tensor(rng.permutation(len(group)))]
     return dealt
 
 
-@initializer("mean", label="Mean", role="control", colour="#a08a5b")
-def mean(insertion: InitContext) -> InitResult:
-    """Centroid of all known entities (equation 1)."""
-    return at_centroid(insertion, everyone_known(insertion), torch.full(insertion.novel.shape, NONE))
+#: A map that stretches a coordinate by less is dead there: ``inverse`` would blow up what is left of it.
+DEAD = 1e-3
 
 
-@initializer("kind_mean", label="Kind mean", role="control", colour="#6f8f5b")
-def kind_mean(insertion: InitContext) -> InitResult:
-    """Centroid of the known entities of the novel one's kind; of all known where there is none."""
-    return first_that_can(insertion, (NONE, torch.ones_like(insertion.novel, dtype=torch.bool), same_kind(insertion)))
+@initializer(
+    "rs_alive", label="RS, alive coordinates", role="control", colour="#7fb8a4", cost="entities",
+    needs=("insert_triples", "inverse"), defaults={"k": 18},
+    description="RS without dead coordinates: where a relation's map is close to zero, a coordinate takes no part "
+    "(a control).",
+)  # fmt: skip
+def relational_similarity_alive(context: InitContext, k: Count) -> InitResult:
+    """RS from α that are zero in the coordinates in which their relation's map is dead."""
+    models = torch.arange(len(context.novel))[:, None, None]
+    alpha = resultants(context) * alive(context.theta0)[models, context.relation]
+    chosen = top_k(relational_score(context, alpha), context.eligible[:, None], k)
+    return centroid_of_first(context, (NONE, has_insert_triples(context), lambda: chosen))
 
 
-@initializer("gaussian", label="Gaussian", role="control", colour="#a58fbf")
-def gaussian(insertion: InitContext) -> InitResult:
-    """Normal with the mean and the deviation of each coordinate over the known vectors."""
-    centre, deviation = known_moments(insertion)
-    return without_indicators(centre + deviation * standard_normal(insertion))
-
-
-@initializer("gaussian_centred", label="Centred Gaussian", role="control", colour="#c79aa6")
-def gaussian_centred(insertion: InitContext) -> InitResult:
-    """The draws of ``gaussian`` around zero, so that nothing but the centre tells the two apart."""
-    _, deviation = known_moments(insertion)
-    return without_indicators(deviation * standard_normal(insertion))
-
-
-@initializer("es_permuted", label="Permuted ES", role="control", colour="#8db4cf")
-def permuted_entity_similarity(insertion: InitContext, k: Count) -> InitResult:
-    """ES with the word vectors dealt out anew among the entities that have one."""
-    return nearest_by_words(insertion, dealt_word_similarity(insertion, permuted_words(insertion)), k)
-
-
-def permuted_words(insertion: InitContext) -> Tensor:
-    """Whose word vector each entity is dealt, in each model; shape (M, E)."""
-    return dealt_words(insertion, "es_permuted", torch.zeros_like(insertion.kinds))
-
-
-@initializer("es_permuted_kinds", label="ES permuted within kinds", role="control", colour="#5f7f96")
-def permuted_within_kinds(insertion: InitContext, k: Count) -> InitResult:
-    """ES with the word vectors dealt out anew among the entities of a kind that have one."""
-    dealt = dealt_words(insertion, "es_permuted_kinds", insertion.kinds)
-    return nearest_by_words(insertion, dealt_word_similarity(insertion, dealt), k)
+def alive(theta0: Embedding) -> Tensor:
+    """Whether the map of each relation stretches each coordinate to at least ``DEAD``; shape (M, R, d), bool."""
+    relation, axes = theta0.relation[:, :, None], torch.eye(theta0.entity.shape[-1])
+    taken = theta0.model.transform(axes, relation) - theta0.model.transform(torch.zeros_like(axes), relation)
+    stretch: Tensor = vector_norm(taken, dim=-1)
+    return stretch >= DEAD

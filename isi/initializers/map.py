@@ -1,22 +1,15 @@
-"""What insert triples say of a novel entity's vector, weighed against a prior: ridge regression and MAP.
+"""MAP and ridge: the vector that explains the insert triples best, weighed against a prior.
 
 Each insert triple is a positive. It brings the negatives that training expects of it: ``ratio`` copies with another
 known end, spread over all known entities (true ones among them, as in training), and ``ratio`` with another relation.
 Positives and negatives are weights of cells: (whether the novel entity is the head or the tail, relation, other end),
 K = 2 · R · E of them in this order. Where a score is linear in a vector, that of a cell is ⟨v, α⟩.
-
-MAP, prior ERS: the most probable vector given the insert triples, around where ERS puts it.
-
-MAP, prior mean: the most probable vector given the insert triples, around the centre of what is known.
-
-MAP, prior soft hybrid: the most probable vector given the insert triples, around where the soft hybrid puts it.
-
-Ridge: the vector whose scores are nearest to 1 for insert triples and 0 for their corruptions.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -24,14 +17,12 @@ from torch.linalg import inv_ex, solve
 from torch.nn.functional import softplus
 
 from isi.config import Count, NotNegative, Positive
-from isi.errors import InputError
 from isi.initializers.api import NONE, InitContext, InitResult, initializer
-from isi.initializers.similarity import everyone_known, first_that_can, has_insert_triples, nearest_by_both
-from isi.initializers.soft import softly_by_both
+from isi.initializers.similarity import centroid_of_first, everyone_known, has_insert_triples, nearest_by_both
+from isi.initializers.soft import soft_hybrid
 from isi.models import bits
 from isi.models.finite import NotFinite
 from isi.models.stack import Embedding, select
-from isi.tables import paths
 
 #: Share of an isotropic covariance of equal trace in that of the prior, whose rank is below d.
 SHRINKAGE = 0.1
@@ -59,18 +50,18 @@ class Evidence:
     precision: Tensor
 
 
-def insert_triple_table(insertion: InitContext) -> Tensor:
+def insert_triple_table(context: InitContext) -> Tensor:
     """Insert triples of each novel entity by cell: as head, then as tail; shape (M, n, 2, R, E), float32."""
-    relations, entities = insertion.theta0.relation.shape[1], insertion.theta0.entity.shape[1]
-    cell = (insertion.novel_is_tail * relations + insertion.relation) * entities + insertion.other
-    table = torch.zeros(*insertion.novel.shape, 2 * relations * entities)
-    table.scatter_add_(-1, cell, insertion.observed.float())
-    return table.view(*insertion.novel.shape, 2, relations, entities)
+    relations, entities = context.theta0.relation.shape[1], context.theta0.entity.shape[1]
+    cell = (context.novel_is_tail * relations + context.relation) * entities + context.other
+    table = torch.zeros(*context.novel.shape, 2 * relations * entities)
+    table.scatter_add_(-1, cell, context.observed.float())
+    return table.view(*context.novel.shape, 2, relations, entities)
 
 
-def expected_negatives(insertion: InitContext, positive: Tensor, ratio: int) -> Tensor:
+def expected_negatives(context: InitContext, positive: Tensor, ratio: int) -> Tensor:
     """Corrupted triples that are expected of positives, (M, n, 2, R, E); the same shape."""
-    share = insertion.known / insertion.known.sum(-1, keepdim=True)
+    share = context.known / context.known.sum(-1, keepdim=True)
     by_end = positive.sum(-1, keepdim=True) * share[:, None, None, None]
     by_relation = (positive.sum(3, keepdim=True) - positive) / max(1, positive.shape[3] - 1)
     return ratio * (by_end + by_relation)
@@ -83,55 +74,49 @@ def cell_anchors(theta0: Embedding) -> Tensor:
     return torch.stack([back, there], 1).flatten(1, 3)
 
 
-def covariance(insertion: InitContext) -> Tensor:
+def covariance(context: InitContext) -> Tensor:
     """Σ of the known vectors, shrunk towards an isotropic one by ``SHRINKAGE``; shape (M, d, d), float64."""
-    known = insertion.known.double()[..., None]
-    number, entity = known.sum(1, keepdim=True), insertion.theta0.entity.double()
+    known = context.known.double()[..., None]
+    number, entity = known.sum(1, keepdim=True), context.theta0.entity.double()
     apart = (entity - (known * entity).sum(1, keepdim=True) / number) * known
     spread = apart.mT @ apart / number
     isotropic = spread.diagonal(dim1=1, dim2=2).mean(-1)[:, None, None] * torch.eye(entity.shape[-1])
     return (1 - SHRINKAGE) * spread + SHRINKAGE * isotropic
 
 
-def evidence(insertion: InitContext, mean: Tensor, strength: float, ratio: int) -> Evidence:
+def evidence(context: InitContext, mean: Tensor, strength: float, ratio: int) -> Evidence:
     """The evidence of the insert triples, and a prior of mean (M, n, d) and covariance Σ / ``strength``.
 
     Raises:
         NotFinite: where Σ has no inverse, since all known vectors of a model are the same.
     """
-    positive = insert_triple_table(insertion)
-    negative = expected_negatives(insertion, positive, ratio)
-    inverse, failed = inv_ex(covariance(insertion))
+    positive = insert_triple_table(context)
+    negative = expected_negatives(context, positive, ratio)
+    inverse, failed = inv_ex(covariance(context))
     if failed.any():
         found = "known vectors that do not differ have no covariance to go by: turn down the weight decay of training"
         raise NotFinite(failed.nonzero()[:, 0].tolist(), found)
     return Evidence(positive.flatten(2).double(), negative.flatten(2).double(), mean.double(), strength * inverse)
 
 
-def ridge_regression(insertion: InitContext, prior: InitResult, strength: float, ratio: int) -> InitResult:
+def ridge_regression(context: InitContext, prior: InitResult, strength: float, ratio: int) -> InitResult:
     """argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ): y is 1 of a positive and 0 of a negative.
 
     Args:
         prior: its vectors are μ, the answer where there is no insert triple.
         strength: λ.
 
-    Raises:
-        InputError: where the score of the family is not linear in a vector.
+    The score of the model must be linear in a vector.
     """
-    if not insertion.theta0.model.linear:
-        named = type(insertion.theta0.model).__name__
-        raise InputError(
-            paths.PARAMS, "initializers.ridge", f"needs a score that is linear in a vector; {named}'s is not"
-        )
-    known = evidence(insertion, prior.vectors, strength, ratio)
-    alpha = cell_anchors(_double(insertion.theta0))
+    known = evidence(context, prior.vectors, strength, ratio)
+    alpha = cell_anchors(_double(context.theta0))
     weight, mean = known.positive + known.negative, known.mean
     residual = known.positive - weight * (mean @ alpha.mT)
     step = solve(gram(alpha, weight) + known.precision[:, None], residual @ alpha)
-    return replace(prior, vectors=(mean + step).to(prior.vectors.dtype), indicators=None)
+    return replace(prior, vectors=(mean + step).to(prior.vectors.dtype), is_centroid=False)
 
 
-def most_probable(insertion: InitContext, prior: InitResult, strength: float, ratio: int) -> InitResult:
+def most_probable(context: InitContext, prior: InitResult, strength: float, ratio: int) -> InitResult:
     """argmin Σ w⁺ softplus(-f) + Σ w⁻ softplus(f) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ), by Newton's method from μ (MAP).
 
     Strictly convex where the score f is linear in v, so that there is one answer, which no seed has a part in.
@@ -142,7 +127,7 @@ def most_probable(insertion: InitContext, prior: InitResult, strength: float, ra
         prior: its vectors are μ, the answer where there is no insert triple.
         strength: λ.
     """
-    known, theta0 = evidence(insertion, prior.vectors, strength, ratio), _double(insertion.theta0)
+    known, theta0 = evidence(context, prior.vectors, strength, ratio), _double(context.theta0)
     alpha = cell_anchors(theta0) if theta0.model.linear else None
     if alpha is None:
         known, theta0 = each_alone(known, theta0)
@@ -153,7 +138,7 @@ def most_probable(insertion: InitContext, prior: InitResult, strength: float, ra
         going &= gain > TOLERANCE
         if not going.any():
             break
-    return replace(prior, vectors=at.view(prior.vectors.shape).to(prior.vectors.dtype), indicators=None)
+    return replace(prior, vectors=at.view(prior.vectors.shape).to(prior.vectors.dtype), is_centroid=False)
 
 
 def each_alone(known: Evidence, theta0: Embedding) -> tuple[Evidence, Embedding]:
@@ -230,29 +215,55 @@ def _double(embedding: Embedding) -> Embedding:
     return replace(embedding, entity=embedding.entity.double(), relation=embedding.relation.double())
 
 
-@initializer("map_ers", label="MAP, ERS", role="baseline", colour="#d6604d")
-def map_around_ers(insertion: InitContext, k: Count, candidates: Count, strength: Positive, ratio: Count) -> InitResult:
+_PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio": [1, 3, 9]}
+
+
+@initializer(
+    "map_ers", label="MAP, ERS", role="baseline", colour="#d6604d", needs=("words", "insert_triples", "inverse"),
+    defaults={"k": 9, "candidates": 30, "strength": 0.2, "ratio": 1},
+    grid={"k": [9], "candidates": [30], **_PRIOR},
+    description="MAP around ERS: the most probable vector given the insert triples and a prior at the vector of ERS.",
+)  # fmt: skip
+def map_around_ers(context: InitContext, k: Count, candidates: Count, strength: Positive, ratio: Count) -> InitResult:
     """MAP with the vector of ERS as the mean of its prior."""
-    return most_probable(insertion, nearest_by_both(insertion, k, candidates), strength, ratio)
+    return most_probable(context, nearest_by_both(context, k, candidates), strength, ratio)
 
 
-@initializer("map_mean", label="MAP, mean", role="baseline", colour="#f4a582")
-def map_around_mean(insertion: InitContext, strength: Positive, ratio: Count) -> InitResult:
+@initializer(
+    "map_mean", label="MAP, mean", role="baseline", colour="#f4a582", needs=("insert_triples",),
+    defaults={"strength": 0.1, "ratio": 1}, grid=_PRIOR,
+    description="MAP around the mean: the most probable vector given the insert triples and a prior at the centroid "
+    "of the known entities.",
+)  # fmt: skip
+def map_around_mean(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
     """MAP with the centroid of the known entities as the mean of its prior."""
-    prior = first_that_can(insertion, (NONE, has_insert_triples(insertion), everyone_known(insertion)))
-    return most_probable(insertion, prior, strength, ratio)
+    return most_probable(context, _mean_of_known(context), strength, ratio)
 
 
-@initializer("map_soft_hybrid", label="MAP, soft hybrid", role="baseline", colour="#b2182b")
+@initializer(
+    "map_soft_hybrid", label="MAP", role="baseline", colour="#b2182b", needs=("words", "insert_triples", "inverse"),
+    defaults={"word_weight": 16.0, "relation_weight": 16.0, "strength": 0.2, "ratio": 1},
+    grid={"word_weight": [12.0, 16.0], "relation_weight": [8.0, 16.0], **_PRIOR},
+    description="MAP: the most probable vector given the insert triples and a prior at the soft hybrid's vector.",
+)  # fmt: skip
 def map_around_soft_hybrid(
-    insertion: InitContext, word_weight: NotNegative, relation_weight: NotNegative, strength: Positive, ratio: Count
+    context: InitContext, word_weight: NotNegative, relation_weight: NotNegative, strength: Positive, ratio: Count
 ) -> InitResult:
     """MAP with the vector of the soft hybrid as the mean of its prior."""
-    return most_probable(insertion, softly_by_both(insertion, word_weight, relation_weight), strength, ratio)
+    return most_probable(context, soft_hybrid(context, word_weight, relation_weight), strength, ratio)
 
 
-@initializer("ridge", label="Ridge", role="baseline", colour="#8c6d46")
-def ridge(insertion: InitContext, strength: Positive, ratio: Count) -> InitResult:
-    """Weighted least squares around the centroid of the known (see ``evidence.ridge``); not for distances."""
-    prior = first_that_can(insertion, (NONE, has_insert_triples(insertion), everyone_known(insertion)))
-    return ridge_regression(insertion, prior, strength, ratio)
+@initializer(
+    "ridge", label="Ridge", role="baseline", colour="#8c6d46", needs=("insert_triples", "inverse", "linear_score"),
+    defaults={"strength": 1e-4, "ratio": 3},
+    grid={"strength": [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1], "ratio": [1, 3, 9]},
+    description="Ridge: the vector whose scores are nearest to 1 for insert triples and to 0 for their corruptions.",
+)  # fmt: skip
+def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
+    """Weighted least squares around the centroid of the known (see ``ridge_regression``); not for distances."""
+    return ridge_regression(context, _mean_of_known(context), strength, ratio)
+
+
+def _mean_of_known(context: InitContext) -> InitResult:
+    """The centroid of the known entities, as a fallback where there are no insert triples."""
+    return centroid_of_first(context, (NONE, has_insert_triples(context), lambda: everyone_known(context)))

@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from isi.config import Seed, check
 from isi.errors import InputError
-from isi.experiment.insertion_step import InsertConfig, NovelEntities, context_of
 from isi.graph.graph import HEAD, TAIL
 from isi.graph.sessions import OUT, TRAIN, Session
-from isi.initializers.api import FALLBACKS, INITIALIZERS, InitContext, InitResult
+from isi.initializers.api import FALLBACKS, INITIALIZERS, InitResult, NoRelationMap, NovelEntities, context_of
 from isi.insertion.arguments import (
     Names,
     Triple,
@@ -36,8 +34,9 @@ from isi.insertion.words import Source, word_table
 from isi.models.finite import NotFinite
 from isi.models.model import Model
 from isi.models.stack import Embedding
-from isi.training.batches import Negatives
-from isi.training.trainer import Optimizer
+
+#: Numbers in the table of weights that is kept, at most.
+MOST_WEIGHTS = 2**24
 
 
 @dataclass(frozen=True)
@@ -76,17 +75,24 @@ class InsertionTask:
         return self.triples[self.is_new.all(1)]
 
     @cached_property
-    def worded(self) -> np.ndarray:
-        """Which new entities have a word vector, where known ones have some, too; shape (n,), bool."""
-        found = np.zeros(len(self.entities) - self.known, dtype=bool)
-        if self.words is not None and self.words[: self.known].any():
-            found |= self.words[self.known :].any(1)
-        return found
+    def has_insert_triple(self) -> np.ndarray:
+        """Which new entities are an end of an insert triple; shape (n,), bool."""
+        served = np.zeros(len(self.entities), dtype=bool)
+        served[self.told[:, [HEAD, TAIL]]] = True
+        return served[self.known :]
+
+    @cached_property
+    def has_words(self) -> np.ndarray:
+        """Which new entities have a word vector; shape (n,), bool."""
+        has_words = np.zeros(len(self.entities) - self.known, dtype=bool)
+        if self.words is not None:
+            has_words |= self.words[self.known :].any(1)
+        return has_words
 
     @property
-    def invertible(self) -> bool:
-        """Whether the family knows where a relation takes a head."""
-        return bool(getattr(self.family, "invertible", True))
+    def words_serve(self) -> bool:
+        """Whether a new entity and a known one have word vectors."""
+        return self.words is not None and bool(self.words[: self.known].any() and self.has_words.any())
 
     @property
     def sizes(self) -> Sizes:
@@ -145,7 +151,7 @@ def insert(
         kinds_of(kinds, names), seed,
     )  # fmt: skip
     _check(task, initializer)
-    choice = choose(initializer, options, task.sizes, len(task.told) > 0, bool(task.worded.any()), task.invertible)
+    choice = choose(initializer, options, task.sizes, len(task.told) > 0, task.words_serve, task.family)
     return _inserted(task, choice)
 
 
@@ -163,10 +169,7 @@ def _check(task: InsertionTask, initializer: str | None) -> None:
     if len(late):
         place = f"argument 'known_triples': {_novel_entities(task, task.known_triples[late[0]])}"
         raise InputError(place, "", "expected known entities alone")
-    served = np.zeros(len(task.entities), dtype=bool)
-    served[task.told[:, [HEAD, TAIL]]] = True
-    served[task.known :] |= task.worded
-    bare = np.flatnonzero(~served[task.known :])
+    bare = np.flatnonzero(~(task.has_insert_triple | (task.has_words & task.words_serve)))
     if len(bare) and initializer is None:
         name = task.names.of(task.known + int(bare[0]))
         expected = "expected a triple with a known entity, or a word vector, or an initializer that needs neither"
@@ -180,67 +183,63 @@ def _novel_entities(task: InsertionTask, triple: np.ndarray) -> str:
 
 def _inserted(task: InsertionTask, choice: Choice) -> Inserted:
     try:
-        initials = list(_initials(task, choice))
+        results = list(_results(task, choice))
     except NotFinite as error:
         expected = f"expected known vectors that differ, whose covariance {choice.initializer} goes by"
         raise InputError("argument 'entities'", "", expected) from error
-    fallback = [FALLBACKS[code] for initial in initials for code in initial.fallback[0].tolist()]
-    if "rs" in fallback and not task.invertible:
-        name = task.names.of(task.known + fallback.index("rs"))
-        raise InputError(f"new entity {name!r:.80}", "", f"expected a word vector, which {choice.initializer} goes by")
-    with_indicators = all(initial.indicators is not None for initial in initials)
-    vectors = torch.cat([initial.vectors[0] for initial in initials]).numpy()
+    except NoRelationMap as error:
+        wordless = np.flatnonzero(task.has_insert_triple & ~task.has_words)
+        name = task.names.of(task.known + int(wordless[0]))
+        raise InputError(
+            f"new entity {name!r:.80}", "", f"expected a word vector, which {choice.initializer} goes by"
+        ) from error
+    vectors = torch.cat([result.vectors[0] for result in results]).numpy()
     with np.errstate(over="ignore"):
         task.entities[task.known :] = vectors
     if not np.isfinite(task.entities[task.known :]).all():
         expected = f"expected smaller numbers: of these, {choice.initializer} makes NaN or infinity"
         raise InputError("argument 'entities'", "", expected)
+    weights = [result.weights[0, :, : task.known].float() for result in results if result.weights is not None]
+    few = len(weights) == len(results) and len(vectors) * task.known <= MOST_WEIGHTS
     return Inserted(
         entities=task.entities, relations=task.relations, family=task.family,
         entity_names=task.names.given, relation_names=task.relation_names.given,
         new=list(range(task.known, len(task.entities))), told=task.told, between=task.between,
         known_triples=task.known_triples, initializer=choice.initializer, options=choice.options, why=choice.why,
-        fallback=fallback,
-        indicators=[row.nonzero()[:, 0].tolist() for one in initials if one.indicators is not None
-                    for row in one.indicators[0]] if with_indicators else None,
+        fallback=[FALLBACKS[code] for result in results for code in result.fallback[0].tolist()],
+        weights=torch.cat(weights).numpy() if few else None, indicators=_indicators(results),
     )  # fmt: skip
 
 
-def _initials(task: InsertionTask, choice: Choice) -> Iterator[InitResult]:
+def _indicators(results: Sequence[InitResult]) -> list[list[int]] | None:
+    """Ids of the indicators of each new entity; null where the initializer takes no centroid."""
+    masks = [result.indicators[0] for result in results if result.indicators is not None]
+    return [row.nonzero()[:, 0].tolist() for mask in masks for row in mask] if len(masks) == len(results) else None
+
+
+def _results(task: InsertionTask, choice: Choice) -> Iterator[InitResult]:
     """What the initializer gives, for as many new entities at once as fit into memory."""
     theta0, number = stack_of_one(task.entities, task.relations, task.family), len(task.entities) - task.known
     session = _session(task, theta0)
-    words = torch.zeros(len(task.entities), 1) if task.words is None else task.words
+    words = torch.zeros(len(task.entities), 1) if task.words is None else torch.from_numpy(task.words)
     triples = torch.from_numpy(task.told)
     place = torch.where(triples[:, HEAD] >= task.known, triples[:, HEAD], triples[:, TAIL]) - task.known
     order = torch.argsort(place, stable=True)
-    function = INITIALIZERS.get(choice.initializer, "initializer").function
-    size = at_once(choice.initializer, task.sizes, task.family.linear)
-    for some in torch.split(torch.arange(number), size):
-        own = order[(place[order] >= some[0]) & (place[order] <= some[-1])]
-        told = torch.stack([torch.zeros_like(own), place[own] - some[0], own], 1)
-        given = NovelEntities(some[None] + task.known, told, torch.as_tensor(words))
-        insertion = context_of(theta0, session, given, _how(choice, task.seed, int(some[0])))
+    registered = INITIALIZERS.get(choice.initializer, "initializer")
+    for part in torch.split(torch.arange(number), at_once(registered.cost, task.sizes, task.family.linear)):
+        rows = order[(place[order] >= part[0]) & (place[order] <= part[-1])]
+        insert_triples = torch.stack([torch.zeros_like(rows), place[rows] - part[0], rows], 1)
+        given = NovelEntities(part[None] + task.known, insert_triples, words)
+        context = context_of(theta0, session, given, task.seed, part[None, :1])
+        if not len(task.known_triples):  # which would say what has been trained
+            context = replace(context, eligible=context.known)
         with argument("initializer"):
-            yield function(_eligible(insertion, task), **choice.options)
+            yield registered.initialize(context, choice.options)
 
 
 def _session(task: InsertionTask, theta0: Embedding) -> Session:
-    """Of the known entities; its graph has what is told first, then the known triples."""
+    """Of the known entities; its graph has the insert triples first, then the known triples."""
     graph = graph_of(np.concatenate([task.told, task.known_triples]), theta0, task.kinds)
     splits = torch.full((1, len(graph.triples)), TRAIN, dtype=torch.int8)
     splits[:, : len(task.told)] = OUT
     return Session(graph, torch.arange(len(task.entities))[None] < task.known, splits)
-
-
-def _eligible(insertion: InitContext, task: InsertionTask) -> InitContext:
-    """The same, in which all known entities may be indicators where no known triples tell who was trained."""
-    return insertion if len(task.known_triples) else replace(insertion, eligible=insertion.known)
-
-
-def _how(choice: Choice, seed: int, first: int) -> InsertConfig:
-    """How a step inserts; it does not learn."""
-    keys: Tensor = torch.tensor([[first]])
-    none = Optimizer(batch_size=1, learning_rate=1.0, weight_decay=0.0, max_epochs=1)
-    negatives = Negatives(mode="expected", ratio=1, head_pool="all")
-    return InsertConfig(choice.initializer, dict(choice.options), seed, keys, negatives, none, {}, True)

@@ -71,6 +71,9 @@ class Inserted:
     why: str
     #: what served each new entity where the initializer could not: es, rs, centroid
     fallback: list[str | None]
+    #: what each known entity weighs in each new vector, or in the mean of its prior; shape (n, E); null where the
+    #: initializer has no weights, or where they are too many
+    weights: np.ndarray | None
     #: ids of the indicators of each, where the initializer has them
     indicators: list[list[int]] | None
 

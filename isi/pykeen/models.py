@@ -25,6 +25,7 @@ from pykeen.nn.representation import Representation
 from torch import Tensor
 
 from isi.errors import InputError
+from isi.initializers.api import NoRelationMap
 from isi.insertion.choose import middle
 from isi.insertion.taxicab import TransEL1
 from isi.models.bilinear import ComplEx, DistMult
@@ -60,12 +61,10 @@ class OfInteraction(Model):
         return self.offset + scores.to(head.dtype)
 
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
-        """Unknown: the vectors as they are, which serve nobody."""
-        return vectors
+        raise NoRelationMap
 
     def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
-        """Unknown, too."""
-        return vectors
+        raise NoRelationMap
 
 
 def table_of(model: ERModel[Any, Any, Any]) -> Table:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -71,7 +70,5 @@ def dashes(model: str) -> Any:
 
 
 def described(initializer: str) -> str:
-    """What an initializer is, in the first line of its module; its label alone where there is none."""
-    module = inspect.getmodule(registered(initializer).function)
-    text = inspect.getdoc(module) if module else None
-    return text.splitlines()[0] if text else f"{label(initializer)}."
+    """What an initializer is, as it says itself; its label alone where it does not."""
+    return registered(initializer).description or f"{label(initializer)}."
