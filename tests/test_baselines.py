@@ -18,8 +18,7 @@ from isi.config import Option
 from isi.errors import InputError
 from isi.initializers import map as evidence
 from isi.initializers.api import FALLBACKS, INITIALIZERS, InitContext, InitResult
-from isi.initializers.controls import DEAD, alive
-from isi.initializers.controls import dealt_words, standard_normal
+from isi.initializers.controls import DEAD, alive, dealt_words, standard_normal
 from isi.initializers.soft import mean_relational_score
 from isi.models.finite import NotFinite
 from isi.models.model import MODELS, Model, make_model
