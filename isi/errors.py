@@ -41,10 +41,6 @@ class InputError(Exception):
         return cut("".join(c if c.isprintable() else ascii(c)[1:-1] for c in line), LONGEST)
 
 
-class NotAsWritten(InputError):
-    """A file that by itself is not what its stage has written: it breaks a rule, or was edited."""
-
-
 @contextmanager
 def at(file: object, place: object = "") -> Iterator[None]:
     """Add a file and a place to the mistakes that are found within.

@@ -10,13 +10,10 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from isi import config
-from isi.dvc_lock import noted
 from isi.errors import InputError
-from isi.pipeline import called, declared, described, value_at
+from isi.pipeline import declared, described, value_at
 from isi.process import Parser, one_line, only_one
 from isi.tables import paths
-from isi.tables.origin import PipelineOrigins
-from isi.tables.provenance import Provenance
 
 T = TypeVar("T")
 
@@ -26,11 +23,11 @@ COMPUTE = "compute"
 
 @dataclass(frozen=True)
 class StageContext:
-    """What a stage was given: its params and no others, and the provenance of what it writes."""
+    """What a stage was given: its params and no others, and its name."""
 
     #: by dotted key, as ``dvc.yaml`` lists them
     values: Mapping[str, Any]
-    provenance: Provenance
+    stage: str
 
     def section(self, key: str, kind: type[T]) -> T:
         """The checked value at a dotted key: one of the stage's own, below one, or above some.
@@ -51,7 +48,7 @@ class StageContext:
         below = [own.removeprefix(f"{key}.").partition(".")[0] for own in self.values if own.startswith(f"{key}.")]
         if below:
             return {name: self.raw(f"{key}.{name}") for name in dict.fromkeys(below)}
-        raise LookupError(f"{self.provenance.stage} reads {key}, which dvc.yaml does not list for it")
+        raise LookupError(f"{self.stage} reads {key}, which dvc.yaml does not list for it")
 
     @property
     def seed(self) -> int:
@@ -72,10 +69,9 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
         with one_line(name, "`dvc repro` goes on from here"):
             everything = config.read(paths.PARAMS)
             picked = declared(name, named, everything)
-            provenance = Provenance(name, picked, origins=PipelineOrigins(everything))
             compute = {COMPUTE: value_at(paths.PARAMS, everything, COMPUTE)}
-            with only_one("@".join(filter(None, [name, "-".join(named.values())]))), noted(called(name, named)):
-                body(StageContext(picked | compute, provenance), **named)
+            with only_one("@".join(filter(None, [name, "-".join(named.values())]))):
+                body(StageContext(picked | compute, name), **named)
 
     return main
 

@@ -4,29 +4,29 @@ from __future__ import annotations
 
 from isi.graph import graph as building
 from isi.graph.graph import Extension, GraphOf, GraphTables, MinedSource
+from isi.graph.tables import ENTITIES, TRIPLES
+from isi.sources.tables import KINDS, OBSERVATIONS
 from isi.stage import StageContext, stage
-from isi.tables import catalogue, io, paths
-from isi.tables.io import Provenance
 
 
 @stage
 def build_graph(given: StageContext, experiment: str) -> None:
     """Count a source's observations into the unique triples of an experiment's graph."""
-    key, provenance = f"experiments.{experiment}.graph", given.provenance
+    key = f"experiments.{experiment}.graph"
     how = given.section(key, GraphOf)
-    graph = building.build_tables(seen_by(how.source, provenance), how.min_count)
+    graph = building.build_tables(seen_by(how.source), how.min_count)
     if how.extend:
-        graph = extended(graph, seen_by(how.extend.source, provenance), how.extend, f"{key}.extend", given.seed)
-    io.write(paths.entities(experiment), graph.entities, catalogue.ENTITIES, provenance)
-    io.write(paths.triples(experiment), graph.triples, catalogue.TRIPLES, provenance)
+        graph = extended(graph, seen_by(how.extend.source), how.extend, f"{key}.extend", given.seed)
+    ENTITIES.write(graph.entities, given.stage, experiment=experiment)
+    TRIPLES.write(graph.triples, given.stage, experiment=experiment)
     total = graph.triples["count"].sum()
     print(f"{len(graph.entities)} entities, {len(graph.triples):,} unique triples of {total:,} observations")
 
 
-def seen_by(source: str, provenance: Provenance) -> MinedSource:
+def seen_by(source: str) -> MinedSource:
     """What mining a source has given."""
-    observations = io.read(paths.observations(source), catalogue.OBSERVATIONS, provenance)
-    return MinedSource(source, observations, io.read(paths.kinds(source), catalogue.KINDS, provenance))
+    observations, kinds = OBSERVATIONS.read(source=source), KINDS.read(source=source)
+    return MinedSource(source, observations, kinds, OBSERVATIONS.path(source=source))
 
 
 def extended(graph: GraphTables, seen: MinedSource, how: Extension, key: str, root: int) -> GraphTables:

@@ -15,14 +15,15 @@ if find_spec("pykeen") is None:
 
 from pykeen.datasets import get_dataset
 
-from isi.analyses.hidden_entities import Hidden, mean_seconds
+from isi.analyses.hidden_entities import HIDDEN_ENTITIES, Hidden, mean_seconds, seconds_path
 from isi.analyses.hidden_in_pykeen import HidingTask, hidden_in
 from isi.experiment.grid import GridPoints
 from isi.experiment.runner import compute_of, run
 from isi.graph.graph import Graph, build_graph
+from isi.graph.tables import GRAPH_ENTITIES, GRAPH_TRIPLES
 from isi.graph.words import load_vectors, look_up
 from isi.stage import StageContext, stage
-from isi.tables import catalogue, io, paths
+from isi.tables import io
 
 
 @stage
@@ -30,7 +31,7 @@ def hide(given: StageContext, graph: str) -> None:
     """Hide entities of a graph, let PyKEEN train on the others, insert the hidden, and ask about them."""
     key = f"hidden.{graph}"
     how = given.section(key, Hidden)
-    found, phrases = of_package(graph) if how.source == "pykeen" else explored(given, graph)
+    found, phrases = of_package(graph) if how.source == "pykeen" else explored(graph)
     words = None if how.words is None else look_up(load_vectors(how.words), phrases).vectors
     none = np.zeros((1, 0, 0), dtype=np.int64)
     tasks = [
@@ -38,9 +39,9 @@ def hide(given: StageContext, graph: str) -> None:
         for seed in range(how.seeds)
     ]
     answers, seconds = zip(*run(hidden_in, tasks, compute_of(given), f"hide {graph}"), strict=True)
-    io.write(paths.hidden(graph), pd.concat(answers, ignore_index=True), catalogue.HIDDEN, given.provenance)
+    HIDDEN_ENTITIES.write(pd.concat(answers, ignore_index=True), given.stage, graph=graph)
     listed = json.dumps(mean_seconds(pd.concat(seconds)), indent=1)
-    io.atomically(paths.hidden_seconds(graph), lambda path: path.write_text(f"{listed}\n", encoding="utf-8"))
+    io.atomically(seconds_path(graph), lambda path: path.write_text(f"{listed}\n", encoding="utf-8"))
 
 
 def of_package(name: str) -> tuple[Graph, list[str]]:
@@ -53,11 +54,11 @@ def of_package(name: str) -> tuple[Graph, list[str]]:
     return Graph(*names, triples, ones, torch.zeros(len(names[0]), dtype=torch.int64)), names[0]
 
 
-def explored(given: StageContext, name: str) -> tuple[Graph, list[str]]:
+def explored(name: str) -> tuple[Graph, list[str]]:
     """A graph of the second pipeline, and the phrases of its entities."""
-    entities = io.read(paths.explored(name, "entities"), catalogue.ENTITIES, given.provenance)
-    path = paths.explored(name, "triples")
-    return build_graph(entities, io.read(path, catalogue.TRIPLES, given.provenance), path), list(entities["phrase"])
+    entities = GRAPH_ENTITIES.read(graph=name)
+    graph = build_graph(entities, GRAPH_TRIPLES.read(graph=name), GRAPH_TRIPLES.path(graph=name))
+    return graph, list(entities["phrase"])
 
 
 if __name__ == "__main__":

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from isi.analyses.finetune_only import FinetuneOnlyTask, finetune_only
+from isi.analyses.finetune_only import FINETUNE_ONLY, FinetuneOnlyTask, finetune_only
 from isi.config import Count
 from isi.experiment.runner import compute_of, run, stack_height
 from isi.experiment.store import Store
 from isi.experiment.train import model_of
 from isi.stage import StageContext, stage
-from isi.tables import catalogue, io, paths
+from isi.tables.table import concat
 from isi.training.batches import Negatives
 from isi.training.trainer import Optimizer
 
@@ -19,7 +19,7 @@ def insert_nothing(given: StageContext, experiment: str) -> None:
 
     As many epochs as runs that are followed to the end, and of their sizes.
     """
-    store, compute, family = Store(experiment, given.provenance), compute_of(given), model_of(given)
+    store, compute, family = Store(experiment), compute_of(given), model_of(given)
     sizes = given.section(f"experiments.{experiment}.followed.sizes", list[Count])
     negatives, optimizer = given.section("negatives", Negatives), given.section("finetuning", Optimizer)
     tasks = [
@@ -28,8 +28,8 @@ def insert_nothing(given: StageContext, experiment: str) -> None:
         if points.size in sizes
     ]
     done = run(finetune_only, tasks, compute, f"{experiment}, nothing inserted")
-    runs = io.together(done, catalogue.RUNS).sort_values(["size", "seed", "session", "epoch", "scope"])
-    io.write(paths.nothing(experiment), runs, catalogue.RUNS, given.provenance)
+    runs = concat(done, FINETUNE_ONLY)
+    FINETUNE_ONLY.write(runs, given.stage, experiment=experiment)
 
 
 if __name__ == "__main__":

@@ -7,10 +7,12 @@ from isi.bundle.folder import write
 from isi.bundle.manifest import MODEL, Bundle, Manifest, WordSource
 from isi.experiment.runner import compute_of, run
 from isi.experiment.store import Store
+from isi.experiment.tables import TRAINING_LOG
 from isi.experiment.train import train_config
 from isi.graph.words import Words
 from isi.stage import COMPUTE, StageContext, stage
-from isi.tables import catalogue, io, paths
+from isi.tables import paths
+from isi.tables.table import as_text
 
 
 @stage
@@ -19,9 +21,9 @@ def keep(given: StageContext, experiment: str) -> None:
 
     Trained as joint models are, for as many epochs as they usually took.
     """
-    store, how = Store(experiment, given.provenance), train_config(given)
-    entities, graph = io.as_text(store.entities()), store.graph()
-    log = io.read(paths.training_log(experiment, "joint"), catalogue.TRAINING_LOG, given.provenance)
+    store, how = Store(experiment), train_config(given)
+    entities, graph = as_text(store.entities()), store.graph()
+    log = TRAINING_LOG.read(experiment=experiment, model="joint")
     task = final_task(experiment, graph, how, usual_epochs(log))
     (learned,) = run(train_final, [task], compute_of(given), f"{experiment}, kept")
     vectors, words = store.words(), given.section("words", Words)
@@ -32,7 +34,7 @@ def keep(given: StageContext, experiment: str) -> None:
     family = settings["embedding"]["family"]
     about = Manifest(
         family=family, family_options=settings[f"families.{family}"], words=source, inserted=[],
-        made={"experiment": experiment, "epochs": task.epochs, "params": settings, **given.provenance.metadata()},
+        made={"experiment": experiment, "epochs": task.epochs, "params": settings},
     )  # fmt: skip
     kept = Bundle(
         about, learned.entity[0], learned.relation[0], graph.entities, list(entities["kind"]), list(entities["phrase"]),

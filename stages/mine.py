@@ -6,22 +6,22 @@ import pandas as pd
 
 from isi.errors import InputError
 from isi.sources import observing
+from isi.sources.tables import KINDS, MINED, OBSERVATIONS
 from isi.stage import StageContext, stage
-from isi.tables import catalogue, io, paths
 
 
 @stage
 def mine(given: StageContext, source: str) -> None:
     """Mine a source into observations, and name its entities."""
-    key, provenance = f"sources.{source}", given.provenance
+    key = f"sources.{source}"
     observed, parts = observing(given.raw(key), key, given.seed)
     try:
-        rows = io.write_stream(paths.observations(source), parts, catalogue.OBSERVATIONS, provenance)
+        rows = OBSERVATIONS.write_stream(parts, given.stage, source=source)
     except InputError as error:
         raise InputError(key, "", str(error)) from error
-    left = pd.DataFrame(observed.mining.left.items(), columns=catalogue.MINED.names)
-    io.write(paths.kinds(source), observed.kinds, catalogue.KINDS, provenance)
-    io.write(paths.mined(source), left, catalogue.MINED, provenance)
+    left = pd.DataFrame(observed.mining.left.items(), columns=list(MINED.columns))
+    KINDS.write(observed.kinds, given.stage, source=source)
+    MINED.write(left, given.stage, source=source)
     print(f"{rows:,} rows of observations of {len(observed.kinds)} entities")
     for step, instances in observed.mining.left.items():
         print(f"  {instances:,} {step}")

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from isi.analyses.affordances import AffordanceSettings, RankingTask, ranks
+from isi.analyses.affordances import AFFORDANCES, AffordanceSettings, RankingTask, ranks
 from isi.errors import InputError
 from isi.experiment.insert import is_listed
 from isi.experiment.runner import compute_of, run, stack_height
 from isi.experiment.store import Store
 from isi.experiment.train import model_of
 from isi.stage import StageContext, stage
-from isi.tables import catalogue, io, paths
+from isi.tables import paths
+from isi.tables.table import concat
 
 
 @stage
 def rank_affordances(given: StageContext, experiment: str) -> None:
     """Rank what can be done with inserted entities, from the vectors that were inserted."""
     study, compute, family = given.section("affordances", AffordanceSettings), compute_of(given), model_of(given)
-    store = Store(experiment, given.provenance)
+    store = Store(experiment)
     grid = store.grid(stack_height(compute))
     relations = store.graph().relations
     if study.relation not in relations:
@@ -30,10 +31,8 @@ def rank_affordances(given: StageContext, experiment: str) -> None:
                 tasks.append(RankingTask(points, store.theta0(points, family), vectors, relation))
                 names.append(name)
     ranked = run(ranks, tasks, compute, "affordances")
-    frame = io.together(
-        (frame.assign(initializer=name) for name, frame in zip(names, ranked, strict=True)), catalogue.AFFORDANCES
-    )
-    io.write(paths.affordances(experiment), frame, catalogue.AFFORDANCES, given.provenance)
+    frame = concat((frame.assign(initializer=name) for name, frame in zip(names, ranked, strict=True)), AFFORDANCES)
+    AFFORDANCES.write(frame, given.stage, experiment=experiment)
 
 
 if __name__ == "__main__":

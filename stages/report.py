@@ -22,8 +22,6 @@ _SOURCES = ("isi", "stages", "data/raw")  # dependencies of the stage, whole
 @stage
 def report(given: StageContext) -> None:
     """Render the report: tables, figures, metrics and the page."""
-    if given.provenance.origins:
-        given.provenance.origins.check_first()
     values = {key: value for key, value in given.values.items() if key != COMPUTE}
     found = results.read(params.load(), what_was_run(values))
     page.write(paths.REPORTS, found, contents.SECTIONS)

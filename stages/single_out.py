@@ -13,14 +13,13 @@ from isi.experiment.runner import compute_of, run, stack_height
 from isi.experiment.store import Store
 from isi.experiment.train import model_of
 from isi.stage import StageContext, stage
-from isi.tables import io, paths
 
 
 @stage
 def single_out(given: StageContext, experiment: str) -> None:
     """Show single insertions, entity by entity."""
     study, family = given.section("explorer", ExplorerSettings), model_of(given)
-    store, compute = Store(experiment, given.provenance), compute_of(given)
+    store, compute = Store(experiment), compute_of(given)
     seeds = first_seeds(store.novel(), study.size)
     stacks = store.grid(stack_height(compute), study.size)
     grid = [points for points in stacks if set(points.seeds) & set(seeds.values())]
@@ -36,9 +35,9 @@ def single_out(given: StageContext, experiment: str) -> None:
         for points, *own in zip(grid, *inserted, strict=True)
     ]
     done = run(single_insertions.single_insertions, tasks, compute, f"{experiment}, entity by entity")
-    for what, (schema, order) in single_insertions.TABLES.items():
+    for what, (table, order) in single_insertions.TABLES.items():
         frame = pd.concat(getattr(one, what) for one in done).sort_values(order, kind="stable")
-        io.write(paths.explorer(experiment, what), frame, schema, given.provenance)
+        table.write(frame, given.stage, experiment=experiment)
 
 
 if __name__ == "__main__":

@@ -6,20 +6,27 @@ from dataclasses import replace
 
 import torch
 
-from isi.analyses.trajectory import TRACED, TrajectorySettings, TrajectoryTask, place_of_interest, trace_trajectory
+from isi.analyses.trajectory import (
+    TRACED,
+    TRAJECTORY,
+    TrajectorySettings,
+    TrajectoryTask,
+    place_of_interest,
+    trace_trajectory,
+)
 from isi.errors import InputError
 from isi.experiment.insert import inserting, insertion_tasks
 from isi.experiment.runner import compute_of, run
 from isi.experiment.store import Store
 from isi.stage import StageContext, stage
-from isi.tables import io, paths
+from isi.tables import paths
 
 
 @stage
 def trace_approach(given: StageContext, experiment: str) -> None:
     """Follow one novel entity through fine-tuning, from where each initializer puts it."""
     study = given.section("approach", TrajectorySettings)
-    store = Store(experiment, given.provenance)
+    store = Store(experiment)
     points = next((points for points in store.grid(1, study.size) if points.seeds == [study.seed]), None)
     if points is None:
         raise InputError(paths.PARAMS, "approach.seed", f"expected one of the seeds of {experiment}, got {study.seed}")
@@ -43,7 +50,7 @@ def trace_approach(given: StageContext, experiment: str) -> None:
     for name, traced in zip(TRACED, traces, strict=True):
         tensors[f"{name}.path"] = torch.from_numpy(traced.path)
         tensors[f"{name}.indicators"] = torch.from_numpy(traced.indicators)
-    io.write_tensors(paths.approach(experiment), tensors, given.provenance)
+    TRAJECTORY.write(tensors, given.stage, experiment=experiment)
 
 
 if __name__ == "__main__":

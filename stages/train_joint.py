@@ -8,16 +8,16 @@ import pandas as pd
 
 from isi.experiment.grid import NO_INSERTION, StackedVectors
 from isi.experiment.runner import compute_of, run, stack_height
-from isi.experiment.store import Store
+from isi.experiment.store import Store, write_runs
+from isi.experiment.tables import JOINT, TRAINING_LOG
 from isi.experiment.train import EvaluationTask, TrainTask, as_tensors, evaluate_stack, train_config, train_joint_model
 from isi.stage import StageContext, stage
-from isi.tables import io, paths
 
 
 @stage
 def train_joint(given: StageContext, experiment: str) -> None:
     """Train the joint model of every seed on all that has a split, and measure it in the scopes of every size."""
-    store, how, compute = Store(experiment, given.provenance), train_config(given), compute_of(given)
+    store, how, compute = Store(experiment), train_config(given), compute_of(given)
     grid, insert_triples = store.grid(stack_height(compute)), store.insert_triples()
     tasks = [
         TrainTask(replace(points, size=NO_INSERTION, novel=points.novel[:, :0]), how)
@@ -33,9 +33,10 @@ def train_joint(given: StageContext, experiment: str) -> None:
         theta = StackedVectors(how.model, tensors["entity"][rows].numpy(), tensors["relation"][rows].numpy())
         judged.append(EvaluationTask(points, theta, store.insert_triples_of(points, insert_triples)))
     runs = pd.concat(run(evaluate_stack, judged, compute, f"{experiment}, joint, measured"))
-    io.write_tensors(paths.joint(experiment), tensors, given.provenance)
-    store.write_log("joint", pd.concat(result.log for result in learned))
-    store.write_runs("joint", runs)
+    JOINT.write(tensors, given.stage, experiment=experiment)
+    log = pd.concat(result.log for result in learned)
+    TRAINING_LOG.write(log, given.stage, experiment=experiment, model="joint")
+    write_runs(runs, given.stage, experiment, "joint")
 
 
 if __name__ == "__main__":

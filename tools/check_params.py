@@ -17,7 +17,6 @@ from isi.pipeline import declared
 from isi.sources import settings_of
 from isi.stage import StageContext
 from isi.tables import paths
-from isi.tables.provenance import Provenance
 
 
 def check_beyond(params: Params) -> None:
@@ -65,7 +64,7 @@ def _check(params: Params, variant: Variant, key: str, stage: str, arguments: Ma
         for initializer, options in variant.options.items():
             options_of(initializer, options, f"{key}.options.{initializer}")
         everything = read(paths.PARAMS)
-        given = StageContext(declared(stage, arguments, everything), Provenance(stage, {}))
+        given = StageContext(declared(stage, arguments, everything), stage)
         changed = variants.changed(given, variant.changes, f"{key}.changes").values
         check({name: changed.get(name, value) for name, value in everything.items()}, Params, f"{key}.changes")
     except InputError as error:  # which takes all params for those of the first pipeline

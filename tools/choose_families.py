@@ -23,7 +23,6 @@ from isi.models.model import MODELS, make_model
 from isi.params import Params, load
 from isi.stage import StageContext
 from isi.tables import paths
-from isi.tables.io import Provenance
 
 FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 
@@ -59,9 +58,9 @@ def main() -> None:
     parser.add_argument("--decays", type=float, nargs="+", default=[0.0, 1e-4, 1e-3])
     parser.add_argument("--margins", type=float, nargs="+", default=[0.5, 1.0, 2.0, 4.0, 8.0])
     asked = parser.parse_args()
-    params, everything = load(), StageContext(read(paths.PARAMS), Provenance("choose_families", {}))
+    params, everything = load(), StageContext(read(paths.PARAMS), "choose_families")
     experiment = params.compare_families.experiment or next(iter(params.experiments))
-    points = Store(experiment, everything.provenance).grid(asked.seeds, seeds=asked.seeds)[0]
+    points = Store(experiment).grid(asked.seeds, seeds=asked.seeds)[0]
     joint = replace(points, size=NO_INSERTION, novel=points.novel[:, :0])
     rows, tasks = [], []
     for family in asked.families or MODELS.names():

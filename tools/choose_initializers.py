@@ -36,7 +36,6 @@ from isi.params import load
 from isi.random import stream
 from isi.stage import StageContext
 from isi.tables import paths
-from isi.tables.io import Provenance
 
 FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 Setting = tuple[str, dict[str, Any]]
@@ -100,7 +99,7 @@ def tasks_of(
 ) -> list[ChoosingTask]:
     """Draws of hidden entities in every cell of a size, and embeddings that were learned without them."""
     store, how, chosen = (
-        Store(experiment, everything.provenance),
+        Store(experiment),
         inserting(everything, "xavier"),
         train_config(everything),
     )
@@ -149,7 +148,7 @@ def main() -> None:
     parser.add_argument("--hidden", type=int, default=5, help="entities in each draw")
     parser.add_argument("--stack", type=int, default=5)
     asked = parser.parse_args()
-    params, everything = load(), StageContext(read(paths.PARAMS), Provenance("choose_initializers", {}))
+    params, everything = load(), StageContext(read(paths.PARAMS), "choose_initializers")
     fitting = [name for name, one in params.experiments.items() if asked.size in one.sessions.sizes]
     settings, found = settings_of(asked.initializers, params.initializers), {}
     for experiment in asked.experiments or fitting:

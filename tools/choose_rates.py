@@ -30,7 +30,6 @@ from isi.models.stack import Embedding
 from isi.params import load
 from isi.stage import StageContext
 from isi.tables import paths
-from isi.tables.io import Provenance
 
 
 @dataclass(frozen=True)
@@ -77,8 +76,8 @@ def main() -> None:
     parser.add_argument("--training", type=float, nargs="+", default=[0.05, 0.1, 0.2, 0.4])
     parser.add_argument("--finetuning", type=float, nargs="+", default=[0.01, 0.02, 0.04, 0.08, 0.16])
     given = parser.parse_args()
-    params, everything = load(), StageContext(read(paths.PARAMS), Provenance("choose_rates", {}))
-    store = Store(given.experiment or next(iter(params.experiments)), everything.provenance)
+    params, everything = load(), StageContext(read(paths.PARAMS), "choose_rates")
+    store = Store(given.experiment or next(iter(params.experiments)))
     single = store.grid(1, given.size, given.seeds)
 
     grid = list(product(given.batches, given.training))

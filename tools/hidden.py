@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from isi.analyses.hidden_entities import Hidden
+from isi.analyses.hidden_entities import HIDDEN_ENTITIES, Hidden, seconds_path
 from isi.analyses.other_graphs import load
 from isi.process import one_line
-from isi.tables import catalogue, io, paths
 
 TABLE = Path(__file__).parent.parent / "docs" / "benchmarks" / "hidden.md"
 ALL = "all"
@@ -87,11 +86,11 @@ def words(found: pd.DataFrame, how: Hidden) -> str:
 
 
 def main() -> None:
-    entries = {name: how for name, how in load().hidden.items() if paths.hidden(name).exists()}
+    entries = {name: how for name, how in load().hidden.items() if HIDDEN_ENTITIES.path(graph=name).exists()}
     parts, sentences = [], []
     for name, how in entries.items():
-        found = io.read(paths.hidden(name), catalogue.HIDDEN)
-        seconds = pd.DataFrame(json.loads(paths.hidden_seconds(name).read_text(encoding="utf-8")))
+        found = HIDDEN_ENTITIES.read(graph=name)
+        seconds = pd.DataFrame(json.loads(seconds_path(name).read_text(encoding="utf-8")))
         parts.append(rows_of(found, seconds, how).assign(graph=[how.title, *[""] * (found["method"].nunique() - 1)]))
         sentences.append(f"- {words(found, how)}")
     if not parts:

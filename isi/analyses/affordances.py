@@ -14,6 +14,16 @@ from torch import Tensor
 from isi.config import Section, Study, distinct
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insertion_step import with_vectors
+from isi.tables.rules import at_least
+from isi.tables.table import INT, NAME, Table
+
+#: Rank of each answer to (entity, relation, ?) right after insertion.
+AFFORDANCES = Table(
+    "data/studies/affordances/{experiment}.parquet",
+    {"initializer": NAME, "seed": INT, "entity": INT, "answer": INT, "rank": INT},
+    checks=[*at_least(0, "seed", "entity", "answer"), *at_least(1, "rank")],
+    entity_ids=["entity", "answer"],
+)
 
 
 class AffordanceSettings(Section):
@@ -47,7 +57,7 @@ class RankingTask:
 
 
 def ranks(task: RankingTask) -> pd.DataFrame:
-    """Rank of every entity of D¹ as an answer for each novel entity (``tables.AFFORDANCES``, initializer apart)."""
+    """Rank of every entity of D¹ as an answer for each novel entity (``AFFORDANCES`` without the initializer)."""
     points, session, novel = task.points, task.points.session(1), task.points.novel_in(1)
     embedding = with_vectors(task.theta0.stack, novel, torch.as_tensor(task.vectors))
     scores = embedding.score_tails(novel, torch.full_like(novel, task.relation))

@@ -10,10 +10,25 @@ import pandas as pd
 from pydantic import Field
 
 from isi.config import Count, NotNegative, Positive, Section, Study
+from isi.evaluation.ranking import MEASURES
 from isi.experiment.grid import NO_INSERTION, GridPoints
+from isi.experiment.tables import HALVES, MEASURE_COLUMNS
 from isi.experiment.train import TrainConfig, TrainResult, TrainTask
 from isi.graph.graph import Graph
 from isi.graph.sampling import folds
+from isi.tables.rules import at_least, within
+from isi.tables.table import INT, REAL, Table
+
+#: The best evaluation of each setting on each held-out fold.
+CROSS_VALIDATION = Table(
+    "data/studies/cross_validation/{experiment}.parquet",
+    {"dimension": INT, "ratio": INT, "learning_rate": REAL, "weight_decay": REAL, "fold": INT, **MEASURE_COLUMNS,
+     "epoch": INT},
+    key=["dimension", "ratio", "learning_rate", "weight_decay", "fold"],
+    ordered=True,
+    checks=[*at_least(1, "dimension", "ratio", "epoch"), *at_least(0, "learning_rate", "weight_decay", "fold"),
+            *within(0, 1, *MEASURES), *HALVES],
+)  # fmt: skip
 
 
 class Setting(Section):
@@ -82,6 +97,6 @@ def changed(choice: TrainConfig, setting: Setting) -> TrainConfig:
 
 
 def best_looks(task: TrainTask, learned: TrainResult) -> pd.DataFrame:
-    """The best look at each held-out fold (``tables.CROSS_VALIDATION``)."""
+    """The best look at each held-out fold (``CROSS_VALIDATION``)."""
     best = learned.log[learned.log["kept"]].groupby("seed").last().rename_axis("fold").reset_index()
     return best.assign(**Setting.of(task.how).model_dump())

@@ -9,9 +9,12 @@ import pandas as pd
 from isi.config import Study
 from isi.evaluation.query_sets import epoch_query_sets
 from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.tables import runs_table
 from isi.experiment.train import run_rows
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import ConvergenceWatch, Optimizer, train
+
+FINETUNE_ONLY = runs_table("data/studies/nothing/{experiment}.parquet")
 
 #: The scope that asks the same before and after insertion.
 SCOPE = "known_closed"
@@ -33,7 +36,7 @@ class FinetuneOnlyTask:
 
 
 def finetune_only(task: FinetuneOnlyTask) -> pd.DataFrame:
-    """Measures of earlier knowledge before training and after every epoch (``tables.RUNS``).
+    """Measures of earlier knowledge before training and after every epoch (``FINETUNE_ONLY``).
 
     Batches and negatives come from the random streams of fine-tuning, so that runs with insertion differ by what
     was inserted.

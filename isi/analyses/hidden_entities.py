@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -15,6 +16,27 @@ from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.words import Words
 from isi.random import stream
 from isi.tables import paths
+from isi.tables.rules import at_least, one_of, within
+from isi.tables.table import INT, NAME, REAL, Table
+
+#: ``method``: what gave hidden entities their vectors. ``initializer``: of ``isi.pykeen.insert``, where that did.
+#: ``told``: insert triples of each entity, at most (null: all). ``asked``: queries for the ``known`` end of a triple of
+#: a hidden entity, for the ``hidden`` entity, or for the ends of ``earlier`` triples, of known entities alone, which
+#: were not trained on; all entities are candidates.
+HIDDEN_ENTITIES = Table(
+    "data/beyond/hidden/{graph}.parquet",
+    {"method": NAME, "initializer": NAME, "told": INT, "seed": INT, "asked": NAME, "entities": INT, "queries": INT,
+     "mrr": REAL, "hits_at_10": REAL},
+    key=["method", "initializer", "told", "seed", "asked"],
+    checks=[*at_least(1, "told", "entities", "queries"), *at_least(0, "seed"),
+            *one_of("asked", ("known", "hidden", "earlier")), *within(0, 1, "mrr", "hits_at_10")],
+    nullable=["initializer", "told"],
+)  # fmt: skip
+
+
+def seconds_path(graph: str) -> Path:
+    """Where the seconds of each method lie, beside ``HIDDEN_ENTITIES``."""
+    return HIDDEN_ENTITIES.path(graph=graph).with_suffix(".seconds.json")
 
 
 class Training(Section):

@@ -12,7 +12,20 @@ from isi.config import Count, Name, NotNegative, Positive, Section, Study
 from isi.evaluation import query_sets
 from isi.evaluation.ranking import MEASURES, evaluate
 from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.tables import HALVES, MEASURE_COLUMNS
 from isi.experiment.train import TrainResult
+from isi.tables.rules import at_least, measured, within
+from isi.tables.table import INT, REAL, Table
+
+#: Measures of the joint models of one scoring function.
+MODEL_COMPARISON = Table(
+    "data/studies/families/{experiment}/{model}.parquet",
+    {"seed": INT, "epochs": INT, **MEASURE_COLUMNS, "valid_mrr_star": REAL, "queries": INT},
+    key=["seed"],
+    checks=[*at_least(0, "seed"), *at_least(1, "epochs"), *within(0, 1, "valid_mrr_star"),
+            *measured(MEASURES, "queries"), *HALVES],
+    nullable=MEASURES,
+)  # fmt: skip
 
 
 class ModelTraining(Section):
@@ -46,7 +59,7 @@ def measure(task: ModelTask) -> pd.DataFrame:
 
 
 def rows(measured: pd.DataFrame, learned: TrainResult) -> pd.DataFrame:
-    """With the epochs that training took and the validation MRR* that it kept (``tables.FAMILIES``)."""
+    """With the epochs that training took and the validation MRR* that it kept (``MODEL_COMPARISON``)."""
     kept = learned.log[learned.log["kept"]].groupby("seed")["mrr_star"].last()
     epochs = learned.log.groupby("seed")["epoch"].max()
     seed = measured["seed"]

@@ -5,22 +5,22 @@ All params of the second pipeline.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
-import pandas as pd
 from pydantic import Field
 
 from isi.analyses.hidden_entities import Hidden
-from isi.analyses.variants import Variant
+from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, Variant
 from isi.config import Count, Name, Section, check, read
-from isi.experiment.store import Store
-from isi.graph.graph import GraphTables
-from isi.graph.sampling import SessionsOf, SessionTables
+from isi.graph.sampling import SessionsOf
 from isi.graph.words import Words
 from isi.tables import paths
+
+#: What the experiment of a graph gives.
+GRAPH_RUNS = replace(VARIANT_RUNS, template="data/beyond/graphs/{graph}/runs.parquet")
+GRAPH_QUERIES = replace(VARIANT_QUERIES, template="data/beyond/graphs/{graph}/asked.parquet")
 
 
 class OneSize(SessionsOf):
@@ -50,34 +50,6 @@ class GraphExperiment(Section):
             title=self.title, group="graphs", experiments=[name], initializers=self.initializers,
             size=self.sessions.sizes[0], seeds=self.sessions.seeds, options={}, changes=self.changes, trained=True,
         )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class InMemoryStore(Store):
-    """What a store has of an experiment, held in memory."""
-
-    graph_tables: GraphTables
-    #: word vectors of the entities; shape: (E, w)
-    vectors: np.ndarray
-    sessions: SessionTables
-
-    def entities(self) -> pd.DataFrame:
-        return self.graph_tables.entities
-
-    def triples(self) -> pd.DataFrame:
-        return self.graph_tables.triples
-
-    def words(self) -> np.ndarray:
-        return self.vectors
-
-    def splits_listed(self) -> pd.DataFrame:
-        return self.sessions.splits
-
-    def novel(self) -> pd.DataFrame:
-        return self.sessions.novel
-
-    def insert_triples(self) -> pd.DataFrame:
-        return self.sessions.insert_triples
 
 
 class Beyond(Section):

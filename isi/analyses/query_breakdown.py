@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import torch
 from torch import Tensor
 
@@ -15,11 +16,13 @@ from isi.evaluation.query_sets import epoch_query_sets, novel_query_set
 from isi.evaluation.ranking import Answered, Queries, Terms, answers, observations, prepare
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insertion_step import with_vectors
+from isi.experiment.tables import SCOPES, SESSION_CHECKS, SIZE_AND_SEED
 from isi.graph.sessions import TEST, TRAIN, VALID, Session, membership
 from isi.models.bilinear import Blocks
 from isi.models.model import Model
 from isi.models.stack import Embedding
-from isi.tables import catalogue, io
+from isi.tables.rules import at_least, not_above, one_of, within
+from isi.tables.table import INT, LONG, NAME, REAL, Table, concat
 
 #: The model that no one is inserted into.
 JOINT = "joint"
@@ -30,6 +33,36 @@ USED = 1e-3
 
 #: Name of a scope, and of a filter: ``learned``, the scope's own, or ``true``, all true triples.
 QueryCounts = tuple[str, str]
+
+
+def breakdown_table(template: str, by: Mapping[str, pa.DataType] | None = None) -> Table:
+    """Means of MRR* and MRR over queries, grouped by what is given and what is hidden.
+
+    ``filter``: ``learned``, the scope's own, or ``true``, all true triples. ``hidden``: the slot that is predicted.
+    ``novel``: where a novel entity is. ``observations``: of the relation in D¹, its weight in equation 7.
+    """
+    return Table(
+        template,
+        {**(by or {}), **SIZE_AND_SEED, "session": INT, "model": NAME, "scope": NAME, "filter": NAME,
+         "relation": NAME, "hidden": NAME, "novel": NAME, "queries": INT, "mrr_star": REAL, "mrr": REAL,
+         "observations": LONG},
+        key=[*(by or {}), "size", "seed", "session", "model", "scope", "filter", "relation", "hidden", "novel"],
+        checks=[*SESSION_CHECKS, *one_of("scope", SCOPES), *one_of("filter", ("learned", "true")),
+                *one_of("hidden", ("head", "relation", "tail")), *one_of("novel", NOVEL),
+                *at_least(1, "queries", "observations"), *within(0, 1, "mrr_star", "mrr")],
+    )  # fmt: skip
+
+
+#: Of every model, right after insertion.
+QUERY_BREAKDOWN = breakdown_table("data/studies/asking/{experiment}.parquet")
+#: Coordinates of relations that are not zero: of each relation, and (null) of any of them.
+USED_COORDINATES = Table(
+    "data/studies/asking/{experiment}.used.parquet",
+    {"seed": INT, "model": NAME, "relation": NAME, "part": NAME, "used": INT, "of": INT},
+    key=["seed", "model", "relation", "part"],
+    checks=[*at_least(0, "seed", "used"), *not_above("used", "of")],
+    nullable=["relation"],
+)
 
 
 class QueryBreakdown(Study):
@@ -50,7 +83,7 @@ class QueryBreakdownTask:
 
 
 def break_down(task: QueryBreakdownTask) -> pd.DataFrame:
-    """Means over the queries of each group (``tables.ASKED``), model by model."""
+    """Means over the queries of each group (``QUERY_BREAKDOWN``), model by model."""
     points, session, novel = task.points, task.points.session(1), task.points.novel_in(1)
     is_novel = membership(novel, len(points.graph.entities))
     scopes = query_sets_with_filters(session, novel, points.insert_triples_in(1, task.insert_triples))
@@ -144,7 +177,7 @@ def means(queries: pd.DataFrame) -> pd.DataFrame:
 
 
 def used(family: Model, relation: np.ndarray, seeds: Sequence[int], names: Sequence[str]) -> pd.DataFrame:
-    """Coordinates that the relations of joint models use (``tables.USED``); none of families without blocks.
+    """Coordinates that the relations of joint models use (``USED_COORDINATES``); none of families without blocks.
 
     Args:
         relation: shape (M, R, w).
@@ -159,5 +192,5 @@ def used(family: Model, relation: np.ndarray, seeds: Sequence[int], names: Seque
             every = pd.MultiIndex.from_product([seeds, [*names, None]], names=["seed", "relation"])
             frame = every.to_frame(index=False).assign(model=JOINT, part=part, used=counts.flatten().cpu().numpy())
             parts.append(frame.assign(of=uses.shape[-1]))
-    found = io.together(parts, catalogue.USED)
+    found = concat(parts, USED_COORDINATES)
     return found[found["of"] > 0]

@@ -19,6 +19,7 @@ from isi.config import Count, Name, Section, Study
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insert import InsertTask, how_in, told_in
 from isi.experiment.insertion_step import finetune, initialize, with_vectors
+from isi.experiment.tables import FALLBACK_NAMES
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.sessions import OUT, TRAIN
 from isi.initializers.api import FALLBACKS, InitContext, InitResult, context_of
@@ -30,17 +31,63 @@ from isi.initializers.similarity import (
     word_similarity,
 )
 from isi.models.stack import Embedding
-from isi.tables.catalogue import SINGLE_ANSWERS, SINGLE_INDICATORS, SINGLE_PLACES, SINGLES, TRUE_NAMES
+from isi.tables.rules import at_least, finite, one_of, unique, within
+from isi.tables.table import INT, NAME, REAL, Table
+
+#: What a true answer is to a session.
+TRUE_NAMES = ("told", "learned", "held_out")
+#: One row per entity. ``told``: number of its insert triples. ``shown``: share of the known entities' variance on the
+#: two axes of its map. ``fitted``: share of it that the joint model's vectors of them have in common with Θ⁰'s.
+SINGLE_INSERTIONS = Table(
+    "data/studies/explorer/{experiment}.parquet",
+    {"entity": INT, "seed": INT, "told": INT, "shown": REAL, "fitted": REAL},
+    key=["entity"],
+    ordered=True,
+    checks=[*at_least(0, "entity", "seed", "told"), *within(0, 1, "shown", "fitted")],
+    entity_ids=["entity"],
+)
+#: Indicators of each entity with their weights; ``fallback``: of the initializer that it fell back to. ``by_words``:
+#: cosine of word vectors; ``by_relations``: mean of cos(v_e, ᾱ_r) over the relations of the insert triples.
+SINGLE_INDICATORS = Table(
+    "data/studies/explorer/{experiment}.indicators.parquet",
+    {"entity": INT, "model": NAME, "fallback": NAME, "indicator": INT, "weight": REAL, "by_words": REAL,
+     "by_relations": REAL},
+    key=["entity", "model", "indicator"],
+    checks=[*at_least(0, "entity", "indicator"), *one_of("fallback", FALLBACK_NAMES), *within(0, 1, "weight"),
+            *within(-1, 1, "by_words", "by_relations")],
+    nullable=["fallback", "by_words", "by_relations"],
+    entity_ids=["entity", "indicator"],
+)  # fmt: skip
+#: Places on the map of a seed: the known entities in Θ⁰, others in a model after an epoch.
+SINGLE_PLACES = Table(
+    "data/studies/explorer/{experiment}.places.parquet",
+    {"seed": INT, "entity": INT, "model": NAME, "epoch": INT, "x": REAL, "y": REAL},
+    key=["seed", "entity", "model", "epoch"],
+    checks=[*at_least(0, "seed", "entity", "epoch"), *finite("x", "y")],
+    entity_ids=["entity"],
+)
+#: The first answers to (entity, relation, ?) and (?, relation, entity), and the true ones, ranked among all entities
+#: of the session. ``true``: in which way an answer is true; null: it is not.
+SINGLE_ANSWERS = Table(
+    "data/studies/explorer/{experiment}.answers.parquet",
+    {"entity": INT, "model": NAME, "epoch": INT, "relation": NAME, "hidden": NAME, "answer": INT, "rank": INT,
+     "true": NAME},
+    key=["entity", "model", "epoch", "relation", "hidden", "answer"],
+    checks=[*at_least(0, "entity", "epoch", "answer"), *at_least(1, "rank"), *one_of("hidden", ("tail", "head")),
+            *one_of("true", TRUE_NAMES), *unique("entity", "model", "epoch", "relation", "hidden", "rank")],
+    nullable=["true"],
+    entity_ids=["entity", "answer"],
+)  # fmt: skip
 
 #: The paper's initializers that are shown, beside the one that params name.
 SHOWN = ("xavier", "es", "rs", "ers")
 #: What a map shows of the known entities.
 THETA0 = "theta0"
 
-#: What is shown, each in a table of its own: its schema, and what it is sorted by.
+#: What is shown, each in a table of its own: its declaration, and what it is sorted by.
 TABLES = {
-    "entities": (SINGLES, "entity"), "indicators": (SINGLE_INDICATORS, "entity"), "places": (SINGLE_PLACES, "seed"),
-    "answers": (SINGLE_ANSWERS, "entity"),
+    "entities": (SINGLE_INSERTIONS, "entity"), "indicators": (SINGLE_INDICATORS, "entity"),
+    "places": (SINGLE_PLACES, "seed"), "answers": (SINGLE_ANSWERS, "entity"),
 }  # fmt: skip
 
 
@@ -85,7 +132,7 @@ class Singles:
 
 
 def first_seeds(novel: pd.DataFrame, size: int) -> dict[int, int]:
-    """The first seed in which the first session of a size inserts each entity (``tables.NOVEL``)."""
+    """The first seed in which the first session of a size inserts each entity (``NOVEL``)."""
     own = novel[(novel["size"] == size) & (novel["session"] == 1)].sort_values("seed", kind="stable")
     firsts = own.drop_duplicates("entity")
     return dict(zip(firsts["entity"].tolist(), firsts["seed"].tolist(), strict=True))
@@ -137,7 +184,7 @@ def _to_the_end(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:  # 
 def indicators_of(
     insertion: InitContext, weights: Tensor, fallback: Tensor, picked: Picked, model: str, most: int
 ) -> pd.DataFrame:
-    """The entities of largest weight in the centre of each vector (``tables.SINGLE_INDICATORS``), most similar first.
+    """The entities of largest weight in the centre of each vector (``SINGLE_INDICATORS``), most similar first.
 
     Args:
         weights: shape (M, n, E).
@@ -168,7 +215,7 @@ def indicators_of(
 def _places(
     points: GridPoints, picked: Picked, entity: Tensor, planes: Sequence[Plane], model: str, epoch: int
 ) -> pd.DataFrame:  # fmt: skip
-    """Of novel entities, where tables of shape (M, E, d) have them (``tables.SINGLE_PLACES``)."""
+    """Of novel entities, where tables of shape (M, E, d) have them (``SINGLE_PLACES``)."""
     places = torch.stack([on(planes[m], entity[m, e]) for m, e in zip(picked.model, picked.entity, strict=True)])
     x, y = places.T.cpu().numpy()
     frame = pd.DataFrame({"seed": _seeds(points, picked), "entity": picked.entity.cpu().numpy(), "x": x, "y": y})
@@ -252,7 +299,7 @@ def queries_of(points: GridPoints, picked: Picked, told: Tensor) -> ExplorerQuer
 
 
 def answers_of(embedding: Embedding, points: GridPoints, queries: ExplorerQuery, first: int) -> pd.DataFrame:
-    """The first answers to each query and the true ones, in order (``tables.SINGLE_ANSWERS``); equal scores by id."""
+    """The first answers to each query and the true ones, in order (``SINGLE_ANSWERS``); equal scores by id."""
     novel, picked = points.novel_in(1), queries.picked
     scores = torch.stack([
         torch.stack([picked.of(embedding.score_tails(novel, relation)),

@@ -7,6 +7,15 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from isi.config import Count, Name, Option, Positive, Section, Study, distinct
+from isi.experiment.tables import runs_table
+from isi.tables.rules import at_least
+from isi.tables.table import INT, REAL
+
+#: Runs with ``k`` indicators, and at ``factor`` times the fine-tuning rate.
+INDICATOR_SWEEP = runs_table("data/studies/indicators/{experiment}/{initializer}.parquet", {"k": INT}, at_least(1, "k"))
+RATE_SWEEP = runs_table(
+    "data/studies/rates/{experiment}/{initializer}.parquet", {"factor": REAL}, at_least(0, "factor")
+)
 
 
 class SweepSettings(Section):

@@ -19,6 +19,10 @@ from isi.experiment.insertion_step import finetune, initialize, with_vectors
 from isi.initializers.api import context_of
 from isi.initializers.similarity import has_insert_triples, has_words
 from isi.models.stack import Embedding
+from isi.tables.table import TensorFile
+
+#: ``entity``, ``known``, ``theta0``, and of each initializer ``NAME.path`` and ``NAME.indicators``.
+TRAJECTORY = TensorFile("data/studies/approach/{experiment}.safetensors")
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import pandas as pd
 from pydantic import Field
 
 from isi.analyses.query_breakdown import JOINT as JOINT_MODEL
-from isi.analyses.query_breakdown import QueryBreakdownTask, break_down
+from isi.analyses.query_breakdown import QueryBreakdownTask, break_down, breakdown_table
 from isi.config import Count, Name, Option, Section
 from isi.errors import InputError
 from isi.experiment.grid import NO_INSERTION, GridPoints, StackedVectors
@@ -27,6 +27,7 @@ from isi.experiment.insert import (  # fmt: skip
 )
 from isi.experiment.runner import compute_of, run, stack_height
 from isi.experiment.store import Store
+from isi.experiment.tables import runs_table
 from isi.experiment.train import (
     EvaluationTask,
     TrainConfig,
@@ -42,6 +43,11 @@ from isi.graph.words import Words, load_vectors, look_up
 from isi.random import stream
 from isi.stage import StageContext
 from isi.tables import paths
+from isi.tables.table import NAME
+
+#: Runs of each model of experiments under other conditions, the joint model's among them, and its queries at epoch 0.
+VARIANT_RUNS = runs_table("data/beyond/{variant}.parquet", {"experiment": NAME, "model": NAME})
+VARIANT_QUERIES = breakdown_table("data/beyond/{variant}.asked.parquet", {"experiment": NAME})
 
 #: Sections of params that decide what Θ⁰ and the joint model are: a variant that changes one trains its own.
 LEARNED = ("embedding", "families", "negatives", "training")
@@ -99,13 +105,13 @@ def changed(given: StageContext, changes: Mapping[str, Any], key: str) -> StageC
         if not parents or not isinstance(place, dict):
             raise InputError(paths.BEYOND_PARAMS, key, f"expected keys below {', '.join(sections)}, got {dotted!r}")
         place[last] = value
-    return StageContext(values, given.provenance)
+    return StageContext(values, given.stage)
 
 
 def results(
     given: StageContext, study: Variant, stores: Sequence[Store], shown: str
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs of a variant, and what its models answer at once (``tables.VARIANTS`` and ``VARIANTS_ASKED``).
+    """Runs of a variant, and what its models answer at once (``VARIANT_RUNS`` and ``VARIANT_QUERIES``).
 
     Args:
         given: with the variant's changes.
@@ -167,7 +173,7 @@ class VariantTask:
 
 
 def repeat(task: VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs of every model, and what it answers at once (``tables.VARIANTS`` and ``VARIANTS_ASKED``, experiment apart).
+    """Runs of every model, and what it answers at once (``VARIANT_RUNS`` and ``VARIANT_QUERIES``, experiment apart).
 
     The same is asked whatever was told: what touches a novel entity and is no insert triple.
     """

@@ -13,10 +13,10 @@ from torch import Tensor
 from isi.config import check, value_of
 from isi.errors import InputError
 from isi.experiment.store import Store
+from isi.experiment.tables import JOINT
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph
 from isi.models.model import EmbeddingParams, make_model
 from isi.models.stack import Embedding
-from isi.tables import paths
 
 COLUMNS = ["head", "relation", "tail", "score", "rank"]
 #: Numbers in one score matrix, at most.
@@ -56,8 +56,9 @@ def best(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> pd.Dat
 
 def _model(store: Store, graph: Graph, values: Mapping[str, Any], seed: int | None) -> tuple[Embedding, Tensor]:
     """The joint model of a seed, as a stack of one, and which entities it knows, (E,)."""
-    path = paths.joint(store.experiment)
-    entity, relation, known, seeds = store.tensors(path, "entity", "relation", "known", "seed")
+    path = JOINT.path(experiment=store.experiment)
+    tensors = JOINT.read(["entity", "relation", "known", "seed"], experiment=store.experiment)
+    entity, relation, known, seeds = (tensor.numpy() for tensor in tensors.values())
     row = 0 if seed is None else next(iter(np.flatnonzero(seeds == seed).tolist()), None)
     if row is None or not len(seeds):
         raise InputError(path, f"seed {seed}", f"expected one of {', '.join(map(str, seeds.tolist()))}")

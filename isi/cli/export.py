@@ -12,11 +12,11 @@ import pandas as pd
 from isi import config
 from isi.errors import InputError, meant
 from isi.exports import FORMS, Outgoing
+from isi.graph.tables import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES
 from isi.sources._naming import ENTITY, fault
 from isi.tables import paths
-from isi.tables.catalogue import ENTITIES, TRIPLES
-from isi.tables.io import atomically, read_text
-from isi.tables.provenance import Provenance
+from isi.tables.io import atomically
+from isi.tables.table import as_text
 
 #: Of an experiment.
 NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -95,14 +95,14 @@ def outgoing(experiment: str, most: int, seed: int | None, labels: bool) -> Outg
     if most and not stored:
         kept = "expected an experiment of params.yaml: of a graph of the second pipeline, no model is kept"
         raise InputError("--predictions", experiment, kept)
-    entities, triples = (read_text(file, schema) for file, schema in zip(files, (ENTITIES, TRIPLES), strict=True))
+    entities, triples = as_text(ENTITIES.read_file(files[0])), as_text(TRIPLES.read_file(files[1]))
     _check_names(files, entities, triples)
     if not most:
         return Outgoing(experiment, entities, triples, _nothing(), labels)
     from isi.cli._predicting import predictions  # here, since it loads torch
     from isi.experiment.store import Store
 
-    store = Store(experiment, Provenance("export", {}))
+    store = Store(experiment)
     return Outgoing(experiment, entities, triples, predictions(store, config.read(paths.PARAMS), most, seed), labels)
 
 
@@ -157,8 +157,8 @@ def _check_names(files: tuple[Path, Path], entities: pd.DataFrame, triples: pd.D
 
 def _files(experiment: str) -> tuple[tuple[Path, Path], bool]:
     """Entities and triples of an experiment, or of a graph of the second pipeline, and whether it is the former."""
-    own = paths.entities(experiment), paths.triples(experiment)
-    elsewhere = paths.explored(experiment, "entities"), paths.explored(experiment, "triples")
+    own = ENTITIES.path(experiment=experiment), TRIPLES.path(experiment=experiment)
+    elsewhere = GRAPH_ENTITIES.path(graph=experiment), GRAPH_TRIPLES.path(graph=experiment)
     if own[0].exists() or elsewhere[0].exists():
         return (own, True) if own[0].exists() else (elsewhere, False)
     experiments, graphs = _listed(paths.PARAMS, "experiments"), _listed(paths.BEYOND_PARAMS, "graphs")

@@ -16,9 +16,9 @@ from isi.cli._setting import setting
 from isi.config import Seed, check
 from isi.errors import InputError
 from isi.graph.graph import GraphTables, build_tables
+from isi.graph.tables import ENTITIES, TRIPLES
 from isi.sources import SOURCES
-from isi.tables import catalogue, io, paths
-from isi.tables.provenance import Provenance
+from isi.tables import paths
 
 #: Names that are listed, at most.
 LISTED = 8
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError(arguments.files[0], "", f"no triple was observed {arguments.min_count} times")
     lines = list(described(graph, values))
     if arguments.out:
-        _write(arguments.out, graph, {"readers": [one.reader for one in found], "settings": settings})
+        _write(arguments.out, graph)
     for file, one in zip(arguments.files, found, strict=True):
         print(f"{file}: read as {one.reader}")
         print("".join(f"  {number:,} {step}\n" for step, number in one.left.items()), end="")
@@ -118,10 +118,9 @@ def _number_of(names: Sequence[str], entities: pd.DataFrame) -> str:
     return f"{len(names):,} of {len(entities):,} entities{listed}"
 
 
-def _write(folder: Path, graph: GraphTables, made_of: dict[str, Any]) -> None:
-    provenance = Provenance("graph", made_of)
+def _write(folder: Path, graph: GraphTables) -> None:
     try:
-        io.write(folder / "entities.parquet", graph.entities, catalogue.ENTITIES, provenance)
-        io.write(folder / "triples.parquet", graph.triples, catalogue.TRIPLES, provenance)
+        ENTITIES.write_file(folder / "entities.parquet", graph.entities, "isi graph")
+        TRIPLES.write_file(folder / "triples.parquet", graph.triples, "isi graph")
     except OSError as error:
         raise InputError(folder, "", f"cannot be written ({error.strerror})") from error

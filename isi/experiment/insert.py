@@ -16,10 +16,10 @@ from isi.evaluation.convergence import SCOPES
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insertion_step import InsertConfig, SessionResult, run_session
 from isi.experiment.store import Store
+from isi.experiment.tables import RUNS
 from isi.experiment.train import measure_columns, model_of, run_rows
 from isi.initializers.api import FALLBACKS, NovelEntities, options_of
 from isi.stage import StageContext
-from isi.tables import paths
 from isi.training import single_updates
 from isi.training.batches import Negatives
 from isi.training.trainer import Optimizer
@@ -132,7 +132,11 @@ def among(listed: InitializerList, initializer: str) -> bool:
 
 def insertion_tasks(store: Store, given: StageContext, how: TaskConfig, grid: Sequence[GridPoints]) -> list[InsertTask]:
     """Insertion with one initializer, and fine-tuning, of points of the store's experiment."""
-    insert_triples, joint, words = store.insert_triples(), store.runs("joint"), store.words()
+    insert_triples, joint, words = (
+        store.insert_triples(),
+        RUNS.read(experiment=store.experiment, model="joint"),
+        store.words(),
+    )
     family = model_of(given)
 
     return [
@@ -159,7 +163,7 @@ def joint_targets(joint: pd.DataFrame, points: GridPoints) -> dict[tuple[int, st
             if not set(points.seeds) <= set(own.index):
                 expected = f"expected a row of each of seeds {', '.join(map(str, points.seeds))} at epoch 0"
                 where = f"size {points.size}, session {session}, scope {scope}"
-                raise InputError(paths.runs(points.experiment, "joint"), where, expected)
+                raise InputError(RUNS.path(experiment=points.experiment, model="joint"), where, expected)
             found[session, scope] = own.loc[points.seeds].to_numpy(np.float64, copy=True)
     return found
 

@@ -141,6 +141,8 @@ class MinedSource:
     source: str
     observations: pd.DataFrame
     kinds: pd.DataFrame
+    #: that has the observations, for messages
+    file: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -181,7 +183,7 @@ def entities_of(triples: pd.DataFrame, seen: MinedSource) -> pd.DataFrame:
     names = set(triples["head"]) | set(triples["tail"])
     missing = names - set(seen.kinds["entity"])
     if missing:
-        raise InputError(paths.kinds(seen.source), "", f"expected the kind of {min(missing)!r}")
+        raise InputError(seen.file or seen.source, "", f"expected the kind of {min(missing)!r}")
     named = seen.kinds[seen.kinds["entity"].isin(names)].sort_values("entity")
     return named.assign(source=seen.source).reset_index(drop=True)
 
@@ -197,7 +199,7 @@ def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:
     for tail in sorted(set(seen.observations["tail"].astype(str)) - set(totals.index)):
         if here.get(tail) != there.get(tail):
             expected = "the graph that this source is to extend has no such entity"
-            raise InputError(paths.observations(seen.source), f"{there.get(tail)} {tail!r}", expected)
+            raise InputError(seen.file or seen.source, f"{there.get(tail)} {tail!r}", expected)
     return totals[[here.get(name) is None or here[name] != there.get(name) for name in totals.index]]
 
 
@@ -212,7 +214,7 @@ def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFram
     for name in enough.index:
         if name in here:
             also = f"is also a name in the graph, of kind {here[name]}; give it another one in its source"
-            raise InputError(paths.observations(seen.source), f"{there.get(name)} {name!r}", also)
+            raise InputError(seen.file or seen.source, f"{there.get(name)} {name!r}", also)
     return enough
 
 

@@ -18,8 +18,9 @@ from isi.config import Count, Fraction, Name, Section, distinct
 from isi.errors import InputError
 from isi.graph.graph import Graph
 from isi.graph.sessions import SPLITS, TEST, TRAIN, VALID
+from isi.graph.tables import INSERT_TRIPLES, NOVEL
 from isi.random import stream
-from isi.tables import catalogue, paths
+from isi.tables import paths
 
 
 class Shares(Section):
@@ -242,6 +243,6 @@ def session_tables(
     told = [(o.size, o.seed, entity, triple, session) for o in drawn for session, entity, triple in o.insert_triples]
     return SessionTables(
         splits,
-        pd.DataFrame(novel, columns=catalogue.NOVEL.names),
-        pd.DataFrame(told, columns=catalogue.INSERT_TRIPLES.names),
+        pd.DataFrame(novel, columns=list(NOVEL.columns)),
+        pd.DataFrame(told, columns=list(INSERT_TRIPLES.columns)),
     )

@@ -10,19 +10,28 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 
 from isi.analyses import single_insertions
-from isi.analyses.trajectory import TRACED
+from isi.analyses.affordances import AFFORDANCES
+from isi.analyses.cross_validation import CROSS_VALIDATION
+from isi.analyses.finetune_only import FINETUNE_ONLY
+from isi.analyses.model_comparison import MODEL_COMPARISON
+from isi.analyses.query_breakdown import QUERY_BREAKDOWN, USED_COORDINATES
+from isi.analyses.sweep import INDICATOR_SWEEP, RATE_SWEEP
+from isi.analyses.trajectory import TRACED, TRAJECTORY
 from isi.experiment.insert import among
+from isi.experiment.tables import INSERTED, RUNS, TIES, TRAINING_LOG
 from isi.graph.graph import MinedSource
+from isi.graph.tables import COVERAGE, ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES
 from isi.params import ExperimentOf, Params
 from isi.report import stated, varied
 from isi.report.models import JOINT
 from isi.report.statistics import converged
 from isi.report.varied import Explored, Varied
 from isi.sources._rows import read_rows
-from isi.tables import catalogue, io, paths
+from isi.sources.tables import KINDS, MINED, OBSERVATIONS
+from isi.tables import paths
+from isi.tables.table import Table
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,11 +198,11 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         definitions=read_definitions(paths.DEFINITIONS),
         experiments=experiments,
         seen={name: _seen(name) for name in sources},
-        mined={name: io.read_text(paths.mined(name), catalogue.MINED) for name in sources},
+        mined={name: MINED.read_text(source=name) for name in sources},
         asking={name: _asked(name) for name in params.asking.experiments},
         beyond=varied.read(experiments),
         explored=varied.explored(),
-        nothing={name: io.read_text(paths.nothing(name), catalogue.RUNS) for name in params.nothing.experiments},
+        nothing={name: FINETUNE_ONLY.read_text(experiment=name) for name in params.nothing.experiments},
         **_studies(params, experiments),
     )
 
@@ -220,69 +229,63 @@ def _experiment(params: Params, name: str) -> Experiment:
         suffix="" if name == next(iter(params.experiments)) else f"_{name}",
         params=params,
         initializers=initializers,
-        entities=io.read_text(paths.entities(name), catalogue.ENTITIES),
-        triples=io.read_text(paths.triples(name), catalogue.TRIPLES),
-        coverage=io.read_text(paths.coverage(name), catalogue.COVERAGE),
-        splits=io.read_text(paths.splits(name), catalogue.SPLITS),
-        novel=io.read_text(paths.novel(name), catalogue.NOVEL),
-        insert_triples=io.read_text(paths.insert_triples(name), catalogue.INSERT_TRIPLES),
-        theta0_log=io.read_text(paths.training_log(name, "theta0"), catalogue.TRAINING_LOG),
-        joint_log=io.read_text(paths.training_log(name, JOINT), catalogue.TRAINING_LOG),
-        runs=_of_each(partial(paths.runs, name), catalogue.RUNS, [*initializers, JOINT]),
-        inserted=_of_each(partial(paths.inserted, name), catalogue.INSERTED, initializers),
-        ties=_of_each(partial(paths.ties, name), catalogue.TIES, [*initializers, JOINT]),
+        entities=ENTITIES.read_text(experiment=name),
+        triples=TRIPLES.read_text(experiment=name),
+        coverage=COVERAGE.read_text(experiment=name),
+        splits=SPLITS.read_text(experiment=name),
+        novel=NOVEL.read_text(experiment=name),
+        insert_triples=INSERT_TRIPLES.read_text(experiment=name),
+        theta0_log=TRAINING_LOG.read_text(experiment=name, model="theta0"),
+        joint_log=TRAINING_LOG.read_text(experiment=name, model=JOINT),
+        runs=_of_each(RUNS, name, [*initializers, JOINT]),
+        inserted=_of_each(INSERTED, name, initializers, "initializer"),
+        ties=_of_each(TIES, name, [*initializers, JOINT]),
     )
 
 
 def _seen(source: str) -> MinedSource:
-    return MinedSource(
-        source,
-        io.read_text(paths.observations(source), catalogue.OBSERVATIONS),
-        io.read_text(paths.kinds(source), catalogue.KINDS),
-    )
+    return MinedSource(source, OBSERVATIONS.read_text(source=source), KINDS.read_text(source=source))
 
 
 def _affordances(experiment: str) -> pd.DataFrame:
-    return io.read_text(paths.affordances(experiment), catalogue.AFFORDANCES).rename(columns={"initializer": "model"})
+    return AFFORDANCES.read_text(experiment=experiment).rename(columns={"initializer": "model"})
 
 
 def _asked(experiment: str) -> Asked:
-    return Asked(
-        io.read_text(paths.asked(experiment), catalogue.ASKED), io.read_text(paths.used(experiment), catalogue.USED)
-    )
+    return Asked(QUERY_BREAKDOWN.read_text(experiment=experiment), USED_COORDINATES.read_text(experiment=experiment))
 
 
 def _sweep(initializers: Iterable[str], experiment: str) -> pd.DataFrame:
-    return _of_each(partial(paths.indicator_sweep, experiment), catalogue.INDICATOR_SWEEP, initializers)
+    return _of_each(INDICATOR_SWEEP, experiment, initializers, "initializer")
 
 
 def _rates(params: Params, experiment: str) -> pd.DataFrame:
-    return _of_each(partial(paths.rate_sweep, experiment), catalogue.RATE_SWEEP, params.rates.initializers)
+    return _of_each(RATE_SWEEP, experiment, params.rates.initializers, "initializer")
 
 
 def _cross_validation(experiment: str) -> pd.DataFrame:
-    return io.read_text(paths.cross_validation(experiment), catalogue.CROSS_VALIDATION)
+    return CROSS_VALIDATION.read_text(experiment=experiment)
 
 
 def _families(families: Iterable[str], experiment: str) -> pd.DataFrame:
-    return _of_each(partial(paths.families, experiment), catalogue.FAMILIES, families, column="family")
+    return _of_each(MODEL_COMPARISON, experiment, families, column="family")
 
 
 def _of_each(
-    path: Callable[[str], Path], schema: pa.Schema, names: Iterable[str], column: str = "model"
+    table: Table, experiment: str, names: Iterable[str], slot: str = "model", column: str = "model"
 ) -> pd.DataFrame:
-    return pd.concat(io.read_text(path(name), schema).assign(**{column: name}) for name in names)
+    """The tables of some models, by the slot of the path that names them, one after the other."""
+    return pd.concat(table.read_text(experiment=experiment, **{slot: name}).assign(**{column: name}) for name in names)
 
 
 def _approach(experiment: str) -> Mapping[str, np.ndarray]:
     of_each = [f"{model}.{what}" for model in TRACED for what in ("path", "indicators")]
-    tensors = io.read_tensors(paths.approach(experiment), ["entity", "known", "theta0", *of_each])
+    tensors = TRAJECTORY.read(["entity", "known", "theta0", *of_each], experiment=experiment)
     return {name: tensor.numpy() for name, tensor in tensors.items()}
 
 
 def _explorer(experiment: str) -> Mapping[str, pd.DataFrame]:
-    listed = single_insertions.TABLES.items()
-    return {what: io.read_text(paths.explorer(experiment, what), schema) for what, (schema, _) in listed}
+    return {what: table.read_text(experiment=experiment) for what, (table, _) in single_insertions.TABLES.items()}
 
 
 def read_definitions(path: Path) -> pd.DataFrame:

@@ -8,13 +8,13 @@ from functools import cached_property
 
 import pandas as pd
 
-from isi.analyses.other_graphs import load
-from isi.analyses.variants import Variant
+from isi.analyses.other_graphs import GRAPH_QUERIES, GRAPH_RUNS, load
+from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, Variant
+from isi.graph.tables import GRAPH_ENTITIES, GRAPH_TRIPLES
 from isi.params import Params
 from isi.report import parts
 from isi.report.models import JOINT, label
 from isi.report.statistics import HIGH, LOW, converged, over_seeds
-from isi.tables import catalogue, io, paths
 
 _CELL = ["experiment", "model", "size", "seed"]
 
@@ -90,12 +90,12 @@ def explored() -> dict[str, Explored]:
     """
     return {
         name: Explored(
-            io.read_text(paths.explored(name, "entities"), catalogue.ENTITIES),
-            io.read_text(paths.explored(name, "triples"), catalogue.TRIPLES),
-            Varied(how.variant(name), io.read_text(paths.explored(name, "runs"), catalogue.VARIANTS),
-                   io.read_text(paths.explored(name, "asked"), catalogue.VARIANTS_ASKED)),
+            GRAPH_ENTITIES.read_text(graph=name),
+            GRAPH_TRIPLES.read_text(graph=name),
+            Varied(how.variant(name), GRAPH_RUNS.read_text(graph=name),
+                   GRAPH_QUERIES.read_text(graph=name)),
         )
-        for name, how in load().graphs.items() if paths.explored(name, "asked").exists()
+        for name, how in load().graphs.items() if GRAPH_QUERIES.path(graph=name).exists()
     }  # fmt: skip
 
 
@@ -107,10 +107,10 @@ def read(experiments: Collection[str]) -> dict[str, Varied]:
     """
     found = {
         name: Varied(
-            how, _of(experiments, io.read_text(paths.variant(name), catalogue.VARIANTS)),
-            _of(experiments, io.read_text(paths.variant_asked(name), catalogue.VARIANTS_ASKED)),
+            how, _of(experiments, VARIANT_RUNS.read_text(variant=name)),
+            _of(experiments, VARIANT_QUERIES.read_text(variant=name)),
         )
-        for name, how in load().variants.items() if paths.variant_asked(name).exists()
+        for name, how in load().variants.items() if VARIANT_QUERIES.path(variant=name).exists()
     }  # fmt: skip
     return {name: one for name, one in found.items() if one.experiments}
 

@@ -15,7 +15,7 @@ from isi.config import Name, check, keywords
 from isi.errors import InputError, short
 from isi.registry import Plugins
 from isi.sources._naming import fault
-from isi.tables.catalogue import OBSERVATIONS
+from isi.sources.tables import OBSERVATIONS
 from isi.tables.rules import MOST_OBSERVED
 
 #: Settings that name what a source reads.
@@ -77,9 +77,9 @@ def settings_of(values: object, key: str) -> tuple[Source, dict[str, Any]]:
 
 def part(rows: Sequence[Sequence[str | int | None]]) -> pa.Table:
     """A part of a source's observations: rows of scene, room, instance (null where there is none) ... and count."""
-    columns = zip(*rows, strict=True) if rows else [()] * len(OBSERVATIONS.columns)
-    arrays = [pa.array(column, field.type) for column, field in zip(columns, OBSERVATIONS.columns, strict=True)]
-    return pa.Table.from_arrays(arrays, schema=OBSERVATIONS.columns)
+    columns = zip(*rows, strict=True) if rows else [()] * len(OBSERVATIONS.schema)
+    arrays = [pa.array(column, field.type) for column, field in zip(columns, OBSERVATIONS.schema, strict=True)]
+    return pa.Table.from_arrays(arrays, schema=OBSERVATIONS.schema)
 
 
 @dataclass

@@ -8,13 +8,12 @@ from typing import Any
 
 import pandas as pd
 
-from isi.analyses.single_insertions import HIDDEN, SHOWN, THETA0, TRUE, ExplorerSettings
+from isi.analyses.single_insertions import HIDDEN, SHOWN, SINGLE_ANSWERS, THETA0, TRUE, ExplorerSettings
 from isi.errors import InputError
 from isi.report.models import JOINT, colour, label
 from isi.report.prose import joined
 from isi.report.results import Experiment, Results
 from isi.report.section import Content, Explorer, Section
-from isi.tables import paths
 
 #: The tables of ``singles.TABLES``, by name.
 Shown = Mapping[str, pd.DataFrame]
@@ -47,7 +46,7 @@ def contents(results: Results) -> Iterator[Content]:
         yield Explorer(data_of(experiment, found, how))
     except KeyError as error:
         expected = f"expected places and answers of each entity after each step, but {error} lacks"
-        raise InputError(paths.explorer(experiment.name, "*"), "", expected) from error
+        raise InputError(SINGLE_ANSWERS.path(experiment=experiment.name), "", expected) from error
 
 
 def data_of(experiment: Experiment, found: Shown, how: ExplorerSettings) -> dict[str, Any]:

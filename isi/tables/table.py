@@ -1,0 +1,196 @@
+"""The catalogue: each table and tensor file of the pipeline is one declaration, beside the feature that writes it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from string import Formatter
+from typing import TYPE_CHECKING
+
+import pandas as pd
+import pyarrow as pa
+
+from isi.errors import InputError
+from isi.tables import io
+from isi.tables.rules import Rule, ascending, first_breach, present, unique
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+#: Types of columns; ``NAME`` is text that repeats.
+NAME = pa.dictionary(pa.int32(), pa.string())
+INT, LONG, REAL, TEXT, BOOL = pa.int32(), pa.int64(), pa.float64(), pa.string(), pa.bool_()
+
+_DECLARED: list[DataFile] = []
+
+
+def declared() -> list[DataFile]:
+    """Every table and tensor file of the modules that were imported."""
+    return list(_DECLARED)
+
+
+@dataclass(frozen=True, eq=False)
+class DataFile:
+    """A file of the pipeline for each combination of names, such as ``data/runs/{experiment}/{model}.parquet``."""
+
+    template: str
+
+    def __post_init__(self) -> None:
+        _DECLARED.append(self)
+
+    def path(self, **names: str | int) -> Path:
+        """Where the file of these names lies, relative to the folder that holds ``dvc.yaml``."""
+        return Path(self.template.format(**names))
+
+    def names_in(self, path: Path) -> dict[str, str] | None:
+        """The names with which the template gives a path; null where it gives it with none."""
+        parts = [(re.escape(text), name) for text, name, *_ in Formatter().parse(self.template)]
+        pattern = "".join(text + (rf"(?P<{name}>\w+)" if name else "") for text, name in parts)
+        match = re.fullmatch(pattern, path.as_posix())
+        return match and match.groupdict()
+
+    def check_file(self, path: Path) -> None:
+        """Read a file whole.
+
+        Raises:
+            InputError: where it is missing or broken, or its content is not as declared.
+        """
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class Table(DataFile):
+    """A Parquet table: its place, its columns in their order, and what its rows hold."""
+
+    columns: Mapping[str, pa.DataType]
+    #: columns that no two rows share; rows ascend in them where ``ordered``
+    key: Sequence[str] = ()
+    ordered: bool = False
+    checks: Sequence[Rule] = ()
+    #: columns that may lack values
+    nullable: Collection[str] = ()
+    #: columns of ids of the experiment's entities
+    entity_ids: Sequence[str] = ()
+
+    @cached_property
+    def schema(self) -> pa.Schema:
+        return pa.schema(list(self.columns.items()))
+
+    def check(self, frame: pd.DataFrame, path: Path) -> None:
+        """Check the rows of a table.
+
+        Raises:
+            InputError: names the first row of the file (from 0, as ids are) that breaks a rule, and the rule.
+        """
+        required = present(*(name for name in self.columns if name not in self.nullable))
+        of_key = (ascending if self.ordered else unique)(*self.key) if self.key else []
+        breach = first_breach(frame, [*required, *self.checks, *of_key])
+        if breach:
+            raise InputError(path, *breach)
+
+    def read(self, **names: str | int) -> pd.DataFrame:
+        """Read the table of these names; text that repeats becomes categories.
+
+        Raises:
+            InputError: where the file is missing or broken, a column is missing or of another type, or a row breaks a
+                rule.
+        """
+        return self.read_file(self.path(**names))
+
+    def read_text(self, **names: str | int) -> pd.DataFrame:
+        """Like ``read``, with text in place of categories."""
+        return as_text(self.read(**names))
+
+    def read_file(self, path: Path) -> pd.DataFrame:
+        """Like ``read``, of a file that may lie elsewhere."""
+        frame: pd.DataFrame = io.read_parquet(path, self.schema).to_pandas()
+        self.check(frame, path)
+        return frame
+
+    def check_file(self, path: Path) -> None:
+        self.read_file(path)
+
+    def write(self, frame: pd.DataFrame, stage: str, **names: str | int) -> None:
+        """Write the table of these names whole, or not at all.
+
+        Args:
+            frame: has the columns, among others; where the table is ordered, its rows may come in any order.
+            stage: that writes; the file's metadata names it.
+
+        Raises:
+            InputError: where a row breaks a rule, or the file cannot be written.
+        """
+        self.write_file(self.path(**names), frame, stage)
+
+    def write_file(self, path: Path, frame: pd.DataFrame, stage: str) -> None:
+        """Like ``write``, of a file that may lie elsewhere."""
+        if self.ordered:
+            frame = frame.sort_values(list(self.key))
+        table = pa.Table.from_pandas(frame, schema=self.schema, preserve_index=False)
+        self.check(table.to_pandas(), path)
+        io.write_parquet(path, [table], self.schema, stage)
+
+    def write_stream(self, parts: Iterable[pa.Table], stage: str, **names: str | int) -> int:
+        """Like ``write``, of parts that come one by one: each is checked by itself, and is a row group of the file.
+
+        Returns:
+            how many rows it has.
+        """
+        return self.write_stream_file(self.path(**names), parts, stage)
+
+    def write_stream_file(self, path: Path, parts: Iterable[pa.Table], stage: str) -> int:
+        """Like ``write_stream``, of a file that may lie elsewhere."""
+        rows = 0
+
+        def checked() -> Iterator[pa.Table]:
+            nonlocal rows
+            for part in io.reading(parts):
+                self.check(part.to_pandas(), path)
+                rows += part.num_rows
+                yield part
+
+        io.write_parquet(path, checked(), self.schema, stage)
+        return rows
+
+
+@dataclass(frozen=True, eq=False)
+class TensorFile(DataFile):
+    """A safetensors file; all numbers in it are finite."""
+
+    def read(self, tensors: Sequence[str], **names: str | int) -> dict[str, Tensor]:
+        """Read named tensors of the file of these names.
+
+        Raises:
+            InputError: where the file is missing or broken, lacks a tensor, or a number is not finite.
+        """
+        return io.read_tensors(self.path(**names), tensors)
+
+    def shape(self, tensor: str, **names: str | int) -> tuple[int, ...]:
+        """The shape of a tensor, without reading its numbers."""
+        return io.shape_of(self.path(**names), tensor)
+
+    def check_file(self, path: Path) -> None:
+        io.read_tensors(path)
+
+    def write(self, tensors: Mapping[str, Tensor], stage: str, **names: str | int) -> None:
+        """Write the file of these names whole, or not at all.
+
+        Raises:
+            InputError: where a number is not finite, or the file cannot be written.
+        """
+        io.write_tensors(self.path(**names), tensors, stage)
+
+
+def as_text(frame: pd.DataFrame) -> pd.DataFrame:
+    """The same rows with plain text in place of categories."""
+    return frame.astype(dict.fromkeys(frame.select_dtypes("category").columns, str))
+
+
+def concat(parts: Iterable[pd.DataFrame], *tables: Table) -> pd.DataFrame:
+    """Parts of a table one after the other; where there are none, no rows with the columns of the tables."""
+    frames = list(parts)
+    names = dict.fromkeys(name for table in tables for name in table.columns)
+    return pd.concat(frames) if frames else pd.DataFrame({name: pd.Series(dtype=object) for name in names})
