@@ -19,8 +19,8 @@ from isi.sources import _materials as materials
 from isi.sources._materials import Object
 from isi.sources._mining import mine
 from isi.sources._recording import Scene, locate, read_recording
-from isi.tables import catalogue, io, paths
-from isi.tables.provenance import Provenance
+from isi.sources.tables import OBSERVATIONS
+from isi.tables import paths
 
 
 def houses(scenes: Sequence[Scene], number: int) -> Iterator[Scene]:
@@ -54,7 +54,7 @@ def main() -> None:
     made = houses(list(read_recording(recording, settings["sha256"])), given.houses)
     shares = materials.read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
     parts = Observed(source.entities).passing(mine(made, materials.suncg(shares, 0), recording))
-    rows = io.write_stream(given.table, parts, catalogue.OBSERVATIONS, Provenance("houses", {}))
+    rows = OBSERVATIONS.write_stream_file(given.table, parts, "houses")
     seconds = round(time.perf_counter() - start, 1)
     print(json.dumps({"observations": rows, "seconds": seconds, "peak_mib": peak_mib()}))
 

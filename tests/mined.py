@@ -11,8 +11,7 @@ import time
 from pathlib import Path
 
 from isi.sources import observing
-from isi.tables import catalogue, io
-from isi.tables.provenance import Provenance
+from isi.sources.tables import OBSERVATIONS
 from tests.houses import peak_mib
 
 
@@ -23,7 +22,7 @@ def main() -> None:
     given = parser.parse_args()
     start = time.perf_counter()
     observed, parts = observing(given.settings, "sources.mined", 0)
-    rows = io.write_stream(given.table, parts, catalogue.OBSERVATIONS, Provenance("mined", {}))
+    rows = OBSERVATIONS.write_stream_file(given.table, parts, "mined")
     seconds = round(time.perf_counter() - start, 1)
     print(json.dumps({"observations": rows, "left": observed.mining.left, "seconds": seconds, "peak_mib": peak_mib()}))
 

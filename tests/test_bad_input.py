@@ -20,10 +20,13 @@ import pytest
 import torch
 import yaml
 
-from isi.tables import catalogue, io, paths
-from isi.tables.catalogue import Schema
+from isi.experiment.tables import INITIAL_VECTORS, INSERTED, RUNS, TIES
+from isi.graph.tables import COVERAGE, ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES, WORD_VECTORS
+from isi.sources.tables import KINDS as KIND_TABLE
+from isi.sources.tables import MINED, OBSERVATIONS
+from isi.tables import io, paths
+from isi.tables.table import Table, concat
 from tests import sleepers
-from tests.lawful import written_by_its_stage
 from tools.workspace import change
 
 ROOT = Path(__file__).parent.parent
@@ -88,23 +91,23 @@ def leave(workspace: Path, *earlier: Path) -> None:
         (workspace / path).write_bytes(b"the last good one")
 
 
-def write(workspace: Path, path: Path, frame: pd.DataFrame, schema: Schema) -> None:
+def write(workspace: Path, path: Path, frame: pd.DataFrame, table: Table) -> None:
     """A table as an earlier stage has left it."""
     with chdir(workspace):
-        io.write(path, frame, schema, written_by_its_stage(path))
+        table.write_file(path, frame, "an_earlier_stage")
 
 
 def observed(workspace: Path, source: str, observations: pd.DataFrame, kinds: pd.DataFrame) -> None:
     """What mining a source has given."""
-    write(workspace, paths.observations(source), observations, catalogue.OBSERVATIONS)
-    write(workspace, paths.kinds(source), kinds, catalogue.KINDS)
+    write(workspace, OBSERVATIONS.path(source=source), observations, OBSERVATIONS)
+    write(workspace, KIND_TABLE.path(source=source), kinds, KIND_TABLE)
 
 
 def graph(workspace: Path, experiment: str) -> None:
     """A graph of a mug in a kitchen."""
     triples = OBSERVED[["head", "relation", "tail", "count"]].assign(source="ai2thor")
-    write(workspace, paths.triples(experiment), triples, catalogue.TRIPLES)
-    write(workspace, paths.entities(experiment), KINDS.assign(source="ai2thor"), catalogue.ENTITIES)
+    write(workspace, TRIPLES.path(experiment=experiment), triples, TRIPLES)
+    write(workspace, ENTITIES.path(experiment=experiment), KINDS.assign(source="ai2thor"), ENTITIES)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +154,7 @@ def a_recording() -> dict[str, list[list[object]]]:
 
 
 def mined(source: str) -> list[Path]:
-    return [path(source) for path in (paths.observations, paths.kinds, paths.mined)]
+    return [table.path(source=source) for table in (OBSERVATIONS, KIND_TABLE, MINED)]
 
 
 @pytest.mark.parametrize(
@@ -193,7 +196,7 @@ def test_another_recording_than_the_params_vouch_for_is_refused_and_no_output_be
 def test_a_broken_file_of_word_vectors_is_named_and_the_earlier_vectors_stay(
     workspace: Path, content: str, place: str
 ) -> None:
-    leave(workspace, paths.vectors("ai2thor"), paths.coverage("ai2thor"))
+    leave(workspace, WORD_VECTORS.path(experiment="ai2thor"), COVERAGE.path(experiment="ai2thor"))
     graph(workspace, "ai2thor")
     (workspace / "my.vec").write_text(content, encoding="utf-8")
     set_params(workspace, {"words.source": "my.vec"})
@@ -203,12 +206,12 @@ def test_a_broken_file_of_word_vectors_is_named_and_the_earlier_vectors_stay(
 
 
 def test_a_table_that_lacks_a_column_is_named_and_the_earlier_graph_stays(workspace: Path) -> None:
-    leave(workspace, paths.entities("ai2thor"), paths.triples("ai2thor"))
+    leave(workspace, ENTITIES.path(experiment="ai2thor"), TRIPLES.path(experiment="ai2thor"))
     observed(workspace, "ai2thor", OBSERVED, KINDS)
-    table = workspace / paths.observations("ai2thor")
+    table = workspace / OBSERVATIONS.path(source="ai2thor")
     pq.write_table(pq.read_table(table).drop_columns(["room"]), table)
     line = refusal(workspace, "stages.build_graph", "ai2thor")
-    assert str(paths.observations("ai2thor")) in line
+    assert str(OBSERVATIONS.path(source="ai2thor")) in line
     assert "column 'room'" in line
 
 
@@ -248,7 +251,7 @@ def test_triples_of_ones_own_are_mined_and_broken_ones_are_named_and_the_earlier
     ended = run_stage(workspace, "stages.mine", "own")
     assert (ended.returncode, ended.stderr) == (0, "")
     assert ended.stdout == "1 rows of observations of 2 entities\n"
-    kinds = io.read(workspace / paths.kinds("own"), catalogue.KINDS)
+    kinds = KIND_TABLE.read_file(workspace / KIND_TABLE.path(source="own"))
     assert kinds.to_numpy().tolist() == [["kitchen", "room", "kitchen"], ["mug", "object", "mug"]]
     (workspace / name).write_text(good + bad, encoding="utf-8")
     assert f"sources.own: {name}: line {lines + 1}: " in refusal(workspace, "stages.mine", "own")
@@ -281,14 +284,14 @@ def test_a_broken_vocabulary_is_named_and_the_earlier_observations_stay(
     [
         ("mug", 6, "params.yaml: experiments.transfer.graph.extend.always: 'fan'"),
         ("fan", 5, "params.yaml: experiments.transfer.graph.extend.always: 'fan'"),
-        ("oven", 6, f"{paths.observations('mp3d')}: object 'oven'"),
+        ("oven", 6, f"{OBSERVATIONS.path(source='mp3d')}: object 'oven'"),
     ],
     ids=["none of that name", "too few", "another kind"],
 )
 def test_entities_that_cannot_join_the_graph_are_named_and_the_earlier_graph_stays(
     workspace: Path, head: str, count: int, named: str
 ) -> None:
-    leave(workspace, paths.entities("transfer"), paths.triples("transfer"))
+    leave(workspace, ENTITIES.path(experiment="transfer"), TRIPLES.path(experiment="transfer"))
     made_of = OBSERVED.assign(relation="hasMaterial", tail="oven")
     kinds = pd.concat([KINDS, pd.DataFrame({"entity": ["oven"], "kind": ["material"], "phrase": ["oven"]})])
     observed(workspace, "ai2thor", pd.concat([OBSERVED, made_of]), kinds)
@@ -306,7 +309,7 @@ def test_more_novel_entities_than_the_graph_has_are_refused_by_their_key(workspa
 
 def test_a_graph_without_triples_has_no_sessions(workspace: Path) -> None:
     graph(workspace, "ai2thor")
-    write(workspace, paths.triples("ai2thor"), OBSERVED[:0].assign(source=""), catalogue.TRIPLES)
+    write(workspace, TRIPLES.path(experiment="ai2thor"), OBSERVED[:0].assign(source=""), TRIPLES)
     line = refusal(workspace, "stages.make_sessions", "ai2thor")
     assert "params.yaml: experiments.ai2thor.sessions: expected a graph with triples" in line
 
@@ -317,35 +320,35 @@ def test_an_unknown_initializer_is_refused_with_the_names_of_those_there_are(wor
 
 
 def test_a_good_input_after_a_bad_one_replaces_the_earlier_output(workspace: Path) -> None:
-    leave(workspace, paths.entities("ai2thor"), paths.triples("ai2thor"))
+    leave(workspace, ENTITIES.path(experiment="ai2thor"), TRIPLES.path(experiment="ai2thor"))
     observed(workspace, "ai2thor", OBSERVED, KINDS)
     ended = run_stage(workspace, "stages.build_graph", "ai2thor")
     assert (ended.returncode, ended.stderr) == (0, "")
-    assert io.read(workspace / paths.entities("ai2thor"), catalogue.ENTITIES)["entity"].tolist() == ["kitchen", "mug"]
-    of = (paths.observations, paths.kinds, paths.entities, paths.triples)
-    assert set(outputs(workspace)) == {str(path("ai2thor")) for path in of}  # and no temporary file
+    assert ENTITIES.read_file(workspace / ENTITIES.path(experiment="ai2thor"))["entity"].tolist() == ["kitchen", "mug"]
+    tables = (OBSERVATIONS, KIND_TABLE, ENTITIES, TRIPLES)
+    files = [table.path(source="ai2thor", experiment="ai2thor") for table in tables]
+    assert set(outputs(workspace)) == set(map(str, files))  # and no temporary file
 
 
 def test_an_initializer_that_the_experiment_does_not_list_leaves_tables_without_rows(workspace: Path) -> None:
     set_params(workspace, {"experiments.ai2thor.initializers": ["rs", "xavier"]})
     graph(workspace, "ai2thor")
     row = pd.DataFrame({"size": [1], "seed": [0], "entity": [1], "triple": [0], "session": [1], "split": ["train"]})
-    write(workspace, paths.splits("ai2thor"), row, catalogue.SPLITS)
-    write(workspace, paths.novel("ai2thor"), row, catalogue.NOVEL)
-    write(workspace, paths.insert_triples("ai2thor"), row, catalogue.INSERT_TRIPLES)
-    write(workspace, paths.runs("ai2thor", "joint"), io.together([], catalogue.RUNS), catalogue.RUNS)
+    write(workspace, SPLITS.path(experiment="ai2thor"), row, SPLITS)
+    write(workspace, NOVEL.path(experiment="ai2thor"), row, NOVEL)
+    write(workspace, INSERT_TRIPLES.path(experiment="ai2thor"), row, INSERT_TRIPLES)
+    write(workspace, RUNS.path(experiment="ai2thor", model="joint"), concat([], RUNS), RUNS)
     with chdir(workspace):
-        path = paths.vectors("ai2thor")
-        io.write_tensors(path, {"vectors": torch.ones(2, 3)}, written_by_its_stage(path))
+        WORD_VECTORS.write({"vectors": torch.ones(2, 3)}, "embed_words", experiment="ai2thor")
     ended = run_stage(workspace, "stages.insert", "ai2thor", "es")
     assert ended.returncode == 0, ended.stderr
     for path, schema in (
-        (paths.runs("ai2thor", "es"), catalogue.RUNS),
-        (paths.ties("ai2thor", "es"), catalogue.TIES),
-        (paths.inserted("ai2thor", "es"), catalogue.INSERTED),
+        (RUNS.path(experiment="ai2thor", model="es"), RUNS),
+        (TIES.path(experiment="ai2thor", model="es"), TIES),
+        (INSERTED.path(experiment="ai2thor", initializer="es"), INSERTED),
     ):
-        assert io.read(workspace / path, schema).empty
-    assert io.read_tensors(workspace / paths.initial_vectors("ai2thor", "es"), []) == {}
+        assert schema.read_file(workspace / path).empty
+    assert io.read_tensors(workspace / INITIAL_VECTORS.path(experiment="ai2thor", initializer="es"), []) == {}
 
 
 def test_a_stage_explains_itself_without_running(workspace: Path) -> None:

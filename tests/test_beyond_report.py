@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from isi.analyses.variants import Variant
+from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, Variant
 from isi.experiment.insert import FullCurves
 from isi.report import page, varied
 from isi.report.figures import rendered
@@ -21,8 +21,7 @@ from isi.report.results import Asked, Results
 from isi.report.section import Bullets, Figure, Section, Table
 from isi.report.sections import causes, embeddings, strong, told, vectors
 from isi.report.varied import Varied
-from isi.tables import catalogue, io, paths
-from isi.tables.provenance import Provenance
+from isi.tables import paths
 from tests.reports import runs, small_results, stated
 
 SECTIONS = [strong.SECTION, embeddings.SECTION, told.SECTION, vectors.SECTION, causes.SECTION]
@@ -168,8 +167,8 @@ def test_variants_are_read_as_far_as_they_ran_on_experiments_that_there_are(
         ran, asked = one.runs.assign(**whole).sort_values(order), one.asked.assign(mrr=0.5, session=1)
         if name == "elsewhere":
             ran, asked = (frame[frame["experiment"] == "away"] for frame in (ran, asked))
-        io.write(paths.variant(name), ran, catalogue.VARIANTS, Provenance("vary", {}))
-        io.write(paths.variant_asked(name), asked, catalogue.VARIANTS_ASKED, Provenance("vary", {}))
+        VARIANT_RUNS.write(ran, "vary", variant=name)
+        VARIANT_QUERIES.write(asked, "vary", variant=name)
     found = varied.read(["home"])
     assert list(found) == ["second", "first"]
     assert found["first"].experiments == ["home"]

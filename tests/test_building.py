@@ -6,7 +6,6 @@ from collections import Counter
 from itertools import pairwise
 
 import pandas as pd
-import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,8 +13,9 @@ from hypothesis import strategies as st
 from isi.config import check
 from isi.errors import InputError
 from isi.graph import graph as building
+from isi.graph import tables
 from isi.graph.graph import Extension, GraphOf, GraphTables, MinedSource
-from isi.tables import catalogue
+from isi.tables.table import Table
 
 #: (head, relation, tail, how many observations), in the order in which they were seen.
 SEEN = [
@@ -42,12 +42,12 @@ def kinds_of(**kinds: str) -> pd.DataFrame:
 KINDS = kinds_of(mug="object", wood="material", kitchen="room", fill="affordance", cabinet="object")
 
 
-def rows(table: pd.DataFrame, schema: pa.Schema) -> list[tuple[object, ...]]:
-    return list(table[schema.names].itertuples(index=False, name=None))
+def rows(table: pd.DataFrame, schema: Table) -> list[tuple[object, ...]]:
+    return list(table[list(schema.columns)].itertuples(index=False, name=None))
 
 
 def test_observations_of_a_triple_add_up() -> None:
-    assert rows(building.count_triples(observations(), "home"), catalogue.TRIPLES) == [
+    assert rows(building.count_triples(observations(), "home"), tables.TRIPLES) == [
         ("cabinet", "atLocation", "kitchen", 1, "home"),
         ("mug", "atLocation", "cabinet", 1, "home"),
         ("mug", "atLocation", "kitchen", 5, "home"),
@@ -78,7 +78,7 @@ def test_an_entity_whose_triples_were_all_dropped_is_gone() -> None:
 
 def test_entities_are_in_alphabetical_order_with_the_kinds_and_phrases_of_their_source() -> None:
     graph = building.build_tables(MinedSource("home", observations(), KINDS))
-    assert rows(graph.entities, catalogue.ENTITIES) == [
+    assert rows(graph.entities, tables.ENTITIES) == [
         ("cabinet", "object", "home", "a cabinet"),
         ("fill", "affordance", "home", "a fill"),
         ("kitchen", "room", "home", "a kitchen"),
@@ -152,11 +152,11 @@ def test_new_entities_and_their_triples_come_behind_those_of_the_graph() -> None
     encoded = TRIPLES.astype({"head": "category", "relation": "category", "tail": "category", "source": "category"})
     extended = building.extend(GraphTables(ENTITIES, encoded), SHOP, ["fan", "stove"])
     pd.testing.assert_frame_equal(extended.entities.iloc[: len(ENTITIES)], ENTITIES, check_dtype=False)
-    assert rows(extended.entities.iloc[len(ENTITIES) :], catalogue.ENTITIES) == [
+    assert rows(extended.entities.iloc[len(tables.ENTITIES) :], tables.ENTITIES) == [
         ("fan", "object", "shop", "a fan"),
         ("stove", "object", "shop", "a stove"),
     ]
-    assert rows(extended.triples, catalogue.TRIPLES) == [
+    assert rows(extended.triples, tables.TRIPLES) == [
         ("lamp", "atLocation", "kitchen", 2, "home"),  # none of the nine that the other source saw
         ("lamp", "hasMaterial", "wood", 3, "home"),
         ("fan", "atLocation", "bedroom", 4, "shop"),
@@ -171,7 +171,7 @@ def test_a_triple_between_two_newcomers_joins_when_both_do() -> None:
     assert list(building.new_entities(seen, ENTITIES).index) == ["fan", "stove"]
     home = GraphTables(ENTITIES, TRIPLES)
     alone, both = (
-        building.extend(home, seen, added).triples.iloc[len(TRIPLES) :] for added in (["fan"], ["fan", "stove"])
+        building.extend(home, seen, added).triples.iloc[len(tables.TRIPLES) :] for added in (["fan"], ["fan", "stove"])
     )
     assert list(alone["tail"]) == ["kitchen"]
     assert list(both["tail"]) == ["kitchen", "stove", "fan"]

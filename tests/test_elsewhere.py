@@ -13,9 +13,12 @@ import pytest
 import yaml
 
 from isi.analyses import other_graphs
+from isi.analyses.other_graphs import GRAPH_QUERIES, GRAPH_RUNS
+from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS
 from isi.errors import InputError
+from isi.graph.tables import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES
 from isi.params import load as load_params
-from isi.tables import catalogue, io, paths
+from isi.tables import paths
 from stages.build_graph import build_graph
 from stages.embed_words import embed_words
 from stages.explore import explore
@@ -73,20 +76,20 @@ def test_an_experiment_elsewhere_is_what_the_first_pipeline_would_have_run(monke
         ran(monkeypatch, stage, "published")
     ran(monkeypatch, vary, "first")
     ran(monkeypatch, explore, "again")
-    for name, first, schema in (
-        ("entities", paths.entities("published"), catalogue.ENTITIES),
-        ("triples", paths.triples("published"), catalogue.TRIPLES),
-        ("runs", paths.variant("first"), catalogue.VARIANTS),
-        ("asked", paths.variant_asked("first"), catalogue.VARIANTS_ASKED),
+    for table, theirs in (
+        (GRAPH_ENTITIES, ENTITIES.read(experiment="published")),
+        (GRAPH_TRIPLES, TRIPLES.read(experiment="published")),
+        (GRAPH_RUNS, VARIANT_RUNS.read(variant="first")),
+        (GRAPH_QUERIES, VARIANT_QUERIES.read(variant="first")),
     ):
-        own, theirs = io.read(paths.explored("again", name), schema), io.read(first, schema)
+        own = table.read(graph="again")
         assert len(own) > 0
         for column in ("source", "experiment"):
             if column in own:
                 assert set(own[column]) == {"again"}
                 own, theirs = own.drop(columns=column), theirs.drop(columns=column)
         pd.testing.assert_frame_equal(own, theirs, check_exact=True)
-    assert (io.read(paths.explored("again", "triples"), catalogue.TRIPLES)["count"] >= 2).all()
+    assert (GRAPH_TRIPLES.read(graph="again")["count"] >= 2).all()
 
 
 def test_what_ships_is_sound(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,4 +126,4 @@ def test_a_graph_with_too_few_entities_is_refused_and_nothing_is_written(monkeyp
     list_graphs(min_count=10_000)
     with pytest.raises(SystemExit, match=r"graphs\.again: graphs\.again\.source: expected triples .* 10000 times"):
         ran(monkeypatch, explore, "again")
-    assert not paths.explored("again", "runs").parent.exists()
+    assert not GRAPH_RUNS.path(graph="again").parent.exists()

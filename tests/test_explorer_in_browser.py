@@ -15,7 +15,6 @@ from isi.report import contents, page
 from isi.report.models import label
 from isi.report.results import Experiment, Study
 from isi.tables import io
-from isi.tables.io import Provenance
 from tests.browser import Opened, opened
 from tests.reports import small_results
 from tests.test_singles import HOW, singles_task
@@ -39,7 +38,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Shown:
     done = single_insertions.single_insertions(singles_task())
     for what, (schema, order) in TABLES.items():
         frame = getattr(done, what).sort_values(order, kind="stable")
-        io.write(folder / what, frame, schema, Provenance("single_out", {}))
+        schema.write_file(folder / what, frame, "single_out")
         found[what] = io.read_text(folder / what, schema)
     return found
 

@@ -16,14 +16,15 @@ import yaml
 from rdflib import RDF, RDFS, Graph, Literal, URIRef
 
 from isi.__main__ import main
+from isi.experiment.tables import JOINT
 from isi.exports import FORMS
-from isi.tables import catalogue, io, paths
-from isi.tables.provenance import Provenance
+from isi.graph import tables
+from isi.tables import paths
 from tests.kept import small, written
 from tests.observing import TRIPLE, observe
 
 ROOT = Path(__file__).parent.parent
-MADE = Provenance("a_test", {})
+MADE = "a_test"
 ENTITIES = pd.DataFrame(
     [("fill", "affordance"), ("kitchen", "room"), ("mug", "object"), ("tea/pot", "object"), ("Öfen 5\"", "object")],
     columns=["entity", "kind"],
@@ -62,7 +63,7 @@ def lay_out() -> None:
         "known": torch.tensor([[True] * 5, [True] * 4 + [False]]),
         "seed": torch.tensor([4, 7]),
     }
-    io.write_tensors(paths.joint("home"), tensors, MADE)
+    JOINT.write(tensors, MADE, experiment="home")
 
 
 @pytest.fixture
@@ -75,8 +76,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def graph(entities: pd.DataFrame, triples: pd.DataFrame) -> None:
     named = entities.assign(source="home", phrase=entities["entity"].str.lower())
-    io.write(paths.entities("home"), named, catalogue.ENTITIES, MADE)
-    io.write(paths.triples("home"), triples.assign(source="home"), catalogue.TRIPLES, MADE)
+    tables.ENTITIES.write(named, MADE, experiment="home")
+    tables.TRIPLES.write(triples.assign(source="home"), MADE, experiment="home")
 
 
 def export(form: str, out: str, *more: str) -> None:
@@ -105,7 +106,7 @@ def test_rdf_tells_kinds_phrases_and_predictions_where_they_are_asked_for(form: 
     export(form, "home", "--labels", "--predictions", "1")
     found = Graph().parse("home", format=parser)
     mug, first = URIRef("urn:isi:home:entity:mug"), URIRef("urn:isi:home:prediction:1")
-    assert len(found) == len(TRIPLES) + 2 * len(ENTITIES) + 5 * 6
+    assert len(found) == len(tables.TRIPLES) + 2 * len(tables.ENTITIES) + 5 * 6
     assert found.value(mug, RDFS.label) == Literal("mug")
     assert found.value(mug, RDF.type) == URIRef("urn:isi:home:kind:object")
     assert found.value(first, RDF.subject) == mug
@@ -215,9 +216,8 @@ def test_an_embedding_leaves_with_what_it_predicts_itself() -> None:
 
 
 def test_a_graph_of_the_second_pipeline_leaves_without_predictions(folder: Path) -> None:
-    for name, schema in (("entities", catalogue.ENTITIES), ("triples", catalogue.TRIPLES)):
-        own = paths.entities("home") if name == "entities" else paths.triples("home")
-        io.write(paths.explored("there", name), io.read(own, schema), schema, MADE)
+    tables.GRAPH_ENTITIES.write(tables.ENTITIES.read(experiment="home"), MADE, graph="there")
+    tables.GRAPH_TRIPLES.write(tables.TRIPLES.read(experiment="home"), MADE, graph="there")
     main(["export", "there", "--format", "pykeen-tsv", "--out", "there.tsv"])
     found = pd.read_csv(folder / "there.tsv", sep="\t", header=None)
     assert set(found.itertuples(index=False, name=None)) == ROWS

@@ -10,9 +10,7 @@ import pytest
 import torch
 
 from isi.errors import InputError
-from isi.graph import graph
-from isi.tables import catalogue, io
-from isi.tables.provenance import Provenance
+from isi.graph import graph, tables
 
 #: As ``tables.TRIPLES``.
 TRIPLES = pd.DataFrame(
@@ -50,14 +48,14 @@ def test_triples_that_are_the_same_but_for_one_slot_are_found(tiny: graph.Graph)
 
 
 def test_tables_read_from_parquet_give_the_same_graph(tiny: graph.Graph, tmp_path: Path) -> None:
-    made = Provenance("build_graph", {})
+    made = "build_graph"
     entities = pd.DataFrame({"entity": tiny.entities, "kind": KINDS, "source": "x", "phrase": tiny.entities})
     entities = entities.sort_values("entity", ignore_index=True)
     tiny = graph.build_graph(entities, TRIPLES)
-    io.write(tmp_path / "entities", entities, catalogue.ENTITIES, made)
-    io.write(tmp_path / "triples", TRIPLES, catalogue.TRIPLES, made)
+    tables.ENTITIES.write_file(tmp_path / "entities", entities, made)
+    tables.TRIPLES.write_file(tmp_path / "triples", TRIPLES, made)
     read = graph.build_graph(
-        io.read(tmp_path / "entities", catalogue.ENTITIES), io.read(tmp_path / "triples", catalogue.TRIPLES)
+        tables.ENTITIES.read_file(tmp_path / "entities"), tables.TRIPLES.read_file(tmp_path / "triples")
     )
     assert (read.entities, read.relations) == (tiny.entities, tiny.relations)
     assert torch.equal(read.triples, tiny.triples)

@@ -15,8 +15,9 @@ from isi.cli._reading import guess, read, together
 from isi.cli.graph import described
 from isi.config import read as read_params
 from isi.graph.graph import build_graph, build_tables
+from isi.graph.tables import ENTITIES, TRIPLES
 from isi.sources._recording import FORMAT, locate
-from isi.tables import catalogue, io, paths
+from isi.tables import paths
 
 ROOT = Path(__file__).parent.parent
 LOG = """head,relation,tail,count,room
@@ -88,8 +89,8 @@ def test_it_says_what_is_in_a_table(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_it_writes_the_tables_of_a_graph(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said(capsys, "log.csv", "--out", "made/graph")
-    entities = io.read(folder / "made/graph/entities.parquet", catalogue.ENTITIES)
-    triples = io.read(folder / "made/graph/triples.parquet", catalogue.TRIPLES)
+    entities = ENTITIES.read_file(folder / "made/graph/entities.parquet")
+    triples = TRIPLES.read_file(folder / "made/graph/triples.parquet")
     assert list(entities["entity"]) == ["bedroom", "ceramic", "cup", "fill", "kitchen", "mug", "xqzzy"]
     assert set(entities["kind"]) == {"entity"}
     counts = {tuple(row[:3]): row[3] for row in triples.itertuples(index=False)}

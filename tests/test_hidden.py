@@ -14,12 +14,12 @@ import torch
 import yaml
 
 from isi.analyses import other_graphs
-from isi.analyses.hidden_entities import Hidden, HiddenTask, measure_hidden
+from isi.analyses.hidden_entities import HIDDEN_ENTITIES, Hidden, HiddenTask, measure_hidden, seconds_path
 from isi.config import check
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import Graph
-from isi.tables import catalogue, io, paths
+from isi.tables import paths
 from tools.check_params import check_beyond
 
 ROOT = Path(__file__).parent.parent
@@ -174,12 +174,12 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(tmp_path: Path, mo
         paths.PARAMS.write_text(yaml.safe_dump(params | {"compute": params["compute"] | {"workers": workers}}))
         monkeypatch.setattr(sys, "argv", ["hide", "nations"])
         hide_stage()
-        written.append(paths.hidden("nations").read_bytes())
+        written.append(HIDDEN_ENTITIES.path(graph="nations").read_bytes())
     assert written[0] == written[1]
-    found = io.read(paths.hidden("nations"), catalogue.HIDDEN)
+    found = HIDDEN_ENTITIES.read(graph="nations")
     assert set(found["entities"]) == {1}
     assert set(found["seed"]) == {0, 1}
-    took = json.loads(paths.hidden_seconds("nations").read_text(encoding="utf-8"))
+    took = json.loads(seconds_path("nations").read_text(encoding="utf-8"))
     assert {row["method"] for row in took} == {"known", *found["method"]}
 
 

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 import yaml
 
-from isi.tables import catalogue, io, paths
-from isi.tables.io import Provenance
+from isi.analyses.hidden_entities import HIDDEN_ENTITIES, seconds_path
+from isi.tables import paths
 from tests.test_hidden import ENTRY
 from tools import hidden
 
@@ -35,9 +35,9 @@ def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     paths.BEYOND_PARAMS.parent.mkdir()
     entries = {"ring": ENTRY | {"told": [1, None]}, "later": ENTRY}
     paths.BEYOND_PARAMS.write_text(yaml.safe_dump({"variants": {}, "hidden": entries}), encoding="utf-8")
-    io.write(paths.hidden("ring"), pd.DataFrame(rows), catalogue.HIDDEN, Provenance("hide", {}))
+    HIDDEN_ENTITIES.write(pd.DataFrame(rows), "hide", graph="ring")
     took = [{"method": method, "told": told, "seconds": 12.34 if told else 0.0123} for method, told, _ in FOUND]
-    paths.hidden_seconds("ring").write_text(json.dumps(took), encoding="utf-8")
+    seconds_path("ring").write_text(json.dumps(took), encoding="utf-8")
     return tmp_path / "hidden.md"
 
 
@@ -63,6 +63,6 @@ def test_means_stand_in_the_table_and_who_is_first_beneath(written: Path) -> Non
 
 
 def test_where_nothing_was_hidden_nothing_is_written(written: Path) -> None:
-    paths.hidden("ring").unlink()
+    HIDDEN_ENTITIES.path(graph="ring").unlink()
     hidden.main()
     assert not written.exists()

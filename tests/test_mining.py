@@ -24,8 +24,8 @@ from isi.sources._household import entity_name, household
 from isi.sources._materials import MaterialsOf, Object
 from isi.sources._mining import CHUNK, ELSEWHERE, IN_CIRCLE, ITSELF, MISSING, NOT_THERE, Circular, Untidy, mine
 from isi.sources._recording import Scene, locate, read_recording
-from isi.tables import catalogue, io, paths
-from isi.tables.provenance import Provenance
+from isi.sources.tables import OBSERVATIONS
+from isi.tables import paths
 from tests.houses import houses
 
 KEYS = ("kitchens", "living_rooms", "bedrooms", "bathrooms")
@@ -131,8 +131,8 @@ def test_two_rooms_give_the_observations_written_out_by_hand(tmp_path: Path) -> 
     observations = mined(scenes, materials.simulator, tmp_path)
     assert rows(observations) == sorted(EXPECTED)
     assert (observations["count"] == 1).all()
-    io.write(tmp_path / "table.parquet", observations, catalogue.OBSERVATIONS, Provenance("mine", {}))
-    assert rows(io.read(tmp_path / "table.parquet", catalogue.OBSERVATIONS)) == sorted(EXPECTED)
+    OBSERVATIONS.write_file(tmp_path / "table.parquet", observations, "mine")
+    assert rows(OBSERVATIONS.read_file(tmp_path / "table.parquet")) == sorted(EXPECTED)
 
 
 @pytest.mark.parametrize(
@@ -378,7 +378,7 @@ BROKEN = [*MANY, Scene("House7777", 7777, "kitchen", [thing("Mug", 9, ["Shelf|3"
 def mine_to(path: Path, scenes: list[Scene], materials_of: MaterialsOf) -> bytes:
     """The bytes of the table of some scenes."""
     parts = Observed(household).passing(mine(scenes, materials_of, Path("recording.json")))
-    io.write_stream(path, parts, catalogue.OBSERVATIONS, Provenance("mine", {}))
+    OBSERVATIONS.write_stream_file(path, parts, "mine")
     return path.read_bytes()
 
 
@@ -393,7 +393,7 @@ def test_each_chunk_of_scenes_is_a_row_group_and_together_they_are_what_each_sce
     scenes = [file.read_row_group(group)["scene"].to_pylist() for group in range(file.num_row_groups)]
     assert [len(set(names)) for names in scenes] == [CHUNK, CHUNK, 11]
     alone = pd.concat([mined([scene], materials.simulator, tmp_path) for scene in MANY], ignore_index=True)
-    read = io.read(tmp_path / "table.parquet", catalogue.OBSERVATIONS)
+    read = OBSERVATIONS.read_file(tmp_path / "table.parquet")
     assert read.astype(alone.dtypes).equals(alone)
 
 

@@ -22,7 +22,8 @@ from isi.sources._mp3d import STEPS, Counted, Vocabulary, read_vocabulary
 from isi.sources._recording import AFFORDANCES, ITHOR, locate, read_recording
 from isi.sources.mp3d_houses import houses
 from isi.sources.mp3d_tallies import tallies
-from isi.tables import catalogue, paths
+from isi.sources.tables import OBSERVATIONS
+from isi.tables import paths
 
 LABELS = {"a": "bathroom", "t": "bathroom", "b": "bedroom", "k": "kitchen", "l": "living room"}
 WORDS = Vocabulary(structure=["wall", "unknown"], same_as={"night stand": "side table", "refridgerator": "fridge"})
@@ -34,7 +35,7 @@ def mined(
     """Rows of scene, room, instance, head, tail, count; and the instances left after each step."""
     left: Counter[str] = Counter()
     table = pa.concat_tables(mp3d.mine(batches, rooms, words, left))
-    assert table.schema.equals(catalogue.OBSERVATIONS.columns)
+    assert table.schema.equals(OBSERVATIONS.schema)
     frame = pd.DataFrame(table.to_pydict())
     assert set(frame["relation"]) <= {"atLocation"}
     rows = frame[["scene", "room", "instance", "head", "tail", "count"]].astype(object)

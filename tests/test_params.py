@@ -16,7 +16,6 @@ from isi.initializers.api import options_of
 from isi.params import Params, load
 from isi.stage import StageContext
 from isi.tables import paths
-from isi.tables.io import Provenance
 from tools.workspace import DROP, change_all
 
 
@@ -344,11 +343,11 @@ def test_an_experiment_runs_all_initializers_or_those_that_it_lists_in_the_order
 
 def test_a_sweep_of_one_initializer_needs_the_options_of_no_other() -> None:
     values = {"sweep.k": [1, 4], "sweep.size": 2, "sweep.seeds": 3}
-    given = StageContext(values | {"sweep.initializers.ers": {"candidates": 30}}, Provenance("sweep_indicators", {}))
+    given = StageContext(values | {"sweep.initializers.ers": {"candidates": 30}}, "sweep_indicators")
     assert given.section("sweep", SweepSettings).model_dump() == {
         "k": [1, 4], "size": 2, "seeds": 3, "initializers": {"ers": {"candidates": 30}}
     }  # fmt: skip
-    other = StageContext({**given.values, "sweep.k": [4, 1]}, given.provenance)
+    other = StageContext({**given.values, "sweep.k": [4, 1]}, given.stage)
     with pytest.raises(InputError, match=r"^params\.yaml: sweep: k must ascend"):
         other.section("sweep", SweepSettings)
 

@@ -18,7 +18,7 @@ from isi.sources._houses import House, Placed, asset_types
 from isi.sources._materials import Object
 from isi.sources._recording import Scene
 from isi.sources.procthor_houses import CHUNK, ELSEWHERE, INSTANCES, OUTSIDE, TAKEN, UNNAMED, UNRECORDED, numbered
-from isi.tables import catalogue, paths
+from isi.sources.tables import OBSERVATIONS
 from tests.floors import house, thing
 from tests.test_bad_input import leave, mined, refusal, set_params, workspace
 from tools import make_houses
@@ -38,7 +38,7 @@ def observed(path: Path, *lines: dict[str, Any]) -> tuple[list[tuple[object, ...
     path.write_text("\n".join(map(json.dumps, lines)), encoding="utf-8")
     left: Counter[str] = Counter()
     table = pa.concat_tables(procthor.mine(numbered(path, None), AFFORDANCES, no_materials, left))
-    assert table.schema.equals(catalogue.OBSERVATIONS.columns)
+    assert table.schema.equals(OBSERVATIONS.schema)
     return list(pd.DataFrame(table.to_pydict())[ROWS].itertuples(index=False, name=None)), +left
 
 
@@ -176,4 +176,4 @@ def test_a_late_mistake_is_one_line_of_the_stage_which_writes_nothing(workspace:
     }}})  # fmt: skip
     told = refusal(workspace, "stages.mine", "home")
     assert f"sources.home: mine.jsonl: line {CHUNK + 2}: expected a house" in told
-    assert paths.observations("home").name in {path.name for path in (workspace / "data/observations").iterdir()}
+    assert OBSERVATIONS.path(source="home").name in {path.name for path in (workspace / "data/observations").iterdir()}

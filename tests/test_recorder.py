@@ -23,8 +23,8 @@ from isi.recording.simulator import Simulator
 from isi.sources import SOURCES, Mining
 from isi.sources._materials import Object
 from isi.sources._recording import ITHOR, locate
-from isi.tables import catalogue, io, paths
-from isi.tables.provenance import Provenance
+from isi.sources.tables import OBSERVATIONS
+from isi.tables import paths
 from stages.record import record
 from tests import player
 
@@ -286,5 +286,5 @@ def mine(path: Path, source: str) -> bytes:
     given = {**RAW["sources"]["ai2thor"], "sha256": None}
     reader, of_params = given.pop("reader"), {key: value for key, value in given.items() if key != "from"}
     parts = SOURCES.get(reader, "").observe(Mining(0), from_=source, **of_params)
-    io.write_stream(path, parts, catalogue.OBSERVATIONS, Provenance("mine", {}))
+    OBSERVATIONS.write_stream_file(path, parts, "mine")
     return path.read_bytes()

@@ -34,12 +34,11 @@ from isi.graph.sampling import (
     triples_without,
 )
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID, everything, without
+from isi.graph.tables import ENTITIES, SPLITS, TRIPLES
 from isi.random import stream
-from isi.tables import catalogue, io, paths
-from isi.tables.provenance import Provenance
+from isi.tables import paths
 from stages.make_sessions import make_sessions
 from tests.graphs import as_stored, graph_of, insert_triples_of, points_of, random_graph
-from tests.lawful import written_by_its_stage
 
 GRAPHS = st.builds(random_graph, st.integers(4, 9), st.integers(1, 3), st.integers(9, 40), seed=st.integers(0, 10_000))
 SEEDS = st.integers(0, 10_000)
@@ -330,11 +329,11 @@ def make(folder: Path, monkeypatch: pytest.MonkeyPatch, graph: Graph, how: dict[
     head, relation, tail = graph.triples.numpy().T
     triples = pd.DataFrame({"head": names[head], "relation": np.array(graph.relations)[relation], "tail": names[tail]})
     triples = triples.assign(count=graph.counts.numpy(), source="here")
-    io.write(paths.entities("home"), entities, catalogue.ENTITIES, written_by_its_stage(paths.entities("home")))
-    io.write(paths.triples("home"), triples, catalogue.TRIPLES, written_by_its_stage(paths.triples("home")))
+    ENTITIES.write(entities, "build_graph", experiment="home")
+    TRIPLES.write(triples, "build_graph", experiment="home")
     monkeypatch.setattr(sys, "argv", ["make_sessions", "home"])
     make_sessions()
-    return Store("home", Provenance("test", {}))
+    return Store("home")
 
 
 @pytest.mark.parametrize("steps", [1, 2])
@@ -397,17 +396,17 @@ def test_more_novel_entities_than_there_may_be_are_refused(
     kinds = np.array(["object", "room", "material"] * 4)
     with pytest.raises(SystemExit, match=rf"experiments\.home\.sessions\.sizes: .*\b{candidates} that may be novel"):
         make(tmp_path, monkeypatch, as_stored(random_graph(12, 2, 90)), how, kind=kinds)
-    assert not paths.splits("home").parent.exists()
+    assert not SPLITS.path(experiment="home").parent.exists()
 
 
 def test_triples_without_a_row_have_no_split(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    where = Provenance("test", {})
+    where = "test"
     names = [("a", "on", "b"), ("b", "of", "a"), ("b", "on", "a")]
     triples = pd.DataFrame(names, columns=["head", "relation", "tail"]).assign(count=1, source="here")
-    io.write(paths.triples("home"), triples, catalogue.TRIPLES, where)
+    TRIPLES.write(triples, where, experiment="home")
     rows = [(0, 0, "train"), (0, 1, "valid"), (1, 0, "train"), (1, 2, "test")]
     splits = pd.DataFrame(rows, columns=["seed", "triple", "split"])
-    io.write(paths.splits("home"), splits, catalogue.SPLITS, where)
-    read = Store("home", where).splits()
+    SPLITS.write(splits, where, experiment="home")
+    read = Store("home").splits()
     assert {seed: codes.tolist() for seed, codes in read.items()} == {0: [0, 1, OUT], 1: [0, OUT, 2]}

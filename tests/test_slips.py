@@ -16,10 +16,12 @@ from pathlib import Path
 import pytest
 import torch
 
+from isi.analyses.variants import VARIANT_RUNS
 from isi.errors import LONGEST, InputError, cut, meant, short
+from isi.experiment.tables import INITIAL_VECTORS, INSERTED, THETA0
+from isi.graph.tables import TRIPLES
 from isi.pipeline import absent
-from isi.tables import io, paths
-from tests.lawful import written_by_its_stage
+from isi.tables import paths
 from tests.test_bad_input import KINDS, OBSERVED, graph, observed, outputs, workspace
 
 __all__ = ["workspace"]  # a fixture
@@ -145,7 +147,7 @@ def test_a_byte_order_mark_is_read_over(workspace: Path, monkeypatch: pytest.Mon
     monkeypatch.chdir(workspace)
     monkeypatch.setattr(sys, "argv", ["stages.build_graph", "ai2thor"])
     main_of("build_graph")()
-    assert (workspace / paths.triples("ai2thor")).exists()
+    assert (workspace / TRIPLES.path(experiment="ai2thor")).exists()
 
 
 # Too early, elsewhere
@@ -173,10 +175,10 @@ def test_a_stage_before_its_inputs_says_which_stage_makes_them(
 def test_vectors_that_are_missing_name_the_stage_that_makes_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     for path, stage in (
-        (paths.theta0("transfer", 5), "train_theta0@transfer"),
-        (paths.initial_vectors("transfer", "es"), "insert@transfer-es"),
-        (paths.inserted("transfer", "es_permuted"), "insert@transfer-es_permuted"),
-        (paths.variant("told_0"), "beyond/dvc.yaml:vary@told_0"),
+        (THETA0.path(experiment="transfer", size=5), "train_theta0@transfer"),
+        (INITIAL_VECTORS.path(experiment="transfer", initializer="es"), "insert@transfer-es"),
+        (INSERTED.path(experiment="transfer", initializer="es_permuted"), "insert@transfer-es_permuted"),
+        (VARIANT_RUNS.path(variant="told_0"), "beyond/dvc.yaml:vary@told_0"),
         (Path("reports/metrics.json"), "report"),
         (Path("reports/tables/differences.csv"), "report"),
         (Path("data/runs"), None),
@@ -193,10 +195,9 @@ def test_vectors_that_are_read_before_they_are_made_are_said_to_be_missing(
     monkeypatch.chdir(workspace)
     (workspace / "beyond").symlink_to(ROOT / "beyond")
     with pytest.raises(InputError, match=r"run `dvc repro train_theta0@ai2thor`, which makes it$"):
-        io.read_tensors(paths.theta0("ai2thor", 5), ["entity"])
-    made = written_by_its_stage(paths.theta0("ai2thor", 5))
-    io.write_tensors(paths.theta0("ai2thor", 5), {"entity": torch.ones(1)}, made)
-    io.read_tensors(paths.theta0("ai2thor", 5), ["entity"])
+        THETA0.read(["entity"], experiment="ai2thor", size=5)
+    THETA0.write({"entity": torch.ones(1)}, "train_theta0", experiment="ai2thor", size=5)
+    THETA0.read(["entity"], experiment="ai2thor", size=5)
 
 
 def test_a_stage_outside_the_project_says_so(tmp_path: Path) -> None:

@@ -1,8 +1,7 @@
-"""Tables and tensors on disk: schemas, provenance, checked reads and atomic writes."""
+"""Tables and tensors on disk: the catalogue, checked reads and atomic writes."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,23 +11,26 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import torch
+from safetensors import safe_open
 
 from isi.errors import InputError
-from isi.tables import catalogue, io
-from isi.tables.content import digest_of_table
-from isi.tables.provenance import Provenance
-from tests.lawful import SCHEMAS, lawful
+from isi.experiment.tables import RUNS, TIES
+from isi.graph.tables import ENTITIES, NOVEL, SPLITS, TRIPLES
+from isi.sources.tables import KINDS, OBSERVATIONS
+from isi.tables import io
+from isi.tables.table import Table, concat
+from tests.example_tables import ROWS, rows_of
 
-MADE = Provenance("some_stage", {"experiments.home.graph": 1})
+MADE = "some_stage"
 
 
 def plain(table: pd.DataFrame) -> list[tuple[Any, ...]]:
     return list(table.astype(object).where(table.notna(), None).itertuples(index=False, name=None))
 
 
-def novel(path: Path, provenance: Provenance = MADE) -> Path:
+def novel(path: Path) -> Path:
     row = pd.DataFrame({"size": [1], "seed": [0], "entity": [4], "session": [1]})
-    io.write(path, row, catalogue.NOVEL, provenance)
+    NOVEL.write_file(path, row, MADE)
     return path
 
 
@@ -39,29 +41,29 @@ def names(folder: Path) -> list[str]:
 # Tables
 
 
-@pytest.mark.parametrize("name", SCHEMAS)
-def test_a_table_comes_back_as_it_was_written(tmp_path: Path, name: str) -> None:
-    path, schema = tmp_path / "table.parquet", SCHEMAS[name]
-    io.write(path, lawful(name).sample(frac=1, axis=1, random_state=0), schema, MADE)
-    read = io.read(path, schema)
-    assert list(read.columns) == schema.names
-    assert plain(read) == plain(lawful(name))
+@pytest.mark.parametrize("table", ROWS, ids=lambda table: table.template)
+def test_a_table_comes_back_as_it_was_written(tmp_path: Path, table: Table) -> None:
+    path = tmp_path / "table.parquet"
+    table.write_file(path, rows_of(table).sample(frac=1, axis=1, random_state=0), MADE)
+    read = table.read_file(path)
+    assert list(read.columns) == list(table.columns)
+    assert plain(read) == plain(rows_of(table))
     assert set(read.select_dtypes("number").dtypes.astype(str)) <= {"int32", "int64", "float64"}
 
 
 @pytest.mark.parametrize(
-    ("name", "repeated"),
+    ("table", "repeated"),
     [
-        ("OBSERVATIONS", {"scene", "room", "head", "relation", "tail"}),
-        ("KINDS", {"kind"}),
-        ("ENTITIES", {"kind", "source"}),
-        ("TRIPLES", {"head", "relation", "tail", "source"}),
-        ("SPLITS", {"split"}),
-        ("RUNS", {"scope"}),
+        (OBSERVATIONS, {"scene", "room", "head", "relation", "tail"}),
+        (KINDS, {"kind"}),
+        (ENTITIES, {"kind", "source"}),
+        (TRIPLES, {"head", "relation", "tail", "source"}),
+        (SPLITS, {"split"}),
+        (RUNS, {"scope"}),
     ],
 )
-def test_strings_that_repeat_are_dictionary_encoded_on_disk(tmp_path: Path, name: str, repeated: set[str]) -> None:
-    io.write(tmp_path / "table.parquet", lawful(name), SCHEMAS[name], MADE)
+def test_strings_that_repeat_are_dictionary_encoded_on_disk(tmp_path: Path, table: Table, repeated: set[str]) -> None:
+    table.write_file(tmp_path / "table.parquet", rows_of(table), MADE)
     on_disk = pq.read_schema(tmp_path / "table.parquet")
     assert {field.name for field in on_disk if pa.types.is_dictionary(field.type)} == repeated
 
@@ -72,122 +74,75 @@ def test_bytes_hang_on_no_chunks_and_on_no_categories(tmp_path: Path, cut: int, 
     kinds = ["room", "object", "room", "material"]
     rows = pd.DataFrame({"entity": list("abcd"), "kind": kinds, "source": "x", "phrase": "y"})
     parts = [rows[:cut].astype({"kind": kind}), rows[cut:].astype({"kind": kind})]
-    io.write(tmp_path / "whole.parquet", rows, catalogue.ENTITIES, MADE)
-    io.write(tmp_path / "parts.parquet", pd.concat(parts), catalogue.ENTITIES, MADE)
+    ENTITIES.write_file(tmp_path / "whole.parquet", rows, MADE)
+    ENTITIES.write_file(tmp_path / "parts.parquet", pd.concat(parts), MADE)
     assert (tmp_path / "parts.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
-    assert plain(io.read(tmp_path / "parts.parquet", catalogue.ENTITIES)) == list(
-        rows.itertuples(index=False, name=None)
-    )
+    assert plain(ENTITIES.read_file(tmp_path / "parts.parquet")) == list(rows.itertuples(index=False, name=None))
 
 
 def test_a_table_may_hold_plain_strings_and_more_columns(tmp_path: Path) -> None:
     plain_strings = pa.table({"more": [1], "entity": ["mug"], "kind": ["object"], "source": ["x"], "phrase": ["mug"]})
-    stated = {"isi.content": digest_of_table(plain_strings, catalogue.ENTITIES.columns)}
-    pq.write_table(plain_strings.replace_schema_metadata(stated), tmp_path / "entities.parquet")
-    assert plain(io.read(tmp_path / "entities.parquet", catalogue.ENTITIES)) == [("mug", "object", "x", "mug")]
+    pq.write_table(plain_strings, tmp_path / "entities.parquet")
+    assert plain(ENTITIES.read_file(tmp_path / "entities.parquet")) == [("mug", "object", "x", "mug")]
 
 
 def part(*entities: str) -> pa.Table:
-    kinds = pa.array(entities, catalogue.KINDS.columns.field("kind").type)
-    return pa.Table.from_arrays([pa.array(entities), kinds, pa.array(entities)], schema=catalogue.KINDS.columns)
+    kinds = pa.array(entities, KINDS.table.field("kind").type)
+    return pa.Table.from_arrays([pa.array(entities), kinds, pa.array(entities)], schema=KINDS.schema)
 
 
 def test_a_stream_is_one_row_group_a_part_and_reads_as_the_whole_would(tmp_path: Path) -> None:
     parts = [part("mug", "bed"), part("cup", "sofa", "fan"), part("tap")]
-    assert io.write_stream(tmp_path / "t.parquet", iter(parts), catalogue.KINDS, MADE) == 6
+    assert KINDS.write_stream_file(tmp_path / "t.parquet", iter(parts), MADE) == 6
     file = pq.ParquetFile(tmp_path / "t.parquet")
     assert [file.metadata.row_group(place).num_rows for place in range(file.num_row_groups)] == [2, 3, 1]
-    io.write(tmp_path / "whole.parquet", pa.concat_tables(parts).to_pandas(), catalogue.KINDS, MADE)
-    whole = io.read(tmp_path / "whole.parquet", catalogue.KINDS)
-    pd.testing.assert_frame_equal(io.read(tmp_path / "t.parquet", catalogue.KINDS), whole)
+    KINDS.write_file(tmp_path / "whole.parquet", pa.concat_tables(parts).to_pandas(), MADE)
+    whole = KINDS.read_file(tmp_path / "whole.parquet")
+    pd.testing.assert_frame_equal(KINDS.read_file(tmp_path / "t.parquet"), whole)
     assert pq.read_schema(tmp_path / "t.parquet") == pq.read_schema(tmp_path / "whole.parquet")
 
 
 def test_a_stream_of_nothing_is_an_empty_table(tmp_path: Path) -> None:
-    assert io.write_stream(tmp_path / "t.parquet", [], catalogue.KINDS, MADE) == 0
-    assert list(io.read(tmp_path / "t.parquet", catalogue.KINDS).columns) == catalogue.KINDS.names
+    assert KINDS.write_stream_file(tmp_path / "t.parquet", [], MADE) == 0
+    assert list(KINDS.read_file(tmp_path / "t.parquet").columns) == list(KINDS.columns)
 
 
 def test_equal_streams_are_equal_bytes(tmp_path: Path) -> None:
     for name in ("1", "2"):
-        io.write_stream(tmp_path / name, [part("mug"), part("bed")], catalogue.KINDS, in_order(1))
+        KINDS.write_stream_file(tmp_path / name, [part("mug"), part("bed")], MADE)
     assert (tmp_path / "1").read_bytes() == (tmp_path / "2").read_bytes()
 
 
 def test_no_parts_of_a_table_are_a_table_without_rows(tmp_path: Path) -> None:
-    nothing = io.together([], catalogue.RUNS, catalogue.TIES)
-    for schema in (catalogue.RUNS, catalogue.TIES):
-        io.write(tmp_path / "t.parquet", nothing, schema, MADE)
-        read = io.read(tmp_path / "t.parquet", schema)
-        assert (len(read), list(read.columns)) == (0, schema.names)
+    nothing = concat([], RUNS, TIES)
+    for table in (RUNS, TIES):
+        table.write_file(tmp_path / "t.parquet", nothing, MADE)
+        read = table.read_file(tmp_path / "t.parquet")
+        assert (len(read), list(read.columns)) == (0, list(table.columns))
 
 
 def test_parts_of_a_table_come_behind_each_other() -> None:
-    parts = [lawful("NOVEL")[:1], lawful("NOVEL")[1:]]
-    assert plain(io.together(iter(parts), catalogue.NOVEL)) == plain(lawful("NOVEL"))
+    parts = [rows_of(NOVEL)[:1], rows_of(NOVEL)[1:]]
+    assert plain(concat(iter(parts), NOVEL)) == plain(rows_of(NOVEL))
 
 
-# Provenance
+# Metadata
 
 
-def test_metadata_names_stage_params_inputs_and_content_and_nothing_of_pandas(tmp_path: Path) -> None:
-    novel(tmp_path / "1.parquet")
-    second = Provenance("second", {})
-    read = io.read(tmp_path / "1.parquet", catalogue.NOVEL, second)
-    io.write(tmp_path / "2.parquet", read, catalogue.NOVEL, second)
-    metadata = {key.decode(): value.decode() for key, value in pq.read_schema(tmp_path / "2.parquet").metadata.items()}
-    assert set(metadata) == {"isi.stage", "isi.own", "isi.params", "isi.inputs", "isi.content"}
-    assert metadata["isi.stage"] == "second"
-    assert {len(metadata[f"isi.{key}"]) for key in ("own", "params", "content")} == {64}
-    assert json.loads(metadata["isi.inputs"]) == {(tmp_path / "1.parquet").as_posix(): metadata["isi.content"]}
+def test_metadata_names_the_stage_and_nothing_else(tmp_path: Path) -> None:
+    io.write_tensors(tmp_path / "t.safetensors", {"entity": torch.zeros(1)}, MADE)
+    own = pq.read_schema(novel(tmp_path / "t.parquet")).metadata
+    with safe_open(tmp_path / "t.safetensors", framework="pt") as file:
+        assert file.metadata() == {"isi.stage": MADE}
+    assert own == {b"isi.stage": MADE.encode()}
 
 
-def in_order(step: int) -> Provenance:
-    """One provenance, its params and inputs met in one order or the other."""
-    made = Provenance("stage", dict([("seed", 0), ("sessions.sizes", [1, 5])][::step]))
-    for name in ["aa", "bb"][::step]:
-        made.seen(Path(name), {"isi.params": name, "isi.content": name})
-    return made
-
-
-def test_equal_params_give_equal_bytes_of_tables_in_whatever_order_params_and_inputs_came(tmp_path: Path) -> None:
-    assert novel(tmp_path / "1", in_order(1)).read_bytes() == novel(tmp_path / "2", in_order(-1)).read_bytes()
-
-
-def test_equal_params_give_equal_bytes_of_tensors_every_time(tmp_path: Path) -> None:
+def test_equal_tensors_are_equal_bytes(tmp_path: Path) -> None:
     written = set()
-    for time in range(20):
-        path = tmp_path / str(time)
-        io.write_tensors(path, {"b": torch.ones(2), "a": torch.zeros(2)}, in_order(1 if time % 2 else -1))
-        written.add(path.read_bytes())
+    for _ in range(20):
+        io.write_tensors(tmp_path / "t", {"b": torch.ones(2), "a": torch.zeros(2)}, MADE)
+        written.add((tmp_path / "t").read_bytes())
     assert len(written) == 1
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        Provenance("other_stage", {"experiments.home.graph": 1}),
-        Provenance("some_stage", {"experiments.home.graph": 2}),
-        Provenance("some_stage", {"experiments.hom.graph": 1}),
-        Provenance("some_stage", {"experiments.home.graph": 1}, {"data/a.parquet": {"isi.params": "aa"}}),
-    ],
-)
-def test_another_stage_param_or_input_gives_another_hash(other: Provenance) -> None:
-    assert other.metadata()["isi.params"] != MADE.metadata()["isi.params"]
-
-
-def test_a_param_of_an_early_stage_reaches_the_hash_of_every_later_table(tmp_path: Path) -> None:
-    def last(min_count: int) -> str:
-        novel(tmp_path / "first.parquet", Provenance("first", {"experiments.home.graph": min_count}))
-        second = Provenance("second", {})
-        io.read(tmp_path / "first.parquet", catalogue.NOVEL, second)
-        io.write_tensors(tmp_path / "second.safetensors", {"entity": torch.zeros(1)}, second)
-        third = Provenance("third", {})
-        io.read_tensors(tmp_path / "second.safetensors", ["entity"], third)
-        return third.metadata()["isi.params"]
-
-    assert last(1) == last(1)
-    assert last(1) != last(2)
 
 
 # Refusals
@@ -196,7 +151,7 @@ def test_a_param_of_an_early_stage_reaches_the_hash_of_every_later_table(tmp_pat
 def test_a_missing_column_is_named(tmp_path: Path) -> None:
     pq.write_table(pa.table({"size": pa.array([1], pa.int32()), "seed": pa.array([1], pa.int32())}), tmp_path / "t")
     with pytest.raises(InputError, match=rf"{tmp_path / 't'}: column 'entity': missing"):
-        io.read(tmp_path / "t", catalogue.NOVEL)
+        NOVEL.read_file(tmp_path / "t")
 
 
 @pytest.mark.parametrize(
@@ -206,12 +161,12 @@ def test_a_missing_column_is_named(tmp_path: Path) -> None:
 def test_a_column_of_another_type_is_named_with_both_types(
     tmp_path: Path, column: str, kind: str, content: list[Any]
 ) -> None:
-    io.write(tmp_path / "t.parquet", lawful("TRIPLES")[:1], catalogue.TRIPLES, MADE)
+    TRIPLES.write_file(tmp_path / "t.parquet", rows_of(TRIPLES)[:1], MADE)
     table = pq.read_table(tmp_path / "t.parquet")
-    place = table.schema.get_field_index(column)
+    place = table.table.get_field_index(column)
     pq.write_table(table.set_column(place, column, pa.array(content, pa.type_for_alias(kind))), tmp_path / "t.parquet")
     with pytest.raises(InputError, match=rf"t\.parquet: column '{column}': expected .*(int32|string).*, got {kind}"):
-        io.read(tmp_path / "t.parquet", catalogue.TRIPLES)
+        TRIPLES.read_file(tmp_path / "t.parquet")
 
 
 def truncated(path: Path) -> bytes:
@@ -236,13 +191,13 @@ def test_what_is_no_parquet_is_named_in_one_line(tmp_path: Path, damage: Any) ->
     path = tmp_path / "novel.parquet"
     path.write_bytes(damage(path))
     with pytest.raises(InputError, match=r"novel\.parquet: expected a Parquet table") as refused:
-        io.read(path, catalogue.NOVEL)
+        NOVEL.read_file(path)
     assert "\n" not in str(refused.value)
 
 
 def test_a_missing_table_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nowhere\.parquet: no such file"):
-        io.read(tmp_path / "nowhere.parquet", catalogue.NOVEL)
+        NOVEL.read_file(tmp_path / "nowhere.parquet")
 
 
 # Tensors
@@ -309,7 +264,7 @@ def test_a_frame_that_does_not_fit_its_schema_leaves_the_old_table(tmp_path: Pat
     before = novel(tmp_path / "novel.parquet").read_bytes()
     for unfit in ({"size": [1], "seed": [0]}, {"size": [1], "seed": [0], "entity": ["mug"], "session": [1]}):
         with pytest.raises((KeyError, pa.ArrowException)):
-            io.write(tmp_path / "novel.parquet", pd.DataFrame(unfit), catalogue.NOVEL, MADE)
+            NOVEL.write_file(tmp_path / "novel.parquet", pd.DataFrame(unfit), MADE)
     assert (tmp_path / "novel.parquet").read_bytes() == before
     assert names(tmp_path) == ["novel.parquet"]
 
@@ -326,7 +281,7 @@ def test_a_stream_that_breaks_off_leaves_the_old_table_and_nothing_else(tmp_path
 
     for last, refused in ((None, InputError), (pa.table({"entity": ["mug"]}), ValueError)):
         with pytest.raises(refused):
-            io.write_stream(tmp_path / "t.parquet", parts(last), catalogue.KINDS, MADE)
+            KINDS.write_stream_file(tmp_path / "t.parquet", parts(last), MADE)
         assert (tmp_path / "t.parquet").read_bytes() == before
         assert names(tmp_path) == ["t.parquet"]
 
@@ -341,8 +296,8 @@ def test_tensors_that_cannot_be_written_leave_the_old_file(tmp_path: Path) -> No
 
 
 def test_a_write_replaces_the_table_that_was_there(tmp_path: Path) -> None:
-    io.write(tmp_path / "t.parquet", lawful("NOVEL"), catalogue.NOVEL, MADE)
-    assert len(io.read(novel(tmp_path / "t.parquet"), catalogue.NOVEL)) == 1
+    NOVEL.write_file(tmp_path / "t.parquet", rows_of(NOVEL), MADE)
+    assert len(NOVEL.read_file(novel(tmp_path / "t.parquet"))) == 1
     assert names(tmp_path) == ["t.parquet"]
 
 

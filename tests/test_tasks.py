@@ -23,9 +23,9 @@ from isi.experiment.insert import (
     joint_targets,
 )
 from isi.experiment.store import Store
+from isi.experiment.tables import RUNS
+from isi.graph.tables import INSERT_TRIPLES
 from isi.stage import StageContext
-from isi.tables import paths
-from isi.tables.io import Provenance
 from tests import small
 from tests.graphs import points_of, random_graph
 from tests.small import NAME
@@ -41,7 +41,7 @@ VALUES: dict[str, Any] = {
 
 
 def given(**values: object) -> StageContext:
-    return StageContext(VALUES | values, Provenance("insert", {}))
+    return StageContext(VALUES | values, "insert")
 
 
 def joint_runs() -> pd.DataFrame:
@@ -73,7 +73,7 @@ def test_a_cell_that_the_joint_models_lack_is_named(session: int, scope: str) ->
         joint_targets(runs[~(cell & runs["seed"].eq(6))], POINTS)
     expected = "expected a row of each of seeds 4, 6 at epoch 0"
     where = f"size 2, session {session}, scope {scope}"
-    assert refused.value.args == (str(paths.runs(POINTS.experiment, "joint")), where, expected)
+    assert refused.value.args == (str(RUNS.path(experiment=POINTS.experiment, model="joint")), where, expected)
 
 
 @pytest.mark.parametrize(
@@ -136,11 +136,14 @@ def _made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.mark.usefixtures("_made")
 def test_tasks_are_made_of_what_the_experiment_has_for_their_cells() -> None:
-    store, how = Store(NAME, Provenance("insert", {})), inserting_in(given(), "home", "es")
+    store, how = Store(NAME), inserting_in(given(), "home", "es")
     points = store.grid(1)
     tasks = insertion_tasks(store, given(), how, points)
     assert [task.points for task in tasks] == points
-    told, joint = (pd.read_parquet(path) for path in (paths.insert_triples(NAME), paths.runs(NAME, "joint")))
+    told, joint = (
+        pd.read_parquet(path)
+        for path in (INSERT_TRIPLES.path(experiment=NAME), RUNS.path(experiment=NAME, model="joint"))
+    )
     for task in tasks:
         (seed,), size = task.points.seeds, task.points.size
         assert task.how is how

@@ -18,10 +18,11 @@ import yaml
 
 from isi.analyses import other_graphs
 from isi.analyses.query_breakdown import QueryBreakdownTask, break_down
-from isi.analyses.variants import Variant, VariantTask, changed, repeat, some_of
+from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, Variant, VariantTask, changed, repeat, some_of
 from isi.errors import InputError
 from isi.experiment.grid import NO_INSERTION, GridPoints, StackedVectors
 from isi.experiment.insert import InsertTask, TaskConfig, TaskInput, insert_stack
+from isi.experiment.tables import JOINT, THETA0
 from isi.experiment.train import (
     EvaluationTask,
     TrainConfig,
@@ -31,11 +32,11 @@ from isi.experiment.train import (
     train_initial,
     train_joint_model,
 )
-from isi.graph.sessions import SPLITS
+from isi.graph.sessions import SPLITS as SPLIT_NAMES
+from isi.graph.tables import ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES, WORD_VECTORS
 from isi.params import load as load_params
 from isi.stage import StageContext
-from isi.tables import catalogue, io, paths
-from isi.tables.provenance import Provenance
+from isi.tables import io, paths
 from stages.vary import vary
 from tests.graphs import as_stored, insert_triples_of, points_of
 from tests.test_experiments import GRAPH as DRAWN
@@ -43,7 +44,7 @@ from tests.test_experiments import INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SA
 from tools.check_params import check_beyond
 
 ROOT = Path(__file__).parent.parent
-MADE = Provenance("an_earlier_stage", {})
+MADE = "an_earlier_stage"
 GRAPH = as_stored(DRAWN)
 NAMES = ("xavier", "es", "rs")
 
@@ -130,7 +131,7 @@ def test_values_change_at_dotted_keys_and_nothing_else_does() -> None:
         "seed": 0, "variants.own": {"size": 5},
     }  # fmt: skip
     assert before.values == given().values  # to its depths
-    assert found.provenance is before.provenance
+    assert found.stage == before.stage
     assert changed(before, {}, "here").values == before.values
 
 
@@ -325,22 +326,26 @@ def home(workspace: Path) -> Path:
         columns=["head", "relation", "tail", "count", "source"],
     )  # fmt: skip
     drawn = {size: points_of(GRAPH, size, SEEDS) for size in (1, 2)}
-    splits = [(seed, triple, SPLITS[code]) for seed, codes in zip(SEEDS, drawn[2].splits.tolist(), strict=True)
+    splits = [(seed, triple, SPLIT_NAMES[code]) for seed, codes in zip(SEEDS, drawn[2].splits.tolist(), strict=True)
               for triple, code in enumerate(codes)]  # fmt: skip
     novel = [(size, seed, entity, 1) for size, points in drawn.items()
              for seed, ((*ids,),) in zip(SEEDS, points.novel.tolist(), strict=True) for entity in ids]  # fmt: skip
     told = [(size, SEEDS[model], points.novel[model, 0, place], triple, 1) for size, points in drawn.items()
             for model, place, triple in insert_triples_of(points).tolist()]  # fmt: skip
     for path, frame, schema in (
-        (paths.entities("home"), entities, catalogue.ENTITIES), (paths.triples("home"), triples, catalogue.TRIPLES),
-        (paths.splits("home"), pd.DataFrame(splits, columns=["seed", "triple", "split"]), catalogue.SPLITS),
-        (paths.novel("home"), pd.DataFrame(novel, columns=["size", "seed", "entity", "session"]), catalogue.NOVEL),
-        (paths.insert_triples("home"), pd.DataFrame(told, columns=["size", "seed", "entity", "triple", "session"]),
-         catalogue.INSERT_TRIPLES),
+        (ENTITIES.path(experiment="home"), entities, ENTITIES), (TRIPLES.path(experiment="home"), triples, TRIPLES),
+        (SPLITS.path(experiment="home"), pd.DataFrame(splits, columns=["seed", "triple", "split"]), SPLITS),
+        (NOVEL.path(experiment="home"), pd.DataFrame(novel, columns=["size", "seed", "entity", "session"]), NOVEL),
+        (INSERT_TRIPLES.path(experiment="home"),
+         pd.DataFrame(told, columns=["size", "seed", "entity", "triple", "session"]),
+         INSERT_TRIPLES),
     ):  # fmt: skip
-        io.write(path, frame, schema, MADE)
-    io.write_tensors(paths.vectors("home"), {"vectors": torch.from_numpy(WORDS)}, MADE)
-    sessions, at = (drawn[2].session(0), drawn[2].joint), (paths.theta0("home", 2), paths.joint("home"))
+        schema.write_file(path, frame, MADE)
+    WORD_VECTORS.write({"vectors": torch.from_numpy(WORDS)}, MADE, experiment="home")
+    sessions, at = (
+        (drawn[2].session(0), drawn[2].joint),
+        (THETA0.path(experiment="home", size=2), JOINT.path(experiment="home")),
+    )
     for path, one, session in zip(at, learned(), sessions, strict=True):
         stack = {"entity": one.stack.entity, "relation": one.stack.relation, "known": session.entities,
                  "seed": torch.tensor(SEEDS)}  # fmt: skip
@@ -356,8 +361,8 @@ def ran(monkeypatch: pytest.MonkeyPatch, stack: int, **how: Any) -> tuple[pd.Dat
     paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
     monkeypatch.setattr(sys, "argv", ["vary", "own"])
     vary()
-    runs = io.read(paths.variant("own"), catalogue.VARIANTS)
-    return runs, io.read(paths.variant_asked("own"), catalogue.VARIANTS_ASKED)
+    runs = VARIANT_RUNS.read(variant="own")
+    return runs, VARIANT_QUERIES.read(variant="own")
 
 
 @pytest.mark.usefixtures("home")
@@ -412,7 +417,7 @@ def test_a_variant_with_words_of_its_own_looks_them_up(monkeypatch: pytest.Monke
 
 
 def test_a_variant_that_trains_reads_no_embedding(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shutil.rmtree(home / paths.theta0("home", 2).parent.parent)
+    shutil.rmtree(home / THETA0.path(experiment="home", size=2).parent.parent)
     changes = {"embedding.family": "distmult", "embedding.dimension": 8, "training.max_epochs": 5}
     runs, _ = ran(monkeypatch, 4, initializers=["xavier", "es"], finetuned=False, changes=changes)
     assert len(runs) == 3 * 3 * 5  # models, seeds, scopes

@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 from isi.errors import InputError
-from isi.tables import catalogue, io, paths
+from isi.graph.tables import ENTITIES, TRIPLES
+from isi.tables import io
 from tests.test_bad_input import KINDS, OBSERVED, leave, observed, outputs, workspace, write
 
 __all__ = ["workspace"]  # a fixture
@@ -129,7 +130,7 @@ def test_a_full_disk_ends_a_stage_in_one_line_and_the_earlier_outputs_stand(
 
 @mounts
 def test_a_read_only_folder_ends_a_stage_in_one_line(workspace: Path) -> None:
-    leave(workspace, paths.entities("ai2thor"), paths.triples("ai2thor"))
+    leave(workspace, ENTITIES.path(experiment="ai2thor"), TRIPLES.path(experiment="ai2thor"))
     observed(workspace, "ai2thor", OBSERVED, KINDS)
     before = outputs(workspace)
     script = f"mount --bind data/graph data/graph && mount -o remount,bind,ro data/graph && exec {BUILD}"
@@ -140,7 +141,7 @@ def test_a_read_only_folder_ends_a_stage_in_one_line(workspace: Path) -> None:
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_folder_that_is_not_ones_own_ends_a_stage_in_one_line(workspace: Path) -> None:
-    leave(workspace, paths.entities("ai2thor"), paths.triples("ai2thor"))
+    leave(workspace, ENTITIES.path(experiment="ai2thor"), TRIPLES.path(experiment="ai2thor"))
     observed(workspace, "ai2thor", OBSERVED, KINDS)
     (workspace / "data/graph/ai2thor").chmod(0o500)
     ended = subprocess.run(BUILD.split(), cwd=workspace, capture_output=True, text=True)
@@ -159,7 +160,7 @@ def test_a_file_that_may_not_grow_ends_a_stage_in_one_line_and_the_earlier_outpu
     workspace: Path, command: str, most: int, named: str
 ) -> None:
     observed(workspace, "ai2thor", OBSERVED, KINDS)
-    write(workspace, paths.entities("ai2thor"), KINDS.assign(source="ai2thor"), catalogue.ENTITIES)
+    write(workspace, ENTITIES.path(experiment="ai2thor"), KINDS.assign(source="ai2thor"), ENTITIES)
     leave(workspace, Path(named))
     before = outputs(workspace)
     ended = subprocess.run(

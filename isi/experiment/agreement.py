@@ -128,7 +128,7 @@ def vectors_fit(path: Path, theta: StackedVectors, known: np.ndarray, session: S
     models, entities = session.entities.shape
     relations, dimension = len(session.graph.relations), theta.entity.shape[-1]
     has_shape(path, "entity", theta.entity, (models, entities, dimension))
-    has_shape(path, "relation", theta.relation, (models, relations, theta.family.width(dimension)))
+    has_shape(path, "relation", theta.relation, (models, relations, theta.model.width(dimension)))
     has_shape(path, "known", known, (models, entities), np.bool_)
     for name, wrong, expected in (
         ("known", known != session.entities.numpy(), "expected the entities of the session, and no novel entity"),

@@ -18,25 +18,25 @@ from unittest import mock
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-import torch
 
 from isi.cli import _reading
 from isi.graph.graph import MinedSource, build_tables
+from isi.graph.tables import TRIPLES
 from isi.graph.words import look_up, read_vectors
 from isi.recording.file import Recording
 from isi.sources import observing, procthor_houses, triples_with_ids
 from isi.sources._naming import fault
 from isi.sources._recording import FORMAT, ITHOR, Scene
-from isi.tables import catalogue, paths
+from isi.sources.tables import KINDS, OBSERVATIONS
 from isi.tables import io as tables
-from isi.tables.content import digest_of_tensors
-from isi.tables.provenance import CONTENT, Provenance
+from isi.tables import paths
+from isi.tables.table import as_text
 from tests import floors
 from tests.fuzz.mutations import Files
 
 ROOT = Path(__file__).parent.parent.parent
 OUT = (Path("out/observations.parquet"), Path("out/kinds.parquet"))
-MADE = Provenance("fuzz", {})
+MADE = "fuzz"
 THINGS: list[dict[str, Any]] = [
     {"objectId": "Mug|+00.10|+00.90|-01.20", "objectType": "Mug", "name": "Mug_1", "pickupable": True,
      "canFillWithLiquid": True, "breakable": True, "salientMaterials": ["Ceramic"], "receptacleObjectIds": None,
@@ -124,14 +124,14 @@ def mined(section: dict[str, Any]) -> str:
     """Mine a source as its stage does; what it gives is lawful, or this is a fault of the reader."""
     triples_with_ids.shipped_names.cache_clear()
     observed, parts = observing(section, "sources.fuzz", 0)
-    tables.write_stream(OUT[0], parts, catalogue.OBSERVATIONS, MADE)
-    tables.write(OUT[1], observed.kinds, catalogue.KINDS, MADE)
-    seen = tables.read(OUT[0], catalogue.OBSERVATIONS), tables.read(OUT[1], catalogue.KINDS)
+    OBSERVATIONS.write_stream_file(OUT[0], parts, MADE)
+    KINDS.write_file(OUT[1], observed.kinds, MADE)
+    seen = OBSERVATIONS.read_file(OUT[0]), KINDS.read_file(OUT[1])
     return _lawful(*seen) + repr(sorted(observed.mining.left.items()))
 
 
 def _lawful(observations: pd.DataFrame, kinds: pd.DataFrame) -> str:
-    plain, kinds = tables.as_text(observations), tables.as_text(kinds)
+    plain, kinds = as_text(observations), as_text(kinds)
     names = {*plain["head"], *plain["relation"], *plain["tail"], *kinds["entity"], *kinds["kind"], *kinds["phrase"]}
     assert not list(filter(None, map(fault, names)))
     assert plain["count"].between(1, 2**31 - 1).all()
@@ -175,7 +175,7 @@ def gone_on_with() -> str:
 
 def pipeline_table() -> str:
     """Read a table of the pipeline."""
-    return str(tables.read(Path("triples.parquet"), catalogue.TRIPLES).to_csv())
+    return str(TRIPLES.read_file(Path("triples.parquet")).to_csv())
 
 
 def pipeline_tensors() -> str:
@@ -212,14 +212,13 @@ def triples() -> bytes:
     frame = pd.DataFrame(ROWS, columns=COLUMNS)[COLUMNS[:4]].assign(source="x").sort_values(COLUMNS[:3])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "triples.parquet"
-        tables.write(path, frame, catalogue.TRIPLES, MADE)
+        TRIPLES.write_file(path, frame, MADE)
         return path.read_bytes()
 
 
 def tensors() -> bytes:
     values = {"dtype": "F32", "shape": [2, 3], "data_offsets": [0, 24]}
-    digest = digest_of_tensors({"vectors": torch.arange(6, dtype=torch.float32).view(2, 3)})
-    header = json.dumps({"__metadata__": {CONTENT: digest}, "vectors": values}).encode()
+    header = json.dumps({"vectors": values}).encode()
     return struct.pack("<Q", len(header)) + header + struct.pack("<6f", *range(6))
 
 

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from isi.tables import catalogue, paths
+from isi.graph import tables
+from isi.tables import paths
+from tests.example_tables import change_table
 from tests.kept import NAMES, small, written
-from tests.lawful import alter
 from tests.mistakes.calls import Typed, params, put
 from tests.test_export import ENTITIES, TRIPLES, graph, lay_out
 
@@ -23,7 +24,7 @@ def smaller() -> None:
 
 def misnamed() -> None:
     lay_out()
-    alter(paths.entities("home"), lambda entities: entities.replace("fill", "fi\tll"), catalogue.ENTITIES, anew=True)
+    change_table(tables.ENTITIES, tables.ENTITIES.path(experiment="home"), lambda rows: rows.replace("fill", "fi\tll"))
 
 
 def misspelt() -> None:
@@ -33,9 +34,9 @@ def misspelt() -> None:
 
 def elsewhere() -> None:
     lay_out()
-    folder = paths.explored("there", "entities").parent
+    folder = tables.GRAPH_ENTITIES.path(graph="there").parent
     folder.parent.mkdir(parents=True, exist_ok=True)
-    paths.entities("home").parent.rename(folder)
+    tables.ENTITIES.path(experiment="home").parent.rename(folder)
 
 
 def texts() -> None:
@@ -113,10 +114,4 @@ EXPORT_CASES = [
     Typed("a file where the folder is to be", "export --embedding home --format property-csv --out log.csv",
           "log.csv/nodes.csv"),
     Typed("no name of a file", "export --embedding home --format turtle --out .", "."),
-]  # fmt: skip
-
-CHECK_CASES = [
-    Typed("to accept what is no table of the pipeline", "check --accept params.yaml", "params.yaml"),
-    Typed("to accept what is not there", "check --accept data/runs/ai2thor/es.parquet",
-          "data/runs/ai2thor/es.parquet|no such file"),
 ]  # fmt: skip

@@ -1,0 +1,219 @@
+"""Changes of the tables and tensors of a small run, each with what it breaks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+import torch
+
+from isi.experiment.tables import RUNS, THETA0
+from isi.graph.tables import ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES, WORD_VECTORS
+from isi.sources.tables import KINDS, OBSERVATIONS
+from isi.tables.table import Table, as_text
+from tests.example_tables import Change
+from tests.small import NAME
+
+Tensors = dict[str, torch.Tensor]
+
+
+def put(column: str, value: object, row: int = 0) -> Change:
+    """Another value in a row."""
+
+    def altered(frame: pd.DataFrame) -> pd.DataFrame:
+        plain = as_text(frame)
+        plain[column] = [value if number == row else old for number, old in enumerate(plain[column])]
+        return plain
+
+    return altered
+
+
+def at_end(column: str) -> Change:
+    """An id that is above all, in the last row."""
+    return lambda frame: put(column, 10**6, len(frame) - 1)(frame)
+
+
+def doubled(frame: pd.DataFrame) -> pd.DataFrame:
+    return pd.concat([frame[:1], frame])
+
+
+def swapped(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame.iloc[[1, 0, *range(2, len(frame))]]
+
+
+def shuffled(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame.sample(frac=1, random_state=0)
+
+
+def less(rows: int) -> Change:
+    return lambda frame: frame[rows:]
+
+
+def as_test_and_train(frame: pd.DataFrame) -> pd.DataFrame:
+    again = as_text(frame[:1]).assign(split=lambda row: "test" if row["split"].iloc[0] == "train" else "train")
+    return pd.concat([again, as_text(frame)])
+
+
+def a_known_end_less(frame: pd.DataFrame) -> pd.DataFrame:
+    """Of one seed, what trains one entity becomes validation."""
+    triples = TRIPLES.read_text(experiment=NAME)
+    plain = as_text(frame)
+    own = (triples["head"] == triples["head"][0]) | (triples["tail"] == triples["head"][0])
+    plain.loc[(plain["seed"] == 0) & plain["triple"].isin(own[own].index), "split"] = "valid"
+    return plain
+
+
+def of_a_test_triple(frame: pd.DataFrame) -> pd.DataFrame:
+    """A triple told that is of its entity, but of the test split."""
+    splits = SPLITS.read_text(experiment=NAME)
+    plain, ids = frame.copy(), dict(zip(entities()["entity"], range(len(entities())), strict=True))
+    triples = TRIPLES.read_text(experiment=NAME)
+    ends = triples[["head", "tail"]].replace(ids).astype(int)
+    novel = NOVEL.read(experiment=NAME)
+    for row in range(len(plain)):
+        size, seed, entity = plain.loc[row, ["size", "seed", "entity"]]
+        hidden = splits.loc[(splits["seed"] == seed) & (splits["split"] == "test"), "triple"]
+        others = set(novel.loc[(novel["size"] == size) & (novel["seed"] == seed), "entity"]) - {entity}
+        own = [one for one in hidden if (ends.loc[one] == entity).sum() == 1 and not set(ends.loc[one]) & others]
+        if own:
+            plain.loc[row, "triple"] = own[0]
+            return plain.sort_values(["size", "seed", "session", "entity", "triple"])
+    raise AssertionError("no novel entity has a test triple")
+
+
+def of_another(frame: pd.DataFrame) -> pd.DataFrame:
+    """A triple told that is not of its entity."""
+    triples = TRIPLES.read_text(experiment=NAME)
+    name = entities()["entity"][int(frame["entity"][0])]
+    other = triples.index[(triples["head"] != name) & (triples["tail"] != name)][0]
+    return frame.assign(triple=[other, *frame["triple"][1:]]).sort_values(
+        ["size", "seed", "session", "entity", "triple"]
+    )
+
+
+def another_novel(frame: pd.DataFrame) -> pd.DataFrame:
+    """Another entity in the first set, which has one."""
+    return frame.assign(entity=[(int(frame["entity"][0]) + 1) % len(entities()), *frame["entity"][1:]])
+
+
+def entities() -> pd.DataFrame:
+    return ENTITIES.read_text(experiment=NAME)
+
+
+def twice_in_a_set(frame: pd.DataFrame) -> pd.DataFrame:
+    row = int(frame.index[frame["size"] == 2][0])
+    return put("entity", int(frame["entity"][row]), row + 1)(frame)
+
+
+#: What is changed, in which table, how, and a pattern of the problem.
+CASES: list[tuple[str, Table, Change, str]] = [
+    ("a count of 0", OBSERVATIONS, put("count", 0), "row 0 .count 0.: .*from 1 on"),
+    ("a count of -5", OBSERVATIONS, put("count", -5, 3), "row 3 .count -5.: .*from 1"),
+    ("a count of 2e9", OBSERVATIONS, put("count", 2 * 10**9), "1,000,000,000 observat"),
+    ("a blank head", OBSERVATIONS, put("head", " "), "'head' to be a name"),
+    ("a tail of 10 kB", OBSERVATIONS, put("tail", "x" * 10**4), "'tail' to be a name"),
+    ("no relation", OBSERVATIONS, put("relation", None), "a value in column"),
+    ("a kind twice", KINDS, doubled, "no second row of the same entity"),
+    ("no kind", KINDS, put("kind", None), "a value in column 'kind'"),
+    ("an entity doubled", ENTITIES, doubled, "no second row of the same entity"),
+    ("entities swapped", ENTITIES, swapped, "row 1 .*ascending order of entity"),
+    ("an entity renamed", ENTITIES, put("entity", "aaa"), "a name in entities"),
+    ("a control character", ENTITIES, put("entity", "a\tb"), "no control character"),
+    ("a triple doubled", TRIPLES, doubled, "no second row of the same head, relation"),
+    ("triples swapped", TRIPLES, swapped, "row 1 .*ascending order of head"),
+    ("an unknown tail", TRIPLES, put("tail", "0", 0), "a name in entities"),
+    ("a triple's count of 0", TRIPLES, put("count", 0, 2), "row 2 .count 0."),
+    ("a triple's count of -5", TRIPLES, put("count", -5), "'count' from 1 on"),
+    ("a triple's count of 2e9", TRIPLES, put("count", 2 * 10**9), "1,000,000,000"),
+    ("both train and test", SPLITS, as_test_and_train, "row 1 .*each once"),
+    ("100 triples without a split", SPLITS, less(100), "seed 0, triple 0: has no split"),
+    ("triple -1", SPLITS, put("triple", -1), "row 0 .triple -1.: .*from 0 on"),
+    ("a triple above all", SPLITS, at_end("triple"), "expected ids below"),
+    ("an unknown split", SPLITS, put("split", "dev"), "among train, valid, test"),
+    ("all test", SPLITS, lambda f: f.assign(split="test"), "seed 0: .*triples in train"),
+    ("all train", SPLITS, lambda f: f.assign(split="train"), "triples in valid"),
+    ("an entity untrained", SPLITS, a_known_end_less, "in train, as of every entity"),
+    ("splits shuffled", SPLITS, shuffled, "ascending order of seed, triple"),
+    ("seed -1", SPLITS, put("seed", -1), "'seed' from 0 on"),
+    ("seeds of splits changed", SPLITS, lambda f: f.assign(seed=f["seed"] + 1),
+     "novel.*expected seeds that have splits"),
+    ("entity -1", NOVEL, put("entity", -1), "row 0 .entity -1.: .*from 0 on"),
+    ("an entity above all", NOVEL, put("entity", 10**6), "row 0 .*expected ids below"),
+    ("twice in a set", NOVEL, twice_in_a_set, "ascending order of size, seed, session"),
+    ("novel shuffled", NOVEL, shuffled, "ascending order of size, seed, session, entity"),
+    ("a novel entity less", NOVEL, lambda f: f[:-1], "as many rows of each size"),
+    ("nobody novel", NOVEL, lambda f: f[:0], "at least one set of novel entities"),
+    ("a seed less", NOVEL, less(1), "the same seeds, and the same sessions"),
+    ("session 0", NOVEL, lambda f: f.assign(session=0), "'session' from 1 on"),
+    ("session 2 alone", NOVEL, lambda f: f.assign(session=2), "the same sessions from 1"),
+    ("a test triple told", INSERT_TRIPLES, of_a_test_triple, "of the seed's train split"),
+    ("a triple of others told", INSERT_TRIPLES, of_another, "the entity at one end"),
+    ("told of a known entity", NOVEL, another_novel, "insert_triples.* an entity that the session inserts"),
+    ("told triple -1", INSERT_TRIPLES, put("triple", -1), "'triple' from 0 on"),
+    ("told triple above all", INSERT_TRIPLES, at_end("triple"), "expected ids below"),
+    ("told twice", INSERT_TRIPLES, doubled, "ascending order of .*, each once"),
+    ("MRR* of 1.5", RUNS, put("mrr_star", 1.5), "row 0 .*'mrr_star' from 0 to 1"),
+    ("MRR* not the mean", RUNS, put("mrr_star", 0.0), "'mrr_star' to be the mean of"),
+    ("MRR* null", RUNS, put("mrr_star", None), "null where 'queries' is 0"),
+    ("an unknown scope", RUNS, put("scope", "some"), "'scope' among all, known"),
+    ("epoch -1", RUNS, put("epoch", -1), "'epoch' from 0 on"),
+    ("no model of a seed", RUNS, lambda f: f[f["seed"] > 0], "a row of each of seeds"),
+]  # fmt: skip
+
+
+def relabelled(tensors: Tensors) -> None:
+    tensors["seed"] += 1
+
+
+def seeds_swapped(tensors: Tensors) -> None:
+    tensors["seed"] = tensors["seed"].flip(0)
+
+
+def rows_shuffled(tensors: Tensors) -> None:
+    tensors["entity"] = tensors["entity"].roll(1, 1)
+
+
+def novel_known(tensors: Tensors) -> None:
+    tensors["known"][:] = True
+
+
+def novel_with_a_vector(tensors: Tensors) -> None:
+    tensors["entity"][~tensors["known"]] = 0.5
+
+
+def infinite(tensors: Tensors) -> None:
+    next(iter(tensors.values())).view(-1)[3] = torch.inf
+
+
+def not_a_number(tensors: Tensors) -> None:
+    tensors["entity"][0, 1, 2] = torch.nan
+
+
+def cut(name: str, dimension: int) -> Callable[[Tensors], None]:
+    def altered(tensors: Tensors) -> None:
+        tensors[name] = tensors[name].narrow(dimension, 0, tensors[name].shape[dimension] // 2)
+
+    return altered
+
+
+def doubles(tensors: Tensors) -> None:
+    tensors["entity"] = tensors["entity"].double()
+
+
+VECTORS, WORDS = THETA0.path(experiment=NAME, size=2), WORD_VECTORS.path(experiment=NAME)
+TENSOR_CASES: list[tuple[str, Path, Callable[[Tensors], None], str]] = [
+    ("seeds relabelled", VECTORS, relabelled, "the sessions' seeds"),
+    ("seeds swapped", VECTORS, seeds_swapped, "the sessions' seeds"),
+    ("rows shuffled", VECTORS, rows_shuffled, "zeros for an entity that is not known"),
+    ("a novel entity inside D0", VECTORS, novel_known, "the entities of the session, and no novel"),
+    ("a novel entity with a vector", VECTORS, novel_with_a_vector, "zeros for an entity that is not known"),
+    ("not a number", VECTORS, not_a_number, r"tensor 'entity', \[0, 1, 2\]: expected finite numbers"),
+    ("a model less", VECTORS, cut("entity", 0), "2 rows in every tensor"),
+    ("an entity less", VECTORS, cut("entity", 1), "tensor 'entity': expected float32 of shape"),
+    ("vectors of half the length", VECTORS, cut("entity", 2), "tensor 'relation': expected float32 of shape"),
+    ("a relation less", VECTORS, cut("relation", 1), "tensor 'relation': expected float32 of shape"),
+    ("double precision", VECTORS, doubles, "expected float32 .*, got float64"),
+    ("an infinite word vector", WORDS, infinite, "expected finite numbers"),
+    ("half of the word vectors", WORDS, cut("vectors", 0), "tensor 'vectors': expected float32 of shape"),
+]  # fmt: skip
