@@ -87,7 +87,7 @@ def test_a_table_may_hold_plain_strings_and_more_columns(tmp_path: Path) -> None
 
 
 def part(*entities: str) -> pa.Table:
-    kinds = pa.array(entities, KINDS.table.field("kind").type)
+    kinds = pa.array(entities, KINDS.schema.field("kind").type)
     return pa.Table.from_arrays([pa.array(entities), kinds, pa.array(entities)], schema=KINDS.schema)
 
 
