@@ -25,7 +25,7 @@ $(INSTALLED): requirements.lock pyproject.toml
 	@touch $@
 
 $(CHECKED): params.yaml beyond/params.yaml $(INSTALLED)
-	@python tools/check_params.py
+	@python -m isi.params
 	@touch $@
 
 install: $(INSTALLED)  ## set up .venv, and no more

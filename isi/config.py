@@ -76,14 +76,12 @@ def read(path: Path) -> dict[str, Any]:
     Raises:
         InputError: where the file is missing, or is no YAML of a mapping.
     """
+    if path in (paths.PARAMS, paths.PIPELINE) and not path.exists():
+        raise InputError(path, "", f"no such file: {Path.cwd()} is not the folder of the project, go there first")
+    with at(path):
+        text = path.read_text(encoding="utf-8-sig")
     try:
-        raw = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8-sig"))  # YAML 1.2, as DVC reads it
-    except OSError as error:
-        away = isinstance(error, FileNotFoundError) and path in (paths.PARAMS, paths.PIPELINE)
-        then = f": {Path.cwd()} is not the folder of the project, go there first" if away else ""
-        raise InputError(path, "", f"cannot be read ({error.strerror}){then}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(path, f"byte {error.start + 1}", "expected YAML in UTF-8") from error
+        raw = YAML(typ="safe", pure=True).load(text)  # YAML 1.2, as DVC reads it
     except RecursionError as error:
         raise InputError(path, "", "expected YAML that is nested less deeply") from error
     except (YAMLError, ValueError, LookupError, TypeError, AttributeError) as error:  # the latter: of a value
@@ -95,7 +93,7 @@ def read(path: Path) -> dict[str, Any]:
     return raw
 
 
-def check(value: Any, kind: type[T], key: str, path: Path = paths.PARAMS) -> T:
+def check(value: Any, kind: type[T], key: str, path: Path | str = paths.PARAMS) -> T:
     """A value as the type or section that it must be.
 
     Raises:

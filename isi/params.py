@@ -1,31 +1,40 @@
-"""All of ``params.yaml``: every section's own model, and what they must agree on."""
+"""All of ``params.yaml`` and of ``beyond/params.yaml``: every section's own model, and what they must agree on.
+
+Each section's class stands beside what reads it, so that a stage depends on the sections that it reads.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field
 
 from isi import config
+from isi.analyses import variants
 from isi.analyses.affordances import Affordances
 from isi.analyses.cross_validation import CrossValidation, Setting
 from isi.analyses.final_model import FinalModel
 from isi.analyses.finetune_only import FinetuneOnly
+from isi.analyses.hidden_entities import Hidden
 from isi.analyses.model_comparison import ModelComparison
+from isi.analyses.other_graphs import GraphExperiment
 from isi.analyses.query_breakdown import QueryBreakdown
-from isi.analyses.single_insertions import SHOWN, Explorer
+from isi.analyses.single_insertions import SHOWN, ExplorerParams
 from isi.analyses.sweep import RateSweep, Sweep
 from isi.analyses.trajectory import TRACED, Trajectories
+from isi.analyses.variants import Variant
 from isi.config import Name, Section, Seed, Study, distinct
-from isi.errors import InputError, meant
+from isi.errors import InputError, at, meant
 from isi.experiment.insert import Convergence, FullCurves, InitializerList, among
 from isi.experiment.runner import Compute
 from isi.graph.graph import GraphOf
 from isi.graph.sampling import SessionsOf, Shares
 from isi.graph.words import Words
-from isi.initializers.api import options_of
+from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.model import EmbeddingParams, make_model
+from isi.process import one_line
 from isi.recording.settings import Recorder
 from isi.sources import settings_of
 from isi.tables import paths
@@ -39,35 +48,14 @@ MOST_SETTINGS = 13
 class ExperimentOf(Section):
     """An entry under ``experiments``."""
 
+    renamed: ClassVar = {"at_once": "immediate_only", "followed": "full_curves"}
     title: str
     graph: GraphOf
     sessions: SessionsOf
     initializers: InitializerList
     #: which are not fine-tuned
-    at_once: list[Name]
-    followed: FullCurves
-
-    @property
-    def lists_of_initializers(self) -> dict[str, InitializerList]:
-        """By their keys."""
-        return {"initializers": self.initializers, "at_once": self.at_once,
-                "followed.initializers": self.followed.initializers}  # fmt: skip
-
-    @model_validator(mode="after")
-    def _lists_name_something_once(self) -> Self:
-        for key, listed in (*self.lists_of_initializers.items(), ("sessions.novel", self.sessions.novel)):
-            if isinstance(listed, list) and not (distinct(listed) and (listed or key == "at_once")):
-                raise ValueError(f"{key}: expected a list of names that do not repeat")
-        return self
-
-    @model_validator(mode="after")
-    def _added_where_extended(self) -> Self:
-        if (self.sessions.novel == "added") != (self.graph.extend is not None):
-            raise ValueError("sessions.novel: added goes with graph.extend, and with nothing else")
-        if self.graph.extend and self.sessions.steps * max(self.sessions.sizes) > self.graph.extend.candidates:
-            most = f"graph.extend.candidates ({self.graph.extend.candidates})"
-            raise ValueError(f"sessions.steps times the largest of sessions.sizes must not be above {most}")
-        return self
+    immediate_only: list[Name]
+    full_curves: FullCurves
 
 
 class Plots(Section):
@@ -79,96 +67,41 @@ class Plots(Section):
 class Params(Section):
     """Everything in ``params.yaml``."""
 
+    renamed: ClassVar = {
+        "families": "models", "nothing": "finetune_only", "rates": "rate_sweep", "approach": "trajectory",
+        "compare_families": "compare_models", "asking": "query_breakdown", "kept": "final_model",
+    }  # fmt: skip
     seed: Seed
     sources: dict[Name, dict[str, Any]]
     experiments: Annotated[dict[Name, ExperimentOf], Field(min_length=1)]
     sessions: Shares
     words: Words
     embedding: EmbeddingParams
-    families: dict[Name, dict[str, Any]]
+    models: dict[Name, dict[str, Any]]
     negatives: Negatives
     training: Training
     finetuning: Optimizer
     convergence: Convergence
     initializers: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)]
     plots: Plots
-    nothing: FinetuneOnly
+    finetune_only: FinetuneOnly
     sweep: Sweep
     cross_validation: CrossValidation
-    rates: RateSweep
-    approach: Trajectories
-    compare_families: ModelComparison
+    rate_sweep: RateSweep
+    trajectory: Trajectories
+    compare_models: ModelComparison
     affordances: Affordances
-    asking: QueryBreakdown
+    query_breakdown: QueryBreakdown
     compute: Compute
     recorder: Recorder
-    kept: FinalModel
-    explorer: Explorer
-
-    @field_validator("initializers")
-    @classmethod
-    def _named(cls, value: dict[str, Any]) -> dict[str, Any]:
-        if "joint" in value:
-            raise ValueError("'joint' is the name of the joint model")
-        return value
-
-    @model_validator(mode="after")
-    def _names_are_known(self) -> Self:
-        asked = [("plots.initializers", name, self.initializers) for name in self.plots.initializers]
-        for study, varied in (("sweep", list(self.sweep.initializers)), ("rates", self.rates.initializers)):
-            if getattr(self, study).experiments:
-                asked += [(f"{study}.initializers", name, self.initializers) for name in varied]
-        asked += [("compare_families.families", name, self.families) for name in self.compare_families.families]
-        if self.approach.experiments:
-            asked += [("approach.experiments: its initializers", name, self.initializers) for name in TRACED]
-        if self.explorer.experiments:
-            asked += [("explorer.experiments: its initializers", name, self.initializers) for name in SHOWN]
-            others = {name: options for name, options in self.initializers.items() if name not in SHOWN}
-            asked.append(("explorer.best", self.explorer.best, others))
-        asked.append(("embedding.family", self.embedding.family, self.families))
-        for key, experiment in self.experiments.items():
-            where = f"experiments.{key}"
-            asked.append((f"{where}.graph.source", experiment.graph.source, self.sources))
-            if experiment.graph.extend:
-                asked.append((f"{where}.graph.extend.source", experiment.graph.extend.source, self.sources))
-            for listed, named in experiment.lists_of_initializers.items():
-                if named != "all":
-                    asked += [(f"{where}.{listed}", name, self.initializers) for name in named]
-        for key, name, known in asked:
-            if name not in known:
-                expected = f"expected names among {', '.join(known)}, got {name!r}{meant(name, known)}"
-                raise ValueError(f"{key}: {expected}")
-        return self
-
-    @model_validator(mode="after")
-    def _studies_fit_their_experiments(self) -> Self:
-        asked = {"sweep.seeds": self.sweep.seeds, "approach.seed": self.approach.seed + 1,
-                 "compare_families.seeds": self.compare_families.seeds}  # fmt: skip
-        for name, study in self.studies.items():
-            for experiment in study.experiments:
-                if experiment not in self.experiments:
-                    expected = f"expected some of experiments, got {experiment!r}"
-                    raise ValueError(f"{name}.experiments: {expected}{meant(experiment, self.experiments)}")
-                sessions = self.experiments[experiment].sessions
-                if getattr(study, "size", sessions.sizes[0]) not in sessions.sizes:
-                    raise ValueError(f"{name}.size: expected one of the sizes of {experiment}")
-        for key, seeds in asked.items():
-            for experiment in getattr(self, key.partition(".")[0]).experiments:
-                if seeds > self.experiments[experiment].sessions.seeds:
-                    raise ValueError(f"{key}: expected no more than the seeds of {experiment} allow")
-        return self
+    final_model: FinalModel
+    explorer: ExplorerParams
 
     @property
     def studies(self) -> dict[str, Study]:
-        """What is done beside the main pipeline, by section."""
-        found = {name: getattr(self, name) for name in type(self).model_fields}
-        return {name: section for name, section in found.items() if isinstance(section, Study)}
-
-    @model_validator(mode="after")
-    def _few_settings(self) -> Self:
-        if len(self.settings) > MOST_SETTINGS:
-            raise ValueError(f"cross_validation: expected at most {MOST_SETTINGS} settings, got {len(self.settings)}")
-        return self
+        """The analyses beside the main pipeline, by section."""
+        sections = {name: getattr(self, name) for name in type(self).model_fields}
+        return {name: section for name, section in sections.items() if isinstance(section, Study)}
 
     @property
     def choice(self) -> Setting:
@@ -190,45 +123,173 @@ class Params(Section):
         return [name for name in self.initializers if among(self.experiments[experiment].initializers, name)]
 
 
+class Beyond(Section):
+    """Everything in ``beyond/params.yaml``."""
+
+    graphs: Annotated[dict[Name, GraphExperiment], Field(default_factory=dict)]
+    hidden: Annotated[dict[Name, Hidden], Field(default_factory=dict)]
+    variants: Annotated[dict[Name, Variant], Field(default_factory=dict)]
+
+
 def load(path: Path = paths.PARAMS) -> Params:
     """Read and check all of ``params.yaml``.
 
     Raises:
-        InputError: where the file is missing, is no YAML, or holds an unknown key, a wrong type
-            or a value out of range; the message gives the key's path.
+        InputError: where the file is missing, is no YAML, or holds an unknown key, a wrong type, a value out of range,
+            or what does not agree with another section; the message gives the key's path.
     """
-    found = config.check(config.read(path), Params, "", path)
-    try:
-        for name, settings in found.sources.items():
-            settings_of(settings, f"sources.{name}")
-        for name, options in found.families.items():
-            make_model(name, options, f"families.{name}")
-        _check_dimensions(found)
-        for name, options in found.initializers.items():
-            options_of(name, options, f"initializers.{name}")
-        for name, options in found.sweep.initializers.items():
-            options_of(name, {**options, "k": found.sweep.k[0]}, f"sweep.initializers.{name}")
-    except InputError as error:
-        file, place, expected = error.args
-        raise (InputError(path, place, expected) if file == str(paths.PARAMS) else error) from error
-    return found
+    params = config.check(config.read(path), Params, "", path)
+    with at(path):
+        check_params(params)
+    return params
 
 
-def _check_dimensions(found: Params) -> None:
-    """See that the families in use have vectors of the dimensions that are asked for.
+def load_beyond(params: Params, path: Path | None = paths.BEYOND_PARAMS) -> Beyond:
+    """Read and check all of ``beyond/params.yaml``; empty where there is no file.
 
     Raises:
-        InputError: where one has none.
+        InputError: like ``load``, or where the file does not agree with ``params.yaml``.
     """
-    asked = [("embedding.dimension", found.embedding.family, found.embedding.dimension)]
-    if found.compare_families.experiments:
-        others = found.compare_families.families
-        asked += [("embedding.dimension", name, found.embedding.dimension) for name in others]
-    if found.cross_validation.experiments:
-        listed = found.cross_validation.dimension
-        asked += [("cross_validation.dimension", found.embedding.family, dimension) for dimension in listed]
-    for key, name, dimension in asked:
-        try:
-            make_model(name, found.families[name], f"families.{name}").width(dimension)
-        except InputError as error:
-            raise InputError(error.args[0], key, ": ".join(error.args[1:])) from error
+    if path is None or not path.exists():
+        return Beyond(graphs={}, hidden={}, variants={})
+    beyond = config.check(config.read(path), Beyond, "", path)
+    with at(path):
+        check_beyond(beyond, params)
+    return beyond
+
+
+def check_params(params: Params) -> None:
+    """Check the sections of ``params.yaml`` beside each other and beside the code.
+
+    Raises:
+        InputError: where a name, a size or an option is none that there is.
+    """
+    if "joint" in params.initializers:
+        raise InputError("", "initializers.joint", "is the name of the joint model")
+    for key, listed, known in _listed(params):
+        _check_names(listed, known, key)
+    for key, experiment in params.experiments.items():
+        _check_experiment(experiment, f"experiments.{key}")
+    for name, study in params.studies.items():
+        _check_study(study, params, name)
+    for name, settings in params.sources.items():
+        settings_of(settings, f"sources.{name}")
+    for name, options in params.initializers.items():
+        options_of(name, options, f"initializers.{name}")
+    for name, options in params.sweep.initializers.items():
+        options_of(name, {**options, "k": params.sweep.k[0]}, f"sweep.initializers.{name}")
+    for key, model, dimension in _dimensions(params):
+        made = {name: make_model(name, options, f"models.{name}") for name, options in params.models.items()}
+        with at("", key):
+            made[model].width(dimension)
+    if len(params.settings) > MOST_SETTINGS:
+        expected = f"expected at most {MOST_SETTINGS} settings, got {len(params.settings)}"
+        raise InputError("", "cross_validation", expected)
+
+
+def _listed(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable[str]]]:
+    """Key, names that stand there, and the names that there are."""
+    yield "plots.initializers", params.plots.initializers, params.initializers
+    yield "embedding.model", [params.embedding.model], params.models
+    yield "compare_models.models", params.compare_models.models, params.models
+    for name, study in params.studies.items():
+        yield f"{name}.experiments", study.experiments, params.experiments
+    if params.sweep.experiments:
+        yield "sweep.initializers", params.sweep.initializers, params.initializers
+    if params.rate_sweep.experiments:
+        yield "rate_sweep.initializers", params.rate_sweep.initializers, params.initializers
+    if params.trajectory.experiments:
+        yield "trajectory.experiments: its initializers", TRACED, params.initializers
+    if params.explorer.experiments:
+        yield "explorer.experiments: its initializers", SHOWN, params.initializers
+        yield "explorer.best", [params.explorer.best], [name for name in params.initializers if name not in SHOWN]
+    for key, experiment in params.experiments.items():
+        extend = experiment.graph.extend
+        yield f"experiments.{key}.graph.source", [experiment.graph.source], params.sources
+        yield f"experiments.{key}.graph.extend.source", [extend.source] if extend else [], params.sources
+        for name, listed in _initializer_lists(experiment).items():
+            yield f"experiments.{key}.{name}", listed, params.initializers
+
+
+def _initializer_lists(experiment: ExperimentOf) -> dict[str, list[Name]]:
+    lists = {"initializers": experiment.initializers, "immediate_only": experiment.immediate_only,
+             "full_curves.initializers": experiment.full_curves.initializers}  # fmt: skip
+    return {key: listed for key, listed in lists.items() if listed != "all"}
+
+
+def _check_experiment(experiment: ExperimentOf, key: str) -> None:
+    sessions, extend = experiment.sessions, experiment.graph.extend
+    kinds = {"sessions.novel": sessions.novel} if isinstance(sessions.novel, list) else {}
+    for name, listed in (_initializer_lists(experiment) | kinds).items():
+        if not distinct(listed) or not (listed or name == "immediate_only"):
+            raise InputError("", f"{key}.{name}", "expected a list of names that do not repeat")
+    if (sessions.novel == "added") != (extend is not None):
+        raise InputError("", f"{key}.sessions.novel", "added goes with graph.extend, and with nothing else")
+    if extend and sessions.steps * max(sessions.sizes) > extend.candidates:
+        expected = (
+            f"expected steps times the largest of sizes to be at most graph.extend.candidates ({extend.candidates})"
+        )
+        raise InputError("", f"{key}.sessions", expected)
+
+
+def _check_study(study: Study, params: Params, name: str) -> None:
+    """Check that the sizes and seeds of a study are among those of its experiments."""
+    seeds = study.seeds if hasattr(study, "seeds") else study.seed + 1 if hasattr(study, "seed") else 0
+    for experiment in study.experiments:
+        sessions = params.experiments[experiment].sessions
+        if getattr(study, "size", sessions.sizes[0]) not in sessions.sizes:
+            raise InputError("", f"{name}.size", f"expected one of the sizes of {experiment}")
+        if seeds > sessions.seeds:
+            key = f"{name}.{'seeds' if hasattr(study, 'seeds') else 'seed'}"
+            raise InputError("", key, f"expected no more than the {sessions.seeds} seeds of {experiment} allow")
+
+
+def _dimensions(params: Params) -> Iterator[tuple[str, str, int]]:
+    """Key, model and dimension of the embeddings in use."""
+    yield "embedding.dimension", params.embedding.model, params.embedding.dimension
+    for model in params.compare_models.models if params.compare_models.experiments else ():
+        yield "embedding.dimension", model, params.embedding.dimension
+    for dimension in params.cross_validation.dimension if params.cross_validation.experiments else ():
+        yield "cross_validation.dimension", params.embedding.model, dimension
+
+
+def check_beyond(beyond: Beyond, params: Params) -> None:
+    """Check the entries of ``beyond/params.yaml`` beside each other and beside ``params.yaml``.
+
+    Raises:
+        InputError: where a name, an option or a change is none that there is.
+    """
+    for name, variant in beyond.variants.items():
+        _check_names(variant.experiments, params.experiments, f"variants.{name}.experiments")
+        _check_variant(variant, params, f"variants.{name}")
+    titles = [entry.title for entry in params.experiments.values()] + [graph.title for graph in beyond.graphs.values()]
+    if not distinct(titles) or len({graph.sessions.sizes[0] for graph in beyond.graphs.values()}) > 1:
+        raise InputError("", "graphs", "expected titles that no other has, and the same size of all")
+    for name, graph in beyond.graphs.items():
+        if name in params.experiments:
+            raise InputError("", f"graphs.{name}", "expected another name than those of experiments")
+        settings_of(graph.source, f"graphs.{name}.source")
+        _check_variant(graph.variant(name), params, f"graphs.{name}")
+    for name, hidden in beyond.hidden.items():
+        _check_names(hidden.initializers, INITIALIZERS.names(), f"hidden.{name}.initializers")
+        if hidden.source == "graphs":
+            _check_names([name], beyond.graphs, f"hidden.{name}")
+
+
+def _check_variant(variant: Variant, params: Params, key: str) -> None:
+    _check_names(variant.initializers, {**params.initializers, **variant.options}, f"{key}.initializers")
+    for initializer, options in variant.options.items():
+        options_of(initializer, options, f"{key}.options.{initializer}")
+    with at("", f"{key}.changes"):
+        check_params(variants.changed(params, variant.changes))
+
+
+def _check_names(listed: Iterable[str], known: Iterable[str] | Mapping[str, Any], key: str) -> None:
+    for name in listed:
+        if name not in known:
+            raise InputError("", key, f"expected names among {', '.join(known)}, got {name!r}{meant(name, known)}")
+
+
+if __name__ == "__main__":  # `make` checks before DVC, which reads the keys that its stages name and no others
+    with one_line("params"):
+        load_beyond(load())

@@ -1,63 +1,41 @@
-"""What every stage does around its work: read the params that are its own, and answer mistakes in one line."""
+"""How a stage of the pipelines runs: its arguments, its params, and a mistake as one line; which stage makes a file."""
 
 from __future__ import annotations
 
 import argparse
 import inspect
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from isi import config
-from isi.errors import InputError
-from isi.pipeline import declared, described, value_at
-from isi.process import Parser, one_line, only_one
+from isi.errors import InputError, meant
+from isi.process import Parser, one_line
 from isi.tables import paths
 
-T = TypeVar("T")
+if TYPE_CHECKING:
+    from isi.params import Beyond, Params
 
-#: What changes no result: every stage may read it, and none lists it.
-COMPUTE = "compute"
+#: Each pipeline with the params that its matrices run over.
+PIPELINES = {paths.PIPELINE: paths.PARAMS, paths.BEYOND_PIPELINE: paths.BEYOND_PARAMS}
 
 
 @dataclass(frozen=True)
 class StageContext:
-    """What a stage was given: its params and no others, and its name."""
+    """What a stage works with: its name, which its tables bear, and the params of either pipeline."""
 
-    #: by dotted key, as ``dvc.yaml`` lists them
-    values: Mapping[str, Any]
     stage: str
-
-    def section(self, key: str, kind: type[T]) -> T:
-        """The checked value at a dotted key: one of the stage's own, below one, or above some.
-
-        Raises:
-            InputError: where ``params.yaml`` has there what it must not.
-            LookupError: where ``dvc.yaml`` does not list the key: a fault of the stage.
-        """
-        return config.check(self.raw(key), kind, key)
-
-    def raw(self, key: str) -> Any:
-        """The same, unchecked; of a mapping that is not listed whole, what is listed of it."""
-        for own, value in self.values.items():
-            if key == own:
-                return value
-            if key.startswith(f"{own}."):
-                return config.value_of(value, key.removeprefix(f"{own}."))
-        below = [own.removeprefix(f"{key}.").partition(".")[0] for own in self.values if own.startswith(f"{key}.")]
-        if below:
-            return {name: self.raw(f"{key}.{name}") for name in dict.fromkeys(below)}
-        raise LookupError(f"{self.stage} reads {key}, which dvc.yaml does not list for it")
-
-    @property
-    def seed(self) -> int:
-        """Root of every random stream."""
-        return self.section("seed", config.Seed)
+    params: Params
+    #: empty for stages of the first pipeline
+    beyond: Beyond
 
 
 def stage(body: Callable[..., None]) -> Callable[[], None]:
-    """Make a function of ``Given`` and names the command of the DVC stage of its own name."""
+    """Make a function of a context and of names the command of the DVC stage of its own name."""
     name, arguments = body.__name__, list(inspect.signature(body).parameters)[1:]
 
     def main() -> None:
@@ -65,21 +43,98 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
         parser = _StageParser(prog=f"python -m stages.{name}", description=inspect.getdoc(body), formatter_class=form)
         for argument in arguments:
             parser.add_argument(argument)
-        named = vars(parser.parse_args())
+        names = vars(parser.parse_args())
         with one_line(name, "`dvc repro` goes on from here"):
-            everything = config.read(paths.PARAMS)
-            picked = declared(name, named, everything)
-            compute = {COMPUTE: value_at(paths.PARAMS, everything, COMPUTE)}
-            with only_one("@".join(filter(None, [name, "-".join(named.values())]))):
-                body(StageContext(picked | compute, name), **named)
+            body(context_of(name, names), **names)
 
     return main
 
 
+def context_of(name: str, names: Mapping[str, str]) -> StageContext:
+    """The context of a stage with its arguments, of which params have each.
+
+    Raises:
+        InputError: where params hold a mistake, or do not have an argument.
+    """
+    from isi import params  # here: its classes are of all packages, of which a stage needs a few
+
+    pipeline, entry = _entry(name)
+    values = _read(PIPELINES[pipeline])
+    for argument, key in _matrix(entry).items():
+        known = config.value_of(values, key) or ()
+        if isinstance(known, dict) and names[argument] not in known:
+            expected = f"expected one of {', '.join(known)}, got {names[argument]!r}{meant(names[argument], known)}"
+            raise InputError(PIPELINES[pipeline], f"{key}: {argument}", expected)
+    main, beyond = params.load(), paths.BEYOND_PARAMS if pipeline == paths.BEYOND_PIPELINE else None
+    return StageContext(name, main, params.load_beyond(main, beyond))
+
+
 class _StageParser(Parser):
-    """Its help tells what the pipeline says of the stage, where there is one."""
+    """Its help has the choices of the arguments, and what the stage reads and writes."""
 
     def format_help(self) -> str:
         with suppress(InputError):
-            self.epilog = described(self.prog.rpartition(".")[2])
+            pipeline, entry = _entry(self.prog.rpartition(".")[2])
+            values = _read(PIPELINES[pipeline])
+            lines = [f"{name}: {', '.join(config.value_of(values, key) or ())}" for name, key in _matrix(entry).items()]
+            lines += [f"reads: {', '.join(path for path in entry['deps'] if path.startswith('data/'))}"]
+            lines += [f"writes: {', '.join(_outputs(entry))}"]
+            self.epilog = "\n".join(re.sub(r"\$\{item\.(\w+)\}", lambda item: item[1].upper(), line) for line in lines)
         return super().format_help()
+
+
+def missing(path: Path) -> InputError:
+    """What to say of a file that a command reads and that is not there: which stage makes it."""
+    with suppress(InputError):
+        for name in () if path.is_absolute() else makers(path):
+            return InputError(path, "", f"missing: run `dvc repro {name}`, which makes it")
+    return InputError(path, "", "no such file")
+
+
+def makers(path: Path) -> Iterator[str]:
+    """The stages that write a file or a folder above it with the present params, as ``dvc repro`` names them."""
+    for pipeline in filter(Path.exists, PIPELINES):
+        values, before = _read(PIPELINES[pipeline]), "" if pipeline == paths.PIPELINE else f"{pipeline}:"
+        for name, entry in _stages(pipeline).items():
+            for out in _outputs(entry):
+                pattern = re.sub(r"\\\$\\\{item\\?\.(\w+)\\\}", r"(?P<\1>\\w+)", re.escape(out))
+                match = re.fullmatch(rf"{pattern}(/.*)?", path.as_posix())
+                items = {item: key for item, key in _matrix(entry).items() if match and item in match.groupdict()}
+                if match and all(match[item] in (config.value_of(values, key) or ()) for item, key in items.items()):
+                    yield f"{before}{name}" + f"@{'-'.join(match[item] for item in items)}" * bool(items)
+
+
+def _matrix(entry: Mapping[str, Any]) -> dict[str, str]:
+    """The key of params that each argument of a stage runs over."""
+    return {item: str(values).strip("${}") for item, values in (entry.get("matrix") or {}).items()}
+
+
+def _outputs(entry: Mapping[str, Any]) -> list[str]:
+    listed = [*entry.get("outs", []), *entry.get("metrics", [])]
+    return [next(iter(out)) if isinstance(out, dict) else str(out) for out in listed]
+
+
+def _entry(name: str) -> tuple[Path, dict[str, Any]]:
+    """The pipeline that has a stage, and its entry there."""
+    for pipeline in PIPELINES:
+        if name in _stages(pipeline):
+            return pipeline, _stages(pipeline)[name]
+    raise InputError(paths.PIPELINE, "stages", f"expected a stage {name!r}")
+
+
+def _stages(pipeline: Path) -> dict[str, Any]:
+    stages = _read(pipeline).get("stages")
+    if not isinstance(stages, dict):
+        raise InputError(pipeline, "stages", "expected a mapping of stages: is this the folder of the project?")
+    return stages
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """What a file holds by now, parsed once, since parsing takes long."""
+    stat = path.stat() if path.exists() else None
+    return _parsed(path.absolute(), path, stat and (stat.st_mtime_ns, stat.st_size))
+
+
+@cache
+def _parsed(_place: Path, path: Path, _changed: tuple[int, int] | None) -> dict[str, Any]:
+    return config.read(path)

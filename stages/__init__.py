@@ -1,22 +1,16 @@
-"""The stages of the pipeline: each reads, calls isi, and writes.
+"""The stages of the pipelines: each reads, calls isi, and writes.
 
-Importing the package, which running a stage does first of all, ties the process to the one that
-started it (DVC leaves its stage running when it is killed), and has it answer Ctrl-C in one line.
+Running one imports this package first: what it needs takes seconds to import, in which it may be stopped, too.
 """
 
 import sys
 from importlib.util import find_spec
 
-# fmt: off
-if sys.version_info < (3, 11) or not all(find_spec(name) for name in (
-    "gensim", "jinja2", "matplotlib", "networkx", "numba", "numpy", "pandas", "procthor", "pyarrow", "pydantic",
-    "rdflib", "ruamel", "safetensors", "scipy", "smart_open", "tabulate", "torch", "tqdm",
-)):
+if sys.version_info < (3, 11) or not all(map(find_spec, ("numpy", "pandas", "pyarrow", "pydantic", "ruamel", "torch"))):
     sys.exit(f"stages: {sys.executable} lacks the packages of this project: use `make repro`, or activate .venv first")
-# fmt: on
 
 from isi.process import stop_in_one_line, tie_to_parent
 
-tie_to_parent()
 if sys.argv[0] == "-m":  # run, not imported
-    stop_in_one_line("stages", "run it again")
+    tie_to_parent()  # DVC leaves its stage running when it is killed
+    stop_in_one_line("stages")

@@ -4,28 +4,25 @@ from __future__ import annotations
 
 import torch
 
-from isi.errors import InputError
+from isi.errors import at
 from isi.graph.tables import COVERAGE, ENTITIES, WORD_VECTORS
-from isi.graph.words import Words, load_vectors, look_up
+from isi.graph.words import load_vectors, look_up
 from isi.stage import StageContext, stage
+from isi.tables import paths
 
 
 @stage
-def embed_words(given: StageContext, experiment: str) -> None:
+def embed_words(context: StageContext, experiment: str) -> None:
     """Look up the word vector of every entity."""
-    which = given.section("words", Words)
     entities = ENTITIES.read(experiment=experiment)
-    try:
-        found = look_up(load_vectors(which), list(entities["phrase"]))
-    except InputError as error:
-        raise InputError("words", "", str(error)) from error
-    coverage = entities[["entity", "phrase"]].assign(served_by=found.served_by)
-    WORD_VECTORS.write({"vectors": torch.from_numpy(found.vectors)}, given.stage, experiment=experiment)
-    COVERAGE.write(coverage, given.stage, experiment=experiment)
+    with at(paths.PARAMS, "words"):
+        words = look_up(load_vectors(context.params.words), list(entities["phrase"]))
+    coverage = entities[["entity", "phrase"]].assign(served_by=words.served_by)
+    WORD_VECTORS.write({"vectors": torch.from_numpy(words.vectors)}, context.stage, experiment=experiment)
+    COVERAGE.write(coverage, context.stage, experiment=experiment)
     missing = coverage.loc[coverage["served_by"].isna(), "entity"]
-    print(
-        f"{len(coverage) - len(missing)} of {len(coverage)} entities have a word vector", *missing, sep="\n  without: "
-    )
+    covered = f"{len(coverage) - len(missing)} of {len(coverage)} entities have a word vector"
+    print(covered, *missing, sep="\n  without: ")
 
 
 if __name__ == "__main__":

@@ -1,12 +1,11 @@
-"""Insert novel entities into Θ⁰ with one initializer, measure at once, and fine-tune."""
+"""Insert novel entities into Θ⁰ with one initializer, measure immediately, and fine-tune."""
 
 from __future__ import annotations
 
 import torch
 
-from isi.experiment.insert import insert_stack as insert_cells
-from isi.experiment.insert import inserting_in, insertion_tasks, is_listed
-from isi.experiment.runner import compute_of, run, stack_height
+from isi.experiment.insert import among, experiment_config, insert_stack, insertion_tasks
+from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store, write_runs
 from isi.experiment.tables import INITIAL_VECTORS, INSERTED, RUNS, TIES
 from isi.stage import StageContext, stage
@@ -14,27 +13,26 @@ from isi.tables.table import concat
 
 
 @stage
-def insert(given: StageContext, experiment: str, initializer: str) -> None:
-    """Insert novel entities into Θ⁰ with one initializer, measure at once, and fine-tune.
+def insert(context: StageContext, experiment: str, initializer: str) -> None:
+    """Insert novel entities into Θ⁰ with one initializer, measure immediately, and fine-tune.
 
     An initializer that the experiment does not list leaves tables without rows.
     """
-    store, compute = Store(experiment), compute_of(given)
-    how = inserting_in(given, experiment, initializer)
-    listed = is_listed(given, f"experiments.{experiment}.initializers", initializer)
-    grid = store.grid(stack_height(compute)) if listed else []
-    tasks = insertion_tasks(store, given, how, grid)
-    done = run(insert_cells, tasks, compute, f"{experiment}, {initializer}")
+    params, store = context.params, Store(experiment)
+    config = experiment_config(params, experiment, initializer)
+    listed = among(params.experiments[experiment].initializers, initializer)
+    tasks = insertion_tasks(store, params, config, store.grid(stack_height(params.compute)) if listed else [])
+    results = run(insert_stack, tasks, params.compute, f"{experiment}, {initializer}")
     vectors: dict[str, list[torch.Tensor]] = {}
-    for task, result in zip(tasks, done, strict=True):
+    for task, result in zip(tasks, results, strict=True):
         vectors.setdefault(f"size={task.points.size:02d}", []).append(torch.from_numpy(result.vectors))
     tensors = {name: torch.cat(parts) for name, parts in vectors.items()}
-    runs = concat((result.runs for result in done), RUNS, TIES)
-    inserted = concat((result.entities for result in done), INSERTED)
+    runs = concat((result.runs for result in results), RUNS, TIES)
+    inserted = concat((result.entities for result in results), INSERTED)
     inserted["kind"] = inserted["entity"].map(store.entities()["kind"].astype(str))
-    INITIAL_VECTORS.write(tensors, given.stage, experiment=experiment, initializer=initializer)
-    INSERTED.write(inserted, given.stage, experiment=experiment, initializer=initializer)
-    write_runs(runs, given.stage, experiment, initializer)
+    INITIAL_VECTORS.write(tensors, context.stage, experiment=experiment, initializer=initializer)
+    INSERTED.write(inserted, context.stage, experiment=experiment, initializer=initializer)
+    write_runs(runs, context.stage, experiment, initializer)
 
 
 if __name__ == "__main__":

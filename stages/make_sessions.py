@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from isi.graph.graph import build_graph
-from isi.graph.sampling import SessionsOf, Shares, session_tables
+from isi.graph.sampling import session_tables
 from isi.graph.tables import ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES
 from isi.stage import StageContext, stage
 
 
 @stage
-def make_sessions(given: StageContext, experiment: str) -> None:
+def make_sessions(context: StageContext, experiment: str) -> None:
     """Draw splits, novel entities and insert triples for every size and seed."""
-    key = f"experiments.{experiment}.sessions"
+    params, key = context.params, f"experiments.{experiment}.sessions"
     entities = ENTITIES.read(experiment=experiment)
     graph = build_graph(entities, TRIPLES.read(experiment=experiment), TRIPLES.path(experiment=experiment))
-    shares = given.section("sessions", Shares)
-    found = session_tables(graph, entities, given.section(key, SessionsOf), shares, given.seed, key)
-    SPLITS.write(found.splits, given.stage, experiment=experiment)
-    NOVEL.write(found.novel, given.stage, experiment=experiment)
-    INSERT_TRIPLES.write(found.insert_triples, given.stage, experiment=experiment)
+    sessions = params.experiments[experiment].sessions
+    drawn = session_tables(graph, entities, sessions, params.sessions, params.seed, key)
+    SPLITS.write(drawn.splits, context.stage, experiment=experiment)
+    NOVEL.write(drawn.novel, context.stage, experiment=experiment)
+    INSERT_TRIPLES.write(drawn.insert_triples, context.stage, experiment=experiment)
 
 
 if __name__ == "__main__":

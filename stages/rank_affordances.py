@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from isi.analyses.affordances import AFFORDANCES, AffordanceSettings, RankingTask, ranks
+from isi.analyses.affordances import AFFORDANCES, RankingTask, ranks
 from isi.errors import InputError
-from isi.experiment.insert import is_listed
-from isi.experiment.runner import compute_of, run, stack_height
+from isi.experiment.insert import among
+from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
 from isi.experiment.train import model_of
 from isi.stage import StageContext, stage
@@ -14,25 +14,23 @@ from isi.tables.table import concat
 
 
 @stage
-def rank_affordances(given: StageContext, experiment: str) -> None:
+def rank_affordances(context: StageContext, experiment: str) -> None:
     """Rank what can be done with inserted entities, from the vectors that were inserted."""
-    study, compute, family = given.section("affordances", AffordanceSettings), compute_of(given), model_of(given)
-    store = Store(experiment)
-    grid = store.grid(stack_height(compute))
-    relations = store.graph().relations
-    if study.relation not in relations:
+    params, store, model = context.params, Store(experiment), model_of(context.params)
+    grid, relations = store.grid(stack_height(params.compute)), store.graph().relations
+    if params.affordances.relation not in relations:
         expected = f"expected a relation of {experiment}: {', '.join(relations)}"
         raise InputError(paths.PARAMS, "affordances.relation", expected)
-    relation, names, tasks = relations.index(study.relation), [], []
-    for name in given.raw("initializers"):
-        if is_listed(given, f"experiments.{experiment}.initializers", name):
+    relation, names, tasks = relations.index(params.affordances.relation), list[str](), []
+    for name in params.initializers:
+        if among(params.experiments[experiment].initializers, name):
             for points in grid:
                 vectors = store.initial_vectors(name, points)
-                tasks.append(RankingTask(points, store.theta0(points, family), vectors, relation))
+                tasks.append(RankingTask(points, store.theta0(points, model), vectors, relation))
                 names.append(name)
-    ranked = run(ranks, tasks, compute, "affordances")
+    ranked = run(ranks, tasks, params.compute, "affordances")
     frame = concat((frame.assign(initializer=name) for name, frame in zip(names, ranked, strict=True)), AFFORDANCES)
-    AFFORDANCES.write(frame, given.stage, experiment=experiment)
+    AFFORDANCES.write(frame, context.stage, experiment=experiment)
 
 
 if __name__ == "__main__":

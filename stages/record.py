@@ -12,7 +12,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from isi import config
-from isi.process import Parser, one_line, only_one
+from isi.process import Parser, one_line
 from isi.recording.file import Recording
 from isi.recording.settings import Recorder
 from isi.tables import paths
@@ -44,7 +44,7 @@ def main() -> None:
     parser.add_argument("--platform", help="a build to download, such as CloudRendering, or the path of one")
     parser.add_argument("--output", help="the recording, such as data/recordings/robothor.jsonl.gz")
     given = {key: value for key, value in vars(parser.parse_args()).items() if value is not None}
-    with one_line("record", "`make record` goes on from here"), only_one("record"):
+    with one_line("record", "`make record` goes on from here"):
         section = config.read(paths.PARAMS).get("recorder")
         settings = {**section, **given} if isinstance(section, dict) else section
         record(config.check(settings, Recorder, "recorder"))

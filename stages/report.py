@@ -10,21 +10,21 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from isi import params
 from isi.report import contents, page, results
-from isi.stage import COMPUTE, StageContext, stage
+from isi.stage import StageContext, stage
 from isi.tables import paths
 
 _PACKAGES = ("dvc", "gensim", "matplotlib", "numpy", "pandas", "procthor", "pyarrow", "scipy", "torch")
+#: Sections of params that change nothing in the report.
+UNUSED = ("compute", "recorder", "plots", "finetune_only", "final_model")
 _SOURCES = ("isi", "stages", "data/raw")  # dependencies of the stage, whole
 
 
 @stage
-def report(given: StageContext) -> None:
+def report(context: StageContext) -> None:
     """Render the report: tables, figures, metrics and the page."""
-    values = {key: value for key, value in given.values.items() if key != COMPUTE}
-    found = results.read(params.load(), what_was_run(values))
-    page.write(paths.REPORTS, found, contents.SECTIONS)
+    values = context.params.model_dump(exclude=set(UNUSED), exclude_unset=True)
+    page.write(paths.REPORTS, results.read(context.params, what_was_run(values)), contents.SECTIONS)
     print(f"report: {paths.REPORTS / 'index.html'}")
 
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, Variant, changed, results
+from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, changed, results
 from isi.experiment.store import Store
 from isi.stage import StageContext, stage
 
 
 @stage
-def vary(given: StageContext, variant: str) -> None:
+def vary(context: StageContext, variant: str) -> None:
     """Run experiments again under other conditions: train if need be, insert, and fine-tune until convergence."""
-    study = given.section(f"variants.{variant}", Variant)
-    own = changed(given, study.changes, f"variants.{variant}.changes")
-    runs, asked = results(own, study, [Store(name) for name in study.experiments], variant)
-    VARIANT_RUNS.write(runs, given.stage, variant=variant)
-    VARIANT_QUERIES.write(asked, given.stage, variant=variant)
+    settings = context.beyond.variants[variant]
+    params, stores = changed(context.params, settings.changes), [Store(name) for name in settings.experiments]
+    runs, answers = results(params, settings, stores, variant)
+    VARIANT_RUNS.write(runs, context.stage, variant=variant)
+    VARIANT_QUERIES.write(answers, context.stage, variant=variant)
 
 
 if __name__ == "__main__":

@@ -44,7 +44,7 @@ def random_graph(entities: int, relations: int, triples: int, seed: int = 0) -> 
 
 
 #: The family of tests that are about none.
-ANALOGY = make_model("analogy", {}, "families.analogy")
+ANALOGY = make_model("analogy", {}, "models.analogy")
 
 
 def as_stored(graph: Graph) -> Graph:

@@ -66,7 +66,7 @@ def main() -> None:
     negatives = config.check(raw["negatives"], batches.Negatives, "negatives")
     settings = config.check(raw["training"], trainer.Training, "training")
     shares = config.check(raw["sessions"], Shares, "sessions")
-    family = make_model(how.family, raw["families"][how.family], f"families.{how.family}")
+    family = make_model(how.family, raw["families"][how.family], f"models.{how.family}")
     session = everything(graph, torch.from_numpy(split(graph, root, 0, shares.valid, shares.test))[None])
     data = batches.training_data(session, "training", keys, negatives.head_pool)
     state = trainer.start(uniform(session.entities, RELATIONS, family, how.dimension, how.init_range, root, keys))

@@ -54,7 +54,7 @@ def small_params(experiments: Sequence[str], **changes: Any) -> Params:
     }  # fmt: skip
     studies: dict[str, dict[str, Any]] = {
         "sweep": {"size": 2, "seeds": 2, "k": [1, 2, 4]}, "rates": {"size": 2}, "approach": {"size": 2},
-        "cross_validation": {}, "compare_families": {"seeds": 2}, "affordances": {"entities": ["fan"]}, "asking": {},
+        "cross_validation": {}, "compare_models": {"seeds": 2}, "affordances": {"entities": ["fan"]}, "asking": {},
         "nothing": {}, "kept": {}, "explorer": {"size": 2, "best": "mean", "answers": 2},
     }  # fmt: skip
     for name, changed in studies.items():
@@ -172,7 +172,7 @@ def _studies(how: Params, experiments: dict[str, Experiment]) -> dict[str, Study
     rates = [row for factor in (0.5, 2.0) for row in _cells(first.initializers, [2], factor=factor)]
     folds = [setting.model_dump() | {"fold": fold, "epoch": 20} for setting in how.settings for fold in (0, 1)]
     families = [{"family": name, "seed": seed, "epochs": 50, "valid_mrr_star": 0.5, "queries": 4}
-                for name in how.compare_families.families for seed in (0, 1)]  # fmt: skip
+                for name in how.compare_models.models for seed in (0, 1)]  # fmt: skip
     answers = [{"model": model, "seed": 0, "entity": len(last.entities) - 1, "answer": answer, "rank": answer + 1}
                for model in last.initializers for answer in range(len(last.entities))]  # fmt: skip
     rng, number = np.random.default_rng(7), len(first.entities)

@@ -37,7 +37,7 @@ MAP = {"strength": 0.5, "ratio": 3}
 
 
 def family(name: str, **options: Option) -> Model:
-    return make_model(name, options, f"families.{name}")
+    return make_model(name, options, f"models.{name}")
 
 
 def insertion(

@@ -283,7 +283,7 @@ def test_what_is_told_goes_from_the_fewest_to_all() -> None:
     found = {
         name: variant("told", {"home": {"xavier": (0.1, 0.1), "es": (value, value + 0.2), "joint": (0.9, 0.9)}},
                       told=number)
-        for name, number, value in (("told_0", 0, 0.1), ("told_2", 2, 0.3), ("told_all", None, 0.5))
+        for name, number, value in (("insert_triples_0", 0, 0.1), ("insert_triples_2", 2, 0.3), ("insert_triples_all", None, 0.5))  # noqa: E501
     }  # fmt: skip
     text, tabled, (figure,) = made(told.SECTION, results_with(**found))
     frame = tabled["told"]
@@ -300,7 +300,7 @@ def test_what_is_told_goes_from_the_fewest_to_all() -> None:
 
 
 def test_who_has_less_with_some_than_with_the_fewest_is_told() -> None:
-    about = {"told_0": (0, 0.5), "told_1": (1, 0.4), "told_all": (None, 0.6)}
+    about = {"insert_triples_0": (0, 0.5), "insert_triples_1": (1, 0.4), "insert_triples_all": (None, 0.6)}
     found = {
         name: variant("told", {"home": {"xavier": (0.1, 0.1), "es": (value, value), "joint": (0.9, 0.9)}}, told=number)
         for name, (number, value) in about.items()

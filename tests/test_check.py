@@ -39,7 +39,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     small.run_all(folder)
     with chdir(folder):
         small.run(f"keep {NAME}")
-        small.run(f"single_out {NAME}")
+        small.run(f"single_insertions {NAME}")
     return folder
 
 
@@ -162,7 +162,7 @@ def test_params_of_another_type_end_it_in_problems_or_one_line(
 
 @pytest.mark.usefixtures("_in_copy")
 def test_the_final_model_is_checked() -> None:
-    folder = paths.kept(NAME)
+    folder = paths.final_model(NAME)
     names = (folder / "entities.tsv").read_text(encoding="utf-8")
     (folder / "entities.tsv").write_text(f"{names[:-1]}x\n", encoding="utf-8")
     (line,) = problems()
@@ -183,7 +183,7 @@ def test_every_output_of_the_pipelines_is_declared_and_every_table_has_an_exampl
         for pipeline in (paths.PIPELINE, paths.BEYOND_PIPELINE):
             for entry in config.read(pipeline)["stages"].values():
                 for out in entry["outs"]:
-                    if isinstance(out, str) and not re.search(r"^data/kept/|\.json$", out):
+                    if isinstance(out, str) and not re.search(r"^data/final_models/|\.json$", out):
                         path = Path(re.sub(r"\$\{[^}]*\}", "x", out))
                         assert any(file.names_in(path) or file.names_in(path / "size=01.safetensors") for file in files)
     columns = {tuple(table.columns) for table in ROWS}

@@ -55,7 +55,7 @@ def test_training_on_another_device_is_training(name: str, mode: str, monkeypatc
     if mode == "lists":
         monkeypatch.setattr(batches, "DENSE_LIMIT", 0)
     negatives = LEARNING.negatives.model_copy(update={"mode": "expected" if mode == "expected" else "sampled"})
-    family = make_model(name, FAMILY_OPTIONS.get(name, {}), f"families.{name}")
+    family = make_model(name, FAMILY_OPTIONS.get(name, {}), f"models.{name}")
     (task,) = learning_tasks(4, replace(LEARNING, model=family, negatives=negatives))
     for learn in (train_initial, train_joint_model):
         there, here = (runner.run_task(learn, task, device) for device in ("cuda", "cpu"))

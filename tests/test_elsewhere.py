@@ -18,6 +18,7 @@ from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS
 from isi.errors import InputError
 from isi.graph.tables import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES
 from isi.params import load as load_params
+from isi.params import load_beyond
 from isi.tables import paths
 from stages.build_graph import build_graph
 from stages.embed_words import embed_words
@@ -25,7 +26,6 @@ from stages.explore import explore
 from stages.make_sessions import make_sessions
 from stages.mine import mine
 from stages.vary import vary
-from tools.check_params import check_beyond
 
 ROOT = Path(__file__).parent.parent
 SESSIONS = {"novel": "any", "sizes": [3], "seeds": 2}
@@ -94,7 +94,7 @@ def test_an_experiment_elsewhere_is_what_the_first_pipeline_would_have_run(monke
 
 def test_what_ships_is_sound(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    check_beyond(load_params())
+    load_beyond(load_params())
     assert not {*other_graphs.load().graphs} & {*load_params().experiments}
 
 
@@ -114,7 +114,7 @@ def test_what_ships_is_sound(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_a_graph_cannot_have_is_refused_in_one_line(wrong: dict[str, Any], line: str) -> None:
     list_graphs(**wrong)
     with pytest.raises(InputError) as refused:
-        check_beyond(load_params())
+        load_beyond(load_params())
     assert str(refused.value).startswith(f"beyond/params.yaml: graphs.again.{line}")
 
 

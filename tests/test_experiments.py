@@ -158,7 +158,7 @@ def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_sta
 
 @pytest.mark.parametrize("name", MODELS.names())
 def test_every_family_gives_the_same_bits_for_any_height_of_stacks(name: str) -> None:
-    how = replace(LEARNING, model=make_model(name, FAMILY_OPTIONS.get(name, {}), f"families.{name}"))
+    how = replace(LEARNING, model=make_model(name, FAMILY_OPTIONS.get(name, {}), f"models.{name}"))
     trained = theta0(how)
     learned, inserted = (
         [kind([function(task) for task in tasks(height)]) for height in (1, 2, 4)]

@@ -38,7 +38,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Shown:
     done = single_insertions.single_insertions(singles_task())
     for what, (schema, order) in TABLES.items():
         frame = getattr(done, what).sort_values(order, kind="stable")
-        schema.write_file(folder / what, frame, "single_out")
+        schema.write_file(folder / what, frame, "single_insertions")
         found[what] = io.read_text(folder / what, schema)
     return found
 

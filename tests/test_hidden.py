@@ -19,8 +19,8 @@ from isi.config import check
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import Graph
+from isi.params import load_beyond
 from isi.tables import paths
-from tools.check_params import check_beyond
 
 ROOT = Path(__file__).parent.parent
 TRAINING = {"dimension": 4, "batch_size": 64, "learning_rate": 0.05, "negatives": 2, "valid": 0.1, "max_epochs": 4,
@@ -161,7 +161,7 @@ def test_ranks_are_those_among_all_entities_less_other_true_answers(triples: np.
 
 def test_the_stage_writes_the_same_with_any_number_of_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pykeen")
-    from stages.hide import hide as hide_stage
+    from stages.insert_hidden import hide as hide_stage
 
     monkeypatch.chdir(tmp_path)
     for path in (paths.PIPELINE, paths.BEYOND_PIPELINE):
@@ -204,7 +204,7 @@ def test_what_cannot_be_hidden_is_refused_in_one_line(
     listed = {"variants": {}, "hidden": {"umls": ENTRY | wrong}}
     paths.BEYOND_PARAMS.write_text(yaml.safe_dump(listed), encoding="utf-8")
     with pytest.raises(InputError) as refused:
-        check_beyond(params)
+        load_beyond(params)
     assert str(refused.value).startswith(f"beyond/params.yaml: {line}")
 
 

@@ -224,7 +224,7 @@ def test_a_file_of_word_vectors_serves_all_phrases(capsys: pytest.CaptureFixture
 
 
 def test_outside_the_project_the_embedding_that_it_keeps_is_elsewhere(tmp_path: Path) -> None:
-    said = f"data/kept/ai2thor: {tmp_path} is not the folder of the project: go there first, or name another by"
+    said = f"data/final_models/ai2thor: {tmp_path} is not the folder of the project: go there first, or name another by"
     with pytest.raises(SystemExit, match=re.escape(said)):
         main(["nearest", "kettle"])
 

@@ -25,7 +25,7 @@ ISI = [*ISI_CASES, *INSERT_CASES, *ASK_CASES, *NEAREST_CASES, *EXPLAIN_CASES, *F
 PROGRAMS = [
     Program("isi", "isi", "isi", ISI),
     Program("make record", "stages.record", "record: ", RECORD_CASES),
-    Program("make repro, of params", "tools.check_params", "", PARAMS_CASES),
+    Program("make repro, of params", "isi.params", "", PARAMS_CASES),
     Program("make repro, at its end", "tools.headline", "headline: ", HEADLINE_CASES),
     Program("python -m tools.sources", "tools.sources", "", SOURCES_CASES),
     *(Program(f"python -m {name}", name, "", cases) for name, cases in OTHER_CASES.items()),

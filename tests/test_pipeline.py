@@ -37,19 +37,19 @@ INITIALIZERS = ("xavier", "iu", "es", "rs", "ers")
 FAMILIES = ("complex", "transe")
 SMALL: dict[str, Any] = {
     "experiments.ai2thor.sessions.seeds": 3, "experiments.ai2thor.sessions.sizes": [1, 2],
-    "experiments.ai2thor.followed.sizes": [2], "experiments.transfer.sessions.seeds": 3,
+    "experiments.ai2thor.full_curves.sizes": [2], "experiments.transfer.sessions.seeds": 3,
     "experiments.published.sessions.seeds": 2, "experiments.published.sessions.sizes": [2],
-    "experiments.published.followed.sizes": [2], "experiments.published.initializers": ["xavier", "ers"],
+    "experiments.published.full_curves.sizes": [2], "experiments.published.initializers": ["xavier", "ers"],
     "embedding.dimension": 8, "training.max_epochs": 4, "training.evaluate_every": 2, "finetuning.max_epochs": 3,
-    "compute.stack": 2, "sweep.k": [1, 8], "sweep.size": 2, "sweep.seeds": 2, "rates.size": 2,
-    "approach.size": 2, "approach.epochs": 2, "cross_validation.folds": 3, "cross_validation.dimension": [12],
+    "compute.stack": 2, "sweep.k": [1, 8], "sweep.size": 2, "sweep.seeds": 2, "rate_sweep.size": 2,
+    "trajectory.size": 2, "trajectory.epochs": 2, "cross_validation.folds": 3, "cross_validation.dimension": [12],
     "cross_validation.ratio": [], "cross_validation.learning_rate": [0.2], "cross_validation.weight_decay": [],
-    "compare_families.seeds": 2, "explorer.size": 2, "explorer.epochs": 2, "explorer.best": "iu", "explorer.answers": 3,
+    "compare_models.seeds": 2, "explorer.size": 2, "explorer.epochs": 2, "explorer.best": "iu", "explorer.answers": 3,
 }  # fmt: skip
 LEFT_OUT = {
     "initializers": ("mean", "kind_mean", "gaussian", "gaussian_centred", "es_permuted", "es_permuted_kinds",
                      "soft_hybrid", "map_soft_hybrid"),
-    "compare_families.families": ("analogy", "distmult", "rotate"),
+    "compare_models.models": ("analogy", "distmult", "rotate"),
 }  # fmt: skip
 SMALL |= {f"{key}.{name}": workspace.DROP for key, names in LEFT_OUT.items() for name in names}
 #: Of its stages: 3 sources; graph, words, sessions, theta0, joint, nothing inserted and what is asked of 3
@@ -143,7 +143,10 @@ def test_all_initializers_start_from_the_same_earlier_knowledge(folder: Path) ->
 
 
 def test_an_embedding_of_the_whole_graph_is_kept_for_commands(folder: Path) -> None:
-    kept, triples = read(folder / "data/kept/ai2thor"), pd.read_parquet(folder / "data/graph/ai2thor/triples.parquet")
+    kept, triples = (
+        read(folder / "data/final_models/ai2thor"),
+        pd.read_parquet(folder / "data/graph/ai2thor/triples.parquet"),
+    )
     assert kept.about.family == "analogy"
     assert kept.entities.shape == (len(kept.entity_names), 8)
     named = [kept.entity_names, kept.relation_names, kept.entity_names]
@@ -158,11 +161,11 @@ def test_an_embedding_of_the_whole_graph_is_kept_for_commands(folder: Path) -> N
 
 def test_every_size_of_the_indicator_set_is_swept_with_the_first_seeds(folder: Path) -> None:
     for name in ISI:
-        runs = pd.read_parquet(folder / f"data/studies/indicators/ai2thor/{name}.parquet")
+        runs = pd.read_parquet(folder / f"data/analyses/indicator_sweep/ai2thor/{name}.parquet")
         cells = runs[["k", "size", "seed"]].drop_duplicates()
         assert cells.to_numpy().tolist() == [[k, 2, seed] for k in (1, 8) for seed in (0, 1)]
         assert set(runs["scope"]) == SCOPES | {"novel"}
-    swept = pd.read_parquet(folder / "data/studies/indicators/ai2thor/es.parquet")
+    swept = pd.read_parquet(folder / "data/analyses/indicator_sweep/ai2thor/es.parquet")
     main = pd.read_parquet(folder / "data/runs/ai2thor/es.parquet").query("size == 2")  # of 8 indicators
     same = swept.merge(main, on=["seed", "epoch", "scope"], suffixes=("", " of main")).dropna(subset=["mrr_star"])
     equal = (same["mrr_star"] == same["mrr_star of main"]).groupby(same["k"]).all()
@@ -171,7 +174,7 @@ def test_every_size_of_the_indicator_set_is_swept_with_the_first_seeds(folder: P
 
 def test_other_rates_start_from_the_same_vectors(folder: Path) -> None:
     for name in INITIALIZERS:
-        rates = pd.read_parquet(folder / f"data/studies/rates/ai2thor/{name}.parquet")
+        rates = pd.read_parquet(folder / f"data/analyses/rate_sweep/ai2thor/{name}.parquet")
         assert set(rates["factor"]) == {0.5, 2.0}
         main = pd.read_parquet(folder / f"data/runs/ai2thor/{name}.parquet").query("size == 2")
         for factor in (0.5, 2.0):
@@ -183,7 +186,7 @@ def test_other_rates_start_from_the_same_vectors(folder: Path) -> None:
 
 
 def test_every_setting_is_cross_validated_on_every_fold(folder: Path) -> None:
-    table = pd.read_parquet(folder / "data/studies/cross_validation/ai2thor.parquet")
+    table = pd.read_parquet(folder / "data/analyses/cross_validation/ai2thor.parquet")
     settings = table[["dimension", "ratio", "learning_rate", "weight_decay", "fold"]].to_numpy().tolist()
     expected = [(8, 9, 0.1, 0.001), (8, 9, 0.2, 0.001), (12, 9, 0.1, 0.001)]
     assert settings == [[*setting, fold] for setting in expected for fold in range(3)]
@@ -192,7 +195,7 @@ def test_every_setting_is_cross_validated_on_every_fold(folder: Path) -> None:
 
 
 def test_the_entity_of_figure_1_starts_where_the_experiment_inserts_it(folder: Path) -> None:
-    traced = load_file(folder / "data/studies/approach/ai2thor.safetensors")
+    traced = load_file(folder / "data/analyses/trajectory/ai2thor.safetensors")
     novel = pd.read_parquet(folder / "data/sessions/ai2thor/novel.parquet").query("size == 2 and seed == 0")["entity"]
     place = novel.tolist().index(int(traced["entity"]))
     theta0 = load_file(folder / "data/embeddings/ai2thor/theta0/size=02.safetensors")
@@ -211,7 +214,7 @@ def test_the_entity_of_figure_1_starts_where_the_experiment_inserts_it(folder: P
 
 
 def test_what_is_asked_is_the_same_as_in_the_runs(folder: Path) -> None:
-    asked = pd.read_parquet(folder / "data/studies/asking/ai2thor.parquet").query("filter == 'learned'")
+    asked = pd.read_parquet(folder / "data/analyses/query_breakdown/ai2thor.parquet").query("filter == 'learned'")
     assert set(asked["model"]) == {*INITIALIZERS, "joint"}
     found = parts.mrr_star(asked, ["model", "size", "seed", "scope"])
     for name in (*INITIALIZERS, "joint"):
@@ -220,7 +223,7 @@ def test_what_is_asked_is_the_same_as_in_the_runs(folder: Path) -> None:
         assert len(both) == runs["scope"].isin(["all", "novel", "novel_heldout"]).sum()
         for half in ("mrr_star", "mrr_star_entity", "mrr_star_relation"):
             assert (both[half] - both[f"{half} of parts"]).abs().max() < 1e-6
-    used = pd.read_parquet(folder / "data/studies/asking/ai2thor.used.parquet")
+    used = pd.read_parquet(folder / "data/analyses/query_breakdown/ai2thor.used.parquet")
     assert used.groupby("part")["of"].unique().str.get(0).to_dict() == {"blocks": 2, "scalars": 4}
 
 
@@ -379,7 +382,7 @@ def test_editing_the_indicators_of_es_re_runs_es_and_the_report_alone(folder: Pa
     }
     set_param(folder, "initializers.es.k", 3)
     again = {*(f"insert@{name}-es" for name in EXPERIMENTS), *(f"ask@{name}" for name in EXPERIMENTS),
-             "vary_rate@ai2thor-es", "trace_approach@ai2thor", "single_out@ai2thor", "rank_affordances@transfer",
+             "sweep_rates@ai2thor-es", "trace_trajectory@ai2thor", "single_insertions@ai2thor", "rank_affordances@transfer",  # noqa: E501
              "report"}  # fmt: skip
     assert ran(dvc(folder, "repro")) == again
     assert {path: path.read_bytes() for path in before} == before
@@ -409,13 +412,13 @@ def test_editing_a_param_of_one_experiment_touches_that_experiment_and_the_repor
         "sweep.k": ([2], {f"sweep_indicators@ai2thor-{name}" for name in ISI}),
         "sweep.initializers.ers.candidates": (20, {"sweep_indicators@ai2thor-ers"}),
         "cross_validation.folds": (2, {"cross_validate@ai2thor"}),
-        "rates.factors": ([3.0], {f"vary_rate@ai2thor-{name}" for name in INITIALIZERS}),
-        "approach.epochs": (3, {"trace_approach@ai2thor"}),
-        "explorer.answers": (4, {"single_out@ai2thor"}),
-        "compare_families.families.transe.learning_rate": (0.3, {"compare_families@ai2thor-transe"}),
-        "experiments.ai2thor.followed.sizes": (
+        "rate_sweep.factors": ([3.0], {f"sweep_rates@ai2thor-{name}" for name in INITIALIZERS}),
+        "trajectory.epochs": (3, {"trace_trajectory@ai2thor"}),
+        "explorer.answers": (4, {"single_insertions@ai2thor"}),
+        "compare_models.models.transe.learning_rate": (0.3, {"compare_models@ai2thor-transe"}),
+        "experiments.ai2thor.full_curves.sizes": (
             [1],
-            {"insert_nothing@ai2thor", *(f"insert@ai2thor-{name}" for name in INITIALIZERS)},
+            {"finetune_only@ai2thor", *(f"insert@ai2thor-{name}" for name in INITIALIZERS)},
         ),
     }
     params = (folder / "params.yaml").read_text(encoding="utf-8")
@@ -427,12 +430,12 @@ def test_editing_a_param_of_one_experiment_touches_that_experiment_and_the_repor
 
 
 def test_an_edit_of_one_plug_in_touches_what_uses_it_alone(folder: Path) -> None:
-    own = {*(f"insert@{name}-rs" for name in EXPERIMENTS), "sweep_indicators@ai2thor-rs", "vary_rate@ai2thor-rs"}
+    own = {*(f"insert@{name}-rs" for name in EXPERIMENTS), "sweep_indicators@ai2thor-rs", "sweep_rates@ai2thor-rs"}
     edits = {
-        "isi/initializers/paper.py": own | {"trace_approach@ai2thor", "single_out@ai2thor"},
-        "isi/models/distance.py": {"compare_families@ai2thor-transe"},
+        "isi/initializers/paper.py": own | {"trace_trajectory@ai2thor", "single_insertions@ai2thor"},
+        "isi/models/distance.py": {"compare_models@ai2thor-transe"},
         "isi/report/sections/__init__.py": set(),
-        "isi/analyses/trajectory.py": {"trace_approach@ai2thor"},
+        "isi/analyses/trajectory.py": {"trace_trajectory@ai2thor"},
     }
     for name, expected in edits.items():
         path = folder / name
@@ -447,14 +450,14 @@ def test_nothing_of_one_experiment_depends_on_another() -> None:
     names = {stage: stage.addressing for stage in graph if ":" not in stage.addressing}  # but for what lies beyond
     leaves = (
         "sweep_indicators",
-        "vary_rate",
+        "sweep_rates",
         "cross_validate",
-        "trace_approach",
-        "single_out",
+        "trace_trajectory",
+        "single_insertions",
         "rank_affordances",
         "ask",
-        "insert_nothing",
-        "compare_families",
+        "finetune_only",
+        "compare_models",
         "keep",
     )
     for stage, name in names.items():
@@ -492,7 +495,7 @@ def test_things_of_ones_own_go_from_their_files_to_the_report(tmp_path: Path) ->
     changes |= {"training.batch_size": 64, "finetuning.batch_size": 64}
     changes |= {f"experiments.{name}": workspace.DROP for name in EXPERIMENTS}
     changes |= {f"sources.{name}": workspace.DROP for name in ("ai2thor", "mp3d", "published")}
-    studies = "sweep", "cross_validation", "rates", "approach", "compare_families", "affordances", "asking", "explorer"
+    studies = "sweep", "cross_validation", "rates", "approach", "compare_models", "affordances", "asking", "explorer"
     for study in studies:
         changes[f"{study}.experiments"] = []
     for own in ("initializer", "family", "source", "experiment"):
@@ -524,7 +527,7 @@ def test_things_of_ones_own_go_from_their_files_to_the_report(tmp_path: Path) ->
     assert "Nearest" in (tmp_path / "reports/tables/immediate.md").read_text(encoding="utf-8")
     assert (tmp_path / "reports/tables/queries.csv").stat().st_size
     assert "How much is asked" in (tmp_path / "reports/index.html").read_text(encoding="utf-8")
-    counted = pd.read_parquet(tmp_path / "data/studies/triples/notebook.parquet").set_index("entity")["triples"]
+    counted = pd.read_parquet(tmp_path / "data/analyses/triples/notebook.parquet").set_index("entity")["triples"]
     assert counted["apple"] == 3 + 6
 
 

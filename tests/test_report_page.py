@@ -228,7 +228,7 @@ def test_without_a_followed_size_there_is_no_curve_and_the_page_says_so() -> Non
     assert "corruption" not in names(other, Table)
     assert "figure3b_curves" not in names(other, Figure)
     text = rendered(other)
-    assert text.count("No size in <code>experiments.home.followed</code> was inserted") == 2
+    assert text.count("No size in <code>experiments.home.full_curves</code> was inserted") == 2
 
 
 def test_several_sessions_are_told_apart_and_each_converges_against_its_own_joint_model() -> None:

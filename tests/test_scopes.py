@@ -215,7 +215,7 @@ def test_validation_of_d0_leaves_novel_entities_out() -> None:
     splits = torch.tensor([[TRAIN, TRAIN, VALID, VALID]], dtype=torch.int8)
     session = without(graph_of(counts, 4, 1), splits, torch.tensor([[3]]))
     entity, relation = torch.tensor([[[0.0], [1.0], [2.0], [9.0]]]), torch.tensor([[[1.0]]])
-    products = Embedding(entity, relation, make_model("distmult", {}, "families.distmult"))
+    products = Embedding(entity, relation, make_model("distmult", {}, "models.distmult"))
     result = evaluate(products, validation(session))["valid"]
     # (0, 0, 2) alone is asked. All tails score 0: 0 ties, 1 is filtered, 3 is no candidate, so R_P = 1 + 1/2.
     # Heads of 2 score 0, 2, 4: R_P = 3. R_G = 1 for both.

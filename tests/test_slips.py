@@ -20,7 +20,7 @@ from isi.analyses.variants import VARIANT_RUNS
 from isi.errors import LONGEST, InputError, cut, meant, short
 from isi.experiment.tables import INITIAL_VECTORS, INSERTED, THETA0
 from isi.graph.tables import TRIPLES
-from isi.pipeline import absent
+from isi.stage import missing
 from isi.tables import paths
 from tests.test_bad_input import KINDS, OBSERVED, graph, observed, outputs, workspace
 
@@ -178,7 +178,7 @@ def test_vectors_that_are_missing_name_the_stage_that_makes_them(monkeypatch: py
         (THETA0.path(experiment="transfer", size=5), "train_theta0@transfer"),
         (INITIAL_VECTORS.path(experiment="transfer", initializer="es"), "insert@transfer-es"),
         (INSERTED.path(experiment="transfer", initializer="es_permuted"), "insert@transfer-es_permuted"),
-        (VARIANT_RUNS.path(variant="told_0"), "beyond/dvc.yaml:vary@told_0"),
+        (VARIANT_RUNS.path(variant="insert_triples_0"), "beyond/dvc.yaml:vary@insert_triples_0"),
         (Path("reports/metrics.json"), "report"),
         (Path("reports/tables/differences.csv"), "report"),
         (Path("data/runs"), None),
@@ -186,7 +186,7 @@ def test_vectors_that_are_missing_name_the_stage_that_makes_them(monkeypatch: py
         (Path("gone"), None),
     ):
         expected = f"missing: run `dvc repro {stage}`, which makes it" if stage else "no such file"
-        assert str(absent(path)) == f"{path}: {expected}"
+        assert str(missing(path)) == f"{path}: {expected}"
 
 
 def test_vectors_that_are_read_before_they_are_made_are_said_to_be_missing(

@@ -8,7 +8,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,10 @@ from typing import Any
 import pytest
 import yaml
 
-from isi.config import Count, Section
 from isi.initializers.api import INITIALIZERS
 from isi.models.model import MODELS
-from isi.pipeline import declared
 from isi.sources import SOURCES
-from isi.stage import StageContext, stage
+from isi.stage import StageContext
 from isi.tables import paths
 from tests.imports import closure
 
@@ -127,15 +125,6 @@ def test_a_stage_depends_on_the_plugins_whose_options_it_is_given_alone(name: st
 
 
 @pytest.mark.parametrize("name", STAGES)
-def test_a_stage_lists_params_that_there_are_and_none_that_change_no_result(name: str) -> None:
-    for arguments in cases(name):
-        for key in declared(name, arguments, PARAMS):
-            at(key)
-            assert not key.startswith("compute")
-            assert not OPEN.search(key)
-
-
-@pytest.mark.parametrize("name", STAGES)
 def test_a_stage_is_called_by_its_arguments_and_takes_the_place_of_the_shell_that_starts_it(name: str) -> None:
     tops = parsed(Path(f"stages/{name}.py")).body
     (body,) = (node for node in tops if isinstance(node, ast.FunctionDef) and node.name == name)
@@ -188,148 +177,6 @@ def test_the_lock_fits_the_pipeline_and_the_params() -> None:
                 (stage_name, path) for path, state in part.get("changed deps", {}).items() if state != "deleted"
             ]
     assert not changed
-
-
-# What a stage is given
-
-PIPELINE = {
-    "cook": {"params": ["seed", "recipes.${item.dish}", "pots.${kitchen.pot}.size"]},
-    "wash": {},
-}  # fmt: skip
-BAKERY = {
-    "bake": {"params": ["seed", {"beyond/params.yaml": ["cakes.${item.cake}", "oven"]}, "pots.${kitchen.pot}.lid"]},
-}  # fmt: skip
-CAKES = {"cakes": {"pie": {"minutes": 30}, "tart": {"minutes": 20}}, "oven": {"degrees": 180}, "seed": 9}
-KITCHEN = {
-    "seed": 7, "kitchen": {"pot": "big"}, "pots": {"big": {"size": 5, "lid": True}, "small": {"size": 2}},
-    "recipes": {"soup": {"minutes": 3, "heat": {"low": 1}}, "stew": {"minutes": 4}}, "compute": {"workers": 2},
-}  # fmt: skip
-
-
-class Recipe(Section):
-    minutes: Count
-    heat: dict[str, int]
-
-
-@pytest.fixture
-def kitchen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    paths.PIPELINE.write_text(yaml.safe_dump({"stages": PIPELINE}), encoding="utf-8")
-    paths.PARAMS.write_text(yaml.safe_dump(KITCHEN), encoding="utf-8")
-    paths.BEYOND_PIPELINE.parent.mkdir()
-    paths.BEYOND_PIPELINE.write_text(yaml.safe_dump({"stages": BAKERY}), encoding="utf-8")
-    paths.BEYOND_PARAMS.write_text(yaml.safe_dump(CAKES), encoding="utf-8")
-    return tmp_path
-
-
-def given_to(monkeypatch: pytest.MonkeyPatch, body: Callable[..., None], *arguments: str) -> None:
-    monkeypatch.setattr(sys, "argv", [body.__name__, *arguments])
-    stage(body)()
-
-
-@pytest.mark.usefixtures("kitchen")
-def test_a_stage_is_given_the_params_that_dvc_lists_for_it_and_no_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[StageContext] = []
-
-    def cook(given: StageContext, dish: str) -> None:
-        assert dish == "soup"
-        seen.append(given)
-
-    given_to(monkeypatch, cook, "soup")
-    (given,) = seen
-    assert given.seed == 7
-    assert given.section("recipes.soup", Recipe) == Recipe(minutes=3, heat={"low": 1})
-    assert given.section("recipes.soup.minutes", int) == 3
-    assert given.raw("recipes.soup.heat.low") == 1
-    assert given.raw("recipes.soup.heat.high") is None  # below what is listed, and not there
-    assert given.section("pots.big.size", int) == 5
-    assert given.section("compute", dict[str, int]) == {"workers": 2}
-    assert given.raw("pots") == {"big": {"size": 5}}  # above what is listed: that alone
-    for other in ("recipes.stew", "recipes.soupy", "pots.big.lid", "pots.small.size", "pot", "kitchen"):
-        with pytest.raises(LookupError, match=rf"^cook reads {other}, which dvc\.yaml does not list for it$"):
-            given.raw(other)
-
-
-@pytest.mark.usefixtures("kitchen")
-def test_what_a_stage_writes_names_its_params_and_nothing_of_compute(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[StageContext] = []
-
-    def cook(given: StageContext, dish: str) -> None:  # noqa: ARG001
-        seen.append(given)
-
-    given_to(monkeypatch, cook, "stew")
-    assert seen[0].stage == "cook"
-    assert own_values(seen[0]) == {"seed": 7, "recipes.stew": {"minutes": 4}, "pots.big.size": 5}
-
-
-@pytest.mark.usefixtures("kitchen")
-def test_a_stage_of_the_second_pipeline_is_given_params_of_both_files(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[StageContext] = []
-
-    def bake(given: StageContext, cake: str) -> None:
-        assert cake == "tart"
-        seen.append(given)
-
-    given_to(monkeypatch, bake, "tart")
-    expected = {"seed": 7, "cakes.tart": {"minutes": 20}, "oven": {"degrees": 180}, "pots.big.lid": True}
-    assert own_values(seen[0]) == declared("bake", {"cake": "tart"}, KITCHEN) == expected
-    assert seen[0].section("cakes.tart.minutes", int) == 20
-    assert seen[0].section("compute", dict[str, int]) == {"workers": 2}
-    with pytest.raises(LookupError):
-        seen[0].raw("cakes.pie")
-
-
-@pytest.mark.usefixtures("kitchen")
-@pytest.mark.parametrize("missing", [paths.BEYOND_PARAMS, paths.BEYOND_PIPELINE])
-def test_a_stage_of_the_second_pipeline_away_from_its_files_says_so(
-    monkeypatch: pytest.MonkeyPatch, missing: Path
-) -> None:
-    def bake(given: StageContext, cake: str) -> None:
-        raise AssertionError(given, cake)
-
-    missing.unlink()
-    with pytest.raises(SystemExit, match=rf"^bake: {missing}: cannot be read"):
-        given_to(monkeypatch, bake, "tart")
-
-
-@pytest.mark.usefixtures("kitchen")
-def test_a_stage_without_params_is_given_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    def wash(given: StageContext) -> None:
-        with pytest.raises(LookupError, match="wash reads seed"):
-            print(given.seed)
-
-    given_to(monkeypatch, wash)
-
-
-@pytest.mark.usefixtures("kitchen")
-@pytest.mark.parametrize(
-    ("dish", "line"),
-    [
-        ("stew", "cook: params.yaml: recipes.stew.heat: Field required"),
-        ("salad", "cook: params.yaml: recipes.salad: "),  # DVC never asks for it; a user may
-    ],
-)
-def test_a_mistake_ends_a_stage_in_one_line_that_names_the_key(
-    monkeypatch: pytest.MonkeyPatch, dish: str, line: str
-) -> None:
-    def cook(given: StageContext, dish: str) -> None:
-        given.section(f"recipes.{dish}", Recipe)
-
-    with pytest.raises(SystemExit) as ended:
-        given_to(monkeypatch, cook, dish)
-    assert str(ended.value).startswith(line)
-    assert "\n" not in str(ended.value)
-
-
-@pytest.mark.usefixtures("kitchen")
-@pytest.mark.parametrize("missing", [paths.PARAMS, paths.PIPELINE])
-def test_a_stage_away_from_its_files_says_so(monkeypatch: pytest.MonkeyPatch, missing: Path) -> None:
-    def wash(given: StageContext) -> None:
-        raise AssertionError(given)
-
-    missing.unlink()
-    with pytest.raises(SystemExit, match=rf"^wash: {missing}: cannot be read"):
-        given_to(monkeypatch, wash)
 
 
 def test_a_stage_without_the_packages_says_so_in_one_line() -> None:

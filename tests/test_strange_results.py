@@ -78,7 +78,7 @@ def test_what_the_explorer_lacks_is_told_in_one_line(table: str, left: int) -> N
     rows = {**found.explorer.found, table: of_models.iloc[:left]}
     lacking = replace(found, explorer=replace(found.explorer, found=rows))
     says = "expected places and answers of each entity after each step, but .* lacks$"
-    with pytest.raises(InputError, match=rf"^data/studies/explorer/home\.\*\.parquet: {says}"):
+    with pytest.raises(InputError, match=rf"^data/analyses/explorer/home\.\*\.parquet: {says}"):
         list(explorer.SECTION.contents(lacking))
 
 

@@ -32,10 +32,10 @@ from tests.small import NAME
 
 POINTS = points_of(random_graph(12, 2, 80), 2, [4, 6], steps=2)
 VALUES: dict[str, Any] = {
-    "seed": 9, "embedding.family": "analogy", "families.analogy": {},
+    "seed": 9, "embedding.model": "analogy", "models.analogy": {},
     "negatives": {"mode": "sampled", "ratio": 2, "head_pool": "all"}, "convergence": {"margin": 0.25},
     "finetuning": {"batch_size": 50, "learning_rate": 0.01, "weight_decay": 0.5, "max_epochs": 7, "new_rows_first": 0},
-    "experiments.home.followed": {"sizes": [3, 5], "initializers": ["rs"]}, "experiments.home.at_once": ["ers"],
+    "experiments.home.full_curves": {"sizes": [3, 5], "initializers": ["rs"]}, "experiments.home.immediate_only": ["ers"],  # noqa: E501
     "initializers.es": {"k": 4}, "initializers.rs": {"k": 6}, "initializers.ers": {"k": 2, "candidates": 8},
 }  # fmt: skip
 
@@ -104,8 +104,8 @@ def test_an_initializer_is_fine_tuned_unless_it_is_said_not_to_be() -> None:
         ("finetuning", {}, "finetuning.batch_size"),
         ("negatives", {"mode": "some"}, "negatives.mode"),
         ("convergence", {"margin": 2}, "convergence.margin"),
-        ("experiments.home.followed", {"sizes": 3}, "experiments.home.followed.sizes"),
-        ("experiments.home.at_once", "es", "experiments.home.at_once"),
+        ("experiments.home.full_curves", {"sizes": 3}, "experiments.home.full_curves.sizes"),
+        ("experiments.home.immediate_only", "es", "experiments.home.immediate_only"),
     ],
 )
 def test_a_mistake_is_named_by_its_key(key: str, value: object, named: str) -> None:

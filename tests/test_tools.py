@@ -21,7 +21,7 @@ ROOT = Path(__file__).parent.parent
 
 
 def check_params(folder: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(ROOT / "tools/check_params.py")]
+    command = [sys.executable, "-m", "isi.params"]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
@@ -29,7 +29,7 @@ def check_params(folder: Path) -> subprocess.CompletedProcess[str]:
     ("file", "sound", "wrong", "named"),
     [
         ("params.yaml", "patience:", "patients:", "params.yaml: training.patients"),
-        ("beyond/params.yaml", "told: 2,", "told: -2,", "beyond/params.yaml: variants.told_2.told"),
+        ("beyond/params.yaml", "told: 2,", "told: -2,", "beyond/params.yaml: variants.insert_triples_2.told"),
     ],
 )
 def test_a_mistake_in_params_is_one_line_and_a_status(
@@ -124,11 +124,15 @@ def test_the_second_way_of_computing_shares_no_code_with_the_library() -> None:
     ("line", "stage", "runs"),
     [
         ("Running stage 'train_joint@published':", "train_joint@published", True),
-        ("Running stage 'beyond/dvc.yaml:vary@told_0':", "vary@told_0", True),
+        ("Running stage 'beyond/dvc.yaml:vary@insert_triples_0':", "vary@insert_triples_0", True),
         ("Stage 'mine@ai2thor' didn't change, skipping", "mine@ai2thor", False),
-        ("Stage 'beyond/dvc.yaml:vary@told_0' didn't change, skipping", "vary@told_0", False),
-        ("Stage 'beyond/dvc.yaml:vary@told_0' is cached - skipping run, checking out outputs", "vary@told_0", False),
-        ("> exec python -m stages.vary told_0", None, None),
+        ("Stage 'beyond/dvc.yaml:vary@insert_triples_0' didn't change, skipping", "vary@insert_triples_0", False),
+        (
+            "Stage 'beyond/dvc.yaml:vary@insert_triples_0' is cached - skipping run, checking out outputs",
+            "vary@insert_triples_0",
+            False,
+        ),
+        ("> exec python -m stages.vary insert_triples_0", None, None),
         ("Updating lock file 'beyond/dvc.lock'", None, None),
     ],
 )
@@ -200,8 +204,11 @@ def test_stages_are_read_from_the_lock_of_their_pipeline(tmp_path: Path, monkeyp
     lock = "schema: '2.0'\nstages:\n  mine@here:\n    cmd: mine\n    deps:\n    - path: a\n  report:\n    cmd: report\n"
     (tmp_path / "dvc.lock").write_text(lock)
     (tmp_path / "beyond").mkdir()
-    (tmp_path / "beyond/dvc.lock").write_text("schema: '2.0'\nstages:\n  vary@told_0:\n    cmd: vary\n")
-    assert [repro.stages(pipeline) for pipeline in repro.PIPELINES] == [["mine@here", "report"], ["vary@told_0"]]
+    (tmp_path / "beyond/dvc.lock").write_text("schema: '2.0'\nstages:\n  vary@insert_triples_0:\n    cmd: vary\n")
+    assert [repro.stages(pipeline) for pipeline in repro.PIPELINES] == [
+        ["mine@here", "report"],
+        ["vary@insert_triples_0"],
+    ]
 
 
 def test_without_a_lock_each_pipeline_has_the_stages_that_dvc_makes_of_it(
@@ -214,10 +221,10 @@ def test_without_a_lock_each_pipeline_has_the_stages_that_dvc_makes_of_it(
     second = {"vary": {"cmd": "true", "wdir": "..", "matrix": {"variant": "${variants}"}}}
     for path, content in (("dvc.yaml", {"stages": first}), ("params.yaml", {"sources": {"here": {}, "there": {}}}),
                           ("beyond/dvc.yaml", {"stages": second}),
-                          ("beyond/params.yaml", {"variants": {"told_0": {}, "told_all": {}}})):  # fmt: skip
+                          ("beyond/params.yaml", {"variants": {"insert_triples_0": {}, "insert_triples_all": {}}})):  # fmt: skip  # noqa: E501
         (tmp_path / path).write_text(yaml.safe_dump(content), encoding="utf-8")
     assert sorted(repro.stages(repro.PIPELINES[0])) == ["mine@here", "mine@there", "report"]
-    assert sorted(repro.stages(repro.PIPELINES[1])) == ["vary@told_0", "vary@told_all"]
+    assert sorted(repro.stages(repro.PIPELINES[1])) == ["vary@insert_triples_0", "vary@insert_triples_all"]
 
 
 @pytest.mark.parametrize(

@@ -35,13 +35,13 @@ from isi.experiment.train import (
 from isi.graph.sessions import SPLITS as SPLIT_NAMES
 from isi.graph.tables import ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES, WORD_VECTORS
 from isi.params import load as load_params
+from isi.params import load_beyond
 from isi.stage import StageContext
 from isi.tables import io, paths
 from stages.vary import vary
 from tests.graphs import as_stored, insert_triples_of, points_of
 from tests.test_experiments import GRAPH as DRAWN
 from tests.test_experiments import INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
-from tools.check_params import check_beyond
 
 ROOT = Path(__file__).parent.parent
 MADE = "an_earlier_stage"
@@ -157,8 +157,8 @@ VARIANT: dict[str, Any] = {
     [
         ([], False, False),
         (["finetuning.learning_rate", "convergence.margin", "initializers.es.k"], False, False),
-        (["embedding.family"], True, False),
-        (["families.transe.margin"], True, False),
+        (["embedding.model"], True, False),
+        (["models.transe.margin"], True, False),
         (["negatives.mode"], True, False),
         (["finetuning.learning_rate", "training.weight_decay"], True, False),
         (["words.text"], False, True),
@@ -250,7 +250,7 @@ def test_what_ships_is_of_experiments_and_initializers_that_there_are(monkeypatc
     found = other_graphs.load().variants
     assert {one.group for one in found.values()} == {"baselines", "embeddings", "told", "words", "causes"}
     assert [one.told for one in found.values() if one.group == "told"] == [0, 1, 2, 3, 5, None]
-    check_beyond(load_params())
+    load_beyond(load_params())
 
 
 def test_without_a_second_pipeline_there_are_no_variants(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -291,14 +291,14 @@ def list_variants(**listed: Mapping[str, Any]) -> None:
 def test_what_a_variant_cannot_have_is_refused_in_one_line(wrong: dict[str, Any], line: str) -> None:
     list_variants(sound=VARIANT, own=VARIANT | wrong)
     with pytest.raises(InputError) as refused:
-        check_beyond(load_params())
+        load_beyond(load_params())
     assert str(refused.value).startswith(f"beyond/params.yaml: variants.own.{line}")
 
 
 @pytest.mark.usefixtures("workspace")
 def test_options_of_its_own_make_an_initializer_known_to_a_variant() -> None:
     list_variants(own=VARIANT | {"options": {"soft_es": {"temperature": 0.1}}, "initializers": ["soft_es"]})
-    check_beyond(load_params())
+    load_beyond(load_params())
 
 
 @pytest.mark.usefixtures("workspace")
@@ -418,6 +418,6 @@ def test_a_variant_with_words_of_its_own_looks_them_up(monkeypatch: pytest.Monke
 
 def test_a_variant_that_trains_reads_no_embedding(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.rmtree(home / THETA0.path(experiment="home", size=2).parent.parent)
-    changes = {"embedding.family": "distmult", "embedding.dimension": 8, "training.max_epochs": 5}
+    changes = {"embedding.model": "distmult", "embedding.dimension": 8, "training.max_epochs": 5}
     runs, _ = ran(monkeypatch, 4, initializers=["xavier", "es"], finetuned=False, changes=changes)
     assert len(runs) == 3 * 3 * 5  # models, seeds, scopes

@@ -14,15 +14,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from isi.config import read
 from isi.experiment.grid import NO_INSERTION
 from isi.experiment.runner import run
 from isi.experiment.store import Store
 from isi.experiment.train import TrainConfig, TrainTask, train_config, train_joint_model
 from isi.models.model import MODELS, make_model
 from isi.params import Params, load
-from isi.stage import StageContext
-from isi.tables import paths
 
 FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 
@@ -30,19 +27,19 @@ FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 def settings_of(params: Params, family: str, asked: argparse.Namespace) -> list[dict[str, float | bool]]:
     """The grid of a family: rates, decays, and what its options may be."""
     grid: dict[str, list[float] | list[bool]] = {"learning_rate": asked.rates, "weight_decay": asked.decays}
-    if "margin" in params.families[family]:
+    if "margin" in params.models[family]:
         grid["margin"] = asked.margins
-    if "squared" in params.families[family]:
+    if "squared" in params.models[family]:
         grid["squared"] = [False, True]
     return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
 
 
-def learning_of(given: StageContext, family: str, setting: dict[str, float | bool]) -> TrainConfig:
-    """How a family is trained with a setting."""
-    options = given.raw(f"families.{family}")
-    own = {key: setting[key] for key in setting if key in options}
-    how = train_config(given, family, **{key: value for key, value in setting.items() if key not in options})
-    return replace(how, model=make_model(family, options | own, f"families.{family}"))
+def learning_of(params: Params, family: str, setting: dict[str, float | bool]) -> TrainConfig:
+    """How a model is trained with a setting."""
+    options = params.models[family]
+    model = make_model(family, options | {key: setting[key] for key in setting if key in options}, f"models.{family}")
+    rates = {key: value for key, value in setting.items() if key not in options}
+    return train_config(params, model, params.training.model_copy(update=rates))
 
 
 def best_valid(task: TrainTask) -> float:
@@ -58,15 +55,15 @@ def main() -> None:
     parser.add_argument("--decays", type=float, nargs="+", default=[0.0, 1e-4, 1e-3])
     parser.add_argument("--margins", type=float, nargs="+", default=[0.5, 1.0, 2.0, 4.0, 8.0])
     asked = parser.parse_args()
-    params, everything = load(), StageContext(read(paths.PARAMS), "choose_families")
-    experiment = params.compare_families.experiment or next(iter(params.experiments))
+    params = load()
+    experiment = params.compare_models.experiment or next(iter(params.experiments))
     points = Store(experiment).grid(asked.seeds, seeds=asked.seeds)[0]
     joint = replace(points, size=NO_INSERTION, novel=points.novel[:, :0])
     rows, tasks = [], []
     for family in asked.families or MODELS.names():
         for setting in settings_of(params, family, asked):
             rows.append({"family": family, **setting})
-            tasks.append(TrainTask(joint, learning_of(everything, family, setting)))
+            tasks.append(TrainTask(joint, learning_of(params, family, setting)))
     found = 100 * np.array(run(best_valid, tasks, params.compute, "families"))
     table = pd.DataFrame(rows).assign(**{"validation MRR*": found.round(2)})
     shown = table.sort_values(["family", "validation MRR*"], ascending=[True, False]).astype(object).fillna("–")

@@ -19,23 +19,20 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi.config import read
 from isi.evaluation.convergence import SCOPES
 from isi.evaluation.query_sets import novel_query_set
 from isi.evaluation.ranking import Queries, evaluate
 from isi.experiment.grid import GridPoints, StackedVectors
-from isi.experiment.insert import InsertTask, TaskInput, how_in, inserting, told_in
+from isi.experiment.insert import InsertTask, TaskInput, how_in, task_config, told_in
 from isi.experiment.insertion_step import with_vectors
-from isi.experiment.runner import compute_of, run
+from isi.experiment.runner import run
 from isi.experiment.store import Store
 from isi.experiment.train import TrainTask, train_config, train_initial
 from isi.graph.sampling import sample_insert_triples
 from isi.graph.sessions import OUT, TRAIN, VALID, membership
 from isi.initializers.api import INITIALIZERS, context_of, options_of
-from isi.params import load
+from isi.params import Params, load
 from isi.random import stream
-from isi.stage import StageContext
-from isi.tables import paths
 
 FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 Setting = tuple[str, dict[str, Any]]
@@ -94,27 +91,26 @@ def told_of(points: GridPoints, root: int, draw: int, fraction: float) -> np.nda
     return np.array(rows, dtype=np.int64)
 
 
-def tasks_of(
-    everything: StageContext, experiment: str, asked: argparse.Namespace, settings: list[Setting]
-) -> list[ChoosingTask]:
+def tasks_of(params: Params, experiment: str, asked: argparse.Namespace, settings: list[Setting]) -> list[ChoosingTask]:
     """Draws of hidden entities in every cell of a size, and embeddings that were learned without them."""
     store, how, chosen = (
         Store(experiment),
-        inserting(everything, "xavier"),
-        train_config(everything),
+        task_config(params, "xavier"),
+        train_config(params),
     )
-    words, fraction = store.words(), everything.raw("sessions.insert_fraction")
+    words, fraction = store.words(), params.sessions.insert_fraction
     drawn = [
-        (hide(own, asked.hidden, draw, everything.seed), draw)
+        (hide(own, asked.hidden, draw, params.seed), draw)
         for own in store.grid(asked.stack, asked.size, asked.seeds)
         for draw in range(asked.draws)
     ]
-    compute = compute_of(everything)
-    learned = run(train_initial, [TrainTask(points, chosen) for points, _ in drawn], compute, f"{experiment}: theta")
+    learned = run(
+        train_initial, [TrainTask(points, chosen) for points, _ in drawn], params.compute, f"{experiment}: theta"
+    )
     tasks = []
     for (points, draw), theta in zip(drawn, learned, strict=True):
         nowhere = {(1, scope): np.full(len(points.seeds), np.nan) for scope in SCOPES}
-        told = TaskInput(told_of(points, everything.seed, draw, fraction), words, nowhere)
+        told = TaskInput(told_of(points, params.seed, draw, fraction), words, nowhere)
         vectors = StackedVectors(chosen.model, theta.entity, theta.relation)
         tasks.append(ChoosingTask(points, InsertTask(points, vectors, told, how), settings))
     return tasks
@@ -148,11 +144,11 @@ def main() -> None:
     parser.add_argument("--hidden", type=int, default=5, help="entities in each draw")
     parser.add_argument("--stack", type=int, default=5)
     asked = parser.parse_args()
-    params, everything = load(), StageContext(read(paths.PARAMS), "choose_initializers")
+    params = load()
     fitting = [name for name, one in params.experiments.items() if asked.size in one.sessions.sizes]
     settings, found = settings_of(asked.initializers, params.initializers), {}
     for experiment in asked.experiments or fitting:
-        tasks = tasks_of(everything, experiment, asked, settings)
+        tasks = tasks_of(params, experiment, asked, settings)
         found[experiment] = 100 * np.concatenate(run(measured, tasks, params.compute, experiment), 1)
     write(table_of(settings, found), params.initializers)
 

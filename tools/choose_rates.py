@@ -15,21 +15,18 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi.config import read
 from isi.evaluation.convergence import SCOPES
 from isi.evaluation.query_sets import validation
 from isi.evaluation.ranking import evaluate
 from isi.experiment.grid import NO_INSERTION, GridPoints, StackedVectors
-from isi.experiment.insert import InsertTask, TaskConfig, TaskInput, how_in, inserting, told_in
+from isi.experiment.insert import InsertTask, TaskConfig, TaskInput, how_in, task_config, told_in
 from isi.experiment.insertion_step import finetune, initialize, with_vectors
 from isi.experiment.runner import run
 from isi.experiment.store import Store
-from isi.experiment.train import TrainTask, train_config, train_initial, train_joint_model
+from isi.experiment.train import TrainConfig, TrainTask, train_config, train_initial, train_joint_model
 from isi.initializers.api import INITIALIZERS
 from isi.models.stack import Embedding
-from isi.params import load
-from isi.stage import StageContext
-from isi.tables import paths
+from isi.params import Params, load
 
 
 @dataclass(frozen=True)
@@ -61,9 +58,16 @@ def best_valid(task: TrainTask) -> np.ndarray:
     return train_joint_model(task).log.groupby("seed")["mrr_star"].max().to_numpy()
 
 
-def inserting_of(given: StageContext, name: str, batch: int, rate: float) -> TaskConfig:
+def training_at(params: Params, batch: int, rate: float) -> TrainConfig:
+    """How params train, with another batch size and rate."""
+    return train_config(
+        params, training=params.training.model_copy(update={"batch_size": batch, "learning_rate": rate})
+    )
+
+
+def inserting_of(params: Params, name: str, batch: int, rate: float) -> TaskConfig:
     """How params insert and fine-tune, with another batch size and rate."""
-    how = inserting(given, name)
+    how = task_config(params, name)
     return replace(how, optimizer=how.optimizer.model_copy(update={"batch_size": batch, "learning_rate": rate}))
 
 
@@ -76,21 +80,17 @@ def main() -> None:
     parser.add_argument("--training", type=float, nargs="+", default=[0.05, 0.1, 0.2, 0.4])
     parser.add_argument("--finetuning", type=float, nargs="+", default=[0.01, 0.02, 0.04, 0.08, 0.16])
     given = parser.parse_args()
-    params, everything = load(), StageContext(read(paths.PARAMS), "choose_rates")
+    params = load()
     store = Store(given.experiment or next(iter(params.experiments)))
     single = store.grid(1, given.size, given.seeds)
 
     grid = list(product(given.batches, given.training))
     joint = [replace(points, size=NO_INSERTION, novel=points.novel[:, :0]) for points in single]
-    tasks = [
-        TrainTask(points, train_config(everything, batch_size=batch, learning_rate=rate))
-        for batch, rate in grid
-        for points in joint
-    ]
+    tasks = [TrainTask(points, training_at(params, batch, rate)) for batch, rate in grid for points in joint]
     looks = np.concatenate(run(best_valid, tasks, params.compute, "training"))
     show("training", grid, looks.reshape(len(grid), -1).mean(1))
 
-    chosen = train_config(everything)
+    chosen = train_config(params)
     theta0 = run(train_initial, [TrainTask(points, chosen) for points in single], params.compute, "theta0")
     table, words = store.insert_triples(), store.words()
     grid = list(product(given.batches, given.finetuning))
@@ -100,7 +100,7 @@ def main() -> None:
         nowhere = {(1, scope): np.full(len(points.seeds), np.nan) for scope in SCOPES}
         told = TaskInput(store.insert_triples_of(points, table), words, nowhere)
         vectors = StackedVectors(chosen.model, learned.entity, learned.relation)
-        task = InsertTask(points, vectors, told, inserting_of(everything, name, *point))
+        task = InsertTask(points, vectors, told, inserting_of(params, name, *point))
         tuned.append(TuningTask(points, task, every=10))
     means = np.reshape(run(fine_tune, tuned, params.compute, "fine-tuning"), (len(grid), -1)).mean(1)
     show("fine-tuning", grid, means)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from isi.analyses.hidden_entities import HIDDEN_ENTITIES, Hidden, seconds_path
-from isi.analyses.other_graphs import load
+from isi.params import load, load_beyond
 from isi.process import one_line
 
 TABLE = Path(__file__).parent.parent / "docs" / "benchmarks" / "hidden.md"
@@ -32,7 +32,7 @@ def label(method: str, how: Hidden, default: str) -> str:
 
 def means(found: pd.DataFrame, how: Hidden) -> pd.DataFrame:
     """Means over seeds by method: of each measure (columns: what is asked, measure, told)."""
-    told = found["told"].map({number: str(number) for number in how.told if number}).fillna(ALL)
+    told = found["told"].map({number: str(number) for number in how.max_insert_triples if number}).fillna(ALL)
     rows = found.assign(told=told, method=found["method"].astype(str), asked=found["asked"].astype(str))
     order = list(dict.fromkeys(rows["method"]))
     return rows.groupby(["method", "asked", "told"])[["mrr", "hits_at_10"]].mean().unstack([1, 2]).loc[order]
@@ -41,7 +41,7 @@ def means(found: pd.DataFrame, how: Hidden) -> pd.DataFrame:
 def rows_of(found: pd.DataFrame, seconds: pd.DataFrame, how: Hidden) -> pd.DataFrame:
     """The rows of a graph."""
     mean, default = means(found, how), default_of(found)
-    levels = [str(number) if number else ALL for number in how.told]
+    levels = [str(number) if number else ALL for number in how.max_insert_triples]
     shown = {"": [label(method, how, default) for method in mean.index]}
     for asked, what in ASKED.items():
         shown |= {f"{what}, {told}": _rounded(mean["mrr", asked, told]) for told in levels}
@@ -67,7 +67,7 @@ def words(found: pd.DataFrame, how: Hidden) -> str:
     mean, default = means(found, how)["mrr"], default_of(found)
     once = found.drop_duplicates("seed")
     sentences = [f"**{how.title}** ({len(once)} times {round(once['entities'].mean())} hidden)."]
-    for number in how.told:
+    for number in how.max_insert_triples:
         told = str(number) if number else ALL
         ranked = mean["known", told].dropna().sort_values(ascending=False)
         still = [method for method in ranked.index if "rows" not in method and method != "retrained"]
@@ -86,7 +86,9 @@ def words(found: pd.DataFrame, how: Hidden) -> str:
 
 
 def main() -> None:
-    entries = {name: how for name, how in load().hidden.items() if HIDDEN_ENTITIES.path(graph=name).exists()}
+    entries = {
+        name: how for name, how in load_beyond(load()).hidden.items() if HIDDEN_ENTITIES.path(graph=name).exists()
+    }
     parts, sentences = [], []
     for name, how in entries.items():
         found = HIDDEN_ENTITIES.read(graph=name)

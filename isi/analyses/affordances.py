@@ -11,7 +11,7 @@ import torch
 from pydantic import Field, model_validator
 from torch import Tensor
 
-from isi.config import Section, Study, distinct
+from isi.config import Study, distinct
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insertion_step import with_vectors
 from isi.tables.rules import at_least
@@ -19,22 +19,17 @@ from isi.tables.table import INT, NAME, Table
 
 #: Rank of each answer to (entity, relation, ?) right after insertion.
 AFFORDANCES = Table(
-    "data/studies/affordances/{experiment}.parquet",
+    "data/analyses/affordances/{experiment}.parquet",
     {"initializer": NAME, "seed": INT, "entity": INT, "answer": INT, "rank": INT},
     checks=[*at_least(0, "seed", "entity", "answer"), *at_least(1, "rank")],
     entity_ids=["entity", "answer"],
 )
 
 
-class AffordanceSettings(Section):
-    """What is asked of novel entities."""
-
-    relation: str
-
-
-class Affordances(AffordanceSettings, Study):
+class Affordances(Study):
     """``affordances`` in params: of which experiment, by which relation, and whose the table shows."""
 
+    relation: str
     entities: Annotated[list[str], Field(min_length=1)]
 
     @model_validator(mode="after")

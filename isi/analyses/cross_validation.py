@@ -21,7 +21,7 @@ from isi.tables.table import INT, REAL, Table
 
 #: The best evaluation of each setting on each held-out fold.
 CROSS_VALIDATION = Table(
-    "data/studies/cross_validation/{experiment}.parquet",
+    "data/analyses/cross_validation/{experiment}.parquet",
     {"dimension": INT, "ratio": INT, "learning_rate": REAL, "weight_decay": REAL, "fold": INT, **MEASURE_COLUMNS,
      "epoch": INT},
     key=["dimension", "ratio", "learning_rate", "weight_decay", "fold"],
@@ -50,8 +50,8 @@ class Setting(Section):
         )
 
 
-class CrossValidationFactors(Section):
-    """The values that each factor takes beside the choice."""
+class CrossValidation(Study):
+    """``cross_validation`` in params: the values that each factor takes beside the choice."""
 
     folds: Annotated[int, Field(ge=2)]
     dimension: list[Count]
@@ -65,12 +65,8 @@ class CrossValidationFactors(Section):
         return list(dict.fromkeys([choice, *(choice.model_copy(update=change) for change in changes)]))
 
 
-class CrossValidation(CrossValidationFactors, Study):
-    """``cross_validation`` in params."""
-
-
 def fold_tasks(
-    experiment: str, graph: Graph, study: CrossValidationFactors, choice: TrainConfig, stack: int
+    experiment: str, graph: Graph, study: CrossValidation, choice: TrainConfig, stack: int
 ) -> list[TrainTask]:
     """Every setting with every fold, in stacks of at most ``stack`` folds; the points' seeds are the folds' numbers."""
     splits = folds(graph, choice.root, study.folds)

@@ -22,7 +22,7 @@ from isi.training.trainer import train
 
 
 class FinalModel(Study):
-    """``kept`` in params."""
+    """``final_model`` in params."""
 
 
 @dataclass(frozen=True)

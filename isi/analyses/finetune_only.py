@@ -14,14 +14,14 @@ from isi.experiment.train import run_rows
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import ConvergenceWatch, Optimizer, train
 
-FINETUNE_ONLY = runs_table("data/studies/nothing/{experiment}.parquet")
+FINETUNE_ONLY = runs_table("data/analyses/finetune_only/{experiment}.parquet")
 
 #: The scope that asks the same before and after insertion.
 SCOPE = "known_closed"
 
 
 class FinetuneOnly(Study):
-    """``nothing`` in params."""
+    """``finetune_only`` in params."""
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -59,6 +59,7 @@ class Training(Section):
 class Hidden(Section):
     """An entry of ``hidden`` in the params of the second pipeline."""
 
+    renamed: ClassVar = {"asked": "queries", "told": "max_insert_triples"}
     #: what people read
     title: str
     #: where the graph is: in PyKEEN's package, or among ``graphs``, under the name of the entry
@@ -70,10 +71,10 @@ class Hidden(Section):
     fraction: Fraction
     #: triples with a known end that a hidden entity has, at least
     fewest: Annotated[int, Field(ge=2)]
-    #: share of these that is asked about; one at least
-    asked: Fraction
-    #: of the others, how many are told; null: all
-    told: Annotated[list[Count | None], Field(min_length=1)]
+    #: share of these that are queries; one at least
+    queries: Fraction
+    #: of the others, how many are insert triples; null: all
+    max_insert_triples: Annotated[list[Count | None], Field(min_length=1)]
     #: set beside the one that ``isi.pykeen.insert`` takes where none is named
     initializers: list[Name]
     training: Training
@@ -129,7 +130,7 @@ def measure_hidden(triples: np.ndarray, entities: int, how: Hidden, key: str, ro
     own = own[np.argsort(_one(own, known), kind="stable")]
     first = np.searchsorted(_one(own, known), _one(own, known))
     place, number = np.arange(len(own)) - first, np.bincount(first)[first]
-    is_asked = place < np.maximum(1, (how.asked * number).astype(int))
+    is_asked = place < np.maximum(1, (how.queries * number).astype(int))
     return HiddenTask(order, known, renamed[ends == 0], own[~is_asked], own[is_asked], renamed)
 
 

@@ -92,7 +92,7 @@ def hidden_in(task: HidingTask) -> tuple[pd.DataFrame, pd.DataFrame]:
     model = trained(train, valid, task.how.training, seed)
     answers, seconds = list[dict[str, Any]](), [{"method": "known", "seconds": time.process_time() - start}]
     words = None if task.words is None else task.words[hiding.order]
-    for told in task.how.told:
+    for told in task.how.max_insert_triples:
         case = Case(model, hiding, train, valid, hiding.told(told), names, words, task.how, seed)
         for name, method in methods(task.how, told).items():
             start = time.process_time()

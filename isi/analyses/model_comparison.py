@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
@@ -19,7 +20,7 @@ from isi.tables.table import INT, REAL, Table
 
 #: Measures of the joint models of one scoring function.
 MODEL_COMPARISON = Table(
-    "data/studies/families/{experiment}/{model}.parquet",
+    "data/analyses/models/{experiment}/{model}.parquet",
     {"seed": INT, "epochs": INT, **MEASURE_COLUMNS, "valid_mrr_star": REAL, "queries": INT},
     key=["seed"],
     checks=[*at_least(0, "seed"), *at_least(1, "epochs"), *within(0, 1, "valid_mrr_star"),
@@ -29,17 +30,18 @@ MODEL_COMPARISON = Table(
 
 
 class ModelTraining(Section):
-    """How the joint model of a family is trained."""
+    """How the joint model of an embedding model is trained."""
 
     learning_rate: Positive
     weight_decay: NotNegative
 
 
 class ModelComparison(Study):
-    """``compare_families`` in params."""
+    """``compare_models`` in params."""
 
+    renamed: ClassVar = {"families": "models"}
     seeds: Count
-    families: dict[Name, ModelTraining]
+    models: dict[Name, ModelTraining]
 
 
 @dataclass(frozen=True)

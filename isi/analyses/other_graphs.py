@@ -1,26 +1,20 @@
-"""Experiments on graphs of their own, each run from its source on.
-
-All params of the second pipeline.
-"""
+"""Experiments on graphs of their own, each run from its source on."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field
 
-from isi.analyses.hidden_entities import Hidden
 from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, Variant
-from isi.config import Count, Name, Section, check, read
+from isi.config import Count, Name, Section
 from isi.graph.sampling import SessionsOf
 from isi.graph.words import Words
-from isi.tables import paths
 
 #: What the experiment of a graph gives.
 GRAPH_RUNS = replace(VARIANT_RUNS, template="data/beyond/graphs/{graph}/runs.parquet")
-GRAPH_QUERIES = replace(VARIANT_QUERIES, template="data/beyond/graphs/{graph}/asked.parquet")
+GRAPH_QUERIES = replace(VARIANT_QUERIES, template="data/beyond/graphs/{graph}/queries.parquet")
 
 
 class OneSize(SessionsOf):
@@ -50,20 +44,3 @@ class GraphExperiment(Section):
             title=self.title, group="graphs", experiments=[name], initializers=self.initializers,
             size=self.sessions.sizes[0], seeds=self.sessions.seeds, options={}, changes=self.changes, trained=True,
         )  # fmt: skip
-
-
-class Beyond(Section):
-    """The params of the second pipeline, of every stage."""
-
-    graphs: Annotated[dict[Name, GraphExperiment], Field(default_factory=dict)]
-    hidden: Annotated[dict[Name, Hidden], Field(default_factory=dict)]
-    variants: dict[Name, Variant]
-
-
-def load(path: Path = paths.BEYOND_PARAMS) -> Beyond:
-    """All params of the second pipeline; empty where there is none.
-
-    Raises:
-        InputError: where a key is unknown, of another type or out of range.
-    """
-    return check(read(path) if path.exists() else {"variants": {}}, Beyond, "", path)

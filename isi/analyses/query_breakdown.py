@@ -54,10 +54,10 @@ def breakdown_table(template: str, by: Mapping[str, pa.DataType] | None = None) 
 
 
 #: Of every model, right after insertion.
-QUERY_BREAKDOWN = breakdown_table("data/studies/asking/{experiment}.parquet")
+QUERY_BREAKDOWN = breakdown_table("data/analyses/query_breakdown/{experiment}.parquet")
 #: Coordinates of relations that are not zero: of each relation, and (null) of any of them.
 USED_COORDINATES = Table(
-    "data/studies/asking/{experiment}.used.parquet",
+    "data/analyses/query_breakdown/{experiment}.used.parquet",
     {"seed": INT, "model": NAME, "relation": NAME, "part": NAME, "used": INT, "of": INT},
     key=["seed", "model", "relation", "part"],
     checks=[*at_least(0, "seed", "used"), *not_above("used", "of")],
@@ -66,7 +66,7 @@ USED_COORDINATES = Table(
 
 
 class QueryBreakdown(Study):
-    """``asking`` in params."""
+    """``query_breakdown`` in params."""
 
 
 @dataclass(frozen=True)

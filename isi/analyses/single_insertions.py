@@ -15,7 +15,7 @@ from torch import Tensor
 
 from isi.analyses.query_breakdown import JOINT
 from isi.analyses.trajectory import Plane, on, plane, turn
-from isi.config import Count, Name, Section, Study
+from isi.config import Count, Name, Study
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insert import InsertTask, how_in, told_in
 from isi.experiment.insertion_step import finetune, initialize, with_vectors
@@ -39,7 +39,7 @@ TRUE_NAMES = ("told", "learned", "held_out")
 #: One row per entity. ``told``: number of its insert triples. ``shown``: share of the known entities' variance on the
 #: two axes of its map. ``fitted``: share of it that the joint model's vectors of them have in common with Θ⁰'s.
 SINGLE_INSERTIONS = Table(
-    "data/studies/explorer/{experiment}.parquet",
+    "data/analyses/explorer/{experiment}.parquet",
     {"entity": INT, "seed": INT, "told": INT, "shown": REAL, "fitted": REAL},
     key=["entity"],
     ordered=True,
@@ -49,7 +49,7 @@ SINGLE_INSERTIONS = Table(
 #: Indicators of each entity with their weights; ``fallback``: of the initializer that it fell back to. ``by_words``:
 #: cosine of word vectors; ``by_relations``: mean of cos(v_e, ᾱ_r) over the relations of the insert triples.
 SINGLE_INDICATORS = Table(
-    "data/studies/explorer/{experiment}.indicators.parquet",
+    "data/analyses/explorer/{experiment}.indicators.parquet",
     {"entity": INT, "model": NAME, "fallback": NAME, "indicator": INT, "weight": REAL, "by_words": REAL,
      "by_relations": REAL},
     key=["entity", "model", "indicator"],
@@ -60,7 +60,7 @@ SINGLE_INDICATORS = Table(
 )  # fmt: skip
 #: Places on the map of a seed: the known entities in Θ⁰, others in a model after an epoch.
 SINGLE_PLACES = Table(
-    "data/studies/explorer/{experiment}.places.parquet",
+    "data/analyses/explorer/{experiment}.places.parquet",
     {"seed": INT, "entity": INT, "model": NAME, "epoch": INT, "x": REAL, "y": REAL},
     key=["seed", "entity", "model", "epoch"],
     checks=[*at_least(0, "seed", "entity", "epoch"), *finite("x", "y")],
@@ -69,7 +69,7 @@ SINGLE_PLACES = Table(
 #: The first answers to (entity, relation, ?) and (?, relation, entity), and the true ones, ranked among all entities
 #: of the session. ``true``: in which way an answer is true; null: it is not.
 SINGLE_ANSWERS = Table(
-    "data/studies/explorer/{experiment}.answers.parquet",
+    "data/analyses/explorer/{experiment}.answers.parquet",
     {"entity": INT, "model": NAME, "epoch": INT, "relation": NAME, "hidden": NAME, "answer": INT, "rank": INT,
      "true": NAME},
     key=["entity", "model", "epoch", "relation", "hidden", "answer"],
@@ -91,8 +91,8 @@ TABLES = {
 }  # fmt: skip
 
 
-class ExplorerSettings(Section):
-    """Which insertions are shown, and how much of each."""
+class ExplorerParams(Study):
+    """``explorer`` in params: which insertions are shown, and how much of each."""
 
     size: Count
     epochs: Count
@@ -102,10 +102,6 @@ class ExplorerSettings(Section):
     indicators: Count
     #: of a query, beside those that are true
     answers: Count
-
-
-class Explorer(ExplorerSettings, Study):
-    """``explorer`` in params."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +114,7 @@ class SinglesTask:
     joint: StackedVectors
     #: the seed in which each entity is shown
     seeds: Mapping[int, int]
-    how: ExplorerSettings
+    how: ExplorerParams
 
 
 @dataclass(frozen=True)

@@ -6,20 +6,22 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from isi.config import Count, Name, Option, Positive, Section, Study, distinct
+from isi.config import Count, Name, Option, Positive, Study, distinct
 from isi.experiment.tables import runs_table
 from isi.tables.rules import at_least
 from isi.tables.table import INT, REAL
 
 #: Runs with ``k`` indicators, and at ``factor`` times the fine-tuning rate.
-INDICATOR_SWEEP = runs_table("data/studies/indicators/{experiment}/{initializer}.parquet", {"k": INT}, at_least(1, "k"))
+INDICATOR_SWEEP = runs_table(
+    "data/analyses/indicator_sweep/{experiment}/{initializer}.parquet", {"k": INT}, at_least(1, "k")
+)
 RATE_SWEEP = runs_table(
-    "data/studies/rates/{experiment}/{initializer}.parquet", {"factor": REAL}, at_least(0, "factor")
+    "data/analyses/rate_sweep/{experiment}/{initializer}.parquet", {"factor": REAL}, at_least(0, "factor")
 )
 
 
-class SweepSettings(Section):
-    """Which sizes of indicator sets are tried, of whom, and on which points."""
+class Sweep(Study):
+    """``sweep`` in params: which sizes of indicator sets are tried, by which initializers, on which grid points."""
 
     #: options beside k, by initializer
     initializers: Annotated[dict[Name, dict[str, Option]], Field(min_length=1)]
@@ -34,13 +36,10 @@ class SweepSettings(Section):
         return self
 
 
-class Sweep(SweepSettings, Study):
-    """``sweep`` in params."""
+class RateSweep(Study):
+    """``rate_sweep`` in params: multiples of the fine-tuning rate, and the size at which they are tried."""
 
-
-class RateFactors(Section):
-    """Multiples of the fine-tuning rate, and the size at which they are tried."""
-
+    initializers: list[Name]
     factors: Annotated[list[Positive], Field(min_length=1)]
     size: Count
 
@@ -49,9 +48,3 @@ class RateFactors(Section):
         if 1 in self.factors or not distinct(self.factors):
             raise ValueError("factors must not repeat, nor be 1, which is the main experiment")
         return self
-
-
-class RateSweep(RateFactors, Study):
-    """``rates`` in params."""
-
-    initializers: list[Name]

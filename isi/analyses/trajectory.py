@@ -12,7 +12,7 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi.config import Count, Section, Seed, Study
+from isi.config import Count, Seed, Study
 from isi.experiment.grid import GridPoints
 from isi.experiment.insert import InsertTask, how_in, told_in
 from isi.experiment.insertion_step import finetune, initialize, with_vectors
@@ -22,7 +22,7 @@ from isi.models.stack import Embedding
 from isi.tables.table import TensorFile
 
 #: ``entity``, ``known``, ``theta0``, and of each initializer ``NAME.path`` and ``NAME.indicators``.
-TRAJECTORY = TensorFile("data/studies/approach/{experiment}.safetensors")
+TRAJECTORY = TensorFile("data/analyses/trajectory/{experiment}.safetensors")
 
 
 @dataclass(frozen=True)
@@ -76,17 +76,13 @@ def turn(vectors: Tensor, onto: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
 TRACED = ("xavier", "iu", "es", "rs", "ers")
 
 
-class TrajectorySettings(Section):
-    """Which set is followed, and for how long."""
+class Trajectories(Study):
+    """``trajectory`` in params: which set is followed, and for how long."""
 
     size: Count
     seed: Seed
     kind: str
     epochs: Count
-
-
-class Trajectories(TrajectorySettings, Study):
-    """``approach`` in params."""
 
 
 @dataclass(frozen=True)

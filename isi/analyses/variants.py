@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, cast
 
 import numpy as np
 import pandas as pd
@@ -13,7 +13,7 @@ from pydantic import Field
 
 from isi.analyses.query_breakdown import JOINT as JOINT_MODEL
 from isi.analyses.query_breakdown import QueryBreakdownTask, break_down, breakdown_table
-from isi.config import Count, Name, Option, Section
+from isi.config import Count, Name, Option, Section, check
 from isi.errors import InputError
 from isi.experiment.grid import NO_INSERTION, GridPoints, StackedVectors
 from isi.experiment.insert import (  # fmt: skip
@@ -21,11 +21,10 @@ from isi.experiment.insert import (  # fmt: skip
     TaskConfig,
     TaskInput,
     insert_stack,
-    inserting,
-    inserting_with,
     joint_targets,
+    task_config,
 )
-from isi.experiment.runner import compute_of, run, stack_height
+from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
 from isi.experiment.tables import runs_table
 from isi.experiment.train import (
@@ -39,27 +38,31 @@ from isi.experiment.train import (
     train_joint_model,
 )
 from isi.graph.sampling import later_key
-from isi.graph.words import Words, load_vectors, look_up
+from isi.graph.words import load_vectors, look_up
 from isi.random import stream
-from isi.stage import StageContext
-from isi.tables import paths
 from isi.tables.table import NAME
+
+if TYPE_CHECKING:
+    from isi.params import Params
 
 #: Runs of each model of experiments under other conditions, the joint model's among them, and its queries at epoch 0.
 VARIANT_RUNS = runs_table("data/beyond/{variant}.parquet", {"experiment": NAME, "model": NAME})
-VARIANT_QUERIES = breakdown_table("data/beyond/{variant}.asked.parquet", {"experiment": NAME})
+VARIANT_QUERIES = breakdown_table("data/beyond/{variant}.queries.parquet", {"experiment": NAME})
 
 #: Sections of params that decide what Θ⁰ and the joint model are: a variant that changes one trains its own.
-LEARNED = ("embedding", "families", "negatives", "training")
+LEARNED = ("embedding", "models", "negatives", "training")
+#: Sections of params that a variant may change.
+CHANGEABLE = (*LEARNED, "words", "finetuning", "convergence", "initializers")
 
 
 class Variant(Section):
     """An entry of ``variants`` in the params of the second pipeline."""
 
+    renamed: ClassVar = {"told": "max_insert_triples", "followed": "full_curves"}
     #: what people read
     title: str
     #: where the report shows it
-    group: Literal["baselines", "embeddings", "told", "words", "causes", "graphs"]
+    group: Literal["baselines", "embeddings", "insert_triples", "words", "causes", "graphs"]
     experiments: Annotated[list[Name], Field(min_length=1)]
     initializers: Annotated[list[Name], Field(min_length=1)]
     #: |ξ|, and the first so many of the sessions' seeds
@@ -69,12 +72,12 @@ class Variant(Section):
     options: Annotated[dict[Name, dict[str, Option]], Field(default_factory=dict)]
     #: values of params.yaml, by dotted key
     changes: Annotated[dict[str, Any], Field(default_factory=dict)]
-    #: insert triples of each novel entity that are told, at most; null: all
-    told: Annotated[int, Field(ge=0)] | None = None
+    #: of each novel entity; null: all
+    max_insert_triples: Annotated[int, Field(ge=0)] | None = None
     #: else measured at once alone
     finetuned: bool = True
     #: for all epochs, for learning curves; else until convergence
-    followed: bool = False
+    full_curves: bool = False
     #: whether Θ⁰ and the joint model are its own even where no change asks for it
     trained: bool = False
 
@@ -89,71 +92,71 @@ class Variant(Section):
         return any(key.partition(".")[0] == "words" for key in self.changes)
 
 
-def changed(given: StageContext, changes: Mapping[str, Any], key: str) -> StageContext:
-    """What a stage is given, with other values at dotted keys.
+def changed(params: Params, changes: Mapping[str, Any]) -> Params:
+    """The params with other values at dotted keys.
 
     Raises:
-        InputError: where a key is in no section that the stage has; ``key`` is where the changes stand.
+        InputError: where a key is in none of the sections that may be changed, or its value is none that it takes.
     """
-    values = deepcopy(dict(given.values))
-    sections = [name for name, value in values.items() if isinstance(value, dict) and "." not in name]
-    for dotted, value in changes.items():
-        *parents, last = dotted.split(".")
-        place: Any = {name: values[name] for name in sections}
+    for key, value in changes.items():
+        name, _, within = key.partition(".")
+        if name not in CHANGEABLE or not within:
+            raise InputError("", key, f"expected keys below {', '.join(CHANGEABLE)}")
+        section = getattr(params, name)
+        values = section.model_dump() if isinstance(section, Section) else deepcopy(dict(section))
+        *parents, last = within.split(".")
+        place = values
         for parent in parents:
-            place = place.get(parent) if isinstance(place, dict) else None
-        if not parents or not isinstance(place, dict):
-            raise InputError(paths.BEYOND_PARAMS, key, f"expected keys below {', '.join(sections)}, got {dotted!r}")
+            place = place.setdefault(parent, {})
         place[last] = value
-    return StageContext(values, given.stage)
+        new = check(values, cast("type[Any]", type(params).model_fields[name].annotation), name, "")
+        params = params.model_copy(update={name: new})
+    return params
 
 
-def results(
-    given: StageContext, study: Variant, stores: Sequence[Store], shown: str
-) -> tuple[pd.DataFrame, pd.DataFrame]:
+def results(params: Params, study: Variant, stores: Sequence[Store], shown: str) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Runs of a variant, and what its models answer at once (``VARIANT_RUNS`` and ``VARIANT_QUERIES``).
 
     Args:
-        given: with the variant's changes.
+        params: with the variant's changes.
         stores: of its experiments.
         shown: beside the progress bar.
     """
-    compute, runs, asked = compute_of(given), [], []
+    runs, asked = [], []
     for store in stores:
         about = f"{shown}, {store.experiment}" if len(stores) > 1 else shown
-        for each, answered in run(repeat, tasks(given, study, store), compute, about):
+        for each, answered in run(repeat, tasks(params, study, store), params.compute, about):
             runs.append(each.assign(experiment=store.experiment))
             asked.append(answered.assign(experiment=store.experiment))
     ordered = pd.concat(runs).sort_values(["experiment", "model", "size", "seed", "session", "epoch", "scope"])
     return ordered, pd.concat(asked).sort_values(["experiment", "size", "seed"], kind="stable")
 
 
-def tasks(given: StageContext, study: Variant, store: Store) -> list[VariantTask]:
+def tasks(params: Params, study: Variant, store: Store) -> list[VariantTask]:
     """A variant of one experiment, over its points."""
-    family, table, words = model_of(given), store.insert_triples(), words_of(given, study, store)
-    how = {name: how_of(given, study, name) for name in study.initializers}
+    family, table, words = model_of(params), store.insert_triples(), words_of(params, study, store)
+    how = {name: how_of(params, study, name) for name in study.initializers}
     found = []
-    for points in store.grid(stack_height(compute_of(given)), study.size, study.seeds):
-        start = train_config(given) if study.trains else (store.theta0(points, family), store.joint(points, family))
+    for points in store.grid(stack_height(params.compute), study.size, study.seeds):
+        start = train_config(params) if study.trains else (store.theta0(points, family), store.joint(points, family))
         told = store.insert_triples_of(points, table)
-        found.append(VariantTask(points, start, told, some_of(told, study.told, points, given.seed), words, how))
+        found.append(
+            VariantTask(points, start, told, some_of(told, study.max_insert_triples, points, params.seed), words, how)
+        )
     return found
 
 
-def how_of(given: StageContext, study: Variant, initializer: str) -> TaskConfig:
+def how_of(params: Params, study: Variant, initializer: str) -> TaskConfig:
     """How a variant inserts with one initializer, with options of its own or those of the main runs."""
-    followed = [study.size] if study.followed else []
-    if initializer not in study.options:
-        return inserting(given, initializer, followed, study.finetuned)
-    options = study.options[initializer]
-    return inserting_with(given, initializer, options, f"options.{initializer}", followed, study.finetuned)
+    full_curves = [study.size] if study.full_curves else []
+    return task_config(params, initializer, full_curves, study.finetuned, study.options.get(initializer))
 
 
-def words_of(given: StageContext, study: Variant, store: Store) -> np.ndarray:
+def words_of(params: Params, study: Variant, store: Store) -> np.ndarray:
     """Word vectors of the entities: the main runs', or the variant's own."""
     if not study.speaks:
         return store.words()
-    return look_up(load_vectors(given.section("words", Words)), list(store.entities()["phrase"])).vectors
+    return look_up(load_vectors(params.words), list(store.entities()["phrase"])).vectors
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import isi.analyses
 import isi.sources.tables
@@ -20,14 +20,14 @@ from isi.experiment.store import Store
 from isi.experiment.tables import INITIAL_VECTORS, JOINT, RUNS, THETA0
 from isi.experiment.train import model_of
 from isi.graph.tables import COVERAGE, ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES, WORD_VECTORS
-from isi.pipeline import maker_now
-from isi.stage import StageContext
+from isi.stage import makers
 from isi.tables import io, paths
 from isi.tables.table import DataFile, Table, declared
 
 if TYPE_CHECKING:
     from isi.experiment.grid import GridPoints
     from isi.models.model import Model
+    from isi.params import Params
 
 #: A file, what declares it, and the names in its path.
 Found = tuple[Path, DataFile, Mapping[str, str]]
@@ -43,11 +43,11 @@ def catalogue() -> list[DataFile]:
     return declared()
 
 
-def check_data(params: Mapping[str, Any]) -> tuple[int, list[str]]:
+def check_data(params: Params) -> tuple[int, list[str]]:
     """Check the files that runs of the pipelines write, each by itself and beside the others of its experiment.
 
     Args:
-        params: what ``params.yaml`` holds.
+        params: of the experiments.
 
     Returns:
         how many files there are, and the problems, one line each.
@@ -55,12 +55,12 @@ def check_data(params: Mapping[str, Any]) -> tuple[int, list[str]]:
     number, problems = 0, list[InputError]()
     experiments = defaultdict[str, list[Found]](list)
     for path, file, names in _declared_files(catalogue()):
-        if maker_now(path, params):
+        if any(makers(path)):
             number += 1
             problems += _problem(partial(file.check_file, path))
             experiments[names.get("experiment", "")].append((path, file, names))
-    for folder in sorted(paths.KEPT.glob("*")):
-        if maker_now(folder, params):
+    for folder in sorted(paths.FINAL_MODELS.glob("*")):
+        if any(makers(folder)):
             number += sum(1 for _ in folder.iterdir())
             problems += _problem(partial(bundles.read, folder))
     for experiment, found in experiments.items():
@@ -76,7 +76,7 @@ def _declared_files(files: Sequence[DataFile]) -> Iterator[Found]:
                 break
 
 
-def _disagreements(store: Store, found: Sequence[Found], params: Mapping[str, Any]) -> Iterator[InputError]:
+def _disagreements(store: Store, found: Sequence[Found], params: Params) -> Iterator[InputError]:
     """What the files of one experiment do not agree on, as far as its stages have run."""
     files = {file for _, file, _ in found}
     if not files >= {ENTITIES, TRIPLES}:
@@ -86,7 +86,7 @@ def _disagreements(store: Store, found: Sequence[Found], params: Mapping[str, An
     if files >= {SPLITS, NOVEL, INSERT_TRIPLES}:
         yield from _problem(store.insert_triples)
         try:
-            stacks, model = store.grid(_ALL), model_of(StageContext(params, "check"))
+            stacks, model = store.grid(_ALL), model_of(params)
         except InputError as error:
             yield error
     for path, file, names in found:

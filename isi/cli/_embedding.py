@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 #: The embedding that the pipeline keeps.
-DEFAULT = paths.kept("ai2thor")
+DEFAULT = paths.final_model("ai2thor")
 #: Arguments of the library, by which options they came.
 OPTIONS = {"argument 'initializer'": "--initializer", "argument 'entities'": "--embedding"}
 #: Answers that are shown where nobody says how many.
@@ -54,7 +54,7 @@ def open_folder(path: Path) -> OpenBundle:
     from isi.bundle.query import open_bundle  # here, since it loads torch
 
     if path == DEFAULT and not path.exists():
-        here = "the pipeline has not kept it yet (dvc repro keep): run it"
+        here = "the pipeline has not kept it yet (dvc repro train_final): run it"
         away = f"{Path.cwd()} is not the folder of the project: go there first"
         expected = here if paths.PARAMS.exists() else away
         raise InputError(path, "", f"{expected}, or name another by --embedding DIR")

@@ -63,7 +63,7 @@ def _model(store: Store, graph: Graph, values: Mapping[str, Any], seed: int | No
     if row is None or not len(seeds):
         raise InputError(path, f"seed {seed}", f"expected one of {', '.join(map(str, seeds.tolist()))}")
     how = check(values.get("embedding"), EmbeddingParams, "embedding")
-    family = make_model(how.family, value_of(values, f"families.{how.family}"), f"families.{how.family}")
+    family = make_model(how.model, value_of(values, f"models.{how.model}"), f"models.{how.model}")
     shapes = (len(graph.entities), len(graph.relations), family.width(entity.shape[-1]))
     got = (entity.shape[1], relation.shape[1], relation.shape[2])
     if got != shapes:

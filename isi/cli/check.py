@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from isi import config
+from isi.params import load
 from isi.tables import paths
 
 
@@ -21,7 +21,7 @@ def run(_arguments: argparse.Namespace) -> None:
     """
     from isi.cli._checking import check_data  # here, since it loads torch
 
-    number, problems = check_data(config.read(paths.PARAMS))
+    number, problems = check_data(load())
     print(*problems, sep="\n", end="\n" * bool(problems))
     nothing = "" if number else ": nothing has run (`dvc repro`)"
     print(f"{number:,} files under {paths.DATA}, {len(problems):,} problems{nothing}")

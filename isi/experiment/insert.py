@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -19,17 +19,19 @@ from isi.experiment.store import Store
 from isi.experiment.tables import RUNS
 from isi.experiment.train import measure_columns, model_of, run_rows
 from isi.initializers.api import FALLBACKS, NovelEntities, options_of
-from isi.stage import StageContext
 from isi.training import single_updates
 from isi.training.batches import Negatives
 from isi.training.trainer import Optimizer
+
+if TYPE_CHECKING:
+    from isi.params import Params
 
 #: ``initializers`` of an experiment in params.
 InitializerList = Literal["all"] | list[Name]
 
 
 class FullCurves(Section):
-    """``followed`` of an experiment in params: what is fine-tuned for all epochs; all else stops at convergence."""
+    """``full_curves`` of an experiment: what is fine-tuned for all epochs; all else stops at convergence."""
 
     sizes: list[Count]
     initializers: InitializerList = "all"
@@ -88,41 +90,30 @@ class TaskResult:
     entities: pd.DataFrame
 
 
-def inserting(
-    given: StageContext, initializer: str, followed: Sequence[int] = (), finetuned: bool = True
-) -> TaskConfig:
-    """How a stage's params say that one initializer inserts."""
-    key = f"initializers.{initializer}"
-    return inserting_with(given, initializer, given.raw(key), key, followed, finetuned)
-
-
-def inserting_with(
-    given: StageContext, initializer: str, options: Mapping[str, Any], key: str, followed: Sequence[int] = (),
-    finetuned: bool = True,
+def task_config(
+    params: Params, initializer: str, full_curves: Sequence[int] = (), finetuned: bool = True,
+    options: Mapping[str, Any] | None = None,
 ) -> TaskConfig:  # fmt: skip
-    """The same with other options, which stand at a key of params; without any epoch where it is not fine-tuned."""
-    optimizer = given.section("finetuning", Optimizer)
-    if not finetuned:
-        optimizer = optimizer.model_copy(update={"max_epochs": 0})
-    single_updates.compile_ahead(model_of(given), optimizer.batch_size)
+    """How one initializer inserts, with its options in params or with others.
+
+    Args:
+        full_curves: sizes that are fine-tuned for all epochs; the others stop at convergence.
+        finetuned: else without any epoch.
+    """
+    optimizer = params.finetuning if finetuned else params.finetuning.model_copy(update={"max_epochs": 0})
+    options = params.initializers[initializer] if options is None else options
+    single_updates.compile_ahead(model_of(params), optimizer.batch_size)
     return TaskConfig(
-        initializer, options_of(initializer, options, key), given.seed, given.section("negatives", Negatives),
-        optimizer, given.section("convergence", Convergence).margin, followed,
+        initializer, options_of(initializer, options, f"initializers.{initializer}"), params.seed, params.negatives,
+        optimizer, params.convergence.margin, full_curves,
     )  # fmt: skip
 
 
-def inserting_in(given: StageContext, experiment: str, initializer: str) -> TaskConfig:
-    """How an experiment inserts with one initializer: followed to the end, until convergence, or measured at once."""
-    followed = given.section(f"experiments.{experiment}.followed", FullCurves)
-    sizes = followed.sizes if among(followed.initializers, initializer) else []
-    at_once = given.section(f"experiments.{experiment}.at_once", list[Name])
-    return inserting(given, initializer, sizes, initializer not in at_once)
-
-
-def is_listed(given: StageContext, key: str, initializer: str) -> bool:
-    """Whether the list at a key of params names an initializer."""
-    listed: InitializerList = given.section(key, InitializerList)  # type: ignore[arg-type]
-    return among(listed, initializer)
+def experiment_config(params: Params, experiment: str, initializer: str) -> TaskConfig:
+    """How an experiment inserts with one initializer: with full curves, until convergence, or measured immediately."""
+    entry = params.experiments[experiment]
+    sizes = entry.full_curves.sizes if among(entry.full_curves.initializers, initializer) else []
+    return task_config(params, initializer, sizes, initializer not in entry.immediate_only)
 
 
 def among(listed: InitializerList, initializer: str) -> bool:
@@ -130,19 +121,15 @@ def among(listed: InitializerList, initializer: str) -> bool:
     return listed == "all" or initializer in listed
 
 
-def insertion_tasks(store: Store, given: StageContext, how: TaskConfig, grid: Sequence[GridPoints]) -> list[InsertTask]:
+def insertion_tasks(store: Store, params: Params, how: TaskConfig, grid: Sequence[GridPoints]) -> list[InsertTask]:
     """Insertion with one initializer, and fine-tuning, of points of the store's experiment."""
-    insert_triples, joint, words = (
-        store.insert_triples(),
-        RUNS.read(experiment=store.experiment, model="joint"),
-        store.words(),
-    )
-    family = model_of(given)
+    insert_triples, words, model = store.insert_triples(), store.words(), model_of(params)
+    joint = RUNS.read(experiment=store.experiment, model="joint")
 
     return [
         InsertTask(
             points,
-            store.theta0(points, family),
+            store.theta0(points, model),
             TaskInput(store.insert_triples_of(points, insert_triples), words, joint_targets(joint, points)),
             how,
         )

@@ -21,7 +21,6 @@ from isi.errors import InputError
 from isi.experiment.grid import GridPoints
 from isi.models.finite import NotFinite
 from isi.process import serve
-from isi.stage import COMPUTE, StageContext
 from isi.tables import paths
 from isi.training.batches import DENSE_LIMIT
 
@@ -51,11 +50,6 @@ class Compute(Section):
         if self.engine == "dask" and self.scheduler is None:
             raise ValueError("engine dask needs the address of its scheduler: compute.scheduler: tcp://host:port")
         return self
-
-
-def compute_of(given: StageContext) -> Compute:
-    """Where a stage's tasks run."""
-    return given.section(COMPUTE, Compute)
 
 
 #: Seconds in which a scheduler must answer.

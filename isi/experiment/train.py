@@ -7,23 +7,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 import torch
 from torch import Tensor
 
-from isi.config import check
 from isi.evaluation import query_sets
 from isi.evaluation.ranking import MEASURES, Result, evaluate
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.graph.sessions import Session
-from isi.models.model import EmbeddingParams, Model, make_model
+from isi.models.model import Model, make_model
 from isi.models.stack import uniform
-from isi.stage import StageContext
 from isi.training import single_updates, trainer
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Training
+
+if TYPE_CHECKING:
+    from isi.params import Params
 
 
 @dataclass(frozen=True)
@@ -56,24 +58,18 @@ class TrainResult:
     log: pd.DataFrame
 
 
-def model_of(given: StageContext, name: str | None = None) -> Model:
-    """The embedding family of a name, or that a stage's params choose, with its options."""
-    name = name or given.section("embedding.family", str)
-    return make_model(name, given.raw(f"families.{name}"), f"families.{name}")
+def model_of(params: Params, name: str | None = None) -> Model:
+    """The embedding model of a name, or that params choose, with its options."""
+    name = name or params.embedding.model
+    return make_model(name, params.models[name], f"models.{name}")
 
 
-def train_config(given: StageContext, family: str | None = None, **changed: float) -> TrainConfig:
-    """How a stage's params say that embeddings are trained, of the family that they choose or another one.
-
-    Args:
-        changed: values of ``training`` in place of those of params.
-    """
-    named = {"family": family} if family else {}
-    embedding = check({**given.raw("embedding"), **named}, EmbeddingParams, "embedding")
-    kind, how = model_of(given, embedding.family), check({**given.raw("training"), **changed}, Training, "training")
-    single_updates.compile_ahead(kind, how.batch_size)
-    negatives = given.section("negatives", Negatives)
-    return TrainConfig(given.seed, kind, embedding.dimension, embedding.init_range, negatives, how)
+def train_config(params: Params, model: Model | None = None, training: Training | None = None) -> TrainConfig:
+    """How params say that embeddings are trained, or with another model and training."""
+    model, training = model or model_of(params), training or params.training
+    single_updates.compile_ahead(model, training.batch_size)
+    embedding = params.embedding
+    return TrainConfig(params.seed, model, embedding.dimension, embedding.init_range, params.negatives, training)
 
 
 def train_initial(task: TrainTask) -> TrainResult:

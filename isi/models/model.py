@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import torch
 from torch import Tensor
@@ -179,9 +179,10 @@ MODELS: Plugins[type[Model]] = Plugins("isi.models")
 
 
 class EmbeddingParams(Section):
-    """Of what family embeddings are, and how their tables start."""
+    """``embedding`` in params: which model embeddings have, and how their tables start."""
 
-    family: Name
+    renamed: ClassVar = {"family": "model"}
+    model: Name
     dimension: Count
     init_range: Positive
 

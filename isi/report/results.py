@@ -75,7 +75,7 @@ class Experiment:
     @property
     def finetuned(self) -> list[str]:
         """The initializers that are not measured at once alone."""
-        return [name for name in self.initializers if name not in self.how.at_once]
+        return [name for name in self.initializers if name not in self.how.immediate_only]
 
     @cached_property
     def at_once(self) -> pd.DataFrame:
@@ -85,12 +85,12 @@ class Experiment:
     @property
     def curve_size(self) -> int | None:
         """The first size that is followed to the end and was run: the one whose curves are drawn."""
-        return next((size for size in self.how.followed.sizes if size in self.how.sessions.sizes), None)
+        return next((size for size in self.how.full_curves.sizes if size in self.how.sessions.sizes), None)
 
     @property
     def curves(self) -> pd.DataFrame:
         """Runs of that size by those who are followed, and of the joint model."""
-        followed = [name for name in self.finetuned if among(self.how.followed.initializers, name)]
+        followed = [name for name in self.finetuned if among(self.how.full_curves.initializers, name)]
         return self.runs[(self.runs["size"] == self.curve_size) & self.runs["model"].isin([*followed, JOINT])]
 
     @cached_property
@@ -199,10 +199,10 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         experiments=experiments,
         seen={name: _seen(name) for name in sources},
         mined={name: MINED.read_text(source=name) for name in sources},
-        asking={name: _asked(name) for name in params.asking.experiments},
-        beyond=varied.read(experiments),
-        explored=varied.explored(),
-        nothing={name: FINETUNE_ONLY.read_text(experiment=name) for name in params.nothing.experiments},
+        asking={name: _asked(name) for name in params.query_breakdown.experiments},
+        beyond=varied.read(experiments, params),
+        explored=varied.explored(params),
+        nothing={name: FINETUNE_ONLY.read_text(experiment=name) for name in params.finetune_only.experiments},
         **_studies(params, experiments),
     )
 
@@ -212,10 +212,10 @@ def _studies(params: Params, experiments: Mapping[str, Experiment]) -> dict[str,
     asked: dict[str, tuple[list[str], Callable[[str], Any]]] = {
         "affordances": (params.affordances.experiments, _affordances),
         "sweep": (params.sweep.experiments, partial(_sweep, params.sweep.initializers)),
-        "rates": (params.rates.experiments, partial(_rates, params)),
+        "rates": (params.rate_sweep.experiments, partial(_rates, params)),
         "cross_validation": (params.cross_validation.experiments, _cross_validation),
-        "families": (params.compare_families.experiments, partial(_families, params.compare_families.families)),
-        "approach": (params.approach.experiments, _approach),
+        "families": (params.compare_models.experiments, partial(_families, params.compare_models.models)),
+        "approach": (params.trajectory.experiments, _approach),
         "explorer": (params.explorer.experiments, _explorer),
     }
     first = {study: (listed[0], read) for study, (listed, read) in asked.items() if listed}
@@ -260,7 +260,7 @@ def _sweep(initializers: Iterable[str], experiment: str) -> pd.DataFrame:
 
 
 def _rates(params: Params, experiment: str) -> pd.DataFrame:
-    return _of_each(RATE_SWEEP, experiment, params.rates.initializers, "initializer")
+    return _of_each(RATE_SWEEP, experiment, params.rate_sweep.initializers, "initializer")
 
 
 def _cross_validation(experiment: str) -> pd.DataFrame:

@@ -8,10 +8,10 @@ from functools import cached_property
 
 import pandas as pd
 
-from isi.analyses.other_graphs import GRAPH_QUERIES, GRAPH_RUNS, load
+from isi.analyses.other_graphs import GRAPH_QUERIES, GRAPH_RUNS
 from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, Variant
 from isi.graph.tables import GRAPH_ENTITIES, GRAPH_TRIPLES
-from isi.params import Params
+from isi.params import Params, load_beyond
 from isi.report import parts
 from isi.report.models import JOINT, label
 from isi.report.statistics import HIGH, LOW, converged, over_seeds
@@ -82,7 +82,7 @@ class Explored:
     ran: Varied
 
 
-def explored() -> dict[str, Explored]:
+def explored(params: Params) -> dict[str, Explored]:
     """Every graph of the second pipeline that has run, in its order.
 
     Raises:
@@ -95,11 +95,11 @@ def explored() -> dict[str, Explored]:
             Varied(how.variant(name), GRAPH_RUNS.read_text(graph=name),
                    GRAPH_QUERIES.read_text(graph=name)),
         )
-        for name, how in load().graphs.items() if GRAPH_QUERIES.path(graph=name).exists()
+        for name, how in load_beyond(params).graphs.items() if GRAPH_QUERIES.path(graph=name).exists()
     }  # fmt: skip
 
 
-def read(experiments: Collection[str]) -> dict[str, Varied]:
+def read(experiments: Collection[str], params: Params) -> dict[str, Varied]:
     """Every variant of the second pipeline that has run on any of the experiments, in its order.
 
     Raises:
@@ -110,7 +110,7 @@ def read(experiments: Collection[str]) -> dict[str, Varied]:
             how, _of(experiments, VARIANT_RUNS.read_text(variant=name)),
             _of(experiments, VARIANT_QUERIES.read_text(variant=name)),
         )
-        for name, how in load().variants.items() if VARIANT_QUERIES.path(variant=name).exists()
+        for name, how in load_beyond(params).variants.items() if VARIANT_QUERIES.path(variant=name).exists()
     }  # fmt: skip
     return {name: one for name, one in found.items() if one.experiments}
 

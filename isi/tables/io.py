@@ -14,7 +14,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from isi.errors import InputError, unwritable
-from isi.pipeline import absent
 from isi.process import lives
 
 if TYPE_CHECKING:
@@ -33,7 +32,7 @@ def read_parquet(path: Path, schema: pa.Schema) -> pa.Table:
     try:
         table = pq.ParquetFile(path).read()
     except FileNotFoundError as error:
-        raise absent(path) from error
+        raise _missing(path) from error
     except (OSError, pa.ArrowException) as error:
         raise InputError(path, "", f"expected a Parquet table ({_first_line(error)})") from error
     for expected in schema:
@@ -118,7 +117,7 @@ def _opened(path: Path) -> Iterator[Any]:
         with safe_open(path, framework="pt") as file:
             yield file
     except FileNotFoundError as error:
-        raise absent(path) from error
+        raise _missing(path) from error
     except (OSError, SafetensorError) as error:
         raise InputError(path, "", f"expected a safetensors file ({_first_line(error)})") from error
 
@@ -179,3 +178,9 @@ def _same_values(actual: pa.DataType, expected: pa.DataType) -> bool:
 
 def _first_line(error: Exception) -> str:
     return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
+def _missing(path: Path) -> InputError:
+    from isi.stage import missing  # here: it knows the pipelines, of which nothing else in a table does
+
+    return missing(path)

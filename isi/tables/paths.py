@@ -13,7 +13,7 @@ DATA = Path("data")
 RAW = DATA / "raw"
 REPORTS = Path("reports")
 #: Embeddings that commands of ``isi`` insert into.
-KEPT = DATA / "kept"
+FINAL_MODELS = DATA / "final_models"
 
 MATERIAL_SHARES = RAW / "suncg" / "material_shares.csv"
 MATERIAL_CATEGORIES = RAW / "suncg" / "categories.csv"
@@ -29,6 +29,6 @@ def shipped_vectors(text: str) -> Path:
     return RAW / "words" / f"{text}.bin"
 
 
-def kept(experiment: str) -> Path:
+def final_model(experiment: str) -> Path:
     """The folder of the embedding of all of an experiment's graph, which commands of ``isi`` insert into."""
-    return KEPT / experiment
+    return FINAL_MODELS / experiment

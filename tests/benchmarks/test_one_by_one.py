@@ -55,7 +55,7 @@ def time_epoch(benchmark: Any, what: str, family: str, data: TrainingData, param
     how, graph = params.embedding, data.session.graph
     negatives = params.negatives.model_copy(update={"mode": "sampled"})
     settings = params.training.model_copy(update={"batch_size": 1})
-    kind, relations = make_model(family, {}, f"families.{family}"), len(graph.relations)
+    kind, relations = make_model(family, {}, f"models.{family}"), len(graph.relations)
     start = uniform(data.session.entities, relations, kind, how.dimension, how.init_range, params.seed, data.keys)
     state = trainer.start(start)
 

@@ -68,7 +68,7 @@ def embedding(complex_model: ComplEx) -> Embedding:
         part[0]().detach() for part in (complex_model.entity_representations, complex_model.relation_representations)
     )
     tables = (torch.cat([table.real, table.imag], -1)[None] for table in (entity, relation))
-    return Embedding(*tables, make_model("complex", {}, "families.complex"))
+    return Embedding(*tables, make_model("complex", {}, "models.complex"))
 
 
 def ask(session: Session) -> Queries:
@@ -125,7 +125,7 @@ def test_scopes(benchmark: Any, home: Graph, params: Params) -> None:
     novel = np.concatenate([sample_novel(everyone, params.seed, NOVEL, seed) for seed in range(SCOPES_MODELS)])
     scopes = epoch_query_sets(session, torch.from_numpy(novel))
     how, keys = params.embedding, torch.arange(SCOPES_MODELS)[:, None]
-    family = make_model(how.model, params.families[how.model], f"families.{how.model}")
+    family = make_model(how.model, params.families[how.model], f"models.{how.model}")
     stack = uniform(session.entities, len(home.relations), family, how.dimension, 1.0, params.seed, keys)
     triples = sum(int(scope.queried.sum()) for scope in scopes.values())
     what = f"isi, a stack of {SCOPES_MODELS} in {len(scopes)} scopes"

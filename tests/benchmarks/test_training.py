@@ -59,7 +59,7 @@ def time_stack(benchmark: Any, home: Graph, params: Params, models: int, mode: s
     keys = torch.tensor([[0, seed] for seed in range(models)])
     negatives = params.negatives.model_copy(update={"mode": mode})
     data = training_data(session, "training", keys, negatives.head_pool)
-    how, kind = params.embedding, make_model(family, params.families[family], f"families.{family}")
+    how, kind = params.embedding, make_model(family, params.families[family], f"models.{family}")
     start = uniform(session.entities, len(home.relations), kind, how.dimension, how.init_range, params.seed, keys)
     state = trainer.start(start)
     scored = int(data.counts.sum()) * (1 + len(home.relations) * negatives.ratio)

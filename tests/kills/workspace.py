@@ -29,9 +29,9 @@ SMALL: dict[str, Any] = {
     "experiments.ai2thor": workspace.DROP, "experiments.transfer": workspace.DROP,
     "sources.ai2thor": workspace.DROP, "sources.mp3d": workspace.DROP,
     "experiments.published.sessions.seeds": 3, "experiments.published.sessions.sizes": [1, 2],
-    "experiments.published.followed.sizes": [2], "experiments.published.initializers": ["xavier", "ers"],
+    "experiments.published.full_curves.sizes": [2], "experiments.published.initializers": ["xavier", "ers"],
     "embedding.dimension": 8, "training.max_epochs": 4, "training.evaluate_every": 2, "finetuning.max_epochs": 3,
-    "compute.stack": 1, "compute.workers": 2, "kept.experiments": ["published"],
+    "compute.stack": 1, "compute.workers": 2, "final_model.experiments": ["published"],
     **{f"initializers.{name}": workspace.DROP for name in (
         "iu", "es", "rs", "mean", "kind_mean", "gaussian", "gaussian_centred", "es_permuted", "es_permuted_kinds",
         "soft_hybrid", "map_soft_hybrid",

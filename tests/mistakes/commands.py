@@ -109,7 +109,7 @@ NEAREST_CASES = [
     Typed("no such folder", "nearest bed --embedding nowhere", "nowhere"),
     Typed("a name of a folder that is too long", f"nearest bed --embedding {LARGEST}",
           "xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx...xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx"),
-    Typed("the pipeline's embedding, which is not there yet", "nearest bed", "data/kept/ai2thor"),
+    Typed("the pipeline's embedding, which is not there yet", "nearest bed", "data/final_models/ai2thor"),
     Typed("a number that is none", "nearest bed --top many --embedding home", "argument --top", status=2),
 ]  # fmt: skip
 

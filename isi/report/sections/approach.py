@@ -23,7 +23,7 @@ def contents(results: Results) -> Iterator[Content]:
     """Figure 1 and its distances."""
     if results.approach is None:
         return
-    how, traces = results.params.approach, results.approach.found
+    how, traces = results.params.trajectory, results.approach.found
     names = results.approach.experiment.entities["entity"]
     yield (
         "An embedding Θ⁰ is learned of what the robot knows. A novel entity is given a vector, Θ¹ starts there, and "

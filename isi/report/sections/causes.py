@@ -41,7 +41,7 @@ def contents(results: Results) -> Iterator[Content]:
         frame,
     )
     for name, one in found.items():
-        if one.how.followed:
+        if one.how.full_curves:
             yield from followed(results, name, one)
 
 

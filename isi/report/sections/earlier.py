@@ -44,7 +44,7 @@ def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]
     yield in_words(experiment.at_once, experiment.initializers)
     size = experiment.curve_size
     if size is None:
-        yield f"No size in `experiments.{experiment.name}.followed` was inserted, so there is no curve to draw."
+        yield f"No size in `experiments.{experiment.name}.full_curves` was inserted, so there is no curve to draw."
         return
     runs = with_nothing(results, experiment)
     pairs = at_the_end(runs)

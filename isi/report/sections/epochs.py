@@ -32,7 +32,7 @@ def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]
     margin, most = params.convergence.margin, params.finetuning.max_epochs
     yield in_words(convergence, initializers, margin, most)
     if experiment.curve_size is None:
-        yield f"No size in `experiments.{experiment.name}.followed` was inserted, so there is no curve to draw."
+        yield f"No size in `experiments.{experiment.name}.full_curves` was inserted, so there is no curve to draw."
     else:
         yield curves(experiment.curves, initializers, experiment.curve_size, margin)
         yield best_epochs(experiment.curves, initializers, experiment.curve_size)
@@ -44,7 +44,10 @@ def of_experiment(results: Results, experiment: Experiment) -> Iterator[Content]
 
 def at_other_rates(params: Params, experiment: Experiment, runs: pd.DataFrame) -> Iterator[Content]:
     """The study of rates."""
-    size, varied = params.rates.size, [name for name in experiment.finetuned if name in params.rates.initializers]
+    size, varied = (
+        params.rate_sweep.size,
+        [name for name in experiment.finetuned if name in params.rate_sweep.initializers],
+    )
     if not varied:
         return
     main = experiment.runs[(experiment.runs["size"] == size) & experiment.runs["model"].isin(varied)]

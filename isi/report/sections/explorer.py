@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from isi.analyses.single_insertions import HIDDEN, SHOWN, SINGLE_ANSWERS, THETA0, TRUE, ExplorerSettings
+from isi.analyses.single_insertions import HIDDEN, SHOWN, SINGLE_ANSWERS, THETA0, TRUE, ExplorerParams
 from isi.errors import InputError
 from isi.report.models import JOINT, colour, label
 from isi.report.prose import joined
@@ -49,7 +49,7 @@ def contents(results: Results) -> Iterator[Content]:
         raise InputError(SINGLE_ANSWERS.path(experiment=experiment.name), "", expected) from error
 
 
-def data_of(experiment: Experiment, found: Shown, how: ExplorerSettings) -> dict[str, Any]:
+def data_of(experiment: Experiment, found: Shown, how: ExplorerParams) -> dict[str, Any]:
     """All that the explorer shows, in as few numbers as say it: entities by id, ranks and rounded places as integers.
 
     Coordinates, similarities and weights are in hundredths; who has none has null.

@@ -21,20 +21,20 @@ def contents(results: Results) -> Iterator[Content]:
     """Who is ahead in words, and a row for each."""
     if results.families is None:
         return
-    rows, how = results.families.found, results.params.compare_families
+    rows, how = results.families.found, results.params.compare_models
     if rows.empty:
         return
-    chosen = {name: trained.model_dump() | results.params.families[name] for name, trained in how.families.items()}
+    chosen = {name: trained.model_dump() | results.params.models[name] for name, trained in how.models.items()}
     yield (
         f"The joint model, trained on everything, of every family on the graph of {results.families.experiment.title}, "
-        f"over test triples. Everything else here is with {called(results.params.embedding.family)}. {sentence(rows)}"
+        f"over test triples. Everything else here is with {called(results.params.embedding.model)}. {sentence(rows)}"
     )
     yield families(rows, chosen, how.seeds)
 
 
 def called(family: str) -> str:
     """What people call a family: the name of its class."""
-    return MODELS.get(family, f"families.{family}").__name__
+    return MODELS.get(family, f"models.{family}").__name__
 
 
 def sentence(rows: pd.DataFrame) -> str:

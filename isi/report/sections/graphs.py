@@ -129,7 +129,7 @@ def gains(one: Varied, experiment: str) -> dict[str, float]:
 def later(results: Results, one: Varied, experiment: str) -> dict[str, float]:
     """Epochs to convergence of those that were fine-tuned."""
     main = results.experiments.get(experiment)
-    left = main.how.at_once if main else []
+    left = main.how.immediate_only if main else []
     return epochs(results, replace(one, runs=one.runs[~one.runs["model"].isin(left)]), experiment)
 
 

@@ -46,7 +46,10 @@ def contents(results: Results) -> Iterator[Content]:
 def by_number(found: Mapping[str, Varied], experiment: str) -> pd.DataFrame:
     """A row for each number of insert triples."""
     return pd.DataFrame(
-        {"told": "all" if one.how.told is None else str(one.how.told), **about(one, experiment)}
+        {
+            "told": "all" if one.how.max_insert_triples is None else str(one.how.max_insert_triples),
+            **about(one, experiment),
+        }
         for one in found.values()
         if experiment in one.experiments
     )

@@ -1,0 +1,62 @@
+"""Hide entities of a graph from PyKEEN's training, and insert them."""
+
+from __future__ import annotations
+
+import json
+import sys
+from importlib.util import find_spec
+
+import numpy as np
+import pandas as pd
+import torch
+
+if find_spec("pykeen") is None:
+    sys.exit("insert_hidden: expected the package PyKEEN: pip install pykeen")
+
+from pykeen.datasets import get_dataset
+
+from isi.analyses.hidden_entities import HIDDEN_ENTITIES, mean_seconds, seconds_path
+from isi.analyses.hidden_in_pykeen import HidingTask, hidden_in
+from isi.experiment.grid import GridPoints
+from isi.experiment.runner import run
+from isi.graph.graph import Graph, build_graph
+from isi.graph.tables import GRAPH_ENTITIES, GRAPH_TRIPLES
+from isi.graph.words import load_vectors, look_up
+from isi.stage import StageContext, stage
+from isi.tables import io
+
+
+@stage
+def insert_hidden(context: StageContext, graph: str) -> None:
+    """Hide entities of a graph, let PyKEEN train on the others, insert the hidden, and query them."""
+    settings, params = context.beyond.hidden[graph], context.params
+    triples, phrases = of_package(graph) if settings.source == "pykeen" else of_pipeline(graph)
+    words = None if settings.words is None else look_up(load_vectors(settings.words), phrases).vectors
+    none = np.zeros((1, 0, 0), dtype=np.int64)
+    grid = [GridPoints(graph, triples, 0, [seed], none[0], none) for seed in range(settings.seeds)]
+    tasks = [HidingTask(points, words, settings, f"hidden.{graph}", params.seed) for points in grid]
+    answers, seconds = zip(*run(hidden_in, tasks, params.compute, f"hidden, {graph}"), strict=True)
+    HIDDEN_ENTITIES.write(pd.concat(answers, ignore_index=True), context.stage, graph=graph)
+    means = json.dumps(mean_seconds(pd.concat(seconds)), indent=1)
+    io.atomically(seconds_path(graph), lambda path: path.write_text(f"{means}\n", encoding="utf-8"))
+
+
+def of_package(name: str) -> tuple[Graph, list[str]]:
+    """A graph that lies in PyKEEN's package, of all its splits; and its entities' names."""
+    dataset = get_dataset(dataset=name)
+    splits = [factory.mapped_triples for factory in dataset.factory_dict.values()]
+    triples = torch.unique(torch.cat(splits), dim=0)
+    names = [sorted(ids, key=ids.__getitem__) for ids in (dataset.entity_to_id, dataset.relation_to_id)]
+    ones = torch.ones(len(triples), dtype=torch.int64)
+    return Graph(*names, triples, ones, torch.zeros(len(names[0]), dtype=torch.int64)), names[0]
+
+
+def of_pipeline(name: str) -> tuple[Graph, list[str]]:
+    """A graph of the second pipeline, and the phrases of its entities."""
+    entities = GRAPH_ENTITIES.read(graph=name)
+    graph = build_graph(entities, GRAPH_TRIPLES.read(graph=name), GRAPH_TRIPLES.path(graph=name))
+    return graph, list(entities["phrase"])
+
+
+if __name__ == "__main__":
+    insert_hidden()

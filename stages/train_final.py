@@ -1,0 +1,45 @@
+"""Train an embedding of all of an experiment's graph, which commands of ``isi`` insert into."""
+
+from __future__ import annotations
+
+from isi.analyses.final_model import final_task, usual_epochs
+from isi.analyses.final_model import train_final as train
+from isi.bundle.folder import write
+from isi.bundle.manifest import MODEL, Bundle, Manifest, WordSource
+from isi.experiment.runner import run
+from isi.experiment.store import Store
+from isi.experiment.tables import TRAINING_LOG
+from isi.experiment.train import train_config
+from isi.stage import StageContext, stage
+from isi.tables import paths
+from isi.tables.table import as_text
+
+
+@stage
+def train_final(context: StageContext, experiment: str) -> None:
+    """Train an embedding of all of an experiment's graph, which commands of ``isi`` insert into.
+
+    Trained as joint models are, for as many epochs as they usually took.
+    """
+    params, store = context.params, Store(experiment)
+    entities, graph, words = as_text(store.entities()), store.graph(), params.words
+    log = TRAINING_LOG.read(experiment=experiment, model="joint")
+    task = final_task(experiment, graph, train_config(params), usual_epochs(log))
+    (trained,) = run(train, [task], params.compute, f"{experiment}, final model")
+    of_package = MODEL if words.shipped and words.text != "glove" else None
+    model, options = params.embedding.model, params.models[params.embedding.model]
+    sections = ("words", "embedding", "negatives", "training")
+    settings = {name: getattr(params, name).model_dump(exclude_unset=True) for name in sections}
+    made = {"experiment": experiment, "epochs": task.epochs,
+            "params": {"seed": params.seed, f"models.{model}": options, **settings}}  # fmt: skip
+    source = WordSource(source=words.source, text=words.text, model=of_package)
+    manifest = Manifest(family=model, family_options=options, words=source, inserted=[], made=made)
+    bundle = Bundle(
+        manifest, trained.entity[0], trained.relation[0], graph.entities, list(entities["kind"]),
+        list(entities["phrase"]), graph.relations, graph.triples.numpy(), store.words(),
+    )  # fmt: skip
+    write(paths.final_model(experiment), bundle)
+
+
+if __name__ == "__main__":
+    train_final()
