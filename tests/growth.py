@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from isi import config
-from isi.evaluation.ranking import evaluate, padded_ids, prepare
+from isi.evaluation.ranking import evaluate, make_queries, padded_ids
 from isi.graph.graph import Graph
 from isi.graph.sampling import Shares, split
 from isi.graph.sessions import TEST, TRAIN, VALID, everything
@@ -78,7 +78,7 @@ def main() -> None:
 
     def rank() -> None:
         learned = session.members(TRAIN, VALID)
-        queries = prepare(session, padded_ids(asked), asked, learned, session.entities)
+        queries = make_queries(session, padded_ids(asked), asked, learned, session.entities)
         evaluate(state.embedding, {"test": queries})
 
     before = peak_mib()

@@ -17,11 +17,11 @@ from isi.training.batches import (
     ListBatch,
     Negatives,
     TrainingData,
-    as_lists,
     batches,
     count_negatives,
-    count_table,
+    count_positives,
     expected_negatives,
+    sample_batch,
     shuffle_into_batches,
     training_data,
 )
@@ -43,7 +43,7 @@ def observations(data: TrainingData) -> list[np.ndarray]:
 
 def sampled(data: TrainingData, ratio: int, root: int, epoch: int) -> Tensor:
     """Corrupted triples of all observations as one batch; shape (M, 1, R, E, E)."""
-    lists = as_lists(data, observations(data), ratio, root, epoch, 0)
+    lists = sample_batch(data, observations(data), ratio, root, epoch, 0)
     return count_negatives(data, lists)[:, None]
 
 
@@ -60,7 +60,7 @@ def small_points() -> GridPoints:
 
 def test_expected_negatives_by_hand() -> None:
     data = one_triple("unseen")
-    found = expected_negatives(data, count_table(data, observations(data)), 9)[0]
+    found = expected_negatives(data, count_positives(data, observations(data)), 9)[0]
     # 2 observations × 9: 18 tails over the entities 0 to 2, 18 heads over those never a head (1, 2), 18 of relation 1
     expected = torch.zeros(2, 4, 4)
     expected[0, 0, :3] = 6
@@ -90,7 +90,7 @@ def test_a_relation_whose_pool_is_empty_leaves_that_of_others_as_it_is() -> None
 def test_expected_negatives_are_the_mean_of_sampled_ones(head_pool: str) -> None:
     points, draws, ratio = points_of(random_graph(6, 3, 20), 1, [0, 1]), 600, 4
     data = training_data(points.session(0), "test", points.keys(), head_pool)
-    expected = expected_negatives(data, count_table(data, observations(data)), ratio)
+    expected = expected_negatives(data, count_positives(data, observations(data)), ratio)
     total = torch.zeros_like(expected)
     for epoch in range(draws):
         total += sampled(data, ratio, 0, epoch)[:, 0]
@@ -114,7 +114,7 @@ def test_sampled_negatives_stay_in_the_session_and_with_their_batch() -> None:
     points = small_points()
     data = training_data(points.session(0), "test", points.keys(), "unseen")
     for number, dealt in enumerate(shuffle_into_batches(data, 0, 1, 30)):
-        drawn = count_negatives(data, as_lists(data, dealt, 3, 0, 1, number))
+        drawn = count_negatives(data, sample_batch(data, dealt, 3, 0, 1, number))
         assert drawn.sum((1, 2, 3)).tolist() == [9 * len(one) for one in dealt]
         for model in range(4):
             outside = ~data.session.entities[model]
@@ -132,7 +132,7 @@ def test_true_relation_is_never_a_corrupted_one() -> None:
 def test_a_lone_relation_is_not_corrupted() -> None:
     data = one_triple("unseen", count=5, relations=1)
     assert sampled(data, 9, 0, 1).sum() == 2 * 45
-    assert expected_negatives(data, count_table(data, observations(data)), 9).sum() == pytest.approx(90)
+    assert expected_negatives(data, count_positives(data, observations(data)), 9).sum() == pytest.approx(90)
 
 
 def test_many_negatives_on_one_triple_do_not_overflow() -> None:

@@ -80,6 +80,7 @@ OPTIONS: dict[str, dict[str, object]] = {
     "complex": {},
     "transe": {"margin": 4.0, "squared": False},
     "rotate": {"margin": 4.0, "squared": False},
+    "transe_l1": {"margin": 4.0},
 }
 
 
@@ -292,7 +293,7 @@ def test_an_impossible_dimension_is_refused_by_name(name: str, dimension: int) -
 @pytest.mark.parametrize(
     ("name", "options", "said"),
     [
-        ("transe", {"margin": 1.0}, "key.squared: Field required"),
+        ("transe", {"squared": True}, "key.margin: Field required"),
         ("transe", {"margin": -1.0, "squared": False}, "key.margin: Input should be greater than 0"),
         ("rotate", {"margin": 1.0, "squared": "yes"}, "key.squared: Input should be a valid boolean"),
         ("distmult", {"margin": 1.0}, "key.margin: unknown key"),

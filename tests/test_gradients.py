@@ -11,9 +11,9 @@ from isi.models.stack import Embedding, select
 from isi.training.batches import (
     DenseBatch,
     ListBatch,
-    as_lists,
     count_negatives,
-    count_table,
+    count_positives,
+    sample_batch,
     shuffle_into_batches,
     training_data,
 )
@@ -43,9 +43,9 @@ def test_a_batch_has_the_same_gradient_as_lists_and_as_tables() -> None:
     points = points_of(random_graph(13, 3, 80), 2, [0, 1, 2, 3])
     data, embedding = training_data(points.session(0), "test", points.keys(), "unseen"), random_embedding(4, 13, 3, 12)
     dealt = shuffle_into_batches(data, 0, 1, 40)[1]
-    lists = as_lists(data, dealt, 3, 0, 1, 1)
+    lists = sample_batch(data, dealt, 3, 0, 1, 1)
     assert isinstance(lists, ListBatch)
-    tables = DenseBatch(count_table(data, dealt), count_negatives(data, lists))
+    tables = DenseBatch(count_positives(data, dealt), count_negatives(data, lists))
     one, other = (loss_gradient(embedding, batch) for batch in (lists, tables))
     torch.testing.assert_close(one.entity, other.entity, rtol=1e-4, atol=1e-5)
     torch.testing.assert_close(one.relation, other.relation, rtol=1e-4, atol=1e-5)

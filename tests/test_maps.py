@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from isi.models import bits
-from isi.models.bilinear import Blocks
+from isi.models.bilinear import BlockModel
 from isi.models.interaction import EPSILON, Distance
 from isi.models.model import make_model
 from isi.models.stack import uniform
@@ -98,7 +98,7 @@ def test_maps_of_analogy_are_dense_matrices(dimension: int) -> None:
     embedding = random_embedding(1, 2, 1, dimension, seed=dimension)
     head, tail, relation = embedding.entity[0, 0], embedding.entity[0, 1], embedding.relation[0, 0]
     matrix = dense(relation)
-    assert isinstance(ANALOGY, Blocks)
+    assert isinstance(ANALOGY, BlockModel)
     torch.testing.assert_close(ANALOGY.transform(head, relation), head @ matrix)
     torch.testing.assert_close(ANALOGY.transform_tail(head, relation), head @ matrix.T)
     torch.testing.assert_close(ANALOGY.score(head, relation, tail), head @ matrix @ tail)
@@ -120,13 +120,13 @@ def test_clamp_leaves_ordinary_relations_alone() -> None:
 
 @pytest.mark.parametrize("squared", [False, True])
 def test_a_distance_of_nothing_has_a_finite_gradient(squared: bool) -> None:
-    meeting, points = Distance(2.0, squared), torch.full((1, 2, 4), 0.3)
-    scores, pull = meeting.pairs(points, points)
+    interaction, points = Distance(2.0, squared), torch.full((1, 2, 4), 0.3)
+    scores, pull = interaction.pairs(points, points)
     nearest = 2 - (EPSILON if squared else math.sqrt(EPSILON))
     assert scores.flatten().tolist() == pytest.approx([nearest] * 4, abs=1e-3)
     for table in pull(torch.ones(1, 2, 2)):
         assert table.abs().max() < 1e-3
-    listed, pull = meeting.rows(points[0], points[0])
+    listed, pull = interaction.rows(points[0], points[0])
     assert listed.tolist() == pytest.approx([nearest] * 2)
     for table in pull(torch.ones(2)):
         assert table.abs().max() == 0

@@ -17,9 +17,9 @@ from isi.models.bilinear import ANALOGY
 from isi.models.interaction import Distance, Interaction
 from isi.models.model import Model, make_model
 from isi.models.stack import Embedding, select, uniform
-from isi.training import single_updates
-from isi.training.batches import Negatives, TrainingData, batches, in_turn, training_data
-from isi.training.trainer import ACCUMULATOR, Optimizer, State, run_epoch, start
+from isi.training import trainer
+from isi.training.batches import Negatives, TrainingData, batches, sample_epoch, training_data
+from isi.training.trainer import ACCUMULATOR, Optimizer, State, is_compiled, run_epoch, start
 from tests.graphs import graph_of, points_of, random_embedding, random_graph
 
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
@@ -38,7 +38,7 @@ def begin(points: GridPoints, kind: str = "analogy", half_range: float = 0.3) ->
 
 def by_batches(state: State, data: TrainingData, settings: Optimizer, epoch: int) -> None:
     """What an epoch is where nothing is compiled."""
-    with patch.object(single_updates, "serves", return_value=False):
+    with patch.object(trainer, "is_compiled", return_value=False):
         run_epoch(state, data, SAMPLED, settings, 0, epoch)
 
 
@@ -95,9 +95,9 @@ def test_one_update_by_hand() -> None:
     head, row, tail = (0.5, -1.0), (2.0, 1.0), (1.0, 0.25)
     family = make_model("distmult", {}, "distmult")
     state = start(Embedding(torch.tensor([[head, tail]]), torch.tensor([[row]]), family))
-    (drawn,) = in_turn(data, 1, 0, 1)
-    other = [head, tail][int(drawn.others[0])]
-    assert int(drawn.others[1]) == 1  # the only entity that never is a head
+    (drawn,) = sample_epoch(data, 1, 0, 1)
+    other = [head, tail][int(drawn.replacements[0])]
+    assert int(drawn.replacements[1]) == 1  # the only entity that never is a head
     run_epoch(state, data, Negatives(mode="sampled", ratio=1, head_pool="unseen"), SINGLY, 0, 1)
 
     def slope(h: tuple[float, ...], t: tuple[float, ...], y: float) -> float:
@@ -160,18 +160,18 @@ def test_no_observation_is_no_update() -> None:
 def test_draws_of_an_epoch_are_those_of_its_batches_of_one() -> None:
     points = small_points()
     data = training_data(points.session(0), "test", points.keys(), "unseen")
-    whole = in_turn(data, 3, 0, 1)
+    whole = sample_epoch(data, 3, 0, 1)
     positives = torch.stack([number for _, number in batches(data, SAMPLED, 1, 0, 1)])
     assert torch.equal(positives.sum(0), data.counts.sum(1))
     assert positives.max() == 1
     for model, one in enumerate(whole):
         number = int(data.counts[model].sum())
         assert one.negatives().shape == (9 * number, 3)
-        assert torch.equal(one.only(number - 1).triples[0], one.triples[-1])
-        assert len(one.only(number).negatives()) == 0
-    other = in_turn(replace(data, purpose="other"), 3, 0, 1)
+        assert torch.equal(one.at(number - 1).triples[0], one.triples[-1])
+        assert len(one.at(number).negatives()) == 0
+    other = sample_epoch(replace(data, purpose="other"), 3, 0, 1)
     assert not torch.equal(whole[0].negatives(), other[0].negatives())
-    assert not torch.equal(whole[0].negatives(), in_turn(data, 3, 0, 2)[0].negatives())
+    assert not torch.equal(whole[0].negatives(), sample_epoch(data, 3, 0, 2)[0].negatives())
 
 
 @dataclass(frozen=True)
@@ -193,9 +193,8 @@ def test_what_has_other_mathematics_learns_by_batches(family: Model, known: bool
     points = small_points([0])
     data = training_data(points.session(0), "test", points.keys(), "unseen")
     embedding = random_embedding(1, 13, 3, 20, model=family)
-    assert single_updates.can_compile(embedding, data, SAMPLED, 1) is known
-    assert not single_updates.can_compile(embedding, data, SAMPLED, 2)
-    assert not single_updates.can_compile(embedding, data, SAMPLED.model_copy(update={"mode": "expected"}), 1)
+    assert is_compiled(family, 1) is known
+    assert not is_compiled(family, 2)
     state = start(embedding)
     run_epoch(state, data, SAMPLED, SINGLY, 0, 1)
     assert not torch.equal(state.embedding.entity, embedding.entity)
@@ -205,12 +204,12 @@ def test_numba_is_imported_where_it_is_needed_alone_and_then_before_workers_are_
     """It takes a second, which few stages have to spend."""
     lines = (
         "import sys, stages.insert, stages.train_theta0",
-        "from isi.families import make",
-        "from isi.training.single_updates import prepare",
-        "prepare(make('analogy', {}, ''), 2048)",
-        "prepare(make('rotate', {'margin': 1.0, 'squared': True}, ''), 1)",
+        "from isi.models.model import make_model",
+        "from isi.training.trainer import compile_ahead",
+        "compile_ahead(make_model('analogy', {}, ''), 2048)",
+        "compile_ahead(make_model('rotate', {'margin': 1.0, 'squared': True}, ''), 1)",
         "assert 'numba' not in sys.modules",
-        "prepare(make('analogy', {}, ''), 1)",
+        "compile_ahead(make_model('analogy', {}, ''), 1)",
         "assert sys.modules['isi.training.compiled'].update.nopython_signatures",
     )
     subprocess.run([sys.executable, "-c", "; ".join(lines)], check=True)

@@ -10,7 +10,7 @@ from isi.graph.sampling import folds, split
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.initializers.controls import dealt_words, permuted_words, standard_normal
 from isi.initializers.paper import xavier
-from isi.training.batches import as_lists, in_turn, shuffle_into_batches, training_data
+from isi.training.batches import sample_batch, sample_epoch, shuffle_into_batches, training_data
 from tests.graphs import points_of, random_graph
 from tests.test_baselines import some
 from tests.test_sessions import generator
@@ -97,12 +97,12 @@ def test_negatives_are_drawn_from_a_stream_of_their_own(purpose: str, number: tu
     """Tails come first of a stream's numbers."""
     ratio, epoch = 2, 3
     if len(number) == 1:
-        drawn = in_turn(DATA, ratio, ROOT, epoch)
+        drawn = sample_epoch(DATA, ratio, ROOT, epoch)
         positives = [one.triples for one in drawn]
-        tails = [one.others[0] for one in drawn]
+        tails = [one.replacements[0] for one in drawn]
     else:
         dealt = shuffle_into_batches(DATA, ROOT, epoch, 10**6)[0]
-        lists = as_lists(DATA, dealt, ratio, ROOT, *number)
+        lists = sample_batch(DATA, dealt, ratio, ROOT, *number)
         own = [lists.triples.model == model for model in range(2)]
         positives = [DATA.session.graph.triples[dealt[model]] for model in range(2)]
         tails = [

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from isi.evaluation.query_sets import epoch_query_sets, validation
-from isi.evaluation.ranking import compare, evaluate, padded_ids, prepare
+from isi.evaluation.ranking import compare, evaluate, make_queries, padded_ids
 from isi.graph.sessions import VALID, everything
 from isi.models.stack import Embedding
 from tests.graphs import ANALOGY, Triple, graph_of, points_of, random_embedding, random_graph
@@ -28,10 +28,9 @@ def measure(
     """MRR*, its entity and relation halves, and MRR of the first model, of chosen queries."""
     _, entities, _ = embedding.entity.shape
     session = everything(graph_of(counts, entities, embedding.relation.shape[1]), torch.zeros(1, len(counts)))
-    masks = (torch.tensor([[triple in chosen for triple in counts]]) for chosen in (asked, filtered))
-    may = range(entities) if candidates is None else candidates
-    asks, leaves_out = masks
-    queries = prepare(session, padded_ids(asks), asks, leaves_out, torch.tensor([[e in may for e in range(entities)]]))
+    queried, left_out = (torch.tensor([[triple in chosen for triple in counts]]) for chosen in (asked, filtered))
+    may_answer = torch.tensor([[candidates is None or entity in candidates for entity in range(entities)]])
+    queries = make_queries(session, padded_ids(queried), queried, left_out, may_answer)
     return evaluate(embedding, {"own": queries})["own"].measures[0].tolist()
 
 

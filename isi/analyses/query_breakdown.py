@@ -13,12 +13,12 @@ from torch import Tensor
 
 from isi.config import Study
 from isi.evaluation.query_sets import epoch_query_sets, novel_query_set
-from isi.evaluation.ranking import Answered, Queries, Terms, answers, observations, prepare
+from isi.evaluation.ranking import Queries, RankedQueries, Ranks, make_queries, observations, rank_queries
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insertion_step import with_vectors
 from isi.experiment.tables import SCOPES, SESSION_CHECKS, SIZE_AND_SEED
 from isi.graph.sessions import TEST, TRAIN, VALID, Session, membership
-from isi.models.bilinear import Blocks
+from isi.models.bilinear import BlockModel
 from isi.models.model import Model
 from isi.models.stack import Embedding
 from isi.tables.rules import at_least, not_above, one_of, within
@@ -122,7 +122,7 @@ def query_sets_with_filters(session: Session, novel: Tensor, told: Tensor) -> li
     shared = {name: followed[name] for name in ("all", "novel_heldout")}, novel_query_set(session, novel, told)
     return [
         {(name, "learned"): queries for name, queries in scopes.items()}
-        | {(name, "true"): prepare(session, queries.slots, queries.queried, true, queries.candidates)
+        | {(name, "true"): make_queries(session, queries.triples, queries.queried, true, queries.candidates)
            for name, queries in scopes.items()}
         for scopes in shared
     ]  # fmt: skip
@@ -133,13 +133,13 @@ def every_query(
 ) -> dict[QueryCounts, pd.DataFrame]:
     """The queries of scopes that share their rows, one a row (see ``by_query``)."""
     parts: dict[QueryCounts, list[pd.DataFrame]] = {key: [] for key in scopes}
-    for piece in answers(embedding, scopes):
+    for piece in rank_queries(embedding, scopes):
         for key, answered in piece.items():
             parts[key].append(by_query(answered, is_novel))
     return {key: pd.concat(frames) for key, frames in parts.items()}
 
 
-def by_query(answered: Answered, is_novel: Tensor) -> pd.DataFrame:
+def by_query(answered: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
     """A row for each query: its model's place in the stack, the relation's id, what is hidden, its terms.
 
     Args:
@@ -166,8 +166,8 @@ def by_query(answered: Answered, is_novel: Tensor) -> pd.DataFrame:
     )  # fmt: skip
 
 
-def _some(terms: Terms, queries: slice) -> Terms:
-    return Terms(*(values[:, queries] for values in (terms.closeness, terms.rank, terms.tied)))
+def _some(terms: Ranks, queries: slice) -> Ranks:
+    return Ranks(*(values[:, queries] for values in (terms.closeness, terms.rank, terms.tied)))
 
 
 def means(queries: pd.DataFrame) -> pd.DataFrame:
@@ -185,7 +185,7 @@ def used(family: Model, relation: np.ndarray, seeds: Sequence[int], names: Seque
         names: of the relations.
     """
     parts = []
-    if isinstance(family, Blocks):
+    if isinstance(family, BlockModel):
         for part, magnitude in family.magnitudes(torch.as_tensor(relation)).items():
             uses = magnitude > USED  # (M, R, parts)
             counts = torch.cat([uses.sum(-1), uses.any(1).sum(-1, keepdim=True)], 1)

@@ -25,7 +25,7 @@ from isi.config import Option
 from isi.errors import InputError
 from isi.insertion.arguments import family_of, stack_of_one, table
 from isi.insertion.choose import middle
-from isi.insertion.taxicab import TransEL1
+from isi.models.distance import TransEL1
 from isi.models.model import MODELS
 from isi.sources.triples_with_ids import _names, read_ids
 

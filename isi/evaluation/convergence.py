@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-#: Scopes in which convergence is asked for.
+#: Query sets in which a run has to converge.
 SCOPES = ("all", "novel_heldout")
 
 
@@ -16,18 +16,19 @@ def epochs_to_convergence(
     """The first epoch at which each run is within the margin of the joint model of the same scope, size and seed.
 
     Args:
-        runs: in the columns of ``tables.RUNS`` and those of ``by``, which tell runs of one cell apart.
+        runs: in the columns of ``catalogue.RUNS`` and those of ``by``, which distinguish runs of one grid point.
         joint: the joint models' MRR*, likewise.
-        max_epochs: what runs that never get there count as.
+        max_epochs: the epochs of runs that do not converge.
 
     Returns:
-        columns of ``by``, scope, size, seed, epochs, converged, queries; cells without queries are left out.
+        columns of ``by``, scope, size, seed, epochs, converged, queries; grid points without queries are left out.
     """
-    cell = ["scope", "size", "seed"]
-    target = joint[joint["scope"].isin(SCOPES)].set_index(cell)["mrr_star"] - margin
-    tried = runs[runs["scope"].isin(SCOPES)].join(target.rename("target"), on=cell).dropna(subset=["mrr_star"])
-    reached = tried[tried["mrr_star"] >= tried["target"]].groupby([*by, *cell], observed=True)["epoch"].min()
-    found = tried.groupby([*by, *cell], observed=True)["queries"].first().to_frame()
-    found["converged"] = found.index.isin(reached.index)
-    found["epochs"] = reached.reindex(found.index).fillna(max_epochs)
-    return found.reset_index()
+    keys = ["scope", "size", "seed"]
+    target = joint[joint["scope"].isin(SCOPES)].set_index(keys)["mrr_star"] - margin
+    measured = runs[runs["scope"].isin(SCOPES)].join(target.rename("target"), on=keys).dropna(subset=["mrr_star"])
+    groups = [*by, *keys]
+    reached = measured[measured["mrr_star"] >= measured["target"]].groupby(groups, observed=True)["epoch"].min()
+    table = measured.groupby(groups, observed=True)["queries"].first().to_frame()
+    table["converged"] = table.index.isin(reached.index)
+    table["epochs"] = reached.reindex(table.index).fillna(max_epochs)
+    return table.reset_index()

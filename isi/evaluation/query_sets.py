@@ -1,22 +1,22 @@
-"""Scopes: which triples are queried about, and with what filter, so as to tell old knowledge from new."""
+"""Query sets: the triples that are queried, with filter and candidates, to measure old and new knowledge apart."""
 
 from __future__ import annotations
 
 from torch import Tensor
 
-from isi.evaluation.ranking import Queries, padded_ids, prepare
+from isi.evaluation.ranking import Queries, make_queries, padded_ids
 from isi.graph.sessions import TEST, TRAIN, VALID, Session, membership, touches
 
 
 def validation(session: Session) -> dict[str, Queries]:
-    """The validation triples, with train and valid as filter: what early stopping looks at."""
-    queried = session.members(VALID)
-    queries = prepare(session, padded_ids(queried), queried, session.members(TRAIN, VALID), session.entities)
+    """Query set valid, of early stopping: the validation triples, with train and valid as filter."""
+    valid = session.members(VALID)
+    queries = make_queries(session, padded_ids(valid), valid, session.members(TRAIN, VALID), session.entities)
     return {"valid": queries}
 
 
 def epoch_query_sets(session: Session, novel: Tensor) -> dict[str, Queries]:
-    """Scopes of D¹ that are followed through training: all, known, known_closed, novel_heldout.
+    """Query sets of D¹ that are measured through training: all, known, known_closed, novel_heldout.
 
     Args:
         session: D¹.
@@ -25,40 +25,38 @@ def epoch_query_sets(session: Session, novel: Tensor) -> dict[str, Queries]:
     is_novel = membership(novel, session.entities.shape[1])
     new = touches(session.graph, is_novel)
     test, heldout = session.members(TEST), session.members(VALID, TEST) & new
-    slots = padded_ids(test | heldout)
+    triples = padded_ids(test | heldout)
     old, learned, everyone = test & ~new, session.members(TRAIN, VALID), session.entities
     return {
-        "all": prepare(session, slots, test, learned, everyone),
-        "known": prepare(session, slots, old, learned, everyone),
-        "known_closed": prepare(session, slots, old, learned, everyone & ~is_novel),
-        "novel_heldout": prepare(session, slots, heldout, session.members(TRAIN), everyone),
+        "all": make_queries(session, triples, test, learned, everyone),
+        "known": make_queries(session, triples, old, learned, everyone),
+        "known_closed": make_queries(session, triples, old, learned, everyone & ~is_novel),
+        "novel_heldout": make_queries(session, triples, heldout, session.members(TRAIN), everyone),
     }
 
 
 def novel_query_set(session: Session, novel: Tensor, inserted: Tensor) -> dict[str, Queries]:
-    """Scope novel, at insertion: what touches a novel entity, less its insert triples.
+    """Query set novel, right after insertion: triples with a novel entity, minus the insert triples.
 
     Args:
         session: D¹.
         novel: shape (M, n).
         inserted: the insert triples; shape (M, T), bool.
     """
-    queried, filtered = _at_insertion(session, novel, novel, inserted)
-    return {"novel": prepare(session, padded_ids(queried), queried, filtered, session.entities)}
+    return {"novel": _at_insertion(session, novel, novel, inserted)}
 
 
 def entity_query_sets(session: Session, novel: Tensor, inserted: Tensor) -> list[Queries]:
-    """The queries of scope novel that touch one novel entity: one stack for each place in ``novel``."""
-    queries = []
-    for place in range(novel.shape[1]):
-        queried, filtered = _at_insertion(session, novel, novel[:, place : place + 1], inserted)
-        queries.append(prepare(session, padded_ids(queried), queried, filtered, session.entities))
-    return queries
+    """The queries of query set novel that touch one novel entity: one stack for each place in ``novel``."""
+    return [
+        _at_insertion(session, novel, novel[:, place : place + 1], inserted) for place in range(novel.shape[1])
+    ]  # fmt: skip
 
 
-def _at_insertion(session: Session, novel: Tensor, of: Tensor, inserted: Tensor) -> tuple[Tensor, Tensor]:
+def _at_insertion(session: Session, novel: Tensor, of: Tensor, inserted: Tensor) -> Queries:
+    """Queries of the triples of some novel entities; the filter is what is known after insertion."""
     graph, entities = session.graph, session.entities.shape[1]
-    new = touches(graph, membership(novel, entities))
-    about = touches(graph, membership(of, entities))
-    queried = session.members(TRAIN, VALID, TEST) & about & ~inserted
-    return queried, (session.members(TRAIN, VALID) & ~new) | inserted
+    new, of_entities = (touches(graph, membership(ids, entities)) for ids in (novel, of))
+    queried = session.members(TRAIN, VALID, TEST) & of_entities & ~inserted
+    filtered = (session.members(TRAIN, VALID) & ~new) | inserted
+    return make_queries(session, padded_ids(queried), queried, filtered, session.entities)

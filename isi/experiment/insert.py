@@ -19,9 +19,8 @@ from isi.experiment.store import Store
 from isi.experiment.tables import RUNS
 from isi.experiment.train import measure_columns, model_of, run_rows
 from isi.initializers.api import FALLBACKS, NovelEntities, options_of
-from isi.training import single_updates
 from isi.training.batches import Negatives
-from isi.training.trainer import Optimizer
+from isi.training.trainer import Optimizer, compile_ahead
 
 if TYPE_CHECKING:
     from isi.params import Params
@@ -102,7 +101,7 @@ def task_config(
     """
     optimizer = params.finetuning if finetuned else params.finetuning.model_copy(update={"max_epochs": 0})
     options = params.initializers[initializer] if options is None else options
-    single_updates.compile_ahead(model_of(params), optimizer.batch_size)
+    compile_ahead(model_of(params), optimizer.batch_size)
     return TaskConfig(
         initializer, options_of(initializer, options, f"initializers.{initializer}"), params.seed, params.negatives,
         optimizer, params.convergence.margin, full_curves,

@@ -20,7 +20,7 @@ from isi.experiment.grid import GridPoints, StackedVectors
 from isi.graph.sessions import Session
 from isi.models.model import Model, make_model
 from isi.models.stack import uniform
-from isi.training import single_updates, trainer
+from isi.training import trainer
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Training
 
@@ -67,7 +67,7 @@ def model_of(params: Params, name: str | None = None) -> Model:
 def train_config(params: Params, model: Model | None = None, training: Training | None = None) -> TrainConfig:
     """How params say that embeddings are trained, or with another model and training."""
     model, training = model or model_of(params), training or params.training
-    single_updates.compile_ahead(model, training.batch_size)
+    trainer.compile_ahead(model, training.batch_size)
     embedding = params.embedding
     return TrainConfig(params.seed, model, embedding.dimension, embedding.init_range, params.negatives, training)
 

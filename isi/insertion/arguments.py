@@ -18,7 +18,7 @@ import torch
 from isi.config import keywords
 from isi.errors import InputError, meant, short
 from isi.graph.graph import Graph
-from isi.insertion.taxicab import TransEL1
+from isi.models.distance import TransEL1
 from isi.models.model import Model, make_model
 from isi.models.stack import Embedding
 from isi.tables import paths

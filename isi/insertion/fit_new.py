@@ -18,7 +18,7 @@ from isi.insertion.arguments import Triple, argument, family_of, graph_of, names
 from isi.models.finite import NotFinite
 from isi.models.model import Model
 from isi.models.stack import Embedding
-from isi.training.batches import Negatives, fits_tables, training_data
+from isi.training.batches import Negatives, is_dense, training_data
 from isi.training.trainer import Optimizer, train
 
 
@@ -102,7 +102,7 @@ def _learned(theta: Embedding, triples: np.ndarray, new: int, optimizer: Optimiz
     graph, entities = graph_of(triples, theta), theta.entity.shape[1]
     everyone = torch.ones(1, entities, dtype=torch.bool)
     session = Session(graph, everyone, torch.full((1, len(triples)), TRAIN, dtype=torch.int8))
-    mode = "expected" if fits_tables(graph) else "sampled"
+    mode = "expected" if is_dense(graph) else "sampled"
     negatives = check({"mode": mode, "ratio": ratio, "head_pool": "unseen"}, Negatives, "", Path("fit_new"))
     novel = torch.arange(entities - new, entities)[None]
     data = training_data(session, "fine-tuning", torch.tensor([[entities, new]]), negatives.head_pool, novel)

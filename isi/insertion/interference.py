@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from isi.errors import InputError
-from isi.evaluation.ranking import answers, compare, padded_ids, prepare
+from isi.evaluation.ranking import compare, make_queries, padded_ids, rank_queries
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.sessions import TRAIN, Session
 from isi.insertion.arguments import graph_of
@@ -96,7 +96,7 @@ def _ranks(embedding: Embedding, asked: np.ndarray, right: np.ndarray, known: in
     is_asked[:, torch.from_numpy(place.flatten()[: len(asked)])] = True
     among = {"before": torch.arange(entities)[None] < known, "after": everyone}
     slots, filtered = padded_ids(is_asked), torch.ones_like(is_asked)
-    queries = {name: prepare(session, slots, is_asked, filtered, some) for name, some in among.items()}
-    pieces = list(answers(embedding, queries))
+    queries = {name: make_queries(session, slots, is_asked, filtered, some) for name, some in among.items()}
+    pieces = list(rank_queries(embedding, queries))
     before, after = (torch.cat([piece[name].entity.rank[0] for piece in pieces]).double() for name in among)
     return before, after

@@ -1,19 +1,15 @@
-"""Linear maps of scalars and 2×2 blocks, which ANALOGY, DistMult, ComplEx and RotatE share.
+"""Models whose relations are linear maps of scalars and 2×2 blocks: ANALOGY, DistMult and ComplEx.
 
-Of the d coordinates of a vector the first are scalars, as many as the family's share of them; the
-others are the a-halves, then the b-halves, of blocks. A relation holds one factor for each scalar
-and, at the places of a and b, the x and y of the block ``[[x, y], [-y, x]]`` (rows times columns).
-With ``swap`` exchanging a and b,
+Of the d coordinates of a vector the first are scalars. The others are the a-halves, then the b-halves,
+of blocks. A relation holds one factor for each scalar and, at the places of a and b, the x and y of the
+block ``[[x, y], [-y, x]]`` (rows times columns). With ``swap`` exchanging a and b,
 
     vᵀW = v ⊙ (r, x, x) + swap(v) ⊙ (0, -y, y)
 
-so that a map costs two products, whatever it does with its result.
+so that a map costs two products.
 
-ANALOGY (Liu et al. 2017): normal, commuting linear maps as relations (section 2).
-
-ComplEx (Trouillon et al. 2016): complex vectors, real halves before imaginary ones.
-
-DistMult (Yang et al. 2015): one factor a coordinate; a triple and its reverse score alike.
+ANALOGY: Liu et al. 2017 (section 2: relations are normal, commuting linear maps). DistMult: Yang et al.
+2015. ComplEx: Trouillon et al. 2016.
 """
 
 from __future__ import annotations
@@ -34,8 +30,8 @@ from isi.tables import paths
 CLAMP = 1e-6
 
 
-class Blocks(RelationMapModel):
-    """f(h, r, t) = ⟨vₕᵀW, vₜ⟩, where W has scalars and blocks on its diagonal."""
+class BlockModel(RelationMapModel):
+    """f(h, r, t) = interaction(vₕᵀW, vₜ), where W has scalars and blocks on its diagonal; a product unless changed."""
 
     #: of a hundred coordinates, how many are scalars
     scalars: ClassVar[int]
@@ -56,28 +52,28 @@ class Blocks(RelationMapModel):
         return dimension * self.scalars // 100
 
     def maps(self, relation: Tensor) -> Tensor:
-        """(r, x, y) of relations; shape (..., d)."""
+        """(r, x, y) of relations, (..., w); shape (..., d)."""
         return relation
 
-    def pull_maps(self, by_maps: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
+    def maps_backward(self, by_maps: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
         """Gradient by relations, (..., w), from that by their ``maps``, (..., d)."""
         return by_maps
 
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
         """vᵀW."""
-        return self._carry(vectors, self.maps(relation))
+        return self._apply(self.maps(relation), vectors)
 
     def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """vᵀWᵀ: the y of each block changes its sign."""
+        """Wv = vᵀWᵀ: the y of each block changes its sign."""
         scalars, x, y = self._parts(self.maps(relation))
-        return self._carry(vectors, torch.cat([scalars, x, -y], -1))
+        return self._apply(torch.cat([scalars, x, -y], -1), vectors)
 
     def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:
         """vᵀW⁻¹, with |r| and x² + y² clamped to at least ``CLAMP``."""
         scalars, x, y = self._parts(self.maps(relation))
         sign = torch.where(scalars < 0, -1.0, 1.0)
         norm = (x * x + y * y).clamp(min=CLAMP)
-        return self._carry(vectors, torch.cat([sign / scalars.abs().clamp(min=CLAMP), x / norm, -y / norm], -1))
+        return self._apply(torch.cat([sign / scalars.abs().clamp(min=CLAMP), x / norm, -y / norm], -1), vectors)
 
     def magnitudes(self, relation: Tensor) -> dict[str, Tensor]:
         """|r| of the scalars and sqrt(x² + y²) of the blocks of relations, (..., w); shapes (..., parts)."""
@@ -86,38 +82,40 @@ class Blocks(RelationMapModel):
 
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
         straight, crossed = (triples.relations(factor) for factor in self._factors(self.maps(relation)))
-        heads, swapped = triples.heads(entity), triples.heads(self.swap(entity))
-        rows, mapped = triples.room(entity)
+        heads, swapped = triples.heads(entity), triples.heads(self._swap(entity))
+        memory, mapped = triples.empty_mapped(entity)
         torch.mul(heads, straight, out=mapped).addcmul_(swapped, crossed)
 
-        def pull(by_mapped: Tensor) -> tuple[Tensor, Tensor]:
-            by_entity = triples.by_head(by_mapped * straight, (by_mapped * crossed, self.swap))
+        def backward(by_mapped: Tensor) -> tuple[Tensor, Tensor]:
+            by_entity = triples.by_head(by_mapped * straight, (by_mapped * crossed, self._swap))
             by_straight, by_crossed = triples.by_relation(by_mapped * heads), triples.by_relation(by_mapped * swapped)
-            return by_entity, self.pull_maps(self._by_factors(by_straight, by_crossed), relation)
+            return by_entity, self.maps_backward(self._factors_backward(by_straight, by_crossed), relation)
 
-        return rows, pull
+        return memory, backward
 
-    def swap(self, vectors: Tensor) -> Tensor:
+    def _apply(self, maps: Tensor, vectors: Tensor) -> Tensor:
+        """vᵀW; shapes (..., d)."""
+        straight, crossed = self._factors(maps)
+        return torch.addcmul(vectors * straight, self._swap(vectors), crossed)
+
+    def _parts(self, vectors: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Scalars, a-halves and b-halves."""
+        first = self.first_block(vectors.shape[-1])
+        middle = (first + vectors.shape[-1]) // 2
+        return vectors[..., :first], vectors[..., first:middle], vectors[..., middle:]
+
+    def _swap(self, vectors: Tensor) -> Tensor:
         """Exchange the a- and b-halves of the blocks; scalars stay. Shape (..., d)."""
         scalars, a, b = self._parts(vectors)
         return torch.cat([scalars, b, a], -1)
 
-    def _carry(self, vectors: Tensor, maps: Tensor) -> Tensor:
-        straight, crossed = self._factors(maps)
-        return torch.addcmul(vectors * straight, self.swap(vectors), crossed)
-
-    def _parts(self, vectors: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        dimension = vectors.shape[-1]
-        first = self.first_block(dimension)
-        middle = (first + dimension) // 2
-        return vectors[..., :first], vectors[..., first:middle], vectors[..., middle:]
-
     def _factors(self, maps: Tensor) -> tuple[Tensor, Tensor]:
+        """(r, x, x) and (0, -y, y) of (r, x, y); shapes (..., d)."""
         scalars, x, y = self._parts(maps)
         return torch.cat([scalars, x, x], -1), torch.cat([torch.zeros_like(scalars), -y, y], -1)
 
-    def _by_factors(self, straight: Tensor, crossed: Tensor) -> Tensor:
-        """Gradient by maps from those by their two factors (see ``_factors``); shape (..., d)."""
+    def _factors_backward(self, straight: Tensor, crossed: Tensor) -> Tensor:
+        """Gradient by maps from those by their two factors; shape (..., d)."""
         scalars, straight_a, straight_b = self._parts(straight)
         _, crossed_a, crossed_b = self._parts(crossed)
         return torch.cat([scalars, straight_a + straight_b, crossed_b - crossed_a], -1)
@@ -125,23 +123,27 @@ class Blocks(RelationMapModel):
 
 @register_model("analogy")
 @dataclass(frozen=True)
-class ANALOGY(Blocks):
+class ANALOGY(BlockModel):
     """f(h, r, t) = ⟨vₕᵀW, vₜ⟩: half of the coordinates are scalars, half are of blocks."""
 
+    linear = True
     scalars = 50
 
 
 @register_model("complex")
 @dataclass(frozen=True)
-class ComplEx(Blocks):
+class ComplEx(BlockModel):
     """f(h, r, t) = Re⟨vₕ ⊙ r, conj(vₜ)⟩: all coordinates are of blocks."""
 
+    linear = True
+    complex_vectors = True
     scalars = 0
 
 
 @register_model("distmult")
 @dataclass(frozen=True)
-class DistMult(Blocks):
-    """f(h, r, t) = ⟨vₕ ⊙ r, vₜ⟩."""
+class DistMult(BlockModel):
+    """f(h, r, t) = ⟨vₕ ⊙ r, vₜ⟩: a triple and its reverse score alike."""
 
+    linear = True
     scalars = 100

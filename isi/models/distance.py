@@ -1,6 +1,7 @@
-"""TransE (Bordes et al. 2013): a relation is a step from head to tail.
+"""Models that score by a distance: TransE, with either norm, and RotatE.
 
-RotatE (Sun et al. 2019): a relation turns each pair of coordinates by a phase.
+TransE (Bordes et al. 2013): a relation is a translation from head to tail. RotatE (Sun et al. 2019): a
+relation turns each pair of coordinates by an angle.
 """
 
 from __future__ import annotations
@@ -13,23 +14,16 @@ from torch import Tensor
 
 from isi.config import Positive
 from isi.models import bits
-from isi.models.bilinear import Blocks
+from isi.models.bilinear import BlockModel
 from isi.models.interaction import Backward, Distance, Interaction
-from isi.models.model import RelationMapModel, register_model
+from isi.models.model import Model, RelationMapModel, register_model
 from isi.models.triples import Triples
 
 
-@register_model("transe")
-@dataclass(frozen=True)
-class TransE(RelationMapModel):
-    """f(h, r, t) = margin - ‖vₕ + r - vₜ‖, or less its square."""
+class Translation(Model):
+    """Relations that translate a head: h + r."""
 
-    margin: Positive
-    squared: bool
-
-    @property
-    def interaction(self) -> Interaction:
-        return Distance(self.margin, self.squared)
+    distance = True
 
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
         """v + r."""
@@ -39,26 +33,53 @@ class TransE(RelationMapModel):
         """v - r."""
         return vectors - relation
 
+
+@register_model("transe")
+@dataclass(frozen=True)
+class TransE(Translation, RelationMapModel):
+    """f(h, r, t) = margin - ‖vₕ + r - vₜ‖, or margin minus its square."""
+
+    margin: Positive
+    squared: bool = False
+
+    @property
+    def interaction(self) -> Interaction:
+        return Distance(self.margin, self.squared)
+
     def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
         return self.inverse(vectors, relation)
 
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
-        rows, mapped = triples.room(entity)
+        memory, mapped = triples.empty_mapped(entity)
         torch.add(triples.heads(entity), triples.relations(relation), out=mapped)
-        return rows, lambda pulled: (triples.by_head(pulled), triples.by_relation(pulled))
+        return memory, lambda by_mapped: (triples.by_head(by_mapped), triples.by_relation(by_mapped))
+
+
+@register_model("transe_l1")
+@dataclass(frozen=True)
+class TransEL1(Translation):
+    """f(h, r, t) = margin - ‖vₕ + r - vₜ‖₁, the default of PyKEEN, TorchKGE and OpenKE."""
+
+    margin: Positive
+
+    def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
+        return self.margin - (head + relation - tail).abs().sum(-1)
 
 
 @register_model("rotate")
 @dataclass(frozen=True)
-class RotatE(Blocks):
-    """f(h, r, t) = margin - ‖vₕᵀW - vₜ‖, or less its square, where W has blocks of x = cos θ, y = sin θ.
+class RotatE(BlockModel):
+    """f(h, r, t) = margin - ‖vₕᵀW - vₜ‖, or margin minus its square, where W has blocks of x = cos θ, y = sin θ.
 
-    A relation's row holds the phases θ.
+    A relation's row holds the angles θ.
     """
 
+    distance = True
+    complex_vectors = True
+    angles = True
     scalars = 0
     margin: Positive
-    squared: bool
+    squared: bool = False
 
     @property
     def interaction(self) -> Interaction:
@@ -74,7 +95,7 @@ class RotatE(Blocks):
     def maps(self, relation: Tensor) -> Tensor:
         return torch.cat([bits.padded(torch.cos, relation), bits.padded(torch.sin, relation)], -1)
 
-    def pull_maps(self, by_maps: Tensor, relation: Tensor) -> Tensor:
-        """By θ: cos θ times that by y, less sin θ times that by x."""
+    def maps_backward(self, by_maps: Tensor, relation: Tensor) -> Tensor:
+        """By θ: cos θ times the gradient by y, minus sin θ times that by x."""
         (x, y), (by_x, by_y) = self.maps(relation).chunk(2, -1), by_maps.chunk(2, -1)
         return x * by_y - y * by_x

@@ -1,6 +1,6 @@
-"""How a mapped head meets a tail: the last step of a triple's score, with its gradient.
+"""How a mapped head and a tail make a score, with its gradient: a product or a distance.
 
-Each way comes in two forms: of rows, pair by pair, and of all pairs of two tables, which is one
+Each interaction has two forms: of rows, pair by pair, and of all pairs of two tables, which is one
 matrix product (and two norms for a distance).
 """
 
@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
-#: Smallest squared distance that is told from zero: below it rounding decides, and a gradient that
-#: divides by the distance would be noise.
+#: Smallest squared distance: below it rounding decides, and a gradient that divides by the distance would be noise.
 EPSILON = 1e-6
 
 #: From the slope of each score to the gradients of Σ slope · f by two tables.
@@ -24,14 +23,11 @@ Backward = Callable[[Tensor], tuple[Tensor, Tensor]]
 class Interaction(Protocol):
     """Scores f(m, t) of mapped heads m and tails t."""
 
-    #: whether f is linear in either
-    linear: ClassVar[bool]
-
     def score(self, mapped: Tensor, tail: Tensor) -> Tensor:
         """Scores of pairs; shapes (..., d), broadcast against each other, result (...)."""
 
     def rows(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
-        """Scores of pairs, and how slopes of them pull at mapped heads and tails; shapes (N, d), scores (N,)."""
+        """Scores of pairs, and gradients by mapped heads and tails; shapes (N, d), scores (N,)."""
 
     def pairs(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
         """The same of all pairs; shapes (M, N, d) and (M, E, d), scores (M, N, E).
@@ -44,8 +40,6 @@ class Interaction(Protocol):
 class Product:
     """f = ⟨m, t⟩."""
 
-    linear: ClassVar[bool] = True
-
     def score(self, mapped: Tensor, tail: Tensor) -> Tensor:
         return (mapped * tail).sum(-1)
 
@@ -53,10 +47,10 @@ class Product:
         return self.score(mapped, tail), lambda slope: (tail * slope[:, None], mapped * slope[:, None])
 
     def pairs(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
-        def pull(slope: Tensor) -> tuple[Tensor, Tensor]:
+        def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
             return torch.bmm(slope, tail), torch.bmm(slope.mT, mapped[:, : slope.shape[1]])
 
-        return torch.bmm(mapped, tail.mT), pull
+        return torch.bmm(mapped, tail.mT), backward
 
 
 @dataclass(frozen=True)
@@ -67,36 +61,35 @@ class Distance:
     gradient by m is c · (t - m), and the opposite by t.
     """
 
-    linear: ClassVar[bool] = False
     margin: float
     squared: bool
 
     def score(self, mapped: Tensor, tail: Tensor) -> Tensor:
-        return self.margin - self._measured((mapped - tail).square().sum(-1))
+        return self.margin - self._distance((mapped - tail).square().sum(-1))
 
     def rows(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
         gap = tail - mapped
-        distance = self._measured(gap.square().sum(-1))
+        distance = self._distance(gap.square().sum(-1))
 
-        def pull(slope: Tensor) -> tuple[Tensor, Tensor]:
-            pulled = gap * self._times_c(slope, distance)[:, None]
-            return pulled, -pulled
+        def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
+            by_mapped = gap * self._times_c(slope, distance)[:, None]
+            return by_mapped, -by_mapped
 
-        return self.margin - distance, pull
+        return self.margin - distance, backward
 
     def pairs(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
         square = mapped.square().sum(-1)[:, :, None] + tail.square().sum(-1)[:, None]
-        distance = self._measured(square.baddbmm_(mapped, tail.mT, alpha=-2))
+        distance = self._distance(square.baddbmm_(mapped, tail.mT, alpha=-2))
 
-        def pull(slope: Tensor) -> tuple[Tensor, Tensor]:
-            some = mapped[:, : slope.shape[1]]
+        def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
+            first = mapped[:, : slope.shape[1]]
             weight = self._times_c(slope, distance[:, : slope.shape[1]])
-            by_mapped = torch.bmm(weight, tail).sub_(some * weight.sum(2)[..., None])
-            return by_mapped, torch.bmm(weight.mT, some).sub_(tail * weight.sum(1)[..., None])
+            by_mapped = torch.bmm(weight, tail).sub_(first * weight.sum(2)[..., None])
+            return by_mapped, torch.bmm(weight.mT, first).sub_(tail * weight.sum(1)[..., None])
 
-        return self.margin - distance, pull
+        return self.margin - distance, backward
 
-    def _measured(self, square: Tensor) -> Tensor:
+    def _distance(self, square: Tensor) -> Tensor:
         square = square.clamp_(min=EPSILON)
         return square if self.squared else square.sqrt_()
 

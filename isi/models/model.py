@@ -1,12 +1,10 @@
-"""What a family of embeddings says of itself, and all ways to score that follow from it.
+"""A model: how a triple is scored, and all ways to score and all gradients that follow from it.
 
-A family is a frozen dataclass whose fields are its options. One that has a ``score`` of its own and
-no more derives from ``Family``: everything else follows, one model after the other, with gradients
-by autograd. One whose relations map heads to where they meet tails derives from ``Mapping``: all
-pairs then meet at once, for a stack of models, and its map alone is left to autograd, or says its
-gradient in closed form (``map``).
-
-Families of embeddings, one module each, registered under the name of its file.
+A model is a frozen dataclass whose fields are its options, registered under a name. One that has a
+``score`` of its own derives from ``Model``: everything else follows, one embedding of the stack after
+the other, with gradients by autograd. One whose relations map a head derives from ``RelationMapModel``:
+all pairs of mapped heads and tails are then scored at once, for the whole stack, and its map alone is
+left to autograd, or has a gradient in closed form (``map``).
 """
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ from isi.models.interaction import Backward, Interaction
 from isi.models.triples import Triples
 from isi.registry import Plugins
 
-#: Numbers in intermediate results, at most, where entities are scored one by one.
+#: Numbers in intermediate results, at most, where entities are scored query by query.
 BUDGET = 2**24
 
 
@@ -33,11 +31,22 @@ class Model(ABC):
     Tables of a stack are (M, E, d) for entities and (M, R, w) for relations, where w is ``width``.
     """
 
+    #: whether f is linear in a head and in a tail: f(h, r, t) = ⟨transform(h, r), t⟩ = ⟨h, transform_tail(t, r)⟩
+    linear: ClassVar[bool] = False
+    #: whether ``transform`` and ``inverse`` are known
+    invertible: ClassVar[bool] = True
+    #: whether f = margin - a distance, with the margin as an option
+    distance: ClassVar[bool] = False
+    #: whether vectors are complex numbers, real halves before imaginary ones
+    complex_vectors: ClassVar[bool] = False
+    #: whether the row of a relation holds angles
+    angles: ClassVar[bool] = False
+
     def width(self, dimension: int) -> int:
         """Numbers in a relation's row, where a vector has ``dimension``.
 
         Raises:
-            InputError: where the family has no vectors of this dimension.
+            InputError: where the model has no vectors of this dimension.
         """
         return dimension
 
@@ -58,21 +67,16 @@ class Model(ABC):
         """Where the head of a tail must be; shapes (..., d), (..., w)."""
 
     def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """Where unmapped heads meet a tail; where nothing else is said, where the head must be."""
+        """Wv, what takes the place of vᵀW where the tail is transformed; the inverse unless a model says otherwise."""
         return self.inverse(vectors, relation)
-
-    @property
-    def linear(self) -> bool:
-        """Whether f is linear in a head and in a tail: f(h, r, t) = ⟨transform(h, r), t⟩ = ⟨h, pullback(t, r)⟩."""
-        return False
 
     def score_tails(self, head: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
         """Scores of all entities as tail; shapes (M, Q, d), (M, Q, w), (M, E, d), result (M, Q, E)."""
-        return _one_by_one(lambda h, r, e: self.score(h[:, None], r[:, None], e), head, relation, entity)
+        return _in_parts(lambda h, r, e: self.score(h[:, None], r[:, None], e), head, relation, entity)
 
     def score_heads(self, tail: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
         """Scores of all entities as head; shapes (M, Q, d), (M, Q, w), (M, E, d), result (M, Q, E)."""
-        return _one_by_one(lambda t, r, e: self.score(e, r[:, None], t[:, None]), tail, relation, entity)
+        return _in_parts(lambda t, r, e: self.score(e, r[:, None], t[:, None]), tail, relation, entity)
 
     def scores(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
         """Scores of triples, and the gradients of Σ slope · f by both tables, as a function of the slopes.
@@ -80,40 +84,23 @@ class Model(ABC):
         The slopes are of the shape of the scores, which they may have overwritten.
         """
         scores = triples.empty_scores(entity)
-        for model, place, pick in triples.one_by_one():
-            scores[place] = self.score(*pick(entity[model], relation[model]))
-
-        def pull(slope: Tensor) -> tuple[Tensor, Tensor]:
-            total = torch.zeros_like(entity), torch.zeros_like(relation)
-            for model, place, pick in triples.one_by_one():
-                with torch.enable_grad():
-                    tables = _leaves(entity[model], relation[model])
-                    score = self.score(*pick(*tables))
-                for sums, part in zip(total, torch.autograd.grad(score, tables, slope[place]), strict=True):
-                    sums[model] += part
-            return total
-
-        return scores, pull
+        return scores, _by_autograd(self.score, entity, relation, triples, scores)
 
 
 class RelationMapModel(Model):
-    """Relations that map a head to where it meets a tail: f(h, r, t) = meeting(transform(h, r), t)."""
+    """Relations that map a head: f(h, r, t) = interaction(transform(h, r), t)."""
 
     @property
     @abstractmethod
     def interaction(self) -> Interaction:
-        """How a mapped head meets a tail."""
+        """How a mapped head and a tail make a score."""
 
     @abstractmethod
     def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """Where unmapped heads meet a tail: meeting(transform(h, r), t) = meeting(h, pullback(t, r)).
+        """The tail as heads see it: interaction(transform(h, r), t) = interaction(h, transform_tail(t, r)).
 
         The transposed map for a product, the inverse for a distance that the map keeps.
         """
-
-    @property
-    def linear(self) -> bool:
-        return self.interaction.linear
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
         return self.interaction.score(self.transform(head, relation), tail)
@@ -125,55 +112,56 @@ class RelationMapModel(Model):
         return self.interaction.pairs(self.transform_tail(tail, relation), entity)[0]
 
     def scores(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
-        rows, pull_map = self.map(entity, relation, triples)
-        scores, pull_meeting = triples.meet(self.interaction, rows, entity)
+        mapped, map_backward = self.map(entity, relation, triples)
+        scores, interaction_backward = triples.interact(self.interaction, mapped, entity)
 
-        def pull(slope: Tensor) -> tuple[Tensor, Tensor]:
-            by_mapped, by_tail = pull_meeting(slope)
-            by_head, by_relation = pull_map(by_mapped)
+        def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
+            by_mapped, by_tail = interaction_backward(slope)
+            by_head, by_relation = map_backward(by_mapped)
             return by_tail.add_(by_head), by_relation
 
-        return scores, pull
+        return scores, backward
 
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
-        """Mapped heads of triples, in their ``room``, and the gradients of what pulls at them by both tables."""
-        rows, mapped = triples.room(entity)
-        for model, place, pick in triples.one_by_one():
-            head, row, _ = pick(entity[model], relation[model])
-            mapped[place] = self.transform(head, row).view_as(mapped[place])
-
-        def pull(by_mapped: Tensor) -> tuple[Tensor, Tensor]:
-            total = torch.zeros_like(entity), torch.zeros_like(relation)
-            for model, place, pick in triples.one_by_one():
-                with torch.enable_grad():
-                    tables = _leaves(entity[model], relation[model])
-                    head, row, _ = pick(*tables)
-                    reached = self.transform(head, row)
-                pulled = by_mapped[place].view_as(reached)
-                for sums, part in zip(total, torch.autograd.grad(reached, tables, pulled), strict=True):
-                    sums[model] += part
-            return total
-
-        return rows, pull
+        """Mapped heads of triples (see ``Triples.empty_mapped``), and from gradients by them those by both tables."""
+        memory, mapped = triples.empty_mapped(entity)
+        return memory, _by_autograd(lambda h, r, _: self.transform(h, r), entity, relation, triples, mapped)
 
 
-def _leaves(*tables: Tensor) -> tuple[Tensor, ...]:
-    """Tables by which autograd can take a gradient."""
-    return tuple(table.detach().requires_grad_() for table in tables)
+def _by_autograd(
+    function: Callable[[Tensor, Tensor, Tensor], Tensor], entity: Tensor, relation: Tensor, triples: Triples,
+    values: Tensor,
+) -> Backward:  # fmt: skip
+    """Fill in the values of a function of head, relation and tail, and give its gradients by both tables."""
+    for model, place, pick in triples.parts():
+        values[place] = function(*pick(entity[model], relation[model])).view_as(values[place])
+
+    def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
+        total = torch.zeros_like(entity), torch.zeros_like(relation)
+        for model, place, pick in triples.parts():
+            tables = tuple(table[model].detach().requires_grad_() for table in (entity, relation))
+            with torch.enable_grad():
+                result = function(*pick(*tables))
+            gradients = torch.autograd.grad(result, tables, slope[place].view_as(result))
+            for table, gradient in zip(total, gradients, strict=True):
+                table[model] += gradient
+        return total
+
+    return backward
 
 
-def _one_by_one(
+def _in_parts(
     score: Callable[[Tensor, Tensor, Tensor], Tensor], known: Tensor, relation: Tensor, entity: Tensor
 ) -> Tensor:
-    """Scores of all entities, model by model, for as many queries at once as ``BUDGET`` allows."""
-    at_once = max(1, BUDGET // entity[0].numel())
+    """Scores of all entities, for as many queries at a time as ``BUDGET`` allows."""
+    number = max(1, BUDGET // entity[0].numel())
     return torch.stack([
-        torch.cat([score(k, r, e) for k, r in zip(ks.split(at_once), rs.split(at_once), strict=True)])
+        torch.cat([score(k, r, e) for k, r in zip(ks.split(number), rs.split(number), strict=True)])
         for ks, rs, e in zip(known, relation, entity, strict=True)
     ])  # fmt: skip
 
 
-F = TypeVar("F", bound=type[Model])
+M = TypeVar("M", bound=type[Model])
 
 MODELS: Plugins[type[Model]] = Plugins("isi.models")
 
@@ -187,10 +175,10 @@ class EmbeddingParams(Section):
     init_range: Positive
 
 
-def register_model(name: str) -> Callable[[F], F]:
-    """Register a dataclass as the family of a name; its fields are its options."""
+def register_model(name: str) -> Callable[[M], M]:
+    """Register a dataclass as the model of a name; its fields are its options."""
 
-    def register(kind: F) -> F:
+    def register(kind: M) -> M:
         MODELS.register(name, kind)
         return kind
 
@@ -198,7 +186,7 @@ def register_model(name: str) -> Callable[[F], F]:
 
 
 def make_model(name: str, options: Mapping[str, Any], key: str) -> Model:
-    """The family of a name, with its options.
+    """The model of a name, with its options.
 
     Raises:
         InputError: where there is none, or it does not take these options; ``key`` is where they stand.

@@ -1,10 +1,11 @@
-"""A stack of embeddings: the unit of training, ranking and insertion."""
+"""A stack of embeddings, scored by one model: the unit of training, ranking and insertion."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -17,11 +18,11 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Embedding:
-    """Vectors of entities and relations of M models of one model."""
+    """Vectors of entities and relations of a stack of M embeddings, and the model that scores their triples."""
 
     #: shape: (M, E, d)
     entity: Tensor
-    #: shape: (M, R, w), with the family's width
+    #: shape: (M, R, w), with the model's width
     relation: Tensor
     model: Model = field(metadata={"shared": True})
 
@@ -55,8 +56,8 @@ class Embedding:
             novel_is_tail: where the relation takes the head if true, else where the head of the tail must be;
                 shape (...).
         """
-        there, back = self.model.transform(known, relation), self.model.inverse(known, relation)
-        return torch.where(novel_is_tail[..., None], there, back)
+        as_tail, as_head = self.model.transform(known, relation), self.model.inverse(known, relation)
+        return torch.where(novel_is_tail[..., None], as_tail, as_head)
 
 
 def rows(table: Tensor, ids: Tensor) -> Tensor:
@@ -65,10 +66,10 @@ def rows(table: Tensor, ids: Tensor) -> Tensor:
 
 
 def select(stacked: T, models: Tensor) -> T:
-    """The same value for some of its models only, by a mask or ids.
+    """The same value for some embeddings of a stack only, by a mask or places.
 
-    Takes tensors, whose first dimension is the stack, and mappings and data classes of them. What the
-    models share stays whole: a field that says ``metadata={"shared": True}``, and what is no such value.
+    Takes tensors, whose first dimension is the stack, and mappings and data classes of them. What the whole
+    stack shares stays: fields with ``metadata={"shared": True}``, and values of other types.
     """
     value: Any = stacked
     if isinstance(value, Tensor):
@@ -76,29 +77,29 @@ def select(stacked: T, models: Tensor) -> T:
     elif isinstance(value, dict):
         value = {key: select(part, models) for key, part in value.items()}
     elif is_dataclass(value):
-        own = [part.name for part in fields(value) if not part.metadata.get("shared")]
-        value = replace(value, **{name: select(getattr(value, name), models) for name in own})  # type: ignore[type-var]
+        names = [part.name for part in fields(value) if not part.metadata.get("shared")]
+        value = replace(value, **{name: select(getattr(value, name), models) for name in names})  # type: ignore[type-var]
     return value  # type: ignore[no-any-return]
 
 
 def uniform(
     entities: Tensor, relations: int, model: Model, dimension: int, half_range: float, root: int, keys: Tensor
 ) -> Embedding:
-    """Tables uniform in ± half_range (relations: in what the family says); entities that take no part are zero.
+    """Tables uniform in ± half_range (of relations: ``Model.half_range``); other entities have zero rows.
 
     Args:
-        entities: which take part; shape (M, E), bool.
-        keys: what each model's random stream depends on beside the root seed; shape (M, ...).
+        entities: the entities that take part; shape (M, E), bool.
+        relations: how many there are.
+        keys: of the random stream of each embedding, beside the root seed; shape (M, ...).
 
     Raises:
-        InputError: where the family has no vectors of this dimension.
+        InputError: where the model has no vectors of this dimension.
     """
     shapes = (entities.shape[1], dimension), (relations, model.width(dimension))
     bounds = half_range, model.half_range(half_range)
-    drawn: tuple[list[Tensor], list[Tensor]] = [], []
+    tables = []
     for key in keys.tolist():
         rng = stream(root, "embedding", *key)
-        for tables, shape, bound in zip(drawn, shapes, bounds, strict=True):
-            tables.append(torch.as_tensor(rng.uniform(-bound, bound, shape), dtype=torch.float32))
-    entity, relation = (torch.stack(tables) for tables in drawn)
+        tables.append([rng.uniform(-bound, bound, shape) for bound, shape in zip(bounds, shapes, strict=True)])
+    entity, relation = (torch.as_tensor(np.stack(values), dtype=torch.float32) for values in zip(*tables, strict=True))
     return Embedding(entity * entities[..., None], relation, model)

@@ -27,9 +27,8 @@ from torch import Tensor
 from isi.errors import InputError
 from isi.initializers.api import NoRelationMap
 from isi.insertion.choose import middle
-from isi.insertion.taxicab import TransEL1
 from isi.models.bilinear import ComplEx, DistMult
-from isi.models.distance import RotatE, TransE
+from isi.models.distance import RotatE, TransE, TransEL1
 from isi.models.model import Model
 from isi.models.stack import Embedding
 

@@ -1,8 +1,8 @@
-"""What a stack of models learns from: observations dealt into batches, and their corruptions.
+"""What a stack of embeddings is trained on: observations in batches, and their negatives.
 
-A batch has one of two forms. On a small graph it is two tables of counts over all triples,
-positives and negatives, and its gradient is a few matrix products. On a large one it is a list of
-triples, and costs as much as it has.
+A batch has one of two forms. On a small graph it is two dense tables of counts over all triples,
+positives and negatives, and its gradient is a few matrix products. On a large graph it is a list of
+triples, whose cost grows with its length.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from isi.graph.sessions import TRAIN, Session, membership
 from isi.models.triples import TripleList
 from isi.random import stream
 
-#: Possible triples of a graph up to which batches are tables: about where one model is as fast either way.
-#: A stack's tables then stay within a gigabyte.
+#: Possible triples of a graph up to which batches are dense: about where both forms are as fast for one embedding.
+#: The tables of a stack then stay within a gigabyte.
 DENSE_LIMIT = 2**23
 
 
@@ -36,28 +36,28 @@ class Negatives(Section):
 
 @dataclass(frozen=True)
 class TrainingData:
-    """What a stack of models learns from: the training observations and the pools of negatives."""
+    """The training observations of a stack of sessions, and the pools of negatives."""
 
     session: Session
-    #: of each training triple, 0 where it is none; shape: (M, T), int64
+    #: observations of each triple of the graph, 0 where it is no training triple; shape: (M, T), int64
     counts: Tensor
     #: entities that may be corrupted tails; shape: (M, E), float32 of 0 and 1
     tail_pool: Tensor
     #: entities that may be corrupted heads of a relation; shape: (M, R, E), float32
     head_pool: Tensor
-    #: the same as ids, those that may be first; shape: (M, R, E), int64
+    #: the same as ids, those of the pool first; shape: (M, R, E), int64
     head_ids: Tensor
     #: entities that were not in the session before; shape: (M, E), bool
     new: Tensor
-    #: what it is for: part of the purpose of its random streams
+    #: part of the purpose of its random streams
     purpose: str
-    #: what each model's random streams depend on beside root, purpose and epoch; shape: (M, K)
+    #: keys of the random streams of each embedding, beside root, purpose and epoch; shape: (M, K)
     keys: Tensor
 
 
 @dataclass(frozen=True)
 class DenseBatch:
-    """A batch of each model of a stack as tables of counts."""
+    """A batch of each embedding of a stack as tables of counts."""
 
     #: shape: (M, R, E, E), float32
     positives: Tensor
@@ -67,7 +67,7 @@ class DenseBatch:
 
 @dataclass(frozen=True)
 class ListBatch:
-    """A batch of each model of a stack as one list of N triples, positives before negatives."""
+    """A batch of each embedding of a stack as one list of N triples, positives before negatives."""
 
     triples: TripleList
     #: 1 for positives, 0 for negatives; shape: (N,), float32
@@ -76,21 +76,22 @@ class ListBatch:
 
 @dataclass(frozen=True)
 class Corrupted:
-    """Observations of a model, and what takes the place of their tails, heads and (of several) relations."""
+    """Observations of an embedding, and what replaces their tails, heads and (of several) relations."""
 
     #: shape: (N, 3)
     triples: Tensor
     #: ids; shapes: (N, ratio)
-    others: list[Tensor]
+    replacements: list[Tensor]
 
-    def only(self, number: int) -> Corrupted:
+    def at(self, number: int) -> Corrupted:
         """One observation; none where there are fewer."""
-        return Corrupted(self.triples[number : number + 1], [ids[number : number + 1] for ids in self.others])
+        one = slice(number, number + 1)
+        return Corrupted(self.triples[one], [ids[one] for ids in self.replacements])
 
     def negatives(self) -> Tensor:
         """Corrupted triples, first of all by tail, then by head, then by relation; shape (2 or 3 · N · ratio, 3)."""
         parts = []
-        for slot, ids in zip((TAIL, HEAD, RELATION), self.others, strict=False):
+        for slot, ids in zip((TAIL, HEAD, RELATION), self.replacements, strict=False):
             part = self.triples.repeat_interleave(ids.shape[1], 0)
             part[:, slot] = ids.flatten()
             parts.append(part)
@@ -100,10 +101,10 @@ class Corrupted:
 def training_data(
     session: Session, purpose: str, keys: Tensor, head_pool: str, novel: Tensor | None = None
 ) -> TrainingData:
-    """Collect what D (a stack of sessions) teaches.
+    """The training data of D, a stack of sessions.
 
     Args:
-        keys: (size, seed) of each model.
+        keys: (size, seed) of each embedding.
         novel: ids of the entities that were not in the session before, (M, n); all of them where it is null.
     """
     graph = session.graph
@@ -113,7 +114,7 @@ def training_data(
     if head_pool == "unseen":
         seen = torch.zeros_like(heads, dtype=torch.bool)
         models, triples = train.nonzero(as_tuple=True)
-        seen[models, graph.triples[triples, 1], graph.triples[triples, 0]] = True
+        seen[models, graph.triples[triples, RELATION], graph.triples[triples, HEAD]] = True
         unseen = heads * ~seen
         heads = torch.where(unseen.sum(-1, keepdim=True) > 0, unseen, heads)
     head_ids = torch.argsort(heads, dim=-1, descending=True, stable=True)
@@ -122,20 +123,19 @@ def training_data(
 
 
 def shuffle_into_batches(data: TrainingData, root: int, epoch: int, size: int) -> list[list[np.ndarray]]:
-    """Deal an epoch's observations into batches of even length, at most ``size``.
+    """Shuffle an epoch's observations into batches of even length, at most ``size``.
 
     Returns:
-        The triples of each observation, by batch and model. Models with fewer batches than others
-        have empty ones at the end.
+        The triple ids of the observations, by batch and embedding. Embeddings with fewer batches than others have
+        empty ones at the end.
     """
-    dealt = []
+    by_model = []
     for counts, key in zip(data.counts.cpu().numpy(), data.keys.tolist(), strict=True):
         observations = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
         stream(root, f"{data.purpose} batches", *key, epoch).shuffle(observations)
-        dealt.append(np.array_split(observations, max(1, -(-len(observations) // size))))
-    longest = max(len(batches) for batches in dealt)
-    nothing = np.empty(0, dtype=np.int32)
-    return [[batches[number] if number < len(batches) else nothing for batches in dealt] for number in range(longest)]
+        by_model.append(np.array_split(observations, max(1, -(-len(observations) // size))))
+    longest, empty = max(map(len, by_model)), np.empty(0, dtype=np.int32)
+    return [[parts[number] if number < len(parts) else empty for parts in by_model] for number in range(longest)]
 
 
 def batches(
@@ -143,38 +143,41 @@ def batches(
 ) -> Iterator[tuple[DenseBatch | ListBatch, Tensor]]:
     """The batches of an epoch, in the form that suits the graph, with their numbers of positives, (M,)."""
     graph, ratio = data.session.graph, negatives.ratio
-    whole = in_turn(data, ratio, root, epoch) if batch_size == 1 and are_drawn(negatives, graph) else None
-    for number, dealt in enumerate(shuffle_into_batches(data, root, epoch, batch_size)):
-        positives = torch.tensor([len(observations) for observations in dealt])
-        if not are_drawn(negatives, graph):
-            counts = count_table(data, dealt)
+    sampled = is_sampled(negatives, graph)
+    singles = sample_epoch(data, ratio, root, epoch) if sampled and batch_size == 1 else None
+    for number, observed in enumerate(shuffle_into_batches(data, root, epoch, batch_size)):
+        positives = torch.tensor([len(triples) for triples in observed])
+        if not sampled:
+            counts = count_positives(data, observed)
             yield DenseBatch(counts, expected_negatives(data, counts, ratio)), positives
             continue
-        if whole is None:
-            lists = as_lists(data, dealt, ratio, root, epoch, number)
+        if singles is None:
+            batch = sample_batch(data, observed, ratio, root, epoch, number)
         else:
-            lists = list_batch(data, [one.only(number) for one in whole])
-        tables = fits_tables(graph)
-        yield DenseBatch(count_table(data, dealt), count_negatives(data, lists)) if tables else lists, positives
+            batch = list_batch(data, [corrupted.at(number) for corrupted in singles])
+        if is_dense(graph):
+            yield DenseBatch(count_positives(data, observed), count_negatives(data, batch)), positives
+        else:
+            yield batch, positives
 
 
-def are_drawn(negatives: Negatives, graph: Graph) -> bool:
-    """Whether negatives are drawn: where params say so, and on a graph that is too large for tables."""
-    return negatives.mode == "sampled" or not fits_tables(graph)
+def is_sampled(negatives: Negatives, graph: Graph) -> bool:
+    """Whether negatives are sampled: where params say so, and on a graph that is too large for dense batches."""
+    return negatives.mode == "sampled" or not is_dense(graph)
 
 
-def fits_tables(graph: Graph) -> bool:
-    """Whether batches over a graph are tables."""
+def is_dense(graph: Graph) -> bool:
+    """Whether batches over a graph are dense tables."""
     return len(graph.relations) * len(graph.entities) ** 2 <= DENSE_LIMIT
 
 
-def count_table(data: TrainingData, dealt: list[np.ndarray]) -> Tensor:
-    """Observations of each model as a table of counts; shape (M, R, E, E), float32."""
+def count_positives(data: TrainingData, observed: list[np.ndarray]) -> Tensor:
+    """Observations of each embedding as a table of counts; shape (M, R, E, E), float32."""
     graph = data.session.graph
     relations, entities = len(graph.relations), len(graph.entities)
-    counts = [np.bincount(observations, minlength=len(graph.triples)) for observations in dealt]
+    counts = [np.bincount(triples, minlength=len(graph.triples)) for triples in observed]
     head, relation, tail = graph.triples.T
-    table = torch.zeros(len(dealt), relations * entities * entities)
+    table = torch.zeros(len(observed), relations * entities * entities)
     table[:, (relation * entities + head) * entities + tail] = torch.as_tensor(np.stack(counts), dtype=torch.float32)
     return table.view(-1, relations, entities, entities)
 
@@ -185,52 +188,56 @@ def expected_negatives(data: TrainingData, positives: Tensor, ratio: int) -> Ten
     For each positive, ``ratio`` corrupted tails, heads and relations: tails from the session's
     entities, heads from the relation's pool, relations from all but the true one.
     """
-    by_tail, by_head = positives.sum(-1), positives.sum(-2)  # of a head, of a tail: (M, R, E)
+    by_head, by_tail = positives.sum(-1), positives.sum(-2)  # (M, R, E)
     relations = positives.shape[1]
     tails = data.tail_pool / data.tail_pool.sum(-1, keepdim=True)
     heads = data.head_pool / data.head_pool.sum(-1, keepdim=True)
-    negatives = (by_tail * ratio)[..., None] * tails[:, None, None]
-    negatives.addcmul_(heads[..., None], (by_head * ratio)[:, :, None])
+    negatives = (by_head * ratio)[..., None] * tails[:, None, None]
+    negatives.addcmul_(heads[..., None], (by_tail * ratio)[:, :, None])
     if relations > 1:
         share = ratio / (relations - 1)
         negatives.add_(positives.sum(1, keepdim=True), alpha=share).sub_(positives, alpha=share)
     return negatives
 
 
-def as_lists(data: TrainingData, dealt: list[np.ndarray], ratio: int, root: int, epoch: int, number: int) -> ListBatch:
-    """A batch's observations and their corruptions, drawn as ``expected_negatives`` expects them.
+def sample_batch(
+    data: TrainingData, observed: list[np.ndarray], ratio: int, root: int, epoch: int, number: int
+) -> ListBatch:
+    """A batch's observations and their corruptions, drawn with the frequencies of ``expected_negatives``.
 
-    The draws of a model are keyed by the model, the epoch and the number of the batch alone.
+    The draws are keyed by the embedding, the epoch and the number of the batch alone.
     """
-    return list_batch(data, corrupt(data, dealt, ratio, root, "negatives", epoch, number))
+    return list_batch(data, corrupt(data, observed, ratio, root, "negatives", epoch, number))
 
 
-def in_turn(data: TrainingData, ratio: int, root: int, epoch: int) -> list[Corrupted]:
-    """An epoch of each model in the order of batches of one, drawn at once: a stream takes longer than an update."""
-    (dealt,) = shuffle_into_batches(data, root, epoch, max(1, int(data.counts.sum(1).max())))
-    return corrupt(data, dealt, ratio, root, "negatives in turn", epoch)
+def sample_epoch(data: TrainingData, ratio: int, root: int, epoch: int) -> list[Corrupted]:
+    """An epoch of each embedding in the order of batches of one, drawn with one stream: making one takes longer than
+    an update."""
+    (observed,) = shuffle_into_batches(data, root, epoch, max(1, int(data.counts.sum(1).max())))
+    return corrupt(data, observed, ratio, root, "negatives in turn", epoch)
 
 
 def corrupt(
-    data: TrainingData, dealt: list[np.ndarray], ratio: int, root: int, purpose: str, *number: int
+    data: TrainingData, observed: list[np.ndarray], ratio: int, root: int, purpose: str, *number: int
 ) -> list[Corrupted]:
-    """Corrupt observations of each model, with streams keyed by the model, a purpose and numbers."""
-    triples = [data.session.graph.triples[torch.as_tensor(observed, dtype=torch.int64)] for observed in dealt]
-    streams = (stream(root, f"{data.purpose} {purpose}", *key, *number) for key in data.keys.tolist())
-    return [
-        Corrupted(own, _others(rng, data, model, own[:, 1], ratio))
-        for model, (rng, own) in enumerate(zip(streams, triples, strict=True))
-    ]
+    """Corrupt observations of each embedding, with streams keyed by its keys, a purpose and numbers."""
+    corrupted = []
+    for model, (ids, key) in enumerate(zip(observed, data.keys.tolist(), strict=True)):
+        rng = stream(root, f"{data.purpose} {purpose}", *key, *number)
+        triples = data.session.graph.triples[torch.as_tensor(ids, dtype=torch.int64)]
+        corrupted.append(Corrupted(triples, _replacements(rng, data, model, triples[:, RELATION], ratio)))
+    return corrupted
 
 
-def _others(rng: np.random.Generator, data: TrainingData, model: int, relation: Tensor, ratio: int) -> list[Tensor]:
+def _replacements(
+    rng: np.random.Generator, data: TrainingData, model: int, relation: Tensor, ratio: int
+) -> list[Tensor]:
     """``ratio`` other tails, heads and relations for triples of relations of shape (N,)."""
     relations = data.head_pool.shape[1]
     relation = relation[:, None].expand(-1, ratio)
 
-    def below(choices: Tensor | int) -> Tensor:
-        """A number below each of the choices (or below the one)."""
-        return (torch.as_tensor(rng.random(relation.shape)) * choices).long()
+    def below(limit: Tensor | int) -> Tensor:
+        return (torch.as_tensor(rng.random(relation.shape)) * limit).long()
 
     pool = data.tail_pool[model].nonzero()[:, 0]
     tails = pool[below(len(pool))]
@@ -251,10 +258,10 @@ def list_batch(data: TrainingData, corrupted: list[Corrupted]) -> ListBatch:
     return ListBatch(TripleList((len(corrupted), relations, entities), models, head, relation, tail), positive)
 
 
-def count_negatives(data: TrainingData, lists: ListBatch) -> Tensor:
+def count_negatives(data: TrainingData, batch: ListBatch) -> Tensor:
     """The corrupted triples of a batch as a table of counts; shape (M, R, E, E), int64."""
     models, relations, entities = data.head_pool.shape
-    triples = lists.triples
-    cell = ((triples.model * relations + triples.relation) * entities + triples.head) * entities + triples.tail
-    table = torch.bincount(cell[lists.positive == 0], minlength=models * relations * entities * entities)
+    triples = batch.triples
+    place = ((triples.model * relations + triples.relation) * entities + triples.head) * entities + triples.tail
+    table = torch.bincount(place[batch.positive == 0], minlength=models * relations * entities * entities)
     return table.view(models, relations, entities, entities)

@@ -1,23 +1,29 @@
-"""Updates one by one, compiled, for relations of scalars and 2×2 blocks (``embeddings.blocks``).
+"""An update for each observation, compiled: what batches of one do, some hundred times as fast.
 
+For ANALOGY, DistMult and ComplEx, whose relations are scalars and 2×2 blocks (``isi.models.bilinear``).
 Importing numba takes a second: import this module where it is used.
 """
 
 from __future__ import annotations
 
 import math
+from typing import cast
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from isi.models.bilinear import BlockModel
+from isi.models.stack import Embedding
+from isi.training.batches import Corrupted, TrainingData, sample_epoch
+
 Floats = NDArray[np.float32]
 Ids = NDArray[np.int32]
 
-#: What the compiler may do: take a sum in any order, fuse products with sums, and take 1 / √ from the processor's
-#: estimate by a step of Newton's. It settles that once, whatever the numbers are, so that equal input gives equal bits.
+#: What the compiler may do: sum in any order, fuse products with sums, and refine the processor's estimate of 1 / √
+#: by a step of Newton's method. It decides so once, whatever the numbers are: equal input gives equal bits.
 FAST = {"reassoc", "nsz", "contract", "arcp", "afn"}
-#: Tables of entities and relations, scalars, rate, decay, triples, tails, heads, others.
+#: Tables, squares, scalars, rate, decay, triples, tails, heads, relations.
 SIGNATURE = "void(UniTuple(f4[:, ::1], 2), UniTuple(f4[:, ::1], 2), i8, f4, f4, " + ", ".join(["i4[:, ::1]"] * 4) + ")"
 
 inner = njit(error_model="numpy", fastmath=FAST)
@@ -38,7 +44,7 @@ def _transform(vector: Floats, row: Floats, scalars: int, result: Floats) -> Non
 
 
 @inner
-def _pullback(vector: Floats, row: Floats, scalars: int, result: Floats) -> None:
+def _transform_tail(vector: Floats, row: Floats, scalars: int, result: Floats) -> None:
     """Wv."""
     half = (len(vector) - scalars) // 2
     for i in range(scalars):
@@ -52,9 +58,9 @@ def _pullback(vector: Floats, row: Floats, scalars: int, result: Floats) -> None
 
 
 @inner
-def _pair(head: Floats, tail: Floats, scalars: int, result: Floats) -> None:
-    """Gradient of ⟨hᵀW, t⟩ by W's row."""
-    _pullback(head, tail, scalars, result)
+def _relation_gradient(head: Floats, tail: Floats, scalars: int, result: Floats) -> None:
+    """Gradient of ⟨hᵀW, t⟩ by the relation's row."""
+    _transform_tail(head, tail, scalars, result)
     half = (len(head) - scalars) // 2
     for i in range(len(head) - half, len(head)):
         result[i] = -result[i]
@@ -67,60 +73,62 @@ def _add(total: Floats, values: Floats) -> None:
 
 
 @inner
-def _meet(what: Floats, table: Floats, one: int, label: np.float32, by_table: Floats, by_what: Floats) -> None:
-    """Score ⟨what, row⟩, and add what its slope, σ(f) - label, pulls at both."""
+def _add_gradients(
+    vector: Floats, table: Floats, row: int, label: np.float32, by_table: Floats, by_vector: Floats
+) -> None:  # fmt: skip
+    """Score f = ⟨vector, row⟩, and add the gradients of its loss by both, of slope σ(f) - label."""
     score = np.float32(0)
-    for i in range(len(what)):
-        score += what[i] * table[one, i]
+    for i in range(len(vector)):
+        score += vector[i] * table[row, i]
     slope = np.float32(1) / (np.float32(1) + np.float32(math.exp(-score))) - label
-    for i in range(len(what)):
-        old = table[one, i]
-        by_table[one, i] += slope * what[i]
-        by_what[i] += slope * old
+    for i in range(len(vector)):
+        value = table[row, i]
+        by_table[row, i] += slope * vector[i]
+        by_vector[i] += slope * value
 
 
 @inner
-def _add_gradient(
+def _add_loss_gradient(
     tables: tuple[Floats, Floats], gradients: tuple[Floats, Floats], scalars: int,
-    triple: Ids, tails: Ids, heads: Ids, others: Ids, parts: Floats,
+    triple: Ids, tails: Ids, heads: Ids, relations: Ids, memory: Floats,
 ) -> None:  # fmt: skip
     """Add the gradient of -log σ(f) of a triple and -log σ(-f) of its corruptions.
 
-    f(h, r, t) = ⟨hᵀW, t⟩ = ⟨h, Wt⟩ = ⟨r, pair(h, t)⟩: all corrupted tails meet one mapped head, all corrupted heads
-    one mapped tail, and all corrupted relations one pair. What they pull at these, Σ slope · row, goes on to the
-    triple's own rows at once.
+    f(h, r, t) = ⟨hᵀW, t⟩ = ⟨h, Wt⟩ = ⟨r, g⟩, where g is the gradient of f by r. So all corrupted tails are multiplied
+    by one mapped head, all corrupted heads by one mapped tail, and all corrupted relations by one g. The gradients by
+    these three, Σ slope · row, go on to the triple's own rows at once.
     """
     (entity, relation), (by_entity, by_relation) = tables, gradients
     head, row, tail = entity[triple[0]], relation[triple[1]], entity[triple[2]]
     by_head, by_row, by_tail = by_entity[triple[0]], by_relation[triple[1]], by_entity[triple[2]]
-    mapped, pull, passed = parts[0], parts[1], parts[2]  # in one piece, as unpacked rows would not be
-    pull[:] = 0
+    mapped, by_mapped, result = memory[0], memory[1], memory[2]  # in one piece, as unpacked rows would not be
+    by_mapped[:] = 0
     _transform(head, row, scalars, mapped)
-    _meet(mapped, entity, triple[2], np.float32(1), by_entity, pull)
-    for one in tails:
-        _meet(mapped, entity, one, np.float32(0), by_entity, pull)
-    _pullback(pull, row, scalars, passed)
-    _add(by_head, passed)
-    _pair(head, pull, scalars, passed)
-    _add(by_row, passed)
+    _add_gradients(mapped, entity, triple[2], np.float32(1), by_entity, by_mapped)
+    for corrupted in tails:
+        _add_gradients(mapped, entity, corrupted, np.float32(0), by_entity, by_mapped)
+    _transform_tail(by_mapped, row, scalars, result)
+    _add(by_head, result)
+    _relation_gradient(head, by_mapped, scalars, result)
+    _add(by_row, result)
 
-    pull[:] = 0
-    _pullback(tail, row, scalars, mapped)
-    for one in heads:
-        _meet(mapped, entity, one, np.float32(0), by_entity, pull)
-    _transform(pull, row, scalars, passed)
-    _add(by_tail, passed)
-    _pair(pull, tail, scalars, passed)
-    _add(by_row, passed)
+    by_mapped[:] = 0
+    _transform_tail(tail, row, scalars, mapped)
+    for corrupted in heads:
+        _add_gradients(mapped, entity, corrupted, np.float32(0), by_entity, by_mapped)
+    _transform(by_mapped, row, scalars, result)
+    _add(by_tail, result)
+    _relation_gradient(by_mapped, tail, scalars, result)
+    _add(by_row, result)
 
-    pull[:] = 0
-    _pair(head, tail, scalars, mapped)
-    for one in others:
-        _meet(mapped, relation, one, np.float32(0), by_relation, pull)
-    _pullback(tail, pull, scalars, passed)
-    _add(by_head, passed)
-    _transform(head, pull, scalars, passed)
-    _add(by_tail, passed)
+    by_mapped[:] = 0
+    _relation_gradient(head, tail, scalars, mapped)
+    for corrupted in relations:
+        _add_gradients(mapped, relation, corrupted, np.float32(0), by_relation, by_mapped)
+    _transform_tail(tail, by_mapped, scalars, result)
+    _add(by_head, result)
+    _transform(head, by_mapped, scalars, result)
+    _add(by_tail, result)
 
 
 @inner
@@ -136,22 +144,47 @@ def _adagrad(values: Floats, squares: Floats, gradient: Floats, rate: np.float32
 @njit(SIGNATURE, cache=True, error_model="numpy", fastmath=FAST)
 def update(
     tables: tuple[Floats, Floats], squares: tuple[Floats, Floats], scalars: int, rate: np.float32, decay: np.float32,
-    triples: Ids, tails: Ids, heads: Ids, others: Ids,
+    triples: Ids, tails: Ids, heads: Ids, relations: Ids,
 ) -> None:  # fmt: skip
-    """An update of one model for each observation, one after the other, in place.
+    """An update of one embedding for each observation, one after the other, in place.
 
     Args:
         tables: vectors of entities and relations; shapes (E, d), (R, d).
         squares: Adagrad's accumulators.
         scalars: how many coordinates come before the blocks.
         triples: the observations; shape (N, 3).
-        tails, heads, others: corrupted tails, heads and relations of each; shapes (N, K).
+        tails, heads, relations: what replaces those of each observation; shapes (N, K).
     """
     gradients = np.zeros_like(tables[0]), np.zeros_like(tables[1])
-    parts = np.empty((3, tables[0].shape[1]), np.float32)
+    memory = np.empty((3, tables[0].shape[1]), np.float32)
     for number in range(len(triples)):
-        _add_gradient(
-            tables, gradients, scalars, triples[number], tails[number], heads[number], others[number], parts
+        _add_loss_gradient(
+            tables, gradients, scalars, triples[number], tails[number], heads[number], relations[number], memory
         )  # fmt: skip
         for table in range(2):
             _adagrad(tables[table].ravel(), squares[table].ravel(), gradients[table].ravel(), rate, decay)
+
+
+def run_compiled_epoch(
+    embedding: Embedding, squares: Embedding, data: TrainingData, ratio: int, rate: float, decay: float,
+    root: int, epoch: int,
+) -> None:  # fmt: skip
+    """One pass over all observations of each embedding of a stack, in place.
+
+    Args:
+        squares: Adagrad's accumulators.
+        ratio: corrupted tails, heads and relations for each observation.
+        rate, decay: learning rate and weight decay.
+    """
+    scalars = cast(BlockModel, embedding.model).first_block(embedding.entity.shape[-1])
+    for model, corrupted in enumerate(sample_epoch(data, ratio, root, epoch)):
+        tables, sums = (
+            (stack.entity[model].numpy(), stack.relation[model].numpy()) for stack in (embedding, squares)
+        )  # fmt: skip
+        update(tables, sums, scalars, np.float32(rate), np.float32(decay), *_ids(corrupted))
+
+
+def _ids(corrupted: Corrupted) -> list[np.ndarray]:
+    """Triples, and corrupted tails, heads and relations: none where there is but one relation; int32."""
+    ids = [part.numpy().astype(np.int32) for part in (corrupted.triples, *corrupted.replacements)]
+    return ids if len(ids) == 4 else [*ids, ids[1][:, :0].copy()]

@@ -1,9 +1,4 @@
-"""Training a stack of models: Adagrad, the one loop over epochs, and who watches it.
-
-The gradient of the loss of a batch, in either form, for whatever family.
-
-A model that diverges or collapses is stopped before anything is measured of it, and said to be one.
-"""
+"""Training a stack of embeddings: the loss and its gradient, Adagrad, the loop over epochs, and when it stops."""
 
 from __future__ import annotations
 
@@ -18,15 +13,18 @@ from isi.config import Count, NotNegative, Positive, Section
 from isi.evaluation.query_sets import validation
 from isi.evaluation.ranking import Queries, Result, evaluate
 from isi.models import bits
-from isi.models.bits import apart
+from isi.models.bilinear import ANALOGY, ComplEx, DistMult
 from isi.models.finite import NotFinite, check_finite
+from isi.models.model import Model
 from isi.models.stack import Embedding, select
 from isi.models.triples import DenseTriples
-from isi.training import single_updates
-from isi.training.batches import DenseBatch, ListBatch, Negatives, TrainingData, batches
+from isi.training.batches import DenseBatch, ListBatch, Negatives, TrainingData, batches, is_sampled
 
 #: What Adagrad's accumulators start at.
 ACCUMULATOR = 1e-6
+#: The models that ``isi.training.compiled`` knows; none of their subclasses, which may score otherwise.
+COMPILED = (ANALOGY, ComplEx, DistMult)
+TABLES = ("entity", "relation")
 
 
 class Optimizer(Section):
@@ -36,7 +34,7 @@ class Optimizer(Section):
     learning_rate: Positive
     weight_decay: NotNegative
     max_epochs: Count
-    #: epochs in which the rows of novel entities alone move, before all do (the order of IncDE)
+    #: epochs in which the rows of novel entities alone are updated, before all are (the order of IncDE)
     new_rows_first: Annotated[int, Field(ge=0)] = 0
 
 
@@ -50,162 +48,195 @@ class Training(Optimizer):
 
 @dataclass(frozen=True)
 class State:
-    """An embedding in training: its vectors and Adagrad's sums of squared gradients."""
+    """A stack in training: its embedding and Adagrad's sums of squared gradients."""
 
     embedding: Embedding
     squares: Embedding
 
 
 class Watch(Protocol):
-    """Looks at a stack in training before the first epoch (0) and after each."""
+    """Called before the first epoch (0) and after each: decides which embeddings train on."""
 
     def __call__(self, epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
-        """Which of the models go on; shape (A,), bool.
+        """Whether to go on with each; shape (A,), bool.
 
         Args:
-            embedding: of the models that are still in training.
+            embedding: those that are still in training.
             models: their places in the stack; shape (A,).
         """
 
 
-def train(
-    embedding: Embedding, data: TrainingData, negatives: Negatives, settings: Optimizer, root: int, watch: Watch
-) -> Embedding:
-    """Train each model for ``max_epochs``, or until the watch lets it go.
+def never_stop(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:  # noqa: ARG001
+    """Train every embedding to the last epoch."""
+    return torch.ones(len(models), dtype=torch.bool)
 
-    A model that goes leaves the stack, which changes nothing for the others.
+
+def train(
+    embedding: Embedding, data: TrainingData, negatives: Negatives, settings: Optimizer, root: int,
+    watch: Watch = never_stop,
+) -> Embedding:  # fmt: skip
+    """Train each embedding of a stack for ``max_epochs``, or until the watch stops it.
+
+    An embedding that stops leaves the stack, which changes nothing for the others.
 
     Returns:
-        each model as it was when it left.
+        each embedding as it was when it stopped.
 
     Raises:
-        NotFinite: where a model diverges: NaN or infinity in its vectors, in Adagrad's sums, or in what it would score.
+        NotFinite: where one diverges: NaN or infinity in its vectors, in Adagrad's sums, or in its scores.
     """
-    state, left = start(embedding), start(embedding).embedding
+    state, result = start(embedding), start(embedding).embedding
     models = torch.arange(len(embedding.entity))
     for epoch in range(settings.max_epochs + 1):
         if epoch:
             run_epoch(state, data, negatives, settings, root, epoch)
-        try:
-            _check(state)
-        except NotFinite as error:
-            slower = f"turn down the learning rate ({settings.learning_rate:g})"
-            advice = slower if epoch else "look at what training starts from"
-            found = f"diverged in epoch {epoch} ({error.problem}): {advice}"
-            raise NotFinite(models[error.models].tolist(), found) from error
-        going = watch(epoch, state.embedding, models)
-        if going.all() and epoch < settings.max_epochs:
-            continue
-        leaving = ~going if epoch < settings.max_epochs else torch.ones_like(going)
-        for name in ("entity", "relation"):
-            getattr(left, name)[models[leaving]] = getattr(state.embedding, name)[leaving]
-        if leaving.all():
-            break
-        state, data, models = keep_models(state, going), select(data, going), models[going]
-    return left
-
-
-def _check(state: State) -> None:
-    check_finite((state.embedding.entity, state.embedding.relation), "vectors or scores")
-    check_finite((state.squares.entity, state.squares.relation), "Adagrad's sums", torch.finfo(torch.float32).max)
-
-
-def run_epoch(
-    state: State, data: TrainingData, negatives: Negatives, settings: Optimizer, root: int, epoch: int
-) -> None:
-    """One pass over all observations of each model, in place: by batches, or one by one."""
-    alone = data.new if epoch <= settings.new_rows_first else None
-    if alone is None and single_updates.can_compile(state.embedding, data, negatives, settings.batch_size):
-        rates = settings.learning_rate, settings.weight_decay
-        single_updates.run_compiled(state.embedding, state.squares, data, negatives.ratio, *rates, root, epoch)
-        return
-    frozen = ~data.session.entities
-    for batch, positives in batches(data, negatives, settings.batch_size, root, epoch):
-        adagrad(state, loss_gradient(state.embedding, batch), positives, frozen, settings, alone)
-
-
-def adagrad(
-    state: State, gradient: Embedding, positives: Tensor, frozen: Tensor, settings: Optimizer,
-    alone: Tensor | None = None,
-) -> None:  # fmt: skip
-    """Update a stack in place from the gradient of a batch.
-
-    Args:
-        gradient: summed over the batch.
-        positives: observations in the batch; where there are none, a model stays as it is; shape (M,).
-        frozen: entities that take no part; shape (M, E), bool.
-        alone: entities whose rows alone move, (M, E), bool; all rows of both tables where it is null.
-    """
-    scale = (positives > 0) / positives.clamp(min=1)
-    decay = (settings.weight_decay * (positives > 0))[:, None, None]
-    gradient.entity.masked_fill_(frozen[..., None], 0.0)
-    for name in ("entity", "relation") if alone is None else ("entity",):
-        table, squares = getattr(state.embedding, name), getattr(state.squares, name)
-        step = getattr(gradient, name).mul_(scale[:, None, None]).addcmul_(table, decay)
-        if alone is not None:
-            step.masked_fill_(~alone[..., None], 0.0)
-        squares.addcmul_(step, step)
-        table.addcdiv_(step, squares.sqrt(), value=-settings.learning_rate)
+        _check_state(state, models, epoch, settings.learning_rate)
+        going_on = watch(epoch, state.embedding, models)
+        if epoch == settings.max_epochs:
+            going_on = torch.zeros_like(going_on)
+        if not going_on.all():
+            _copy_rows(state.embedding, ~going_on, result, models)
+            if not going_on.any():
+                break
+            state = State(_spaced(select(state.embedding, going_on)), _spaced(select(state.squares, going_on)))
+            data, models = select(data, going_on), models[going_on]
+    return result
 
 
 def start(embedding: Embedding) -> State:
     """A copy of an embedding with fresh accumulators."""
     entity, relation = (torch.full_like(table, ACCUMULATOR) for table in (embedding.entity, embedding.relation))
-    return State(_apart(embedding), _apart(Embedding(entity, relation, embedding.model)))
+    return State(_spaced(embedding), _spaced(replace(embedding, entity=entity, relation=relation)))
 
 
-def keep_models(state: State, staying: Tensor) -> State:
-    """The state of the models that stay."""
-    return State(_apart(select(state.embedding, staying)), _apart(select(state.squares, staying)))
+def _spaced(embedding: Embedding) -> Embedding:
+    return replace(embedding, entity=bits.spaced(embedding.entity), relation=bits.spaced(embedding.relation))
 
 
-def _apart(embedding: Embedding) -> Embedding:
-    return Embedding(apart(embedding.entity), apart(embedding.relation), embedding.model)
+def _copy_rows(source: Embedding, chosen: Tensor, target: Embedding, models: Tensor) -> None:
+    """Copy the chosen embeddings of a stack, (A,) bool, to their places in another one."""
+    for name in TABLES:
+        getattr(target, name)[models[chosen]] = getattr(source, name)[chosen]
+
+
+def _check_state(state: State, models: Tensor, epoch: int, rate: float) -> None:
+    try:
+        check_finite((state.embedding.entity, state.embedding.relation), "vectors or scores")
+        check_finite((state.squares.entity, state.squares.relation), "Adagrad's sums", torch.finfo(torch.float32).max)
+    except NotFinite as error:
+        advice = f"turn down the learning rate ({rate:g})" if epoch else "look at what training starts from"
+        problem = f"diverged in epoch {epoch} ({error.problem}): {advice}"
+        raise NotFinite(models[error.models].tolist(), problem) from error
+
+
+def run_epoch(
+    state: State, data: TrainingData, negatives: Negatives, settings: Optimizer, root: int, epoch: int
+) -> None:
+    """One pass over all observations of each embedding, in place."""
+    graph, device = data.session.graph, state.embedding.entity.device
+    trained_rows = data.new if epoch <= settings.new_rows_first else None
+    compiled = is_compiled(state.embedding.model, settings.batch_size) and is_sampled(negatives, graph)
+    if compiled and trained_rows is None and device.type == "cpu":
+        from isi.training.compiled import run_compiled_epoch
+
+        rates = settings.learning_rate, settings.weight_decay
+        run_compiled_epoch(state.embedding, state.squares, data, negatives.ratio, *rates, root, epoch)
+        return
+    frozen = ~data.session.entities
+    for batch, positives in batches(data, negatives, settings.batch_size, root, epoch):
+        adagrad(state, loss_gradient(state.embedding, batch), positives, frozen, settings, trained_rows)
+
+
+def is_compiled(model: Model, batch_size: int) -> bool:
+    """Whether updates are compiled: those of one observation, by the models that ship a compiled gradient."""
+    return batch_size == 1 and type(model) in COMPILED
+
+
+def compile_ahead(model: Model, batch_size: int) -> None:
+    """Compile, or load from a cache, before workers are forked, so that they share the machine code."""
+    if is_compiled(model, batch_size):
+        import isi.training.compiled  # noqa: F401
+
+
+def loss_gradient(embedding: Embedding, batch: DenseBatch | ListBatch) -> Embedding:
+    """Gradient of the loss Σ -log σ(y · f) over a batch (section 3)."""
+    entity, relation = embedding.entity, embedding.relation
+    if isinstance(batch, DenseBatch):
+        scores, backward = embedding.model.scores(entity, relation, DenseTriples.of(entity, relation))
+        slope = torch.sigmoid_(scores).mul_(batch.positives + batch.negatives).sub_(batch.positives)
+    else:
+        scores, backward = embedding.model.scores(entity, relation, batch.triples)
+        slope = bits.padded(torch.sigmoid, scores) - batch.positive
+    by_entity, by_relation = backward(slope)
+    return replace(embedding, entity=by_entity, relation=by_relation)
+
+
+def adagrad(
+    state: State, gradient: Embedding, positives: Tensor, frozen: Tensor, settings: Optimizer,
+    trained_rows: Tensor | None = None,
+) -> None:  # fmt: skip
+    """Update a stack in place from the gradient of a batch: Θ ← Θ - rate · g / √Σg², with g the mean over positives.
+
+    Args:
+        gradient: summed over the batch.
+        positives: observations in the batch; an embedding without any stays as it is; shape (M,).
+        frozen: entities that take no part; shape (M, E), bool.
+        trained_rows: entities whose rows alone are updated, (M, E), bool; all rows of both tables where it is null.
+    """
+    scale = (positives > 0) / positives.clamp(min=1)
+    decay = (settings.weight_decay * (positives > 0))[:, None, None]
+    gradient.entity.masked_fill_(frozen[..., None], 0.0)
+    for name in TABLES if trained_rows is None else TABLES[:1]:
+        table, squares = getattr(state.embedding, name), getattr(state.squares, name)
+        step = getattr(gradient, name).mul_(scale[:, None, None]).addcmul_(table, decay)
+        if trained_rows is not None:
+            step.masked_fill_(~trained_rows[..., None], 0.0)
+        squares.addcmul_(step, step)
+        table.addcdiv_(step, squares.sqrt(), value=-settings.learning_rate)
 
 
 @dataclass(frozen=True)
 class ValidationResult:
-    """One look at the validation MRR* of some models of a stack."""
+    """Validation measures of some embeddings of a stack after an epoch."""
 
     epoch: int
     #: places in the stack; shape: (A,)
     models: Tensor
     #: in the order of ``MEASURES``; shape: (A, 4), float64
     measures: Tensor
-    #: whether this is each model's best so far, and was kept; shape: (A,), bool
+    #: whether this is the best of each so far; shape: (A,), bool
     is_best: Tensor
 
 
 class EarlyStopping:
-    """Keeps the best embedding of each model by validation MRR*, and lets it go when none better comes."""
+    """Keeps the best embedding of each model by validation MRR*, and stops it when none better comes."""
 
-    def __init__(self, embedding: Embedding, valid: Queries, settings: Training) -> None:
+    def __init__(self, embedding: Embedding, queries: Queries, settings: Training) -> None:
         self.best, self.validations = start(embedding).embedding, list[ValidationResult]()
-        self.valid, self.settings = valid, settings
+        self.queries, self.settings = queries, settings
         self.highest = torch.full((len(embedding.entity),), -1.0, dtype=torch.float64)
-        self.since = torch.zeros(len(embedding.entity), dtype=torch.int64)
+        self.since_best = torch.zeros(len(embedding.entity), dtype=torch.int64)
 
     def __call__(self, epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
         if not epoch or (epoch % self.settings.evaluate_every and epoch < self.settings.max_epochs):
             return torch.ones(len(models), dtype=torch.bool)
-        measures = evaluate(embedding, {"valid": self.valid})["valid"].measures
+        measures = evaluate(embedding, {"valid": self.queries})["valid"].measures
         mrr_star = measures[:, 0]
-        better = mrr_star > self.highest[models]
-        self.validations.append(ValidationResult(epoch, models, measures, better))
-        self.highest[models[better]] = mrr_star[better]
-        self.since[models] = torch.where(better, 0, self.since[models] + 1)
-        for name in ("entity", "relation"):
-            getattr(self.best, name)[models[better]] = getattr(embedding, name)[better]
-        going = self.since[models] < self.settings.patience
-        if not going.all():
-            self.valid = select(self.valid, going)
-        return going
+        is_best = mrr_star > self.highest[models]
+        self.validations.append(ValidationResult(epoch, models, measures, is_best))
+        self.highest[models[is_best]] = mrr_star[is_best]
+        self.since_best[models] = torch.where(is_best, 0, self.since_best[models] + 1)
+        _copy_rows(embedding, is_best, self.best, models)
+        going_on = self.since_best[models] < self.settings.patience
+        if not going_on.all():
+            self.queries = select(self.queries, going_on)
+        return going_on
 
 
 def train_until_best(
     embedding: Embedding, data: TrainingData, negatives: Negatives, settings: Training, root: int
 ) -> tuple[Embedding, list[ValidationResult]]:
-    """Train each model until validation MRR* stops improving; the best embedding of each is kept."""
+    """Train each embedding until validation MRR* stops improving; the best of each, and all validations."""
     watch = EarlyStopping(embedding, validation(data.session)["valid"], settings)
     train(embedding, data, negatives, settings, root, watch)
     return watch.best, watch.validations
@@ -213,7 +244,7 @@ def train_until_best(
 
 @dataclass(frozen=True)
 class EpochMeasures:
-    """Measures of some models of a stack after an epoch (0: before the first), by scope."""
+    """Measures of some embeddings of a stack after an epoch (0: before the first), by query set."""
 
     epoch: int
     #: places in the stack; shape: (A,)
@@ -222,41 +253,28 @@ class EpochMeasures:
 
 
 class ConvergenceWatch:
-    """Measures every model after every epoch, and lets it go when it has converged in every scope of the targets.
+    """Measures every embedding after every epoch, and stops it when it has converged in all query sets with a target.
 
     Args:
-        scopes: where to measure.
-        targets: MRR* from which a model counts as converged, by scope; NaN where it is not asked; (M,).
-        full_curves: let no model go.
+        query_sets: what to measure.
+        targets: MRR* from which an embedding counts as converged, by query set; NaN where there is none; (M,).
+        full_curves: train every embedding to the last epoch.
     """
 
-    def __init__(self, scopes: dict[str, Queries], targets: dict[str, Tensor], full_curves: bool) -> None:
+    def __init__(self, query_sets: dict[str, Queries], targets: dict[str, Tensor], full_curves: bool) -> None:
         self.epochs = list[EpochMeasures]()
-        self.scopes, self.targets, self.full_curves = scopes, targets, full_curves
-        self.reached = {scope: torch.isnan(target) for scope, target in targets.items()}
+        self.query_sets, self.targets, self.full_curves = query_sets, targets, full_curves
+        self.reached = {name: torch.isnan(target) for name, target in targets.items()}
 
     def __call__(self, epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
-        results = evaluate(embedding, self.scopes)
+        results = evaluate(embedding, self.query_sets)
         self.epochs.append(EpochMeasures(epoch, models, results))
-        for scope, target in self.targets.items():
-            self.reached[scope] |= results[scope].measures[:, 0] >= target
+        for name, target in self.targets.items():
+            self.reached[name] |= results[name].measures[:, 0] >= target
         if self.full_curves:
             return torch.ones(len(models), dtype=torch.bool)
-        going = ~torch.stack(list(self.reached.values())).all(0)
-        if not going.all():
-            self.scopes, self.targets = select(self.scopes, going), select(self.targets, going)
-            self.reached = select(self.reached, going)
-        return going
-
-
-def loss_gradient(embedding: Embedding, batch: DenseBatch | ListBatch) -> Embedding:
-    """Gradient of Σ -log σ(y · f) over a batch (section 3)."""
-    entity, relation, family = embedding.entity, embedding.relation, embedding.model
-    if isinstance(batch, DenseBatch):
-        scores, pull = family.scores(entity, relation, DenseTriples.of(entity, relation))
-        slope = torch.sigmoid_(scores).mul_(batch.positives + batch.negatives).sub_(batch.positives)
-    else:
-        scores, pull = family.scores(entity, relation, batch.triples)
-        slope = bits.padded(torch.sigmoid, scores) - batch.positive
-    by_entity, by_relation = pull(slope)
-    return replace(embedding, entity=by_entity, relation=by_relation)
+        going_on = ~torch.stack(list(self.reached.values())).all(0)
+        if not going_on.all():
+            self.query_sets, self.targets = select(self.query_sets, going_on), select(self.targets, going_on)
+            self.reached = select(self.reached, going_on)
+        return going_on

@@ -23,7 +23,7 @@ from isi.graph.sessions import everything
 from isi.models.model import make_model
 from isi.models.stack import uniform
 from isi.params import Params
-from isi.training import single_updates, trainer
+from isi.training import trainer
 from isi.training.batches import TrainingData, training_data
 from tests.benchmarks.test_training import as_torchkge, splits
 
@@ -73,7 +73,7 @@ def test_compiled(benchmark: Any, data: TrainingData, params: Params, family: st
 
 def test_batches_of_one(benchmark: Any, data: TrainingData, params: Params) -> None:
     few = (data.counts.cumsum(1) <= FEW) * data.counts
-    with patch.object(single_updates, "serves", return_value=False):
+    with patch.object(trainer, "is_compiled", return_value=False):
         time_epoch(benchmark, "isi, ANALOGY, batches of one", "analogy", replace(data, counts=few), params)
 
 

@@ -20,7 +20,7 @@ from pykeen.triples import CoreTriplesFactory
 from torch import Tensor
 
 from isi.evaluation.query_sets import epoch_query_sets
-from isi.evaluation.ranking import Queries, evaluate, padded_ids, prepare
+from isi.evaluation.ranking import Queries, evaluate, make_queries, padded_ids
 from isi.graph.graph import Graph
 from isi.graph.sampling import sample_novel, split
 from isi.graph.sessions import TEST, TRAIN, VALID, Session, everything
@@ -75,7 +75,7 @@ def ask(session: Session) -> Queries:
     """The test triples, where no known triple is a rival, test triples among them."""
     asked = session.members(TEST)
     known = session.members(TRAIN, VALID, TEST)
-    return prepare(session, padded_ids(asked), asked, known, session.entities)
+    return make_queries(session, padded_ids(asked), asked, known, session.entities)
 
 
 def mean_reciprocal_ranks(embedding: Embedding, session: Session) -> Tensor:
@@ -85,7 +85,7 @@ def mean_reciprocal_ranks(embedding: Embedding, session: Session) -> Tensor:
     asked = torch.zeros(number, session.splits.shape[1], dtype=torch.bool).scatter_(1, triples, True)
     everyone, known = (part.expand(number, -1) for part in (session.entities, session.members(TRAIN, VALID, TEST)))
     alone = Session(session.graph, everyone, session.splits.expand(number, -1))
-    queries = prepare(alone, triples, asked, known, everyone)
+    queries = make_queries(alone, triples, asked, known, everyone)
     assert queries.rows is not None
     entities_only = replace(queries.rows, relation_weight=torch.zeros_like(queries.rows.relation_weight))
     stack = Embedding(
