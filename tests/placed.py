@@ -26,7 +26,7 @@ def place(entities: int, dimension: int, new: int, rounds: int, **how: Any) -> d
     seconds = []
     for _ in range(rounds):
         start = time.perf_counter()
-        done = isi.insert(table, relations, told, new=new, family="complex", **how)
+        done = isi.insert(table, relations, told, new=new, model="complex", **how)
         seconds.append(time.perf_counter() - start)
         initializer = done.initializer
         del done

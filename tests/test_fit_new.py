@@ -10,7 +10,7 @@ import torch
 
 import isi
 from isi.errors import InputError
-from isi.insertion.arguments import family_of, stack_of_one
+from isi.insertion.arguments import checked_model, stack_of_one
 from isi.insertion.result import Inserted
 from tests.graphs import random_embedding
 from tests.test_insert import ABOUT, BETWEEN, ENTITIES, KNOWN, NEW, TOLD, call
@@ -21,13 +21,13 @@ NAMES = {"entity_names": [*KNOWN, *NEW], "relation_names": BETWEEN}
 def fit(done: Inserted, triples: Any = TOLD, **changed: Any) -> tuple[np.ndarray, np.ndarray]:
     return isi.fit_new(
         done.entities, done.relations, triples,
-        **{"new": 2, "family": done.family, "epochs": 20, **NAMES, **changed},
+        **{"new": 2, "model": done.model, "epochs": 20, **NAMES, **changed},
     )  # fmt: skip
 
 
 def margins(entities: np.ndarray, relations: np.ndarray, done: Inserted) -> np.ndarray:
     """How far the triples that are told score above what is expected with other heads and tails."""
-    stack, names = stack_of_one(entities, relations, done.family), [*KNOWN, *NEW]
+    stack, names = stack_of_one(entities, relations, done.model), [*KNOWN, *NEW]
     told = [(names.index(head), BETWEEN.index(relation), names.index(tail)) for head, relation, tail in TOLD]
     head, relation, tail = torch.tensor(told).T[:, None]
     others = stack.score_tails(head, relation).mean(-1) + stack.score_heads(relation, tail).mean(-1)
@@ -40,7 +40,7 @@ def test_new_rows_move_alone_and_the_others_stay_the_same_bytes(dtype: Any, know
     done = call(initializer="mean")
     given = done.entities.astype(dtype), done.relations.astype(dtype)
     before = [part.copy() for part in given]
-    entities, relations = isi.fit_new(*given, TOLD, new=2, family=done.family, epochs=20, known_triples=known, **NAMES)
+    entities, relations = isi.fit_new(*given, TOLD, new=2, model=done.model, epochs=20, known_triples=known, **NAMES)
     assert (entities.dtype, relations.dtype) == (dtype, dtype)
     assert entities[:ENTITIES].tobytes() == before[0][:ENTITIES].tobytes()
     assert relations.tobytes() == before[1].tobytes()
@@ -78,7 +78,7 @@ def test_the_seed_alone_decides() -> None:
 
 LINE: dict[str, Any] = {
     "entities": np.array([[1.0], [2.0], [3.0], [-4.0]], np.float32), "relations": np.array([[1.0]], np.float32),
-    "family": "distmult",
+    "model": "distmult",
 }  # fmt: skip
 
 
@@ -92,7 +92,7 @@ def test_the_nearest_known_and_the_distance_from_their_cloud() -> None:
     assert sorted(own.nearest) == [(0, 1.0), (1, 1.0), (2, 1.0)]  # of the same sign
     assert own.distance == 0  # the mean, in deviations
     assert own.farther_than == 0
-    assert (own.told, own.between, own.fallback) == (1, 0, None)
+    assert (own.insert_triples, own.between, own.fallback) == (1, 0, None)
     far = isi.insert(**LINE, triples=[(4, 0, 3)], new=1, initializer="neighbour_mean").report()[0]
     assert far.distance == pytest.approx(4.5 / np.std([1, 2, 3, -4]))
     assert far.farther_than == 0.75  # -4 itself lies as far
@@ -100,7 +100,7 @@ def test_the_nearest_known_and_the_distance_from_their_cloud() -> None:
 
 def test_coordinates_in_which_the_known_differ_a_little_count_as_much() -> None:
     known = np.array([[1, 7], [2, 7.01], [3, 7], [-4, 6.99]])
-    done = isi.insert(known, np.ones((1, 2)), family="distmult", triples=[(4, 0, 1)], new=1, initializer="xavier")
+    done = isi.insert(known, np.ones((1, 2)), model="distmult", triples=[(4, 0, 1)], new=1, initializer="xavier")
     away = (done.entities[4] - known.mean(0)) / known.std(0)
     assert done.report()[0].distance == pytest.approx(np.sqrt((away**2).mean()), rel=1e-3)
 
@@ -108,7 +108,7 @@ def test_coordinates_in_which_the_known_differ_a_little_count_as_much() -> None:
 @pytest.mark.parametrize("apart", [0.0, 2e-6])  # a few steps of single precision
 def test_coordinates_in_which_all_known_are_the_same_count_for_no_distance(apart: float) -> None:
     known = np.array([[1, 7], [2, 7], [3, 7], [-4, 7 + apart]])
-    given: dict[str, Any] = {"family": "distmult", "triples": [(4, 0, 1)], "new": 1, "initializer": "xavier"}
+    given: dict[str, Any] = {"model": "distmult", "triples": [(4, 0, 1)], "new": 1, "initializer": "xavier"}
     done = isi.insert(known, np.ones((1, 2)), **given)
     own = done.report()[0].distance
     assert own == pytest.approx(abs(done.entities[4, 0] - 0.5) / np.std([1, 2, 3, -4]), rel=1e-5)
@@ -146,17 +146,17 @@ def test_interference_asks_about_the_known_triples_or_some_of_them() -> None:
         call(known_triples=None).interference()
 
 
-def test_a_familys_own_object_serves() -> None:
-    family = family_of("transe", {"margin": 2.0, "squared": True}, LINE["entities"])
-    by_name = isi.insert(**LINE | {"family": "transe"}, triples=[(4, 0, 1)], new=1,
-                         family_options={"margin": 2.0, "squared": True})  # fmt: skip
-    own = isi.insert(**LINE | {"family": family}, triples=[(4, 0, 1)], new=1)
+def test_a_model_object_serves() -> None:
+    family = checked_model("transe", {"margin": 2.0, "squared": True}, 2)
+    by_name = isi.insert(**LINE | {"model": "transe"}, triples=[(4, 0, 1)], new=1,
+                         model_options={"margin": 2.0, "squared": True})  # fmt: skip
+    own = isi.insert(**LINE | {"model": family}, triples=[(4, 0, 1)], new=1)
     np.testing.assert_array_equal(own.entities, by_name.entities)
 
 
 def test_transe_with_the_norm_of_city_blocks() -> None:
     entities = np.array([[1.0, 2.0], [0.0, 0.0], [-1.0, 3.0]], np.float32)
-    how: dict[str, Any] = {"new": 1, "family": "transe_l1", "family_options": {"margin": 4.0}}
+    how: dict[str, Any] = {"new": 1, "model": "transe_l1", "model_options": {"margin": 4.0}}
     told, relations = [(0, 0, 3), (1, 1, 3)], np.array([[1.0, -1.0], [2.0, 1.0]], np.float32)
     done = isi.insert(entities, relations, told, initializer="er_avg", **how)
     np.testing.assert_array_equal(done.entities[3], [2.0, 1.0])  # where both put it
@@ -165,8 +165,8 @@ def test_transe_with_the_norm_of_city_blocks() -> None:
     learned, _ = isi.fit_new(done.entities, relations, told, epochs=5, **how)
     assert learned[:3].tobytes() == entities.tobytes()
     assert (learned[3] != done.entities[3]).any()
-    with pytest.raises(InputError, match=r"^argument 'family': margin: Field required$"):
-        isi.insert(entities, relations, told, new=1, family="transe_l1")
+    with pytest.raises(InputError, match=r"^argument 'model': margin: Field required$"):
+        isi.insert(entities, relations, told, new=1, model="transe_l1")
 
 
 def test_the_most_probable_vector_by_the_norm_of_city_blocks_scores_higher_than_its_prior() -> None:
@@ -175,7 +175,7 @@ def test_the_most_probable_vector_by_the_norm_of_city_blocks_scores_higher_than_
     found = [
         isi.insert(
             wide.entity[0].numpy(), wide.relation[0].numpy(), told, new=1, initializer=name,
-            family="transe_l1", family_options={"margin": 4.0},
+            model="transe_l1", model_options={"margin": 4.0},
         ).embedding.score(head, relation, tail).mean()
         for name in ("mean", "map_mean")
     ]  # fmt: skip

@@ -40,7 +40,7 @@ def words(seed: int = 0) -> np.ndarray:
 
 def named(**changed: Any) -> dict[str, Any]:
     """Arguments of a call by names."""
-    return {**tables(), "triples": TOLD, "new": NEW, "family": "analogy", "entity_names": KNOWN,
+    return {**tables(), "triples": TOLD, "new": NEW, "model": "analogy", "entity_names": KNOWN,
             "relation_names": BETWEEN, "known_triples": ABOUT, **changed}  # fmt: skip
 
 
@@ -115,7 +115,7 @@ def test_a_triple_that_repeats_counts_once() -> None:
 
 def test_triples_between_new_entities_are_counted() -> None:
     done = call(initializer="er_avg")
-    assert [(one.told, one.between) for one in done.report()] == [(2, 1), (1, 1)]
+    assert [(one.insert_triples, one.between) for one in done.report()] == [(2, 1), (1, 1)]
     without = call(initializer="er_avg", triples=TOLD[:3])
     np.testing.assert_array_equal(done.entities, without.entities)
     own = call(triples=[*TOLD, ("mug", "in", "mug")])
@@ -153,11 +153,11 @@ def test_the_default_is_the_best_for_what_is_known_and_says_why(given: dict[str,
 def test_the_default_on_a_large_graph_looks_at_entities_and_not_at_all_triples() -> None:
     rng = np.random.default_rng(0)
     entities, relations = (rng.standard_normal(shape).astype(np.float32) for shape in ((3000, 100), (40, 100)))
-    done = isi.insert(entities, relations, [(3000, 1, 2), (5, 3, 3001)], new=2, family="complex")
+    done = isi.insert(entities, relations, [(3000, 1, 2), (5, 3, 3001)], new=2, model="complex")
     assert done.initializer == "soft_rs"
     assert "size" in done.why
     with pytest.raises(InputError, match=r"argument 'initializer': expected another one: ridge looks at"):
-        isi.insert(np.tile(entities, (20, 1)), relations, [(60000, 1, 2)], new=1, family="complex", initializer="ridge")
+        isi.insert(np.tile(entities, (20, 1)), relations, [(60000, 1, 2)], new=1, model="complex", initializer="ridge")
 
 
 def test_an_entity_without_triples_or_words_falls_back_and_says_to_what() -> None:

@@ -162,7 +162,7 @@ def test_an_insertion_is_that_of_the_library_and_leaves_what_is_known() -> None:
     placed = insert_entity(given, news())
     words = np.concatenate([np.array(WORDS, np.float32), [[0.6, 0.8, 0.0]]]).astype(np.float32)
     expected = isi.insert(
-        given.kept.entities, given.kept.relations, FACTS, new=["stove"], family="distmult", entity_names=NAMES,
+        given.kept.entities, given.kept.relations, FACTS, new=["stove"], model="distmult", entity_names=NAMES,
         relation_names=BETWEEN, known_triples=given.kept.triples, words=words,
     )  # fmt: skip
     assert placed.model.kept.entities.tobytes() == expected.entities.tobytes()
@@ -202,7 +202,7 @@ def test_what_is_left_out_is_an_insertion_without_it() -> None:
     triples = [triple for triple in small().triples.tolist() if row not in (triple[0], triple[2])]
     without = isi.insert(
         small().entities[rest], small().relations,
-        [fact for fact in FACTS if named.what not in fact], new=["stove"], family="distmult",
+        [fact for fact in FACTS if named.what not in fact], new=["stove"], model="distmult",
         entity_names=[NAMES[number] for number in rest], relation_names=BETWEEN,
         known_triples=[(NAMES[h], BETWEEN[r], NAMES[t]) for h, r, t in triples],
         words=np.array([WORDS[number] for number in rest] + [[0.6, 0.8, 0.0]], np.float32),

@@ -25,7 +25,7 @@ def tables(model: Any) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    ("model", "family", "options"),
+    ("trained", "model", "options"),
     [
         (TransEModel(DIMENSION, ENTITIES, RELATIONS, "L1"), "transe_l1", {"margin": 1.0}),
         (TransEModel(DIMENSION, ENTITIES, RELATIONS, "L2"), "transe", {"margin": 1.0, "squared": True}),
@@ -34,11 +34,11 @@ def tables(model: Any) -> list[np.ndarray]:
     ],
 )
 def test_torchkges_tables_score_by_our_families_what_they_score_there(
-    model: Any, family: str, options: dict[str, Any]
+    trained: Any, model: str, options: dict[str, Any]
 ) -> None:
-    done = isi.insert(*tables(model), [(0, 0, ENTITIES)], new=1, family=family, family_options=options)
+    done = isi.insert(*tables(trained), [(0, 0, ENTITIES)], new=1, model=model, model_options=options)
     every = [torch.arange(number) for number in (ENTITIES, RELATIONS, ENTITIES)]
     head, relation, tail = torch.cartesian_prod(*every).T
-    theirs = model.scoring_function(head, tail, relation).detach()
+    theirs = trained.scoring_function(head, tail, relation).detach()
     ours = done.embedding.score(head[None], relation[None], tail[None])[0] - options.get("margin", 0.0)
     torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)

@@ -20,7 +20,7 @@ from pykeen.training import SLCWATrainingLoop
 from pykeen.triples import CoreTriplesFactory, TriplesFactory
 from torch.optim import SGD, Adam
 
-from isi.pykeen.models import OfInteraction, read_model
+from isi.pykeen.models import InteractionModel, read_model
 
 #: Models of each way to be read, with what they are made with.
 CLOSED: list[tuple[str, dict[str, Any]]] = [
@@ -88,7 +88,7 @@ def scores(model: ERModel, triples: torch.Tensor) -> torch.Tensor:
 def test_a_model_scores_in_our_terms_what_it_scores_itself(name: str, options: dict[str, Any], factory: Any) -> None:
     model = model_of(name, options, factory, steps=100)
     read = read_model(model, factory.mapped_triples, None)
-    assert isinstance(read.model, OfInteraction) == ((name, options) in OTHERS)
+    assert isinstance(read.model, InteractionModel) == ((name, options) in OTHERS)
     head, relation, tail = factory.mapped_triples.T[:, None]
     ours, theirs = read.score(head, relation, tail)[0], scores(model, factory.mapped_triples)
     torch.testing.assert_close(ours - ours.mean(), theirs - theirs.mean(), rtol=1e-4, atol=1e-5)

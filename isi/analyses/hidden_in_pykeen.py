@@ -24,10 +24,10 @@ from pykeen.triples import TriplesFactory
 from torch import Tensor
 from torch.optim import Adam
 
-import isi
 from isi.analyses.hidden_entities import Hidden, HiddenTask, Training, measure_hidden
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import HEAD
+from isi.insertion.fit_new import fit_new
 from isi.insertion.result import Inserted
 from isi.pykeen import enlarge, inserted, warm
 from isi.pykeen.models import read_model
@@ -131,8 +131,8 @@ def put(
         fresh = read_model(untrained(case.larger, case.how.training, case.seed), case.larger.mapped_triples, None)
         entities = np.concatenate([entities[:known], fresh.entity[0, known:].numpy()])
     if new_rows:
-        entities, _ = isi.fit_new(
-            entities, done.relations, case.told, new=len(done.new), family=done.family, epochs=case.how.epochs,
+        entities, _ = fit_new(
+            entities, done.relations, case.told, new=len(done.new), model=done.model, epochs=case.how.epochs,
             seed=case.seed,
         )  # fmt: skip
     model, _ = enlarge(case.model, case.train, replace(done, entities=entities))

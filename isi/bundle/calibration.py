@@ -20,11 +20,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-import isi
 from isi.bundle.insert_entity import InsertedEntity, without_entities
 from isi.bundle.query import OpenBundle
 from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.insertion.api import insert
 from isi.random import stream
 
 #: Answers that a curve is drawn through, at most; and entities that are asked about.
@@ -135,7 +135,7 @@ class HeldOutCalibration:
         """Known entities as they would have been inserted."""
         known, rng = self.known, stream(0, "rehearsal")
         ends = np.bincount(known.kept.triples[:, [HEAD, TAIL]].flatten(), minlength=len(known.kept.entities))
-        able = ends > len(self.placed.done.told)
+        able = ends > len(self.placed.done.insert_triples)
         if self._words is not None:
             able &= self._words.any(1)
         chosen = rng.permutation(np.flatnonzero(able))[: max(LEAST, min(ASKED, ANSWERS // len(ends)))]
@@ -159,8 +159,8 @@ class HeldOutCalibration:
         triples = np.concatenate([np.zeros((0, 3), np.int64), *told.values()])
         triples[:, [HEAD, TAIL]] = place[triples[:, [HEAD, TAIL]]]
         try:
-            again = isi.insert(
-                kept.entities[rest], kept.relations, triples, new=len(hidden), family=self.model.family,
+            again = insert(
+                kept.entities[rest], kept.relations, triples, new=len(hidden), model=self.model.family,
                 known_triples=without_entities(self.known, rest).kept.triples,
                 words=None if self._words is None else self._words[order],
                 kinds=[kept.kinds[row] for row in order], initializer=done.initializer, options=done.options,
@@ -177,7 +177,7 @@ class HeldOutCalibration:
         own = triples[(triples[:, HEAD] == entity) ^ (triples[:, TAIL] == entity)]
         others = np.where(own[:, HEAD] == entity, own[:, TAIL], own[:, HEAD])
         own = own[~np.isin(others, hidden)]
-        chosen: np.ndarray = own[np.sort(rng.permutation(len(own))[: len(self.placed.done.told)])]
+        chosen: np.ndarray = own[np.sort(rng.permutation(len(own))[: len(self.placed.done.insert_triples)])]
         return chosen
 
     def curve(self, relation: int, slot: int) -> PlattCurve | None:

@@ -23,9 +23,8 @@ from isi.bundle.manifest import Bundle, Manifest
 from isi.bundle.query import plain
 from isi.config import Option
 from isi.errors import InputError
-from isi.insertion.arguments import family_of, stack_of_one, table
-from isi.insertion.choose import middle
-from isi.models.distance import TransEL1
+from isi.insertion.arguments import checked_model, stack_of_one, table
+from isi.insertion.choose import margin_of
 from isi.models.model import MODELS
 from isi.sources.triples_with_ids import _names, read_ids
 
@@ -118,12 +117,12 @@ def of_pykeen_model(embedding: Embedding, named: Named, origin: Origin) -> Bundl
 
 
 def _class(name: str) -> type[Model]:
-    return TransEL1 if name == "transe_l1" else MODELS.get(name, "family")
+    return MODELS.get(name, "family")
 
 
 def _family(name: str, options: Mapping[str, Option], entities: np.ndarray) -> Model:
     try:
-        return family_of(name, options, entities)
+        return checked_model(name, options, entities.shape[1])
     except InputError as error:
         raise InputError("--family", name, ": ".join(filter(None, error.args[1:]))) from error
 
@@ -145,7 +144,7 @@ def _with_margin(
     limits = [len(entities), len(relations), len(entities)]
     if (triples >= limits).any():
         raise InputError(place, "", f"expected rows for all names, got {limits[0]} entities and {limits[1]} relations")
-    margin = 1.0 + middle(embedding, torch.from_numpy(triples), None)
+    margin = 1.0 + margin_of(embedding, torch.from_numpy(triples), None)
     return {**options, "margin": max(margin, 1e-6)}
 
 

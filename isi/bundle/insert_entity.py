@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-import isi
 from isi.bundle.indicators import Indicator, as_new, indicators
 from isi.bundle.manifest import Bundle, InsertionRecord
 from isi.bundle.query import OpenBundle
 from isi.config import Option
 from isi.graph.graph import HEAD, TAIL
+from isi.insertion.api import insert
 from isi.insertion.result import Inserted
 
 #: Head, relation and tail by name.
@@ -56,7 +56,7 @@ class InsertedEntity:
     def indicators(self) -> list[Indicator]:
         """What it was placed by."""
         weights = None if self.done.weights is None else self.done.weights[0]
-        given = as_new(self.model, self.entity, self.done.told)
+        given = as_new(self.model, self.entity, self.done.insert_triples)
         return indicators(given, weights, self.done.indicators is not None)
 
 
@@ -71,8 +71,8 @@ def insert_entity(model: OpenBundle, news: NewEntity) -> InsertedEntity:
     if kept.words is not None:
         own = np.zeros(kept.words.shape[1], kept.words.dtype) if news.vector is None else news.vector
         words = np.concatenate([kept.words, own[None]])
-    done = isi.insert(
-        kept.entities, kept.relations, news.facts, new=[news.name], family=model.family,
+    done = insert(
+        kept.entities, kept.relations, news.facts, new=[news.name], model=model.family,
         entity_names=kept.entity_names, relation_names=kept.relation_names, known_triples=kept.triples,
         words=None if news.vector is None else words, kinds=[*kept.kinds, news.kind],
         initializer=news.initializer, options=news.options, seed=news.seed,
@@ -85,7 +85,7 @@ def insert_entity(model: OpenBundle, news: NewEntity) -> InsertedEntity:
     about = kept.about.model_copy(update={"inserted": [*kept.about.inserted, record]})
     after = Bundle(
         about, done.entities, kept.relations, [*kept.entity_names, news.name], [*kept.kinds, news.kind],
-        [*kept.phrases, news.phrase], kept.relation_names, np.concatenate([kept.triples, done.told]), words,
+        [*kept.phrases, news.phrase], kept.relation_names, np.concatenate([kept.triples, done.insert_triples]), words,
     )  # fmt: skip
     return InsertedEntity(OpenBundle(after, model.family), done, record)
 

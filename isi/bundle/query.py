@@ -22,7 +22,7 @@ from isi.bundle.folder import ABOUT, VECTORS, cell_fault
 from isi.bundle.manifest import Bundle, Manifest
 from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.insertion.arguments import family_of, stack_of_one, table
+from isi.insertion.arguments import checked_model, stack_of_one, table
 from isi.models.finite import LARGEST
 from isi.models.model import Model
 from isi.models.stack import Embedding
@@ -156,7 +156,7 @@ def open_bundle(kept: Bundle, folder: Path) -> OpenBundle:
     _check_texts(folder / ABOUT, kept.about)
     check_numbers(folder / VECTORS, kept)
     try:
-        family = family_of(kept.about.family, kept.about.family_options, kept.entities)
+        family = checked_model(kept.about.family, kept.about.family_options, kept.entities.shape[1])
     except InputError as error:
         raise InputError(folder / ABOUT, "family", ": ".join(error.args[1:]).removeprefix(": ")) from error
     try:

@@ -219,7 +219,7 @@ def _lines(told: InsertReport) -> Iterator[str]:
     yield f"{record.entity}: inserted by {record.initializer} ({record.why})"
     if record.fallback:
         yield f"  which lacked what it goes by: {record.fallback} served"
-    yield f"  triples: {report.told} told"
+    yield f"  triples: {report.insert_triples} told"
     yield from (f"  note: {odd}" for odd in told.odd)
     yield f"  words: {f'none; {told.words}: goes by relations' if _wordless(told) else f'a vector {told.words}'}"
     yield from shared.indicator_lines(model, told.shown)

@@ -177,7 +177,7 @@ class Registered:
 
     def misses(self, model: Model) -> str | None:
         """What the initializer needs that a model lacks; null where it lacks nothing."""
-        if "inverse" in self.needs and not getattr(model, "invertible", True):
+        if "inverse" in self.needs and not model.invertible:
             return "the inverse of a relation"
         if "linear_score" in self.needs and not model.linear:
             return "a score that is linear in a vector"

@@ -33,7 +33,7 @@ def resultants(context: InitContext) -> Tensor:
         NoRelationMap: where the model has none.
     """
     theta0 = context.theta0
-    if not getattr(theta0.model, "invertible", True):
+    if not theta0.model.invertible:
         raise NoRelationMap
     models = torch.arange(len(context.novel))[:, None, None]
     return theta0.resultants(

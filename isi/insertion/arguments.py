@@ -1,79 +1,84 @@
-"""Arguments of the library as what they must be: lists, texts, mappings, arrays; a mistake is an ``InputError``.
-
-What a user gives, as arrays that are checked: tables, names, triples, kinds. Every mistake is one ``InputError``.
-"""
+"""Arguments of ``isi.insert`` and ``isi.fit_new``, checked: tables, names, triples, kinds, the model."""
 
 from __future__ import annotations
 
+import functools
 import re
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 import torch
 
-from isi.config import keywords
 from isi.errors import InputError, meant, short
-from isi.graph.graph import Graph
-from isi.models.distance import TransEL1
+from isi.graph.graph import HEAD, TAIL, Graph
+from isi.models.finite import NotFinite
 from isi.models.model import Model, make_model
 from isi.models.stack import Embedding
 from isi.tables import paths
 
+P = ParamSpec("P")
+R = TypeVar("R")
+#: A triple by names or by ids: head, relation, tail.
+Triple = Sequence[str | int]
+SLOTS = ("head", "relation", "tail")
+
 
 @contextmanager
 def argument(name: str) -> Iterator[None]:
-    """Mistakes that are said of ``params.yaml``, said of an argument."""
+    """Say of an argument what a mistake within says of nothing yet, or of ``params.yaml``."""
     try:
         yield
     except InputError as error:
-        file, place, expected = error.args
-        if file != str(paths.PARAMS):
+        if error.file not in ("", str(paths.PARAMS)) or isinstance(error, NotFinite):
             raise
-        within = re.sub(rf"{name}s?(\.|$)", "", place, count=1) if place.startswith(name) else place
-        raise InputError(f"argument {name!r}", within, expected) from error
+        within = re.sub(rf"^{name}s?(\.|$)", "", error.place) if error.file else error.place
+        raise InputError(f"argument {name!r}", within, error.message) from error
 
 
-def listed(values: Any, name: str, of: str) -> list[Any]:
-    """What an argument lists.
+def renamed(**names: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """A function that names the new name where it is called with an old name of an argument."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        @functools.wraps(function)
+        def called(*args: P.args, **kwargs: P.kwargs) -> R:
+            for old in names.keys() & kwargs.keys():
+                raise InputError(f"argument {old!r}", "", f"expected its new name, {names[old]!r}")
+            return function(*args, **kwargs)
+
+        return called
+
+    return decorate
+
+
+def as_list(values: Any, name: str, of: str) -> list[Any]:
+    """The items of an argument.
 
     Raises:
-        InputError: where it is no list, or a text, whose letters nobody means.
+        InputError: where it is no list, or one text, whose letters nobody means.
     """
-    try:
-        each = iter(values)
-    except TypeError as error:
-        raise InputError(f"argument {name!r}", "", f"expected a list of {of}, got {short(values)}") from error
     if isinstance(values, str | bytes):
         raise InputError(f"argument {name!r}", "", f"expected a list of {of}, got one text")
-    return list(each)
+    try:
+        return list(values)
+    except TypeError as error:
+        raise InputError(f"argument {name!r}", "", f"expected a list of {of}, got {short(values)}") from error
 
 
 def texts(values: Any, name: str) -> list[str]:
-    """Names that an argument lists.
+    """The texts that an argument lists.
 
     Raises:
-        InputError: where one is no text.
+        InputError: where an item is no text.
     """
-    found = listed(values, name, "names")
-    wrong = [value for value in found if not isinstance(value, str)]
-    if wrong:
-        raise InputError(f"argument {name!r}", "", f"expected texts, got {short(wrong[0])}")
-    return found
-
-
-def name_of(value: Any, name: str) -> str | None:
-    """The name that an argument gives; null where it gives none.
-
-    Raises:
-        InputError: where it is no text.
-    """
-    if value is not None and not isinstance(value, str):
-        raise InputError(f"argument {name!r}", "", f"expected a name, got {short(value)}")
-    return value
+    items = as_list(values, name, "names")
+    for item in items:
+        if not isinstance(item, str):
+            raise InputError(f"argument {name!r}", "", f"expected texts, got {short(item)}")
+    return items
 
 
 def mapping(values: Any, name: str) -> dict[str, Any]:
@@ -91,7 +96,7 @@ def array(values: Any, place: str, expected: str, dtype: type[np.floating[Any]] 
     """Values as an array.
 
     Raises:
-        InputError: where they are none: texts, rows of several lengths, a tensor that learns or lies on a GPU.
+        InputError: where they are none: texts, rows of several lengths, a tensor with gradient or on a GPU.
     """
     try:
         return np.asarray(values, dtype)
@@ -99,44 +104,56 @@ def array(values: Any, place: str, expected: str, dtype: type[np.floating[Any]] 
         raise InputError(place, "", f"{expected} ({error})") from error
 
 
-#: A triple by names or by ids: head, relation, tail.
-Triple = Sequence[str | int]
-#: What stands in a slot of a triple.
-SLOTS = ("head", "relation", "tail")
+def table(values: Any, name: str, width: int | None = None) -> np.ndarray:
+    """A table of finite real numbers, of a width if one is given.
+
+    Raises:
+        InputError: where it is none.
+    """
+    place, expected = f"argument {name!r}", "expected a table of floats (rows, numbers)"
+    numbers = array(values, place, expected)
+    if np.iscomplexobj(numbers):
+        expected = "expected real numbers: of complex vectors the real halves, then the imaginary ones"
+        raise InputError(place, "", expected)
+    if numbers.ndim != 2 or not np.issubdtype(numbers.dtype, np.floating) or not numbers.size:
+        raise InputError(place, "", f"{expected}, got {numbers.dtype} {numbers.shape}")
+    if width is not None and numbers.shape[1] != width:
+        raise InputError(place, "", f"expected rows of {width} numbers, got rows of {numbers.shape[1]}")
+    with np.errstate(over="ignore", invalid="ignore"):
+        finite = np.isfinite(numbers.sum())  # quick, but sums of finite numbers may overflow
+    if not finite and not (rows := np.isfinite(numbers).all(1)).all():
+        raise InputError(place, f"row {int(np.argmin(rows))}", "expected finite numbers, got NaN or infinity")
+    return numbers
 
 
 @dataclass(frozen=True)
 class Names:
-    """What rows of a table are called: known ones, then new ones; without names, they go by id alone."""
+    """Names of the rows of a table: known ones, then new ones; without names, rows go by id alone."""
 
+    #: ``entity_names`` or ``relation_names``
     argument: str
     number: int
-    given: Sequence[str] | None
-
-    @property
-    def of_what(self) -> str:
-        """Entity or relation."""
-        return self.argument.removesuffix("_names")
+    names: Sequence[str] | None
 
     @cached_property
     def ids(self) -> dict[str, int]:
         """Ids by name.
 
         Raises:
-            InputError: where the names are not as many as the rows, or one is twice there.
+            InputError: where there is not one name for each row, or one repeats.
         """
-        given = self.given if self.given is not None else ()
-        found = {name: row for row, name in enumerate(given)}
-        if self.given is not None and len(given) != self.number:
-            raise InputError(f"argument {self.argument!r}", "", f"expected {self.number} names, got {len(given)}")
-        if len(found) < len(given):
-            twice = next(name for row, name in enumerate(given) if found[name] != row)
+        names = self.names if self.names is not None else ()
+        ids = {name: row for row, name in enumerate(names)}
+        if self.names is not None and len(names) != self.number:
+            raise InputError(f"argument {self.argument!r}", "", f"expected {self.number} names, got {len(names)}")
+        if len(ids) < len(names):
+            twice = next(name for row, name in enumerate(names) if ids[name] != row)
             raise InputError(f"argument {self.argument!r}", repr(twice)[:80], "expected names that do not repeat")
-        return found
+        return ids
 
     def of(self, row: int) -> str | int:
         """The name of a row, or its id."""
-        return self.given[row] if self.given is not None else row
+        return self.names[row] if self.names is not None else row
 
     def id(self, value: object, place: str) -> int:
         """The id of a name or of an id.
@@ -147,24 +164,24 @@ class Names:
         if isinstance(value, str):
             if value in self.ids:
                 return self.ids[value]
-            if self.given is None:
-                raise InputError(place, "", f"expected an id, as there are no {self.argument!r}, got {value[:80]!r}")
-            known = f"a known {self.of_what}" + (", or a new one" if self.of_what == "entity" else "")
-            raise InputError(place, "", f"expected {known}, got {value[:80]!r}{meant(value, self.ids)}")
+            if self.names is None:
+                raise InputError("", place, f"expected an id, as there are no {self.argument!r}, got {value[:80]!r}")
+            expected = "a known entity, or a new one" if self.argument == "entity_names" else "a known relation"
+            raise InputError("", place, f"expected {expected}, got {value[:80]!r}{meant(value, self.ids)}")
         if isinstance(value, int | np.integer) and not isinstance(value, bool):
             if 0 <= value < self.number:
                 return int(value)
-            raise InputError(place, "", f"expected an id from 0 to {self.number - 1}, got {value}")
-        raise InputError(place, "", f"expected a name or an id, got {value!r:.80}")
+            raise InputError("", place, f"expected an id from 0 to {self.number - 1}, got {value}")
+        raise InputError("", place, f"expected a name or an id, got {value!r:.80}")
 
 
-def names_of(argument: str, number: int, given: Sequence[str] | None) -> Names:
-    """What so many rows are called, as an argument says.
+def names_of(argument: str, number: int, names: Sequence[str] | None) -> Names:
+    """Names of so many rows.
 
     Raises:
-        InputError: where that lists no texts.
+        InputError: where an argument lists no texts.
     """
-    return Names(argument, number, None if given is None else texts(given, argument))
+    return Names(argument, number, None if names is None else texts(names, argument))
 
 
 def all_names(known: int, entity_names: Sequence[str] | None, new: int | Sequence[str]) -> Names:
@@ -176,64 +193,81 @@ def all_names(known: int, entity_names: Sequence[str] | None, new: int | Sequenc
     number = int(new) if isinstance(new, int | np.integer) and not isinstance(new, bool) else None
     if (number is None) != (entity_names is not None):
         raise InputError("argument 'new'", "", "expected names where 'entity_names' are given, else a number")
-    before = names_of("entity_names", known, entity_names).given
-    own = [] if number is not None else texts(new, "new")
-    if not own and (number is None or number < 1):
+    known_names = names_of("entity_names", known, entity_names)
+    new_names = [] if number is not None else texts(new, "new")
+    if not new_names and (number is None or number < 1):
         raise InputError("argument 'new'", "", "expected at least one new entity")
-    if before is not None and len(before) != known:
-        raise InputError("argument 'entity_names'", "", f"expected {known} names, got {len(before)}")
-    names = Names("entity_names", known + (number or len(own)), None if before is None else [*before, *own])
+    if known_names.names is None:
+        return Names("entity_names", known + (number or 0), None)
+    if len(known_names.names) != known:
+        known_names.ids  # noqa: B018  # which says so
+    names = Names("entity_names", known + len(new_names), [*known_names.names, *new_names])
     names.ids  # noqa: B018  # which refuses those that repeat
     return names
 
 
-def family_of(family: str | Model, options: Mapping[str, Any] | None, entities: np.ndarray) -> Model:
-    """A family by its name and options, whose vectors may have the dimension of a table.
+def checked_model(model: str | Model, options: Mapping[str, Any] | None, dimension: int) -> Model:
+    """A model by its name and options, whose vectors may have a dimension.
 
     Raises:
-        InputError: where there is no such family, or it has no such options or no vectors of this dimension.
+        InputError: where there is no such model, or it has no such options or no vectors of this dimension.
     """
-    given = mapping(options, "family_options")
-    if not isinstance(family, str | Model):
-        raise InputError("argument 'family'", "", f"expected the name of a family, or a family, got {short(family)}")
-    with argument("family"):
-        if isinstance(family, Model):
-            found = family
-        elif family == "transe_l1":
-            found = TransEL1(**keywords(TransEL1.__init__, given, "family"))
-        else:
-            found = make_model(family, given, "family")
-        found.width(entities.shape[1])
-    return found
+    given = mapping(options, "model_options")
+    if not isinstance(model, str | Model):
+        raise InputError("argument 'model'", "", f"expected the name of a model, or a model, got {short(model)}")
+    with argument("model"):
+        checked = model if isinstance(model, Model) else make_model(model, given, "model")
+        checked.width(dimension)
+    return checked
 
 
-def table(values: Any, name: str, width: int | None = None) -> np.ndarray:
-    """A table of finite real numbers, of a width if one is given.
+@dataclass(frozen=True)
+class Arguments:
+    """What ``isi.insert`` and ``isi.fit_new`` are both given, checked."""
+
+    #: of known entities, and for ``fit_new`` of new ones
+    entities: np.ndarray
+    relations: np.ndarray
+    model: Model
+    names: Names
+    relation_names: Names
+    #: number of known entities, whose ids come first
+    known: int
+    #: of new entities, and of known ones; ids, shapes: (T, 3), (K, 3)
+    triples: np.ndarray
+    known_triples: np.ndarray
+
+
+def checked_arguments(
+    entities: np.ndarray, relations: Any, model: str | Model, model_options: Mapping[str, Any] | None, names: Names,
+    relation_names: Sequence[str] | None, known: int, triples: Any, known_triples: Any,
+) -> Arguments:  # fmt: skip
+    """The arguments of a call; ``entities`` and ``names`` are checked already.
 
     Raises:
-        InputError: where it is none.
+        InputError: naming the argument: also where a triple has no new entity, or a known triple has one.
     """
-    place = f"argument {name!r}"
-    found = array(values, place, "expected a table of floats (rows, numbers)")
-    if np.iscomplexobj(found):
-        expected = "expected real numbers: of complex vectors the real halves, then the imaginary ones"
-        raise InputError(place, "", expected)
-    if found.ndim != 2 or not np.issubdtype(found.dtype, np.floating) or not found.size:
-        raise InputError(place, "", f"expected a table of floats (rows, numbers), got {found.dtype} {found.shape}")
-    if width is not None and found.shape[1] != width:
-        raise InputError(place, "", f"expected rows of {width} numbers, got rows of {found.shape[1]}")
-    with np.errstate(over="ignore", invalid="ignore"):
-        finite = np.isfinite(found.sum())  # quick, but sums of finite numbers may overflow
-    if not finite and not (each := np.isfinite(found).all(1)).all():
-        raise InputError(place, f"row {int(np.argmin(each))}", "expected finite numbers, got NaN or infinity")
-    return found
+    checked = checked_model(model, model_options, entities.shape[1])
+    rows = table(relations, "relations", checked.width(entities.shape[1]))
+    labels = names_of("relation_names", len(rows), relation_names)
+    new = triples_of(triples, "triples", names, labels)
+    old = triples_of(known_triples if known_triples is not None else [], "known_triples", names, labels)
+    for name, wrong, expected in (
+        ("triples", (new[:, [HEAD, TAIL]] < known).all(1), "a new entity: triples of known ones are 'known_triples'"),
+        ("known_triples", (old[:, [HEAD, TAIL]] >= known).any(1), "known entities alone"),
+    ):
+        if wrong.any():
+            head, relation, tail = (new if name == "triples" else old)[np.argmax(wrong)].tolist()
+            triple = f"({names.of(head)}, {labels.of(relation)}, {names.of(tail)})"[:200]
+            raise InputError(f"argument {name!r}", triple, f"expected {expected}")
+    return Arguments(entities, rows, checked, names, labels, known, new, old)
 
 
-def stack_of_one(entities: np.ndarray, relations: np.ndarray, family: Model) -> Embedding:
+def stack_of_one(entities: np.ndarray, relations: np.ndarray, model: Model) -> Embedding:
     """Tables as a stack of one embedding in single precision, which shares memory with entities that are."""
-    with np.errstate(over="ignore"):  # what becomes of too large ones is looked at
+    with np.errstate(over="ignore"):  # what is too large is refused later
         entity = torch.from_numpy(np.ascontiguousarray(entities, np.float32))
-    return Embedding(entity[None], torch.from_numpy(np.array(relations, np.float32))[None], family)
+    return Embedding(entity[None], torch.from_numpy(np.array(relations, np.float32))[None], model)
 
 
 def graph_of(triples: np.ndarray, theta: Embedding, kinds: np.ndarray | None = None) -> Graph:
@@ -250,56 +284,55 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
     Raises:
         InputError: naming the triple of which a name or an id is unknown.
     """
-    if isinstance(triples, np.ndarray) and np.issubdtype(triples.dtype, np.integer) and triples.ndim == 2:
-        found = _in_range(triples, name, entities.number, relations.number)
-    else:
-        found = np.array(
-            [_triple(triple, f"argument {name!r}: triple {row}", entities, relations)
-             for row, triple in enumerate(listed(triples, name, "triples"))], dtype=np.int64,
-        ).reshape(-1, 3)  # fmt: skip
-    return found[np.sort(np.unique(found, axis=0, return_index=True)[1])] if len(found) > 1 else found
+    with argument(name):
+        if isinstance(triples, np.ndarray) and np.issubdtype(triples.dtype, np.integer) and triples.ndim == 2:
+            ids = _in_range(triples, entities.number, relations.number)
+        else:
+            rows = enumerate(as_list(triples, name, "triples"))
+            ids = np.array([_ids(triple, f"triple {row}", entities, relations) for row, triple in rows], dtype=np.int64)
+    ids = ids.reshape(-1, 3)
+    return ids[np.sort(np.unique(ids, axis=0, return_index=True)[1])] if len(ids) > 1 else ids
 
 
-def _in_range(triples: np.ndarray, name: str, entities: int, relations: int) -> np.ndarray:
-    """Triples of ids, checked at once."""
+def _in_range(triples: np.ndarray, entities: int, relations: int) -> np.ndarray:
+    """Triples of ids, checked together."""
     if triples.shape[1] != 3:
-        raise InputError(f"argument {name!r}", "", f"expected three columns, got {triples.shape[1]}")
+        raise InputError("", "", f"expected three columns, got {triples.shape[1]}")
     most = np.array([entities, relations, entities])
     wrong = (triples < 0) | (triples >= most)
     if wrong.any():
         row, slot = np.argwhere(wrong)[0].tolist()
-        place = f"argument {name!r}: triple {row}: {SLOTS[slot]}"
-        raise InputError(place, "", f"expected an id from 0 to {most[slot] - 1}, got {triples[row, slot]}")
+        expected = f"expected an id from 0 to {most[slot] - 1}, got {triples[row, slot]}"
+        raise InputError("", f"triple {row}: {SLOTS[slot]}", expected)
     return triples.astype(np.int64)
 
 
-def _triple(triple: Any, place: str, entities: Names, relations: Names) -> tuple[int, int, int]:
+def _ids(triple: Any, place: str, entities: Names, relations: Names) -> list[int]:
     if isinstance(triple, str | bytes | Set | Mapping) or not hasattr(triple, "__len__") or len(triple) != 3:
-        raise InputError(place, "", f"expected head, relation and tail, got {triple!r:.80}")
-    head, relation, tail = triple
-    return (
-        entities.id(head, f"{place}: head"), relations.id(relation, f"{place}: relation"),
-        entities.id(tail, f"{place}: tail"),
-    )  # fmt: skip
+        raise InputError("", place, f"expected head, relation and tail, got {triple!r:.80}")
+    names = zip(triple, SLOTS, (entities, relations, entities), strict=True)
+    return [rows.id(value, f"{place}: {slot}") for value, slot, rows in names]
 
 
 def kinds_of(kinds: Any, entities: Names) -> np.ndarray:
     """A number for the kind of each entity, the same one where there are no kinds; shape (E,), int64.
 
     Args:
-        kinds: of known and new entities, in order, or by name (those that are not there are of one kind more).
+        kinds: of known and new entities, in order, or by name (those that it lacks are of one more kind).
 
     Raises:
-        InputError: where they are not as many as the entities, or of one that is unknown.
+        InputError: where there is not one for each entity, or one is of an unknown entity.
     """
     if kinds is None:
         return np.zeros(entities.number, dtype=np.int64)
-    by_name = isinstance(kinds, Mapping)
-    found = [""] * entities.number if by_name else [str(kind) for kind in listed(kinds, "kinds", "kinds")]
-    if by_name:
-        for name, kind in kinds.items():
-            found[entities.id(name, "argument 'kinds'")] = str(kind)
-    if len(found) != entities.number:
-        expected = f"expected {entities.number} kinds, of known and new entities, got {len(found)}"
+    if isinstance(kinds, Mapping):
+        labels = [""] * entities.number
+        with argument("kinds"):
+            for name, kind in kinds.items():
+                labels[entities.id(name, "")] = str(kind)
+    else:
+        labels = [str(kind) for kind in as_list(kinds, "kinds", "kinds")]
+    if len(labels) != entities.number:
+        expected = f"expected {entities.number} kinds, of known and new entities, got {len(labels)}"
         raise InputError("argument 'kinds'", "", expected)
-    return np.unique(np.array(found), return_inverse=True)[1].astype(np.int64)
+    return np.unique(np.array(labels), return_inverse=True)[1].astype(np.int64)

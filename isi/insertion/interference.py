@@ -1,4 +1,4 @@
-"""Interference: how often new entities rank above what answered before them."""
+"""Interference of new entities: how often they rank above the known answers of queries, and what that does to ranks."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Interference:
 
     queries: int
     #: of each new entity, the share of queries in which it ranks above the known answer (½ where they are tied);
-    #: where it is told to be an answer itself, it does not count
+    #: where an insert triple makes it an answer itself, it does not count
     above: list[float]
     #: filtered mean reciprocal rank and mean rank of the known answers, among known entities and among all
     mrr_before: float
@@ -33,70 +33,73 @@ class Interference:
 
 
 def interference(
-    embedding: Embedding, known: int, asked: np.ndarray, told: np.ndarray, known_triples: np.ndarray, most: int,
-    seed: int,
+    embedding: Embedding, known: int, queried: np.ndarray, insert_triples: np.ndarray, known_triples: np.ndarray,
+    most: int, seed: int,
 ) -> Interference:  # fmt: skip
     """How new entities, from id ``known`` on, rank among the answers of triples of known ones.
 
     Args:
-        asked: ids, shape (Q, 3); as many as ``most`` of them are drawn.
-        told: triples of new entities, which are right as answers.
-        known_triples: which are no rivals.
+        queried: ids, shape (Q, 3); as many as ``most`` of them are drawn.
+        insert_triples: right as answers, too.
+        known_triples: right as answers, and filtered.
 
     Raises:
-        InputError: where there is nothing to ask.
+        InputError: where there is nothing to query.
     """
-    if not len(asked) or (asked[:, [HEAD, TAIL]] >= known).any():
+    if not len(queried) or (queried[:, [HEAD, TAIL]] >= known).any():
         raise InputError("argument 'triples'", "", "expected triples of known entities, to ask about")
-    if len(asked) > most:
-        asked = asked[np.sort(stream(seed, "interference").permutation(len(asked))[:most])]
-    before, after = _ranks(embedding, asked, np.concatenate([asked, told, known_triples]), known)
+    if len(queried) > most:
+        queried = queried[np.sort(stream(seed, "interference").permutation(len(queried))[:most])]
+    before, after = _ranks(embedding, queried, np.concatenate([queried, insert_triples, known_triples]), known)
+    above = ranked_above(embedding, known, torch.from_numpy(queried), torch.from_numpy(insert_triples))
     return Interference(
-        2 * len(asked), ranked_above(embedding, known, torch.from_numpy(asked), torch.from_numpy(told)).tolist(),
+        2 * len(queried), above.tolist(),
         (1 / before).mean().item(), (1 / after).mean().item(), before.mean().item(), after.mean().item(),
     )  # fmt: skip
 
 
-def ranked_above(embedding: Embedding, known: int, asked: Tensor, told: Tensor) -> Tensor:
+def ranked_above(embedding: Embedding, known: int, queried: Tensor, insert_triples: Tensor) -> Tensor:
     """Share of queries in which each new entity ranks above the answer; shapes (Q, 3), (I, 3), result (n,)."""
-    head, relation, tail = asked.T[:, None]  # (1, Q)
-    of, new = rows(embedding.relation, relation), embedding.entity[:, known:]
-    family, heads, tails = embedding.model, rows(embedding.entity, head), rows(embedding.entity, tail)
-    answer = family.score(heads, of, tails)[..., None]
+    head, relation, tail = queried.T[:, None]  # (1, Q)
+    relations, new = rows(embedding.relation, relation), embedding.entity[:, known:]
+    model, heads, tails = embedding.model, rows(embedding.entity, head), rows(embedding.entity, tail)
+    answer = model.score(heads, relations, tails)[..., None]
     total = torch.zeros(new.shape[1], dtype=torch.float64)
-    for scores, given, slot in (
-        (family.score_tails(heads, of, new), HEAD, TAIL), (family.score_heads(tails, of, new), TAIL, HEAD)
+    for scores, end, slot in (
+        (model.score_tails(heads, relations, new), HEAD, TAIL), (model.score_heads(tails, relations, new), TAIL, HEAD)
     ):  # fmt: skip
-        ahead = compare(torch.cat([answer, scores], -1), torch.zeros_like(head))[0, :, 1:]
-        total += ahead.masked_fill(_right(asked, told, known, given, slot, len(total)), 0).double().sum(0)
-    return total / (2 * len(asked))
+        above = compare(torch.cat([answer, scores], -1), torch.zeros_like(head))[0, :, 1:]
+        total += above.masked_fill(_right(queried, insert_triples, known, end, slot, len(total)), 0).double().sum(0)
+    return total / (2 * len(queried))
 
 
-def _right(asked: Tensor, told: Tensor, known: int, given: int, slot: int, number: int) -> Tensor:
-    """Which new entities are told to be in a slot of a query; shape (Q, n), bool."""
-    own = told[told[:, slot] >= known]
-    same = (asked[:, None, given] == own[:, given]) & (asked[:, None, RELATION] == own[:, RELATION])
-    query, triple = same.nonzero(as_tuple=True)
-    found = torch.zeros(len(asked), number, dtype=torch.bool)
-    found[query, own[triple, slot] - known] = True
-    return found
+def _right(queried: Tensor, insert_triples: Tensor, known: int, end: int, slot: int, number: int) -> Tensor:
+    """Which new entities an insert triple puts into the slot of a query; shape (Q, n), bool."""
+    in_slot = insert_triples[insert_triples[:, slot] >= known]
+    same_end = queried[:, None, end] == in_slot[:, end]
+    query, triple = (same_end & (queried[:, None, RELATION] == in_slot[:, RELATION])).nonzero(as_tuple=True)
+    right = torch.zeros(len(queried), number, dtype=torch.bool)
+    right[query, in_slot[triple, slot] - known] = True
+    return right
 
 
-def _ranks(embedding: Embedding, asked: np.ndarray, right: np.ndarray, known: int) -> tuple[Tensor, Tensor]:
-    """Ranks of the answers among known entities and among all, less those of right triples; shapes (2Q,).
+def _ranks(embedding: Embedding, queried: np.ndarray, right: np.ndarray, known: int) -> tuple[Tensor, Tensor]:
+    """Filtered ranks of the answers among known entities and among all; shapes (2Q,).
 
     Args:
-        right: triples, of which those that are asked come first; shape (T, 3).
+        right: triples, of which the queried ones come first; shape (T, 3).
     """
     triples, place = np.unique(right, axis=0, return_inverse=True)
     graph, number, entities = graph_of(triples, embedding), len(triples), embedding.entity.shape[1]
     everyone = torch.ones(1, entities, dtype=torch.bool)
     session = Session(graph, everyone, torch.full((1, number), TRAIN, dtype=torch.int8))
-    is_asked = torch.zeros(1, number, dtype=torch.bool)
-    is_asked[:, torch.from_numpy(place.flatten()[: len(asked)])] = True
-    among = {"before": torch.arange(entities)[None] < known, "after": everyone}
-    slots, filtered = padded_ids(is_asked), torch.ones_like(is_asked)
-    queries = {name: make_queries(session, slots, is_asked, filtered, some) for name, some in among.items()}
+    is_queried = torch.zeros(1, number, dtype=torch.bool)
+    is_queried[:, torch.from_numpy(place.flatten()[: len(queried)])] = True
+    slots, filtered = padded_ids(is_queried), torch.ones_like(is_queried)
+    queries = {
+        name: make_queries(session, slots, is_queried, filtered, candidates)
+        for name, candidates in (("before", torch.arange(entities)[None] < known), ("after", everyone))
+    }
     pieces = list(rank_queries(embedding, queries))
-    before, after = (torch.cat([piece[name].entity.rank[0] for piece in pieces]).double() for name in among)
+    before, after = (torch.cat([piece[name].entity.rank[0] for piece in pieces]).double() for name in queries)
     return before, after

@@ -1,10 +1,11 @@
-"""What an insertion gives: the enlarged tables, and a report of each new entity."""
+"""What ``isi.insert`` returns: the enlarged tables, and a report of each new entity."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,16 +15,16 @@ from torch.nn.functional import normalize
 
 from isi.config import Count, Seed, check
 from isi.graph.graph import HEAD, TAIL
-from isi.insertion.arguments import Names, Triple, argument, stack_of_one, triples_of
+from isi.insertion.arguments import Names, Triple, stack_of_one, triples_of
 from isi.insertion.interference import Interference, interference
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
 #: Numbers in a table of cosines, at most.
 BUDGET = 2**24
-#: Of the largest deviation of a coordinate: known vectors that differ by less are the same in it.
+#: Of the largest deviation of a coordinate: known vectors that differ by less count as equal in it.
 SAME = 1e-6
-#: Known vectors that tell how wide their cloud is, at most; spread evenly over the table.
+#: Known vectors from which the spread is taken, at most, evenly over the table.
 CLOUD = 2**16
 
 
@@ -33,8 +34,8 @@ class Entity:
 
     name: str | int
     id: int
-    #: triples with a known end, which the initializer was told, and triples with a new one, which it was not
-    told: int
+    #: triples with a known end, which the initializer saw, and triples between two new ones, which it did not
+    insert_triples: int
     between: int
     #: what served where the initializer could not: es, rs, centroid
     fallback: str | None
@@ -55,14 +56,14 @@ class Inserted:
     #: shapes: (E + n, d), (R, w)
     entities: np.ndarray
     relations: np.ndarray
-    family: Model
+    model: Model
     #: null where they go by id
     entity_names: Sequence[str] | None
     relation_names: Sequence[str] | None
     #: ids of the new entities
     new: list[int]
     #: triples with one new end, and with two; shapes: (I, 3), (B, 3)
-    told: np.ndarray
+    insert_triples: np.ndarray
     between: np.ndarray
     known_triples: np.ndarray
     initializer: str
@@ -85,7 +86,7 @@ class Inserted:
     @cached_property
     def embedding(self) -> Embedding:
         """As a stack of one, in single precision."""
-        return stack_of_one(self.entities, self.relations, self.family)
+        return stack_of_one(self.entities, self.relations, self.model)
 
     @property
     def names(self) -> Names:
@@ -97,16 +98,15 @@ class Inserted:
         Raises:
             InputError: where that is no number.
         """
-        with argument("nearest"):
-            check(nearest, Seed, "nearest")
-        told, between = (_ends(triples, len(self.entities)) for triples in (self.told, self.between))
+        check(nearest, Seed, "", Path("argument 'nearest'"))
+        inserted, between = (_ends(triples, len(self.entities)) for triples in (self.insert_triples, self.between))
         ids, cosines = self._nearest(min(nearest, self.known))
         distance, farther_than = self._from_cloud()
         of = self.names.of
         return [
             Entity(
-                of(row), row, int(told[row]), int(between[row]), self.fallback[place],
-                None if self.indicators is None else [of(one) for one in self.indicators[place]],
+                of(row), row, int(inserted[row]), int(between[row]), self.fallback[place],
+                None if self.indicators is None else [of(indicator) for indicator in self.indicators[place]],
                 [(of(other), cosine) for other, cosine in zip(ids[place], cosines[place], strict=True)],
                 distance[place], farther_than[place],
             )
@@ -120,26 +120,24 @@ class Inserted:
 
         Args:
             triples: of known entities, held out or not; ``known_triples`` where there are none.
-            most: triples that are asked about; drawn where there are more.
+            most: triples that are queried; drawn where there are more.
             seed: of the draw.
 
         Raises:
-            InputError: where there is none, one is of an unknown entity or relation, or none is to be asked about.
+            InputError: where there is none, or one is of an unknown entity or relation.
         """
-        with argument("seed"):
-            check(seed, Seed, "seed")
-        with argument("most"):
-            check(most, Count, "most")
+        check(seed, Seed, "", Path("argument 'seed'"))
+        check(most, Count, "", Path("argument 'most'"))
         labels = Names("relation_names", len(self.relations), self.relation_names)
-        asked = self.known_triples if triples is None else triples_of(triples, "triples", self.names, labels)
-        return interference(self.embedding, self.known, asked, self.told, self.known_triples, most, seed)
+        queried = self.known_triples if triples is None else triples_of(triples, "triples", self.names, labels)
+        return interference(self.embedding, self.known, queried, self.insert_triples, self.known_triples, most, seed)
 
     def _nearest(self, number: int) -> tuple[list[list[int]], list[list[float]]]:
         vectors = self.embedding.entity[0]
         known = normalize(vectors[: self.known], dim=-1)
         ids, cosines = list[list[int]](), list[list[float]]()
-        for some in torch.split(vectors[self.known :], max(1, BUDGET // self.known)):
-            best = torch.topk(normalize(some, dim=-1) @ known.T, number)
+        for part in torch.split(vectors[self.known :], max(1, BUDGET // self.known)):
+            best = torch.topk(normalize(part, dim=-1) @ known.T, number)
             ids += best.indices.tolist()
             cosines += best.values.tolist()
         return ids, cosines
@@ -147,15 +145,15 @@ class Inserted:
     def _from_cloud(self) -> tuple[list[float], list[float]]:
         """Distances, and the shares of the known that lie nearer; without coordinates in which all are the same."""
         vectors = self.embedding.entity[0]
-        some = vectors[: self.known : max(1, -(-self.known // CLOUD))].double()
-        centre, deviation = some.mean(0), some.std(0, correction=0)
+        known = vectors[: self.known : max(1, -(-self.known // CLOUD))].double()
+        centre, deviation = known.mean(0), known.std(0, correction=0)
         alive = deviation > SAME * deviation.max()
 
         def distance(of: Tensor) -> Tensor:
             return ((of.double() - centre) / deviation)[:, alive].square().sum(-1).div(max(1, int(alive.sum()))).sqrt()
 
-        usual, own = distance(some).sort().values, distance(vectors[self.known :])
-        return own.tolist(), (torch.searchsorted(usual, own) / len(usual)).tolist()
+        usual, new = distance(known).sort().values, distance(vectors[self.known :])
+        return new.tolist(), (torch.searchsorted(usual, new) / len(usual)).tolist()
 
 
 def _ends(triples: np.ndarray, entities: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Word vectors of entities: as a user has them, or of texts by whatever makes vectors of texts."""
+"""Word vectors of entities: given as vectors, or made of texts by a function, a file, or gensim's vectors."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from isi.errors import InputError, short
-from isi.insertion.arguments import Names, array, table
+from isi.insertion.arguments import Names, argument, array, table
 
 #: What makes vectors of texts: a function, word vectors of gensim's, or a file of such.
 Source = Callable[[Sequence[str]], Any] | str | Path
-PLACE = "argument 'words'"
 
 
 def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray | None:
@@ -30,22 +29,22 @@ def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray
     if words is None:
         return None
     if not isinstance(words, Mapping):
-        found = table(words, "words")
-        if len(found) != entities.number:
-            expected = f"expected {entities.number} rows, of known and new entities, got {len(found)}"
-            raise InputError(PLACE, "", expected)
+        rows = table(words, "words")
+        if len(rows) != entities.number:
+            expected = f"expected {entities.number} rows, of known and new entities, got {len(rows)}"
+            raise InputError("argument 'words'", "", expected)
         with np.errstate(over="ignore"):
-            return table(found.astype(np.float32), "words")
-    rows = {entities.id(name, PLACE): value for name, value in words.items()}
-    texts = {row: value for row, value in rows.items() if isinstance(value, str)}
-    vectors = {
-        row: array(value, f"{PLACE}: {entities.of(row)!r:.80}", "expected a vector or a text", np.float32)
-        for row, value in rows.items() if row not in texts
-    }  # fmt: skip
-    if texts:
-        made = embedded(list(texts.values()), source)
-        vectors |= dict(zip(texts, made, strict=True))
-    return _filled(vectors, entities)
+            return table(rows.astype(np.float32), "words")
+    with argument("words"):
+        by_id = {entities.id(name, ""): value for name, value in words.items()}
+        texts = {row: value for row, value in by_id.items() if isinstance(value, str)}
+        vectors = {
+            row: array(value, "", f"{entities.of(row)!r:.80}: expected a vector or a text", np.float32)
+            for row, value in by_id.items() if row not in texts
+        }  # fmt: skip
+        if texts:
+            vectors |= dict(zip(texts, embedded(list(texts.values()), source), strict=True))
+        return _as_table(vectors, entities) if vectors else None
 
 
 def embedded(texts: Sequence[str], source: Source | None) -> np.ndarray:
@@ -54,37 +53,36 @@ def embedded(texts: Sequence[str], source: Source | None) -> np.ndarray:
     Raises:
         InputError: where there is no source, or it gives something else.
     """
+    place = "argument 'word_source'"
     if source is None:
-        raise InputError(PLACE, "", "expected vectors, or the argument 'word_source' that makes vectors of texts")
+        raise InputError("", "", "expected vectors, or the argument 'word_source' that makes vectors of texts")
     if callable(source):
-        given = array(source(list(texts)), "argument 'word_source'", "expected it to give vectors", np.float32)
-        made = table(given, "word_source")
+        vectors = array(source(list(texts)), place, "expected it to give vectors", np.float32)
+        vectors = table(vectors, "word_source")
     else:
         from gensim.models import KeyedVectors  # here, since it takes a second
 
         from isi.graph.words import look_up, read_vectors
 
-        vectors = read_vectors(Path(source)) if isinstance(source, str | Path) else source
-        if not isinstance(vectors, KeyedVectors):
+        keyed = read_vectors(Path(source)) if isinstance(source, str | Path) else source
+        if not isinstance(keyed, KeyedVectors):
             expected = f"expected a function, gensim's KeyedVectors or a file of such, got {short(source)}"
-            raise InputError("argument 'word_source'", "", expected)
-        made = look_up(vectors, texts).vectors
-    if len(made) != len(texts):
-        raise InputError("argument 'word_source'", "", f"expected {len(texts)} vectors, got {len(made)}")
-    return made
+            raise InputError(place, "", expected)
+        vectors = look_up(keyed, texts).vectors
+    if len(vectors) != len(texts):
+        raise InputError(place, "", f"expected {len(texts)} vectors, got {len(vectors)}")
+    return vectors
 
 
-def _filled(vectors: Mapping[int, np.ndarray], entities: Names) -> np.ndarray | None:
-    """A table of some rows."""
-    if not vectors:
-        return None
+def _as_table(vectors: Mapping[int, np.ndarray], entities: Names) -> np.ndarray:
+    """A table of some rows; the others are zero."""
     width = next(iter(vectors.values())).size
-    found = np.zeros((entities.number, width), dtype=np.float32)
+    rows = np.zeros((entities.number, width), dtype=np.float32)
     for row, vector in vectors.items():
-        place = f"{PLACE}: {entities.of(row)!r:.80}"
         if vector.shape != (width,):
-            raise InputError(place, "", f"expected a vector of {width} numbers, got {vector.shape}")
+            expected = f"expected a vector of {width} numbers, got {vector.shape}"
+            raise InputError("", f"{entities.of(row)!r:.80}", expected)
         if not np.isfinite(vector).all():
-            raise InputError(place, "", "expected finite numbers, got NaN or infinity")
-        found[row] = vector
-    return found
+            raise InputError("", f"{entities.of(row)!r:.80}", "expected finite numbers, got NaN or infinity")
+        rows[row] = vector
+    return rows

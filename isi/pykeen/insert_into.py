@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -15,10 +16,10 @@ from pykeen.triples import CoreTriplesFactory, TriplesFactory
 from torch import Tensor
 from torch.optim import Optimizer
 
-import isi
 from isi.config import check
 from isi.errors import InputError, short
-from isi.insertion.arguments import Triple, argument, listed
+from isi.insertion import api
+from isi.insertion.arguments import Triple, as_list
 from isi.insertion.result import Inserted
 from isi.insertion.words import Source
 from isi.pykeen.models import Form, read_model, table_of
@@ -28,16 +29,16 @@ Margin = Annotated[float, Field(allow_inf_nan=False)]
 
 
 def insert(
-    model: Model, factory: CoreTriplesFactory, triples: Sequence[Triple] | np.ndarray | Tensor, **how: Any
+    model: Model, factory: CoreTriplesFactory, triples: Sequence[Triple] | np.ndarray | Tensor, **arguments: Any
 ) -> tuple[Model, CoreTriplesFactory]:
-    """Put new entities into a trained model; what it knows stays as it is.
+    """Put new entities into a trained model; its other vectors stay as they are.
 
     Args:
         model: with one vector for each entity. TransE (either norm, squared or not), DistMult, ComplEx and RotatE take
-            any initializer; others take those that need no family (mean, kind_mean, es, soft_es, ...) and map_mean.
+            any initializer; others take those that need no inverse of a relation (mean, es, soft_es, map_mean, ...).
         factory: that it was trained on.
         triples: of the new entities; as labels where the factory has them, else as ids.
-        how: see ``inserted``.
+        arguments: see ``inserted``.
 
     Returns:
         copies: a model with rows for the new entities behind those that it has, and a factory with their labels and
@@ -46,7 +47,7 @@ def insert(
     Raises:
         InputError: naming the argument that is wrong, and what was expected.
     """
-    return enlarge(model, factory, inserted(model, factory, triples, **how))
+    return enlarge(model, factory, inserted(model, factory, triples, **arguments))
 
 
 def inserted(
@@ -63,16 +64,15 @@ def inserted(
         margin: from which distance on a triple counts as wrong; read off the scores of the factory's triples where
             there is none.
     """
-    own: Any = triples.cpu().numpy() if isinstance(triples, Tensor) else triples
-    own = own if isinstance(own, np.ndarray) and own.ndim else listed(own, "triples", "triples")
-    with argument("margin"):
-        check(margin, Margin | None, "margin")  # type: ignore[arg-type]
+    rows: Any = triples.cpu().numpy() if isinstance(triples, Tensor) else triples
+    rows = rows if isinstance(rows, np.ndarray) and rows.ndim else as_list(rows, "triples", "triples")
+    check(margin, Margin | None, "", Path("argument 'margin'"))  # type: ignore[arg-type]
     _check_fit(model, factory)
     embedding = read_model(model, factory.mapped_triples, margin)
     entity_names, relation_names = _labels(factory)
-    return isi.insert(
-        embedding.entity[0].numpy(), embedding.relation[0].numpy(), own,
-        new=_new(factory, own) if new is None else new, family=embedding.model,
+    return api.insert(
+        embedding.entity[0].numpy(), embedding.relation[0].numpy(), rows,
+        new=_new(factory, rows) if new is None else new, model=embedding.model,
         entity_names=entity_names, relation_names=relation_names,
         known_triples=factory.mapped_triples.numpy(), words=words, word_source=word_source, kinds=kinds,
         initializer=initializer, options=options, seed=seed,
@@ -131,8 +131,8 @@ def _append(table: Table, rows: Tensor) -> None:
 
 
 def _factory(factory: CoreTriplesFactory, done: Inserted) -> CoreTriplesFactory:
-    own = torch.from_numpy(np.concatenate([done.told, done.between]))
-    triples = torch.cat([factory.mapped_triples, own])
+    new = torch.from_numpy(np.concatenate([done.insert_triples, done.between]))
+    triples = torch.cat([factory.mapped_triples, new])
     if isinstance(factory, TriplesFactory):
         names = done.entity_names or []
         labels = dict(factory.entity_to_id) | {names[row]: row for row in done.new}

@@ -1,6 +1,6 @@
-"""What family of this project's a model of PyKEEN's is of; where there is none, one made of its own interaction.
+"""A model of PyKEEN's as an embedding of this project: with a model of our own, or one made of its interaction.
 
-PyKEEN's representations as rows of real numbers, and back: complex ones are real halves, then imaginary ones.
+Its representations become rows of real numbers; complex ones are real halves, then imaginary ones.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from torch import Tensor
 
 from isi.errors import InputError
 from isi.initializers.api import NoRelationMap
-from isi.insertion.choose import middle
+from isi.insertion.choose import margin_of
 from isi.models.bilinear import ComplEx, DistMult
 from isi.models.distance import RotatE, TransE, TransEL1
 from isi.models.model import Model
@@ -37,8 +37,8 @@ ROUNDING = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class OfInteraction(Model):
-    """f(h, r, t) = offset + the score of an interaction of PyKEEN's; nothing else is known of it."""
+class InteractionModel(Model):
+    """f(h, r, t) = offset + the score of an interaction of PyKEEN's; the map of its relations is not known."""
 
     interaction: Interaction[Any, Any, Any]
     entity: Form
@@ -54,8 +54,7 @@ class OfInteraction(Model):
         sizes = [form.size for form in self.relations]
         parts = torch.split(relation.double(), sizes, -1) if sizes else ()
         values = tuple(form.values(part) for form, part in zip(self.relations, parts, strict=True))
-        ends = (self.entity.values(vectors.double()) for vectors in (head, tail))
-        first, last = ends
+        first, last = (self.entity.values(vectors.double()) for vectors in (head, tail))
         scores: Tensor = self.interaction(h=first, r=values[0] if len(values) == 1 else values, t=last)
         return self.offset + scores.to(head.dtype)
 
@@ -79,10 +78,10 @@ def table_of(model: ERModel[Any, Any, Any]) -> Table:
 
 
 def read_model(model: ERModel[Any, Any, Any], triples: Tensor, margin: float | None) -> Embedding:
-    """A model in this project's terms, as a stack of one.
+    """A model as a stack of one embedding.
 
     Args:
-        triples: that it was trained on; their scores tell the margin of distances where none is given.
+        triples: that it was trained on; their scores say the margin of distances where none is given.
 
     Raises:
         InputError: where it has several vectors per entity, or relations that are inverses of others.
@@ -95,18 +94,18 @@ def read_model(model: ERModel[Any, Any, Any], triples: Tensor, margin: float | N
     if closed is None:
         interaction = deepcopy(model.interaction).cpu().double().eval().requires_grad_(False)
         rows = torch.cat([rows for _, rows in relations], 1) if relations else torch.zeros(model.num_relations, 0)
-        family = OfInteraction(interaction, form, tuple(form for form, _ in relations), 0.0)
-        family = replace(family, offset=middle(Embedding(entity[None], rows[None], family), triples, margin))
-        return Embedding(entity[None].float(), rows[None].float(), family)
+        own = InteractionModel(interaction, form, tuple(form for form, _ in relations), 0.0)
+        own = replace(own, offset=margin_of(Embedding(entity[None], rows[None], own), triples, margin))
+        return Embedding(entity[None].float(), rows[None].float(), own)
     make, rows = closed
     without = Embedding(entity[None].float(), rows[None].float(), make(0.0))
-    return replace(without, model=make(middle(without, triples, margin)))
+    return replace(without, model=make(margin_of(without, triples, margin)))
 
 
 def _closed_form(
     interaction: Interaction[Any, Any, Any], relations: list[Tensor]
 ) -> tuple[Callable[[float], Model], Tensor] | None:
-    """The family of an interaction, by its margin, and its rows of relations; null where there is none."""
+    """A model of our own for an interaction, by its margin, and its rows of relations; null where there is none."""
     if type(interaction) is DistMultInteraction:
         return lambda _: DistMult(), relations[0]
     if type(interaction) is ComplExInteraction:
