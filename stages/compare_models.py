@@ -12,6 +12,7 @@ from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
 from isi.experiment.train import TrainTask, model_of, train_config, train_joint_model
 from isi.stage import StageContext, stage
+from isi.training.trainer import Training
 
 
 @stage
@@ -24,7 +25,10 @@ def compare_models(context: StageContext, experiment: str, model: str) -> None:
         for points in first
         if points.size == first[0].size
     ]
-    training = params.training.model_copy(update=settings.models[model].model_dump())
+    shared = {
+        name: getattr(params.training, name) for name in ("batch_size", "max_epochs", "evaluate_every", "patience")
+    }
+    training = Training(**shared, **settings.models[model].model_dump())
     config = train_config(params, model_of(params, model), training)
     trained = run(train_joint_model, [TrainTask(points, config) for points in grid], params.compute, f"models, {model}")
     tasks = [

@@ -1,4 +1,4 @@
-"""Which modules of the project a module imports, directly or through others."""
+"""Which modules of the project a module imports when it runs, directly or through others."""
 
 from __future__ import annotations
 
@@ -7,31 +7,37 @@ from functools import cache
 from pathlib import Path
 
 PACKAGES = ("isi", "stages")
+#: Modules that change no number, so that no stage depends on them: how a mistake is worded, how a process ends, how a
+#: stage is started, and the classes of all params put together (each stands beside what reads it, where it counts).
+PLUMBING = {Path("isi", f"{name}.py") for name in ("__init__", "errors", "process", "stage", "params")}
 
 
 def closure(*paths: Path) -> set[Path]:
-    """The project's files that importing some files loads, themselves included; plug-ins only where given."""
-    found: set[Path] = set()
+    """The project's files that importing some files loads, themselves included, without the plumbing and plug-ins."""
+    files: set[Path] = set()
     waiting = list(paths)
     while waiting:
         current = waiting.pop()
-        if current not in found:
-            found.add(current)
+        if current not in files | PLUMBING:
+            files.add(current)
             waiting += _loads(current)
-    return found
+    return files
 
 
 @cache
 def _loads(path: Path) -> list[Path]:
-    return [file for name in [".".join(path.with_suffix("").parts), *_imported(path)] for file in _files(name)]
+    return [file for name in [".".join(path.with_suffix("").parts), *imported(path)] for file in _files(name)]
 
 
-def _imported(path: Path) -> list[str]:
+def imported(path: Path) -> list[str]:
     names = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for_types = [node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)]
+    skipped = {inner for node in for_types for inner in ast.walk(node)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import) and node not in skipped:
             names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module:
+        elif isinstance(node, ast.ImportFrom) and node.module and node not in skipped:
             names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
     return [name for name in names if name.split(".")[0] in PACKAGES]
 

@@ -16,12 +16,9 @@ from typing import Any
 import pytest
 import yaml
 
-from isi.initializers.api import INITIALIZERS
-from isi.models.model import MODELS
-from isi.sources import SOURCES
-from isi.stage import StageContext
 from isi.tables import paths
-from tests.imports import closure
+from tests.imports import PLUMBING, closure, imported
+from tests.listed_params import listed
 
 ROOT = Path(__file__).parent.parent
 
@@ -34,26 +31,19 @@ FIRST: dict[str, dict[str, Any]] = read(paths.PIPELINE)["stages"]
 BEYOND: dict[str, dict[str, Any]] = read(paths.BEYOND_PIPELINE)["stages"]
 STAGES = FIRST | BEYOND
 PARAMS, BEYOND_PARAMS = read(paths.PARAMS), read(paths.BEYOND_PARAMS)
-PACKAGES = {plugins.package.replace(".", "/"): plugins for plugins in (MODELS, INITIALIZERS, SOURCES)}
-#: What it offers to others is imported when it is asked for, which no stage does.
-DOOR = Path("isi/__init__.py")
 OPEN = re.compile(r"\$\{([^}]+)\}")
-#: Where the options of plug-ins stand in params, and their package.
-OPTIONS = {"families": "isi/families", "initializers": "isi/initializers", "sweep.initializers": "isi/initializers"}
-ONE = re.compile(rf"({'|'.join(map(re.escape, OPTIONS))})\.(.+)")
+#: Packages whose modules are imported by name, and the params that name them.
+PLUGINS = {"isi/models": "models", "isi/initializers": "initializers", "isi/sources": "sources"}
+#: Stages of which every other result is made.
+MAKING = ("mine", "build_graph", "embed_words", "make_sessions", "train_theta0", "train_joint", "insert")
+#: What changes for reasons of its own: words of messages, the command, the page, tables that the report alone reads.
+APART = ("isi/errors.py", "isi/process.py", "isi/stage.py", "isi/params.py", "isi/cli", "isi/report", "isi/analyses",
+         "isi/bundle", "isi/insertion", "isi/pykeen", "isi/exports", "isi/recording")  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
 def _in_root(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-
-
-def fillings(dep: str) -> list[str]:
-    """A dependency with the name of every plug-in of its package where it leaves one open."""
-    package = dep.rpartition("/")[0]
-    if not OPEN.search(dep) or package not in PACKAGES:
-        return [dep]
-    return [OPEN.sub(name, dep) for name in PACKAGES[package].names() if Path(package, f"{name}.py").is_file()]
 
 
 def cases(name: str) -> Iterator[dict[str, str]]:
@@ -79,16 +69,6 @@ def parsed(path: Path) -> ast.Module:
 # What dvc.yaml says
 
 
-def own_values(given: StageContext) -> dict[str, object]:
-    """Without those that change no result."""
-    return {key: value for key, value in given.values.items() if key != "compute"}
-
-
-def test_the_pipelines_share_no_stage_and_no_key_of_params() -> None:
-    assert not set(FIRST) & set(BEYOND)
-    assert not set(PARAMS) & set(BEYOND_PARAMS)
-
-
 @pytest.mark.parametrize("name", STAGES)
 def test_a_stage_runs_in_the_folder_that_holds_the_code(name: str) -> None:
     folder = (paths.PIPELINE if name in FIRST else paths.BEYOND_PIPELINE).parent
@@ -97,38 +77,67 @@ def test_a_stage_runs_in_the_folder_that_holds_the_code(name: str) -> None:
     assert not [pattern for pattern in shipped if not list(ROOT.glob(pattern))]
 
 
+def code_of(name: str) -> list[Path]:
+    """The code that a stage depends on."""
+    return [Path(dep) for dep in STAGES[name]["deps"] if dep.split("/")[0] in ("isi", "stages")]
+
+
 @pytest.mark.parametrize("name", STAGES)
 def test_a_stage_depends_on_every_module_that_it_imports_and_that_those_import(name: str) -> None:
-    """Plug-ins, which are imported by name, among them: whichever a stage's dependencies leave open."""
-    filled = [fillings(dep) for dep in STAGES[name]["deps"]]
-    for number in range(max(map(len, filled))):
-        listed = [Path(options[min(number, len(options) - 1)]) for options in filled]
-        code = [path for path in listed if path.parts[0] in ("isi", "stages")]
-        files = [file for path in code for file in (path.rglob("*.py") if path.is_dir() else [path])]
-        assert Path(f"stages/{name}.py") in files
-        missing = [path for path in closure(*files) if not any(path.is_relative_to(dep) for dep in code)]
-        assert not [str(path) for path in missing if len(parsed(path).body) > 1 and path != DOOR]  # more than text
-
-
-def test_the_door_of_the_package_imports_nothing_of_it_so_that_no_stage_depends_on_it() -> None:
-    assert closure(DOOR) == {DOOR}
+    files = closure(Path(f"stages/{name}.py"))
+    missing = [file for file in files if not any(file.is_relative_to(dep) for dep in code_of(name))]
+    starting = Path("stages/__init__.py")
+    assert not [str(file) for file in missing if len(parsed(file).body) > 1 and file != starting]  # more than text
 
 
 @pytest.mark.parametrize("name", STAGES)
-def test_a_stage_depends_on_the_plugins_whose_options_it_is_given_alone(name: str) -> None:
-    deps, keys = STAGES[name]["deps"], [key for key in STAGES[name].get("params", []) if isinstance(key, str)]
-    modules = {dep for dep in deps if dep.rpartition("/")[0] in PACKAGES and not dep.endswith("__init__.py")}
-    of_one = {f"{OPTIONS[found[1]]}/{found[2]}.py" for key in keys if (found := ONE.fullmatch(key))}
-    of_all = {OPTIONS[key] for key in keys if key in OPTIONS}
-    assert of_one <= modules
-    assert all(module in of_one or module.rpartition("/")[0] in of_all for module in modules)
+def test_a_stage_depends_whole_on_packages_whose_modules_params_name(name: str) -> None:
+    """And on what those import."""
+    files = closure(Path(f"stages/{name}.py"))
+    keys = [key.split(".")[0] for key in STAGES[name].get("params", []) if isinstance(key, str)]
+    for package, key in PLUGINS.items():
+        if (key in keys and Path(package, "__init__.py") in files) or name == "explore":
+            assert Path(package) in code_of(name) or Path("isi") in code_of(name)
+            inside = closure(*Path(package).rglob("*.py"))
+            missing = [file for file in inside if not any(file.is_relative_to(dep) for dep in code_of(name))]
+            assert not [str(file) for file in missing if len(parsed(file).body) > 1]
+
+
+@pytest.mark.parametrize("name", set(STAGES) - {"report"})
+def test_no_stage_depends_on_what_changes_no_number(name: str) -> None:
+    plumbing = {*PLUMBING, Path("isi/cli"), Path("isi/report")}
+    assert not [dep for dep in code_of(name) if any(path.is_relative_to(dep) for path in plumbing)]
+
+
+@pytest.mark.parametrize("name", MAKING)
+def test_training_and_insertion_depend_on_nothing_that_changes_for_other_reasons(name: str) -> None:
+    """A message, the command, the page, or a table that only the report reads leaves them up to date."""
+    assert not [
+        dep
+        for dep in code_of(name)
+        for path in map(Path, APART)
+        if path.is_relative_to(dep) or dep.is_relative_to(path)
+    ]
+
+
+def test_the_door_of_the_package_imports_nothing_of_it() -> None:
+    assert not [name for name in imported(Path("isi/__init__.py")) if name.startswith("isi.")]
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_a_stage_lists_params_that_there_are_and_none_that_change_no_result(name: str) -> None:
+    for names in cases(name):
+        for keys in listed(name, names).values():
+            for key in keys:
+                at(key)
+                assert not key.startswith("compute")
 
 
 @pytest.mark.parametrize("name", STAGES)
 def test_a_stage_is_called_by_its_arguments_and_takes_the_place_of_the_shell_that_starts_it(name: str) -> None:
     tops = parsed(Path(f"stages/{name}.py")).body
     (body,) = (node for node in tops if isinstance(node, ast.FunctionDef) and node.name == name)
-    _given, *arguments = [argument.arg for argument in body.args.args]
+    _context, *arguments = [argument.arg for argument in body.args.args]
     assert [*STAGES[name].get("matrix", {})] == arguments
     items = [f"${{item.{argument}}}" for argument in arguments]
     assert STAGES[name]["cmd"].split() == ["exec", "python", "-m", f"stages.{name}", *items]  # or it outlives DVC

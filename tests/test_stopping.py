@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,10 +13,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from isi.process import only_one
 from tests import sleepers
 from tests.environment import ENVIRONMENT
-from tests.test_bad_input import KINDS, OBSERVED, observed, run_stage, session, wait_until, workspace
+from tests.test_bad_input import session, wait_until, workspace
 from tools import workspace as workspaces
 
 __all__ = ["workspace"]  # a fixture
@@ -40,15 +38,6 @@ with one_line("writer"):
     atomically(Path("table"), half)
 """
 #: Holds a name until it is killed.
-HOLD = """
-import time
-from pathlib import Path
-from isi.process import only_one
-
-with only_one("build_graph@ai2thor"):
-    Path("held").touch()
-    time.sleep(300)
-"""
 
 #: And this code.
 WITH_CODE = ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
@@ -198,40 +187,10 @@ def test_a_second_run_says_that_there_is_a_first_and_leaves_it_alone(pipeline: P
         assert second.returncode
         assert "Traceback" not in second.stderr
         if first is REPRO:
-            expected = f"repro: repro runs already in this folder (process {running_first.pid}): "
+            expected = f"repro: runs already in this folder (process {running_first.pid})"
             assert second.stderr.startswith(expected)
             assert len(second.stderr.splitlines()) == 1
         else:
             assert "is busy, it is being blocked by:" in second.stderr
             assert f"(PID {running_first.pid})" in second.stderr
         assert session(running_first.pid).keys() == before
-
-
-# Stages that are called directly
-
-
-def test_a_stage_that_runs_already_is_refused_in_one_line_and_may_run_when_the_first_has_ended(
-    workspace: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    observed(workspace, "ai2thor", OBSERVED, KINDS)
-    (workspace / ".dvc").mkdir()
-    monkeypatch.chdir(workspace)
-    with only_one("build_graph@ai2thor"), only_one("build_graph@transfer"):
-        second = run_stage(workspace, "stages.build_graph", "ai2thor")
-        assert second.returncode == 1
-        (line,) = second.stderr.splitlines()
-        expected = f"build_graph@ai2thor runs already in this folder (process {os.getpid()}): let it end, or stop it"
-        assert line == f"build_graph: {expected}"
-        assert not (workspace / "data/graph").exists()
-    assert run_stage(workspace, "stages.build_graph", "ai2thor").returncode == 0
-
-
-def test_a_run_that_was_killed_is_in_nobodys_way(workspace: Path) -> None:
-    observed(workspace, "ai2thor", OBSERVED, KINDS)
-    (workspace / ".dvc").mkdir()
-    with running([sys.executable, "-c", HOLD], workspace, (workspace / "held").exists) as first:
-        assert run_stage(workspace, "stages.build_graph", "ai2thor").returncode == 1
-        first.kill()
-        first.wait()
-        time.sleep(0.1)
-        assert run_stage(workspace, "stages.build_graph", "ai2thor").returncode == 0

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import re
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,7 +18,8 @@ from pathlib import Path
 if not (find_spec("dvc") and find_spec("isi")):
     sys.exit(f"repro: {sys.executable} lacks DVC or this project: use `make repro`, or activate .venv first")
 
-from isi.process import one_line, only_one, tie_to_parent
+from isi.errors import InputError
+from isi.process import one_line, tie_to_parent
 
 #: Seconds that each stage took when it last ran here; before that, in the run that the documentation tells of.
 HERE = Path(".dvc/tmp/stage_seconds.json")
@@ -144,6 +147,24 @@ def run(command: list[str], progress: Progress, lock: LockFile) -> int:
     return dvc.returncode
 
 
+@contextmanager
+def alone() -> Iterator[None]:
+    """Refuse to run beside another one in this folder, whose lock file this one would mend.
+
+    The system lets go of the lock when the process ends, however that ends.
+    """
+    HERE.parent.mkdir(parents=True, exist_ok=True)
+    with (HERE.parent / "isi.repro").open("a+", encoding="ascii") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            file.seek(0)
+            raise InputError("", "", f"runs already in this folder (process {file.read(20).strip()})") from error
+        file.truncate(0)
+        print(os.getpid(), file=file, flush=True)
+        yield
+
+
 def _note(progress: Progress) -> None:
     """Keep how long stages took, where there is room for it."""
     here = {name for one in PIPELINES if one.exists() for name in stages(one)}
@@ -178,5 +199,5 @@ def _read(path: Path) -> dict[str, float]:
 if __name__ == "__main__":
     if not PIPELINES[0].exists():
         sys.exit(f"repro: {Path.cwd()} has no dvc.yaml: go to the folder of the project first")
-    with one_line("repro", "`make repro` goes on from here"), only_one("repro"):
+    with one_line("repro", "`make repro` goes on from here"), alone():
         sys.exit(main(sys.argv[1:]))

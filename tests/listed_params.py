@@ -1,0 +1,66 @@
+"""Params cut down to the keys that a pipeline lists for a stage: whatever else the stage reads is not there."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel
+
+from isi.config import value_of
+from isi.stage import PIPELINES, StageContext, context_of
+from isi.tables import paths
+
+
+def listed(stage: str, names: Mapping[str, str]) -> dict[Path, list[str]]:
+    """The keys that are listed for a stage with its arguments, by the file of params."""
+    first, beyond = (yaml.safe_load(path.read_text(encoding="utf-8"))["stages"] for path in PIPELINES)
+    values = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
+
+    def filled(part: re.Match[str]) -> str:
+        matrix, _, item = part[1].partition(".")
+        return names[item] if matrix == "item" else str(value_of(values, part[1]))
+
+    keys = defaultdict[Path, list[str]](list)
+    for entry in (first | beyond)[stage].get("params", []):
+        of_files = entry if isinstance(entry, dict) else {str(paths.PARAMS): [entry]}
+        for file, found in of_files.items():
+            keys[Path(file)] += [re.sub(r"\$\{([^}]+)\}", filled, key) for key in found]
+    return keys
+
+
+def restricted_context(stage: str, names: Mapping[str, str]) -> StageContext:
+    """The context of a stage with nothing in its params but what is listed for it, and ``compute``."""
+    context, keys = context_of(stage, names), listed(stage, names)
+    params = restricted(context.params, [*keys[paths.PARAMS], "compute"])
+    return replace(context, params=params, beyond=restricted(context.beyond, keys[paths.BEYOND_PARAMS]))
+
+
+class Listed(dict[str, Any]):
+    """A mapping of which some keys are listed: who goes through it reads more than that."""
+
+    def __iter__(self) -> Any:
+        raise AssertionError(f"reads every key of a mapping of which {', '.join(super().keys())} are listed")
+
+    items = values = keys = __len__ = __iter__  # type: ignore[assignment]
+
+
+def restricted(value: Any, keys: Iterable[str]) -> Any:
+    """A section or a mapping with some dotted keys alone; an empty key stands for all of it."""
+    within = defaultdict[str, list[str]](list)
+    for key in keys:
+        if not key:
+            return value
+        name, _, rest = key.partition(".")
+        within[name].append(rest)
+    if not isinstance(value, BaseModel):
+        return Listed({name: restricted(value[name], rest) for name, rest in within.items()})
+    section = type(value).model_construct()
+    section.__dict__.clear()
+    section.__dict__.update({name: restricted(getattr(value, name), rest) for name, rest in within.items()})
+    return section
