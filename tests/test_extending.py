@@ -43,10 +43,10 @@ def test_an_initializer() -> None:
         torch.testing.assert_close(found.vectors[model, 0], shown["scale"] * given.theta0.entity[model, nearest])
 
 
-@pytest.mark.parametrize("own", ["own family"], indirect=True)
+@pytest.mark.parametrize("own", ["own model"], indirect=True)
 @pytest.mark.usefixtures("own")
 def test_a_family() -> None:
-    family = make_model("transh", params("own family params")["families.transh"], "families.transh")
+    family = make_model("transh", params("own model params")["models.transh"], "models.transh")
     everyone = torch.ones(2, 6, dtype=torch.bool)
     theta = uniform(everyone, 3, family, 4, 0.5, 0, torch.tensor([[0], [1]]))
     scores = theta.score_all()
