@@ -33,7 +33,7 @@ def train_final(context: StageContext, experiment: str) -> None:
     made = {"experiment": experiment, "epochs": task.epochs,
             "params": {"seed": params.seed, f"models.{model}": options, **settings}}  # fmt: skip
     source = WordSource(source=words.source, text=words.text, model=of_package)
-    manifest = Manifest(family=model, family_options=options, words=source, inserted=[], made=made)
+    manifest = Manifest(model_name=model, model_options=options, words=source, inserted=[], made=made)
     bundle = Bundle(
         manifest, trained.entity[0], trained.relation[0], graph.entities, list(entities["kind"]),
         list(entities["phrase"]), graph.relations, graph.triples.numpy(), store.words(),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.kept import written
+from tests.small_bundle import written
 from tools.console import shown
 
 PAGE = """Before.

@@ -16,12 +16,12 @@ import yaml
 from rdflib import RDF, RDFS, Graph, Literal, URIRef
 
 from isi.__main__ import main
+from isi.cli.export_formats import FORMATS
 from isi.experiment.tables import JOINT
-from isi.exports import FORMS
 from isi.graph import tables
 from isi.tables import paths
-from tests.kept import small, written
 from tests.observing import TRIPLE, observe
+from tests.small_bundle import small, written
 
 ROOT = Path(__file__).parent.parent
 MADE = "a_test"
@@ -53,7 +53,7 @@ BEST = [
 
 def lay_out() -> None:
     """An experiment: its graph, and the joint models of seeds 4 and 7."""
-    params = {"embedding": {"family": "distmult", "dimension": 2, "init_range": 0.1}, "families": {"distmult": {}}}
+    params = {"embedding": {"model": "distmult", "dimension": 2, "init_range": 0.1}, "models": {"distmult": {}}}
     paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
     graph(ENTITIES, TRIPLES)
     other = torch.flip(torch.tensor(VECTORS), [-1])
@@ -106,7 +106,7 @@ def test_rdf_tells_kinds_phrases_and_predictions_where_they_are_asked_for(form: 
     export(form, "home", "--labels", "--predictions", "1")
     found = Graph().parse("home", format=parser)
     mug, first = URIRef("urn:isi:home:entity:mug"), URIRef("urn:isi:home:prediction:1")
-    assert len(found) == len(tables.TRIPLES) + 2 * len(tables.ENTITIES) + 5 * 6
+    assert len(found) == len(TRIPLES) + 2 * len(ENTITIES) + 5 * 6
     assert found.value(mug, RDFS.label) == Literal("mug")
     assert found.value(mug, RDF.type) == URIRef("urn:isi:home:kind:object")
     assert found.value(first, RDF.subject) == mug
@@ -164,7 +164,7 @@ def test_pykeen_reads_the_triples() -> None:
 
 def test_the_same_graph_is_the_same_bytes_whatever_order_hashes_give(folder: Path) -> None:
     (folder / "isi").symlink_to(ROOT / "isi")
-    forms, options = [name.replace("_", "-") for name in FORMS.names()], ["--labels", "--predictions", "2"]
+    forms, options = list(FORMATS), ["--labels", "--predictions", "2"]
     for form in forms:
         export(form, f"here/{form}", *options)
     calls = [["export", "home", "--format", form, "--out", f"there/{form}", *options] for form in forms]
@@ -205,8 +205,9 @@ def test_an_embedding_leaves_with_what_it_predicts_itself() -> None:
     """As by hand: it scores a kettle in the bedroom 1, a bed in the kitchen 1, and what is known is left out."""
     written(Path("small"))
     main(["export", "--embedding", "small", "--format", "pykeen-tsv", "--out", "small.tsv", "--predictions", "1"])
-    kept = small()
-    named = {(kept.entity_names[h], kept.relation_names[r], kept.entity_names[t]) for h, r, t in kept.triples.tolist()}
+    bundle = small()
+    entities, relations = bundle.entity_names, bundle.relation_names
+    named = {(entities[h], relations[r], entities[t]) for h, r, t in bundle.triples.tolist()}
     assert set(pd.read_csv("small.tsv", sep="\t", header=None).itertuples(index=False, name=None)) == named
     found = pd.read_csv("small.predictions.tsv", sep="\t", header=None)
     assert list(found.itertuples(index=False, name=None)) == [

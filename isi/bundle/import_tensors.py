@@ -1,4 +1,4 @@
-"""Tables of numbers from files: NumPy's, safetensors, JSON, and PyTorch's as far as they hold tensors alone."""
+"""Tensors of an embedding from files: NumPy's, safetensors, JSON, and PyTorch's as far as they hold tensors alone."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ import numpy as np
 
 from isi.errors import InputError
 
-#: Files that may hold tensors, by the ends of their names.
-SUFFIXES = (".npy", ".npz", ".safetensors", ".json", ".pt", ".pth")
 #: What tools call the tables of entities and relations; of two, the halves of complex vectors: real, then imaginary.
 ENTITIES = (
     ("entities",), ("entity",), ("ent_emb",), ("ent_embeddings.weight",), ("ent_emb.weight",),
@@ -26,25 +24,25 @@ RELATIONS = (
 )  # fmt: skip
 #: What PyKEEN calls them: rows of complex numbers have real and imaginary parts in turn.
 OF_PYKEEN = ("entity_representations.0._embeddings.weight", "relation_representations.0._embeddings.weight")
-#: What checkpoints call the tensors among other things.
+#: Under which keys checkpoints hold a state dict.
 WITHIN = ("state_dict", "model_state_dict")
 
 
 def read_tensors(path: Path) -> dict[str, np.ndarray]:
-    """The tables of a file, by name; the one of ``.npy`` goes by the file's name.
+    """The tables of a file, by name; that of ``.npy`` has the file's name.
 
     Raises:
         InputError: where the file is missing, broken, or of another form, or would run code when it is read.
     """
-    readers = {".npy": _npy, ".npz": _npz, ".safetensors": _safetensors, ".json": _json, ".pt": _torch, ".pth": _torch}
-    if path.suffix not in readers:
-        raise InputError(path, "", f"expected a file of tensors: {', '.join(SUFFIXES)}")
+    if path.suffix not in FORMS:
+        raise InputError(path, "", f"expected a file of tensors: {', '.join(FORMS)}")
     if not path.is_file():
-        raise InputError(path, "", "expected a file of tensors, but there is no such file")
+        raise InputError(path, "", "no such file: expected a file of tensors")
     try:
-        return readers[path.suffix](path)
-    except Exception as error:  # what a broken file does to NumPy and PyTorch has many names
-        raise InputError(path, "", f"expected tensors ({_one_line(error)})") from error
+        return FORMS[path.suffix](path)
+    except Exception as error:  # a broken file makes NumPy and PyTorch raise many types
+        message = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(path, "", f"expected tensors ({message})") from error
 
 
 def _npy(path: Path) -> dict[str, np.ndarray]:
@@ -52,26 +50,22 @@ def _npy(path: Path) -> dict[str, np.ndarray]:
 
 
 def _npz(path: Path) -> dict[str, np.ndarray]:
-    with np.load(path, allow_pickle=False) as found:
-        return {name: found[name] for name in found.files}
+    with np.load(path, allow_pickle=False) as arrays:
+        return dict(arrays)
 
 
 def _safetensors(path: Path) -> dict[str, np.ndarray]:
-    from safetensors import SafetensorError
     from safetensors.torch import load_file
 
-    try:
-        return {name: _array(tensor) for name, tensor in load_file(path).items()}
-    except SafetensorError as error:
-        raise ValueError(error) from error
+    return {name: _array(tensor) for name, tensor in load_file(path).items()}
 
 
 def _json(path: Path) -> dict[str, np.ndarray]:
     """A mapping from names to lists of rows, as OpenKE writes it."""
-    found = json.loads(path.read_bytes())
-    if not isinstance(found, dict):
+    tensors = json.loads(path.read_bytes())
+    if not isinstance(tensors, dict):
         raise ValueError("a mapping from names to lists of rows")
-    return {name: np.array(rows, np.float32) for name, rows in found.items() if isinstance(rows, list)}
+    return {name: np.array(rows, np.float32) for name, rows in tensors.items() if isinstance(rows, list)}
 
 
 def _torch(path: Path) -> dict[str, np.ndarray]:
@@ -81,75 +75,74 @@ def _torch(path: Path) -> dict[str, np.ndarray]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            found: Any = torch.load(path, map_location="cpu", weights_only=True)
+            state: Any = torch.load(path, map_location="cpu", weights_only=True)
     except (pickle.UnpicklingError, RuntimeError) as error:
         raise ValueError("as torch.save(model.state_dict(), FILE) writes them; other pickles are not read") from error
-    while isinstance(found, Mapping) and (key := next((name for name in WITHIN if name in found), None)):
-        found = found[key]
-    if not isinstance(found, Mapping):
-        raise ValueError(f"a state dict, got {type(found).__name__}")
-    return {str(name): _array(value) for name, value in found.items() if isinstance(value, torch.Tensor)}
+    while isinstance(state, Mapping) and (key := next((name for name in WITHIN if name in state), None)):
+        state = state[key]
+    if not isinstance(state, Mapping):
+        raise ValueError(f"a state dict, got {type(state).__name__}")
+    return {str(name): _array(value) for name, value in state.items() if isinstance(value, torch.Tensor)}
 
 
 def _array(tensor: Any) -> np.ndarray:
-    """A tensor as an array that can hold it."""
+    """A tensor as an array; NumPy has no half precision of every kind."""
     whole = tensor.detach().cpu()
     array: np.ndarray = (whole.float() if whole.dtype.itemsize < 4 and whole.is_floating_point() else whole).numpy()
     return array
 
 
-def tables(tensors: Mapping[str, np.ndarray], family: str, place: object) -> tuple[np.ndarray, np.ndarray]:
-    """The tables of entities and of relations, in this project's terms: real halves before imaginary ones; of RotatE,
-    angles as relations.
+#: Readers by suffix.
+FORMS = {".npy": _npy, ".npz": _npz, ".safetensors": _safetensors, ".json": _json, ".pt": _torch, ".pth": _torch}
+
+
+def tables(tensors: Mapping[str, np.ndarray], model: str, path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """The tables of entities and of relations as this project has them: real halves before imaginary ones; of RotatE,
+    relations as angles.
 
     Raises:
-        InputError: where a table is not among the tensors, more than one could be it, or it is no table of numbers.
+        InputError: naming the file, where a table is missing, several could be it, or it is no table of numbers.
     """
     if all(name in tensors for name in OF_PYKEEN):
-        entities, relations = (_table(tensors, name, place) for name in OF_PYKEEN)
-        if family in ("complex", "rotate"):
-            entities, relations = (_paired(table, place) for table in (entities, relations))
+        entities, relations = (_table(tensors, name, path) for name in OF_PYKEEN)
+        if model in ("complex", "rotate"):
+            entities, relations = _as_complex(entities, path), _as_complex(relations, path)
     else:
-        entities, relations = (_named(tensors, names, what, place)
-                               for names, what in ((ENTITIES, "entities"), (RELATIONS, "relations")))  # fmt: skip
-    if family == "rotate" and np.iscomplexobj(relations):
+        entities, relations = _named(tensors, ENTITIES, path), _named(tensors, RELATIONS, path)
+    if model == "rotate" and np.iscomplexobj(relations):
         relations = np.angle(relations)
     return _real(entities), _real(relations)
 
 
-def _named(
-    tensors: Mapping[str, np.ndarray], names: tuple[tuple[str, ...], ...], what: str, place: object
-) -> np.ndarray:
-    found = [parts for parts in names if all(part in tensors for part in parts)]
-    if len(found) != 1:
+def _named(tensors: Mapping[str, np.ndarray], names: tuple[tuple[str, ...], ...], path: Path) -> np.ndarray:
+    """The table that goes by one of several names."""
+    present = [parts for parts in names if all(part in tensors for part in parts)]
+    if len(present) != 1:
         listed = ", ".join(sorted(tensors)[:8]) or "none"
-        raise InputError(place, "", f"expected one tensor {what!r}, or as other tools call it, among {listed:.200}")
-    parts = [_table(tensors, part, place) for part in found[0]]
+        raise InputError(path, "", f"expected one tensor {names[0][0]!r}, or a name of other tools, got {listed:.200}")
+    parts = [_table(tensors, part, path) for part in present[0]]
     if len({part.shape for part in parts}) > 1:
-        raise InputError(place, found[0][1], f"expected the shape of {found[0][0]}")
+        raise InputError(path, present[0][1], f"expected the shape of {present[0][0]}")
     return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
 
-def _table(tensors: Mapping[str, np.ndarray], name: str, place: object) -> np.ndarray:
-    found = tensors[name]
-    if found.ndim != 2 or found.dtype.kind not in "biufc":
-        raise InputError(place, name, f"expected a table of numbers, got {found.dtype} of shape {found.shape}")
-    return found
+def _table(tensors: Mapping[str, np.ndarray], name: str, path: Path) -> np.ndarray:
+    values = tensors[name]
+    if values.ndim != 2 or values.dtype.kind not in "biufc":
+        raise InputError(path, name, f"expected a table of numbers, got {values.dtype} of shape {values.shape}")
+    return values
 
 
-def _paired(table: np.ndarray, place: object) -> np.ndarray:
-    """Numbers whose real and imaginary parts stand in turn, as complex ones."""
+def _as_complex(table: np.ndarray, path: Path) -> np.ndarray:
+    """Numbers whose real and imaginary parts stand in turn, as complex ones; shape (E, 2d), result (E, d)."""
     if table.shape[1] % 2:
-        raise InputError(place, "", f"expected real and imaginary parts in turn, got rows of {table.shape[1]} numbers")
+        raise InputError(path, "", f"expected real and imaginary parts in turn, got rows of {table.shape[1]} numbers")
     pairs = table.reshape(len(table), -1, 2)
-    paired: np.ndarray = pairs[..., 0] + 1j * pairs[..., 1]
-    return paired
+    numbers: np.ndarray = pairs[..., 0] + 1j * pairs[..., 1]
+    return numbers
 
 
 def _real(table: np.ndarray) -> np.ndarray:
+    """Floats, real halves before imaginary ones; shape (E, d) of complex numbers, result (E, 2d)."""
     whole = np.concatenate([table.real, table.imag], axis=1) if np.iscomplexobj(table) else table
     return np.ascontiguousarray(whole, np.float64 if whole.dtype == np.float64 else np.float32)
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split())[:200] or type(error).__name__

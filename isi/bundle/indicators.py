@@ -1,7 +1,8 @@
-"""What an insertion goes by: known entities, how similar they are, and how much each of them weighs."""
+"""The indicators of an inserted entity: known entities, how similar they are, and their weights in its vector."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,38 +26,39 @@ SHOWN, LEAST = 8, 0.01
 
 @dataclass(frozen=True)
 class Indicator:
-    """A known entity by which a new one was placed."""
+    """A known entity that determined the vector of a new one."""
 
-    entity: int
+    id: int
+    entity: str
     #: in the centroid; null where the initializer has none, and these are the most similar
     weight: float | None
     #: cosine of the word vectors; null where one of them has none
     words: float | None
-    #: mean cosine with where the told triples put the new one (equation 5 over the number of relations)
+    #: mean cosine with the resultants of the insert triples (equation 5 over the number of relations)
     relations: float | None
 
 
-def as_new(model: OpenBundle, entity: int, told: np.ndarray) -> InitContext:
-    """What an initializer saw of an entity: those of lower ids are known, and what it was told.
+def as_new(opened: OpenBundle, entity: int, told: np.ndarray) -> InitContext:
+    """What an initializer sees of an entity: those of lower ids are known, and its insert triples.
 
     Args:
-        told: triples with one end of lower id; shape (I, 3).
+        told: insert triples; shape (I, 3).
     """
-    kept = model.kept
+    bundle = opened.bundle
     number = entity + 1
-    before = kept.triples[(kept.triples[:, [HEAD, TAIL]] < entity).all(1)]
+    before = bundle.triples[(bundle.triples[:, [HEAD, TAIL]] < entity).all(1)]
     known = torch.arange(number)[None] < entity
     seen = torch.zeros(1, number, dtype=torch.bool)
     seen[0, torch.from_numpy(before[:, [HEAD, TAIL]].flatten())] = True
-    vectors = kept.entities[:number].copy()
+    vectors = bundle.entities[:number].copy()
     vectors[entity] = 0
     is_tail = torch.from_numpy(told[:, TAIL] == entity)
-    one_row = torch.zeros(number, 1) if kept.words is None else torch.from_numpy(kept.words[:number])
+    one_row = torch.zeros(number, 1) if bundle.words is None else torch.from_numpy(bundle.words[:number])
     head, relation, tail = torch.from_numpy(told.copy() if len(told) else np.zeros((1, 3), np.int64)).T
     if not len(told):
         is_tail = torch.zeros(1, dtype=torch.bool)
     return InitContext(
-        theta0=stack_of_one(vectors, kept.relations, model.family), known=known,
+        theta0=stack_of_one(vectors, bundle.relations, opened.model), known=known,
         eligible=known & seen if len(before) else known, novel=torch.tensor([[entity]]), words=one_row,
         kinds=torch.zeros(number, dtype=torch.int64), other=torch.where(is_tail, head, tail)[None, None],
         relation=relation[None, None], novel_is_tail=is_tail[None, None],
@@ -64,11 +66,14 @@ def as_new(model: OpenBundle, entity: int, told: np.ndarray) -> InitContext:
     )  # fmt: skip
 
 
-def indicators(insertion: InitContext, weights: np.ndarray | None, is_centroid: bool) -> list[Indicator]:
-    """The entities that an insertion goes by, those of largest weight first.
+def indicators(
+    insertion: InitContext, names: Sequence[str], weights: np.ndarray | None, is_centroid: bool
+) -> list[Indicator]:
+    """The entities that determined an inserted vector, those of largest weight first.
 
     Args:
         insertion: of one entity.
+        names: of all entities.
         weights: of known entities, where the initializer has them; shape (E,).
         is_centroid: whether the initializer takes the centroid of those that have a weight.
     """
@@ -91,7 +96,7 @@ def indicators(insertion: InitContext, weights: np.ndarray | None, is_centroid: 
         best = best[:SHOWN][weight[best[:SHOWN]] >= LEAST]
     return [
         Indicator(
-            row, None if weight is None else float(weight[row]),
+            row, names[row], None if weight is None else float(weight[row]),
             float(similar[row]) if words and named[row] else None, float(related[row]) if triples else None,
         )
         for row in best.tolist()

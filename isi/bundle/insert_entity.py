@@ -1,4 +1,4 @@
-"""A new entity in a kept embedding: ``isi.insert`` with all that the folder knows."""
+"""A new entity in a bundle: ``isi.insert`` with all that the bundle knows, and a record of it."""
 
 from __future__ import annotations
 
@@ -8,29 +8,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isi.bundle.indicators import Indicator, as_new, indicators
-from isi.bundle.manifest import Bundle, InsertionRecord
+from isi.bundle.manifest import Bundle, InsertionRecord, NamedTriple
 from isi.bundle.query import OpenBundle
 from isi.config import Option
 from isi.graph.graph import HEAD, TAIL
 from isi.insertion.api import insert
 from isi.insertion.result import Inserted
 
-#: Head, relation and tail by name.
-Fact = tuple[str, str, str]
-
 
 @dataclass(frozen=True, eq=False)
 class NewEntity:
-    """What is told of a new entity."""
+    """What is given about a new entity."""
 
     name: str
     phrase: str
     kind: str
-    facts: list[Fact]
+    insert_triples: list[NamedTriple]
     definition: str | None
     #: word vector, as long as those of the others; null where there is none
     vector: np.ndarray | None
-    #: null: the best for what is known
+    #: null: the best for what is given
     initializer: str | None
     options: Mapping[str, Option]
     seed: int
@@ -38,82 +35,85 @@ class NewEntity:
 
 @dataclass(frozen=True, eq=False)
 class InsertedEntity:
-    """An embedding with a new entity behind the others."""
+    """A bundle with a new entity in its last row."""
 
-    model: OpenBundle
-    done: Inserted
+    opened: OpenBundle
+    result: Inserted
     record: InsertionRecord
 
     @property
     def entity(self) -> int:
-        return self.done.new[0]
+        """Its id."""
+        return self.result.new[0]
 
     @property
     def vector(self) -> np.ndarray:
-        row: np.ndarray = self.done.entities[self.entity]
+        """Shape (d,)."""
+        row: np.ndarray = self.result.entities[self.entity]
         return row
 
     def indicators(self) -> list[Indicator]:
-        """What it was placed by."""
-        weights = None if self.done.weights is None else self.done.weights[0]
-        given = as_new(self.model, self.entity, self.done.insert_triples)
-        return indicators(given, weights, self.done.indicators is not None)
+        """The known entities that determined its vector."""
+        weights = None if self.result.weights is None else self.result.weights[0]
+        context = as_new(self.opened, self.entity, self.result.insert_triples)
+        is_centroid = self.result.indicators is not None
+        return indicators(context, self.opened.bundle.entity_names, weights, is_centroid)
 
 
-def insert_entity(model: OpenBundle, news: NewEntity) -> InsertedEntity:
-    """Insert a new entity; what is known stays as it is.
+def insert_entity(opened: OpenBundle, new: NewEntity) -> InsertedEntity:
+    """Insert a new entity; nothing that is known changes.
 
     Raises:
         InputError: naming the argument of ``isi.insert`` that is wrong.
     """
-    kept = model.kept
-    words = None
-    if kept.words is not None:
-        own = np.zeros(kept.words.shape[1], kept.words.dtype) if news.vector is None else news.vector
-        words = np.concatenate([kept.words, own[None]])
-    done = insert(
-        kept.entities, kept.relations, news.facts, new=[news.name], model=model.family,
-        entity_names=kept.entity_names, relation_names=kept.relation_names, known_triples=kept.triples,
-        words=None if news.vector is None else words, kinds=[*kept.kinds, news.kind],
-        initializer=news.initializer, options=news.options, seed=news.seed,
+    bundle, words = opened.bundle, None
+    if bundle.words is not None:
+        vector = np.zeros(bundle.words.shape[1], bundle.words.dtype) if new.vector is None else new.vector
+        words = np.concatenate([bundle.words, vector[None]])
+    result = insert(
+        bundle.entities, bundle.relations, new.insert_triples, new=[new.name], model=opened.model,
+        entity_names=bundle.entity_names, relation_names=bundle.relation_names, known_triples=bundle.triples,
+        words=None if new.vector is None else words, kinds=[*bundle.kinds, new.kind],
+        initializer=new.initializer, options=new.options, seed=new.seed,
     )  # fmt: skip
     record = InsertionRecord(
-        entity=news.name, told=list(dict.fromkeys(news.facts)), definition=news.definition, asked=news.initializer,
-        options=dict(news.options), seed=news.seed, initializer=done.initializer, why=done.why,
-        fallback=done.fallback[0],
+        entity=new.name, insert_triples=list(dict.fromkeys(new.insert_triples)), definition=new.definition,
+        requested_initializer=new.initializer, options=dict(new.options), seed=new.seed,
+        initializer=result.initializer, why=result.why, fallback=result.fallback[0],
     )  # fmt: skip
-    about = kept.about.model_copy(update={"inserted": [*kept.about.inserted, record]})
-    after = Bundle(
-        about, done.entities, kept.relations, [*kept.entity_names, news.name], [*kept.kinds, news.kind],
-        [*kept.phrases, news.phrase], kept.relation_names, np.concatenate([kept.triples, done.insert_triples]), words,
+    manifest = bundle.manifest.model_copy(update={"inserted": [*bundle.manifest.inserted, record]})
+    larger = Bundle(
+        manifest, result.entities, bundle.relations, [*bundle.entity_names, new.name], [*bundle.kinds, new.kind],
+        [*bundle.phrases, new.phrase], bundle.relation_names,
+        np.concatenate([bundle.triples, result.insert_triples]), words,
     )  # fmt: skip
-    return InsertedEntity(OpenBundle(after, model.family), done, record)
+    return InsertedEntity(OpenBundle(larger, opened.model), result, record)
 
 
-def before(model: OpenBundle, record: InsertionRecord) -> tuple[OpenBundle, NewEntity]:
-    """The embedding as it was before an entity was inserted, and what was told of that."""
-    kept, entity = model.kept, model.entity_ids[record.entity]
-    words = None if kept.words is None else kept.words[entity]
-    news = NewEntity(
-        record.entity, kept.phrases[entity], kept.kinds[entity], record.told, record.definition,
-        words if words is not None and words.any() else None, record.asked, record.options, record.seed,
+def before(opened: OpenBundle, record: InsertionRecord) -> tuple[OpenBundle, NewEntity]:
+    """The bundle before an entity was inserted, and what was given about the entity."""
+    bundle, entity = opened.bundle, opened.entity_ids[record.entity]
+    words = None if bundle.words is None else bundle.words[entity]
+    new = NewEntity(
+        record.entity, bundle.phrases[entity], bundle.kinds[entity], record.insert_triples, record.definition,
+        words if words is not None and words.any() else None, record.requested_initializer, record.options, record.seed,
     )  # fmt: skip
-    return without_entities(model, np.arange(entity)), news
+    return without_entities(opened, np.arange(entity)), new
 
 
-def without_entities(model: OpenBundle, rows: np.ndarray) -> OpenBundle:
-    """The embedding of some entities alone, ids in their order, and of the triples between them."""
-    kept = model.kept
-    place = np.full(len(kept.entities), -1)
-    place[rows] = np.arange(len(rows))
-    ends = place[kept.triples[:, [HEAD, TAIL]]]
-    triples = kept.triples[(ends >= 0).all(1)].copy()
+def without_entities(opened: OpenBundle, rows: np.ndarray) -> OpenBundle:
+    """The bundle of the entities ``rows`` alone, ids in their order, and of the triples between them."""
+    bundle = opened.bundle
+    new_id = np.full(len(bundle.entities), -1)
+    new_id[rows] = np.arange(len(rows))
+    ends = new_id[bundle.triples[:, [HEAD, TAIL]]]
+    triples = bundle.triples[(ends >= 0).all(1)].copy()
     triples[:, [HEAD, TAIL]] = ends[(ends >= 0).all(1)]
-    names = [kept.entity_names[row] for row in rows]
-    inserted = [one for one in kept.about.inserted if one.entity in set(names)]
+    names = [bundle.entity_names[row] for row in rows]
+    inserted = [record for record in bundle.manifest.inserted if record.entity in set(names)]
     part = replace(
-        kept, about=kept.about.model_copy(update={"inserted": inserted}), entities=kept.entities[rows],
-        entity_names=names, kinds=[kept.kinds[row] for row in rows], phrases=[kept.phrases[row] for row in rows],
-        triples=triples, words=None if kept.words is None else kept.words[rows],
+        bundle, manifest=bundle.manifest.model_copy(update={"inserted": inserted}), entities=bundle.entities[rows],
+        entity_names=names, kinds=[bundle.kinds[row] for row in rows], phrases=[bundle.phrases[row] for row in rows],
+        triples=triples, words=None if bundle.words is None else bundle.words[rows],
     )  # fmt: skip
-    return OpenBundle(part, model.family)
+    return OpenBundle(part, opened.model)

@@ -1,61 +1,84 @@
-"""What a folder keeps: an embedding with its names, its known triples, and what was inserted into it."""
+"""What a bundle is: an embedding with its names, its known triples, and a record of each insertion into it."""
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import BeforeValidator, ConfigDict, model_validator
 
 from isi.config import Count, Name, Option, Section, Seed
 
 #: The sentence model whose vectors ship with the product (all but ``glove``).
 MODEL = "all-MiniLM-L6-v2"
+#: Head, relation and tail by name; a list in JSON.
+NamedTriple = Annotated[
+    tuple[str, str, str], BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
+]
+#: What version 1 of the format calls some fields.
+KEYS = {
+    "model_name": "family", "model_options": "family_options", "insert_triples": "told",
+    "requested_initializer": "asked",
+}  # fmt: skip
+#: Categories of characters that break lines or cells, move a terminal's cursor, or are no text.
+CONTROL = frozenset({"Cc", "Cs", "Zl", "Zp"})
 
 
-class WordSource(Section):
+class ManifestSection(Section):
+    """A part of ``embedding.json``."""
+
+    model_config = ConfigDict(alias_generator=lambda name: KEYS.get(name, name))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_key(cls, values: Any) -> Any:
+        return {KEYS.get(name, name): value for name, value in values.items()} if isinstance(values, dict) else values
+
+
+class WordSource(ManifestSection):
     """Where word vectors come from, so that a new phrase can have one of the same kind."""
 
-    #: of vectors that ship with the product or a file: its name or path; of others, what their maker said
+    #: a file's name or path, ``shipped``, or a description
     source: str
     #: what of an entity was embedded: definition, phrase, wordnet (phrases with a definition), glove (means of words)
     text: str
-    #: the sentence model that made them; null where none is known
+    #: the sentence model that made them; null where it is unknown
     model: str | None
 
 
-class InsertionRecord(Section):
-    """What an entity was inserted by: enough to insert it again."""
+class InsertionRecord(ManifestSection):
+    """How an entity was inserted: enough to insert it again."""
 
     entity: str
-    #: head, relation and tail by name
-    told: list[tuple[str, str, str]]
+    insert_triples: list[NamedTriple]
     definition: str | None
-    #: as it was asked for; null: the best for what was known
-    asked: str | None
+    #: null: the best for what was given
+    requested_initializer: str | None
     options: dict[str, Option]
     seed: Seed
-    #: what served, and why
+    #: which was used, and why
     initializer: str
     why: str
     fallback: str | None
 
 
-class Manifest(Section):
+class Manifest(ManifestSection):
     """What an embedding is."""
 
-    family: Name
-    family_options: dict[str, Option]
+    model_name: Name
+    model_options: dict[str, Option]
     words: WordSource | None
-    #: how it was made, in whatever terms its maker has
+    #: how it was trained or where it was imported from, in its maker's terms
     made: dict[str, Any]
-    #: those of the last rows, in their order
+    #: of the last rows, in their order
     inserted: list[InsertionRecord]
 
 
-class EntityInfo(Manifest):
-    """``embedding.json``: what an embedding is, and of what size; the SHA-256 of each of the other files."""
+class ManifestFile(Manifest):
+    """``embedding.json``: the manifest, the sizes, and the SHA-256 of each other file."""
 
     format: Literal["isi embedding"]
     version: Literal[1]
@@ -68,9 +91,9 @@ class EntityInfo(Manifest):
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """An embedding and what is known of what it embeds."""
+    """An embedding and what is known about its entities."""
 
-    about: Manifest
+    manifest: Manifest
     #: float32 or float64; shapes: (E, d), (R, w)
     entities: np.ndarray
     relations: np.ndarray
@@ -85,6 +108,18 @@ class Bundle:
     #: zero where there is none; shape: (E, v), float32; null where no entity has one
     words: np.ndarray | None = None
 
-    def inserted(self) -> Mapping[str, InsertionRecord]:
-        """What was inserted, by name."""
-        return {one.entity: one for one in self.about.inserted}
+    def insertions(self) -> Mapping[str, InsertionRecord]:
+        """Records by the name of the inserted entity."""
+        return {record.entity: record for record in self.manifest.inserted}
+
+
+def name_fault(name: str) -> str | None:
+    """What is wrong with a name of an entity or a relation; null where nothing is."""
+    return text_fault(name) if name.strip() else "expected a name, got none"
+
+
+def text_fault(text: str) -> str | None:
+    """What is wrong with a text that is printed or stands in a cell of a table; null where nothing is."""
+    if not text.isprintable() and any(unicodedata.category(character) in CONTROL for character in text):
+        return f"expected text without tabs, line breaks or other control characters, got {text[:80]!r}"
+    return None

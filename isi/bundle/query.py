@@ -1,15 +1,10 @@
-"""Names as people type them: as they are written, else without regard to case and gaps (``turnOn``, ``turn on``).
-
-A kept embedding, ready to be asked.
-"""
+"""A bundle that is open for queries: scores, known answers, candidates, nearest entities, fitting queries."""
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 
@@ -18,8 +13,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from isi.bundle.folder import ABOUT, VECTORS, cell_fault
-from isi.bundle.manifest import Bundle, Manifest
+from isi.bundle.folder import MANIFEST, VECTORS
+from isi.bundle.manifest import Bundle, text_fault
+from isi.bundle.names import find
 from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion.arguments import checked_model, stack_of_one, table
@@ -27,77 +23,40 @@ from isi.models.finite import LARGEST
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
-#: Names that are suggested, at most, and listed where none is near.
-SUGGESTED, LISTED = 3, 8
-_HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
-_GAPS = re.compile(r"[\s_-]+")
+#: Share of the similar entities that must stand in a slot for it to be queried.
+ENOUGH = 0.1
+#: Queries of one entity, at most.
+MOST_QUERIES = 24
 
 
-def plain(name: str) -> str:
-    """A name without what people type one way or another: ``hasAffordance`` and ``has affordance`` are the same."""
-    return _GAPS.sub(" ", _HUMP.sub(" ", name)).strip().casefold()
+@dataclass(frozen=True)
+class Query:
+    """(given, relation, ?) where the slot is ``TAIL``, (?, relation, given) where it is ``HEAD``; ids."""
 
-
-def alike(one: str, other: str) -> bool:
-    """Whether two names differ in no more than case and gaps."""
-    return plain(one).replace(" ", "") == plain(other).replace(" ", "")
-
-
-def find(text: str, ids: Mapping[str, int], place: str, what: str) -> int:
-    """The id of a name.
-
-    Args:
-        place: where it was typed.
-        what: it is to be the name of.
-
-    Raises:
-        InputError: where there is none, saying which was meant, probably; or where several could be.
-    """
-    if text in ids:
-        return ids[text]
-    same = [name for name in ids if alike(name, text)]
-    if len(same) == 1:
-        return ids[same[0]]
-    if same:
-        raise InputError(place, "", f"expected {what} as it is written: {listed(same)}; got {text!r:.80}")
-    raise InputError(place, "", f"expected {what}, got {text!r:.80}{_meant(text, list(ids))}")
-
-
-def _meant(text: str, names: Sequence[str]) -> str:
-    """What was meant, as a question; of few names, which there are."""
-    by_plain = {plain(name): name for name in names}
-    wanted = plain(text)
-    near = get_close_matches(wanted, by_plain, SUGGESTED) or [name for name in by_plain if wanted and wanted in name]
-    if near:
-        return f" (did you mean {listed([by_plain[name] for name in near[:SUGGESTED]], ' or ')}?)"
-    return f" (there are {listed(names)})" if 0 < len(names) <= LISTED else ""
-
-
-def listed(names: Sequence[str], between: str = ", ") -> str:
-    """Names, quoted; not all where they are many."""
-    more = [f"{len(names) - LISTED} more"] * (len(names) > LISTED)
-    return between.join([*(repr(name) for name in names[:LISTED]), *more])
+    given: int
+    relation: int
+    slot: int
 
 
 @dataclass(frozen=True, eq=False)
 class OpenBundle:
-    """A kept embedding with its family."""
+    """A bundle with its scoring function."""
 
-    kept: Bundle
-    family: Model
+    bundle: Bundle
+    model: Model
 
     @cached_property
     def embedding(self) -> Embedding:
         """As a stack of one, in single precision."""
-        return stack_of_one(self.kept.entities, self.kept.relations, self.family)
+        return stack_of_one(self.bundle.entities, self.bundle.relations, self.model)
 
     @cached_property
     def entity_ids(self) -> dict[str, int]:
-        return {name: row for row, name in enumerate(self.kept.entity_names)}
+        return {name: row for row, name in enumerate(self.bundle.entity_names)}
 
     @cached_property
     def relation_ids(self) -> dict[str, int]:
-        return {name: row for row, name in enumerate(self.kept.relation_names)}
+        return {name: row for row, name in enumerate(self.bundle.relation_names)}
 
     def entity(self, text: str, place: str) -> int:
         """The id of an entity as a user types it."""
@@ -109,29 +68,34 @@ class OpenBundle:
 
     @cached_property
     def answers(self) -> dict[tuple[int, int, int], set[int]]:
-        """Known answers by (given entity, relation, slot that is asked for)."""
-        found: dict[tuple[int, int, int], set[int]] = defaultdict(set)
-        for head, relation, tail in self.kept.triples.tolist():
-            found[head, relation, TAIL].add(tail)
-            found[tail, relation, HEAD].add(head)
-        return dict(found)
+        """Known answers by (given entity, relation, slot of the answer)."""
+        answers: dict[tuple[int, int, int], set[int]] = defaultdict(set)
+        for head, relation, tail in self.bundle.triples.tolist():
+            answers[head, relation, TAIL].add(tail)
+            answers[tail, relation, HEAD].add(head)
+        return dict(answers)
 
     def scores(self, given: Tensor, relation: int, slot: int) -> Tensor:
-        """Scores of all entities in a slot, beside each of some given entities; shapes (Q,), result (Q, E)."""
+        """Scores of all entities in a slot, for each given entity; shapes (Q,), result (Q, E)."""
         relations = torch.full_like(given, relation)[None]
         if slot == TAIL:
             return self.embedding.score_tails(given[None], relations)[0]
         return self.embedding.score_heads(relations, given[None])[0]
 
     def candidates(self, relation: int, slot: int) -> Tensor:
-        """Entities that may answer: those of a kind that a known triple of the relation has in the slot, or of none.
+        """Entities of the kinds that known triples of the relation have in the slot, or of no kind; ids.
 
-        All, where no kind is known to stand there.
+        All entities, where no known triple has one with a kind there.
         """
-        kinds = {self.kept.kinds[row] for row in self.stands_in(relation, slot)} - {""}
+        kinds = {self.bundle.kinds[row] for row in self.in_slot(relation, slot)} - {""}
         if not kinds:
-            return torch.arange(len(self.kept.entities))
-        return torch.tensor([row for row, kind in enumerate(self.kept.kinds) if not kind or kind in kinds])
+            return torch.arange(len(self.bundle.entities))
+        return torch.tensor([row for row, kind in enumerate(self.bundle.kinds) if not kind or kind in kinds])
+
+    def in_slot(self, relation: int, slot: int) -> list[int]:
+        """Entities that known triples of a relation have in a slot, by id."""
+        triples = self.bundle.triples[self.bundle.triples[:, RELATION] == relation]
+        return sorted(set(triples[:, slot].tolist()))
 
     def nearest(self, entity: int, number: int) -> list[tuple[int, float]]:
         """The entities of nearest vectors with their cosines, best first."""
@@ -141,50 +105,90 @@ class OpenBundle:
         shown = min(number, len(cosines) - 1)
         return list(zip(best.indices[:shown].tolist(), best.values[:shown].tolist(), strict=True))
 
-    def stands_in(self, relation: int, slot: int) -> list[int]:
-        """Entities that a known triple of a relation has in a slot, by id."""
-        own = self.kept.triples[self.kept.triples[:, RELATION] == relation]
-        return sorted(set(own[:, slot].tolist()))
+    def ranked(self, query: Query) -> tuple[Tensor, Tensor]:
+        """The candidates, best first, and their scores; the given entity is one only where it is a known answer."""
+        given, relation, slot = query.given, query.relation, query.slot
+        scores, candidates = self.scores(torch.tensor([given]), relation, slot)[0], self.candidates(relation, slot)
+        if given not in self.answers.get((given, relation, slot), ()):
+            candidates = candidates[candidates != given]
+        best = scores[candidates].sort(descending=True, stable=True)
+        return candidates[best.indices], best.values
+
+    def named(self, query: Query, answer: str = "?") -> tuple[str, str, str]:
+        """A query as a triple of names, with an answer or a question mark."""
+        given, relation = self.bundle.entity_names[query.given], self.bundle.relation_names[query.relation]
+        return (given, relation, answer) if query.slot == TAIL else (answer, relation, given)
 
 
-def open_bundle(kept: Bundle, folder: Path) -> OpenBundle:
-    """A kept embedding, ready to be asked.
+def queries_of(
+    opened: OpenBundle, entity: int, indicators: Mapping[int, float], most: int = MOST_QUERIES
+) -> list[Query]:
+    """The queries that fit an entity: each relation and slot in which it, or enough similar entities, have answers.
+
+    All relations and slots, where no answers are known of any of these. Of too many, those in which the entity itself
+    has answers, then those of most similar entities.
+
+    Args:
+        indicators: weights by id; they are the similar entities where the entity's kind is unknown, else those of its
+            kind are.
+        most: queries, at most.
+    """
+    kinds = opened.bundle.kinds
+    by_kind = {row: 1.0 for row, kind in enumerate(kinds) if kind == kinds[entity]} if kinds[entity] else None
+    similar = indicators if by_kind is None else by_kind
+    enough = ENOUGH * sum(similar.values()) if by_kind is None else 0
+
+    def weight(query: Query) -> float:
+        if (entity, query.relation, query.slot) in opened.answers:
+            return float("inf")
+        return sum(share for row, share in similar.items() if (row, query.relation, query.slot) in opened.answers)
+
+    queries = [
+        Query(entity, relation, slot) for relation in range(len(opened.bundle.relations)) for slot in (TAIL, HEAD)
+    ]
+    fit = [query for query in queries if weight(query) > enough] or queries
+    best = sorted(fit, key=weight, reverse=True)[:most]
+    return [query for query in fit if query in best]
+
+
+def open_bundle(bundle: Bundle, folder: Path) -> OpenBundle:
+    """A bundle, ready for queries.
 
     Raises:
-        InputError: where its family is unknown, its tables are not of that family, or it says what no terminal should.
+        InputError: where its model is unknown, its tables are not of that model, its numbers are too large, or a text
+            of its manifest has control characters.
     """
-    _check_texts(folder / ABOUT, kept.about)
-    check_numbers(folder / VECTORS, kept)
+    _check_texts(folder / MANIFEST, bundle)
+    check_numbers(folder / VECTORS, bundle)
+    manifest = bundle.manifest
     try:
-        family = checked_model(kept.about.family, kept.about.family_options, kept.entities.shape[1])
+        model = checked_model(manifest.model_name, manifest.model_options, bundle.entities.shape[1])
     except InputError as error:
-        raise InputError(folder / ABOUT, "family", ": ".join(error.args[1:]).removeprefix(": ")) from error
+        raise InputError(folder / MANIFEST, "family", ": ".join(error.args[1:]).removeprefix(": ")) from error
     try:
-        table(kept.relations, "relations", family.width(kept.entities.shape[1]))
+        table(bundle.relations, "relations", model.width(bundle.entities.shape[1]))
     except InputError as error:
         raise InputError(folder / VECTORS, "tensor 'relations'", error.args[2]) from error
-    return OpenBundle(kept, family)
+    return OpenBundle(bundle, model)
 
 
-def check_numbers(path: Path, kept: Bundle) -> None:
-    """Refuse numbers of which a score would be none in single precision.
+def check_numbers(path: Path, bundle: Bundle) -> None:
+    """Refuse numbers so large that a score would overflow in single precision.
 
     Raises:
-        InputError: naming a row of such, and ``path``, where they come from.
+        InputError: naming the row, and ``path``, where they come from.
     """
-    for name, rows in (("entities", kept.entities), ("relations", kept.relations)):
+    for name, rows in (("entities", bundle.entities), ("relations", bundle.relations)):
         largest = np.abs(rows).max(1)
         if largest.max() > LARGEST:
             row = int(largest.argmax())
             raise InputError(path, f"{name}: row {row}", f"expected numbers up to {LARGEST:g}, got {largest[row]:.3g}")
 
 
-def _check_texts(path: Path, about: Manifest) -> None:
-    """Refuse control characters in what is printed; names have none."""
-    said = {f"inserted.{number}": one.model_dump() for number, one in enumerate(about.inserted)}
-    if about.words is not None:
-        said["words"] = about.words.model_dump()
-    for place, texts in said.items():
-        for key, text in texts.items():
-            if isinstance(text, str) and (wrong := cell_fault(text)):
-                raise InputError(path, f"{place}.{key}", wrong)
+def _check_texts(path: Path, bundle: Bundle) -> None:
+    """Refuse control characters in texts that are printed; names have none."""
+    sections = [(f"inserted.{number}", record) for number, record in enumerate(bundle.manifest.inserted)]
+    for place, section in [*sections, ("words", bundle.manifest.words)]:
+        for key, text in section.model_dump(by_alias=True).items() if section else ():
+            if isinstance(text, str) and (fault := text_fault(text)):
+                raise InputError(path, f"{place}.{key}", fault)

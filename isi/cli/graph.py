@@ -1,23 +1,22 @@
-"""Make a graph of scenes or triples of your own, and say what is in it."""
+"""``isi graph``: a graph of scenes or triples of your own, and what is in it."""
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import pandas as pd
+from cyclopts import Parameter
 
 from isi import config
 from isi.cli._reading import read, together
-from isi.cli._setting import setting
+from isi.cli.app import FROM_ONE, Settings, settings
 from isi.config import Seed, check
-from isi.errors import InputError
+from isi.errors import InputError, unwritable
 from isi.graph.graph import GraphTables, build_tables
 from isi.graph.tables import ENTITIES, TRIPLES
-from isi.sources import SOURCES
 from isi.tables import paths
 
 #: Names that are listed, at most.
@@ -26,40 +25,32 @@ LISTED = 8
 SPLITS = 5
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Its arguments."""
-    parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="triples as table or RDF, a scene, a house")
-    of_reader = "a setting of the reader, as in params.yaml"
-    parser.add_argument("--reader", choices=SOURCES.names(), help="what reads them; guessed where a file tells")
-    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], type=setting, help=of_reader)
-    parser.add_argument("--min-count", metavar="N", default=1, type=_count, help="drop triples that are observed less")
-    parser.add_argument("--out", metavar="FOLDER", type=Path, help="write entities.parquet and triples.parquet there")
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or len(text) > 9 or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number from 1, got {text[:40]!r}")
-    return int(text)
-
-
-def run(arguments: argparse.Namespace) -> None:
-    """Read, count, tell, and write.
+def graph(
+    files: Annotated[
+        tuple[Path, ...], Parameter(name="FILE", required=True, help="triples as table or RDF, a scene, a house")
+    ] = (), /, *,
+    reader: Annotated[str | None, Parameter(help="what reads them; guessed where a file tells")] = None,
+    set: Annotated[Settings, Parameter(help="KEY=VALUE: a setting of the reader, as in params.yaml")] = (),
+    min_count: Annotated[int, Parameter(validator=FROM_ONE, help="drop triples that are observed less often")] = 1,
+    out: Annotated[Path | None, Parameter(help="folder for entities.parquet and triples.parquet")] = None,
+) -> None:  # fmt: skip
+    """Read, count, describe, and write.
 
     Raises:
         InputError: where a file is broken, or ``params.yaml``, whose words and shares of sessions apply.
     """
     values = config.read(paths.PARAMS)
-    seed, settings = check(values.get("seed"), Seed, "seed"), dict(arguments.set)
-    found = [read(file, arguments.reader, settings, seed) for file in arguments.files]
-    graph = build_tables(together(found), arguments.min_count)
-    if graph.triples.empty:
-        raise InputError(arguments.files[0], "", f"no triple was observed {arguments.min_count} times")
-    lines = list(described(graph, values))
-    if arguments.out:
-        _write(arguments.out, graph)
-    for file, one in zip(arguments.files, found, strict=True):
-        print(f"{file}: read as {one.reader}")
-        print("".join(f"  {number:,} {step}\n" for step, number in one.left.items()), end="")
+    seed, options = check(values.get("seed"), Seed, "seed"), settings(set)
+    readings = [read(file, reader, options, seed) for file in files]
+    tables = build_tables(together(readings), min_count)
+    if tables.triples.empty:
+        raise InputError(files[0], "", f"no triple was observed {min_count} times")
+    lines = list(described(tables, values))
+    if out:
+        _write(out, tables)
+    for file, reading in zip(files, readings, strict=True):
+        print(f"{file}: read as {reading.reader}")
+        print("".join(f"  {number:,} {step}\n" for step, number in reading.left.items()), end="")
     print(*lines, sep="\n")
 
 
@@ -123,4 +114,4 @@ def _write(folder: Path, graph: GraphTables) -> None:
         ENTITIES.write_file(folder / "entities.parquet", graph.entities, "isi graph")
         TRIPLES.write_file(folder / "triples.parquet", graph.triples, "isi graph")
     except OSError as error:
-        raise InputError(folder, "", f"cannot be written ({error.strerror})") from error
+        raise unwritable(folder, error) from error

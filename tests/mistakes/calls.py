@@ -13,8 +13,8 @@ from typing import Any
 import yaml
 
 from isi.tables import paths
-from tests.kept import without_words, written
 from tests.mistakes import LOG
+from tests.small_bundle import without_words, written
 from tools.workspace import change_all
 
 ROOT = Path(__file__).parents[2]

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.kept import NAMES, edit, small, written
 from tests.mistakes.calls import Typed, put
+from tests.small_bundle import NAMES, edit, small, written
 
 FACT = "insert x --fact atLocation bed"
 LARGEST = "x" * 300

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import save
 
-from tests.kept import edit, small, tamper
 from tests.mistakes.calls import Typed
+from tests.small_bundle import edit, small, tamper
 
 HOME = Path("home")
 NEAREST = "nearest bed --embedding home"

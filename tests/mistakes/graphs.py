@@ -9,8 +9,8 @@ import pandas as pd
 from isi.graph import tables
 from isi.tables import paths
 from tests.example_tables import change_table
-from tests.kept import NAMES, small, written
 from tests.mistakes.calls import Typed, params, put
+from tests.small_bundle import NAMES, small, written
 from tests.test_export import ENTITIES, TRIPLES, graph, lay_out
 
 HOUSES = "--reader mp3d_houses --set category=mpcat40 --set 'rooms={k: kitchen}' --set vocabulary=v.yaml"

@@ -1,4 +1,4 @@
-"""A small embedding, and its folder, for tests of what keeps one and of commands to share."""
+"""A small bundle and its folder, for tests of bundles and of commands."""
 
 from __future__ import annotations
 
@@ -27,28 +27,28 @@ WORDS = [[0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0.8, 0, 0.6], [0, 0.8, 0.6
 
 def small(**changed: Any) -> Bundle:
     """Four triples about a kettle and a bed."""
-    about = Manifest(
-        family="distmult", family_options={}, words=WordSource(source="shipped", text="definition", model=MODEL),
+    manifest = Manifest(
+        model_name="distmult", model_options={}, words=WordSource(source="shipped", text="definition", model=MODEL),
         made={"by": "a test"}, inserted=[],
     )  # fmt: skip
     given: dict[str, Any] = {
-        "about": about, "entities": np.array(VECTORS, np.float32), "relations": np.array(RELATIONS, np.float32),
+        "manifest": manifest, "entities": np.array(VECTORS, np.float32), "relations": np.array(RELATIONS, np.float32),
         "entity_names": list(NAMES), "kinds": list(KINDS), "phrases": list(NAMES), "relation_names": list(BETWEEN),
         "triples": np.array(TRIPLES), "words": np.array(WORDS, np.float32),
     }  # fmt: skip
     return Bundle(**{**given, **changed})
 
 
-def written(path: Path, kept: Bundle | None = None) -> Path:
-    """The folder of an embedding, the small one where none is given."""
-    folder.write(path, kept or small())
+def written(path: Path, bundle: Bundle | None = None) -> Path:
+    """The folder of a bundle, the small one where none is given."""
+    folder.write(path, bundle or small())
     return path
 
 
 def without_words() -> Bundle:
-    """The small embedding, of whose names nothing is known."""
-    kept = small(words=None)
-    return replace(kept, about=kept.about.model_copy(update={"words": None}))
+    """The small bundle without word vectors."""
+    bundle = small(words=None)
+    return replace(bundle, manifest=bundle.manifest.model_copy(update={"words": None}))
 
 
 def files(path: Path) -> dict[str, bytes]:
@@ -57,13 +57,13 @@ def files(path: Path) -> dict[str, bytes]:
 
 
 def edit(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
-    """Change what an embedding's folder says of it."""
-    about = json.loads((path / folder.ABOUT).read_text(encoding="utf-8"))
-    change(about)
-    (path / folder.ABOUT).write_text(json.dumps(about), encoding="utf-8")
+    """Change the manifest of a folder."""
+    manifest = json.loads((path / folder.MANIFEST).read_text(encoding="utf-8"))
+    change(manifest)
+    (path / folder.MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
 
 
 def tamper(path: Path, name: str, content: bytes) -> None:
-    """Put other bytes into a file, with their digest."""
+    """Put other bytes into a file, with their SHA-256."""
     (path / name).write_bytes(content)
-    edit(path, lambda about: about["files"].update({name: hashlib.sha256(content).hexdigest()}))
+    edit(path, lambda manifest: manifest["files"].update({name: hashlib.sha256(content).hexdigest()}))

@@ -1,4 +1,4 @@
-"""An embedding's folder: it comes back as it was written, or is refused in one line; and the one that is kept."""
+"""The folder of a bundle: it is read as it was written, or refused in one line; and the pipeline's final model."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from isi.models.stack import uniform
 from isi.training.batches import training_data
 from isi.training.trainer import run_epoch, start
 from tests.graphs import random_graph
-from tests.kept import NAMES, TRIPLES, files, small, written
+from tests.small_bundle import NAMES, TRIPLES, files, small, written
 from tests.test_experiments import LEARNING
 
 CELLS = st.text(st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"]), max_size=20)
-TOLD = InsertionRecord(
-    entity="lie on", told=[("bed", "hasAffordance", "lie on")], definition="to rest", asked=None, options={"k": 2},
-    seed=3, initializer="rs", why="the best", fallback=None,
+RECORD = InsertionRecord(
+    entity="lie on", insert_triples=[("bed", "hasAffordance", "lie on")], definition="to rest",
+    requested_initializer=None, options={"k": 2}, seed=3, initializer="rs", why="the best", fallback=None,
 )  # fmt: skip
 
 
@@ -49,26 +49,26 @@ def test_what_is_written_is_read_again(
     tmp_path_factory: pytest.TempPathFactory, names: list[str], cells: list[str], dtype: type, words: bool
 ) -> None:
     kinds, phrases = cells[: len(NAMES)], cells[len(NAMES) :]
-    kept = small(entity_names=names, kinds=kinds, phrases=phrases, **({} if words else {"words": None}))
-    kept = replace(kept, entities=kept.entities.astype(dtype))
-    assert same(read(written(tmp_path_factory.mktemp("kept") / "one", kept)), kept)
+    bundle = small(entity_names=names, kinds=kinds, phrases=phrases, **({} if words else {"words": None}))
+    bundle = replace(bundle, entities=bundle.entities.astype(dtype))
+    assert same(read(written(tmp_path_factory.mktemp("kept") / "one", bundle)), bundle)
 
 
 def test_what_was_inserted_and_how_it_was_made_is_read_again(tmp_path: Path) -> None:
-    about = small().about.model_copy(update={"inserted": [TOLD], "made": {"by": {"whom": ["", None, 1.5]}}})
-    kept = read(written(tmp_path / "one", small(about=about)))
-    assert kept.about == about
-    assert kept.inserted() == {"lie on": TOLD}
+    manifest = small().manifest.model_copy(update={"inserted": [RECORD], "made": {"by": {"whom": ["", None, 1.5]}}})
+    bundle = read(written(tmp_path / "one", small(manifest=manifest)))
+    assert bundle.manifest == manifest
+    assert bundle.insertions() == {"lie on": RECORD}
 
 
 def test_other_tools_read_the_files(tmp_path: Path) -> None:
-    path, kept = written(tmp_path / "one"), small()
+    path, bundle = written(tmp_path / "one"), small()
     assert sorted(files(path)) == [
         "embedding.json", "entities.tsv", "relations.tsv", "triples.tsv", "vectors.safetensors",
     ]  # fmt: skip
-    assert pd.read_csv(path / "entities.tsv", sep="\t")["entity"].tolist() == kept.entity_names
+    assert pd.read_csv(path / "entities.tsv", sep="\t")["entity"].tolist() == bundle.entity_names
     assert pd.read_csv(path / "triples.tsv", sep="\t").to_numpy().tolist()[0] == ["kettle", "atLocation", "kitchen"]
-    assert load_file(path / "vectors.safetensors")["relations"].tolist() == kept.relations.tolist()
+    assert load_file(path / "vectors.safetensors")["relations"].tolist() == bundle.relations.tolist()
     assert json.loads((path / "embedding.json").read_text(encoding="utf-8"))["triples"] == len(TRIPLES)
 
 
@@ -125,14 +125,14 @@ def test_what_a_killed_write_left_goes_and_nobody_elses(tmp_path: Path) -> None:
 def test_a_folder_with_something_else_in_it_is_not_replaced(tmp_path: Path) -> None:
     path = written(tmp_path / "one")
     (path / "thesis.tex").write_text("all of it", encoding="utf-8")
-    with pytest.raises(InputError, match=r"one: thesis\.tex: expected an empty folder, or one with an embedding alone"):
+    with pytest.raises(InputError, match=r"one: thesis\.tex: .* expected an empty folder"):
         written(path)
-    with pytest.raises(InputError, match="expected a folder, or a name that nothing has"):
+    with pytest.raises(InputError, match=r"thesis\.tex: not a folder"):
         written(path / "thesis.tex")
     assert (path / "thesis.tex").read_text(encoding="utf-8") == "all of it"
 
 
-# The embedding that the pipeline keeps
+# The final model of the pipeline
 
 
 def test_the_usual_epochs_are_the_lower_median_of_the_last_that_were_kept() -> None:
@@ -148,7 +148,7 @@ def test_all_triples_are_learned_in_as_many_epochs() -> None:
     task = final_task("home", graph, how, 3)
     learned, again = train_final(task), train_final(task)
     assert learned.entity.tobytes() == again.entity.tobytes()
-    session, keys = task.cells.joint, torch.tensor([[0, 0]])
+    session, keys = task.points.joint, torch.tensor([[0, 0]])
     assert (session.splits == 0).all()
     state = start(uniform(session.entities, 2, how.model, how.dimension, how.init_range, how.root, keys))
     data = training_data(session, "training", keys, how.negatives.head_pool)
