@@ -22,7 +22,7 @@ $ isi nothing
 
 
 def test_output_is_renewed_where_there_is_some(tmp_path: Path) -> None:
-    written(tmp_path / "data" / "kept" / "ai2thor")
+    written(tmp_path / "data" / "final_models" / "ai2thor")
     page = shown(PAGE, tmp_path)
     assert page == PAGE.replace("of another day", "kettle (cosine of the vectors)\n  0.802  kitchen  room")  # 3 / √14
     assert shown(page, tmp_path) == page

@@ -61,7 +61,7 @@ def test_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
     kept = pytest.importorskip("tests.small_bundle")
     from isi.__main__ import main
 
-    kept.written(tmp_path / "data" / "kept" / "ai2thor")
+    kept.written(tmp_path / "data" / "final_models" / "ai2thor")
     monkeypatch.chdir(tmp_path)
     shown = [line for line in commands("insert.md") if line.startswith("isi ")]
     assert len(shown) == 5
