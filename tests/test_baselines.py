@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -22,50 +22,20 @@ from isi.initializers.controls import DEAD, alive, dealt_words, standard_normal
 from isi.initializers.soft import mean_relational_score
 from isi.models.finite import NotFinite
 from isi.models.model import MODELS, Model, make_model
-from isi.models.stack import Embedding, select
-from tests.graphs import ANALOGY, dense, random_embedding
+from isi.models.stack import select
+from tests.contexts import DIMENSION, ENTITIES, RELATIONS, Seen, four_novel, insertion
+from tests.graphs import dense, random_embedding
 
 LINEAR = ("analogy", "complex", "distmult")
 DISTANCES: list[tuple[str, dict[str, Option]]] = [
     ("transe", {"margin": 2.0, "squared": True}), ("transe", {"margin": 2.0, "squared": False}),
     ("rotate", {"margin": 4.0, "squared": True}), ("rotate", {"margin": 4.0, "squared": False}),
 ]  # fmt: skip
-ENTITIES, RELATIONS, DIMENSION = 12, 3, 8
-#: One known end, the relation, and whether the novel entity is the tail.
-Seen = tuple[int, int, bool]
 MAP = {"strength": 0.5, "ratio": 3}
 
 
 def family(name: str, **options: Option) -> Model:
     return make_model(name, options, f"models.{name}")
-
-
-def insertion(
-    theta0: Embedding, novel: Sequence[int], seen: Sequence[Sequence[Seen]], words: Tensor, kinds: Sequence[int]
-) -> InitContext:
-    """Of one model, whose rows of novel entities are made zero; all that are not novel are known and trained on."""
-    known = torch.ones(1, len(kinds), dtype=torch.bool)
-    known[0, list(novel)] = False
-    longest = max([1, *map(len, seen)])
-    padded = torch.tensor([[*own, *[(0, 0, False)] * (longest - len(own))] for own in seen]).long()[None]
-    return InitContext(
-        theta0=replace(theta0, entity=theta0.entity * known[..., None]), known=known, eligible=known,
-        novel=torch.tensor([list(novel)]), words=words, kinds=torch.tensor(kinds),
-        other=padded[..., 0], relation=padded[..., 1], novel_is_tail=padded[..., 2] == 1,
-        observed=torch.tensor([[place < len(own) for place in range(longest)] for own in seen])[None],
-        root=0, keys=torch.tensor([[2, 0]]),
-    )  # fmt: skip
-
-
-def some(of: Model = ANALOGY, seed: int = 0) -> InitContext:
-    """Novel 0, a head and a tail; 5, with a triple; 9, with none; 11, without a word vector."""
-    words = torch.randn(ENTITIES, 6, generator=torch.Generator().manual_seed(seed + 1))
-    words[11] = 0
-    seen: list[list[Seen]] = [
-        [(1, 0, False), (2, 0, False), (3, 2, False), (4, 1, True)], [(7, 1, True)], [], [(2, 1, False), (6, 1, True)],
-    ]  # fmt: skip
-    theta0 = random_embedding(1, ENTITIES, RELATIONS, DIMENSION, seed, of)
-    return insertion(theta0, [0, 5, 9, 11], seen, words, [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 3, 3])
 
 
 def bare(of: InitContext) -> InitContext:
@@ -74,7 +44,7 @@ def bare(of: InitContext) -> InitContext:
 
 
 def insert(name: str, of: InitContext, **options: Option) -> InitResult:
-    return INITIALIZERS.get(name, "initializers").function(of, **options)
+    return INITIALIZERS.get(name, "initializers").initialize(of, options)
 
 
 def fallbacks(found: InitResult) -> list[str | None]:
@@ -89,7 +59,7 @@ KNOWN = (1, 2, 3, 4, 6, 7, 8, 10)
 
 
 def test_kind_mean_is_the_centroid_of_the_known_of_the_kind() -> None:
-    of = some()
+    of = four_novel()
     found = insert("kind_mean", of)
     expected = [mean_of(of, 1, 2, 3), mean_of(of, 4, 6, 7), mean_of(of, 8), mean_of(of, 10)]
     torch.testing.assert_close(found.vectors[0], torch.stack(expected))
@@ -101,7 +71,7 @@ def test_kind_mean_is_the_centroid_of_the_known_of_the_kind() -> None:
 
 
 def test_words_are_dealt_out_within_kinds() -> None:
-    of = some()
+    of = four_novel()
     keys = torch.tensor([[5, seed] for seed in range(400)])
     many = replace(of, novel=of.novel.expand(400, -1), keys=keys)
     dealt = dealt_words(many, "es_permuted_kinds", many.kinds)
@@ -115,7 +85,7 @@ def test_words_are_dealt_out_within_kinds() -> None:
 
 
 def test_es_permuted_within_kinds_is_es_with_the_words_dealt() -> None:
-    of = some()
+    of = four_novel()
     (dealt,) = dealt_words(of, "es_permuted_kinds", of.kinds)
     for k in (1, 3):
         found = insert("es_permuted_kinds", of, k=k)
@@ -125,7 +95,7 @@ def test_es_permuted_within_kinds_is_es_with_the_words_dealt() -> None:
 
 
 def test_neighbour_mean_counts_an_end_as_often_as_it_is_named() -> None:
-    of = some()
+    of = four_novel()
     found = insert("neighbour_mean", of)
     expected = [mean_of(of, 1, 2, 3, 4), mean_of(of, 7), mean_of(of, *KNOWN), mean_of(of, 2, 6)]
     torch.testing.assert_close(found.vectors[0], torch.stack(expected))
@@ -136,7 +106,7 @@ def test_neighbour_mean_counts_an_end_as_often_as_it_is_named() -> None:
 
 
 def test_er_avg_takes_known_ends_through_their_relations() -> None:
-    of = some()
+    of = four_novel()
     entity, maps = of.theta0.entity[0], [dense(row) for row in of.theta0.relation[0]]
     found = insert("er_avg", of)
     as_head = maps[0] @ entity[1] + maps[0] @ entity[2] + maps[2] @ entity[3]  # W t
@@ -144,14 +114,14 @@ def test_er_avg_takes_known_ends_through_their_relations() -> None:
     torch.testing.assert_close(found.vectors[0, 1], entity[7] @ maps[1])
     torch.testing.assert_close(found.vectors[0, 2], mean_of(of, *KNOWN))
     assert fallbacks(found) == [None, None, "centroid", None]
-    step = some(family("transe", margin=1.0, squared=True))
+    step = four_novel(family("transe", margin=1.0, squared=True))
     entity, relation = step.theta0.entity[0], step.theta0.relation[0]
     mean = (entity[1] - relation[0] + entity[2] - relation[0] + entity[3] - relation[2] + entity[4] + relation[1]) / 4
     torch.testing.assert_close(insert("er_avg", step).vectors[0, 0], mean)
 
 
 def test_class_noise_is_the_kind_mean_and_its_deviation() -> None:
-    of = some()
+    of = four_novel()
     centre, drawn = insert("kind_mean", of), standard_normal(of)
     assert torch.equal(insert("class_noise", of, fraction=0.0).vectors, centre.vectors)
     found = insert("class_noise", of, fraction=0.5)
@@ -164,7 +134,7 @@ def test_class_noise_is_the_kind_mean_and_its_deviation() -> None:
 
 
 def test_projection_is_ridge_regression_on_unit_word_vectors() -> None:
-    of = some()
+    of = four_novel()
     found = insert("projection", of, penalty=0.7)
     words = of.words.double().numpy()
     words /= np.maximum(np.linalg.norm(words, axis=1, keepdims=True), 1e-12)
@@ -181,14 +151,14 @@ def test_projection_is_ridge_regression_on_unit_word_vectors() -> None:
 
 
 def test_projection_from_a_single_example_is_that_example() -> None:
-    of = some()
+    of = four_novel()
     one = replace(of, eligible=torch.arange(ENTITIES)[None] == 3)
     found = insert("projection", one, penalty=0.7).vectors[0, :3]
     torch.testing.assert_close(found, mean_of(of, 3).expand(3, -1))
 
 
 def test_soft_es_weighs_by_the_exponential_of_cosines() -> None:
-    of = some()
+    of = four_novel()
     cosine = cosine_similarity(of.words[0], of.words[list(KNOWN)]).double()
     weight = (cosine / 0.2).exp() / (cosine / 0.2).exp().sum()
     expected = (weight[:, None] * of.theta0.entity[0, list(KNOWN)].double()).sum(0).float()
@@ -197,14 +167,14 @@ def test_soft_es_weighs_by_the_exponential_of_cosines() -> None:
 
 @pytest.mark.parametrize("name", ["soft_es", "soft_rs"])
 def test_soft_similarities_are_the_mean_at_high_and_the_nearest_at_low_temperature(name: str) -> None:
-    of = some()
+    of = four_novel()
     hot, cold = (insert(name, of, temperature=temperature).vectors[0, :2] for temperature in (1e6, 1e-4))
     torch.testing.assert_close(hot, mean_of(of, *KNOWN).expand(2, -1), atol=1e-5, rtol=0)
     torch.testing.assert_close(cold, insert(name.removeprefix("soft_"), of, k=1).vectors[0, :2])
 
 
 def test_the_mean_relational_score_is_a_mean_over_the_relations_seen() -> None:
-    of = some()
+    of = four_novel()
     entity, maps = of.theta0.entity[0], [dense(row) for row in of.theta0.relation[0]]
     there, back = entity[4] @ maps[1], [entity[1] @ torch.linalg.inv(maps[0]), entity[2] @ torch.linalg.inv(maps[0])]
     alphas = [(back[0] + back[1]) / 2, there, entity[3] @ torch.linalg.inv(maps[2])]
@@ -216,7 +186,7 @@ def test_the_mean_relational_score_is_a_mean_over_the_relations_seen() -> None:
 
 
 def test_the_soft_hybrid_with_one_weight_is_that_similarity_alone() -> None:
-    of = some()
+    of = four_novel()
     words = insert("soft_hybrid", of, word_weight=5.0, relation_weight=0.0)
     torch.testing.assert_close(words.vectors[0, :3], insert("soft_es", of, temperature=0.2).vectors[0, :3])
     relations = insert("soft_hybrid", of, word_weight=0.0, relation_weight=5.0)
@@ -228,7 +198,7 @@ def test_the_soft_hybrid_with_one_weight_is_that_similarity_alone() -> None:
 
 
 def test_soft_similarities_fall_back_to_what_there_is() -> None:
-    of = some()
+    of = four_novel()
     by_words, by_relations = (insert(name, of, temperature=0.2) for name in ("soft_es", "soft_rs"))
     assert fallbacks(by_words) == [None, None, None, "rs"]
     assert fallbacks(by_relations) == [None, None, "centroid", None]
@@ -245,7 +215,7 @@ def test_soft_similarities_fall_back_to_what_there_is() -> None:
      ("soft_hybrid", {"word_weight": 3.0, "relation_weight": 3.0})],
 )  # fmt: skip
 def test_similarity_to_nobody_is_the_centroid_of_the_known(name: str, options: dict[str, Option]) -> None:
-    of = some()
+    of = four_novel()
     found = insert(name, replace(of, eligible=torch.zeros_like(of.eligible)), **options)
     assert fallbacks(found) == ["centroid"] * 4
     torch.testing.assert_close(found.vectors[0], mean_of(of, *KNOWN).expand(4, -1))
@@ -268,14 +238,14 @@ def test_there_may_be_more_relations_than_coordinates() -> None:
      ("map_soft_hybrid", {"word_weight": 3.0, "relation_weight": 3.0, **MAP}), ("rs_alive", {"k": 2})],
 )  # fmt: skip
 def test_who_knows_nothing_of_a_novel_entity_puts_it_at_the_centroid(name: str, options: dict[str, Option]) -> None:
-    of = bare(some())
+    of = bare(four_novel())
     found = insert(name, of, **options)
     assert fallbacks(found) == ["centroid"] * 4
     torch.testing.assert_close(found.vectors[0], mean_of(of, *KNOWN).expand(4, -1))
 
 
 def test_dead_coordinates_take_no_part_in_rs() -> None:
-    of = some(family("distmult"))
+    of = four_novel(family("distmult"))
     assert torch.equal(insert("rs_alive", of, k=3).vectors, insert("rs", of, k=3).vectors)
     relation = of.theta0.relation.clone()
     relation[0, 0, 3] = DEAD / 2  # its inverse is all that counts of what the relation says
@@ -308,7 +278,7 @@ def test_a_coordinate_that_is_stretched_by_the_bound_is_alive_and_a_step_back_ki
 
 
 def test_what_is_told_lies_in_cells_and_brings_its_negatives() -> None:
-    of = some()
+    of = four_novel()
     positive = evidence.insert_triple_table(of)
     cells = [(0, 0, 0, 1), (0, 0, 0, 2), (0, 0, 2, 3), (0, 1, 1, 4), (1, 1, 1, 7), (3, 0, 1, 2), (3, 1, 1, 6)]
     assert positive[0].nonzero().tolist() == sorted(map(list, cells))
@@ -388,7 +358,7 @@ def plain_objective(
 
 @pytest.mark.parametrize("name", LINEAR)
 def test_map_is_what_a_general_minimizer_finds(name: str) -> None:
-    of = some(family(name))
+    of = four_novel(family(name))
     found = insert("map_mean", of, **MAP)
     mean = mean_of(of, *KNOWN).double().numpy()
     for place in (0, 1, 3):
@@ -417,7 +387,7 @@ PRIORS: list[tuple[str, str, dict[str, Option]]] = [
 def test_no_gradient_is_left_where_map_puts_an_entity(
     name: str, prior: str, options: dict[str, Option], seed: int, of_family: str
 ) -> None:
-    of = some(family(of_family), seed)
+    of = four_novel(family(of_family), seed)
     around, found = insert(prior, of, **options), insert(name, of, **options, **MAP)
     assert gradient_at(of, found, around).abs().max() < 1e-3 * gradient_at(of, around, around).abs().max()
 
@@ -426,7 +396,7 @@ def test_no_gradient_is_left_where_map_puts_an_entity(
 def test_map_is_its_prior_where_that_is_strong_or_nothing_is_told(
     name: str, prior: str, options: dict[str, Option]
 ) -> None:
-    of = some()
+    of = four_novel()
     around = insert(prior, of, **options)
     strong = insert(name, of, **options, strength=1e9, ratio=3)
     torch.testing.assert_close(strong.vectors, around.vectors, atol=1e-5, rtol=0)
@@ -441,7 +411,7 @@ def test_map_is_its_prior_where_that_is_strong_or_nothing_is_told(
 
 @pytest.mark.parametrize(("name", "options"), DISTANCES)
 def test_map_of_a_distance_gains_on_its_prior_and_leaves_little_gradient(name: str, options: dict[str, Option]) -> None:
-    of = some(family(name, **options))
+    of = four_novel(family(name, **options))
     around, found = insert("mean", of), insert("map_mean", of, **MAP)
     known, theta0 = evidence.evidence(of, around.vectors, 0.5, 3), evidence._double(of.theta0)
     before, after = (evidence.objective(known, theta0, one.vectors.double())[0] for one in (around, found))
@@ -452,7 +422,7 @@ def test_map_of_a_distance_gains_on_its_prior_and_leaves_little_gradient(name: s
 
 def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
     """With a strong prior about a parabola, on which n times the way to its lowest point is too far from n = 2 on."""
-    of = some(family("distmult"))
+    of = four_novel(family("distmult"))
     theta0 = replace(of.theta0, entity=of.theta0.entity.double(), relation=of.theta0.relation.double())
     known = evidence.evidence(of, insert("mean", of).vectors, 1000, 3)
     step, _ = evidence.newton(known, theta0, known.mean, evidence.cell_anchors(theta0))
@@ -471,7 +441,7 @@ def test_products_of_cells_are_the_same_in_parts_of_a_budget(monkeypatch: pytest
 
 
 def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows() -> None:
-    of = some()
+    of = four_novel()
     found = insert("ridge", of, strength=0.4, ratio=3)
     mean, theta0 = mean_of(of, *KNOWN).double().numpy(), evidence._double(of.theta0)
     sigma = evidence.covariance(of)[0].numpy()
@@ -493,7 +463,7 @@ def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows() -> Non
 
 @pytest.mark.parametrize(("name", "options"), DISTANCES)
 def test_ridge_refuses_a_score_that_is_not_linear(name: str, options: dict[str, Option]) -> None:
-    of = some(family(name, **options))
+    of = four_novel(family(name, **options))
     with pytest.raises(InputError) as refused:
         insert("ridge", of, **MAP)
     expected = f"needs a score that is linear in a vector; {type(of.theta0.model).__name__}'s is not"
@@ -503,7 +473,7 @@ def test_ridge_refuses_a_score_that_is_not_linear(name: str, options: dict[str, 
 @given(st.integers(0, 1000))
 @settings(max_examples=10)
 def test_the_covariance_is_that_of_the_known_shrunk_to_a_sphere(seed: int) -> None:
-    of = some(seed=seed)
+    of = four_novel(seed=seed)
     known = of.theta0.entity[0, list(KNOWN)].double().numpy()
     plain = np.cov(known.T, bias=True)
     found = evidence.covariance(of)[0].numpy()
@@ -566,11 +536,11 @@ def test_no_seed_has_a_part_in_what_is_not_drawn(name: str) -> None:
         "map_soft_hybrid": {"word_weight": 4.0, "relation_weight": 2.0, **MAP}, "projection": {"penalty": 0.3},
         "soft_hybrid": {"word_weight": 4.0, "relation_weight": 2.0}, "er_avg": {},
     }  # fmt: skip
-    of, own = some(), options.get(name, MAP)
+    of, own = four_novel(), options.get(name, MAP)
     other = replace(of, root=5, keys=of.keys + 3)
     assert torch.equal(insert(name, of, **own).vectors, insert(name, other, **own).vectors)
 
 
 def test_a_kind_without_words_deals_none() -> None:
-    of = replace(some(), words=torch.zeros(ENTITIES, 6))
+    of = replace(four_novel(), words=torch.zeros(ENTITIES, 6))
     assert torch.equal(dealt_words(of, "es_permuted_kinds", of.kinds)[0], torch.arange(ENTITIES))

@@ -17,7 +17,7 @@ from isi.models.model import MODELS, make_model
 from isi.models.stack import uniform
 from isi.sources import SOURCES, Mining, Observed, settings_of
 from tests.documented import code, params
-from tests.test_initializers import insertion
+from tests.worlds import insertion
 
 
 @pytest.fixture

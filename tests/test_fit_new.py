@@ -13,16 +13,7 @@ from isi.errors import InputError
 from isi.insertion.arguments import checked_model, stack_of_one
 from isi.insertion.result import Inserted
 from tests.graphs import random_embedding
-from tests.test_insert import ABOUT, BETWEEN, ENTITIES, KNOWN, NEW, TOLD, call
-
-NAMES = {"entity_names": [*KNOWN, *NEW], "relation_names": BETWEEN}
-
-
-def fit(done: Inserted, triples: Any = TOLD, **changed: Any) -> tuple[np.ndarray, np.ndarray]:
-    return isi.fit_new(
-        done.entities, done.relations, triples,
-        **{"new": 2, "model": done.model, "epochs": 20, **NAMES, **changed},
-    )  # fmt: skip
+from tests.small_embedding import ABOUT, BETWEEN, ENTITIES, KNOWN, NAMES, NEW, TOLD, call, fit
 
 
 def margins(entities: np.ndarray, relations: np.ndarray, done: Inserted) -> np.ndarray:

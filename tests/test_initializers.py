@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pkgutil import iter_modules
 
 import numpy as np
@@ -14,9 +14,7 @@ import torch
 from isi import initializers
 from isi.config import Count, Option, read
 from isi.errors import InputError
-from isi.experiment.grid import GridPoints
 from isi.experiment.insertion_step import with_vectors
-from isi.graph.graph import Graph
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.initializers import similarity
 from isi.initializers.api import (
@@ -25,22 +23,26 @@ from isi.initializers.api import (
     RS,
     InitContext,
     InitResult,
-    NovelEntities,
-    context_of,
     initializer,
     options_of,
     without_weights,
 )
 from isi.initializers.controls import permuted_words
-from isi.models.stack import Embedding
 from isi.tables import paths
-from tests.graphs import dense, graph_of, insert_triples_of, points_of, random_counts, random_embedding
+from tests.graphs import dense
+from tests.worlds import (
+    DIMENSION,
+    ENTITIES,
+    NOVEL,
+    ORPHAN,
+    RELATIONS,
+    WORDLESS,
+    World,
+    insertion,
+    seen,
+    world,
+)
 
-ENTITIES, RELATIONS, DIMENSION = 16, 3, 8
-#: Two models; in training 15 hangs on 0 alone, so that it is an orphan of both once 0 is novel.
-#: 3 and 9 have no word vector.
-NOVEL = np.array([[0, 4, 9], [0, 7, 12]])
-ORPHAN, WORDLESS = 15, (3, 9)
 EVERYONE: dict[str, dict[str, Option]] = {
     "xavier": {},
     "iu": {},
@@ -70,50 +72,6 @@ CENTROIDS = ("es", "rs", "ers", "mean", "es_permuted", "kind_mean", "es_permuted
 
 #: Plain Python: α of an insert triple needs its known end, relation, and whether the novel entity is the tail.
 Observed = tuple[int, int, bool]
-
-
-def orphaning_graph() -> Graph:
-    counts = random_counts(ORPHAN, RELATIONS, 60, seed=2)
-    return graph_of(counts | {(ORPHAN, 1, 0): 2, (0, 2, ORPHAN): 1, (ORPHAN, 0, 5): 1}, ENTITIES, RELATIONS)
-
-
-@dataclass(frozen=True)
-class World:
-    """What a step of learning knows, and more: validation and test triples are in the splits."""
-
-    graph: Graph
-    splits: np.ndarray
-    theta0: Embedding
-    insert_triples: np.ndarray
-    words: np.ndarray
-
-
-def world() -> World:
-    """Embeddings and word vectors at random; splits as the pipeline draws them, but for the orphan's."""
-    graph = orphaning_graph()
-    splits = points_of(graph, 3, [5, 6]).splits
-    splits[:, -3:] = TRAIN, TRAIN, VALID
-    points = points_at(graph, splits)
-    theta0 = random_embedding(2, ENTITIES, RELATIONS, DIMENSION)
-    words = np.random.default_rng(1).normal(size=(ENTITIES, 6)).astype(np.float32)
-    words[list(WORDLESS)] = 0
-    known = replace(theta0, entity=theta0.entity * points.session(0).entities[..., None])
-    return World(graph, splits, known, insert_triples_of(points), words)
-
-
-def points_at(graph: Graph, splits: np.ndarray) -> GridPoints:
-    return GridPoints("home", graph, 3, [5, 6], splits, NOVEL[:, None])
-
-
-def seen(of: World) -> InitContext:
-    """What initializers are shown of it."""
-    points = points_at(of.graph, of.splits)
-    told = NovelEntities(torch.as_tensor(NOVEL), torch.as_tensor(of.insert_triples), torch.as_tensor(of.words))
-    return context_of(of.theta0, points.session(0), told, 0, points.keys())
-
-
-def insertion() -> InitContext:
-    return seen(world())
 
 
 def insert(name: str, given: InitContext, **options: Option) -> InitResult:

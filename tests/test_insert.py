@@ -17,35 +17,21 @@ import isi
 from isi import config
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, InitContext
-from isi.insertion.result import Inserted
 from isi.tables import paths
 from tests.graphs import random_embedding
-
-ENTITIES, RELATIONS, DIMENSION = 12, 3, 8
-KNOWN = [f"e{number}" for number in range(ENTITIES)]
-NEW = ["cup", "mug"]
-BETWEEN = ["in", "on", "has"]
-TOLD = [("cup", "in", "e1"), ("e3", "on", "cup"), ("mug", "has", "e2"), ("cup", "on", "mug")]
-ABOUT = [("e0", "in", "e1"), ("e2", "on", "e3"), ("e4", "has", "e5"), ("e6", "in", "e7"), ("e1", "on", "e2")]
-
-
-def tables(seed: int = 0, dtype: type[np.floating[Any]] = np.float32) -> dict[str, np.ndarray]:
-    stack = random_embedding(1, ENTITIES, RELATIONS, DIMENSION, seed)
-    return {"entities": stack.entity[0].numpy().astype(dtype), "relations": stack.relation[0].numpy().astype(dtype)}
-
-
-def words(seed: int = 0) -> np.ndarray:
-    return np.random.default_rng(seed).standard_normal((ENTITIES + len(NEW), 6)).astype(np.float32)
-
-
-def named(**changed: Any) -> dict[str, Any]:
-    """Arguments of a call by names."""
-    return {**tables(), "triples": TOLD, "new": NEW, "model": "analogy", "entity_names": KNOWN,
-            "relation_names": BETWEEN, "known_triples": ABOUT, **changed}  # fmt: skip
-
-
-def call(**changed: Any) -> Inserted:
-    return isi.insert(**named(**changed))
+from tests.small_embedding import (
+    ABOUT,
+    BETWEEN,
+    DIMENSION,
+    ENTITIES,
+    KNOWN,
+    NEW,
+    RELATIONS,
+    TOLD,
+    call,
+    tables,
+    words,
+)
 
 
 def by_hand(seen: list[list[tuple[int, int, bool]]], vectors: np.ndarray | None) -> InitContext:

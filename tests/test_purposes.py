@@ -11,8 +11,8 @@ from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.initializers.controls import dealt_words, permuted_words, standard_normal
 from isi.initializers.paper import xavier
 from isi.training.batches import sample_batch, sample_epoch, shuffle_into_batches, training_data
+from tests.contexts import four_novel
 from tests.graphs import points_of, random_graph
-from tests.test_baselines import some
 from tests.test_sessions import generator
 
 #: As ``generator`` has it.
@@ -54,20 +54,20 @@ def test_a_split_is_the_first_of_such_an_order() -> None:
 
 
 def test_gaussians_are_drawn_for_one_purpose() -> None:
-    of = some()
+    of = four_novel()
     drawn = generator("gaussian", *of.keys[0].tolist()).standard_normal((4, 8))
     torch.testing.assert_close(standard_normal(of)[0], torch.as_tensor(drawn, dtype=torch.float32))
 
 
 def test_xavier_is_drawn_for_its_own() -> None:
-    of = some()
+    of = four_novel()
     drawn, bound = generator("xavier", *of.keys[0].tolist()).random((4, 8)), 6 / 8**0.5
     np.testing.assert_allclose(xavier(of).vectors[0].numpy(), (2 * drawn - 1) * bound, rtol=1e-5)
 
 
 @pytest.mark.parametrize("within", ["es_permuted", "es_permuted_kinds"])
 def test_words_are_dealt_for_the_purpose_of_each_control(within: str) -> None:
-    of, rng = some(), generator(within, 2, 0)
+    of, rng = four_novel(), generator(within, 2, 0)
     groups = torch.zeros_like(of.kinds) if within == "es_permuted" else of.kinds
     dealt = np.arange(len(of.words))
     for group in sorted(set(groups.tolist())):

@@ -94,8 +94,8 @@ def evidence(context: InitContext, mean: Tensor, strength: float, ratio: int) ->
     negative = expected_negatives(context, positive, ratio)
     inverse, failed = inv_ex(covariance(context))
     if failed.any():
-        found = "known vectors that do not differ have no covariance to go by: turn down the weight decay of training"
-        raise NotFinite(failed.nonzero()[:, 0].tolist(), found)
+        problem = "known vectors that do not differ have no covariance to go by: turn down the weight decay of training"
+        raise NotFinite(failed.nonzero()[:, 0].tolist(), problem)
     return Evidence(positive.flatten(2).double(), negative.flatten(2).double(), mean.double(), strength * inverse)
 
 
@@ -185,9 +185,9 @@ def objective(known: Evidence, theta0: Embedding, at: Tensor) -> Tensor:
 def scores(theta0: Embedding, at: Tensor) -> Tensor:
     """f of each cell with novel vectors of shape (M, n, d); shape (M, n, K)."""
     models, number, relations = *at.shape[:2], theta0.relation.shape[1]
-    asked, relation = at.repeat_interleave(relations, 1), theta0.relation.repeat(1, number, 1)
-    as_head = theta0.model.score_tails(asked, relation, theta0.entity)
-    as_tail = theta0.model.score_heads(asked, relation, theta0.entity)
+    novel, relation = at.repeat_interleave(relations, 1), theta0.relation.repeat(1, number, 1)
+    as_head = theta0.model.score_tails(novel, relation, theta0.entity)
+    as_tail = theta0.model.score_heads(novel, relation, theta0.entity)
     return torch.stack([ends.view(models, number, relations, -1) for ends in (as_head, as_tail)], 2).flatten(2)
 
 
@@ -205,8 +205,8 @@ def gram(slopes: Tensor, weight: Tensor) -> Tensor:
     """Σ w s sᵀ over the cells; shapes (M, K, d) and (M, n, K), result (M, n, d, d)."""
     models, _, dimension = slopes.shape
     parts = []
-    for some in torch.split(weight, max(1, BUDGET // slopes[0].numel()), 1):
-        weighted = (slopes[:, :, None] * some.mT[..., None]).flatten(2)  # (M, K, n · d)
+    for part in torch.split(weight, max(1, BUDGET // slopes[0].numel()), 1):
+        weighted = (slopes[:, :, None] * part.mT[..., None]).flatten(2)  # (M, K, n · d)
         parts.append((slopes.mT @ weighted).view(models, dimension, -1, dimension).transpose(1, 2))
     return torch.cat(parts, 1)
 

@@ -94,12 +94,12 @@ def read_model(model: ERModel[Any, Any, Any], triples: Tensor, margin: float | N
     if closed is None:
         interaction = deepcopy(model.interaction).cpu().double().eval().requires_grad_(False)
         rows = torch.cat([rows for _, rows in relations], 1) if relations else torch.zeros(model.num_relations, 0)
-        own = InteractionModel(interaction, form, tuple(form for form, _ in relations), 0.0)
-        own = replace(own, offset=margin_of(Embedding(entity[None], rows[None], own), triples, margin))
-        return Embedding(entity[None].float(), rows[None].float(), own)
+        scored = InteractionModel(interaction, form, tuple(form for form, _ in relations), 0.0)
+        scored = replace(scored, offset=margin_of(Embedding(entity[None], rows[None], scored), triples, margin))
+        return Embedding(entity[None].float(), rows[None].float(), scored)
     make, rows = closed
-    without = Embedding(entity[None].float(), rows[None].float(), make(0.0))
-    return replace(without, model=make(margin_of(without, triples, margin)))
+    without_margin = Embedding(entity[None].float(), rows[None].float(), make(0.0))
+    return replace(without_margin, model=make(margin_of(without_margin, triples, margin)))
 
 
 def _closed_form(

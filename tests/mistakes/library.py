@@ -10,7 +10,7 @@ import torch
 
 from isi.models.distance import TransE
 from tests.mistakes.calls import Called
-from tests.test_insert import KNOWN, TOLD, tables, words
+from tests.small_embedding import KNOWN, TOLD, tables, words
 
 NAN = np.float32("nan")
 TABLES = tables()

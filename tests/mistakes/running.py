@@ -20,8 +20,7 @@ from isi.errors import InputError
 from isi.insertion.result import Inserted
 from tests.mistakes import of_pykeen
 from tests.mistakes.calls import Program, Typed
-from tests.test_fit_new import fit
-from tests.test_insert import call
+from tests.small_embedding import call, fit
 
 
 @cache

@@ -1,0 +1,47 @@
+"""A small embedding with names, and calls of ``isi.insert`` and ``isi.fit_new`` on it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import isi
+from isi.insertion.result import Inserted
+from tests.graphs import random_embedding
+
+ENTITIES, RELATIONS, DIMENSION = 12, 3, 8
+KNOWN = [f"e{number}" for number in range(ENTITIES)]
+NEW = ["cup", "mug"]
+BETWEEN = ["in", "on", "has"]
+TOLD = [("cup", "in", "e1"), ("e3", "on", "cup"), ("mug", "has", "e2"), ("cup", "on", "mug")]
+ABOUT = [("e0", "in", "e1"), ("e2", "on", "e3"), ("e4", "has", "e5"), ("e6", "in", "e7"), ("e1", "on", "e2")]
+
+
+def tables(seed: int = 0, dtype: type[np.floating[Any]] = np.float32) -> dict[str, np.ndarray]:
+    stack = random_embedding(1, ENTITIES, RELATIONS, DIMENSION, seed)
+    return {"entities": stack.entity[0].numpy().astype(dtype), "relations": stack.relation[0].numpy().astype(dtype)}
+
+
+def words(seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal((ENTITIES + len(NEW), 6)).astype(np.float32)
+
+
+def named(**changed: Any) -> dict[str, Any]:
+    """Arguments of a call by names."""
+    return {**tables(), "triples": TOLD, "new": NEW, "model": "analogy", "entity_names": KNOWN,
+            "relation_names": BETWEEN, "known_triples": ABOUT, **changed}  # fmt: skip
+
+
+def call(**changed: Any) -> Inserted:
+    return isi.insert(**named(**changed))
+
+
+NAMES = {"entity_names": [*KNOWN, *NEW], "relation_names": BETWEEN}
+
+
+def fit(done: Inserted, triples: Any = TOLD, **changed: Any) -> tuple[np.ndarray, np.ndarray]:
+    return isi.fit_new(
+        done.entities, done.relations, triples,
+        **{"new": 2, "model": done.model, "epochs": 20, **NAMES, **changed},
+    )  # fmt: skip
