@@ -11,7 +11,7 @@ CHECKED := $(VENV)/params-checked
 export PATH := $(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help install repro beyond quick record test fuzz kill-test mutants verify benchmark words readme console lock families initializers clean
+.PHONY: help install repro beyond quick record test fuzz kill-test mutants verify benchmark words readme console lock models initializers clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*##/\1:/p' $(MAKEFILE_LIST)
@@ -89,8 +89,8 @@ console: $(INSTALLED)  ## put what commands print into docs/insert.md (installs 
 	$(BIN)/pip install --quiet --editable '.[words]'
 	python -m tools.console
 
-families: $(INSTALLED)  ## choose rate, decay and margin of every embedding family again, in about ten minutes
-	python -m tools.choose_families
+models: $(INSTALLED)  ## choose rate, decay and margin of every embedding model again, in about ten minutes
+	python -m tools.choose_models
 
 initializers: $(INSTALLED)  ## choose the options of initializers again on hidden entities, in about ten minutes
 	python -m tools.choose_initializers

@@ -11,7 +11,7 @@ from torch import Tensor
 from isi.initializers.api import InitContext
 from isi.models.model import Model
 from isi.models.stack import Embedding
-from tests.graphs import ANALOGY, random_embedding
+from tests.small_graphs import ANALOGY, random_embedding
 
 ENTITIES, RELATIONS, DIMENSION = 12, 3, 8
 #: One known end, the relation, and whether the novel entity is the tail.

@@ -8,7 +8,7 @@ import numpy as np
 
 import isi
 from isi.insertion.result import Inserted
-from tests.graphs import random_embedding
+from tests.small_graphs import random_embedding
 
 ENTITIES, RELATIONS, DIMENSION = 12, 3, 8
 KNOWN = [f"e{number}" for number in range(ENTITIES)]

@@ -10,7 +10,7 @@ import torch
 from isi.analyses.affordances import RankingTask, ranks, ranks_of
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.graph.sessions import OUT, TEST, TRAIN
-from tests.graphs import graph_of, random_embedding
+from tests.small_graphs import graph_of, random_embedding
 
 #: Entities 0 to 3 are known; 5 is inserted, and 6 in a later session, if at all; 4 takes no part.
 GRAPH = graph_of(

@@ -18,7 +18,7 @@ from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.models.model import make_model
 from isi.models.stack import Embedding
 from isi.report.parts import mrr_star
-from tests.graphs import ANALOGY, graph_of, insert_triples_of, points_of, random_embedding, random_graph
+from tests.small_graphs import ANALOGY, graph_of, insert_triples_of, points_of, random_embedding, random_graph
 
 CELL = ["model", "size", "seed", "scope", "filter"]
 

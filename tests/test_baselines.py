@@ -24,7 +24,7 @@ from isi.models.finite import NotFinite
 from isi.models.model import MODELS, Model, make_model
 from isi.models.stack import select
 from tests.contexts import DIMENSION, ENTITIES, RELATIONS, Seen, four_novel, insertion
-from tests.graphs import dense, random_embedding
+from tests.small_graphs import dense, random_embedding
 
 LINEAR = ("analogy", "complex", "distmult")
 DISTANCES: list[tuple[str, dict[str, Option]]] = [

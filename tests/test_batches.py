@@ -25,7 +25,7 @@ from isi.training.batches import (
     shuffle_into_batches,
     training_data,
 )
-from tests.graphs import graph_of, points_of, random_graph
+from tests.small_graphs import graph_of, points_of, random_graph
 
 
 def one_triple(head_pool: str, count: int = 2, relations: int = 2, entities: int = 4) -> TrainingData:

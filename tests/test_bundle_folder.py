@@ -21,8 +21,8 @@ from isi.errors import InputError
 from isi.models.stack import uniform
 from isi.training.batches import training_data
 from isi.training.trainer import run_epoch, start
-from tests.graphs import random_graph
 from tests.small_bundle import NAMES, TRIPLES, files, small, written
+from tests.small_graphs import random_graph
 from tests.test_experiments import LEARNING
 
 CELLS = st.text(st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"]), max_size=20)

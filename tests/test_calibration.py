@@ -17,7 +17,7 @@ from isi.bundle.insert_entity import NewEntity, insert_entity, without_entities
 from isi.bundle.manifest import Bundle, Manifest
 from isi.bundle.query import OpenBundle, Query, open_bundle
 from isi.graph.graph import HEAD, TAIL
-from tests.graphs import random_embedding, random_graph
+from tests.small_graphs import random_embedding, random_graph
 
 ENTITIES, RELATIONS = 30, 2
 

@@ -12,7 +12,7 @@ from isi.evaluation.ranking import closeness, evaluate
 from isi.experiment.grid import GridPoints
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
 from isi.initializers.api import INITIALIZERS, NovelEntities, options_of
-from tests.graphs import points_of, random_embedding, random_graph
+from tests.small_graphs import points_of, random_embedding, random_graph
 from tools.choose_initializers import about, compared, hide, settings_of, shown, table_of, told_of
 
 ENTITIES, RELATIONS = 20, 3

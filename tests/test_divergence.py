@@ -20,7 +20,7 @@ from isi.models.finite import LARGEST, NotFinite, check_finite
 from isi.models.stack import Embedding
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, start, train
-from tests.graphs import ANALOGY, points_of, random_embedding, random_graph
+from tests.small_graphs import ANALOGY, points_of, random_embedding, random_graph
 from tests.test_bad_input import set_params, workspace
 from tests.test_experiments import LEARNING, insert_tasks, learning_tasks, theta0
 from tests.test_slips import Says, main_of, says

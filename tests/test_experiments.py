@@ -34,7 +34,7 @@ from isi.initializers.api import context_of
 from isi.models.model import MODELS, make_model
 from isi.training.batches import Negatives
 from isi.training.trainer import Optimizer, Training
-from tests.graphs import ANALOGY, insert_triples_of, points_of, random_graph
+from tests.small_graphs import ANALOGY, insert_triples_of, points_of, random_graph
 
 ENTITIES, RELATIONS, SIZE, SEEDS = 14, 3, 2, [0, 1, 2, 3]
 Task = TypeVar("Task", bound=HasPoints)

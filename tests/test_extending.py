@@ -45,16 +45,16 @@ def test_an_initializer() -> None:
 
 @pytest.mark.parametrize("own", ["own model"], indirect=True)
 @pytest.mark.usefixtures("own")
-def test_a_family() -> None:
-    family = make_model("transh", params("own model params")["models.transh"], "models.transh")
+def test_a_model() -> None:
+    scoring = make_model("transh", params("own model params")["models.transh"], "models.transh")
     everyone = torch.ones(2, 6, dtype=torch.bool)
-    theta = uniform(everyone, 3, family, 4, 0.5, 0, torch.tensor([[0], [1]]))
+    theta = uniform(everyone, 3, scoring, 4, 0.5, 0, torch.tensor([[0], [1]]))
     scores = theta.score_all()
     for model, relation, head, tail in np.ndindex(2, 3, 6, 6):
         normal, translation = theta.relation[model, relation].double().split(4)
         normal = normal / normal.norm()
         ends = [v - (v @ normal) * normal for v in theta.entity[model, [head, tail]].double()]
-        expected = family.margin - (ends[0] + translation - ends[1]).norm()
+        expected = scoring.margin - (ends[0] + translation - ends[1]).norm()
         assert abs(float(scores[model, relation, head, tail]) - float(expected)) < 1e-5
 
 

@@ -12,8 +12,8 @@ import isi
 from isi.errors import InputError
 from isi.insertion.arguments import checked_model, stack_of_one
 from isi.insertion.result import Inserted
-from tests.graphs import random_embedding
 from tests.small_embedding import ABOUT, BETWEEN, ENTITIES, KNOWN, NAMES, NEW, TOLD, call, fit
+from tests.small_graphs import random_embedding
 
 
 def margins(entities: np.ndarray, relations: np.ndarray, done: Inserted) -> np.ndarray:

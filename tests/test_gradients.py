@@ -18,7 +18,7 @@ from isi.training.batches import (
     training_data,
 )
 from isi.training.trainer import loss_gradient
-from tests.graphs import ANALOGY, dense, points_of, random_embedding, random_graph
+from tests.small_graphs import ANALOGY, dense, points_of, random_embedding, random_graph
 
 
 def loss(entity: Tensor, relation: Tensor, positives: Tensor, negatives: Tensor) -> Tensor:

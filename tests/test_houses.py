@@ -18,7 +18,7 @@ from isi.errors import InputError
 from isi.sources import _houses as reading
 from isi.sources._houses import Point, Room, houses, named_by
 from isi.sources.procthor_houses import numbered
-from tests.floors import KITCHEN, floor, house, thing
+from tests.procthor import KITCHEN, floor, house, thing
 from tools import make_houses
 
 

@@ -29,7 +29,7 @@ from isi.initializers.api import (
 )
 from isi.initializers.controls import permuted_words
 from isi.tables import paths
-from tests.graphs import dense
+from tests.small_graphs import dense
 from tests.worlds import (
     DIMENSION,
     ENTITIES,

@@ -18,7 +18,6 @@ from isi import config
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, InitContext
 from isi.tables import paths
-from tests.graphs import random_embedding
 from tests.small_embedding import (
     ABOUT,
     BETWEEN,
@@ -32,6 +31,7 @@ from tests.small_embedding import (
     tables,
     words,
 )
+from tests.small_graphs import random_embedding
 
 
 def by_hand(seen: list[list[tuple[int, int, bool]]], vectors: np.ndarray | None) -> InitContext:

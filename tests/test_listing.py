@@ -11,7 +11,7 @@ import pytest
 from isi.errors import InputError
 from isi.graph.graph import Graph
 from isi.graph.sampling import SessionsOf, SessionTables, Shares, session_tables
-from tests.graphs import random_graph
+from tests.small_graphs import random_graph
 
 KEY = "experiments.home.sessions"
 NUMBER = 12

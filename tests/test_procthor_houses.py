@@ -19,7 +19,7 @@ from isi.sources._materials import Object
 from isi.sources._recording import Scene
 from isi.sources.procthor_houses import CHUNK, ELSEWHERE, INSTANCES, OUTSIDE, TAKEN, UNNAMED, UNRECORDED, numbered
 from isi.sources.tables import OBSERVATIONS
-from tests.floors import house, thing
+from tests.procthor import house, thing
 from tests.test_bad_input import leave, mined, refusal, set_params, workspace
 from tools import make_houses
 

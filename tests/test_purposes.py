@@ -12,7 +12,7 @@ from isi.initializers.controls import dealt_words, permuted_words, standard_norm
 from isi.initializers.paper import xavier
 from isi.training.batches import sample_batch, sample_epoch, shuffle_into_batches, training_data
 from tests.contexts import four_novel
-from tests.graphs import points_of, random_graph
+from tests.small_graphs import points_of, random_graph
 from tests.test_sessions import generator
 
 #: As ``generator`` has it.

@@ -38,7 +38,7 @@ from isi.graph.tables import ENTITIES, SPLITS, TRIPLES
 from isi.random import stream
 from isi.tables import paths
 from stages.make_sessions import make_sessions
-from tests.graphs import as_stored, graph_of, insert_triples_of, points_of, random_graph
+from tests.small_graphs import as_stored, graph_of, insert_triples_of, points_of, random_graph
 
 GRAPHS = st.builds(random_graph, st.integers(4, 9), st.integers(1, 3), st.integers(9, 40), seed=st.integers(0, 10_000))
 SEEDS = st.integers(0, 10_000)

@@ -29,7 +29,7 @@ from isi.graph.sessions import OUT, TEST, TRAIN, VALID
 from isi.initializers.api import context_of
 from isi.initializers.soft import soft_hybrid
 from isi.models.stack import Embedding
-from tests.graphs import ANALOGY, graph_of
+from tests.small_graphs import ANALOGY, graph_of
 from tests.test_experiments import ENTITIES, MARGIN, OPTIMIZER, SAMPLED, WORDS, insert_tasks, learning_tasks, theta0
 
 SOFT = {"word_weight": 3.0, "relation_weight": 5.0}

@@ -13,7 +13,7 @@ import pytest
 from isi.config import read
 from isi.errors import InputError
 from isi.tables import paths
-from tests.floors import house, thing
+from tests.procthor import house, thing
 from tools import sources
 
 MADE = {"reader": "procthor_houses", "sha256": None, "materials": "suncg"}

@@ -27,8 +27,8 @@ from isi.experiment.tables import RUNS
 from isi.graph.tables import INSERT_TRIPLES
 from isi.stage import StageContext
 from tests import small
-from tests.graphs import points_of, random_graph
 from tests.small import NAME
+from tests.small_graphs import points_of, random_graph
 
 POINTS = points_of(random_graph(12, 2, 80), 2, [4, 6], steps=2)
 VALUES: dict[str, Any] = {

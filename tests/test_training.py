@@ -29,7 +29,7 @@ from isi.training.trainer import (
     train,
     train_until_best,
 )
-from tests.graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
+from tests.small_graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
 
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
 EXPECTED = Negatives(mode="expected", ratio=3, head_pool="unseen")

@@ -39,7 +39,7 @@ from isi.params import load_beyond
 from isi.stage import StageContext
 from isi.tables import io, paths
 from stages.vary import vary
-from tests.graphs import as_stored, insert_triples_of, points_of
+from tests.small_graphs import as_stored, insert_triples_of, points_of
 from tests.test_experiments import GRAPH as DRAWN
 from tests.test_experiments import INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
 

@@ -12,7 +12,7 @@ from isi.graph.graph import Graph
 from isi.graph.sessions import TRAIN, VALID
 from isi.initializers.api import InitContext, NovelEntities, context_of
 from isi.models.stack import Embedding
-from tests.graphs import graph_of, insert_triples_of, points_of, random_counts, random_embedding
+from tests.small_graphs import graph_of, insert_triples_of, points_of, random_counts, random_embedding
 
 ENTITIES, RELATIONS, DIMENSION = 16, 3, 8
 #: Two models; in training 15 hangs on 0 alone, so that it is an orphan of both once 0 is novel.

@@ -16,7 +16,8 @@ LARGE = [10_000, 100_000]
 
 def grow(entities: int, form: str) -> dict[str, Any]:
     """Run in a process of its own, so that the memory is that of one graph alone."""
-    command = [sys.executable, "-m", "tests.growth", str(entities), str(TRIPLES_PER_ENTITY * entities), "--form", form]
+    numbers = str(entities), str(TRIPLES_PER_ENTITY * entities)
+    command = [sys.executable, "-m", "tests.growing_graph", *numbers, "--form", form]
     reported: dict[str, Any] = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
     return reported
 

@@ -31,7 +31,7 @@ from isi.sources.tables import KINDS, OBSERVATIONS
 from isi.tables import io as tables
 from isi.tables import paths
 from isi.tables.table import as_text
-from tests import floors
+from tests import procthor
 from tests.fuzz.mutations import Files
 
 ROOT = Path(__file__).parent.parent.parent
@@ -286,9 +286,9 @@ def _formats() -> dict[str, Format]:
 
 
 def _house_lines() -> bytes:
-    cup = floors.thing("Mug|surface|2|1", 1, 1)
-    listed = [floors.house(floors.thing("SideTable|2|0", 1, 1, cup)), floors.house(floors.thing("small|3|1", 5, 3))]
-    return "\n".join(map(json.dumps, listed)).encode()
+    cup = procthor.thing("Mug|surface|2|1", 1, 1)
+    objects = procthor.thing("SideTable|2|0", 1, 1, cup), procthor.thing("small|3|1", 5, 3)
+    return "\n".join(json.dumps(procthor.house(each)) for each in objects).encode()
 
 
 FORMATS = _formats()

@@ -8,7 +8,7 @@ import struct
 from collections.abc import Callable
 
 from isi.sources._recording import FORMAT
-from tests import floors
+from tests import procthor
 from tests.fuzz.formats import HEADER, HOUSE
 from tests.fuzz.mutations import Files
 
@@ -40,7 +40,7 @@ def line(objects: bytes) -> bytes:
 
 def house(objects: int, corners: int) -> bytes:
     """A house of one room."""
-    made = floors.house()
+    made = procthor.house()
     made["rooms"] = [made["rooms"][0] | {"floorPolygon": [{"x": n % 7, "z": n % 5} for n in range(corners)]}]
     text = json.dumps(made)
     rows = (f'{{"id":"Mug|{n}","assetId":"A","position":{{"x":1,"z":1}}}}' for n in range(objects))
@@ -50,7 +50,7 @@ def house(objects: int, corners: int) -> bytes:
 def nested_house(depth: int) -> bytes:
     """An object in an object in an object ..."""
     item = '{"id":"Mug|1","assetId":"A","position":{"x":1,"z":1},"children":['
-    return json.dumps(floors.house()).replace('"objects": []', f'"objects": [{item * depth}{"]}" * depth}]').encode()
+    return json.dumps(procthor.house()).replace('"objects": []', f'"objects": [{item * depth}{"]}" * depth}]').encode()
 
 
 def rows(number: int, separator: bytes = b",") -> bytes:

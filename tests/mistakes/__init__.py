@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from isi.sources._recording import FORMAT
-from tests import floors
+from tests import procthor
 from tests.fuzz import formats
 from tests.fuzz.formats import ENTITIES, THINGS
 from tests.fuzz.mutations import Files
@@ -50,7 +50,7 @@ def spawned(plan: str = "FloorPlan1", spawn: object = None, objects: object = TH
 
 
 def house(*objects: object, **others: object) -> str:
-    return json.dumps(floors.house(*objects, **others))
+    return json.dumps(procthor.house(*objects, **others))
 
 
 def mug(what: str, names: str, **change: object) -> Case:

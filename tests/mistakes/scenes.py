@@ -6,7 +6,7 @@ import gzip
 import json
 
 from isi.sources._recording import FORMAT
-from tests import floors
+from tests import procthor
 from tests.fuzz.formats import THINGS
 from tests.mistakes import (
     FLOOR,
@@ -90,22 +90,22 @@ HOUSE_CASES = [
     Case("no file", "houses of ProcTHOR", {"houses.jsonl": None}, "houses.jsonl|line 1"),
     Case("no houses", "houses of ProcTHOR", {"houses.jsonl": "\n"}, "houses.jsonl"),
     Case("a line that is no JSON", "houses of ProcTHOR", {"houses.jsonl": house() + "\n{"}, "houses.jsonl|line 2"),
-    Case("half a character", "houses of ProcTHOR", {"houses.jsonl": house(floors.thing("Mug\ud800", 1, 1))},
+    Case("half a character", "houses of ProcTHOR", {"houses.jsonl": house(procthor.thing("Mug\ud800", 1, 1))},
          "houses.jsonl|line 1"),
     Case("a key that is missing", "houses of ProcTHOR", {"houses.jsonl": json.dumps({"objects": []})},
          "houses.jsonl|line 1, rooms"),
-    Case("a floor at infinity", "houses of ProcTHOR", {"houses.jsonl": house(floors.thing("Mug|2|0", float("inf"),
+    Case("a floor at infinity", "houses of ProcTHOR", {"houses.jsonl": house(procthor.thing("Mug|2|0", float("inf"),
          1))}, "houses.jsonl|line 1, objects.0.position.x"),
     Case("two rooms of one id", "houses of ProcTHOR",
-         {"houses.jsonl": house(rooms=floors.house()["rooms"][:1] * 2)}, "houses.jsonl|line 1"),
+         {"houses.jsonl": house(rooms=procthor.house()["rooms"][:1] * 2)}, "houses.jsonl|line 1"),
     Case("floors of more corners than any has", "houses of ProcTHOR",
-         {"houses.jsonl": house(rooms=[floors.house()["rooms"][0] | {"floorPolygon": [{"x": 0, "z": 0}] * 2_001}])},
+         {"houses.jsonl": house(rooms=[procthor.house()["rooms"][0] | {"floorPolygon": [{"x": 0, "z": 0}] * 2_001}])},
          "houses.jsonl|line 1"),
-    Case("more objects than any house has", "houses of ProcTHOR", {"houses.jsonl": house(*[floors.thing("Mug|2|0",
+    Case("more objects than any house has", "houses of ProcTHOR", {"houses.jsonl": house(*[procthor.thing("Mug|2|0",
          1, 1)] * 10_001)}, "houses.jsonl|line 1"),
-    Case("an object of no known type", "houses of ProcTHOR", {"houses.jsonl": house(floors.thing("small|2|0", 1, 1,
+    Case("an object of no known type", "houses of ProcTHOR", {"houses.jsonl": house(procthor.thing("small|2|0", 1, 1,
          asset="Gizmo"))}, "houses.jsonl|line 1"),
     Case("a line that is too long", "houses of ProcTHOR", {"houses.jsonl": bytes(2**24 + 1)}, "houses.jsonl|line 1"),
-    Case("no object in a room", "houses of ProcTHOR", {"houses.jsonl": house(floors.thing("Mug|2|0", 99, 1))},
+    Case("no object in a room", "houses of ProcTHOR", {"houses.jsonl": house(procthor.thing("Mug|2|0", 99, 1))},
          "houses.jsonl"),
 ]  # fmt: skip

@@ -13,7 +13,7 @@ from isi.evaluation.query_sets import epoch_query_sets, validation
 from isi.evaluation.ranking import compare, evaluate, make_queries, padded_ids
 from isi.graph.sessions import VALID, everything
 from isi.models.stack import Embedding
-from tests.graphs import ANALOGY, Triple, graph_of, points_of, random_embedding, random_graph
+from tests.small_graphs import ANALOGY, Triple, graph_of, points_of, random_embedding, random_graph
 
 NONE: frozenset[Triple] = frozenset()
 

@@ -1,4 +1,4 @@
-"""What each family that ships scores and where its maps lead, by hand; and their numbers near zero."""
+"""What each model that ships scores and where its maps lead, by hand; and their numbers near zero."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from isi.models.bilinear import BlockModel
 from isi.models.interaction import EPSILON, Distance
 from isi.models.model import make_model
 from isi.models.stack import uniform
-from tests.graphs import ANALOGY, dense, random_embedding
+from tests.small_graphs import ANALOGY, dense, random_embedding
 
 DIMENSION = 12
 SHIPPED = {name: make_model(name, {}, name) for name in ("analogy", "distmult", "complex")} | {
@@ -121,14 +121,14 @@ def test_clamp_leaves_ordinary_relations_alone() -> None:
 @pytest.mark.parametrize("squared", [False, True])
 def test_a_distance_of_nothing_has_a_finite_gradient(squared: bool) -> None:
     interaction, points = Distance(2.0, squared), torch.full((1, 2, 4), 0.3)
-    scores, pull = interaction.pairs(points, points)
+    scores, backward = interaction.pairs(points, points)
     nearest = 2 - (EPSILON if squared else math.sqrt(EPSILON))
     assert scores.flatten().tolist() == pytest.approx([nearest] * 4, abs=1e-3)
-    for table in pull(torch.ones(1, 2, 2)):
+    for table in backward(torch.ones(1, 2, 2)):
         assert table.abs().max() < 1e-3
-    listed, pull = interaction.rows(points[0], points[0])
+    listed, backward = interaction.rows(points[0], points[0])
     assert listed.tolist() == pytest.approx([nearest] * 2)
-    for table in pull(torch.ones(2)):
+    for table in backward(torch.ones(2)):
         assert table.abs().max() == 0
 
 

@@ -1,7 +1,7 @@
-"""Compare rates, weight decays and margins of every embedding family on validation MRR*, as params.yaml's were chosen.
+"""Compare rates, weight decays and margins of every embedding model on validation MRR*, as params.yaml's were chosen.
 
 Each setting trains the joint model of a few seeds; the best validation MRR* of each is averaged. No test triple
-is looked at. Writes the table that the documentation shows.
+is used. Writes the table that the documentation shows.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from isi.experiment.grid import NO_INSERTION
 from isi.experiment.runner import run
 from isi.experiment.store import Store
 from isi.experiment.train import TrainConfig, TrainTask, train_config, train_joint_model
-from isi.models.model import MODELS, make_model
+from isi.models.model import make_model
 from isi.params import Params, load
 
 FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 
 
-def settings_of(params: Params, family: str, asked: argparse.Namespace) -> list[dict[str, float | bool]]:
-    """The grid of a family: rates, decays, and what its options may be."""
+def settings_of(params: Params, name: str, asked: argparse.Namespace) -> list[dict[str, float | bool]]:
+    """The grid of a model: rates, decays, and what its options may be."""
     grid: dict[str, list[float] | list[bool]] = {"learning_rate": asked.rates, "weight_decay": asked.decays}
-    if "margin" in params.models[family]:
+    if "margin" in params.models[name]:
         grid["margin"] = asked.margins
-    if "squared" in params.models[family]:
+    if "squared" in params.models[name]:
         grid["squared"] = [False, True]
     return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
 
 
-def learning_of(params: Params, family: str, setting: dict[str, float | bool]) -> TrainConfig:
+def learning_of(params: Params, name: str, setting: dict[str, float | bool]) -> TrainConfig:
     """How a model is trained with a setting."""
-    options = params.models[family]
-    model = make_model(family, options | {key: setting[key] for key in setting if key in options}, f"models.{family}")
+    options = params.models[name]
+    model = make_model(name, options | {key: setting[key] for key in setting if key in options}, f"models.{name}")
     rates = {key: value for key, value in setting.items() if key not in options}
     return train_config(params, model, params.training.model_copy(update=rates))
 
@@ -49,7 +49,7 @@ def best_valid(task: TrainTask) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--families", nargs="+", help="default: all")
+    parser.add_argument("--models", nargs="+", help="default: all")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--rates", type=float, nargs="+", default=[0.05, 0.1, 0.2])
     parser.add_argument("--decays", type=float, nargs="+", default=[0.0, 1e-4, 1e-3])
@@ -60,18 +60,18 @@ def main() -> None:
     points = Store(experiment).grid(asked.seeds, seeds=asked.seeds)[0]
     joint = replace(points, size=NO_INSERTION, novel=points.novel[:, :0])
     rows, tasks = [], []
-    for family in asked.families or MODELS.names():
-        for setting in settings_of(params, family, asked):
-            rows.append({"family": family, **setting})
-            tasks.append(TrainTask(joint, learning_of(params, family, setting)))
-    found = 100 * np.array(run(best_valid, tasks, params.compute, "families"))
+    for name in asked.models or params.models:
+        for setting in settings_of(params, name, asked):
+            rows.append({"model": name, **setting})
+            tasks.append(TrainTask(joint, learning_of(params, name, setting)))
+    found = 100 * np.array(run(best_valid, tasks, params.compute, "models"))
     table = pd.DataFrame(rows).assign(**{"validation MRR*": found.round(2)})
-    shown = table.sort_values(["family", "validation MRR*"], ascending=[True, False]).astype(object).fillna("–")
+    shown = table.sort_values(["model", "validation MRR*"], ascending=[True, False]).astype(object).fillna("–")
     FOLDER.mkdir(parents=True, exist_ok=True)
-    shown.to_csv(FOLDER / "families.csv", index=False)
-    best = shown.groupby("family", sort=False).head(3)
+    shown.to_csv(FOLDER / "models.csv", index=False)
+    best = shown.groupby("model", sort=False).head(3)
     text = best.astype(str).to_markdown(index=False, disable_numparse=True)
-    (FOLDER / "families.md").write_text(text + "\n", encoding="utf-8")
+    (FOLDER / "models.md").write_text(text + "\n", encoding="utf-8")
     print(text)
 
 

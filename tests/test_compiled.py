@@ -1,4 +1,4 @@
-"""Updates one by one against batches of one observation, by hand, and in stacks."""
+"""Compiled updates against batches of one observation, by hand, and in stacks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from isi.models.stack import Embedding, select, uniform
 from isi.training import trainer
 from isi.training.batches import Negatives, TrainingData, batches, sample_epoch, training_data
 from isi.training.trainer import ACCUMULATOR, Optimizer, State, is_compiled, run_epoch, start
-from tests.graphs import graph_of, points_of, random_embedding, random_graph
+from tests.small_graphs import graph_of, points_of, random_embedding, random_graph
 
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
 SINGLY = Optimizer(batch_size=1, learning_rate=0.1, weight_decay=1e-3, max_epochs=1)
@@ -32,8 +32,8 @@ def small_points(seeds: list[int] | None = None, relations: int = 3) -> GridPoin
 
 
 def begin(points: GridPoints, kind: str = "analogy", half_range: float = 0.3) -> State:
-    relations, family = len(points.graph.relations), make_model(kind, {}, kind)
-    return start(uniform(points.session(0).entities, relations, family, 20, half_range, 0, points.keys()))
+    relations, model = len(points.graph.relations), make_model(kind, {}, kind)
+    return start(uniform(points.session(0).entities, relations, model, 20, half_range, 0, points.keys()))
 
 
 def by_batches(state: State, data: TrainingData, settings: Optimizer, epoch: int) -> None:
@@ -93,8 +93,8 @@ def test_one_update_by_hand() -> None:
     session = everything(graph, torch.tensor([[TRAIN]], dtype=torch.int8))
     data = training_data(session, "test", torch.tensor([[0, 0]]), "unseen")
     head, row, tail = (0.5, -1.0), (2.0, 1.0), (1.0, 0.25)
-    family = make_model("distmult", {}, "distmult")
-    state = start(Embedding(torch.tensor([[head, tail]]), torch.tensor([[row]]), family))
+    model = make_model("distmult", {}, "distmult")
+    state = start(Embedding(torch.tensor([[head, tail]]), torch.tensor([[row]]), model))
     (drawn,) = sample_epoch(data, 1, 0, 1)
     other = [head, tail][int(drawn.replacements[0])]
     assert int(drawn.replacements[1]) == 1  # the only entity that never is a head
@@ -176,7 +176,7 @@ def test_draws_of_an_epoch_are_those_of_its_batches_of_one() -> None:
 
 @dataclass(frozen=True)
 class Far(ANALOGY):
-    """A family of a user's own, which meets otherwise."""
+    """A model of a user's own, with another interaction."""
 
     @property
     def interaction(self) -> Interaction:
@@ -184,17 +184,17 @@ class Far(ANALOGY):
 
 
 @pytest.mark.parametrize(
-    ("family", "known"),
+    ("model", "known"),
     [(make_model(kind, {}, kind), True) for kind in KINDS]
     + [(make_model(kind, {"margin": 2.0, "squared": True}, kind), False) for kind in ("transe", "rotate")]
     + [(Far(), False)],
 )
-def test_what_has_other_mathematics_learns_by_batches(family: Model, known: bool) -> None:
+def test_what_has_other_mathematics_learns_by_batches(model: Model, known: bool) -> None:
     points = small_points([0])
     data = training_data(points.session(0), "test", points.keys(), "unseen")
-    embedding = random_embedding(1, 13, 3, 20, model=family)
-    assert is_compiled(family, 1) is known
-    assert not is_compiled(family, 2)
+    embedding = random_embedding(1, 13, 3, 20, model=model)
+    assert is_compiled(model, 1) is known
+    assert not is_compiled(model, 2)
     state = start(embedding)
     run_epoch(state, data, SAMPLED, SINGLY, 0, 1)
     assert not torch.equal(state.embedding.entity, embedding.entity)

@@ -43,7 +43,7 @@ def random_graph(entities: int, relations: int, triples: int, seed: int = 0) -> 
     return graph_of(random_counts(entities, relations, triples, seed), entities, relations)
 
 
-#: The family of tests that are about none.
+#: The model of tests that are about no model.
 ANALOGY = make_model("analogy", {}, "models.analogy")
 
 

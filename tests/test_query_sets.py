@@ -17,7 +17,7 @@ from isi.evaluation.ranking import Result, evaluate
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, without
 from isi.models.model import make_model
 from isi.models.stack import Embedding
-from tests.graphs import ANALOGY, Triple, graph_of, points_of, random_embedding, random_graph
+from tests.small_graphs import ANALOGY, Triple, graph_of, points_of, random_embedding, random_graph
 
 
 def test_known_closed_does_not_see_the_novel_vectors() -> None:

@@ -1,4 +1,4 @@
-"""One battery over every family of the registry; what each scores by hand is in ``test_maps``."""
+"""One battery over every registered model; what each scores by hand is in ``test_relation_maps``."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from isi.tables import paths
 from isi.training import trainer
 from isi.training.batches import DenseBatch, Negatives, batches, training_data
 from isi.training.trainer import Optimizer
-from tests.graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
 from tests.pretend import DEVICE, Pretend
+from tests.small_graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
 
 DIMENSION = 12
 STACK, ENTITIES, RELATIONS = 3, 5, 2
@@ -35,7 +35,7 @@ STACK, ENTITIES, RELATIONS = 3, 5, 2
 @register_model("transh")
 @dataclass(frozen=True)
 class TransH(Model):
-    """A family of a user's own with a score alone: -‖h' + r - t'‖², head and tail projected on r's hyperplane."""
+    """A model of a user's own with a score alone: -‖h' + r - t'‖², head and tail projected on r's hyperplane."""
 
     def width(self, dimension: int) -> int:
         return 2 * dimension
@@ -57,7 +57,7 @@ class TransH(Model):
 @register_model("stretch")
 @dataclass(frozen=True)
 class Stretch(RelationMapModel):
-    """A family of a user's own that leaves the gradient of its map to autograd: f = ⟨shift(h ⊙ exp(r)), t⟩."""
+    """A model of a user's own that leaves the gradient of its map to autograd: f = ⟨shift(h ⊙ exp(r)), t⟩."""
 
     @property
     def interaction(self) -> Interaction:
@@ -73,7 +73,7 @@ class Stretch(RelationMapModel):
         return vectors.roll(-1, -1) * relation.exp()
 
 
-#: Options of those that ship, whatever params say; a family of a user's own has those of params.
+#: Options of those that ship, whatever params say; a model of a user's own has those of params.
 OPTIONS: dict[str, dict[str, object]] = {
     "analogy": {},
     "distmult": {},
@@ -85,8 +85,8 @@ OPTIONS: dict[str, dict[str, object]] = {
 
 
 def registered() -> dict[str, Model]:
-    """Every family, and with its square where it has that option."""
-    options = config.read(paths.PARAMS)["families"] | OPTIONS
+    """Every model, and with its square where it has that option."""
+    options = config.read(paths.PARAMS)["models"] | OPTIONS
     every = {name: make_model(name, options.get(name, {}), name) for name in MODELS.names()}
     squares = {name: own | {"squared": True} for name, own in options.items() if "squared" in own}
     return every | {f"{name} squared": make_model(name, own, name) for name, own in squares.items()}
@@ -94,14 +94,14 @@ def registered() -> dict[str, Model]:
 
 BATTERY = registered()
 #: Those whose inverse undoes the transform; a projection cannot be undone.
-INVERTIBLE = {name: register_model for name, register_model in BATTERY.items() if name != "transh"}
-over_all = pytest.mark.parametrize("kind", BATTERY.values(), ids=BATTERY)
+INVERTIBLE = {name: scoring for name, scoring in BATTERY.items() if name != "transh"}
+over_all = pytest.mark.parametrize("scoring", BATTERY.values(), ids=BATTERY)
 
 
-def precise(kind: Model, models: int = STACK, entities: int = ENTITIES) -> Embedding:
+def precise(scoring: Model, models: int = STACK, entities: int = ENTITIES) -> Embedding:
     """A random embedding in float64."""
-    embedding = random_embedding(models, entities, RELATIONS, DIMENSION, seed=4, model=kind)
-    return Embedding(embedding.entity.double(), embedding.relation.double(), kind)
+    embedding = random_embedding(models, entities, RELATIONS, DIMENSION, seed=4, model=scoring)
+    return Embedding(embedding.entity.double(), embedding.relation.double(), scoring)
 
 
 def all_ids(entities: int = ENTITIES) -> tuple[Tensor, Tensor, Tensor]:
@@ -125,8 +125,8 @@ def one_score(embedding: Embedding, model: int, head: int, relation: int, tail: 
 
 
 @over_all
-def test_all_ways_to_score_agree(kind: Model) -> None:
-    embedding = precise(kind)
+def test_all_ways_to_score_agree(scoring: Model) -> None:
+    embedding = precise(scoring)
     ids = [ids.expand(STACK, -1) for ids in all_ids()]
     head, relation, tail = ids
     expected = torch.stack([
@@ -143,13 +143,13 @@ def test_all_ways_to_score_agree(kind: Model) -> None:
     close(embedding.score_tails(head, relation).gather(2, tail[..., None])[..., 0])
     close(embedding.score_heads(relation, tail).gather(2, head[..., None])[..., 0])
     close(embedding.score_relations(head, tail).gather(2, relation[..., None])[..., 0])
-    close(kind.scores(embedding.entity, embedding.relation, all_listed())[0].view_as(expected))
+    close(scoring.scores(embedding.entity, embedding.relation, all_listed())[0].view_as(expected))
 
 
 @over_all
 @pytest.mark.parametrize("form", ["tables", "lists"])
-def test_gradient_is_that_of_autograd(kind: Model, form: str) -> None:
-    embedding = precise(kind)
+def test_gradient_is_that_of_autograd(scoring: Model, form: str) -> None:
+    embedding = precise(scoring)
     slope = torch.randn(STACK, RELATIONS, ENTITIES, ENTITIES, generator=torch.Generator().manual_seed(1)).double()
     entity, relation = (table.requires_grad_() for table in (embedding.entity, embedding.relation))
     total = sum(
@@ -160,38 +160,38 @@ def test_gradient_is_that_of_autograd(kind: Model, form: str) -> None:
     by_entity, by_relation = torch.autograd.grad(total, (entity, relation))  # type: ignore[arg-type]
     entity, relation = entity.detach(), relation.detach()
     triples = DenseTriples.of(entity, relation) if form == "tables" else all_listed()
-    scores, pull = kind.scores(entity, relation, triples)
-    found_entity, found_relation = pull(slope.view_as(scores))
+    scores, backward = scoring.scores(entity, relation, triples)
+    found_entity, found_relation = backward(slope.view_as(scores))
     torch.testing.assert_close(found_entity, by_entity)
     torch.testing.assert_close(found_relation, by_relation)
 
 
-@pytest.mark.parametrize("kind", INVERTIBLE.values(), ids=INVERTIBLE)
-def test_inverse_undoes_the_transform_and_the_other_way_round(kind: Model) -> None:
-    embedding = precise(kind)
+@pytest.mark.parametrize("scoring", INVERTIBLE.values(), ids=INVERTIBLE)
+def test_inverse_undoes_the_transform_and_the_other_way_round(scoring: Model) -> None:
+    embedding = precise(scoring)
     vectors, relation = embedding.entity, embedding.relation[:, :1]
-    torch.testing.assert_close(kind.inverse(kind.transform(vectors, relation), relation), vectors)
-    torch.testing.assert_close(kind.transform(kind.inverse(vectors, relation), relation), vectors)
-    assert not torch.allclose(kind.transform(vectors, relation), vectors)
+    torch.testing.assert_close(scoring.inverse(scoring.transform(vectors, relation), relation), vectors)
+    torch.testing.assert_close(scoring.transform(scoring.inverse(vectors, relation), relation), vectors)
+    assert not torch.allclose(scoring.transform(vectors, relation), vectors)
 
 
 @over_all
-def test_resultants_put_the_novel_entity_where_the_relation_takes_the_head_or_comes_from(kind: Model) -> None:
-    embedding = precise(kind)
+def test_resultants_put_the_novel_entity_where_the_relation_takes_the_head_or_comes_from(scoring: Model) -> None:
+    embedding = precise(scoring)
     known, row = embedding.entity, embedding.relation[:, :1].expand(-1, ENTITIES, -1)
     is_tail = torch.arange(STACK * ENTITIES).view(STACK, ENTITIES) % 2 == 0
     alpha = embedding.resultants(known, row, is_tail)
     for place in torch.cartesian_prod(torch.arange(STACK), torch.arange(ENTITIES)).tolist():
         model, entity = place
-        move = kind.transform if is_tail[model, entity] else kind.inverse
+        move = scoring.transform if is_tail[model, entity] else scoring.inverse
         torch.testing.assert_close(alpha[model, entity], move(known[model, entity], row[model, entity]))
 
 
 @over_all
 @pytest.mark.parametrize("entities", [11, 12, 13, 30])
-def test_scores_and_gradients_are_bit_identical_whatever_the_stack(kind: Model, entities: int) -> None:
+def test_scores_and_gradients_are_bit_identical_whatever_the_stack(scoring: Model, entities: int) -> None:
     models = 6
-    embedding = random_embedding(models, entities, RELATIONS, DIMENSION, model=kind)
+    embedding = random_embedding(models, entities, RELATIONS, DIMENSION, model=scoring)
     head, relation, tail = (ids.expand(models, -1) for ids in all_ids(entities))
 
     def results(some: Tensor) -> list[Tensor]:
@@ -200,8 +200,8 @@ def test_scores_and_gradients_are_bit_identical_whatever_the_stack(kind: Model, 
         number = len(some)
         listed = all_listed(number, entities)
         for triples in (DenseTriples.of(stack.entity, stack.relation), listed):
-            scores, pull = kind.scores(stack.entity, stack.relation, triples)
-            by_entity, by_relation = pull(scores / 8)
+            scores, backward = scoring.scores(stack.entity, stack.relation, triples)
+            by_entity, by_relation = backward(scores / 8)
             found += [scores.reshape(number, -1), by_entity, by_relation]
         found.append(stack.score_tails(head[some], relation[some]))
         found.append(stack.score_heads(relation[some], tail[some]))
@@ -220,12 +220,12 @@ def test_scores_and_gradients_are_bit_identical_whatever_the_stack(kind: Model, 
 @pytest.mark.parametrize("models", [[1], [0, 2], [3, 2, 1, 0]])
 @pytest.mark.parametrize("points", [0, 2**23], ids=["lists", "tables"])
 def test_epochs_are_bit_identical_whatever_the_stack(
-    kind: Model, models: list[int], points: int, monkeypatch: pytest.MonkeyPatch
+    scoring: Model, models: list[int], points: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", points)
     some, settings = torch.tensor(models), Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=1)
     grid = points_of(random_graph(13, RELATIONS, 60), 2, [0, 1, 2, 3])
-    start = uniform(grid.session(0).entities, RELATIONS, kind, DIMENSION, 0.5, 0, grid.keys())
+    start = uniform(grid.session(0).entities, RELATIONS, scoring, DIMENSION, 0.5, 0, grid.keys())
     negatives = Negatives(mode="sampled", ratio=3, head_pool="unseen")
     data = training_data(grid.session(0), "test", grid.keys(), "unseen")
     together, alone = trainer.start(start), trainer.start(select(start, some))
@@ -238,14 +238,14 @@ def test_epochs_are_bit_identical_whatever_the_stack(
 
 
 @over_all
-def test_it_learns_steps_along_a_line_better_than_any_constant_score_would(kind: Model) -> None:
+def test_it_learns_steps_along_a_line_better_than_any_constant_score_would(scoring: Model) -> None:
     entities, ratio = 13, 5
     steps = {(e, step - 1, e + step): 1 for step in (1, 2) for e in range(entities - step)}
     session = everything(graph_of(steps, entities, 2), torch.zeros(1, len(steps), dtype=torch.int8))
     data = training_data(session, "test", torch.zeros(1, 2, dtype=torch.int64), "all")
     negatives = Negatives(mode="expected", ratio=ratio, head_pool="all")
     settings = Optimizer(batch_size=50, learning_rate=0.3, weight_decay=0.0, max_epochs=300)
-    state = trainer.start(uniform(session.entities, 2, kind, DIMENSION, 0.1, 0, data.keys))
+    state = trainer.start(uniform(session.entities, 2, scoring, DIMENSION, 0.1, 0, data.keys))
     for epoch in range(settings.max_epochs):
         trainer.run_epoch(state, data, negatives, settings, 0, epoch)
     batch, _ = next(batches(data, negatives, settings.batch_size, 0, 1))
@@ -257,7 +257,7 @@ def test_it_learns_steps_along_a_line_better_than_any_constant_score_would(kind:
 
 @over_all
 @pytest.mark.parametrize("points", [0, 2**23], ids=["lists", "tables"])
-def test_it_learns_the_same_on_another_device(kind: Model, points: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_learns_the_same_on_another_device(scoring: Model, points: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", points)
     grid = points_of(random_graph(13, RELATIONS, 60), 2, [0, 1])
     negatives = Negatives(mode="sampled", ratio=3, head_pool="unseen")
@@ -267,7 +267,7 @@ def test_it_learns_the_same_on_another_device(kind: Model, points: int, monkeypa
         """Entity vectors after an epoch, and how the validation triples rank."""
         session = own.session(0)
         data = training_data(session, "test", own.keys(), "unseen")
-        state = trainer.start(uniform(session.entities, RELATIONS, kind, DIMENSION, 0.5, 0, own.keys()))
+        state = trainer.start(uniform(session.entities, RELATIONS, scoring, DIMENSION, 0.5, 0, own.keys()))
         trainer.run_epoch(state, data, negatives, settings, 0, 1)
         return state.embedding.entity.cpu(), evaluate(state.embedding, validation(session))["valid"].measures.cpu()
 
@@ -278,8 +278,8 @@ def test_it_learns_the_same_on_another_device(kind: Model, points: int, monkeypa
 
 
 @over_all
-def test_it_travels_to_another_process(kind: Model) -> None:
-    assert pickle.loads(pickle.dumps(kind)) == kind  # noqa: S301
+def test_it_travels_to_another_process(scoring: Model) -> None:
+    assert pickle.loads(pickle.dumps(scoring)) == scoring  # noqa: S301
 
 
 @pytest.mark.parametrize(
@@ -306,6 +306,6 @@ def test_options_are_checked_by_name(name: str, options: dict[str, object], said
 
 
 def test_distmult_cannot_tell_a_triple_from_its_reverse_and_others_can() -> None:
-    for name, kind in BATTERY.items():
-        scores = precise(kind).score_all()
+    for name, scoring in BATTERY.items():
+        scores = precise(scoring).score_all()
         assert torch.allclose(scores, scores.mT) == (name == "distmult")

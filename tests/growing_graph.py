@@ -1,6 +1,6 @@
 """A random graph of any size: an epoch on it and a ranking, by a process that reports what they took.
 
-python -m tests.growth 10000 100000 --form lists
+python -m tests.growing_graph 10000 100000 --form lists
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ RELATIONS = 3
 POWER = 0.75
 TEST_TRIPLES = 200
 #: ``batches.DENSE_LIMIT`` that makes every graph take a form.
-CELLS = {"tables": 2**62, "lists": 0}
+LIMITS = {"tables": 2**62, "lists": 0}
 
 
 def power_law_graph(entities: int, triples: int, seed: int = 0) -> Graph:
@@ -55,21 +55,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("entities", type=int)
     parser.add_argument("triples", type=int)
-    parser.add_argument("--form", choices=CELLS, required=True)
+    parser.add_argument("--form", choices=LIMITS, required=True)
     given = parser.parse_args()
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
-    batches.DENSE_LIMIT = CELLS[given.form]
+    batches.DENSE_LIMIT = LIMITS[given.form]
     graph, keys, root = power_law_graph(given.entities, given.triples), torch.zeros(1, 2, dtype=torch.int64), 0
     raw = config.read(paths.PARAMS)  # by section, since the whole of it loads sources, too
     how = config.check(raw["embedding"], EmbeddingParams, "embedding")
     negatives = config.check(raw["negatives"], batches.Negatives, "negatives")
     settings = config.check(raw["training"], trainer.Training, "training")
     shares = config.check(raw["sessions"], Shares, "sessions")
-    family = make_model(how.family, raw["families"][how.family], f"models.{how.family}")
+    model = make_model(how.model, raw["models"][how.model], f"models.{how.model}")
     session = everything(graph, torch.from_numpy(split(graph, root, 0, shares.valid, shares.test))[None])
     data = batches.training_data(session, "training", keys, negatives.head_pool)
-    state = trainer.start(uniform(session.entities, RELATIONS, family, how.dimension, how.init_range, root, keys))
+    state = trainer.start(uniform(session.entities, RELATIONS, model, how.dimension, how.init_range, root, keys))
     asked = session.members(TEST)
     asked &= asked.cumsum(1) <= TEST_TRIPLES
 
