@@ -191,8 +191,8 @@ class Registered:
         """
         if lacking := self.misses(model):
             others = [name for name in INITIALIZERS.names() if not INITIALIZERS.get(name, name).misses(model)]
-            expected = f"needs {lacking}, which {type(model).__name__} lacks: expected one of {', '.join(others)}"
-            raise InputError(paths.PARAMS, f"initializers.{self.name}", expected)
+            message = f"{type(model).__name__} lacks {lacking}: expected one of {', '.join(others)}"
+            raise InputError(paths.PARAMS, f"initializers.{self.name}", message)
 
     def initialize(self, context: InitContext, options: Mapping[str, Any]) -> InitResult:
         """The vectors of the novel entities (equation 8).
