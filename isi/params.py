@@ -6,6 +6,7 @@ Each section's class stands beside what reads it, so that a stage depends on the
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -139,7 +140,7 @@ def load(path: Path = paths.PARAMS) -> Params:
             or what does not agree with another section; the message gives the key's path.
     """
     params = config.check(config.read(path), Params, "", path)
-    with at(path):
+    with at(path), _without_file():
         check_params(params)
     return params
 
@@ -153,9 +154,18 @@ def load_beyond(params: Params, path: Path | None = paths.BEYOND_PARAMS) -> Beyo
     if path is None or not path.exists():
         return Beyond(graphs={}, hidden={}, variants={})
     beyond = config.check(config.read(path), Beyond, "", path)
-    with at(path):
+    with at(path), _without_file():
         check_beyond(beyond, params)
     return beyond
+
+
+@contextmanager
+def _without_file() -> Iterator[None]:
+    """Let go of the file that plug-ins name in their mistakes, since these params may stand in another one."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError("" if error.file == str(paths.PARAMS) else error.file, error.place, error.message) from error
 
 
 def check_params(params: Params) -> None:

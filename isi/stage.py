@@ -63,8 +63,9 @@ def context_of(name: str, names: Mapping[str, str]) -> StageContext:
     for argument, key in _matrix(entry).items():
         known = config.value_of(values, key) or ()
         if isinstance(known, dict) and names[argument] not in known:
-            expected = f"expected one of {', '.join(known)}, got {names[argument]!r}{meant(names[argument], known)}"
-            raise InputError(PIPELINES[pipeline], f"{key}: {argument}", expected)
+            close = meant(names[argument], known)
+            expected = f"expected the {argument} to be one of {', '.join(known)}{close}"
+            raise InputError(PIPELINES[pipeline], f"{key}.{names[argument]}", expected)
     main, beyond = params.load(), paths.BEYOND_PARAMS if pipeline == paths.BEYOND_PIPELINE else None
     return StageContext(name, main, params.load_beyond(main, beyond))
 

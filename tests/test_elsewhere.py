@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 import yaml
 
-from isi.analyses import other_graphs
 from isi.analyses.other_graphs import GRAPH_QUERIES, GRAPH_RUNS
 from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS
 from isi.errors import InputError
@@ -95,7 +94,7 @@ def test_an_experiment_elsewhere_is_what_the_first_pipeline_would_have_run(monke
 def test_what_ships_is_sound(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     load_beyond(load_params())
-    assert not {*other_graphs.load().graphs} & {*load_params().experiments}
+    assert not {*load_beyond(load_params()).graphs} & {*load_params().experiments}
 
 
 @pytest.mark.usefixtures("workspace")

@@ -13,7 +13,6 @@ import pytest
 import torch
 import yaml
 
-from isi.analyses import other_graphs
 from isi.analyses.hidden_entities import HIDDEN_ENTITIES, Hidden, HiddenTask, measure_hidden, seconds_path
 from isi.config import check
 from isi.errors import InputError
@@ -25,8 +24,8 @@ from isi.tables import paths
 ROOT = Path(__file__).parent.parent
 TRAINING = {"dimension": 4, "batch_size": 64, "learning_rate": 0.05, "negatives": 2, "valid": 0.1, "max_epochs": 4,
             "frequency": 2, "patience": 1}  # fmt: skip
-ENTRY = {"title": "Ring", "source": "pykeen", "words": None, "seeds": 1, "fraction": 0.1, "fewest": 4, "asked": 0.25,
-         "told": [1, 3, None], "initializers": ["mean"], "training": TRAINING, "epochs": 3}  # fmt: skip
+ENTRY = {"title": "Ring", "source": "pykeen", "words": None, "seeds": 1, "fraction": 0.1, "fewest": 4, "queries": 0.25,
+         "max_insert_triples": [1, 3, None], "initializers": ["mean"], "training": TRAINING, "epochs": 3}  # fmt: skip
 ENTITIES, RELATIONS = 30, 3
 
 
@@ -167,7 +166,7 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(tmp_path: Path, mo
     for path in (paths.PIPELINE, paths.BEYOND_PIPELINE):
         path.parent.mkdir(exist_ok=True)
         shutil.copy(ROOT / path, path)
-    entry = ENTRY | {"seeds": 2, "told": [None]}
+    entry = ENTRY | {"seeds": 2, "max_insert_triples": [None]}
     paths.BEYOND_PARAMS.write_text(yaml.safe_dump({"variants": {}, "hidden": {"nations": entry}}), encoding="utf-8")
     params, written = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8")), []
     for workers in (1, 2):
@@ -210,4 +209,4 @@ def test_what_cannot_be_hidden_is_refused_in_one_line(
 
 def test_what_ships_hides_in_graphs_that_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    assert [*other_graphs.load().hidden] == ["umls", "nations", "behavior", "virtualhome"]
+    assert [*load_beyond(load()).hidden] == ["umls", "nations", "behavior", "virtualhome"]

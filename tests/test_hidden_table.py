@@ -33,7 +33,7 @@ def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         for method, told, both in FOUND for seed, mrr in enumerate(both) for asked in ("known", "hidden", "earlier")
     ]  # fmt: skip
     paths.BEYOND_PARAMS.parent.mkdir()
-    entries = {"ring": ENTRY | {"told": [1, None]}, "later": ENTRY}
+    entries = {"ring": ENTRY | {"max_insert_triples": [1, None]}, "later": ENTRY}
     paths.BEYOND_PARAMS.write_text(yaml.safe_dump({"variants": {}, "hidden": entries}), encoding="utf-8")
     HIDDEN_ENTITIES.write(pd.DataFrame(rows), "hide", graph="ring")
     took = [{"method": method, "told": told, "seconds": 12.34 if told else 0.0123} for method, told, _ in FOUND]

@@ -69,21 +69,24 @@ def replaced(workspace: Path, old: str, new: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "line"),
+    ("command", "place", "close"),
     [
-        ("mine ai2tor", "sources.ai2tor: there is no source 'ai2tor' there, but ai2thor, .*; did you mean 'ai2thor'?"),
-        ("build_graph trasfer", "experiments.trasfer: there is no experiment .*; did you mean 'transfer'?"),
-        ("insert ai2thor xaver", "initializers.xaver: there is no initializer .*; did you mean 'xavier'?"),
-        ("vary told", "beyond/params.yaml: variants.told: there is no variant .*"),
-        (f"build_graph {'x' * 5000}", "experiments.xxx.*"),
-        ("build_graph ../../etc", "experiments.../../etc: there is no experiment .*"),
+        ("mine ai2tor", "sources.ai2tor", "ai2thor"),
+        ("build_graph trasfer", "experiments.trasfer", "transfer"),
+        ("insert ai2thor xaver", "initializers.xaver", "xavier"),
+        ("vary glov", "beyond/params.yaml: variants.glov", "glove"),
+        (f"build_graph {'x' * 5000}", "experiments.xxx", ""),
+        ("build_graph ../../etc", "experiments.../../etc", ""),
     ],
 )
-def test_an_unknown_name_says_what_was_probably_meant(workspace: Path, says: Says, command: str, line: str) -> None:
+def test_an_unknown_name_is_refused_with_what_was_probably_meant(
+    workspace: Path, says: Says, command: str, place: str, close: str
+) -> None:
     (workspace / "beyond").symlink_to(ROOT / "beyond")
-    said = says(command)
-    assert re.match(r"(beyond/)?params\.yaml: ", said)
-    assert re.search(line.replace("?", r"\?"), said), said
+    line = says(command)
+    assert "params.yaml: " in line
+    assert place in line
+    assert not close or f"did you mean '{close}'?" in line
 
 
 @pytest.mark.parametrize(
@@ -91,9 +94,9 @@ def test_an_unknown_name_says_what_was_probably_meant(workspace: Path, says: Say
     [
         ("min_count: 1", "min_cuont: 1", "build_graph",
          "experiments.ai2thor.graph.min_cuont: unknown key; did you mean 'min_count'?"),
-        ("\nseed:", "\nsede:", "build_graph", "seed: missing: was 'sede' to be it?"),
-        ("\nexperiments:", "\nexperimets:", "build_graph", "experiments: missing: was 'experimets' to be it?"),
-        ("\ncompute:", "\ncomptue:", "build_graph", "compute: missing: was 'comptue' to be it?"),
+        ("\nseed:", "\nsede:", "build_graph", "sede: unknown key; did you mean 'seed'?"),
+        ("\nexperiments:", "\nexperimets:", "build_graph", "experimets: unknown key; did you mean 'experiments'?"),
+        ("\ncompute:", "\ncomptue:", "build_graph", "comptue: unknown key; did you mean 'compute'?"),
         ("novel: any ", "novel: object ", "make_sessions",
          "experiments.ai2thor.sessions.novel: expected a list, got the text 'object': write [object]"),
         ("sizes: [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14]", "sizes: 5", "make_sessions",
@@ -128,7 +131,7 @@ def test_a_slip_in_params_is_one_short_line_that_tells_the_way_out(
         ("a: !!python/object/apply:os.system [touch run]", "line 1: expected YAML: could not determine a constructor"),
         ("a: b: c", "line 1: expected YAML: mapping values are not allowed"),
         ("a: 1\na: 2", "line 2: expected YAML: found duplicate key"),
-        ("seed: 1".encode("utf-16"), "byte 1: expected YAML in UTF-8"),
+        ("seed: 1".encode("utf-16"), "expected UTF-8, got byte"),
         (b"seed: \x00", "expected YAML"),
         (b"", "expected a mapping of keys to values"),
     ],
@@ -205,7 +208,7 @@ def test_a_stage_outside_the_project_says_so(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=environment)
     (line,) = ended.stderr.splitlines()
-    assert line.startswith("build_graph: params.yaml: cannot be read (No such file or directory): ")
+    assert line.startswith("build_graph: dvc.yaml: no such file: ")
     assert line.endswith("is not the folder of the project, go there first")
     (tmp_path / "params.yaml").write_text("a: 1\n")
     (tmp_path / "dvc.yaml").write_text("plots: []\n")

@@ -15,33 +15,36 @@ from isi.errors import InputError
 from isi.evaluation.convergence import SCOPES
 from isi.experiment.insert import (
     among,
-    inserting,
-    inserting_in,
-    inserting_with,
+    experiment_config,
     insertion_tasks,
-    is_listed,
     joint_targets,
+    task_config,
 )
 from isi.experiment.store import Store
 from isi.experiment.tables import RUNS
 from isi.graph.tables import INSERT_TRIPLES
-from isi.stage import StageContext
+from isi.params import Params, load
+from isi.tables import paths
 from tests import small
 from tests.small import NAME
 from tests.small_graphs import points_of, random_graph
 
 POINTS = points_of(random_graph(12, 2, 80), 2, [4, 6], steps=2)
 VALUES: dict[str, Any] = {
-    "seed": 9, "embedding.model": "analogy", "models.analogy": {},
-    "negatives": {"mode": "sampled", "ratio": 2, "head_pool": "all"}, "convergence": {"margin": 0.25},
-    "finetuning": {"batch_size": 50, "learning_rate": 0.01, "weight_decay": 0.5, "max_epochs": 7, "new_rows_first": 0},
-    "experiments.home.full_curves": {"sizes": [3, 5], "initializers": ["rs"]}, "experiments.home.immediate_only": ["ers"],  # noqa: E501
+    "seed": 9, "negatives": {"mode": "sampled", "ratio": 2, "head_pool": "all"}, "convergence": {"margin": 0.25},
+    "finetuning": {"batch_size": 50, "learning_rate": 0.01, "weight_decay": 0.5, "max_epochs": 7},
+    "experiments.published.full_curves": {"sizes": [3, 5], "initializers": ["rs"]},
+    "experiments.published.immediate_only": ["ers"],
     "initializers.es": {"k": 4}, "initializers.rs": {"k": 6}, "initializers.ers": {"k": 2, "candidates": 8},
 }  # fmt: skip
 
 
-def given(**values: object) -> StageContext:
-    return StageContext(VALUES | values, "insert")
+@pytest.fixture(scope="module")
+def params(tmp_path_factory: pytest.TempPathFactory) -> Params:
+    """The params of the repository with some values of their own."""
+    folder = tmp_path_factory.mktemp("params")
+    small.lay_out(folder, VALUES)
+    return load(folder / paths.PARAMS)
 
 
 def joint_runs() -> pd.DataFrame:
@@ -81,48 +84,25 @@ def test_a_cell_that_the_joint_models_lack_is_named(session: int, scope: str) ->
     [("es", {"k": 4}, 7, []), ("rs", {"k": 6}, 7, [3, 5]), ("ers", {"k": 2, "candidates": 8}, 0, [])],
 )
 def test_params_say_how_an_experiment_inserts(
-    name: str, options: dict[str, int], epochs: int, followed: list[int]
+    params: Params, name: str, options: dict[str, int], epochs: int, followed: list[int]
 ) -> None:
-    how = inserting_in(given(), "home", name)
+    how = experiment_config(params, "published", name)
     assert (how.initializer, how.options, how.root, how.margin) == (name, options, 9, 0.25)
     assert (how.negatives.mode, how.negatives.ratio, how.negatives.head_pool) == ("sampled", 2, "all")
     assert (how.optimizer.max_epochs, how.optimizer.learning_rate, how.optimizer.weight_decay) == (epochs, 0.01, 0.5)
     assert list(how.followed) == followed
 
 
-def test_an_initializer_is_fine_tuned_unless_it_is_said_not_to_be() -> None:
-    for how in (inserting(given(), "es"), inserting_with(given(), "es", {"k": 4}, "elsewhere")):
+def test_an_initializer_is_fine_tuned_unless_it_is_said_not_to_be(params: Params) -> None:
+    for how in (task_config(params, "es"), task_config(params, "es", options={"k": 4})):
         assert (how.options, how.optimizer.max_epochs, list(how.followed)) == ({"k": 4}, 7, [])
-    assert inserting(given(), "es", [3], finetuned=False).optimizer.max_epochs == 0
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "named"),
-    [
-        ("initializers.es", {"k": 0}, "initializers.es.k"),
-        ("initializers.es", {}, "initializers.es.k"),
-        ("finetuning", {}, "finetuning.batch_size"),
-        ("negatives", {"mode": "some"}, "negatives.mode"),
-        ("convergence", {"margin": 2}, "convergence.margin"),
-        ("experiments.home.full_curves", {"sizes": 3}, "experiments.home.full_curves.sizes"),
-        ("experiments.home.immediate_only", "es", "experiments.home.immediate_only"),
-    ],
-)
-def test_a_mistake_is_named_by_its_key(key: str, value: object, named: str) -> None:
-    with pytest.raises(InputError) as refused:
-        inserting_in(given(**{key: value}), "home", "es")
-    assert refused.value.args[:2] == ("params.yaml", named)
+    assert task_config(params, "es", [3], finetuned=False).optimizer.max_epochs == 0
 
 
 def test_a_list_names_initializers_or_all() -> None:
     assert among("all", "es")
     assert among(["rs", "es"], "es")
     assert not among(["rs", "ers"], "es")
-    assert is_listed(given(**{"studied.initializers": "all"}), "studied.initializers", "es")
-    assert is_listed(given(**{"studied.initializers": ["rs", "es"]}), "studied.initializers", "es")
-    assert not is_listed(given(**{"studied.initializers": ["rs"]}), "studied.initializers", "es")
-    with pytest.raises(InputError, match=r"params\.yaml: studied\.initializers: "):
-        is_listed(given(**{"studied.initializers": "some"}), "studied.initializers", "es")
 
 
 @pytest.fixture(scope="module")
@@ -135,10 +115,10 @@ def _made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("_made")
-def test_tasks_are_made_of_what_the_experiment_has_for_their_cells() -> None:
-    store, how = Store(NAME), inserting_in(given(), "home", "es")
+def test_tasks_are_made_of_what_the_experiment_has_for_their_cells(params: Params) -> None:
+    store, how = Store(NAME), task_config(params, "es")
     points = store.grid(1)
-    tasks = insertion_tasks(store, given(), how, points)
+    tasks = insertion_tasks(store, params, how, points)
     assert [task.points for task in tasks] == points
     told, joint = (
         pd.read_parquet(path)
