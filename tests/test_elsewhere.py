@@ -123,6 +123,6 @@ def test_a_graph_with_too_few_entities_is_refused_and_nothing_is_written(monkeyp
     with pytest.raises(SystemExit, match=r"^explore: beyond/params\.yaml: graphs\.again: .*sessions\.sizes.*fewer"):
         ran(monkeypatch, explore, "again")
     list_graphs(min_count=10_000)
-    with pytest.raises(SystemExit, match=r"graphs\.again: graphs\.again\.source: expected triples .* 10000 times"):
+    with pytest.raises(SystemExit, match=r"graphs\.again\.source: expected triples .* 10000 times"):
         ran(monkeypatch, explore, "again")
     assert not GRAPH_RUNS.path(graph="again").parent.exists()

@@ -18,6 +18,7 @@ from isi.config import check
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import Graph
+from isi.params import load as load_params
 from isi.params import load_beyond
 from isi.tables import paths
 
@@ -160,7 +161,7 @@ def test_ranks_are_those_among_all_entities_less_other_true_answers(triples: np.
 
 def test_the_stage_writes_the_same_with_any_number_of_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pykeen")
-    from stages.insert_hidden import hide as hide_stage
+    from stages.insert_hidden import insert_hidden as hide_stage
 
     monkeypatch.chdir(tmp_path)
     for path in (paths.PIPELINE, paths.BEYOND_PIPELINE):
@@ -171,7 +172,7 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(tmp_path: Path, mo
     params, written = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8")), []
     for workers in (1, 2):
         paths.PARAMS.write_text(yaml.safe_dump(params | {"compute": params["compute"] | {"workers": workers}}))
-        monkeypatch.setattr(sys, "argv", ["hide", "nations"])
+        monkeypatch.setattr(sys, "argv", ["insert_hidden", "nations"])
         hide_stage()
         written.append(HIDDEN_ENTITIES.path(graph="nations").read_bytes())
     assert written[0] == written[1]
@@ -209,4 +210,4 @@ def test_what_cannot_be_hidden_is_refused_in_one_line(
 
 def test_what_ships_hides_in_graphs_that_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    assert [*load_beyond(load()).hidden] == ["umls", "nations", "behavior", "virtualhome"]
+    assert [*load_beyond(load_params()).hidden] == ["umls", "nations", "behavior", "virtualhome"]

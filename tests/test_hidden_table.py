@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pandas as pd
@@ -34,6 +35,7 @@ def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ]  # fmt: skip
     paths.BEYOND_PARAMS.parent.mkdir()
     entries = {"ring": ENTRY | {"max_insert_triples": [1, None]}, "later": ENTRY}
+    shutil.copy(Path(__file__).parent.parent / paths.PARAMS, paths.PARAMS)
     paths.BEYOND_PARAMS.write_text(yaml.safe_dump({"variants": {}, "hidden": entries}), encoding="utf-8")
     HIDDEN_ENTITIES.write(pd.DataFrame(rows), "hide", graph="ring")
     took = [{"method": method, "told": told, "seconds": 12.34 if told else 0.0123} for method, told, _ in FOUND]
