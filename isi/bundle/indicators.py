@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 
-from isi.bundle.query import OpenBundle
-from isi.graph.graph import HEAD, TAIL
-from isi.initializers.api import InitContext
+from isi.graph.sessions import OUT, TRAIN, Session
+from isi.initializers.api import InitContext, NovelEntities, context_of
 from isi.initializers.similarity import (
     has_insert_triples,
     has_words,
@@ -18,9 +17,10 @@ from isi.initializers.similarity import (
     word_eligible,
     word_similarity,
 )
-from isi.insertion.arguments import stack_of_one
+from isi.insertion.arguments import graph_of, stack_of_one
+from isi.insertion.result import Inserted
 
-#: Entities that are shown where an initializer weighs all, at most, and the least weight of one.
+#: Entities that are shown where all have a weight, at most, and the least weight of one.
 SHOWN, LEAST = 8, 0.01
 
 
@@ -30,7 +30,7 @@ class Indicator:
 
     id: int
     entity: str
-    #: in the centroid; null where the initializer has none, and these are the most similar
+    #: in the vector, or in the mean of MAP's prior; null where the initializer has none: these are the most similar
     weight: float | None
     #: cosine of the word vectors; null where one of them has none
     words: float | None
@@ -38,59 +38,27 @@ class Indicator:
     relations: float | None
 
 
-def as_new(opened: OpenBundle, entity: int, told: np.ndarray) -> InitContext:
-    """What an initializer sees of an entity: those of lower ids are known, and its insert triples.
+def indicators(result: Inserted, names: Sequence[str], word_vectors: np.ndarray | None) -> list[Indicator]:
+    """The indicators of the one new entity of a result, those of largest weight first.
 
     Args:
-        told: insert triples; shape (I, 3).
-    """
-    bundle = opened.bundle
-    number = entity + 1
-    before = bundle.triples[(bundle.triples[:, [HEAD, TAIL]] < entity).all(1)]
-    known = torch.arange(number)[None] < entity
-    seen = torch.zeros(1, number, dtype=torch.bool)
-    seen[0, torch.from_numpy(before[:, [HEAD, TAIL]].flatten())] = True
-    vectors = bundle.entities[:number].copy()
-    vectors[entity] = 0
-    is_tail = torch.from_numpy(told[:, TAIL] == entity)
-    one_row = torch.zeros(number, 1) if bundle.words is None else torch.from_numpy(bundle.words[:number])
-    head, relation, tail = torch.from_numpy(told.copy() if len(told) else np.zeros((1, 3), np.int64)).T
-    if not len(told):
-        is_tail = torch.zeros(1, dtype=torch.bool)
-    return InitContext(
-        theta0=stack_of_one(vectors, bundle.relations, opened.model), known=known,
-        eligible=known & seen if len(before) else known, novel=torch.tensor([[entity]]), words=one_row,
-        kinds=torch.zeros(number, dtype=torch.int64), other=torch.where(is_tail, head, tail)[None, None],
-        relation=relation[None, None], novel_is_tail=is_tail[None, None],
-        observed=torch.full((1, 1, len(is_tail)), len(told) > 0), root=0, keys=torch.zeros(1, 1, dtype=torch.int64),
-    )  # fmt: skip
-
-
-def indicators(
-    insertion: InitContext, names: Sequence[str], weights: np.ndarray | None, is_centroid: bool
-) -> list[Indicator]:
-    """The entities that determined an inserted vector, those of largest weight first.
-
-    Args:
-        insertion: of one entity.
         names: of all entities.
-        weights: of known entities, where the initializer has them; shape (E,).
-        is_centroid: whether the initializer takes the centroid of those that have a weight.
+        word_vectors: of all entities; shape (E + 1, v).
     """
-    words, triples = bool(has_words(insertion)), bool(has_insert_triples(insertion))
-    similar, related = word_similarity(insertion)[0, 0], mean_relational_score(insertion)[0, 0]
-    named = word_eligible(insertion)[0, 0]
-    weight = None
-    if weights is not None and weights.min() < weights.max():  # else they say nothing
+    context = _context(result, word_vectors)
+    words, triples = bool(has_words(context)), bool(has_insert_triples(context))
+    similar, related = word_similarity(context)[0, 0], mean_relational_score(context)[0, 0]
+    named, weight = word_eligible(context)[0, 0], None
+    if result.weights is not None and result.weights[0].min() < result.weights[0].max():  # else they say nothing
         weight = torch.zeros(len(similar))
-        weight[: len(weights)] = torch.from_numpy(weights)
+        weight[: result.known] = torch.from_numpy(result.weights[0])
     likeness = similar * named * words + related * triples
-    rank = likeness.masked_fill(~insertion.eligible[0], -torch.inf) if weight is None else weight + 1e-6 * likeness
+    rank = likeness.masked_fill(~context.eligible[0], -torch.inf) if weight is None else weight + 1e-6 * likeness
     best = rank.sort(descending=True, stable=True).indices
     best = best[torch.isfinite(rank[best])]
     if weight is None:
         best = best[:SHOWN]
-    elif is_centroid:
+    elif result.indicators is not None:  # the vector is their centroid
         best = best[weight[best] > 0]
     else:
         best = best[:SHOWN][weight[best[:SHOWN]] >= LEAST]
@@ -101,3 +69,19 @@ def indicators(
         )
         for row in best.tolist()
     ]  # fmt: skip
+
+
+def _context(result: Inserted, word_vectors: np.ndarray | None) -> InitContext:
+    """What the initializer saw of the new entity."""
+    entities = result.entities.copy()
+    entities[result.known :] = 0
+    theta0 = stack_of_one(entities, result.relations, result.model)
+    number = len(result.insert_triples)
+    graph = graph_of(np.concatenate([result.insert_triples, result.known_triples]), theta0)
+    splits = torch.full((1, len(graph.triples)), TRAIN, dtype=torch.int8)
+    splits[:, :number] = OUT
+    session = Session(graph, torch.arange(len(entities))[None] < result.known, splits)
+    rows = torch.stack([torch.zeros(number), torch.zeros(number), torch.arange(number)], 1).long()
+    words = torch.zeros(len(entities), 1) if word_vectors is None else torch.from_numpy(word_vectors)
+    context = context_of(theta0, session, NovelEntities(torch.tensor([result.new]), rows, words), 0, torch.zeros(1, 1))
+    return context if len(result.known_triples) else replace(context, eligible=context.known)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isi.bundle.indicators import Indicator, as_new, indicators
+from isi.bundle.indicators import Indicator, indicators
 from isi.bundle.manifest import Bundle, InsertionRecord, NamedTriple
 from isi.bundle.query import OpenBundle
 from isi.config import Option
@@ -54,10 +54,7 @@ class InsertedEntity:
 
     def indicators(self) -> list[Indicator]:
         """The known entities that determined its vector."""
-        weights = None if self.result.weights is None else self.result.weights[0]
-        context = as_new(self.opened, self.entity, self.result.insert_triples)
-        is_centroid = self.result.indicators is not None
-        return indicators(context, self.opened.bundle.entity_names, weights, is_centroid)
+        return indicators(self.result, self.opened.bundle.entity_names, self.opened.bundle.words)
 
 
 def insert_entity(opened: OpenBundle, new: NewEntity) -> InsertedEntity:
