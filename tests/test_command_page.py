@@ -31,14 +31,14 @@ def test_its_commands_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_it_lists_the_files_of_a_folder(tmp_path: Path) -> None:
-    section = PAGE.partition("## The folder")[2].partition("## ")[0]
+    section = PAGE.partition("## The folder of a bundle")[2].partition("## ")[0]
     assert set(re.findall(r"^\| `([\w.]+)` \|", section, re.MULTILINE)) == set(files(written(tmp_path / "one")))
     assert "format and version" in section
     assert {"format", "version"} <= set(ManifestFile.model_fields)
 
 
 def test_it_lists_the_families() -> None:
-    listed = re.search(r"`--family` says how a triple is scored\s+\(([^)]*)\)", PAGE)
+    listed = re.search(r"`--family` \(or `--model`\) says how a triple is scored\s+\(([^)]*)\)", PAGE)
     assert listed is not None
     assert re.findall(r"`(\w+)`", listed[1]) == MODELS.names()
 

@@ -1,6 +1,6 @@
 """Put what commands print today into the pages of docs/ that show it, below each prompt that has output.
 
-The commands run in a folder of their own, beside the embedding that the pipeline keeps. Those of the pages want the
+The commands run in a folder of their own, beside the final model of the pipeline. Those of the pages want the
 extra ``words``.
 """
 
