@@ -28,7 +28,7 @@ from isi.analyses.trajectory import TRACED, Trajectories
 from isi.analyses.variants import Variant
 from isi.config import Name, Section, Seed, Study, distinct
 from isi.errors import InputError, at, meant
-from isi.experiment.insert import Convergence, FullCurves, InitializerList, among
+from isi.experiment.insert import Convergence, FullCurves, InitializerList, is_listed
 from isi.experiment.runner import Compute
 from isi.graph.graph import GraphOf
 from isi.graph.sampling import SessionsOf, Shares
@@ -121,7 +121,7 @@ class Params(Section):
 
     def initializers_of(self, experiment: str) -> list[str]:
         """The initializers that an experiment runs, in the order of params."""
-        return [name for name in self.initializers if among(self.experiments[experiment].initializers, name)]
+        return [name for name in self.initializers if is_listed(self.experiments[experiment].initializers, name)]
 
 
 class Beyond(Section):

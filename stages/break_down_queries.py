@@ -6,7 +6,7 @@ import pandas as pd
 
 from isi.analyses import query_breakdown
 from isi.analyses.query_breakdown import QUERY_BREAKDOWN, USED_COORDINATES, QueryBreakdownTask
-from isi.experiment.insert import among
+from isi.experiment.insert import is_listed
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
 from isi.experiment.tables import JOINT
@@ -19,7 +19,9 @@ def break_down_queries(context: StageContext, experiment: str) -> None:
     """Break down what every model answers right after insertion, by the kind of query."""
     params, store = context.params, Store(experiment)
     model, insert_triples = model_of(params), store.insert_triples()
-    initializers = [name for name in params.initializers if among(params.experiments[experiment].initializers, name)]
+    initializers = [
+        name for name in params.initializers if is_listed(params.experiments[experiment].initializers, name)
+    ]
     tasks = [
         QueryBreakdownTask(
             points, store.theta0(points, model), store.joint(points, model),

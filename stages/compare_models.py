@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pandas as pd
 
 from isi.analyses.model_comparison import MODEL_COMPARISON, ModelTask, measure, rows
-from isi.experiment.grid import NO_INSERTION, StackedVectors
+from isi.experiment.grid import StackedVectors
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
-from isi.experiment.train import TrainTask, model_of, train_config, train_joint_model
+from isi.experiment.train import TrainTask, model_of, train_config, train_stack
 from isi.stage import StageContext, stage
 from isi.training.trainer import Training
 
@@ -20,17 +18,13 @@ def compare_models(context: StageContext, experiment: str, model: str) -> None:
     """Train the joint model with one embedding model, and measure it over all queries."""
     params, settings = context.params, context.params.compare_models
     first = Store(experiment).grid(stack_height(params.compute), seeds=settings.seeds)
-    grid = [
-        replace(points, size=NO_INSERTION, novel=points.novel[:, :0])
-        for points in first
-        if points.size == first[0].size
-    ]
+    grid = [points.all_known for points in first if points.size == first[0].size]
     shared = {
         name: getattr(params.training, name) for name in ("batch_size", "max_epochs", "evaluate_every", "patience")
     }
     training = Training(**shared, **settings.models[model].model_dump())
     config = train_config(params, model_of(params, model), training)
-    trained = run(train_joint_model, [TrainTask(points, config) for points in grid], params.compute, f"models, {model}")
+    trained = run(train_stack, [TrainTask(points, config) for points in grid], params.compute, f"models, {model}")
     tasks = [
         ModelTask(points, StackedVectors(config.model, result.entity, result.relation))
         for points, result in zip(grid, trained, strict=True)

@@ -8,7 +8,7 @@ from isi.analyses.cross_validation import CROSS_VALIDATION, best_looks, fold_tas
 from isi.errors import InputError
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
-from isi.experiment.train import train_config, train_joint_model
+from isi.experiment.train import train_config, train_stack
 from isi.graph.sessions import VALID
 from isi.stage import StageContext, stage
 from isi.tables import paths
@@ -23,7 +23,7 @@ def cross_validate(context: StageContext, experiment: str) -> None:
     if not all((task.points.splits == VALID).any(1).all() for task in tasks):
         expected = "expected no more folds than triples that may leave train (some must stay, for every entity)"
         raise InputError(paths.PARAMS, "cross_validation.folds", expected)
-    trained = run(train_joint_model, tasks, params.compute, "cross-validation")
+    trained = run(train_stack, tasks, params.compute, "cross-validation")
     looks = pd.concat(best_looks(task, result) for task, result in zip(tasks, trained, strict=True))
     CROSS_VALIDATION.write(looks, context.stage, experiment=experiment)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from isi.experiment.insert import among, experiment_config, insert_stack, insertion_tasks
+from isi.experiment.insert import insert_config, insert_stack, insertion_tasks, is_listed
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store, write_runs
 from isi.experiment.tables import INITIAL_VECTORS, INSERTED, RUNS, TIES
@@ -19,8 +19,11 @@ def insert(context: StageContext, experiment: str, initializer: str) -> None:
     An initializer that the experiment does not list leaves tables without rows.
     """
     params, store = context.params, Store(experiment)
-    config = experiment_config(params, experiment, initializer)
-    listed = among(params.experiments[experiment].initializers, initializer)
+    entry = params.experiments[experiment]
+    config = insert_config(params, initializer, entry.full_curves.sizes_of(initializer))
+    if initializer in entry.immediate_only:
+        config = config.training(max_epochs=0)
+    listed = is_listed(entry.initializers, initializer)
     tasks = insertion_tasks(store, params, config, store.grid(stack_height(params.compute)) if listed else [])
     results = run(insert_stack, tasks, params.compute, f"{experiment}, {initializer}")
     vectors: dict[str, list[torch.Tensor]] = {}

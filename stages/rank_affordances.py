@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from isi.analyses.affordances import AFFORDANCES, RankingTask, ranks
 from isi.errors import InputError
-from isi.experiment.insert import among
+from isi.experiment.insert import is_listed
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
 from isi.experiment.train import model_of
@@ -23,7 +23,7 @@ def rank_affordances(context: StageContext, experiment: str) -> None:
         raise InputError(paths.PARAMS, "affordances.relation", expected)
     relation, names, tasks = relations.index(params.affordances.relation), list[str](), []
     for name in params.initializers:
-        if among(params.experiments[experiment].initializers, name):
+        if is_listed(params.experiments[experiment].initializers, name):
             for points in grid:
                 vectors = store.initial_vectors(name, points)
                 tasks.append(RankingTask(points, store.theta0(points, model), vectors, relation))

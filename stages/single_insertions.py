@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pandas as pd
 
 from isi.analyses import single_insertions as analysis
 from isi.analyses.single_insertions import SHOWN, SinglesTask, first_seeds
-from isi.experiment.insert import insertion_tasks, task_config
+from isi.experiment.insert import insert_config, insertion_tasks
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
 from isi.experiment.train import model_of
@@ -22,9 +20,8 @@ def single_insertions(context: StageContext, experiment: str) -> None:
     model, seeds = model_of(params), first_seeds(store.novel(), explorer.size)
     stacks = store.grid(stack_height(params.compute), explorer.size)
     grid = [points for points in stacks if set(points.seeds) & set(seeds.values())]
-    optimizer = params.finetuning.model_copy(update={"max_epochs": explorer.epochs})
     inserted = [
-        insertion_tasks(store, params, replace(task_config(params, name), optimizer=optimizer), grid)
+        insertion_tasks(store, params, insert_config(params, name).training(max_epochs=explorer.epochs), grid)
         for name in (*SHOWN, explorer.best)
     ]
     tasks = [

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from isi.analyses.sweep import RATE_SWEEP
-from isi.experiment.insert import insert_stack, insertion_tasks, task_config
+from isi.experiment.insert import insert_config, insert_stack, insertion_tasks
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
 from isi.stage import StageContext, stage
@@ -15,11 +13,10 @@ from isi.tables.table import concat
 @stage
 def sweep_rates(context: StageContext, experiment: str, initializer: str) -> None:
     """Insert novel entities with one initializer again, fine-tuned until convergence at other rates."""
-    params, store, config = context.params, Store(experiment), task_config(context.params, initializer)
+    params, store, config = context.params, Store(experiment), insert_config(context.params, initializer)
     grid, tasks, factors = store.grid(stack_height(params.compute), params.rate_sweep.size), [], list[float]()
     for factor in params.rate_sweep.factors:
-        rate = {"learning_rate": factor * config.optimizer.learning_rate}
-        at_rate = replace(config, optimizer=config.optimizer.model_copy(update=rate))
+        at_rate = config.training(learning_rate=factor * config.optimizer.learning_rate)
         tasks += insertion_tasks(store, params, at_rate, grid)
         factors += [factor] * len(grid)
     results = run(insert_stack, tasks, params.compute, f"rates, {initializer}")

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import torch
 
 from isi.analyses import trajectory as analysis
 from isi.analyses.trajectory import TRACED, TRAJECTORY, TrajectoryTask, place_of_interest
 from isi.errors import InputError
-from isi.experiment.insert import insertion_tasks, task_config
+from isi.experiment.insert import insert_config, insertion_tasks
 from isi.experiment.runner import run
 from isi.experiment.store import Store
 from isi.stage import StageContext, stage
@@ -24,14 +22,16 @@ def trace_trajectory(context: StageContext, experiment: str) -> None:
     if points is None:
         expected = f"expected one of the seeds of {experiment}, got {settings.seed}"
         raise InputError(paths.PARAMS, "trajectory.seed", expected)
-    optimizer, inserted = params.finetuning.model_copy(update={"max_epochs": settings.epochs}), []
+    inserted = []
     for name in TRACED:
-        inserted += insertion_tasks(store, params, replace(task_config(params, name), optimizer=optimizer), [points])
+        inserted += insertion_tasks(
+            store, params, insert_config(params, name).training(max_epochs=settings.epochs), [points]
+        )
     place = place_of_interest(inserted[0], store.entities()["kind"], settings.kind)
     if place is None:
         expected = f"expected a seed with a novel {settings.kind} that has a word vector and insert triples"
         raise InputError(paths.PARAMS, "trajectory.seed", expected)
-    tasks = [TrajectoryTask(points, task, place) for task in inserted]
+    tasks = [TrajectoryTask(**vars(task), place=place) for task in inserted]
     traces = run(analysis.trace_trajectory, tasks, params.compute, "trajectory")
     tensors = {
         "entity": torch.from_numpy(points.novel[0, 0, place : place + 1]),

@@ -17,7 +17,7 @@ from isi import config
 from isi.evaluation.ranking import evaluate, make_queries, padded_ids
 from isi.graph.graph import Graph
 from isi.graph.sampling import Shares, split
-from isi.graph.sessions import TEST, TRAIN, VALID, everything
+from isi.graph.sessions import TEST, TRAIN, VALID, session_of
 from isi.models.model import EmbeddingParams, make_model
 from isi.models.stack import uniform
 from isi.tables import paths
@@ -67,7 +67,7 @@ def main() -> None:
     settings = config.check(raw["training"], trainer.Training, "training")
     shares = config.check(raw["sessions"], Shares, "sessions")
     model = make_model(how.model, raw["models"][how.model], f"models.{how.model}")
-    session = everything(graph, torch.from_numpy(split(graph, root, 0, shares.valid, shares.test))[None])
+    session = session_of(graph, torch.from_numpy(split(graph, root, 0, shares.valid, shares.test))[None])
     data = batches.training_data(session, "training", keys, negatives.head_pool)
     state = trainer.start(uniform(session.entities, RELATIONS, model, how.dimension, how.init_range, root, keys))
     asked = session.members(TEST)

@@ -13,7 +13,7 @@ import torch
 from isi.analyses.query_breakdown import QueryBreakdownTask, break_down, query_sets_with_filters, used
 from isi.evaluation.ranking import MEASURES, evaluate
 from isi.experiment.grid import GridPoints, StackedVectors
-from isi.experiment.insertion_step import with_vectors
+from isi.experiment.insert import with_vectors
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.models.model import make_model
 from isi.models.stack import Embedding

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from isi.experiment.grid import GridPoints
-from isi.graph.sessions import OUT, TRAIN, Session, everything
+from isi.graph.sessions import OUT, TRAIN, Session, session_of
 from isi.models.stack import select
 from isi.training.batches import (
     DenseBatch,
@@ -75,14 +75,14 @@ def test_heads_come_from_everyone_where_asked_or_where_the_pool_is_empty() -> No
     unseen = one_triple("unseen").head_pool[0]
     assert torch.equal(unseen, torch.stack([torch.tensor([0.0, 1, 1, 0]), everyone]))
     graph = graph_of({(0, 0, 1): 1, (1, 0, 2): 1, (2, 0, 0): 1}, 3, 1)
-    session = everything(graph, torch.zeros(1, 3, dtype=torch.int8))
+    session = session_of(graph, torch.zeros(1, 3, dtype=torch.int8))
     data = training_data(session, "test", torch.tensor([[0, 0]]), "unseen")
     assert torch.equal(data.head_pool, torch.ones(1, 1, 3))
 
 
 def test_a_relation_whose_pool_is_empty_leaves_that_of_others_as_it_is() -> None:
     graph = graph_of({(0, 0, 1): 1, (1, 0, 2): 1, (2, 0, 0): 1, (1, 1, 0): 1}, 3, 2)
-    data = training_data(everything(graph, torch.zeros(1, 4, dtype=torch.int8)), "t", torch.tensor([[0, 0]]), "unseen")
+    data = training_data(session_of(graph, torch.zeros(1, 4, dtype=torch.int8)), "t", torch.tensor([[0, 0]]), "unseen")
     assert data.head_pool[0].tolist() == [[1, 1, 1], [1, 0, 1]]
 
 
@@ -184,7 +184,7 @@ def test_batches_are_keyed_by_model_and_epoch() -> None:
 
 def test_data_count_training_observations_alone() -> None:
     points = small_points()
-    data = training_data(points.joint, "test", points.keys(), "all")
+    data = training_data(points.last_session, "test", points.keys(), "all")
     train = torch.from_numpy(points.splits) == TRAIN
     assert torch.equal(data.counts, torch.where(train, points.graph.counts, 0))
 

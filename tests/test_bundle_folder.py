@@ -23,7 +23,7 @@ from isi.training.batches import training_data
 from isi.training.trainer import run_epoch, start
 from tests.small_bundle import NAMES, TRIPLES, files, small, written
 from tests.small_graphs import random_graph
-from tests.test_experiments import LEARNING
+from tests.small_grid import LEARNING
 
 CELLS = st.text(st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"]), max_size=20)
 RECORD = InsertionRecord(
@@ -148,7 +148,7 @@ def test_all_triples_are_learned_in_as_many_epochs() -> None:
     task = final_task("home", graph, how, 3)
     learned, again = train_final(task), train_final(task)
     assert learned.entity.tobytes() == again.entity.tobytes()
-    session, keys = task.points.joint, torch.tensor([[0, 0]])
+    session, keys = task.points.last_session, torch.tensor([[0, 0]])
     assert (session.splits == 0).all()
     state = start(uniform(session.entities, 2, how.model, how.dimension, how.init_range, how.root, keys))
     data = training_data(session, "training", keys, how.negatives.head_pool)

@@ -13,7 +13,7 @@ from isi.experiment.grid import GridPoints
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
 from isi.initializers.api import INITIALIZERS, NovelEntities, options_of
 from tests.small_graphs import points_of, random_embedding, random_graph
-from tools.choose_initializers import about, compared, hide, settings_of, shown, table_of, told_of
+from tools.choose_initializers import about, compared, hide, insert_triples_of, settings_of, shown, table_of
 
 ENTITIES, RELATIONS = 20, 3
 
@@ -40,7 +40,7 @@ def test_known_entities_are_hidden_and_neither_novel_ones_nor_test_triples_have_
 
 def test_half_of_the_training_triples_of_hidden_entities_is_told() -> None:
     _, pseudo = hidden()
-    told = told_of(pseudo, 0, 0, 0.5)
+    told = insert_triples_of(pseudo, 0, 0, 0.5)
     for session, model, place, triple in told.tolist():
         head, _, tail = pseudo.graph.triples[triple].tolist()
         assert session == 1
@@ -56,7 +56,7 @@ def test_half_of_the_training_triples_of_hidden_entities_is_told() -> None:
 
 def test_half_of_the_queries_for_entities_are_about_the_novel_one() -> None:
     _, pseudo = hidden()
-    told = told_of(pseudo, 0, 0, 0.5)
+    told = insert_triples_of(pseudo, 0, 0, 0.5)
     told_mask = NovelEntities(pseudo.novel_in(1), torch.as_tensor(told[:, 1:]), torch.zeros(ENTITIES, 2)).mask(140)
     queries = novel_query_set(pseudo.session(1), pseudo.novel_in(1), told_mask)["novel"]
     some = about(queries, pseudo.novel_in(1))

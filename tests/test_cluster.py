@@ -24,9 +24,9 @@ from isi.errors import InputError
 from isi.experiment import runner
 from isi.experiment.insert import insert_stack
 from isi.experiment.runner import Compute, TaskError, run
-from isi.experiment.train import TrainResult, TrainTask, train_initial
+from isi.experiment.train import TrainResult, TrainTask, train_stack
 from isi.tables import paths
-from tests.test_experiments import insert_tasks, learning_tasks, tabled, theta0, whole
+from tests.small_grid import insert_tasks, inserted_bytes, theta0, trained_bytes, training_tasks
 
 pytest.importorskip("distributed")
 
@@ -97,22 +97,22 @@ def noted(folder: Path, task: TrainTask) -> TrainResult:
     """Learn, having noted which process does it."""
     (folder / f"{os.getpid()} {task.points.seeds[0]}").touch()
     time.sleep(0.5)
-    return train_initial(task)
+    return train_stack(task)
 
 
 def test_a_task_runs_on_one_thread_without_denormal_numbers(compute: Compute) -> None:
-    assert set(run(state, learning_tasks(1), compute, "state")) == {(1, 0.0)}
+    assert set(run(state, training_tasks(1), compute, "state")) == {(1, 0.0)}
 
 
 def test_a_task_that_fails_names_its_cell_and_the_cause(compute: Compute) -> None:
     with pytest.raises(TaskError, match=r"^home, size 2, seeds 2: ValueError: no such indicator$") as failed:
-        run(fail, learning_tasks(1), compute, "failing")
+        run(fail, training_tasks(1), compute, "failing")
     assert isinstance(failed.value.__cause__, ValueError)
 
 
 def test_a_cluster_gives_the_bytes_of_processes_though_a_worker_is_killed(cluster: Cluster, tmp_path: Path) -> None:
-    tasks = learning_tasks(1)
-    expected = whole(run(train_initial, tasks, PROCESSES, "theta0"))
+    tasks = training_tasks(1)
+    expected = trained_bytes(run(train_stack, tasks, PROCESSES, "theta0"))
 
     def kill_one() -> None:
         note = wait_for(lambda: next(tmp_path.iterdir(), None))
@@ -126,10 +126,10 @@ def test_a_cluster_gives_the_bytes_of_processes_though_a_worker_is_killed(cluste
     (other,) = cluster.workers.keys() - {killed}
     done_by = {pid: {path.name.split()[1] for path in tmp_path.glob(f"{pid} *")} for pid in cluster.workers}
     assert done_by[killed] <= done_by[other] == {"0", "1", "2", "3"}
-    assert whole(learned) == expected
+    assert trained_bytes(learned) == expected
     told = insert_tasks(2, "ers", theta0(steps=2), steps=2)
     inserted, again = (run(insert_stack, told, compute, "ers") for compute in (PROCESSES, cluster.compute))
-    assert tabled(inserted) == tabled(again)
+    assert inserted_bytes(inserted) == inserted_bytes(again)
 
 
 def test_a_scheduler_out_of_reach_ends_a_stage_in_one_line_that_names_the_key(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from isi.experiment.grid import GridPoints
-from isi.graph.sessions import TRAIN, everything
+from isi.graph.sessions import TRAIN, session_of
 from isi.models.bilinear import ANALOGY
 from isi.models.interaction import Distance, Interaction
 from isi.models.model import Model, make_model
@@ -90,7 +90,7 @@ def test_a_graph_too_large_for_tables_learns_the_same(monkeypatch: pytest.Monkey
 def test_one_update_by_hand() -> None:
     """DistMult in two dimensions, one relation, two entities, nothing but (0, 0, 1): each is the only corruption."""
     graph = graph_of({(0, 0, 1): 1}, 2, 1)
-    session = everything(graph, torch.tensor([[TRAIN]], dtype=torch.int8))
+    session = session_of(graph, torch.tensor([[TRAIN]], dtype=torch.int8))
     data = training_data(session, "test", torch.tensor([[0, 0]]), "unseen")
     head, row, tail = (0.5, -1.0), (2.0, 1.0), (1.0, 0.25)
     model = make_model("distmult", {}, "distmult")

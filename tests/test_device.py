@@ -16,11 +16,11 @@ from isi.errors import InputError
 from isi.experiment import runner
 from isi.experiment.insert import insert_stack
 from isi.experiment.runner import Compute
-from isi.experiment.train import EvaluationTask, evaluate_stack, train_initial, train_joint_model
+from isi.experiment.train import EvaluationTask, evaluate_stack, train_stack
 from isi.models.model import MODELS, make_model
 from isi.training import batches
 from tests.pretend import DEVICE, Pretend
-from tests.test_experiments import FAMILY_OPTIONS, INITIALIZERS, LEARNING, insert_tasks, learning_tasks, theta0
+from tests.small_grid import FAMILY_OPTIONS, INITIALIZERS, LEARNING, insert_tasks, theta0, training_tasks
 from tests.test_singles import singles_task
 
 TRAINED = theta0(steps=2)
@@ -56,9 +56,10 @@ def test_training_on_another_device_is_training(name: str, mode: str, monkeypatc
         monkeypatch.setattr(batches, "DENSE_LIMIT", 0)
     negatives = LEARNING.negatives.model_copy(update={"mode": "expected" if mode == "expected" else "sampled"})
     family = make_model(name, FAMILY_OPTIONS.get(name, {}), f"models.{name}")
-    (task,) = learning_tasks(4, replace(LEARNING, model=family, negatives=negatives))
-    for learn in (train_initial, train_joint_model):
-        there, here = (runner.run_task(learn, task, device) for device in ("cuda", "cpu"))
+    (task,) = training_tasks(4, replace(LEARNING, model=family, negatives=negatives))
+    for points in (task.points, task.points.all_known):
+        whole = replace(task, points=points)
+        there, here = (runner.run_task(train_stack, whole, device) for device in ("cuda", "cpu"))
         assert np.array_equal(there.entity, here.entity)
         pd.testing.assert_frame_equal(there.log, here.log)
 
@@ -76,7 +77,7 @@ def test_inserting_on_another_device_is_inserting(name: str) -> None:
 @pytest.mark.usefixtures("pretend")
 def test_judging_on_another_device_is_judging() -> None:
     (task,) = insert_tasks(4, "es", TRAINED, steps=2)
-    judged = EvaluationTask(task.points, task.theta0, task.told.insert_triples)
+    judged = EvaluationTask(task.points, [task.theta0, task.theta0], task.insert_triples)
     there, here = (runner.run_task(evaluate_stack, judged, device) for device in ("cuda", "cpu"))
     pd.testing.assert_frame_equal(there, here)
 
@@ -85,7 +86,7 @@ def test_judging_on_another_device_is_judging() -> None:
 def test_tracing_on_another_device_is_tracing() -> None:
     task = insert_tasks(1, "es", TRAINED, steps=2)[0]
     there, here = (
-        runner.run_task(trace_trajectory, TrajectoryTask(task.points, task, 1), device) for device in ("cuda", "cpu")
+        runner.run_task(trace_trajectory, TrajectoryTask(**vars(task), place=1), device) for device in ("cuda", "cpu")
     )
     assert np.array_equal(there.path, here.path)
     assert np.array_equal(there.indicators, here.indicators)
@@ -106,11 +107,11 @@ def test_without_a_gpu_auto_is_the_cpu_and_cuda_is_refused_by_name() -> None:
     with pytest.raises(InputError, match=r"compute\.device"):
         runner.stack_height(Compute(workers=1, stack=7, device="cuda"))
     with pytest.raises(InputError, match=r"compute\.device"):  # found by a worker, which may be another machine
-        runner.run(train_joint_model, learning_tasks(2), Compute(workers=1, stack=2, device="cuda"), "refused")
+        runner.run(train_stack, training_tasks(2), Compute(workers=1, stack=2, device="cuda"), "refused")
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
 def test_on_a_gpu_training_learns_as_much() -> None:
-    (task,) = learning_tasks(4)
-    there, here = (runner.run_task(train_joint_model, task, device) for device in ("cuda", "cpu"))
+    (task,) = training_tasks(4)
+    there, here = (runner.run_task(train_stack, task, device) for device in ("cuda", "cpu"))
     assert np.allclose(there.log["mrr_star"].mean(), here.log["mrr_star"].mean(), atol=0.02)

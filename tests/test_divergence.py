@@ -15,14 +15,14 @@ from isi.config import Option
 from isi.errors import InputError
 from isi.experiment.insert import insert_stack
 from isi.experiment.runner import Compute, run
-from isi.experiment.train import TrainTask, train_initial
+from isi.experiment.train import TrainTask, train_stack
 from isi.models.finite import LARGEST, NotFinite, check_finite
 from isi.models.stack import Embedding
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, start, train
 from tests.small_graphs import ANALOGY, points_of, random_embedding, random_graph
+from tests.small_grid import LEARNING, insert_tasks, theta0, training_tasks
 from tests.test_bad_input import set_params, workspace
-from tests.test_experiments import LEARNING, insert_tasks, learning_tasks, theta0
 from tests.test_slips import Says, main_of, says
 
 __all__ = ["says", "workspace"]  # fixtures
@@ -52,7 +52,7 @@ def test_vectors_below_the_bound_have_finite_scores() -> None:
 
 def diverging(embedding: Embedding, settings: Optimizer, seeds: list[int]) -> NotFinite:
     points = points_of(random_graph(13, 3, 80), 2, seeds)
-    data = training_data(points.joint, "training", points.keys(), "unseen")
+    data = training_data(points.last_session, "training", points.keys(), "unseen")
 
     def onward(_: int, __: Embedding, models: torch.Tensor) -> torch.Tensor:
         return torch.tensor([place != 1 for place in models.tolist()])  # the second leaves at once
@@ -94,9 +94,9 @@ def test_adagrads_sums_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_grid_names_the_cells_that_diverged(workers: int) -> None:
     how = replace(LEARNING, training=LEARNING.training.model_copy(update={"learning_rate": 1e30}))
-    tasks: list[TrainTask] = learning_tasks(2, how)
+    tasks: list[TrainTask] = training_tasks(2, how)
     with pytest.raises(InputError) as ended:
-        run(train_initial, tasks, Compute(workers=workers, stack=2), "learning")
+        run(train_stack, tasks, Compute(workers=workers, stack=2), "learning")
     assert any(f": {task.points}: diverged in epoch 1 (" in str(ended.value) for task in tasks), str(ended.value)
 
 
@@ -115,7 +115,7 @@ def test_insertion_by_the_covariance_of_vectors_that_do_not_differ_names_its_cel
                                                  np.float32(0), trained.entity))  # fmt: skip
     options: dict[str, Option] = {"strength": 0.5, "ratio": 3}
     tasks = [
-        replace(task, how=replace(task.how, initializer="map_mean", options=options))
+        replace(task, config=replace(task.config, initializer="map_mean", options=options))
         for task in insert_tasks(2, "mean", collapsed)
     ]
     with pytest.raises(InputError, match=r"params\.yaml: .*seeds 1: known vectors that do not differ .*: turn"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
@@ -14,95 +14,49 @@ import torch
 from isi.analyses.cross_validation import CrossValidation, best_looks, fold_tasks
 from isi.analyses.model_comparison import ModelTask, measure, rows
 from isi.analyses.trajectory import TrajectoryTask, place_of_interest, trace_trajectory
-from isi.config import Option
 from isi.evaluation.convergence import SCOPES as CONVERGING
 from isi.experiment import runner
-from isi.experiment.grid import GridPoints, StackedVectors
-from isi.experiment.insert import InsertTask, TaskConfig, TaskInput, TaskResult, fold, how_in, insert_stack, told_in
+from isi.experiment.grid import StackedVectors
+from isi.experiment.insert import InsertTask, insert_stack, run_sessions
 from isi.experiment.runner import Compute, HasPoints
 from isi.experiment.train import (
     EvaluationTask,
-    TrainConfig,
     TrainResult,
     TrainTask,
-    as_tensors,
     evaluate_stack,
-    train_initial,
-    train_joint_model,
+    joint_tasks,
+    joint_tensors,
+    joint_vectors,
+    train_stack,
 )
-from isi.initializers.api import context_of
+from isi.graph.sessions import TRAIN
 from isi.models.model import MODELS, make_model
-from isi.training.batches import Negatives
-from isi.training.trainer import Optimizer, Training
-from tests.small_graphs import ANALOGY, insert_triples_of, points_of, random_graph
+from tests.small_graphs import ANALOGY, points_of
+from tests.small_grid import (
+    ENTITIES,
+    FAMILY_OPTIONS,
+    GRAPH,
+    INITIALIZERS,
+    LEARNING,
+    MARGIN,
+    OPTIMIZER,
+    SCOPES,
+    SEEDS,
+    SIZE,
+    WORDS,
+    all_insert_triples,
+    csv,
+    insert_tasks,
+    inserted_bytes,
+    joint_training_tasks,
+    stacks,
+    theta0,
+    trained_bytes,
+    training_tasks,
+)
 
-ENTITIES, RELATIONS, SIZE, SEEDS = 14, 3, 2, [0, 1, 2, 3]
 Task = TypeVar("Task", bound=HasPoints)
 Done = TypeVar("Done")
-GRAPH = random_graph(ENTITIES, RELATIONS, 90)
-SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
-#: Options of families that have no defaults.
-FAMILY_OPTIONS: dict[str, dict[str, Option]] = {
-    "transe": {"margin": 4.0, "squared": False}, "rotate": {"margin": 4.0, "squared": False},
-    "transe_l1": {"margin": 4.0},
-}  # fmt: skip
-LEARNING = TrainConfig(
-    root=0,
-    model=ANALOGY,
-    dimension=12,
-    init_range=0.01,
-    negatives=SAMPLED,
-    training=Training(
-        batch_size=80, learning_rate=0.1, weight_decay=1e-3, max_epochs=8, evaluate_every=2, patience=1
-    ),
-)  # fmt: skip
-OPTIMIZER = Optimizer(batch_size=80, learning_rate=0.05, weight_decay=1e-3, max_epochs=5)
-MARGIN = 0.05
-INITIALIZERS: dict[str, dict[str, Option]] = {
-    "xavier": {}, "iu": {}, "es": {"k": 3}, "rs": {"k": 4}, "ers": {"k": 2, "candidates": 5},
-    "mean": {}, "gaussian": {}, "gaussian_centred": {}, "es_permuted": {"k": 3},
-}  # fmt: skip
-WORDS = np.random.default_rng(0).normal(size=(ENTITIES, 6)).astype(np.float32)
-SCOPES = {"all", "known", "known_closed", "novel", "novel_heldout"}
-#: MRR* of the joint models: one that is soon reached, ..., one that never is.
-JOINT = np.array([0.1, 0.5, 0.6, 2.0])
-
-
-def stacks(height: int, steps: int = 1) -> list[GridPoints]:
-    firsts = range(0, len(SEEDS), height)
-    return [points_of(GRAPH, SIZE, SEEDS[first : first + height], steps=steps) for first in firsts]
-
-
-def learning_tasks(height: int, how: TrainConfig = LEARNING, steps: int = 1) -> list[TrainTask]:
-    return [TrainTask(points, how) for points in stacks(height, steps)]
-
-
-def theta0(how: TrainConfig = LEARNING, steps: int = 1) -> StackedVectors:
-    (learned,) = (train_initial(task) for task in learning_tasks(len(SEEDS), how, steps))
-    return StackedVectors(how.model, learned.entity, learned.relation)
-
-
-def told_to(points: GridPoints, words: np.ndarray, joint: np.ndarray) -> TaskInput:
-    sessions = range(1, points.sessions + 1)
-    rows = [np.insert(insert_triples_of(points, session), 0, session, axis=1) for session in sessions]
-    return TaskInput(np.concatenate(rows), words, {(s, scope): joint.copy() for s in sessions for scope in CONVERGING})
-
-
-def insert_tasks(
-    height: int,
-    name: str,
-    trained: StackedVectors,
-    words: np.ndarray = WORDS,
-    steps: int = 1,
-    followed: Sequence[int] = (),
-) -> list[InsertTask]:
-    how = TaskConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, followed)
-    tasks = []
-    for number, points in enumerate(stacks(height, steps)):
-        rows = slice(number * height, (number + 1) * height)
-        own = StackedVectors(trained.model, trained.entity[rows], trained.relation[rows])
-        tasks.append(InsertTask(points, own, told_to(points, words, JOINT[rows]), how))
-    return tasks
 
 
 def cut(tasks: Callable[[int], list[Task]], function: Callable[[Task], Done], workers: int) -> dict[int, list[Done]]:
@@ -113,30 +67,11 @@ def cut(tasks: Callable[[int], list[Task]], function: Callable[[Task], Done], wo
     return {height: [next(done) for _ in grid] for height, grid in grids.items()}
 
 
-def whole(learned: list[TrainResult]) -> dict[str, bytes]:
-    """All that learning gave, in the order of seeds and epochs; floats in CSV are whole."""
-    tensors = as_tensors(learning_tasks(len(SEEDS) // len(learned)), learned)
-    log = pd.concat([result.log for result in learned]).sort_values(["seed", "epoch"])
-    return {name: tensor.numpy().tobytes() for name, tensor in tensors.items()} | {"log": csv(log)}
-
-
-def tabled(inserted: list[TaskResult]) -> dict[str, bytes]:
-    """All that insertion gave, in the order of seeds, sessions, epochs and scopes."""
-    runs = pd.concat([result.runs for result in inserted]).sort_values(["seed", "session", "epoch", "scope"])
-    entities = pd.concat([result.entities for result in inserted]).sort_values(["seed", "session", "entity"])
-    vectors = np.concatenate([result.vectors for result in inserted])
-    return {"vectors": vectors.tobytes(), "runs": csv(runs), "entities": csv(entities)}
-
-
-def csv(table: pd.DataFrame) -> bytes:
-    return table.to_csv(index=False).encode()
-
-
 def test_learning_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stacks() -> None:
-    one, two = (cut(learning_tasks, train_initial, workers) for workers in (1, 2))
-    expected = whole(one[2])
+    one, two = (cut(training_tasks, train_stack, workers) for workers in (1, 2))
+    expected = trained_bytes(one[2])
     for height, learned in [*one.items(), *two.items()]:
-        assert whole(learned) == expected
+        assert trained_bytes(learned) == expected
         seeds = [result.log["seed"].unique().tolist() for result in learned]
         assert seeds == [points.seeds for points in stacks(height)]  # in the order of the tasks
 
@@ -151,7 +86,7 @@ def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_sta
     one, two = (cut(tasks, insert_stack, workers) for workers in (1, 2))
     for place in range(len(cases)):
         grids = [
-            tabled(inserted[place * len(inserted) // len(cases) : (place + 1) * len(inserted) // len(cases)])
+            inserted_bytes(inserted[place * len(inserted) // len(cases) : (place + 1) * len(inserted) // len(cases)])
             for inserted in (*one.values(), *two.values())
         ]
         assert all(grid == grids[0] for grid in grids)
@@ -164,8 +99,8 @@ def test_every_family_gives_the_same_bits_for_any_height_of_stacks(name: str) ->
     learned, inserted = (
         [kind([function(task) for task in tasks(height)]) for height in (1, 2, 4)]
         for kind, function, tasks in (
-            (whole, train_joint_model, lambda height: learning_tasks(height, how)),
-            (tabled, insert_stack, lambda height: insert_tasks(height, "ers", trained)),
+            (trained_bytes, train_stack, lambda height: joint_training_tasks(height, how)),
+            (inserted_bytes, insert_stack, lambda height: insert_tasks(height, "ers", trained)),
         )
     )
     for grids in (learned, inserted):
@@ -173,8 +108,8 @@ def test_every_family_gives_the_same_bits_for_any_height_of_stacks(name: str) ->
 
 
 def test_theta0_knows_no_novel_entity_and_the_joint_model_knows_all() -> None:
-    (task,) = learning_tasks(4, steps=2)
-    initial, joint = train_initial(task), train_joint_model(task)
+    (task,) = training_tasks(4, steps=2)
+    initial, joint = train_stack(task), train_stack(replace(task, points=task.points.all_known))
     for model, novel in enumerate(task.points.novel):
         assert set(np.flatnonzero(~initial.known[model])) == set(novel.ravel().tolist())
         assert set(np.flatnonzero((initial.entity[model] == 0).all(-1))) == set(novel.ravel().tolist())
@@ -198,15 +133,17 @@ def test_novel_sets_and_queries_are_shared_by_all_initializers() -> None:
 def test_batches_and_negatives_are_shared_by_all_initializers() -> None:
     trained, wordless = theta0(), np.zeros_like(WORDS)
     (by_words,), (by_relations,) = (insert_tasks(4, name, trained, wordless) for name in ("es", "rs"))
-    assert by_words.how.options != by_relations.how.options
-    same = [insert_stack(replace(task, how=replace(task.how, options={"k": 4}))) for task in (by_words, by_relations)]
+    assert by_words.config.options != by_relations.config.options
+    same = [
+        insert_stack(replace(task, config=replace(task.config, options={"k": 4}))) for task in (by_words, by_relations)
+    ]
     assert same[0].vectors.tobytes() == same[1].vectors.tobytes()  # ES falls back to RS
     assert same[0].runs.equals(same[1].runs)
     assert set(same[0].entities["fallback"]) == {"rs"} != set(same[1].entities["fallback"])
 
 
 def test_insertion_measures_novel_once_and_the_other_scopes_every_epoch() -> None:
-    (task,) = insert_tasks(4, "es", theta0(), followed=[SIZE])
+    (task,) = insert_tasks(4, "es", theta0(), full_curves=[SIZE])
     epochs = insert_stack(task).runs.groupby(["seed", "scope"])["epoch"].apply(list)
     for seed in SEEDS:
         assert epochs[seed, "novel"] == [0]
@@ -217,13 +154,13 @@ def test_insertion_measures_novel_once_and_the_other_scopes_every_epoch() -> Non
 def test_insertion_stops_once_within_the_margin_of_the_joint_model() -> None:
     (task,) = insert_tasks(4, "es", theta0())
     at_once = insert_stack(task).runs.query("seed == 1 and epoch == 0").set_index("scope")["mrr_star"]
-    for (_, scope), joint in task.told.joint.items():
+    for (_, scope), joint in task.joint.items():
         joint[1] = at_once[scope] + 0.8 * MARGIN
     runs = insert_stack(task).runs.sort_values("epoch")
     reached_at = []
     for model, seed in enumerate(SEEDS):
         reached = []
-        for (_, scope), joint in task.told.joint.items():
+        for (_, scope), joint in task.joint.items():
             mrr_star = runs[(runs["seed"] == seed) & (runs["scope"] == scope)]["mrr_star"]
             reached.append(np.logical_or.accumulate(mrr_star.to_numpy() >= joint[model] - MARGIN))
         both = np.stack(reached).all(0)
@@ -234,11 +171,12 @@ def test_insertion_stops_once_within_the_margin_of_the_joint_model() -> None:
     assert reached_at[3] is None  # its joint model is out of reach
 
 
-def test_joint_is_judged_in_all_scopes_of_every_session_at_epoch_0() -> None:
-    (task,) = learning_tasks(4, steps=2)
-    points, joint = task.points, train_joint_model(task)
-    told = told_to(points, WORDS, JOINT).insert_triples
-    runs = evaluate_stack(EvaluationTask(points, StackedVectors(LEARNING.model, joint.entity, joint.relation), told))
+def test_the_joint_model_of_each_session_is_measured_in_all_scopes_of_that_session() -> None:
+    (points,) = stacks(4, steps=2)
+    tasks = joint_tasks([points], LEARNING)
+    joint = joint_vectors(joint_tensors(tasks, [train_stack(task) for task in tasks]), LEARNING.model, points)
+    insert_triples = all_insert_triples(points)
+    runs = evaluate_stack(EvaluationTask(points, joint, insert_triples))
     assert set(runs["epoch"]) == {0}
     assert set(runs["size"]) == {SIZE}
     found = sorted(zip(runs["session"], runs["seed"], runs["scope"], strict=True))
@@ -246,7 +184,7 @@ def test_joint_is_judged_in_all_scopes_of_every_session_at_epoch_0() -> None:
     novel = runs[runs["scope"] == "novel"].set_index(["session", "seed"])["queries"]
     for model, seed in enumerate(SEEDS):
         touching, later = (np.isin(GRAPH.triples[:, [0, 2]], novel).any(1) for novel in points.novel[model])
-        first, second = ((told[:, :2] == (session, model)).all(1).sum() for session in (1, 2))
+        first, second = ((insert_triples[:, :2] == (session, model)).all(1).sum() for session in (1, 2))
         assert novel[1, seed] == (touching & ~later).sum() - first
         assert novel[2, seed] == later.sum() - second
     asked = runs[runs["queries"] > 0]
@@ -254,6 +192,34 @@ def test_joint_is_judged_in_all_scopes_of_every_session_at_epoch_0() -> None:
     assert runs[runs["queries"] == 0]["mrr_star"].isna().all()
     # trained for 8 epochs on what it is asked about: better than a guess among 14
     assert asked[asked["scope"] == "all"]["mrr_star_entity"].mean() > 0.2
+
+
+def test_the_joint_model_of_a_session_has_not_seen_what_arrives_later() -> None:
+    (points,) = stacks(4, steps=2)
+    tasks = joint_tasks([points], LEARNING)
+    first, last = joint_vectors(joint_tensors(tasks, [train_stack(task) for task in tasks]), LEARNING.model, points)
+    for model, (novel1, novel2) in enumerate(points.novel):
+        assert not first.entity[model, novel2].any()
+        assert first.entity[model, novel1].any(-1).all()
+        assert last.entity[model].any(-1).all()
+    ends = GRAPH.triples[:, [0, 2]].numpy()
+    later = np.stack([np.isin(ends, novel).any(1) for novel in points.novel[:, 1]])
+    other_splits = replace(points, splits=np.where(later, TRAIN, points.splits).astype(np.int8))
+    assert np.array_equal(train_stack(replace(tasks[1], points=other_splits)).entity, first.entity)
+    alone = train_stack(TrainTask(points.all_known, LEARNING))
+    assert np.array_equal(last.entity, alone.entity)  # of the last session, what it is with any number of sessions
+
+
+def test_with_one_session_there_is_one_joint_model_of_each_seed() -> None:
+    grid = [*stacks(2), points_of(GRAPH, 1, SEEDS)]
+    tasks = joint_tasks(grid, LEARNING)
+    assert [task.points.seeds for task in tasks] == [SEEDS[:2], SEEDS[2:]]
+    tensors = joint_tensors(tasks, [train_stack(task) for task in tasks])
+    assert set(tensors) == {"entity", "relation", "known", "seed"}
+    for points in grid:
+        (joint,) = joint_vectors(tensors, LEARNING.model, points)
+        rows = [SEEDS.index(seed) for seed in points.seeds]
+        assert np.array_equal(joint.entity, tensors["entity"][rows].numpy())
 
 
 # Sessions that insert one after the other
@@ -266,12 +232,12 @@ def joint_of(first: float, second: float) -> Mapping[tuple[int, str], np.ndarray
 
 def two_sessions(name: str, first: float, second: float) -> InsertTask:
     (task,) = insert_tasks(4, name, theta0(steps=2), steps=2)
-    return replace(task, told=replace(task.told, joint=joint_of(first, second)))
+    return replace(task, joint=joint_of(first, second))
 
 
 def test_a_session_inserts_into_what_the_one_before_has_learned_and_leaves_it_as_it_is() -> None:
     task = two_sessions("mean", 2.0, np.nan)  # the first session is fine-tuned, the second is not
-    (first, second), before = fold(task), task.theta0.entity
+    (first, second), before = run_sessions(task), task.theta0.entity
     for model, (novel1, novel2) in enumerate(task.points.novel):
         learned, after = first.theta.entity[model], second.theta.entity[model]
         d0, d1 = (task.points.session(number).entities[model] for number in (0, 1))
@@ -287,7 +253,7 @@ def test_a_session_inserts_into_what_the_one_before_has_learned_and_leaves_it_as
 
 def test_known_entities_of_the_first_session_go_on_learning_in_the_second() -> None:
     task = two_sessions("mean", np.nan, 2.0)  # the first session is not fine-tuned, the second is
-    first, second = fold(task)
+    first, second = run_sessions(task)
     for model, (novel1, novel2) in enumerate(task.points.novel):
         assert torch.equal(first.theta.entity[model, novel1], first.initial.vectors[model])
         for novel in (novel1, novel2):
@@ -296,9 +262,8 @@ def test_known_entities_of_the_first_session_go_on_learning_in_the_second() -> N
 
 def test_a_later_session_is_told_its_own_triples_and_knows_who_came_before() -> None:
     task = two_sessions("rs", np.nan, np.nan)
-    first, _ = fold(task)
-    told, how = told_in(task, 2), how_in(task, 2)
-    seen = context_of(first.theta, task.points.session(1), told, how.root, how.keys)
+    first, _ = run_sessions(task)
+    given, seen = task.given(2), task.context(first.theta, 2)
     came_before = 0
     for model, (novel1, novel2) in enumerate(task.points.novel):
         assert seen.known[model, novel1].all()
@@ -306,16 +271,16 @@ def test_a_later_session_is_told_its_own_triples_and_knows_who_came_before() -> 
         ends = set(seen.other[model][seen.observed[model]].tolist())
         assert not ends & set(novel2.tolist())
         came_before += len(ends & set(novel1.tolist()))
-        rows = told.insert_triples[told.insert_triples[:, 0] == model, 2]
+        rows = given.insert_triples[given.insert_triples[:, 0] == model, 2]
         assert seen.observed[model].sum() == len(rows)
         assert np.isin(GRAPH.triples[rows][:, [0, 2]], novel2).any(1).all()
     assert came_before  # some triple ties the two sessions
-    assert how.keys.tolist() == [[SIZE, seed, 2] for seed in SEEDS]
-    assert how_in(task, 1).keys.tolist() == [[SIZE, seed] for seed in SEEDS]
+    assert task.keys(2).tolist() == [[SIZE, seed, 2] for seed in SEEDS]
+    assert task.keys(1).tolist() == [[SIZE, seed] for seed in SEEDS]
 
 
 def test_insertion_gives_rows_of_every_session() -> None:
-    (task,) = insert_tasks(4, "es", theta0(steps=2), steps=2, followed=[SIZE])
+    (task,) = insert_tasks(4, "es", theta0(steps=2), steps=2, full_curves=[SIZE])
     inserted = insert_stack(task)
     assert inserted.vectors.shape == (len(SEEDS), 2 * SIZE, LEARNING.dimension)
     epochs = inserted.runs.groupby(["seed", "session", "scope"])["epoch"].apply(list)
@@ -349,8 +314,7 @@ def test_a_trace_is_of_one_entity_of_the_experiment_and_its_indicators(name: str
     (stack,), alone = insert_tasks(4, name, trained), insert_tasks(1, name, trained)[2]
 
     def followed(epochs: int) -> TrajectoryTask:
-        how = replace(alone.how, optimizer=OPTIMIZER.model_copy(update={"max_epochs": epochs}))
-        return TrajectoryTask(alone.points, replace(alone, how=how), place=1)
+        return TrajectoryTask(**vars(replace(alone, config=alone.config.training(max_epochs=epochs))), place=1)
 
     short, long = (trace_trajectory(followed(epochs)) for epochs in (2, 4))
     assert (len(short.path), len(long.path)) == (3, 5)
@@ -370,9 +334,9 @@ def test_a_trace_takes_an_object_that_has_words_and_insert_triples() -> None:
     assert place_of_interest(task, kinds.replace({"object": "room"}), "object") is None
     assert place_of_interest(task, kinds.where(kinds.index != first, "room"), "object") == 1
     wordless = WORDS * (np.arange(ENTITIES) != first)[:, None]
-    assert place_of_interest(replace(task, told=replace(task.told, words=wordless)), kinds, "object") == 1
-    of_second = task.told.insert_triples[task.told.insert_triples[:, 2] == 1]
-    assert place_of_interest(replace(task, told=replace(task.told, insert_triples=of_second)), kinds, "object") == 1
+    assert place_of_interest(replace(task, words=wordless), kinds, "object") == 1
+    of_second = task.insert_triples[task.insert_triples[:, 2] == 1]
+    assert place_of_interest(replace(task, insert_triples=of_second), kinds, "object") == 1
     assert second > first
 
 
@@ -382,11 +346,12 @@ FEW = CrossValidation(
 
 
 def test_families_are_measured_over_all_test_triples_with_what_training_took() -> None:
-    (task,) = learning_tasks(4)
-    learned = train_joint_model(task)
+    (task,) = joint_training_tasks(4)
+    (with_novel,) = stacks(4)
+    learned = train_stack(task)
     theta, log = StackedVectors(ANALOGY, learned.entity, learned.relation), learned.log
     found = rows(measure(ModelTask(task.points, theta)), learned).set_index("seed")
-    runs = evaluate_stack(EvaluationTask(task.points, theta, told_to(task.points, WORDS, JOINT).insert_triples))
+    runs = evaluate_stack(EvaluationTask(with_novel, [theta], all_insert_triples(with_novel)))
     judged = runs[runs["scope"] == "all"].set_index("seed")
     columns = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "queries"]
     pd.testing.assert_frame_equal(found[columns], judged[columns])
@@ -401,9 +366,9 @@ def test_cross_validation_gives_the_same_bits_for_any_height_of_stacks() -> None
     for height in (1, 2, 5):
         tasks = fold_tasks("home", GRAPH, FEW, LEARNING, height)
         assert max(len(task.points.seeds) for task in tasks) == height
-        tables.append(csv(pd.concat(best_looks(task, train_joint_model(task)) for task in tasks)))
+        tables.append(csv(pd.concat(best_looks(task, train_stack(task)) for task in tasks)))
     assert tables[0] == tables[1] == tables[2]
-    rows = pd.concat(best_looks(task, train_joint_model(task)) for task in tasks)
+    rows = pd.concat(best_looks(task, train_stack(task)) for task in tasks)
     assert rows[["dimension", "fold"]].to_numpy().tolist() == [[d, fold] for d in (12, 8) for fold in range(5)]
 
 

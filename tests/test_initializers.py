@@ -14,7 +14,7 @@ import torch
 from isi import initializers
 from isi.config import Count, Option, read
 from isi.errors import InputError
-from isi.experiment.insertion_step import with_vectors
+from isi.experiment.insert import with_vectors
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.initializers import similarity
 from isi.initializers.api import (

@@ -16,7 +16,7 @@ from isi.errors import InputError
 from isi.evaluation.query_sets import validation
 from isi.evaluation.ranking import evaluate
 from isi.experiment.grid import GridPoints
-from isi.graph.sessions import everything
+from isi.graph.sessions import session_of
 from isi.models.interaction import Interaction
 from isi.models.model import MODELS, Model, RelationMapModel, make_model, register_model
 from isi.models.stack import Embedding, select, uniform
@@ -241,7 +241,7 @@ def test_epochs_are_bit_identical_whatever_the_stack(
 def test_it_learns_steps_along_a_line_better_than_any_constant_score_would(scoring: Model) -> None:
     entities, ratio = 13, 5
     steps = {(e, step - 1, e + step): 1 for step in (1, 2) for e in range(entities - step)}
-    session = everything(graph_of(steps, entities, 2), torch.zeros(1, len(steps), dtype=torch.int8))
+    session = session_of(graph_of(steps, entities, 2), torch.zeros(1, len(steps), dtype=torch.int8))
     data = training_data(session, "test", torch.zeros(1, 2, dtype=torch.int64), "all")
     negatives = Negatives(mode="expected", ratio=ratio, head_pool="all")
     settings = Optimizer(batch_size=50, learning_rate=0.3, weight_decay=0.0, max_epochs=300)

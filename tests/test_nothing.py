@@ -15,7 +15,7 @@ from isi.experiment.insert import insert_stack
 from isi.models.stack import Embedding
 from isi.training import trainer
 from tests.small_graphs import points_of
-from tests.test_experiments import GRAPH, OPTIMIZER, SAMPLED, SEEDS, SIZE, insert_tasks, theta0
+from tests.small_grid import GRAPH, OPTIMIZER, SAMPLED, SEEDS, SIZE, insert_tasks, theta0
 
 MEASURES = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "queries"]
 

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from isi.evaluation.query_sets import entity_query_sets, epoch_query_sets, novel_query_set, validation
 from isi.evaluation.ranking import Result, evaluate
-from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, without
+from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, Timeline
 from isi.models.model import make_model
 from isi.models.stack import Embedding
 from tests.small_graphs import ANALOGY, Triple, graph_of, points_of, random_embedding, random_graph
@@ -23,7 +23,7 @@ from tests.small_graphs import ANALOGY, Triple, graph_of, points_of, random_embe
 def test_known_closed_does_not_see_the_novel_vectors() -> None:
     points = points_of(random_graph(12, 3, 80), 2, [0, 1, 2])
     novel = points.novel_in(1)
-    scopes = epoch_query_sets(points.joint, novel)
+    scopes = epoch_query_sets(points.last_session, novel)
     embedding = random_embedding(3, 12, 3, 8)
     other = embedding.entity.clone()
     other[~points.session(0).entities] *= -2
@@ -213,7 +213,7 @@ def test_validation_asks_the_sessions_own_triples_among_its_own_entities(world: 
 def test_validation_of_d0_leaves_novel_entities_out() -> None:
     counts = {(0, 0, 1): 1, (2, 0, 1): 1, (3, 0, 1): 1, (0, 0, 2): 1}
     splits = torch.tensor([[TRAIN, TRAIN, VALID, VALID]], dtype=torch.int8)
-    session = without(graph_of(counts, 4, 1), splits, torch.tensor([[3]]))
+    session = Timeline.of_novel(graph_of(counts, 4, 1), splits, torch.tensor([[[3]]])).session(0)
     entity, relation = torch.tensor([[[0.0], [1.0], [2.0], [9.0]]]), torch.tensor([[[1.0]]])
     products = Embedding(entity, relation, make_model("distmult", {}, "models.distmult"))
     result = evaluate(products, validation(session))["valid"]

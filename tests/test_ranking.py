@@ -11,7 +11,7 @@ import torch
 
 from isi.evaluation.query_sets import epoch_query_sets, validation
 from isi.evaluation.ranking import compare, evaluate, make_queries, padded_ids
-from isi.graph.sessions import VALID, everything
+from isi.graph.sessions import VALID, session_of
 from isi.models.stack import Embedding
 from tests.small_graphs import ANALOGY, Triple, graph_of, points_of, random_embedding, random_graph
 
@@ -27,7 +27,7 @@ def measure(
 ) -> list[float]:
     """MRR*, its entity and relation halves, and MRR of the first model, of chosen queries."""
     _, entities, _ = embedding.entity.shape
-    session = everything(graph_of(counts, entities, embedding.relation.shape[1]), torch.zeros(1, len(counts)))
+    session = session_of(graph_of(counts, entities, embedding.relation.shape[1]), torch.zeros(1, len(counts)))
     queried, left_out = (torch.tensor([[triple in chosen for triple in counts]]) for chosen in (asked, filtered))
     may_answer = torch.tensor([[candidates is None or entity in candidates for entity in range(entities)]])
     queries = make_queries(session, padded_ids(queried), queried, left_out, may_answer)
@@ -131,7 +131,7 @@ def test_model_without_queries_gives_nan_and_leaves_others_alone() -> None:
     splits = torch.zeros(2, 12, dtype=torch.int8)
     splits[1, 3] = VALID
     embedding = random_embedding(2, 5, 2, 8)
-    result = evaluate(embedding, validation(everything(graph, splits)))["valid"]
+    result = evaluate(embedding, validation(session_of(graph, splits)))["valid"]
     assert result.measures[0].isnan().all()
     assert result.measures[1].isfinite().all()
     assert result.queries.tolist() == [0, 1]
@@ -149,12 +149,12 @@ def test_embedding_without_opinion_by_hand(value: float) -> None:
 def test_all_zero_embedding_scores_as_chance_and_not_above() -> None:
     graph, guesses = random_graph(30, 3, 150), 200
     points = points_of(graph, 1, [0])
-    queries = validation(points.joint)
+    queries = validation(points.last_session)
     nothing = Embedding(torch.zeros(1, 30, 8), torch.zeros(1, 3, 8), ANALOGY)
     zero = evaluate(nothing, queries)["valid"].measures[0]
     guessed = random_embedding(guesses, 30, 3, 8)
     points = points_of(graph, 1, [0] * guesses)
-    chance = evaluate(guessed, validation(points.joint))["valid"].measures.mean(0)
+    chance = evaluate(guessed, validation(points.last_session))["valid"].measures.mean(0)
     assert (zero <= chance).all()
     assert zero[1] < 0.1  # 28 rivals or so: an expected rank of about 15 where 1 would be right
     assert chance[1] < 0.25
@@ -169,9 +169,9 @@ def test_embedding_that_overflowed_does_not_score_above_one_without_opinion(valu
 def test_queries_asked_in_pieces_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     points = points_of(random_graph(13, 3, 300), 2, [0, 1])
     embedding, novel = random_embedding(2, 13, 3, 8), points.novel_in(1)
-    whole = evaluate(embedding, epoch_query_sets(points.joint, novel))
+    whole = evaluate(embedding, epoch_query_sets(points.last_session, novel))
     monkeypatch.setattr("isi.evaluation.ranking.BUDGET", 2 * 2 * 13 * 3)  # three queries at a time
-    pieces = epoch_query_sets(points.joint, novel)
+    pieces = epoch_query_sets(points.last_session, novel)
     assert pieces["all"].rows is None
     for name, result in evaluate(embedding, pieces).items():
         assert torch.equal(result.measures.nan_to_num(-1), whole[name].measures.nan_to_num(-1))
@@ -180,7 +180,7 @@ def test_queries_asked_in_pieces_give_the_same(monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_diverged_embedding_scores_as_one_that_knows_nothing() -> None:
     points = points_of(random_graph(13, 3, 80), 2, [0, 1])
-    queries = validation(points.joint)
+    queries = validation(points.last_session)
     lost, nothing = (
         Embedding(torch.full((2, 13, 8), value), torch.full((2, 3, 8), value), ANALOGY) for value in (torch.nan, 0.0)
     )

@@ -27,13 +27,14 @@ from isi.graph.sampling import (
     Shares,
     check_held_out,
     folds,
+    later_key,
     sample_insert_triples,
     sample_novel,
     sample_sessions,
     split,
     triples_without,
 )
-from isi.graph.sessions import OUT, TEST, TRAIN, VALID, everything, without
+from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Timeline, session_of
 from isi.graph.tables import ENTITIES, SPLITS, TRIPLES
 from isi.random import stream
 from isi.tables import paths
@@ -54,7 +55,7 @@ def test_every_entity_and_relation_is_in_train(graph: Graph, seed: int, valid: f
 
 @given(GRAPHS, SEEDS)
 def test_splits_are_disjoint_and_cover(graph: Graph, seed: int) -> None:
-    session = everything(graph, torch.from_numpy(split(graph, 0, seed, 0.2, 0.3))[None])
+    session = session_of(graph, torch.from_numpy(split(graph, 0, seed, 0.2, 0.3))[None])
     members = torch.stack([session.members(part)[0] for part in (TRAIN, VALID, TEST)])
     assert (members.sum(0) == 1).all()
     assert torch.equal(session.members(TRAIN, VALID)[0], members[0] | members[1])
@@ -117,7 +118,7 @@ def sessions_of(points: GridPoints) -> list[tuple[np.ndarray, np.ndarray]]:
 def test_d0_has_no_novel_entity_and_none_of_its_triples(graph: Graph, seed: int, size: int) -> None:
     points = points_of(graph, size, [seed])
     splits, novel = points.splits[0], set(points.novel[0, 0].tolist())
-    session = without(graph, torch.from_numpy(splits)[None], torch.from_numpy(points.novel[:, 0]))
+    session = Timeline.of_novel(graph, torch.from_numpy(splits)[None], torch.from_numpy(points.novel)).session(0)
     assert set(np.flatnonzero(~session.entities[0].numpy())) == novel
     for (head, _, tail), before, now in zip(graph.triples.tolist(), splits, session.splits[0], strict=True):
         assert now == (OUT if {head, tail} & novel else before)
@@ -134,7 +135,7 @@ def test_each_session_adds_its_novel_entities_and_their_triples_to_the_one_befor
     assert (set(np.flatnonzero(d1 & ~d0)), set(np.flatnonzero(d2 & ~d1))) == (first, second)
     assert (d0 <= d1).all()
     assert (d1 <= d2).all()
-    joint = points.joint
+    joint = points.last_session
     assert (d2 == joint.entities[0].numpy()).all()
     assert (of2 == joint.splits[0].numpy()).all()
     assert (of2 == points.splits[0]).all()
@@ -148,7 +149,7 @@ def test_known_entities_without_a_training_triple_are_told(heldout: int) -> None
     # 3 is tied to 0 alone, 4 to 2 by a held-out triple alone: both are orphans once 0 is novel
     graph = graph_of({(0, 0, 3): 1, (1, 0, 2): 1, (2, 0, 4): 1, (0, 0, 1): 1, (0, 0, 4): 1}, 5, 1)
     splits = torch.tensor([[TRAIN, TRAIN, heldout, TRAIN, TRAIN]], dtype=torch.int8)
-    session = without(graph, splits, torch.tensor([[0]]))
+    session = Timeline.of_novel(graph, splits, torch.tensor([[[0]]])).session(0)
     assert session.entities[0].tolist() == [False, True, True, True, True]
     assert session.trained()[0].tolist() == [False, True, True, False, False]
 
@@ -250,7 +251,7 @@ def test_a_session_that_no_other_follows_draws_from_streams_of_size_and_seed(siz
 def test_a_later_session_has_streams_of_its_own() -> None:
     graph = random_graph(12, 2, 100)
     points = points_of(graph, 1, [5], steps=2)
-    assert (points.keys(1).tolist(), points.keys(2).tolist()) == ([[1, 5]], [[1, 5, 2]])
+    assert (points.keys(*later_key(1)).tolist(), points.keys(*later_key(2)).tolist()) == ([[1, 5]], [[1, 5, 2]])
     novel, entity = points.novel[0], int(points.novel[0, 1, 0])
     own = [
         number
@@ -279,8 +280,8 @@ ADDED = graph_of(
 def test_entities_of_triples_without_a_split_take_no_part() -> None:
     splits = np.array([[TRAIN, TRAIN, TRAIN, OUT, TRAIN, TEST, OUT]], dtype=np.int8)
     points = GridPoints("home", ADDED, 1, [3], splits, np.array([[[5]]]))
-    assert points.joint.entities.tolist() == [[True, True, True, True, False, True, False]]
-    assert points.session(1).entities.tolist() == points.joint.entities.tolist()
+    assert points.last_session.entities.tolist() == [[True, True, True, True, False, True, False]]
+    assert points.session(1).entities.tolist() == points.last_session.entities.tolist()
     assert points.session(0).entities.tolist() == [[True, True, True, True, False, False, False]]
 
 
@@ -376,7 +377,7 @@ def test_added_entities_are_novel_or_take_no_part(tmp_path: Path, monkeypatch: p
     store = make(tmp_path, monkeypatch, graph, how | {"sizes": [2], "steps": 1}, source=source)
     (points,) = store.grid(4)
     for model, novel in enumerate(points.novel):
-        there = set(np.flatnonzero(points.joint.entities[model].numpy()).tolist())
+        there = set(np.flatnonzero(points.last_session.entities[model].numpy()).tolist())
         assert there == set(range(8)) | set(novel.ravel().tolist())
 
 

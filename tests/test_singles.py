@@ -23,14 +23,13 @@ from isi.analyses.single_insertions import (
 )
 from isi.analyses.trajectory import on, plane, turn
 from isi.experiment.grid import GridPoints, StackedVectors
-from isi.experiment.insert import InsertTask, TaskConfig, how_in, insert_stack, told_in
-from isi.experiment.train import train_joint_model
+from isi.experiment.insert import InsertConfig, InsertTask, insert_stack
+from isi.experiment.train import TrainTask, train_stack
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
-from isi.initializers.api import context_of
 from isi.initializers.soft import soft_hybrid
 from isi.models.stack import Embedding
 from tests.small_graphs import ANALOGY, graph_of
-from tests.test_experiments import ENTITIES, MARGIN, OPTIMIZER, SAMPLED, WORDS, insert_tasks, learning_tasks, theta0
+from tests.small_grid import ENTITIES, LEARNING, MARGIN, OPTIMIZER, SAMPLED, WORDS, insert_tasks, stacks, theta0
 
 SOFT = {"word_weight": 3.0, "relation_weight": 5.0}
 HOW = ExplorerSettings(size=2, epochs=OPTIMIZER.max_epochs, best="soft_hybrid", indicators=4, answers=3)
@@ -38,18 +37,18 @@ HOW = ExplorerSettings(size=2, epochs=OPTIMIZER.max_epochs, best="soft_hybrid", 
 
 def soft_task(trained: StackedVectors, words: np.ndarray = WORDS) -> InsertTask:
     (task,) = insert_tasks(4, "es", trained, words)
-    return replace(task, how=TaskConfig("soft_hybrid", SOFT, 0, SAMPLED, OPTIMIZER, MARGIN, ()))
+    return replace(task, config=InsertConfig("soft_hybrid", SOFT, 0, SAMPLED, OPTIMIZER, MARGIN))
 
 
 def singles_task(height: int = 4, number: int = 0) -> SinglesTask:
     """Of all entities that are novel, each in the first seed that has it."""
-    trained, (joint,) = theta0(), learning_tasks(4)
-    whole = train_joint_model(joint)
+    trained, (stack,) = theta0(), stacks(4)
+    whole = train_stack(TrainTask(stack.all_known, LEARNING))
     rows = slice(number * height, (number + 1) * height)
     hows = [insert_tasks(height, name, trained)[number] for name in SHOWN]
     if height == 4:
         hows.append(soft_task(trained))
-    novel = [(2, seed, entity, 1) for seed, own in zip(joint.points.seeds, joint.points.novel[:, 0], strict=True)
+    novel = [(2, seed, entity, 1) for seed, own in zip(stack.seeds, stack.novel[:, 0], strict=True)
              for entity in own.tolist()]  # fmt: skip
     seeds = first_seeds(pd.DataFrame(novel, columns=["size", "seed", "entity", "session"]), 2)
     return SinglesTask(
@@ -117,10 +116,9 @@ def test_places_are_of_the_map_of_the_entitys_own_seed(task: SinglesTask, found:
 def test_weights_of_a_soft_hybrid_are_those_that_make_its_vector() -> None:
     wordless = WORDS * (np.arange(ENTITIES) % 4 > 0)[:, None]
     task = soft_task(theta0(), wordless)
-    told = task.told.insert_triples
-    alone = replace(task, told=replace(task.told, insert_triples=told[told[:, 1] > 0]))  # the first has none
-    how = how_in(alone, 1)
-    insertion = context_of(task.theta0.stack, task.points.session(0), told_in(alone, 1), how.root, how.keys)
+    given = task.insert_triples
+    alone = replace(task, insert_triples=given[given[:, 1] > 0])  # the first has none
+    insertion = alone.context(task.theta0.stack, 1)
     initial = soft_hybrid(insertion, **SOFT)
     weights = initial.weights
     assert weights is not None
@@ -192,7 +190,7 @@ def test_answers_are_those_of_every_model_as_inserted_and_after_training(task: S
     true = found.answers.dropna(subset="true").groupby(["model", "epoch"]).size()
     assert set(true) == {true.iloc[0]}
     assert set(found.entities["entity"]) == set(task.seeds)
-    told = task.inserting[0].told.insert_triples
+    told = task.inserting[0].insert_triples
     expected = {int(task.points.novel[model, 0, place]): int(((told[:, 1] == model) & (told[:, 2] == place)).sum())
                 for model in range(4) for place in range(2)
                 if task.seeds[int(task.points.novel[model, 0, place])] == task.points.seeds[model]}  # fmt: skip
@@ -208,7 +206,7 @@ def test_a_seed_has_the_same_bits_in_a_stack_and_alone(task: SinglesTask) -> Non
     for what, (schema, order) in TABLES.items():
         one, other = (pd.concat(getattr(done, what) for done in parts).sort_values(order, kind="stable")
                       for parts in ([together], alone))  # fmt: skip
-        columns = schema.names
+        columns = list(schema.columns)
         pd.testing.assert_frame_equal(
             one[columns].reset_index(drop=True), other[columns].reset_index(drop=True), check_exact=True
         )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import chdir
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,37 +13,25 @@ import pytest
 from isi.errors import InputError
 from isi.evaluation.convergence import SCOPES
 from isi.experiment.insert import (
-    among,
-    experiment_config,
+    FullCurves,
+    insert_config,
     insertion_tasks,
+    is_listed,
     joint_targets,
-    task_config,
 )
 from isi.experiment.store import Store
 from isi.experiment.tables import RUNS
 from isi.graph.tables import INSERT_TRIPLES
-from isi.params import Params, load
+from isi.params import load
 from isi.tables import paths
 from tests import small
 from tests.small import NAME
 from tests.small_graphs import points_of, random_graph
 
 POINTS = points_of(random_graph(12, 2, 80), 2, [4, 6], steps=2)
-VALUES: dict[str, Any] = {
-    "seed": 9, "negatives": {"mode": "sampled", "ratio": 2, "head_pool": "all"}, "convergence": {"margin": 0.25},
-    "finetuning": {"batch_size": 50, "learning_rate": 0.01, "weight_decay": 0.5, "max_epochs": 7},
-    "experiments.published.full_curves": {"sizes": [3, 5], "initializers": ["rs"]},
-    "experiments.published.immediate_only": ["ers"],
-    "initializers.es": {"k": 4}, "initializers.rs": {"k": 6}, "initializers.ers": {"k": 2, "candidates": 8},
-}  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def params(tmp_path_factory: pytest.TempPathFactory) -> Params:
-    """The params of the repository with some values of their own."""
-    folder = tmp_path_factory.mktemp("params")
-    small.lay_out(folder, VALUES)
-    return load(folder / paths.PARAMS)
+PARAMS = load(Path(__file__).parent.parent / paths.PARAMS).model_copy(update={
+    "seed": 9, "initializers": {"es": {"k": 4}, "rs": {"k": 6}, "ers": {"k": 2, "candidates": 8}},
+})  # fmt: skip
 
 
 def joint_runs() -> pd.DataFrame:
@@ -79,30 +66,28 @@ def test_a_cell_that_the_joint_models_lack_is_named(session: int, scope: str) ->
     assert refused.value.args == (str(RUNS.path(experiment=POINTS.experiment, model="joint")), where, expected)
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "epochs", "followed"),
-    [("es", {"k": 4}, 7, []), ("rs", {"k": 6}, 7, [3, 5]), ("ers", {"k": 2, "candidates": 8}, 0, [])],
-)
-def test_params_say_how_an_experiment_inserts(
-    params: Params, name: str, options: dict[str, int], epochs: int, followed: list[int]
-) -> None:
-    how = experiment_config(params, "published", name)
-    assert (how.initializer, how.options, how.root, how.margin) == (name, options, 9, 0.25)
-    assert (how.negatives.mode, how.negatives.ratio, how.negatives.head_pool) == ("sampled", 2, "all")
-    assert (how.optimizer.max_epochs, how.optimizer.learning_rate, how.optimizer.weight_decay) == (epochs, 0.01, 0.5)
-    assert list(how.followed) == followed
+@pytest.mark.parametrize(("name", "options"), [("es", {"k": 4}), ("ers", {"k": 2, "candidates": 8})])
+def test_params_say_how_an_initializer_inserts(name: str, options: dict[str, int]) -> None:
+    config = insert_config(PARAMS, name, [3])
+    assert (config.initializer, config.options, config.root, config.full_curves) == (name, options, 9, [3])
+    assert config.margin == PARAMS.convergence.margin
+    assert (config.negatives, config.optimizer) == (PARAMS.negatives, PARAMS.finetuning)
+    assert insert_config(PARAMS, name, options={**options, "k": 1}).options == {**options, "k": 1}
+    assert config.training(max_epochs=0).optimizer == PARAMS.finetuning.model_copy(update={"max_epochs": 0})
+    with pytest.raises(InputError, match=rf"^params\.yaml: initializers\.{name}\.k: "):
+        insert_config(PARAMS, name, options={**options, "k": 0})
 
 
-def test_an_initializer_is_fine_tuned_unless_it_is_said_not_to_be(params: Params) -> None:
-    for how in (task_config(params, "es"), task_config(params, "es", options={"k": 4})):
-        assert (how.options, how.optimizer.max_epochs, list(how.followed)) == ({"k": 4}, 7, [])
-    assert task_config(params, "es", [3], finetuned=False).optimizer.max_epochs == 0
+def test_full_curves_are_of_the_initializers_listed() -> None:
+    curves = FullCurves(sizes=[3, 5], initializers=["rs"])
+    assert (curves.sizes_of("rs"), curves.sizes_of("es")) == ([3, 5], [])
+    assert FullCurves(sizes=[3, 5]).sizes_of("es") == [3, 5]
 
 
 def test_a_list_names_initializers_or_all() -> None:
-    assert among("all", "es")
-    assert among(["rs", "es"], "es")
-    assert not among(["rs", "ers"], "es")
+    assert is_listed("all", "es")
+    assert is_listed(["rs", "es"], "es")
+    assert not is_listed(["rs", "ers"], "es")
 
 
 @pytest.fixture(scope="module")
@@ -115,10 +100,10 @@ def _made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("_made")
-def test_tasks_are_made_of_what_the_experiment_has_for_their_cells(params: Params) -> None:
-    store, how = Store(NAME), task_config(params, "es")
+def test_tasks_are_made_of_what_the_experiment_has_for_their_cells() -> None:
+    store, config = Store(NAME), insert_config(PARAMS, "es")
     points = store.grid(1)
-    tasks = insertion_tasks(store, params, how, points)
+    tasks = insertion_tasks(store, PARAMS, config, points)
     assert [task.points for task in tasks] == points
     told, joint = (
         pd.read_parquet(path)
@@ -126,11 +111,11 @@ def test_tasks_are_made_of_what_the_experiment_has_for_their_cells(params: Param
     )
     for task in tasks:
         (seed,), size = task.points.seeds, task.points.size
-        assert task.how is how
+        assert task.config is config
         own = told[(told["size"] == size) & (told["seed"] == seed)]
-        assert task.told.insert_triples[:, 3].tolist() == own["triple"].tolist()
-        np.testing.assert_array_equal(task.told.words, store.words())
+        assert task.insert_triples[:, 3].tolist() == own["triple"].tolist()
+        np.testing.assert_array_equal(task.words, store.words())
         rows = joint[(joint["size"] == size) & (joint["seed"] == seed) & (joint["epoch"] == 0)].set_index("scope")
-        for (_, scope), values in task.told.joint.items():
+        for (_, scope), values in task.joint.items():
             np.testing.assert_array_equal(values, [rows.loc[scope, "mrr_star"]])
         np.testing.assert_array_equal(task.theta0.entity, store.theta0(task.points, task.theta0.model).entity)

@@ -13,7 +13,7 @@ from torch.nn.functional import logsigmoid
 from isi.evaluation.query_sets import epoch_query_sets, validation
 from isi.evaluation.ranking import evaluate
 from isi.experiment.grid import GridPoints
-from isi.graph.sessions import OUT, TRAIN, everything, membership
+from isi.graph.sessions import OUT, TRAIN, membership, session_of
 from isi.models.stack import Embedding, select, uniform
 from isi.training.batches import DenseBatch, ListBatch, Negatives, batches, training_data
 from isi.training.trainer import (
@@ -109,7 +109,7 @@ def test_entities_outside_the_session_stay_zero(negatives: Negatives) -> None:
 
 def test_weight_decay_acts_on_all_rows_of_the_session() -> None:
     graph = graph_of({(0, 0, 1): 1, (2, 1, 3): 1}, 4, 2)  # 2 and 3 have no training triple
-    session = everything(graph, torch.tensor([[TRAIN, OUT]], dtype=torch.int8))
+    session = session_of(graph, torch.tensor([[TRAIN, OUT]], dtype=torch.int8))
     state = start(random_embedding(1, 4, 2, 8))
     before = state.embedding.entity.clone()
     nothing = Embedding(torch.zeros(1, 4, 8), torch.zeros(1, 2, 8), ANALOGY)
@@ -187,8 +187,9 @@ def test_fit_in_a_stack_is_fit_alone() -> None:
 
 def tuned(seeds: list[int], targets: dict[str, Tensor], to_the_end: bool = False) -> list[EpochMeasures]:
     points = small_points(seeds)
-    watch = ConvergenceWatch(epoch_query_sets(points.joint, points.novel_in(1)), targets, to_the_end)
-    train(start_of(points), training_data(points.joint, "test", points.keys(), "unseen"), SAMPLED, TUNING, 0, watch)
+    watch = ConvergenceWatch(epoch_query_sets(points.last_session, points.novel_in(1)), targets, to_the_end)
+    data = training_data(points.last_session, "test", points.keys(), "unseen")
+    train(start_of(points), data, SAMPLED, TUNING, 0, watch)
     return watch.epochs
 
 
@@ -244,7 +245,7 @@ def test_fine_tuning_in_a_stack_is_fine_tuning_alone() -> None:
 @pytest.mark.usefixtures("form")
 def test_no_observation_is_no_step() -> None:
     points = small_points()
-    data = training_data(points.joint, "test", points.keys(), "all")
+    data = training_data(points.last_session, "test", points.keys(), "all")
     only = replace(data, counts=data.counts * 0)
     state, before = start(start_of(points)), start_of(points)
     run_epoch(state, only, EXPECTED, TUNING, 0, 1)
@@ -269,8 +270,8 @@ def test_training_gives_each_model_as_it_was_when_it_left() -> None:
 def test_new_rows_move_alone_at_first_and_everything_after_that() -> None:
     points = small_points()
     novel = points.novel_in(1)
-    data = training_data(points.joint, "test", points.keys(), "unseen", novel)
-    state = start(uniform(points.joint.entities, 3, ANALOGY, 12, 0.5, 0, points.keys()))
+    data = training_data(points.last_session, "test", points.keys(), "unseen", novel)
+    state = start(uniform(points.last_session.entities, 3, ANALOGY, 12, 0.5, 0, points.keys()))
     settings = TUNING.model_copy(update={"new_rows_first": 2})
     is_new = membership(novel, 13)
     for epoch in (1, 2):
@@ -293,9 +294,9 @@ def tables(embedding: Embedding) -> tuple[Tensor, Tensor]:
 
 def test_new_rows_first_leaves_to_all_the_epochs_that_are_left() -> None:
     points = small_points()
-    data = training_data(points.joint, "test", points.keys(), "unseen", points.novel_in(1))
+    data = training_data(points.last_session, "test", points.keys(), "unseen", points.novel_in(1))
     watch = lambda epoch, embedding, models: torch.ones(len(models), dtype=torch.bool)  # noqa: ARG005, E731
-    begin = uniform(points.joint.entities, 3, ANALOGY, 12, 0.5, 0, points.keys())
+    begin = uniform(points.last_session.entities, 3, ANALOGY, 12, 0.5, 0, points.keys())
     alone = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 6}), 0, watch)
     assert torch.equal(alone.relation, begin.relation)
     both = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 3}), 0, watch)

@@ -6,7 +6,6 @@ import shutil
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,10 @@ import torch
 import yaml
 
 from isi.analyses.query_breakdown import QueryBreakdownTask, break_down
-from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, Variant, VariantTask, changed, repeat, some_of
+from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, Variant, VariantTask, at_most, changed, repeat
 from isi.errors import InputError
-from isi.experiment.grid import NO_INSERTION, GridPoints, StackedVectors
-from isi.experiment.insert import InsertTask, TaskConfig, TaskInput, insert_stack
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.insert import InsertConfig, InsertTask, insert_stack
 from isi.experiment.tables import JOINT, THETA0
 from isi.experiment.train import (
     EvaluationTask,
@@ -28,8 +27,7 @@ from isi.experiment.train import (
     TrainResult,
     TrainTask,
     evaluate_stack,
-    train_initial,
-    train_joint_model,
+    train_stack,
 )
 from isi.graph.sessions import SPLITS as SPLIT_NAMES
 from isi.graph.tables import ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES, WORD_VECTORS
@@ -38,8 +36,8 @@ from isi.params import load_beyond
 from isi.tables import io, paths
 from stages.vary import vary
 from tests.small_graphs import as_stored, insert_triples_of, points_of
-from tests.test_experiments import GRAPH as DRAWN
-from tests.test_experiments import INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
+from tests.small_grid import GRAPH as DRAWN
+from tests.small_grid import INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
 
 ROOT = Path(__file__).parent.parent
 MADE = "an_earlier_stage"
@@ -69,24 +67,24 @@ def test_so_many_of_each_entity_are_told_and_the_fewer_are_part_of_the_more(step
     assert max(number.values()) > 3
     fewer: set[tuple[int, ...]] = set()
     for most in range(6):
-        found = rows_of(some_of(told, most, points, 0))
+        found = rows_of(at_most(told, most, points, 0))
         assert Counter(row[:3] for row in found) == Counter({slot: min(most, n) for slot, n in number.items()})
         assert found == [row for row in rows_of(told) if row in set(found)]  # in their order
         assert fewer <= set(found)
         fewer = set(found)
-    assert rows_of(some_of(told, None, points, 0)) == rows_of(told)
+    assert rows_of(at_most(told, None, points, 0)) == rows_of(told)
 
 
 def test_none_are_told_of_those_who_have_none() -> None:
     nothing = np.empty((0, 4), dtype=np.int64)
     for most in (0, 3, None):
-        assert some_of(nothing, most, points_of(GRAPH, 2, SEEDS), 0).shape == (0, 4)
+        assert at_most(nothing, most, points_of(GRAPH, 2, SEEDS), 0).shape == (0, 4)
 
 
 def test_what_is_told_is_drawn_anew_for_each_entity_and_root() -> None:
     points = points_of(GRAPH, 2, SEEDS)
     told = told_of(points)
-    one, other = (rows_of(some_of(told, 1, points, root)) for root in (0, 1))
+    one, other = (rows_of(at_most(told, 1, points, root)) for root in (0, 1))
     first = {row[:3]: row for row in reversed(rows_of(told))}
     assert one != other
     assert 0 < sum(row != first[row[:3]] for row in one) < len(one)  # neither always nor never the first
@@ -96,7 +94,7 @@ def test_each_session_draws_what_is_told_for_itself() -> None:
     points = points_of(GRAPH, 1, [0], steps=2)
     told = np.array([(session, 0, 0, triple) for session in (1, 2) for triple in range(12)])
     first, second = (
-        {row[3] for row in rows_of(some_of(told, 6, points, 0)) if row[0] == session} for session in (1, 2)
+        {row[3] for row in rows_of(at_most(told, 6, points, 0)) if row[0] == session} for session in (1, 2)
     )
     assert len(first) == len(second) == 6
     assert first != second
@@ -104,11 +102,11 @@ def test_each_session_draws_what_is_told_for_itself() -> None:
 
 def test_the_same_is_told_of_an_entity_whatever_stands_beside_its_cell() -> None:
     points = points_of(GRAPH, 2, SEEDS, steps=2)
-    together = [(row[0], SEEDS[row[1]], *row[2:]) for row in rows_of(some_of(told_of(points), 2, points, 0))]
+    together = [(row[0], SEEDS[row[1]], *row[2:]) for row in rows_of(at_most(told_of(points), 2, points, 0))]
     alone = []
     for seed in SEEDS:
         own = points_of(GRAPH, 2, [seed], steps=2)
-        alone += [(row[0], seed, *row[2:]) for row in rows_of(some_of(told_of(own), 2, own, 0))]
+        alone += [(row[0], seed, *row[2:]) for row in rows_of(at_most(told_of(own), 2, own, 0))]
     assert sorted(together) == sorted(alone)
 
 
@@ -162,11 +160,11 @@ def test_a_variant_trains_and_speaks_where_it_changes_what_that_depends_on(
 # The runs
 
 
-def learned(seeds: Sequence[int] = SEEDS, size: int = 2) -> tuple[StackedVectors, StackedVectors]:
+def learned(seeds: Sequence[int] = SEEDS, size: int = 2) -> tuple[StackedVectors, list[StackedVectors]]:
     """Θ⁰ and the joint models, as the first pipeline trains and keeps them."""
     points = points_of(GRAPH, size, seeds)
-    joint = train_joint_model(TrainTask(replace(points, size=NO_INSERTION, novel=points.novel[:, :0]), LEARNING))
-    return vectors(train_initial(TrainTask(points, LEARNING))), vectors(joint)
+    joint = train_stack(TrainTask(points.all_known, LEARNING))
+    return vectors(train_stack(TrainTask(points, LEARNING))), [vectors(joint)]
 
 
 def vectors(of: TrainResult) -> StackedVectors:
@@ -174,11 +172,11 @@ def vectors(of: TrainResult) -> StackedVectors:
 
 
 def task(
-    start: tuple[StackedVectors, StackedVectors] | TrainConfig, most: int | None = None, size: int = 2
+    start: tuple[StackedVectors, list[StackedVectors]] | TrainConfig, most: int | None = None, size: int = 2
 ) -> VariantTask:
     points = points_of(GRAPH, size, SEEDS)
-    how = {name: TaskConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, ()) for name in NAMES}
-    return VariantTask(points, start, told_of(points), some_of(told_of(points), most, points, 0), WORDS, how)
+    configs = {name: InsertConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN) for name in NAMES}
+    return VariantTask(points, start, told_of(points), at_most(told_of(points), most, points, 0), WORDS, configs)
 
 
 def of_model(frame: pd.DataFrame, model: str) -> pd.DataFrame:
@@ -193,14 +191,14 @@ def test_from_stored_embeddings_the_runs_are_those_of_the_first_pipeline() -> No
     judged = evaluate_stack(EvaluationTask(points, joint, told))
     target = {(1, scope): judged[judged["scope"] == scope].set_index("seed")["mrr_star"].loc[SEEDS].to_numpy(copy=True)
               for scope in ("all", "novel_heldout")}  # fmt: skip
-    inserted = {name: insert_stack(InsertTask(points, theta0, TaskInput(told, WORDS, target), how))
-                for name, how in asked_for.how.items()}  # fmt: skip
+    inserted = {name: insert_stack(InsertTask(points, theta0, told, WORDS, target, config))
+                for name, config in asked_for.configs.items()}  # fmt: skip
     assert set(runs["model"]) == {*NAMES, "joint"}
     pd.testing.assert_frame_equal(of_model(runs, "joint"), judged.reset_index(drop=True))
     for name, one in inserted.items():
         pd.testing.assert_frame_equal(of_model(runs, name), one.runs.reset_index(drop=True))
     same = break_down(
-        QueryBreakdownTask(points, theta0, joint, {name: one.vectors for name, one in inserted.items()}, told)
+        QueryBreakdownTask(points, theta0, joint[0], {name: one.vectors for name, one in inserted.items()}, told)
     )
     pd.testing.assert_frame_equal(asked.reset_index(drop=True), same.reset_index(drop=True))
 
@@ -330,10 +328,11 @@ def home(workspace: Path) -> Path:
         schema.write_file(path, frame, MADE)
     WORD_VECTORS.write({"vectors": torch.from_numpy(WORDS)}, MADE, experiment="home")
     sessions, at = (
-        (drawn[2].session(0), drawn[2].joint),
+        (drawn[2].session(0), drawn[2].last_session),
         (THETA0.path(experiment="home", size=2), JOINT.path(experiment="home")),
     )
-    for path, one, session in zip(at, learned(), sessions, strict=True):
+    theta0, (joint,) = learned()
+    for path, one, session in zip(at, (theta0, joint), sessions, strict=True):
         stack = {"entity": one.stack.entity, "relation": one.stack.relation, "known": session.entities,
                  "seed": torch.tensor(SEEDS)}  # fmt: skip
         io.write_tensors(path, stack, MADE)

@@ -1,15 +1,15 @@
 """Compare settings of initializers on known entities, hidden as if they were novel, as params.yaml's were chosen.
 
-Some entities of a cell's D⁰ are hidden, and an embedding is learned without them: in Θ⁰ itself the vectors of their
+Some entities of each D⁰ are hidden, and an embedding is learned without them: in Θ⁰ itself the vectors of their
 neighbours would give them away. A part of their training triples is told, as of novel ones, and what is left of their
-training and validation triples is asked about (scope novel). The cell's own novel entities have no part in this, and
+training and validation triples is asked about (scope novel). Its own novel entities have no part in this, and
 neither has a test triple, but for the counts that true ranks come from. Writes the tables that the documentation shows.
 """
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -23,14 +23,13 @@ from isi.evaluation.convergence import SCOPES
 from isi.evaluation.query_sets import novel_query_set
 from isi.evaluation.ranking import Queries, evaluate
 from isi.experiment.grid import GridPoints, StackedVectors
-from isi.experiment.insert import InsertTask, TaskInput, how_in, task_config, told_in
-from isi.experiment.insertion_step import with_vectors
+from isi.experiment.insert import InsertTask, insert_config, with_vectors
 from isi.experiment.runner import run
 from isi.experiment.store import Store
-from isi.experiment.train import TrainTask, train_config, train_initial
+from isi.experiment.train import TrainTask, train_config, train_stack
 from isi.graph.sampling import sample_insert_triples
 from isi.graph.sessions import OUT, TRAIN, VALID, membership
-from isi.initializers.api import INITIALIZERS, context_of, options_of
+from isi.initializers.api import INITIALIZERS, options_of
 from isi.params import Params, load
 from isi.random import stream
 
@@ -39,25 +38,22 @@ Setting = tuple[str, dict[str, Any]]
 
 
 @dataclass(frozen=True)
-class ChoosingTask:
-    """Insert the hidden entities of points with each setting, and measure at once."""
+class ChoosingTask(InsertTask):
+    """Insert the hidden entities of grid points with each setting, and measure immediately."""
 
-    points: GridPoints
-    inserting: InsertTask
-    settings: list[Setting]
+    settings: list[Setting] = field(default_factory=list)
 
 
 def measured(task: ChoosingTask) -> np.ndarray:
     """MRR* in scope novel, and of its queries for entities those about a novel one; shape (settings, M, 2)."""
-    theta0, told = task.inserting.theta0.stack, told_in(task.inserting, 1)
-    how = how_in(task.inserting, 1)
-    given = context_of(theta0, task.points.session(0), told, how.root, how.keys)
-    queries = novel_query_set(task.points.session(1), told.novel, told.mask(len(task.points.graph.triples)))["novel"]
-    asked = {"novel": queries, "about": about(queries, told.novel)}
+    theta0, novel = task.theta0.stack, task.points.novel_in(1)
+    context, mask = task.context(theta0, 1), task.given(1).mask(len(task.points.graph.triples))
+    queries = novel_query_set(task.points.session(1), novel, mask)["novel"]
+    asked = {"novel": queries, "about": about(queries, novel)}
     found = []
     for name, options in task.settings:
-        vectors = INITIALIZERS.get(name, name).initialize(given, options).vectors
-        results = evaluate(with_vectors(theta0, told.novel, vectors), asked)
+        vectors = INITIALIZERS.get(name, name).initialize(context, options).vectors
+        results = evaluate(with_vectors(theta0, novel, vectors), asked)
         found.append([results["novel"].measures[:, 0].numpy(), results["about"].measures[:, 1].numpy()])
     return np.array(found).transpose(0, 2, 1)
 
@@ -71,7 +67,7 @@ def about(queries: Queries, novel: Tensor) -> Queries:
 
 
 def hide(points: GridPoints, number: int, draw: int, root: int) -> GridPoints:
-    """Cells of which some entities that their D⁰ has trained on are novel in place of their own; no test triples."""
+    """Grid points where some entities that D⁰ has trained on are novel in place of their own; no test triples."""
     before = points.session(0)
     splits = before.splits.masked_fill(~before.members(TRAIN, VALID), OUT).numpy()
     novel = [
@@ -81,8 +77,8 @@ def hide(points: GridPoints, number: int, draw: int, root: int) -> GridPoints:
     return replace(points, size=number, splits=splits, novel=np.stack(novel)[:, None])
 
 
-def told_of(points: GridPoints, root: int, draw: int, fraction: float) -> np.ndarray:
-    """(session, model, place in ``novel``, triple) of what is told of hidden entities; shape (I, 4)."""
+def insert_triples_of(points: GridPoints, root: int, draw: int, fraction: float) -> np.ndarray:
+    """(session, model, place in ``novel``, triple) of the insert triples of hidden entities; shape (I, 4)."""
     rows = [
         (1, model, own[0].tolist().index(entity), triple)
         for model, (seed, splits, own) in enumerate(zip(points.seeds, points.splits, points.novel, strict=True))
@@ -92,12 +88,8 @@ def told_of(points: GridPoints, root: int, draw: int, fraction: float) -> np.nda
 
 
 def tasks_of(params: Params, experiment: str, asked: argparse.Namespace, settings: list[Setting]) -> list[ChoosingTask]:
-    """Draws of hidden entities in every cell of a size, and embeddings that were learned without them."""
-    store, how, chosen = (
-        Store(experiment),
-        task_config(params, "xavier"),
-        train_config(params),
-    )
+    """Draws of hidden entities at every grid point of a size, and embeddings that were learned without them."""
+    store, config, chosen = Store(experiment), insert_config(params, "xavier"), train_config(params)
     words, fraction = store.words(), params.sessions.insert_fraction
     drawn = [
         (hide(own, asked.hidden, draw, params.seed), draw)
@@ -105,14 +97,14 @@ def tasks_of(params: Params, experiment: str, asked: argparse.Namespace, setting
         for draw in range(asked.draws)
     ]
     learned = run(
-        train_initial, [TrainTask(points, chosen) for points, _ in drawn], params.compute, f"{experiment}: theta"
+        train_stack, [TrainTask(points, chosen) for points, _ in drawn], params.compute, f"{experiment}: theta"
     )
     tasks = []
     for (points, draw), theta in zip(drawn, learned, strict=True):
         nowhere = {(1, scope): np.full(len(points.seeds), np.nan) for scope in SCOPES}
-        told = TaskInput(told_of(points, params.seed, draw, fraction), words, nowhere)
+        insert_triples = insert_triples_of(points, params.seed, draw, fraction)
         vectors = StackedVectors(chosen.model, theta.entity, theta.relation)
-        tasks.append(ChoosingTask(points, InsertTask(points, vectors, told, how), settings))
+        tasks.append(ChoosingTask(points, vectors, insert_triples, words, nowhere, config, settings))
     return tasks
 
 
@@ -140,7 +132,7 @@ def main() -> None:
     parser.add_argument("--initializers", nargs="+", choices=names, default=names, help="default: all that have a grid")
     parser.add_argument("--size", type=int, default=5, help="|ξ| of the points")
     parser.add_argument("--seeds", type=int, default=30)
-    parser.add_argument("--draws", type=int, default=2, help="of hidden entities in each cell")
+    parser.add_argument("--draws", type=int, default=2, help="of hidden entities at each grid point")
     parser.add_argument("--hidden", type=int, default=5, help="entities in each draw")
     parser.add_argument("--stack", type=int, default=5)
     asked = parser.parse_args()

@@ -7,17 +7,15 @@ is used. Writes the table that the documentation shows.
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from isi.experiment.grid import NO_INSERTION
 from isi.experiment.runner import run
 from isi.experiment.store import Store
-from isi.experiment.train import TrainConfig, TrainTask, train_config, train_joint_model
+from isi.experiment.train import TrainConfig, TrainTask, train_config, train_stack
 from isi.models.model import make_model
 from isi.params import Params, load
 
@@ -44,7 +42,7 @@ def learning_of(params: Params, name: str, setting: dict[str, float | bool]) -> 
 
 def best_valid(task: TrainTask) -> float:
     """Best validation MRR* of the joint models, averaged."""
-    return float(train_joint_model(task).log.groupby("seed")["mrr_star"].max().mean())
+    return float(train_stack(task).log.groupby("seed")["mrr_star"].max().mean())
 
 
 def main() -> None:
@@ -58,7 +56,7 @@ def main() -> None:
     params = load()
     experiment = params.compare_models.experiment or next(iter(params.experiments))
     points = Store(experiment).grid(asked.seeds, seeds=asked.seeds)[0]
-    joint = replace(points, size=NO_INSERTION, novel=points.novel[:, :0])
+    joint = points.all_known
     rows, tasks = [], []
     for name in asked.models or params.models:
         for setting in settings_of(params, name, asked):

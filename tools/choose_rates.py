@@ -7,55 +7,50 @@ averaged over the paper's initializers and over epochs, which favours none by na
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 import pandas as pd
-import torch
 from torch import Tensor
 
 from isi.evaluation.convergence import SCOPES
 from isi.evaluation.query_sets import validation
 from isi.evaluation.ranking import evaluate
-from isi.experiment.grid import NO_INSERTION, GridPoints, StackedVectors
-from isi.experiment.insert import InsertTask, TaskConfig, TaskInput, how_in, task_config, told_in
-from isi.experiment.insertion_step import finetune, initialize, with_vectors
+from isi.experiment.grid import StackedVectors
+from isi.experiment.insert import InsertTask, finetune, initialize, insert_config, with_vectors
 from isi.experiment.runner import run
 from isi.experiment.store import Store
-from isi.experiment.train import TrainConfig, TrainTask, train_config, train_initial, train_joint_model
+from isi.experiment.train import TrainConfig, TrainTask, train_config, train_stack
 from isi.initializers.api import INITIALIZERS
 from isi.models.stack import Embedding
 from isi.params import Params, load
+from isi.training.trainer import never_stop
 
 
 @dataclass(frozen=True)
-class TuningTask:
+class TuningTask(InsertTask):
     """Fine-tune with given settings and look at validation MRR* every ``every`` epochs."""
 
-    points: GridPoints
-    inserting: InsertTask
-    every: int
+    every: int = 10
 
 
 def fine_tune(task: TuningTask) -> float:
     """Mean validation MRR* of an initializer's Θ¹ over models and epochs."""
-    session, theta0 = task.points.session(1), task.inserting.theta0.stack
-    told, how = told_in(task.inserting, 1), how_in(task.inserting, 1)
-    initial, valid, looks = initialize(theta0, task.points.session(0), told, how), validation(session), []
+    theta0, valid, looks = task.theta0.stack, validation(task.points.session(1)), []
 
     def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
         if epoch and epoch % task.every == 0:
             looks.append(evaluate(embedding, valid)["valid"].measures[:, 0].numpy())
-        return torch.ones(len(models), dtype=torch.bool)
+        return never_stop(epoch, embedding, models)
 
-    finetune(with_vectors(theta0, told.novel, initial.vectors), session, told.novel, how, watch)
+    finetune(task, with_vectors(theta0, task.points.novel_in(1), initialize(task, theta0, 1).vectors), 1, watch)
     return float(np.mean(looks))
 
 
 def best_valid(task: TrainTask) -> np.ndarray:
     """Best validation MRR* of each joint model."""
-    return train_joint_model(task).log.groupby("seed")["mrr_star"].max().to_numpy()
+    return train_stack(task).log.groupby("seed")["mrr_star"].max().to_numpy()
 
 
 def training_at(params: Params, batch: int, rate: float) -> TrainConfig:
@@ -63,12 +58,6 @@ def training_at(params: Params, batch: int, rate: float) -> TrainConfig:
     return train_config(
         params, training=params.training.model_copy(update={"batch_size": batch, "learning_rate": rate})
     )
-
-
-def inserting_of(params: Params, name: str, batch: int, rate: float) -> TaskConfig:
-    """How params insert and fine-tune, with another batch size and rate."""
-    how = task_config(params, name)
-    return replace(how, optimizer=how.optimizer.model_copy(update={"batch_size": batch, "learning_rate": rate}))
 
 
 def main() -> None:
@@ -85,23 +74,22 @@ def main() -> None:
     single = store.grid(1, given.size, given.seeds)
 
     grid = list(product(given.batches, given.training))
-    joint = [replace(points, size=NO_INSERTION, novel=points.novel[:, :0]) for points in single]
+    joint = [points.all_known for points in single]
     tasks = [TrainTask(points, training_at(params, batch, rate)) for batch, rate in grid for points in joint]
     looks = np.concatenate(run(best_valid, tasks, params.compute, "training"))
     show("training", grid, looks.reshape(len(grid), -1).mean(1))
 
     chosen = train_config(params)
-    theta0 = run(train_initial, [TrainTask(points, chosen) for points in single], params.compute, "theta0")
+    theta0 = run(train_stack, [TrainTask(points, chosen) for points in single], params.compute, "theta0")
     table, words = store.insert_triples(), store.words()
     grid = list(product(given.batches, given.finetuning))
     names = [name for name in params.initializers if INITIALIZERS.get(name, name).role in ("paper", "isi")]
     tuned = []
-    for point, (points, learned), name in product(grid, zip(single, theta0, strict=True), names):
+    for (batch, rate), (points, learned), name in product(grid, zip(single, theta0, strict=True), names):
         nowhere = {(1, scope): np.full(len(points.seeds), np.nan) for scope in SCOPES}
-        told = TaskInput(store.insert_triples_of(points, table), words, nowhere)
         vectors = StackedVectors(chosen.model, learned.entity, learned.relation)
-        task = InsertTask(points, vectors, told, inserting_of(params, name, *point))
-        tuned.append(TuningTask(points, task, every=10))
+        config = insert_config(params, name).training(batch_size=batch, learning_rate=rate)
+        tuned.append(TuningTask(points, vectors, store.insert_triples_of(points, table), words, nowhere, config))
     means = np.reshape(run(fine_tune, tuned, params.compute, "fine-tuning"), (len(grid), -1)).mean(1)
     show("fine-tuning", grid, means)
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from isi.config import Study, distinct
 from isi.experiment.grid import GridPoints, StackedVectors
-from isi.experiment.insertion_step import with_vectors
+from isi.experiment.insert import with_vectors
 from isi.tables.rules import at_least
 from isi.tables.table import INT, NAME, Table
 

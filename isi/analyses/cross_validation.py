@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Annotated
 
-import numpy as np
 import pandas as pd
 from pydantic import Field
 
 from isi.config import Count, NotNegative, Positive, Section, Study
 from isi.evaluation.ranking import MEASURES
-from isi.experiment.grid import NO_INSERTION, GridPoints
+from isi.experiment.grid import GridPoints
 from isi.experiment.tables import HALVES, MEASURE_COLUMNS
 from isi.experiment.train import TrainConfig, TrainResult, TrainTask
 from isi.graph.graph import Graph
@@ -73,11 +72,10 @@ def fold_tasks(
     tasks = []
     for setting in study.settings(Setting.of(choice)):
         for first in range(0, len(splits), stack):
-            own = splits[first : first + stack]
-            numbers, nobody = list(range(first, first + len(own))), np.empty((len(own), 0, 0), dtype=np.int64)
-            tasks.append(
-                TrainTask(GridPoints(experiment, graph, NO_INSERTION, numbers, own, nobody), changed(choice, setting))
-            )
+            stacked = splits[first : first + stack]
+            numbers = list(range(first, first + len(stacked)))
+            points = GridPoints.without_insertion(experiment, graph, numbers, stacked)
+            tasks.append(TrainTask(points, changed(choice, setting)))
     return tasks
 
 
@@ -95,4 +93,4 @@ def changed(choice: TrainConfig, setting: Setting) -> TrainConfig:
 def best_looks(task: TrainTask, learned: TrainResult) -> pd.DataFrame:
     """The best look at each held-out fold (``CROSS_VALIDATION``)."""
     best = learned.log[learned.log["kept"]].groupby("seed").last().rename_axis("fold").reset_index()
-    return best.assign(**Setting.of(task.how).model_dump())
+    return best.assign(**Setting.of(task.config).model_dump())

@@ -7,18 +7,14 @@ from statistics import median_low
 
 import numpy as np
 import pandas as pd
-import torch
-from torch import Tensor
 
 from isi.config import Study
 from isi.errors import InputError
-from isi.experiment.grid import NO_INSERTION, GridPoints, StackedVectors
-from isi.experiment.train import TrainConfig
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.train import TrainConfig, TrainTask
 from isi.graph.graph import Graph
 from isi.graph.sessions import TRAIN
-from isi.models.stack import Embedding, uniform
-from isi.training.batches import training_data
-from isi.training.trainer import train
+from isi.training.trainer import never_stop, train
 
 
 class FinalModel(Study):
@@ -26,18 +22,16 @@ class FinalModel(Study):
 
 
 @dataclass(frozen=True)
-class FinalModelTask:
-    """Train one embedding on all triples of a graph."""
+class FinalModelTask(TrainTask):
+    """Train one embedding on all triples of a graph, for a number of epochs."""
 
-    points: GridPoints
-    how: TrainConfig
-    epochs: int
+    epochs: int = 0
 
 
-def final_task(experiment: str, graph: Graph, how: TrainConfig, epochs: int) -> FinalModelTask:
+def final_task(experiment: str, graph: Graph, config: TrainConfig, epochs: int) -> FinalModelTask:
     """The task of an experiment's graph; its random streams are those of the joint model of seed 0."""
-    splits, nobody = np.full((1, len(graph.triples)), TRAIN, dtype=np.int8), np.empty((1, 0, 0), dtype=np.int64)
-    return FinalModelTask(GridPoints(experiment, graph, NO_INSERTION, [0], splits, nobody), how, epochs)
+    splits = np.full((1, len(graph.triples)), TRAIN, dtype=np.int8)
+    return FinalModelTask(GridPoints.without_insertion(experiment, graph, [0], splits), config, epochs=epochs)
 
 
 def usual_epochs(log: pd.DataFrame) -> int:
@@ -57,15 +51,7 @@ def usual_epochs(log: pd.DataFrame) -> int:
 
 def train_final(task: FinalModelTask) -> StackedVectors:
     """The embedding of all triples of a graph after its epochs."""
-    how, session, keys = task.how, task.points.joint, task.points.keys()
-    relations = len(task.points.graph.relations)
-    start = uniform(session.entities, relations, how.model, how.dimension, how.init_range, how.root, keys)
-    data = training_data(session, "training", keys, how.negatives.head_pool)
-    settings = how.training.model_copy(update={"max_epochs": task.epochs})
-    theta = train(start, data, how.negatives, settings, how.root, _onward)
-    return StackedVectors(how.model, theta.entity.cpu().numpy(), theta.relation.cpu().numpy())
-
-
-def _onward(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:  # noqa: ARG001
-    """Nobody leaves before the last epoch."""
-    return torch.ones(len(models), dtype=torch.bool)
+    config, (start, data) = task.config, task.start()
+    optimizer = config.training.model_copy(update={"max_epochs": task.epochs})
+    theta = train(start, data, config.negatives, optimizer, config.root, never_stop)
+    return StackedVectors(config.model, theta.entity.cpu().numpy(), theta.relation.cpu().numpy())

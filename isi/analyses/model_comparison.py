@@ -55,7 +55,7 @@ class ModelTask:
 def measure(task: ModelTask) -> pd.DataFrame:
     """Measures in scope all, one row a seed."""
     points, nobody = task.points, torch.empty(len(task.points.seeds), 0, dtype=torch.int64)
-    result = evaluate(task.theta.stack, query_sets.epoch_query_sets(points.joint, nobody))["all"]
+    result = evaluate(task.theta.stack, query_sets.epoch_query_sets(points.last_session, nobody))["all"]
     columns = dict(zip(MEASURES, result.measures.T.cpu().numpy(), strict=True))
     return pd.DataFrame(columns | {"seed": points.seeds, "queries": result.queries.cpu().numpy()})
 

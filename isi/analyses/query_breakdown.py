@@ -14,8 +14,8 @@ from torch import Tensor
 from isi.config import Study
 from isi.evaluation.query_sets import epoch_query_sets, novel_query_set
 from isi.evaluation.ranking import Queries, RankedQueries, Ranks, make_queries, observations, rank_queries
-from isi.experiment.grid import GridPoints, StackedVectors
-from isi.experiment.insertion_step import with_vectors
+from isi.experiment.grid import JOINT_MODEL, GridPoints, StackedVectors
+from isi.experiment.insert import with_vectors
 from isi.experiment.tables import SCOPES, SESSION_CHECKS, SIZE_AND_SEED
 from isi.graph.sessions import TEST, TRAIN, VALID, Session, membership
 from isi.models.bilinear import BlockModel
@@ -24,8 +24,6 @@ from isi.models.stack import Embedding
 from isi.tables.rules import at_least, not_above, one_of, within
 from isi.tables.table import INT, LONG, NAME, REAL, Table, concat
 
-#: The model that no one is inserted into.
-JOINT = "joint"
 #: Where a query has a novel entity, by 1 for among what is given and 2 for as the answer.
 NOVEL = ("none", "given", "answer", "both")
 #: Magnitude above which a coordinate of a relation counts as used.
@@ -107,7 +105,7 @@ def break_down(task: QueryBreakdownTask) -> pd.DataFrame:
 def _models(task: QueryBreakdownTask, novel: Tensor) -> Iterator[tuple[str, Embedding]]:
     for name, vectors in task.inserted.items():
         yield name, with_vectors(task.theta0.stack, novel, torch.as_tensor(vectors))
-    yield JOINT, task.joint.stack
+    yield JOINT_MODEL, task.joint.stack
 
 
 def query_sets_with_filters(session: Session, novel: Tensor, told: Tensor) -> list[dict[QueryCounts, Queries]]:
@@ -190,7 +188,9 @@ def used(family: Model, relation: np.ndarray, seeds: Sequence[int], names: Seque
             uses = magnitude > USED  # (M, R, parts)
             counts = torch.cat([uses.sum(-1), uses.any(1).sum(-1, keepdim=True)], 1)
             every = pd.MultiIndex.from_product([seeds, [*names, None]], names=["seed", "relation"])
-            frame = every.to_frame(index=False).assign(model=JOINT, part=part, used=counts.flatten().cpu().numpy())
+            frame = every.to_frame(index=False).assign(
+                model=JOINT_MODEL, part=part, used=counts.flatten().cpu().numpy()
+            )
             parts.append(frame.assign(of=uses.shape[-1]))
     found = concat(parts, USED_COORDINATES)
     return found[found["of"] > 0]

@@ -6,23 +6,21 @@ The answers of a model to every query about some novel entities, in order, with 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 import torch
 from torch import Tensor
 
-from isi.analyses.query_breakdown import JOINT
 from isi.analyses.trajectory import Plane, on, plane, turn
 from isi.config import Count, Name, Study
-from isi.experiment.grid import GridPoints, StackedVectors
-from isi.experiment.insert import InsertTask, how_in, told_in
-from isi.experiment.insertion_step import finetune, initialize, with_vectors
+from isi.experiment.grid import JOINT_MODEL, GridPoints, StackedVectors
+from isi.experiment.insert import InsertTask, finetune, initialize, with_vectors
 from isi.experiment.tables import FALLBACK_NAMES
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.sessions import OUT, TRAIN
-from isi.initializers.api import FALLBACKS, InitContext, InitResult, context_of
+from isi.initializers.api import FALLBACKS, InitContext, InitResult
 from isi.initializers.similarity import (
     has_insert_triples,
     has_words,
@@ -33,6 +31,7 @@ from isi.initializers.similarity import (
 from isi.models.stack import Embedding
 from isi.tables.rules import at_least, finite, one_of, unique, within
 from isi.tables.table import INT, NAME, REAL, Table
+from isi.training.trainer import never_stop
 
 #: What a true answer is to a session.
 TRUE_NAMES = ("told", "learned", "held_out")
@@ -114,7 +113,7 @@ class SinglesTask:
     joint: StackedVectors
     #: the seed in which each entity is shown
     seeds: Mapping[int, int]
-    how: ExplorerParams
+    config: ExplorerParams
 
 
 @dataclass(frozen=True)
@@ -138,20 +137,24 @@ def single_insertions(task: SinglesTask) -> Singles:
     """Indicators, places and answers of the entities of a task that are shown."""
     points, joint, picked = task.points, task.joint.stack, pick(task.points, task.seeds)
     theta0, known = task.inserting[0].theta0.stack, points.session(0).entities
-    queries = queries_of(points, picked, points.insert_triples_in(1, task.inserting[0].told.insert_triples))
+    queries = queries_of(points, picked, points.insert_triples_in(1, task.inserting[0].insert_triples))
     planes = [plane(vectors[own]) for vectors, own in zip(theta0.entity, known, strict=True)]
     turned, fitted = turn(joint.entity, theta0.entity, known)
     indicators = list[pd.DataFrame]()
-    places = [_known_places(points, picked, theta0.entity, planes), _places(points, picked, turned, planes, JOINT, 0)]
-    answers = [answers_of(joint, points, queries, task.how.answers).assign(model=JOINT, epoch=0)]
-    for inserting in task.inserting:
-        name, (insertion, initial, *embeddings) = inserting.how.initializer, followed(inserting, points)
+    places = [
+        _known_places(points, picked, theta0.entity, planes),
+        _places(points, picked, turned, planes, JOINT_MODEL, 0),
+    ]
+    answers = [answers_of(joint, points, queries, task.config.answers).assign(model=JOINT_MODEL, epoch=0)]
+    for inserting in (replace(inserting, points=points) for inserting in task.inserting):
+        name, (initial, *embeddings) = inserting.config.initializer, inserted_and_trained(inserting)
         if initial.weights is not None:
-            rows = indicators_of(insertion, initial.weights, initial.fallback, picked, name, task.how.indicators)
+            context = inserting.context(inserting.theta0.stack, 1)
+            rows = indicators_of(context, initial.weights, initial.fallback, picked, name, task.config.indicators)
             indicators.append(rows)
-        for epoch, embedding in zip((0, task.how.epochs), embeddings, strict=True):
+        for epoch, embedding in zip((0, task.config.epochs), embeddings, strict=True):
             places.append(_places(points, picked, embedding.entity, planes, name, epoch))
-            answers.append(answers_of(embedding, points, queries, task.how.answers).assign(model=name, epoch=epoch))
+            answers.append(answers_of(embedding, points, queries, task.config.answers).assign(model=name, epoch=epoch))
     entities = pd.DataFrame({
         "entity": picked.entity.cpu().numpy(), "seed": _seeds(points, picked),
         "told": (queries.truth == TOLD).sum((1, 2, 3)).cpu().numpy(),
@@ -160,18 +163,12 @@ def single_insertions(task: SinglesTask) -> Singles:
     return Singles(entities, *(pd.concat(parts) for parts in (indicators, places, answers)))
 
 
-def followed(task: InsertTask, points: GridPoints) -> tuple[InitContext, InitResult, Embedding, Embedding]:
-    """What an initializer is given and gives, and the embedding as inserted and after all epochs of training."""
-    before, after, told, how = points.session(0), points.session(1), told_in(task, 1), how_in(task, 1)
+def inserted_and_trained(task: InsertTask) -> tuple[InitResult, Embedding, Embedding]:
+    """What an initializer gives, and the embedding as inserted and after all epochs of training."""
     theta0 = task.theta0.stack
-    initial = initialize(theta0, before, told, how)
-    inserted = with_vectors(theta0, told.novel, initial.vectors)
-    trained = finetune(inserted, after, told.novel, how, _to_the_end)
-    return context_of(theta0, before, told, how.root, how.keys), initial, inserted, trained
-
-
-def _to_the_end(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:  # noqa: ARG001
-    return torch.ones(len(models), dtype=torch.bool)
+    initial = initialize(task, theta0, 1)
+    inserted = with_vectors(theta0, task.points.novel_in(1), initial.vectors)
+    return initial, inserted, finetune(task, inserted, 1, never_stop)
 
 
 # Indicators

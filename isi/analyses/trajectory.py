@@ -13,13 +13,11 @@ import torch
 from torch import Tensor
 
 from isi.config import Count, Seed, Study
-from isi.experiment.grid import GridPoints
-from isi.experiment.insert import InsertTask, how_in, told_in
-from isi.experiment.insertion_step import finetune, initialize, with_vectors
-from isi.initializers.api import context_of
+from isi.experiment.insert import InsertTask, finetune, initialize, with_vectors
 from isi.initializers.similarity import has_insert_triples, has_words
 from isi.models.stack import Embedding
 from isi.tables.table import TensorFile
+from isi.training.trainer import never_stop
 
 #: ``entity``, ``known``, ``theta0``, and of each initializer ``NAME.path`` and ``NAME.indicators``.
 TRAJECTORY = TensorFile("data/analyses/trajectory/{experiment}.safetensors")
@@ -86,18 +84,16 @@ class Trajectories(Study):
 
 
 @dataclass(frozen=True)
-class TrajectoryTask:
+class TrajectoryTask(InsertTask):
     """Insert the novel entities of one grid point and follow one of them: a stack of height 1."""
 
-    points: GridPoints
-    inserting: InsertTask
     #: of the entity in ``novel``
-    place: int
+    place: int = 0
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """What became of one novel entity."""
+    """What becomes of one novel entity."""
 
     #: its vector before training and after each epoch; shape: (epochs + 1, d)
     path: np.ndarray
@@ -106,20 +102,21 @@ class Trajectory:
 
 
 def trace_trajectory(task: TrajectoryTask) -> Trajectory:
-    """Follow the entity through the same training as a step of insertion, in the first session."""
-    told, how, theta0 = told_in(task.inserting, 1), how_in(task.inserting, 1), task.inserting.theta0.stack
-    initial = initialize(theta0, task.points.session(0), told, how)
-    entity, path = told.novel[0, task.place], list[Tensor]()
+    """Follow the entity through the fine-tuning of the first session."""
+    theta0, novel = task.theta0.stack, task.points.novel_in(1)
+    initial = initialize(task, theta0, 1)
+    path = list[Tensor]()
 
     def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
+        entity = novel[0, task.place]
         path.append(embedding.entity[0, entity].clone() if epoch else initial.vectors[0, task.place])
-        return torch.ones(len(models), dtype=torch.bool)
+        return never_stop(epoch, embedding, models)
 
-    finetune(with_vectors(theta0, told.novel, initial.vectors), task.points.session(1), told.novel, how, watch)
-    chosen = torch.zeros(len(task.points.graph.entities), dtype=torch.bool)
+    finetune(task, with_vectors(theta0, novel, initial.vectors), 1, watch)
+    indicators = torch.zeros(len(task.points.graph.entities), dtype=torch.bool)
     if initial.indicators is not None:
-        chosen = initial.indicators[0, task.place]
-    return Trajectory(torch.stack(path).cpu().numpy(), chosen.cpu().numpy())
+        indicators = initial.indicators[0, task.place]
+    return Trajectory(torch.stack(path).cpu().numpy(), indicators.cpu().numpy())
 
 
 def place_of_interest(task: InsertTask, kinds: pd.Series, kind: str) -> int | None:
@@ -128,8 +125,7 @@ def place_of_interest(task: InsertTask, kinds: pd.Series, kind: str) -> int | No
     Args:
         kinds: of entities, by id.
     """
-    how = how_in(task, 1)
-    insertion = context_of(task.theta0.stack, task.points.session(0), told_in(task, 1), how.root, how.keys)
-    able = (has_words(insertion) & has_insert_triples(insertion))[0].numpy()
+    context = task.context(task.theta0.stack, 1)
+    able = (has_words(context) & has_insert_triples(context))[0].numpy()
     places = np.flatnonzero(able & (kinds.astype(str)[task.points.novel[0, 0]] == kind).to_numpy())
     return int(places[0]) if len(places) else None

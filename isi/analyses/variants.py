@@ -4,26 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, cast
 
 import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from isi.analyses.query_breakdown import JOINT as JOINT_MODEL
 from isi.analyses.query_breakdown import QueryBreakdownTask, break_down, breakdown_table
 from isi.config import Count, Name, Option, Section, check
 from isi.errors import InputError
-from isi.experiment.grid import NO_INSERTION, GridPoints, StackedVectors
-from isi.experiment.insert import (  # fmt: skip
-    InsertTask,
-    TaskConfig,
-    TaskInput,
-    insert_stack,
-    joint_targets,
-    task_config,
-)
+from isi.experiment.grid import JOINT_MODEL, GridPoints, StackedVectors
+from isi.experiment.insert import InsertConfig, InsertTask, insert_config, insert_stack, joint_targets
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
 from isi.experiment.tables import runs_table
@@ -32,10 +24,10 @@ from isi.experiment.train import (
     TrainConfig,
     TrainTask,
     evaluate_stack,
+    joint_tasks,
     model_of,
     train_config,
-    train_initial,
-    train_joint_model,
+    train_stack,
 )
 from isi.graph.sampling import later_key
 from isi.graph.words import load_vectors, look_up
@@ -135,23 +127,24 @@ def results(params: Params, study: Variant, stores: Sequence[Store], shown: str)
 
 
 def tasks(params: Params, study: Variant, store: Store) -> list[VariantTask]:
-    """A variant of one experiment, over its points."""
-    family, table, words = model_of(params), store.insert_triples(), words_of(params, study, store)
-    how = {name: how_of(params, study, name) for name in study.initializers}
-    found = []
+    """A variant of one experiment, over its grid."""
+    model, table, words = model_of(params), store.insert_triples(), words_of(params, study, store)
+    configs = {name: config_of(params, study, name) for name in study.initializers}
+    variant_tasks = []
     for points in store.grid(stack_height(params.compute), study.size, study.seeds):
-        start = train_config(params) if study.trains else (store.theta0(points, family), store.joint(points, family))
-        told = store.insert_triples_of(points, table)
-        found.append(
-            VariantTask(points, start, told, some_of(told, study.max_insert_triples, points, params.seed), words, how)
-        )
-    return found
+        joint = [store.joint(points, model, n) for n in range(1, points.sessions + 1)] if not study.trains else []
+        start = train_config(params) if study.trains else (store.theta0(points, model), joint)
+        insert_triples = store.insert_triples_of(points, table)
+        fewer = at_most(insert_triples, study.max_insert_triples, points, params.seed)
+        variant_tasks.append(VariantTask(points, start, insert_triples, fewer, words, configs))
+    return variant_tasks
 
 
-def how_of(params: Params, study: Variant, initializer: str) -> TaskConfig:
+def config_of(params: Params, study: Variant, initializer: str) -> InsertConfig:
     """How a variant inserts with one initializer, with options of its own or those of the main runs."""
     full_curves = [study.size] if study.full_curves else []
-    return task_config(params, initializer, full_curves, study.finetuned, study.options.get(initializer))
+    config = insert_config(params, initializer, full_curves, study.options.get(initializer))
+    return config if study.finetuned else config.training(max_epochs=0)
 
 
 def words_of(params: Params, study: Variant, store: Store) -> np.ndarray:
@@ -163,43 +156,48 @@ def words_of(params: Params, study: Variant, store: Store) -> np.ndarray:
 
 @dataclass(frozen=True)
 class VariantTask:
-    """Insert into embeddings of a stack of grid points with every initializer, beside the joint model."""
+    """Insert into embeddings of a stack of grid points with every initializer, beside the joint models."""
 
     points: GridPoints
-    #: Θ⁰ and the joint model, or how to train them
-    start: tuple[StackedVectors, StackedVectors] | TrainConfig
-    #: the insert triples, and those of them that are told; (session, model, place in ``novel``, triple), in this order
+    #: Θ⁰ and the joint model of each session, or how to train them
+    start: tuple[StackedVectors, list[StackedVectors]] | TrainConfig
+    #: the insert triples, and those that initializers see; (session, model, place in ``novel``, triple), in this order
     insert_triples: np.ndarray
-    told: np.ndarray
+    seen: np.ndarray
     #: shape: (E, w)
     words: np.ndarray
     #: by initializer
-    how: Mapping[str, TaskConfig]
+    configs: Mapping[str, InsertConfig]
 
 
 def repeat(task: VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs of every model, and what it answers at once (``VARIANT_RUNS`` and ``VARIANT_QUERIES``, experiment apart).
+    """Runs of every model, and what it answers right after insertion (without the experiment).
 
-    The same is asked whatever was told: what touches a novel entity and is no insert triple.
+    Queries are the same whatever an initializer sees: triples with a novel entity that are no insert triples.
     """
     points = task.points
     theta0, joint = _trained(points, task.start) if isinstance(task.start, TrainConfig) else task.start
-    judged = evaluate_stack(EvaluationTask(points, joint, task.insert_triples))
-    told = TaskInput(task.told, task.words, joint_targets(judged, points))
-    done = {name: insert_stack(InsertTask(points, theta0, told, how)) for name, how in task.how.items()}
-    first = {name: one.vectors[:, : points.size] for name, one in done.items()}
-    runs = [judged.assign(model=JOINT_MODEL), *(one.runs.assign(model=name) for name, one in done.items())]
-    return pd.concat(runs), break_down(QueryBreakdownTask(points, theta0, joint, first, task.insert_triples))
+    measured = evaluate_stack(EvaluationTask(points, joint, task.insert_triples))
+    targets = joint_targets(measured, points)
+    results = {
+        name: insert_stack(InsertTask(points, theta0, task.seen, task.words, targets, config))
+        for name, config in task.configs.items()
+    }
+    first = {name: result.vectors[:, : points.size] for name, result in results.items()}
+    runs = [measured.assign(model=JOINT_MODEL), *(result.runs.assign(model=name) for name, result in results.items())]
+    return pd.concat(runs), break_down(QueryBreakdownTask(points, theta0, joint[0], first, task.insert_triples))
 
 
-def _trained(points: GridPoints, how: TrainConfig) -> tuple[StackedVectors, StackedVectors]:
-    everyone = replace(points, size=NO_INSERTION, novel=points.novel[:, :0])
-    learned = train_initial(TrainTask(points, how)), train_joint_model(TrainTask(everyone, how))
-    theta0, joint = (StackedVectors(how.model, one.entity, one.relation) for one in learned)
+def _trained(points: GridPoints, config: TrainConfig) -> tuple[StackedVectors, list[StackedVectors]]:
+    last, *earlier = joint_tasks([points], config)
+    theta0, *joint = (
+        StackedVectors(config.model, result.entity, result.relation)
+        for result in map(train_stack, (TrainTask(points, config), *earlier, last))
+    )
     return theta0, joint
 
 
-def some_of(triples: np.ndarray, most: int | None, points: GridPoints, root: int) -> np.ndarray:
+def at_most(triples: np.ndarray, most: int | None, points: GridPoints, root: int) -> np.ndarray:
     """At most so many insert triples of each novel entity, drawn at random; the fewer are part of the more.
 
     Args:

@@ -1,26 +1,26 @@
-"""Points of the grid of insertions. A grid point is a (size, seed); a task is a stack of grid points of one size.
+"""The grid of insertions: a grid point is a size and a seed; a task of a worker has a stack of them, of one size.
 
 A task carries plain values and arrays and depends on nothing else, so that results are the same
-however tasks are spread.
+wherever tasks run.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from isi.graph import sessions
 from isi.graph.graph import Graph
-from isi.graph.sampling import later_key
-from isi.graph.sessions import Session
+from isi.graph.sessions import Session, Timeline
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
 #: Size that stands for no insertion, in keys of random streams and in logs.
 NO_INSERTION = 0
+#: Name of the joint model, as of an initializer, in tables.
+JOINT_MODEL = "joint"
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,11 @@ class GridPoints:
     #: ids of the novel entities, by the session that inserts them; shape: (M, S, size)
     novel: np.ndarray
 
+    @classmethod
+    def without_insertion(cls, experiment: str, graph: Graph, seeds: list[int], splits: np.ndarray) -> GridPoints:
+        """Grid points at which every entity is known from the start."""
+        return cls(experiment, graph, NO_INSERTION, seeds, splits, np.empty((len(seeds), 0, 0), dtype=np.int64))
+
     def __str__(self) -> str:
         return f"{self.experiment}, size {self.size}, seeds {', '.join(map(str, self.seeds))}"
 
@@ -44,19 +49,28 @@ class GridPoints:
         """How many sessions insert."""
         return int(self.novel.shape[1])
 
-    def keys(self, number: int = 1) -> Tensor:
-        """(size, seed) of each model, for its random streams in a session; shape: (M, 2), (M, 3) after the first."""
-        return torch.tensor([[self.size, seed, *later_key(number)] for seed in self.seeds])
+    @property
+    def all_known(self) -> GridPoints:
+        """The same seeds with nothing to insert: D⁰ is what D of the last session is."""
+        return replace(self, size=NO_INSERTION, novel=self.novel[:, :0])
+
+    def keys(self, *more: int) -> Tensor:
+        """Size, seed and more numbers of each model, as keys of its random streams; shape: (M, 2 + more)."""
+        return torch.tensor([[self.size, seed, *more] for seed in self.seeds])
 
     def session(self, number: int) -> Session:
-        """D of the session after which so many have inserted: D⁰, D¹, ..."""
-        absent = self.novel[:, number:].reshape(len(self.seeds), -1)
-        return sessions.without(self.graph, torch.as_tensor(self.splits), torch.as_tensor(absent))
+        """D after a number of sessions that insert: D⁰, D¹, ..."""
+        splits, novel = torch.as_tensor(self.splits), torch.as_tensor(self.novel)
+        return Timeline.of_novel(self.graph, splits, novel).session(number)
 
     @property
-    def joint(self) -> Session:
+    def last_session(self) -> Session:
         """D of the last session: all that has a split."""
-        return sessions.everything(self.graph, torch.as_tensor(self.splits))
+        return self.session(self.sessions)
+
+    def joint_prefix(self, session: int) -> str:
+        """Prefix of the tensors of a session's joint models: those of the last session are of all sizes."""
+        return "" if session == self.sessions else f"size={self.size:02d}.session={session}."
 
     def novel_in(self, number: int) -> Tensor:
         """Ids of the entities that a session inserts, from 1; shape: (M, size)."""
@@ -68,9 +82,9 @@ class GridPoints:
         Args:
             insert_triples: (session, model, place in ``novel``, triple); shape (I, 4).
         """
-        own = insert_triples[insert_triples[:, 0] == number]
+        rows = insert_triples[insert_triples[:, 0] == number]
         mask = torch.zeros(self.splits.shape, dtype=torch.bool)
-        mask[own[:, 1], own[:, 3]] = True
+        mask[rows[:, 1], rows[:, 3]] = True
         return mask
 
 

@@ -84,15 +84,17 @@ class Store:
         """Θ⁰ of a stack of grid points."""
         return self._embedding(THETA0, {"size": points.size}, points, family, points.session(0))
 
-    def joint(self, points: GridPoints, family: Model) -> StackedVectors:
-        """The joint models of a stack of grid points."""
-        return self._embedding(JOINT, {}, points, family, points.joint)
+    def joint(self, points: GridPoints, family: Model, session: int = 1) -> StackedVectors:
+        """The joint models of a session of a stack of grid points."""
+        return self._embedding(JOINT, {}, points, family, points.session(session), points.joint_prefix(session))
 
     def _embedding(
-        self, file: TensorFile, names: Mapping[str, int], points: GridPoints, family: Model, session: Session
-    ) -> StackedVectors:
+        self, file: TensorFile, names: Mapping[str, int], points: GridPoints, family: Model, session: Session,
+        prefix: str = "",
+    ) -> StackedVectors:  # fmt: skip
         path = file.path(experiment=self.experiment, **names)
-        entity, relation, known, seed = self._arrays(file, "entity", "relation", "known", "seed", **names)
+        tensors = [f"{prefix}{name}" for name in ("entity", "relation", "known", "seed")]
+        entity, relation, known, seed = self._arrays(file, *tensors, **names)
         agreement.seeds_are(path, seed, self._seeds, entity, relation, known)
         rows = np.flatnonzero(np.isin(seed, points.seeds))
         theta = StackedVectors(family, entity[rows], relation[rows])

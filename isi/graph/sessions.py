@@ -1,4 +1,4 @@
-"""A stack of learning sessions: which entities and triples of a graph take part (section 5.2)."""
+"""Sessions of incremental learning: when each entity and each triple of a graph arrives, and in which split."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from torch import Tensor
 
 from isi.graph.graph import Graph
 
-#: What a triple is to a session; ``OUT`` where it takes no part.
+#: Split of a triple in a session; ``OUT`` where it takes no part.
 OUT, TRAIN, VALID, TEST = -1, 0, 1, 2
 SPLITS = ("train", "valid", "test")
+#: Arrival of what takes part in no session.
+NEVER = 2**31 - 1
 
 
 @dataclass(frozen=True)
@@ -34,16 +36,42 @@ class Session:
         return self.entities & ends(self.graph, self.members(TRAIN))
 
 
-def everything(graph: Graph, splits: Tensor) -> Session:
-    """The triples that have a split, shape (M, T), and their entities: D¹ where one session inserts."""
+@dataclass(frozen=True)
+class Timeline:
+    """Sessions D⁰, D¹, ... of a stack of M models over one graph: each has what has arrived by then (section 5.2)."""
+
+    graph: Graph
+    #: session in which an entity arrives, 0 if it is known from the start; shape: (M, E), int64
+    entity_arrival: Tensor
+    #: the same of unique triples, of which none arrives before its ends; shape: (M, T), int64
+    triple_arrival: Tensor
+    #: TRAIN, VALID, TEST or OUT; shape: (M, T), int8
+    splits: Tensor
+
+    @classmethod
+    def of_novel(cls, graph: Graph, splits: Tensor, novel: Tensor) -> Timeline:
+        """A triple arrives with the later of its ends, and an entity without a triple that has a split never.
+
+        Args:
+            splits: shape (M, T).
+            novel: ids of the entities that each of S sessions inserts; shape (M, S, n).
+        """
+        arrival = torch.zeros(len(splits), len(graph.entities), dtype=torch.int64)
+        for session in range(novel.shape[1]):
+            arrival.scatter_(1, novel[:, session], session + 1)
+        arrival.masked_fill_(~ends(graph, splits != OUT), NEVER)
+        by_end = (arrival[:, graph.triples[:, slot]] for slot in (0, 2))
+        return cls(graph, arrival, torch.maximum(*by_end), splits)
+
+    def session(self, number: int) -> Session:
+        """D after a number of sessions: 0 is what is known from the start."""
+        splits = self.splits.masked_fill(self.triple_arrival > number, OUT)
+        return Session(self.graph, self.entity_arrival <= number, splits)
+
+
+def session_of(graph: Graph, splits: Tensor) -> Session:
+    """The session of all triples that have a split, shape (M, T), and of their entities."""
     return Session(graph, ends(graph, splits != OUT), splits)
-
-
-def without(graph: Graph, splits: Tensor, absent: Tensor) -> Session:
-    """The same without some entities, ids of shape (M, n), and without their triples: D⁰ without all novel ones."""
-    is_absent = membership(absent, len(graph.entities))
-    entities = everything(graph, splits).entities & ~is_absent
-    return Session(graph, entities, splits.masked_fill(touches(graph, is_absent), OUT))
 
 
 def touches(graph: Graph, entities: Tensor) -> Tensor:

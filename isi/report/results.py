@@ -19,7 +19,7 @@ from isi.analyses.model_comparison import MODEL_COMPARISON
 from isi.analyses.query_breakdown import QUERY_BREAKDOWN, USED_COORDINATES
 from isi.analyses.sweep import INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.trajectory import TRACED, TRAJECTORY
-from isi.experiment.insert import among
+from isi.experiment.insert import is_listed
 from isi.experiment.tables import INSERTED, RUNS, TIES, TRAINING_LOG
 from isi.graph.graph import MinedSource
 from isi.graph.tables import COVERAGE, ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES
@@ -90,7 +90,7 @@ class Experiment:
     @property
     def curves(self) -> pd.DataFrame:
         """Runs of that size by those who are followed, and of the joint model."""
-        followed = [name for name in self.finetuned if among(self.how.full_curves.initializers, name)]
+        followed = [name for name in self.finetuned if is_listed(self.how.full_curves.initializers, name)]
         return self.runs[(self.runs["size"] == self.curve_size) & self.runs["model"].isin([*followed, JOINT])]
 
     @cached_property

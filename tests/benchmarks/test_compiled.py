@@ -19,7 +19,7 @@ from torchkge.sampling import BernoulliNegativeSampler
 from torchkge.utils import LogisticLoss
 
 from isi.graph.graph import Graph
-from isi.graph.sessions import everything
+from isi.graph.sessions import session_of
 from isi.models.model import make_model
 from isi.models.stack import uniform
 from isi.params import Params
@@ -47,7 +47,7 @@ def measure(benchmark: Any, what: str, epoch: Callable[[], object], observations
 
 @pytest.fixture(scope="module")
 def data(home: Graph, params: Params) -> TrainingData:
-    session = everything(home, splits(home, params, 1))
+    session = session_of(home, splits(home, params, 1))
     return training_data(session, "training", torch.zeros(1, 2, dtype=torch.int64), params.negatives.head_pool)
 
 

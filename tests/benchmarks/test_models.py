@@ -18,7 +18,7 @@ from pykeen.training import SLCWATrainingLoop
 from torch import Tensor
 
 from isi.graph.graph import Graph
-from isi.graph.sessions import TEST, TRAIN, VALID, Session, everything
+from isi.graph.sessions import TEST, TRAIN, VALID, Session, session_of
 from isi.models.model import make_model
 from isi.models.stack import Embedding, uniform
 from isi.training.batches import Negatives, training_data
@@ -55,7 +55,7 @@ def session(umls: UMLS) -> Session:
     names = ([f"{number}" for number in range(count)] for count in (umls.num_entities, umls.num_relations))
     triples = torch.cat(parts)
     ones, kinds = torch.ones(len(triples), dtype=torch.int64), torch.zeros(umls.num_entities, dtype=torch.int64)
-    return everything(Graph(*names, triples, ones, kinds), torch.cat(codes)[None])
+    return session_of(Graph(*names, triples, ones, kinds), torch.cat(codes)[None])
 
 
 def ours(name: str, session: Session) -> Embedding:

@@ -23,7 +23,7 @@ from isi.evaluation.query_sets import epoch_query_sets
 from isi.evaluation.ranking import Queries, evaluate, make_queries, padded_ids
 from isi.graph.graph import Graph
 from isi.graph.sampling import sample_novel, split
-from isi.graph.sessions import TEST, TRAIN, VALID, Session, everything
+from isi.graph.sessions import TEST, TRAIN, VALID, Session
 from isi.models.model import make_model
 from isi.models.stack import Embedding, uniform
 from isi.params import Params
@@ -41,7 +41,7 @@ def measure(benchmark: Any, ranked: Callable[[], object], triples: int, **facts:
 
 def session_of(home: Graph, params: Params, models: int) -> Session:
     shares = params.sessions.valid, params.sessions.test
-    return everything(
+    return session_of(
         home, torch.from_numpy(np.stack([split(home, params.seed, seed, *shares) for seed in range(models)]))
     )
 

@@ -24,7 +24,7 @@ from torchkge.utils import LogisticLoss
 
 from isi.graph.graph import Graph
 from isi.graph.sampling import split
-from isi.graph.sessions import TRAIN, everything
+from isi.graph.sessions import TRAIN, session_of
 from isi.models.model import make_model
 from isi.models.stack import uniform
 from isi.params import Params
@@ -55,7 +55,7 @@ def observations(home: Graph, params: Params) -> Tensor:
 
 
 def time_stack(benchmark: Any, home: Graph, params: Params, models: int, mode: str, family: str) -> None:
-    session = everything(home, splits(home, params, models))
+    session = session_of(home, splits(home, params, models))
     keys = torch.tensor([[0, seed] for seed in range(models)])
     negatives = params.negatives.model_copy(update={"mode": mode})
     data = training_data(session, "training", keys, negatives.head_pool)

@@ -1,0 +1,106 @@
+"""Training and insertion over a small grid, as tasks, for tests to share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from isi.config import Option
+from isi.evaluation.convergence import SCOPES as CONVERGING
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.insert import InsertConfig, InsertTask, TaskResult
+from isi.experiment.train import TrainConfig, TrainResult, TrainTask, as_tensors, train_stack
+from isi.training.batches import Negatives
+from isi.training.trainer import Optimizer, Training
+from tests.small_graphs import ANALOGY, insert_triples_of, points_of, random_graph
+
+ENTITIES, RELATIONS, SIZE, SEEDS = 14, 3, 2, [0, 1, 2, 3]
+GRAPH = random_graph(ENTITIES, RELATIONS, 90)
+SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
+#: Options of families that have no defaults.
+FAMILY_OPTIONS: dict[str, dict[str, Option]] = {
+    "transe": {"margin": 4.0, "squared": False}, "rotate": {"margin": 4.0, "squared": False},
+}  # fmt: skip
+LEARNING = TrainConfig(
+    root=0,
+    model=ANALOGY,
+    dimension=12,
+    init_range=0.01,
+    negatives=SAMPLED,
+    training=Training(
+        batch_size=80, learning_rate=0.1, weight_decay=1e-3, max_epochs=8, evaluate_every=2, patience=1
+    ),
+)  # fmt: skip
+OPTIMIZER = Optimizer(batch_size=80, learning_rate=0.05, weight_decay=1e-3, max_epochs=5)
+MARGIN = 0.05
+INITIALIZERS: dict[str, dict[str, Option]] = {
+    "xavier": {}, "iu": {}, "es": {"k": 3}, "rs": {"k": 4}, "ers": {"k": 2, "candidates": 5},
+    "mean": {}, "gaussian": {}, "gaussian_centred": {}, "es_permuted": {"k": 3},
+}  # fmt: skip
+WORDS = np.random.default_rng(0).normal(size=(ENTITIES, 6)).astype(np.float32)
+SCOPES = {"all", "known", "known_closed", "novel", "novel_heldout"}
+#: MRR* of the joint models: one that is soon reached, ..., one that never is.
+JOINT = np.array([0.1, 0.5, 0.6, 2.0])
+
+
+def stacks(height: int, steps: int = 1) -> list[GridPoints]:
+    firsts = range(0, len(SEEDS), height)
+    return [points_of(GRAPH, SIZE, SEEDS[first : first + height], steps=steps) for first in firsts]
+
+
+def training_tasks(height: int, config: TrainConfig = LEARNING, steps: int = 1) -> list[TrainTask]:
+    return [TrainTask(points, config) for points in stacks(height, steps)]
+
+
+def joint_training_tasks(height: int, config: TrainConfig = LEARNING) -> list[TrainTask]:
+    return [TrainTask(points.all_known, config) for points in stacks(height)]
+
+
+def theta0(config: TrainConfig = LEARNING, steps: int = 1) -> StackedVectors:
+    (trained,) = (train_stack(task) for task in training_tasks(len(SEEDS), config, steps))
+    return StackedVectors(config.model, trained.entity, trained.relation)
+
+
+def all_insert_triples(points: GridPoints) -> np.ndarray:
+    """(session, model, place in ``novel``, triple); shape (I, 4)."""
+    sessions = range(1, points.sessions + 1)
+    return np.concatenate([np.insert(insert_triples_of(points, session), 0, session, axis=1) for session in sessions])
+
+
+def insert_tasks(
+    height: int,
+    name: str,
+    trained: StackedVectors,
+    words: np.ndarray = WORDS,
+    steps: int = 1,
+    full_curves: Sequence[int] = (),
+) -> list[InsertTask]:
+    config = InsertConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, full_curves)
+    tasks = []
+    for number, points in enumerate(stacks(height, steps)):
+        rows = slice(number * height, (number + 1) * height)
+        vectors = StackedVectors(trained.model, trained.entity[rows], trained.relation[rows])
+        joint = {(n, scope): JOINT[rows].copy() for n in range(1, steps + 1) for scope in CONVERGING}
+        tasks.append(InsertTask(points, vectors, all_insert_triples(points), words, joint, config))
+    return tasks
+
+
+def trained_bytes(learned: list[TrainResult]) -> dict[str, bytes]:
+    """All that learning gave, in the order of seeds and epochs; floats in CSV are whole."""
+    tensors = as_tensors(training_tasks(len(SEEDS) // len(learned)), learned)
+    log = pd.concat([result.log for result in learned]).sort_values(["seed", "epoch"])
+    return {name: tensor.numpy().tobytes() for name, tensor in tensors.items()} | {"log": csv(log)}
+
+
+def inserted_bytes(inserted: list[TaskResult]) -> dict[str, bytes]:
+    """All that insertion gave, in the order of seeds, sessions, epochs and scopes."""
+    runs = pd.concat([result.runs for result in inserted]).sort_values(["seed", "session", "epoch", "scope"])
+    entities = pd.concat([result.entities for result in inserted]).sort_values(["seed", "session", "entity"])
+    vectors = np.concatenate([result.vectors for result in inserted])
+    return {"vectors": vectors.tobytes(), "runs": csv(runs), "entities": csv(entities)}
+
+
+def csv(table: pd.DataFrame) -> bytes:
+    return table.to_csv(index=False).encode()
