@@ -22,6 +22,7 @@ SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
 #: Options of families that have no defaults.
 FAMILY_OPTIONS: dict[str, dict[str, Option]] = {
     "transe": {"margin": 4.0, "squared": False}, "rotate": {"margin": 4.0, "squared": False},
+    "transe_l1": {"margin": 4.0},
 }  # fmt: skip
 LEARNING = TrainConfig(
     root=0,
