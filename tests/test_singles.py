@@ -32,7 +32,9 @@ from tests.small_graphs import ANALOGY, graph_of
 from tests.small_grid import ENTITIES, LEARNING, MARGIN, OPTIMIZER, SAMPLED, WORDS, insert_tasks, stacks, theta0
 
 SOFT = {"word_weight": 3.0, "relation_weight": 5.0}
-HOW = ExplorerParams(experiments=["home"], size=2, epochs=OPTIMIZER.max_epochs, best="soft_hybrid", indicators=4, answers=3)
+HOW = ExplorerParams(
+    experiments=["home"], size=2, epochs=OPTIMIZER.max_epochs, best="soft_hybrid", indicators=4, answers=3
+)
 
 
 def soft_task(trained: StackedVectors, words: np.ndarray = WORDS) -> InsertTask:
