@@ -1,7 +1,5 @@
 """Break down what every model answers right after insertion, by the kind of query."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from isi.analyses import query_breakdown

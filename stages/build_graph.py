@@ -1,7 +1,5 @@
 """Count a source's observations into the unique triples of an experiment's graph, and add entities of another one."""
 
-from __future__ import annotations
-
 from isi.graph import graph as building
 from isi.graph.graph import Extension, GraphTables, MinedSource
 from isi.graph.tables import ENTITIES, TRIPLES

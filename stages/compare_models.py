@@ -1,7 +1,5 @@
 """Train the joint model with one embedding model, and measure it over all queries."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from isi.analyses.model_comparison import MODEL_COMPARISON, ModelTask, measure, rows

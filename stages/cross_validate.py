@@ -1,7 +1,5 @@
 """Train the joint model with several settings on all but one fold, and measure it on that."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from isi.analyses.cross_validation import CROSS_VALIDATION, best_looks, fold_tasks

@@ -1,7 +1,5 @@
 """Look up the word vector of every entity."""
 
-from __future__ import annotations
-
 import torch
 
 from isi.errors import at

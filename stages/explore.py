@@ -1,7 +1,5 @@
 """An experiment on a graph of its own, from its source to what its models answer."""
 
-from __future__ import annotations
-
 import pandas as pd
 import pyarrow as pa
 

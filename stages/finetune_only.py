@@ -1,7 +1,5 @@
 """Fine-tune Θ⁰ on what it knows, with nothing inserted, and measure that after every epoch."""
 
-from __future__ import annotations
-
 from isi.analyses import finetune_only as analysis
 from isi.analyses.finetune_only import FINETUNE_ONLY, FinetuneOnlyTask
 from isi.experiment.runner import run, stack_height

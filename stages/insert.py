@@ -1,7 +1,5 @@
 """Insert novel entities into Θ⁰ with one initializer, measure immediately, and fine-tune."""
 
-from __future__ import annotations
-
 import torch
 
 from isi.experiment.insert import insert_config, insert_stack, insertion_tasks, is_listed

@@ -1,7 +1,5 @@
 """Hide entities of a graph from PyKEEN's training, and insert them."""
 
-from __future__ import annotations
-
 import json
 import sys
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """Draw splits, novel entities and insert triples for every size and seed."""
 
-from __future__ import annotations
-
 from isi.graph.graph import build_graph
 from isi.graph.sampling import session_tables
 from isi.graph.tables import ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES

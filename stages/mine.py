@@ -1,7 +1,5 @@
 """Mine a source into observations, and name its entities."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from isi.errors import at

@@ -1,7 +1,5 @@
 """Rank what can be done with inserted entities, from the vectors that were inserted."""
 
-from __future__ import annotations
-
 from isi.analyses.affordances import AFFORDANCES, RankingTask, ranks
 from isi.errors import InputError
 from isi.experiment.insert import is_listed

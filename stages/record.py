@@ -4,8 +4,6 @@ Goes on where an earlier run has stopped. The settings are those of the section 
 stage of a pipeline reads; what is given here goes before them.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Render the report: tables, figures, metrics and the page."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import platform

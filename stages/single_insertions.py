@@ -1,7 +1,5 @@
 """Show single insertions, entity by entity: the indicators of each, its place, and what models answer about it."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from isi.analyses import single_insertions as analysis

@@ -1,7 +1,5 @@
 """Insert novel entities with indicator sets of several sizes, by one initializer, until convergence."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """Insert novel entities with one initializer again, fine-tuned until convergence at other rates."""
 
-from __future__ import annotations
-
 from isi.analyses.sweep import RATE_SWEEP
 from isi.experiment.insert import insert_config, insert_stack, insertion_tasks
 from isi.experiment.runner import run, stack_height

@@ -1,7 +1,5 @@
 """Follow one novel entity through fine-tuning, from where each initializer puts it."""
 
-from __future__ import annotations
-
 import torch
 
 from isi.analyses import trajectory as analysis

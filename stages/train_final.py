@@ -1,7 +1,5 @@
 """Train an embedding of all of an experiment's graph, which commands of ``isi`` insert into."""
 
-from __future__ import annotations
-
 from isi.analyses.final_model import final_task, usual_epochs
 from isi.analyses.final_model import train_final as train
 from isi.bundle.folder import write

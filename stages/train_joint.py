@@ -1,7 +1,5 @@
 """Train the joint models of every session, and measure each in the scopes of its session."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from isi.experiment.runner import run, stack_height

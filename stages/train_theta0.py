@@ -1,7 +1,5 @@
 """Train Θ⁰ on D⁰, for every size and seed."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from isi.experiment.runner import run, stack_height

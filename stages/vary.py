@@ -1,7 +1,5 @@
 """Run experiments again under other conditions, beside their main runs."""
 
-from __future__ import annotations
-
 from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, changed, results
 from isi.experiment.store import Store
 from isi.stage import StageContext, stage

@@ -113,11 +113,11 @@ def graph(workspace: Path, experiment: str) -> None:
 @pytest.mark.parametrize(
     ("key", "misspelt", "command", "named"),
     [
-        ("\nseed:", "\nsede:", "mine ai2thor", "seed"),
+        ("\nseed:", "\nsede:", "mine ai2thor", "sede"),
         ("reader: ai2thor", "reader: ai2tor", "mine ai2thor", "sources.ai2thor.reader"),
         ("min_count: 1", "min_count: 0", "build_graph ai2thor", "experiments.ai2thor.graph.min_count"),
         ("novel: any", "novel: nay", "make_sessions ai2thor", "experiments.ai2thor.sessions.novel"),
-        ("family: analogy", "family: analog", "train_theta0 ai2thor", "models.analog"),
+        ("\n  model: analogy", "\n  model: analog", "train_theta0 ai2thor", "embedding.model"),
         ("\n    k: 8", "\n    kk: 8", "insert ai2thor es", "initializers.es.kk"),
         ("\n    initializers: all", "\n    initializers: al", "insert ai2thor es", "experiments.ai2thor.initializers"),
     ],
