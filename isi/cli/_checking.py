@@ -10,6 +10,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pandas as pd
+
 import isi.analyses
 import isi.sources.tables
 from isi.bundle import folder as bundles
@@ -90,19 +92,18 @@ def _disagreements(store: Store, found: Sequence[Found], params: Params) -> Iter
         except InputError as error:
             yield error
     for path, file, names in found:
-        if isinstance(file, Table) and file.entity_ids:
-            yield from _problem(partial(_check_ids, store, path, file))
-        elif file is COVERAGE:
-            coverage = partial(agreement.rows_are_entities, path, store.table(COVERAGE))
-            yield from _problem(partial(coverage, store.entities()))
+        if isinstance(file, Table):
+            yield from _problem(partial(_check_entities, store, path, file))
         elif file is WORD_VECTORS:
             yield from _problem(store.words)
         for points in stacks:
             yield from _problem(partial(_check_stack, store, path, file, names, points, model))
 
 
-def _check_ids(store: Store, path: Path, table: Table) -> None:
-    rows = table.read_file(path)
+def _check_entities(store: Store, path: Path, table: Table) -> None:
+    rows = table.read_file(path) if table.entity_ids or table is COVERAGE else pd.DataFrame()
+    if table is COVERAGE:
+        agreement.rows_are_entities(path, rows, store.entities())
     for column in table.entity_ids:
         agreement.ids_below(path, rows, column, len(store.entities()), "graph's entities")
 

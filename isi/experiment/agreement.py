@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from isi.errors import InputError
+from isi.errors import InputError, short
 from isi.experiment.grid import StackedVectors
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph
 from isi.graph.sampling import triples_without
@@ -54,8 +54,9 @@ def splits_are_whole(
         ):
             if wrong.any():
                 raise InputError(path, f"seed {seed}, triple {wrong.argmax()}", expected)
-        for name in set(SPLITS) - {SPLITS[code] for code in split if code != OUT}:
-            raise InputError(path, f"seed {seed}", f"expected triples in {name}, as in every split")
+        for code, name in enumerate(SPLITS):
+            if not (split == code).any():
+                raise InputError(path, f"seed {seed}", f"expected triples in {name}, as in every split")
         for slots, names in (([HEAD, TAIL], graph.entities), ([RELATION], graph.relations)):
             untrained = np.setdiff1d(triples[split != OUT][:, slots], triples[split == TRAIN][:, slots])
             if len(untrained):
@@ -142,8 +143,7 @@ def vectors_fit(path: Path, theta: StackedVectors, known: np.ndarray, session: S
 def seeds_are(path: Path, seed: np.ndarray, expected: Sequence[int], *tensors: np.ndarray) -> None:
     """Models are of the sessions' seeds, in their order, and each tensor has a row for each."""
     if seed.tolist() != list(expected):
-        got = str(seed.tolist()[:6])
-        raise InputError(path, "tensor 'seed'", f"expected the sessions' seeds, {list(expected)[:6]}..., got {got}...")
+        raise InputError(path, "tensor 'seed'", f"expected the sessions' seeds, {short(expected)}, got {short(seed)}")
     if any(tensor.shape[:1] != seed.shape for tensor in tensors):
         raise InputError(path, "", f"expected {len(seed)} rows in every tensor, one for each seed")
 
