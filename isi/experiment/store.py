@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,7 @@ from isi.graph.sessions import OUT, SPLITS, Session
 from isi.graph.tables import ENTITIES, INSERT_TRIPLES, NOVEL, TRIPLES, WORD_VECTORS
 from isi.graph.tables import SPLITS as SPLIT_TABLE
 from isi.models.model import Model
-from isi.tables.table import Table, TensorFile
+from isi.tables.table import DataFile, Table, TensorFile
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Store:
         return self.table(NOVEL)
 
     def graph(self) -> Graph:
-        return build_graph(self.entities(), self.triples(), TRIPLES.path(experiment=self.experiment))
+        return build_graph(self.entities(), self.triples(), self._path(TRIPLES))
 
     def words(self) -> np.ndarray:
         """Word vectors of the entities; shape: (E, w)."""
@@ -58,14 +58,13 @@ class Store:
             return self.vectors
         (vectors,) = self._arrays(WORD_VECTORS, "vectors")
         shape = (len(self.entities()), *vectors.shape[-1:])
-        agreement.has_shape(WORD_VECTORS.path(experiment=self.experiment), "vectors", vectors, shape)
+        agreement.has_shape(self._path(WORD_VECTORS), "vectors", vectors, shape)
         return vectors
 
     def splits(self) -> dict[int, np.ndarray]:
         """Split of each unique triple, by seed, OUT where it has none; shapes: (T,), int8."""
         table, triples = self.table(SPLIT_TABLE), len(self.triples())
-        path = SPLIT_TABLE.path(experiment=self.experiment)
-        agreement.ids_below(path, table, "triple", triples, "graph's triples")
+        agreement.ids_below(self._path(SPLIT_TABLE), table, "triple", triples, "graph's triples")
         codes = table["split"].astype(str).map({name: number for number, name in enumerate(SPLITS)})
         splits = {seed: np.full(triples, OUT, dtype=np.int8) for seed in sorted(table["seed"].unique().tolist())}
         for seed, rows in table.assign(code=codes.astype(np.int8)).groupby("seed"):
@@ -73,42 +72,42 @@ class Store:
         return splits
 
     def insert_triples(self) -> pd.DataFrame:
-        given, graph = self.table(INSERT_TRIPLES), self.graph()
-        path = INSERT_TRIPLES.path(experiment=self.experiment)
+        given, graph, path = self.table(INSERT_TRIPLES), self.graph(), self._path(INSERT_TRIPLES)
         agreement.ids_below(path, given, "triple", len(graph.triples), "graph's triples")
         agreement.insert_triples_fit(path, given, self.novel(), graph)
         agreement.insert_triples_train(path, given, self.splits())
         return given
 
-    def theta0(self, points: GridPoints, family: Model) -> StackedVectors:
+    def theta0(self, points: GridPoints, model: Model) -> StackedVectors:
         """Θ⁰ of a stack of grid points."""
-        return self._embedding(THETA0, {"size": points.size}, points, family, points.session(0))
+        return self._embedding(THETA0, points, model, points.session(0))
 
-    def joint(self, points: GridPoints, family: Model, session: int = 1) -> StackedVectors:
+    def joint(self, points: GridPoints, model: Model, session: int = 1) -> StackedVectors:
         """The joint models of a session of a stack of grid points."""
-        return self._embedding(JOINT, {}, points, family, points.session(session), points.joint_prefix(session))
+        return self._embedding(JOINT, points, model, points.session(session), points.joint_prefix(session))
 
     def _embedding(
-        self, file: TensorFile, names: Mapping[str, int], points: GridPoints, family: Model, session: Session,
-        prefix: str = "",
-    ) -> StackedVectors:  # fmt: skip
-        path = file.path(experiment=self.experiment, **names)
-        tensors = [f"{prefix}{name}" for name in ("entity", "relation", "known", "seed")]
-        entity, relation, known, seed = self._arrays(file, *tensors, **names)
+        self, file: TensorFile, points: GridPoints, model: Model, session: Session, prefix: str = ""
+    ) -> StackedVectors:
+        path = self._path(file, size=points.size)
+        names = [f"{prefix}{name}" for name in ("entity", "relation", "known", "seed")]
+        entity, relation, known, seed = self._arrays(file, *names, size=points.size)
         agreement.seeds_are(path, seed, self._seeds, entity, relation, known)
         rows = np.flatnonzero(np.isin(seed, points.seeds))
-        theta = StackedVectors(family, entity[rows], relation[rows])
+        theta = StackedVectors(model, entity[rows], relation[rows])
         agreement.vectors_fit(path, theta, known[rows], session)
         return theta
 
     def initial_vectors(self, initializer: str, points: GridPoints) -> np.ndarray:
         """What an initializer inserted in the first session of a stack of grid points; shape (M, size, d)."""
-        name = f"size={points.size:02d}"
+        path, name = self._path(INITIAL_VECTORS, initializer=initializer), f"size={points.size:02d}"
         (vectors,) = self._arrays(INITIAL_VECTORS, name, initializer=initializer)
         dimension = THETA0.shape("entity", experiment=self.experiment, size=points.size)[-1:]
-        path = INITIAL_VECTORS.path(experiment=self.experiment, initializer=initializer)
         agreement.has_shape(path, name, vectors, (len(self._seeds), points.sessions * points.size, *dimension))
         return vectors[np.isin(self._seeds, points.seeds), : points.size]
+
+    def _path(self, file: DataFile, **names: str | int) -> Path:
+        return file.path(experiment=self.experiment, **names)
 
     def _arrays(self, file: TensorFile, *tensors: str, **names: str | int) -> list[np.ndarray]:
         return [tensor.numpy() for tensor in file.read(tensors, experiment=self.experiment, **names).values()]
@@ -125,22 +124,26 @@ class Store:
             size: only of this size.
             seeds: only of the first so many seeds.
         """
-        graph, splits, novel = self.graph(), self.splits(), self.novel()
-        path = NOVEL.path(experiment=self.experiment)
+        graph, splits, novel, path = self.graph(), self.splits(), self.novel(), self._path(NOVEL)
         agreement.ids_below(path, novel, "entity", len(graph.entities), "graph's entities")
         agreement.novel_sets_are_whole(path, novel, splits)
         sources = self.entities()["source"].to_numpy(str)
-        agreement.splits_are_whole(SPLIT_TABLE.path(experiment=self.experiment), splits, graph, sources, novel)
-        if size is not None:
-            novel = novel[novel["size"] == size]
+        agreement.splits_are_whole(self._path(SPLIT_TABLE), splits, graph, sources, novel)
+        chosen = novel if size is None else novel[novel["size"] == size]
         if seeds is not None:
-            novel = novel[novel["seed"] < seeds]
-        if size is not None and novel.empty:
+            chosen = chosen[chosen["seed"] < seeds]
+        if chosen.empty:
             raise InputError(path, "column 'size'", f"expected a set of {size} novel entities: see sessions in params")
-        return [
-            GridPoints(self.experiment, graph, size, seeds, np.stack([splits[seed] for seed in seeds]), drawn)
-            for size, seeds, drawn in _stacks(novel, stack)
-        ]
+        points = []
+        for number in sorted(chosen["size"].unique().tolist()):
+            rows = chosen[chosen["size"] == number]
+            drawn_in = rows["seed"].unique().tolist()
+            drawn = rows["entity"].to_numpy(np.int64).reshape(len(drawn_in), -1, number)
+            for first in range(0, len(drawn_in), stack):
+                part = drawn_in[first : first + stack]
+                codes = np.stack([splits[seed] for seed in part])
+                points.append(GridPoints(self.experiment, graph, number, part, codes, drawn[first : first + stack]))
+        return points
 
     def insert_triples_of(self, points: GridPoints, table: pd.DataFrame) -> np.ndarray:
         """(session, model, place in ``novel``, triple) of the insert triples of a stack; shape (I, 4)."""
@@ -156,13 +159,3 @@ def write_runs(runs: pd.DataFrame, stage: str, experiment: str, model: str) -> N
     """Write the measures of a model at every epoch, and its ties at epoch 0."""
     TIES.write(runs[runs["epoch"] == 0], stage, experiment=experiment, model=model)
     RUNS.write(runs, stage, experiment=experiment, model=model)
-
-
-def _stacks(novel: pd.DataFrame, stack: int) -> Iterator[tuple[int, list[int], np.ndarray]]:
-    """Size, seeds and novel entities (M, S, size) of each stack of grid points."""
-    for size in sorted(novel["size"].unique().tolist()):
-        rows = novel[novel["size"] == size]
-        seeds = rows["seed"].unique().tolist()
-        drawn = rows["entity"].to_numpy(np.int64).reshape(len(seeds), -1, size)
-        for first in range(0, len(seeds), stack):
-            yield size, seeds[first : first + stack], drawn[first : first + stack]
