@@ -12,7 +12,7 @@ from isi.errors import InputError
 from isi.experiment import agreement
 from isi.graph.graph import Graph
 from isi.graph.sessions import OUT, SPLITS, TEST, TRAIN, VALID
-from tests.graphs import graph_of
+from tests.small_graphs import graph_of
 
 FILE = Path("data/a.parquet")
 #: Triples 0: 0-1, 1: 1-2, 2: 2-3, 3: 3-0, 4: 0-2 of relation 0, and 5: 1-1 of relation 1.
