@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from importlib import import_module
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,33 +50,23 @@ def check_data(params: Params) -> tuple[int, list[str]]:
     """Check the files that runs of the pipelines write, each by itself and beside the others of its experiment.
 
     Args:
-        params: of the experiments.
+        params: of the first pipeline.
 
     Returns:
         how many files there are, and the problems, one line each.
     """
-    number, problems = 0, list[InputError]()
-    experiments = defaultdict[str, list[Found]](list)
-    for path, file, names in _declared_files(catalogue()):
-        if any(makers(path)):
-            number += 1
+    problems, experiments = list[InputError](), defaultdict[str, list[Found]](list)
+    data = (path for path in sorted(paths.DATA.rglob("*")) if path.is_file() and not path.is_relative_to(paths.RAW))
+    files = [path for path in data if any(makers(path))]
+    for path, file in product(files, catalogue()):
+        if (names := file.names_in(path)) is not None:
             problems += _problem(partial(file.check_file, path))
             experiments[names.get("experiment", "")].append((path, file, names))
-    for folder in sorted(paths.FINAL_MODELS.glob("*")):
-        if any(makers(folder)):
-            number += sum(1 for _ in folder.iterdir())
-            problems += _problem(partial(bundles.read, folder))
+    for folder in sorted({path.parent for path in files if path.is_relative_to(paths.FINAL_MODELS)}):
+        problems += _problem(partial(bundles.read, folder))
     for experiment, found in experiments.items():
         problems += _disagreements(Store(experiment), found, params)
-    return number, list(dict.fromkeys(map(str, problems)))
-
-
-def _declared_files(files: Sequence[DataFile]) -> Iterator[Found]:
-    for path in sorted(paths.DATA.rglob("*")):
-        for file in files:
-            if (names := file.names_in(path)) is not None:
-                yield path, file, names
-                break
+    return len(files), list(dict.fromkeys(map(str, problems)))
 
 
 def _disagreements(store: Store, found: Sequence[Found], params: Params) -> Iterator[InputError]:
