@@ -106,7 +106,8 @@ def _check_stack(
     if file is THETA0 and int(names["size"]) == points.size:
         store.theta0(points, model)
     elif file is JOINT:
-        store.joint(points, model)
+        for session in range(1, points.sessions + 1):
+            store.joint(points, model, session)
     elif file is RUNS and names["model"] == "joint":
         joint_targets(RUNS.read_file(path), points)
     elif file is INITIAL_VECTORS and f"size={points.size:02d}" in io.tensors_in(path):  # none where it is not listed
