@@ -36,8 +36,8 @@ from isi.graph.words import Words
 from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.model import EmbeddingParams, make_model
 from isi.process import one_line
-from isi.recording.settings import Recorder
 from isi.sources import settings_of
+from isi.sources.recordings import Recorder
 from isi.tables import paths
 from isi.training.batches import Negatives
 from isi.training.trainer import Optimizer, Training

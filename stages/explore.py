@@ -12,7 +12,7 @@ from isi.graph.graph import GraphTables, MinedSource, build_graph
 from isi.graph.sampling import session_tables
 from isi.graph.tables import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES
 from isi.graph.words import load_vectors, look_up
-from isi.sources import observing
+from isi.sources import Source
 from isi.sources.tables import OBSERVATIONS
 from isi.stage import StageContext, stage
 from isi.tables import paths
@@ -36,10 +36,10 @@ def explore(context: StageContext, graph: str) -> None:
 
 def observed(graph: str, settings: GraphExperiment, root: int, key: str) -> MinedSource:
     """What the source observes."""
-    source, passing = observing(settings.source, key, root)
-    parts = pa.concat_tables([OBSERVATIONS.schema.empty_table(), *passing]).unify_dictionaries()
+    source = Source(settings.source, key, root)
+    parts = pa.concat_tables([OBSERVATIONS.schema.empty_table(), *source.tables()]).unify_dictionaries()
     frame: pd.DataFrame = parts.to_pandas()
-    for step, instances in source.mining.left.items():
+    for step, instances in source.counts.items():
         print(f"{instances:,} {step}")
     return MinedSource(graph, frame, source.kinds)
 

@@ -5,29 +5,29 @@ stage of a pipeline reads; what is given here goes before them.
 """
 
 import argparse
+from contextlib import closing
 from pathlib import Path
 
 from tqdm import tqdm
 
 from isi import config
 from isi.process import Parser, one_line
-from isi.recording.file import Recording
-from isi.recording.settings import Recorder
+from isi.sources.recordings import Recorder
 from isi.tables import paths
 
 
-def record(how: Recorder) -> None:
+def record(settings: Recorder) -> None:
     """Record what is not yet recorded.
 
     Raises:
         InputError: where the simulator does not give a scene, or its recording cannot be read or written; what was
             recorded until then stays.
     """
-    from isi.recording.simulator import Simulator, header  # here, since it loads the simulator's package
+    from isi.sources.recorder import Recording, Simulator, header  # here, since it loads the simulator's package
 
-    with Simulator(how) as simulator:
-        recording = Recording(Path(how.output), header(how))
-        missing = [layout for layout in how.layouts if layout.name not in recording.names]
+    with closing(Simulator(settings)) as simulator:
+        recording = Recording(Path(settings.output), header(settings))
+        missing = [layout for layout in settings.layouts if layout.name not in recording.names]
         for layout in tqdm(missing, unit="scene", disable=None):
             recording.append(layout, simulator.objects(layout))
     print(f"{len(recording.names):,} scenes in {recording.path}, {len(missing):,} of them new")

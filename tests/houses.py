@@ -14,13 +14,13 @@ from itertools import cycle
 from pathlib import Path
 
 from isi.config import read
-from isi.sources import Observed, settings_of
-from isi.sources import _materials as materials
-from isi.sources._materials import Object
-from isi.sources._mining import mine
-from isi.sources._recording import Scene, locate, read_recording
+from isi.sources import settings_of
+from isi.sources.ai2thor import mine
+from isi.sources.materials import materials_of
+from isi.sources.recordings import Scene, SceneObject, locate, read_recording
 from isi.sources.tables import OBSERVATIONS
 from isi.tables import paths
+from tests.observing import source_of
 
 
 def houses(scenes: Sequence[Scene], number: int) -> Iterator[Scene]:
@@ -29,7 +29,7 @@ def houses(scenes: Sequence[Scene], number: int) -> Iterator[Scene]:
         yield Scene(f"House{house}", house, scene.room, [_renamed(thing, house) for thing in scene.objects])
 
 
-def _renamed(thing: Object, house: int) -> Object:
+def _renamed(thing: SceneObject, house: int) -> SceneObject:
     listed = {
         key: [f"{name}|{house}" for name in thing.get(key) or ()]
         for key in ("parentReceptacles", "receptacleObjectIds")
@@ -49,12 +49,11 @@ def main() -> None:
     parser.add_argument("table", type=Path)
     given = parser.parse_args()
     start = time.perf_counter()
-    source, settings = settings_of(read(paths.PARAMS)["sources"]["ai2thor"], "sources.ai2thor")
+    _, settings = settings_of(read(paths.PARAMS)["sources"]["ai2thor"], "sources.ai2thor")
     recording = locate(settings["from_"])
     made = houses(list(read_recording(recording, settings["sha256"])), given.houses)
-    shares = materials.read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
-    parts = Observed(source.entities).passing(mine(made, materials.suncg(shares, 0), recording))
-    rows = OBSERVATIONS.write_stream_file(given.table, parts, "houses")
+    source = source_of(mine(made, materials_of("suncg", 0), recording))
+    rows = OBSERVATIONS.write_stream_file(given.table, source.tables(), "houses")
     seconds = round(time.perf_counter() - start, 1)
     print(json.dumps({"observations": rows, "seconds": seconds, "peak_mib": peak_mib()}))
 

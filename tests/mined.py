@@ -10,7 +10,7 @@ import json
 import time
 from pathlib import Path
 
-from isi.sources import observing
+from isi.sources import Source
 from isi.sources.tables import OBSERVATIONS
 from tests.houses import peak_mib
 
@@ -21,10 +21,10 @@ def main() -> None:
     parser.add_argument("table", type=Path)
     given = parser.parse_args()
     start = time.perf_counter()
-    observed, parts = observing(given.settings, "sources.mined", 0)
-    rows = OBSERVATIONS.write_stream_file(given.table, parts, "mined")
+    source = Source(given.settings, "sources.mined", 0)
+    rows = OBSERVATIONS.write_stream_file(given.table, source.tables(), "mined")
     seconds = round(time.perf_counter() - start, 1)
-    print(json.dumps({"observations": rows, "left": observed.mining.left, "seconds": seconds, "peak_mib": peak_mib()}))
+    print(json.dumps({"observations": rows, "counts": source.counts, "seconds": seconds, "peak_mib": peak_mib()}))
 
 
 if __name__ == "__main__":

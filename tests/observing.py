@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,8 @@ import pandas as pd
 import pyarrow as pa
 
 from isi.errors import InputError
-from isi.sources import observing
+from isi.sources import READERS, NameEntities, Observation, Reader, Source
+from isi.sources.names import household
 
 TRIPLE = ["head", "relation", "tail"]
 
@@ -22,7 +23,7 @@ class Observations:
 
     table: pd.DataFrame
     kinds: pd.DataFrame
-    left: Counter[str]
+    counts: Counter[str]
 
     def rows(self, *columns: str) -> list[tuple[object, ...]]:
         """Some columns of the observations, row by row; missing values are null."""
@@ -36,11 +37,21 @@ class Observations:
         return dict(zip(self.kinds["entity"], self.kinds["phrase"], strict=True))
 
 
+def observations_of(section: object) -> Observations:
+    """What the source of a section of params observes."""
+    source = Source(section, "sources.mine", 0)
+    return Observations(pa.concat_tables(source.tables()).to_pandas(), source.kinds, source.counts)
+
+
 def observe(reader: str, path: Path, **settings: object) -> Observations:
     """What a reader observes in a file."""
-    observed, parts = observing({"reader": reader, "path": str(path), **settings}, "sources.mine", 0)
-    table = pa.concat_tables(parts).to_pandas()
-    return Observations(table, observed.kinds, observed.mining.left)
+    return observations_of({"reader": reader, "path": str(path), **settings})
+
+
+def source_of(rows: Iterable[Observation], name_entities: NameEntities = household) -> Source:
+    """A source of these observations."""
+    READERS["given"] = Reader(lambda _mining: rows, name_entities)
+    return Source({"reader": "given"}, "sources.given", 0)
 
 
 def refusal(reader: str, path: Path, **settings: object) -> str:

@@ -7,14 +7,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
 import pytest
 
-from isi.sources import _rows
-from isi.sources._materials import simulator
-from isi.sources._mining import MISSING, mine
-from isi.sources._recording import locate, read_recording
-from isi.sources.ai2thor_scene import ROOMLESS
+from isi.sources.ai2thor import MISSING, ROOMLESS, mine
+from isi.sources.materials import reported_materials
+from isi.sources.recordings import locate, read_recording
 from tests.observing import TRIPLE, observe, refused
 
 MUG = {
@@ -51,7 +48,7 @@ def test_all_forms_of_a_scene_give_the_same(tmp_path: Path, content: Any, settin
     assert found.rows(*TRIPLE) == EXPECTED
     assert set(found.table["room"]) == {"kitchen"}
     assert found.kind_of()["kitchen"] == "room"
-    assert not found.left
+    assert not found.counts
 
 
 def test_a_scene_whose_room_nothing_tells_has_none(tmp_path: Path) -> None:
@@ -63,7 +60,7 @@ def test_a_scene_whose_room_nothing_tells_has_none(tmp_path: Path) -> None:
         found = observe("ai2thor_scene", scene(tmp_path / "scene.json", content))
         assert found.rows(*TRIPLE) == [row for row in EXPECTED if row[2] != "kitchen"]
         assert found.table["room"].isna().all()
-        assert found.left == {ROOMLESS: 2}
+        assert found.counts == {ROOMLESS: 2}
 
 
 def test_a_scene_of_robothor_is_in_an_apartment(tmp_path: Path) -> None:
@@ -77,15 +74,15 @@ def test_a_recorded_scene_gives_what_the_whole_recording_gives_of_it(tmp_path: P
         "ai2thor_scene", scene(tmp_path / "bath.json", {"scene": "FloorPlan407", "objects": recording["bathrooms"][6]})
     )
     (same,) = (one for one in read_recording(locate("recording"), None) if one.name == "FloorPlan407")
-    expected = pa.concat_tables(mine([same], simulator, Path("recording"))).to_pandas()
+    expected = list(mine([same], reported_materials, Path("recording")))
     assert len(expected) > 100
-    assert alone.table.astype(object).equals(expected.astype(object))
+    assert alone.rows("scene", "room", "instance", *TRIPLE, "count") == expected
 
 
 def test_a_receptacle_that_the_scene_lacks_is_an_error_or_dropped(tmp_path: Path) -> None:
     path = scene(tmp_path / "scene.json", [MUG])
     refused("ai2thor_scene", path, ["scene.json", "Mug|1", "SideTable|1"], room="kitchen")
-    assert observe("ai2thor_scene", path, room="kitchen", broken="drop").left == {MISSING: 1}
+    assert observe("ai2thor_scene", path, room="kitchen", broken="drop").counts == {MISSING: 1}
 
 
 @pytest.mark.parametrize(
@@ -93,17 +90,11 @@ def test_a_receptacle_that_the_scene_lacks_is_an_error_or_dropped(tmp_path: Path
     [
         ("", ["JSON"]),
         (json.dumps(SCENE)[:-9], ["JSON"]),
-        ("[" * 100_000, ["JSON"]),
         ("[]", ["expected a scene"]),
-        ("3", ["expected a scene"]),
         ({"kitchens": []}, ["expected a scene"]),
-        ([3], ["object 0", "objectId"]),
-        ([{"objectId": "Mug|1"}], ["Mug|1", "objectType"]),
-        ([{**MUG, "objectType": 3}], ["objectType"]),
-        ([{**MUG, "parentReceptacles": "SideTable|1"}], ["parentReceptacles"]),
-        ([{**MUG, "objectType": "Mug\x07"}], ["Mug|1", "objectType"]),
-        ([{**MUG, "objectType": "M" * 10_000}], ["Mug|1", "objectType"]),
-        ([{**MUG, "salientMaterials": [""]}], ["Mug|1", "salientMaterials"]),
+        ([3], ["scene.0: "]),
+        ([{"objectId": "Mug|1"}], ["scene.0.objectType: "]),
+        ([{**MUG, "salientMaterials": [""]}], ["scene.0.salientMaterials.0: "]),
         ({"scene": "F" * 10_000, "objects": SCENE}, ["scene: ", "at most 200"]),
         ({"sceneName": "../FloorPlan1", "objects": SCENE}, ["scene: ", "'../'"]),
         ({"sceneName": 3, "objects": SCENE}, ["scene: ", "expected a name"]),
@@ -116,13 +107,6 @@ def test_what_is_no_scene_is_refused(tmp_path: Path, content: Any, expected: lis
 @pytest.mark.parametrize("room", ["../kitchen", "kitchen\n", "k" * 201])
 def test_a_room_that_is_no_name_is_refused(tmp_path: Path, room: str) -> None:
     refused("ai2thor_scene", scene(tmp_path / "scene.json", SCENE), ["room: expected a name"], room=room)
-
-
-@pytest.mark.parametrize("name", ["scene.json", "scene.json.gz"])
-def test_a_scene_that_is_too_large_is_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    monkeypatch.setattr(_rows, "MOST", 300)
-    path = scene(tmp_path / name, {"scene": "FloorPlan1", "objects": SCENE * 9})
-    refused("ai2thor_scene", path, [name, "at most 300 characters"])
 
 
 def test_another_encoding_and_a_missing_file_are_refused(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from torch.nn.functional import normalize
 from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.model import MODELS, make_model
 from isi.models.stack import uniform
-from isi.sources import SOURCES, Mining, Observed, settings_of
+from isi.sources import READERS, Source
 from tests.documented import code, params
 from tests.worlds import insertion
 
@@ -23,8 +23,9 @@ from tests.worlds import insertion
 @pytest.fixture
 def own(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> ModuleType:
     """The module that the page shows for a thing."""
-    for plugins in (MODELS, INITIALIZERS, SOURCES):  # what the page registers goes when the test does
+    for plugins in (MODELS, INITIALIZERS):  # what the page registers goes when the test does
         monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
+    monkeypatch.setattr("isi.sources.READERS", dict(READERS))
     module = ModuleType(request.param.replace(" ", "_"))
     monkeypatch.setitem(sys.modules, module.__name__, module)
     exec(compile(code(request.param), request.param, "exec"), module.__dict__)  # noqa: S102
@@ -63,9 +64,8 @@ def test_a_model() -> None:
 def test_a_source(tmp_path: Path) -> None:
     path, (settings,) = tmp_path / "notebook.csv", params("own source params").values()
     path.write_text("head,relation,tail,count\nspoon,liesIn,drawer,3\ndrawer,isPartOf,table,1\n", encoding="utf-8")
-    source, given = settings_of(settings | {"path": str(path)}, "sources.notebook")
-    observed = Observed(source.entities)
-    (table,) = observed.passing(source.observe(Mining(0), **given))
+    source = Source(settings | {"path": str(path)}, "sources.notebook", 0)
+    (table,) = source.tables()
     rows = Counter({(row["head"], row["relation"], row["tail"]): row["count"] for row in table.to_pylist()})
     assert rows == {("spoon", "liesIn", "drawer"): 3, ("drawer", "isPartOf", "table"): 1}
-    assert observed.kinds.to_numpy().tolist() == [[name, "thing", name] for name in ("drawer", "spoon", "table")]
+    assert source.kinds.to_numpy().tolist() == [[name, "thing", name] for name in ("drawer", "spoon", "table")]

@@ -16,7 +16,7 @@ from isi.cli.graph import described
 from isi.config import read as read_params
 from isi.graph.graph import build_graph, build_tables
 from isi.graph.tables import ENTITIES, TRIPLES
-from isi.sources._recording import FORMAT, locate
+from isi.sources.recordings import FORMAT, locate
 from isi.tables import paths
 
 ROOT = Path(__file__).parent.parent

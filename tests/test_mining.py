@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any, get_args
 
@@ -18,15 +20,15 @@ from hypothesis import strategies as st
 from isi.config import read as read_params
 from isi.errors import InputError
 from isi.graph.graph import MinedSource, build_tables
-from isi.sources import Observed, settings_of
-from isi.sources import _materials as materials
-from isi.sources._household import entity_name, household
-from isi.sources._materials import MaterialsOf, Object
-from isi.sources._mining import CHUNK, ELSEWHERE, IN_CIRCLE, ITSELF, MISSING, NOT_THERE, Circular, Untidy, mine
-from isi.sources._recording import Scene, locate, read_recording
+from isi.sources import CHUNK, settings_of
+from isi.sources.ai2thor import ELSEWHERE, IN_CYCLE, ITSELF, MISSING, NOT_THERE, Circular, CleaningRules, mine
+from isi.sources.materials import MaterialsOf, read_shares, reported_materials, suncg_materials
+from isi.sources.names import entity_name
+from isi.sources.recordings import Scene, SceneObject, locate, read_recording
 from isi.sources.tables import OBSERVATIONS
 from isi.tables import paths
 from tests.houses import houses
+from tests.observing import Observations, observations_of, source_of
 
 KEYS = ("kitchens", "living_rooms", "bedrooms", "bathrooms")
 PROPERTIES = (
@@ -37,7 +39,7 @@ PROPERTIES = (
 
 def thing(
     kind: str, number: int = 1, parents: list[str] | None = None, made_of: list[str] | None = None, *properties: str
-) -> Object:
+) -> SceneObject:
     """An object as the simulator reports it."""
     return {
         "objectType": kind,
@@ -50,6 +52,7 @@ def thing(
     }
 
 
+COLUMNS = ["scene", "room", "instance", "head", "relation", "tail", "count"]
 #: FloorPlan1: a mug stands on a counter and in a sink at once; the counter stands on the floor.
 KITCHEN = [
     thing("Floor", 1, None, ["Wood"], "receptacle", "dirtyable"),
@@ -113,13 +116,15 @@ def rows(observations: pd.DataFrame) -> list[tuple[str, ...]]:
     return sorted(observations.drop(columns="count").itertuples(index=False, name=None))
 
 
-def mined(scenes: list[Scene], materials_of: MaterialsOf, source: Path, untidy: Untidy | None = None) -> pd.DataFrame:
-    return pd.DataFrame(pa.concat_tables(mine(scenes, materials_of, source, untidy)).to_pydict())
+def mined(
+    scenes: list[Scene], materials_of: MaterialsOf, source: Path, rules: CleaningRules | None = None
+) -> pd.DataFrame:
+    return pd.DataFrame(mine(scenes, materials_of, source, rules), columns=COLUMNS)
 
 
-def mine_one(*objects: Object, untidy: Untidy | None = None) -> pd.DataFrame:
+def mine_one(*objects: SceneObject, rules: CleaningRules | None = None) -> pd.DataFrame:
     scene = Scene("FloorPlan1", 1, "kitchen", list(objects))
-    return mined([scene], materials.simulator, Path("recording.json"), untidy)
+    return mined([scene], reported_materials, Path("recording.json"), rules)
 
 
 def tails(observations: pd.DataFrame, relation: str) -> list[str]:
@@ -128,38 +133,23 @@ def tails(observations: pd.DataFrame, relation: str) -> list[str]:
 
 def test_two_rooms_give_the_observations_written_out_by_hand(tmp_path: Path) -> None:
     scenes = read(tmp_path / "recording.json", recording())
-    observations = mined(scenes, materials.simulator, tmp_path)
+    observations = mined(scenes, reported_materials, tmp_path)
     assert rows(observations) == sorted(EXPECTED)
     assert (observations["count"] == 1).all()
     OBSERVATIONS.write_file(tmp_path / "table.parquet", observations, "mine")
     assert rows(OBSERVATIONS.read_file(tmp_path / "table.parquet")) == sorted(EXPECTED)
 
 
-@pytest.mark.parametrize(
-    ("has", "affordances"),
-    [
-        ("openable", ["close", "open"]),
-        ("pickupable", ["pick up", "put"]),
-        ("toggleable", ["turn off", "turn on"]),
-        ("canFillWithLiquid", ["empty", "fill"]),
-        ("sliceable", ["slice"]),
-        ("breakable", ["break"]),
-        ("dirtyable", ["clean", "dirty"]),
-        ("moveable", ["pull", "push"]),
-        ("cookable", ["cook"]),
-        ("isHeatSource", ["heat"]),
-        ("isColdSource", ["cool"]),
-        ("receptacle", []),
-        ("canBeUsedUp", []),
-    ],
-)
-def test_each_property_gives_its_affordances(has: str, affordances: list[str]) -> None:
-    assert tails(mine_one(thing("Gadget", 1, None, None, has)), "hasAffordance") == affordances
-
-
-def test_all_properties_together_give_seventeen_affordances() -> None:
-    given = tails(mine_one(thing("Gadget", 1, None, None, *PROPERTIES)), "hasAffordance")
-    assert len(given) == len(set(given)) == 17
+def test_each_property_gives_its_affordances() -> None:
+    given = {has: tails(mine_one(thing("Gadget", 1, None, None, has)), "hasAffordance") for has in PROPERTIES}
+    assert given == {
+        "openable": ["close", "open"], "pickupable": ["pick up", "put"], "toggleable": ["turn off", "turn on"],
+        "canFillWithLiquid": ["empty", "fill"], "sliceable": ["slice"], "breakable": ["break"],
+        "dirtyable": ["clean", "dirty"], "moveable": ["pull", "push"], "cookable": ["cook"], "isHeatSource": ["heat"],
+        "isColdSource": ["cool"], "receptacle": [], "canBeUsedUp": [],
+    }  # fmt: skip
+    together = tails(mine_one(thing("Gadget", 1, None, None, *PROPERTIES)), "hasAffordance")
+    assert len(together) == len(set(together)) == 17
 
 
 @pytest.mark.parametrize(
@@ -183,29 +173,16 @@ def test_two_receptacles_of_one_type_are_two_observations() -> None:
     assert tails(observations[observations["head"] == "book"], "atLocation") == ["kitchen", "shelf", "shelf"]
 
 
-def test_a_parent_that_its_scene_lacks_is_named_with_scene_and_object(tmp_path: Path) -> None:
-    broken = recording()
-    broken["bedrooms"][1][2]["parentReceptacles"] = ["TVStand|1", "Desk|7"]
-    scenes = read(tmp_path / "recording.json", broken)
-    with pytest.raises(InputError, match=r"recording\.json.*FloorPlan302.*AlarmClock\|1.*Desk\|7"):
-        mined(scenes, materials.simulator, tmp_path / "recording.json")
-
-
-def test_a_parent_that_its_scene_lacks_can_be_dropped_and_is_counted(tmp_path: Path) -> None:
-    broken = recording()
-    broken["bedrooms"][1][2]["parentReceptacles"] = ["TVStand|1", "Desk|7", "Desk|8"]
-    scenes, untidy = read(tmp_path / "recording.json", broken), Untidy("drop")
-    found = mined(scenes, materials.simulator, tmp_path / "recording.json", untidy)
-    assert untidy.dropped == {MISSING: 2}
+@pytest.mark.parametrize("missing", ["Desk|7", "CounterTop|1"], ids=["nowhere", "in another scene"])
+def test_a_parent_that_its_scene_lacks_is_named_or_dropped_and_counted(tmp_path: Path, missing: str) -> None:
+    broken, path = recording(), tmp_path / "recording.json"
+    broken["bedrooms"][1][2]["parentReceptacles"] = ["TVStand|1", missing, "Desk|8"]
+    scenes, rules = read(path, broken), CleaningRules("drop")
+    with pytest.raises(InputError, match=rf"recording\.json.*FloorPlan302.*AlarmClock\|1.*{re.escape(missing)}"):
+        mined(scenes, reported_materials, path)
+    found = mined(scenes, reported_materials, path, rules)
+    assert rules.counts == {MISSING: 2}
     assert tails(found[found["head"] == "alarm clock"], "atLocation") == ["bedroom", "tv stand"]
-
-
-def test_a_parent_in_another_scene_only_is_missing_too(tmp_path: Path) -> None:
-    broken = recording()
-    broken["bedrooms"][1][2]["parentReceptacles"] = ["CounterTop|1"]
-    scenes = read(tmp_path / "recording.json", broken)
-    with pytest.raises(InputError, match=r"FloorPlan302.*AlarmClock\|1.*CounterTop\|1"):
-        mined(scenes, materials.simulator, tmp_path / "recording.json")
 
 
 # What a simulator says that cannot be
@@ -229,12 +206,12 @@ def test_receptacles_that_lie_in_what_they_hold_stay_unless_they_are_to_be_dropp
     circle = [("bowl", "cabinet"), ("cabinet", "bowl"), ("crate", "shelf"), ("desk", "crate"),
               ("shelf", "desk")]  # fmt: skip
     assert locations(mine_one(*CIRCLES)) == sorted(circle + outside)
-    untidy = Untidy("error", "drop")
-    assert locations(mine_one(*CIRCLES, untidy=untidy)) == outside
-    assert untidy.dropped == {IN_CIRCLE: 5}
-    backwards = Untidy("error", "drop")
-    assert locations(mine_one(*reversed(CIRCLES), untidy=backwards)) == outside
-    assert backwards.dropped == untidy.dropped
+    rules = CleaningRules("error", "drop")
+    assert locations(mine_one(*CIRCLES, rules=rules)) == outside
+    assert rules.counts == {IN_CYCLE: 5}
+    backwards = CleaningRules("error", "drop")
+    assert locations(mine_one(*reversed(CIRCLES), rules=backwards)) == outside
+    assert backwards.counts == rules.counts
 
 
 @given(st.lists(st.sets(st.integers(0, 6)), min_size=1, max_size=7))
@@ -252,35 +229,35 @@ def test_what_is_dropped_is_what_lies_in_a_circle_of_receptacles(inside: list[se
             *(objects[child]["parentReceptacles"] or ()),
             objects[parent]["objectId"],
         ]
-    untidy = Untidy("error", "drop")
-    kept = locations(mine_one(*objects, untidy=untidy))
+    rules = CleaningRules("error", "drop")
+    kept = locations(mine_one(*objects, rules=rules))
     outside = [(child, parent) for child, parent in edges if parent not in part_of[child]]
     name = [entity_name(box["objectType"]) for box in objects]
     assert kept == sorted((name[child], name[parent]) for child, parent in outside)
-    assert untidy.dropped[IN_CIRCLE] == len(edges) - len(outside)
+    assert rules.counts[IN_CYCLE] == len(edges) - len(outside)
 
 
 def test_a_receptacle_that_lies_in_what_it_holds_can_be_refused() -> None:
     with pytest.raises(InputError, match=r"FloorPlan1, object Bowl\|1: its parent receptacle 'Cabinet\|1' lies in it"):
-        mine_one(*CIRCLES, untidy=Untidy("error", "error"))
+        mine_one(*CIRCLES, rules=CleaningRules("error", "error"))
 
 
 def test_what_is_its_own_receptacle_is_refused_or_dropped_and_counted() -> None:
     box = thing("Box", 1, ["Box|1", "Shelf|1"])
     for circular in get_args(Circular):
         with pytest.raises(InputError, match=r"FloorPlan1, object Box\|1: it is its own parent receptacle"):
-            mine_one(box, thing("Shelf", 1), untidy=Untidy("error", circular))
-        untidy = Untidy("drop", circular)
-        assert locations(mine_one(box, thing("Shelf", 1), untidy=untidy)) == [("box", "shelf")]
-        assert untidy.dropped == {ITSELF: 1}
+            mine_one(box, thing("Shelf", 1), rules=CleaningRules("error", circular))
+        rules = CleaningRules("drop", circular)
+        assert locations(mine_one(box, thing("Shelf", 1), rules=rules)) == [("box", "shelf")]
+        assert rules.counts == {ITSELF: 1}
 
 
 def test_contents_that_are_not_there_or_elsewhere_are_refused_or_dropped_and_counted() -> None:
     shelf = {**thing("Shelf"), "receptacleObjectIds": ["Mug|1", "Mug|2", "Mug|3", "Mug|4"]}
     objects = [shelf, thing("Mug", 1, ["Shelf|1"]), thing("Mug", 2, ["Sink|1"]), thing("Mug", 3), thing("Sink")]
-    untidy = Untidy("drop")
-    assert locations(mine_one(*objects, untidy=untidy)) == [("mug", "shelf"), ("mug", "sink")]
-    assert untidy.dropped == {ELSEWHERE: 2, NOT_THERE: 1}
+    rules = CleaningRules("drop")
+    assert locations(mine_one(*objects, rules=rules)) == [("mug", "shelf"), ("mug", "sink")]
+    assert rules.counts == {ELSEWHERE: 2, NOT_THERE: 1}
     with pytest.raises(InputError, match=r"FloorPlan1, object Shelf\|1: it holds 'Mug\|2', which lies elsewhere"):
         mine_one(*objects)
     with pytest.raises(InputError, match=r"Shelf\|1: it holds 'Mug\|1', which is not in the scene"):
@@ -292,17 +269,17 @@ def test_contents_that_are_not_there_or_elsewhere_are_refused_or_dropped_and_cou
 
 @pytest.fixture(scope="module")
 def shares() -> pd.DataFrame:
-    return materials.read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
+    return read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
 
 
 def test_simulator_materials_are_the_salient_ones_in_lower_case() -> None:
     objects = [thing("Pot", 1, None, ["Metal", "Glass"]), thing("Pot", 2, None, None), thing("Pot", 3, None, [])]
-    assert materials.simulator(1, objects) == [["metal", "glass"], [], []]
+    assert reported_materials(1, objects) == [["metal", "glass"], [], []]
 
 
 def test_suncg_materials_of_many_instances_meet_the_published_shares_independently(shares: pd.DataFrame) -> None:
     number = 20_000
-    cabinets = materials.suncg(shares, 0)(1, [thing("Cabinet", place) for place in range(number)])
+    cabinets = suncg_materials(shares, 0)(1, [thing("Cabinet", place) for place in range(number)])
     met = {name: sum(name in drawn for drawn in cabinets) / number for name in shares.columns}
     published = {"wood": 0.914, "stone": 0.454, "metal": 0.366, "tile": 0.103, "glass": 0.004, "leather": 0.003}
     assert met == pytest.approx(published | {"fabric": 0.0}, abs=0.015)
@@ -312,7 +289,7 @@ def test_suncg_materials_of_many_instances_meet_the_published_shares_independent
 
 
 def test_types_that_share_a_category_draw_with_its_shares(shares: pd.DataFrame) -> None:
-    drawn = materials.suncg(shares, 0)(1, [thing(kind, place) for place in range(5000) for kind in ("Drawer", "Sofa")])
+    drawn = suncg_materials(shares, 0)(1, [thing(kind, place) for place in range(5000) for kind in ("Drawer", "Sofa")])
     for kind, wood, leather in (("Drawer", 0.914, 0.003), ("Sofa", 0.557, 0.268)):
         own = drawn[0 if kind == "Drawer" else 1 :: 2]
         assert sum("wood" in names for names in own) / 5000 == pytest.approx(wood, abs=0.03)
@@ -324,7 +301,7 @@ def test_suncg_materials_are_the_seven_of_the_paper(shares: pd.DataFrame) -> Non
 
 
 def test_objects_without_a_category_get_no_materials(shares: pd.DataFrame) -> None:
-    drawn = materials.suncg(shares, 0)(1, [thing("AlarmClock", n) for n in range(200)] + [thing("Bed")])
+    drawn = suncg_materials(shares, 0)(1, [thing("AlarmClock", n) for n in range(200)] + [thing("Bed")])
     assert not any(drawn[:-1])
     assert "fabric" in drawn[-1]  # share 1 of beds
 
@@ -333,7 +310,7 @@ def test_a_scene_draws_the_same_materials_whatever_else_is_mined(shares: pd.Data
     scenes = [Scene(f"FloorPlan{n}", n, "kitchen", [thing("Cabinet", i) for i in range(40)]) for n in (1, 2, 3)]
 
     def drawn(chosen: list[Scene], root: int = 0) -> list[list[tuple[str, ...]]]:
-        observed = mined(chosen, materials.suncg(shares, root), Path("recording"))
+        observed = mined(chosen, suncg_materials(shares, root), Path("recording"))
         return [[row[2:] for row in rows(observed[observed["scene"] == scene.name])] for scene in chosen]
 
     one, two, three = drawn(scenes)
@@ -346,53 +323,53 @@ def test_a_mapping_to_a_category_without_shares_is_refused_with_its_line(tmp_pat
     categories = tmp_path / "categories.csv"
     categories.write_text("object,category\nbed,bed\nspaceship,vehicle\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"categories\.csv.*line 3.*'vehicle'"):
-        materials.read_shares(paths.MATERIAL_SHARES, categories)
+        read_shares(paths.MATERIAL_SHARES, categories)
 
 
 @pytest.mark.parametrize(
     ("text", "place"),
     [("concept,material\nbed,wood\n", "concept, material, share"), ("concept,material,share\nbed,wood,1.5\n", "share"),
-     ("concept,material,share\nbed,wood,much\n", "share"), ("concept,material,share\nbed,wood,\n", "share"),
-     ("concept,material,share\nbed,wood,0.5\nbed,wood,0.7\n", "line 3: 'bed wood' is there twice: also in line 2"),
-     ("concept,material,share\nbed,wood,0.5,\n", "line 2: expected 3 fields, got 4"),
+     ("concept,material,share\nbed,wood,0.5\nbed,wood,0.7\n", "line 3: 'bed wood' is there twice"),
      ("concept,material,share\nbed,wood,nan\n", "line 2: .*share, got 'nan'"),
-     ("concept,material,share\n ,wood,1\n", "line 2: concept: expected a name"),
-     ("", "expected the columns")],
+     ("concept,material,share\n ,wood,1\n", "line 2: concept: expected a name")],
 )  # fmt: skip
 def test_a_broken_table_of_shares_is_named(tmp_path: Path, text: str, place: str) -> None:
     path = tmp_path / "shares.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=rf"shares\.csv.*{place}"):
-        materials.read_shares(path, paths.MATERIAL_CATEGORIES)
+        read_shares(path, paths.MATERIAL_CATEGORIES)
 
 
 # Many scenes
 
-#: Three chunks, the last one short; the bedrooms, with names that kitchens lack, come in the second.
-MANY = list(houses([Scene("FloorPlan1", 1, "kitchen", KITCHEN)], CHUNK + 1))
-MANY += list(houses([Scene("FloorPlan302", 302, "bedroom", BEDROOM)], CHUNK + 10))
-#: The last chunk holds an object whose receptacle is missing.
+#: Kitchens, then bedrooms, whose names kitchens lack.
+MANY = list(houses([Scene("FloorPlan1", 1, "kitchen", KITCHEN)], 50))
+MANY += list(houses([Scene("FloorPlan302", 302, "bedroom", BEDROOM)], 50))
+#: The last scene holds an object whose receptacle is missing.
 BROKEN = [*MANY, Scene("House7777", 7777, "kitchen", [thing("Mug", 9, ["Shelf|3"])])]
 
 
 def mine_to(path: Path, scenes: list[Scene], materials_of: MaterialsOf) -> bytes:
     """The bytes of the table of some scenes."""
-    parts = Observed(household).passing(mine(scenes, materials_of, Path("recording.json")))
-    OBSERVATIONS.write_stream_file(path, parts, "mine")
+    source = source_of(mine(scenes, materials_of, Path("recording.json")))
+    OBSERVATIONS.write_stream_file(path, source.tables(), "mine")
     return path.read_bytes()
 
 
 def test_many_scenes_give_the_same_bytes_again(tmp_path: Path, shares: pd.DataFrame) -> None:
-    drawn = materials.suncg(shares, 0)
+    drawn = suncg_materials(shares, 0)
     assert mine_to(tmp_path / "1", MANY, drawn) == mine_to(tmp_path / "2", MANY, drawn)
 
 
-def test_each_chunk_of_scenes_is_a_row_group_and_together_they_are_what_each_scene_gives_alone(tmp_path: Path) -> None:
-    mine_to(tmp_path / "table.parquet", MANY, materials.simulator)
+def test_each_chunk_is_a_row_group_and_together_they_are_what_each_scene_gives_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("isi.sources.CHUNK", 500)
+    mine_to(tmp_path / "table.parquet", MANY, reported_materials)
     file = pq.ParquetFile(tmp_path / "table.parquet")
-    scenes = [file.read_row_group(group)["scene"].to_pylist() for group in range(file.num_row_groups)]
-    assert [len(set(names)) for names in scenes] == [CHUNK, CHUNK, 11]
-    alone = pd.concat([mined([scene], materials.simulator, tmp_path) for scene in MANY], ignore_index=True)
+    alone = pd.concat([mined([scene], reported_materials, tmp_path) for scene in MANY], ignore_index=True)
+    rows = [file.metadata.row_group(group).num_rows for group in range(file.num_row_groups)]
+    assert rows == [500, 500, len(alone) - 1000]
     read = OBSERVATIONS.read_file(tmp_path / "table.parquet")
     assert read.astype(alone.dtypes).equals(alone)
 
@@ -400,9 +377,9 @@ def test_each_chunk_of_scenes_is_a_row_group_and_together_they_are_what_each_sce
 def test_scenes_without_any_observation_are_refused(tmp_path: Path) -> None:
     empty = Scene("FloorPlan1", 1, "kitchen", [])
     with pytest.raises(InputError, match="expected observations, got none"):
-        mine_to(tmp_path / "table.parquet", [empty], materials.simulator)
+        mine_to(tmp_path / "table.parquet", [empty], reported_materials)
     full = Scene("FloorPlan2", 2, "kitchen", KITCHEN)
-    assert mine_to(tmp_path / "table.parquet", [empty, full, empty], materials.simulator)
+    assert mine_to(tmp_path / "table.parquet", [empty, full, empty], reported_materials)
 
 
 def test_a_mistake_in_a_late_scene_is_told_in_one_line_and_the_old_table_stays(
@@ -411,7 +388,7 @@ def test_a_mistake_in_a_late_scene_is_told_in_one_line_and_the_old_table_stays(
     path = tmp_path / "table.parquet"
     path.write_bytes(b"the last good one")
     with pytest.raises(InputError) as refused:
-        mine_to(path, BROKEN, materials.simulator)
+        mine_to(path, BROKEN, reported_materials)
     missing = "its parent receptacle 'Shelf|3' is not in the scene"
     assert str(refused.value) == f"recording.json: House7777, object Mug|9: {missing}"
     assert path.read_bytes() == b"the last good one"
@@ -419,17 +396,12 @@ def test_a_mistake_in_a_late_scene_is_told_in_one_line_and_the_old_table_stays(
 
 
 def test_scenes_are_taken_only_as_they_are_needed() -> None:
-    taken: list[int] = []
-
     def scenes() -> Iterator[Scene]:
-        for number in range(10 * CHUNK):
-            taken.append(number)
+        for number in count(1):
             yield Scene(f"House{number}", number, "kitchen", [thing("Mug")])
 
-    parts = mine(scenes(), materials.simulator, Path("recording.json"))
-    for part in range(1, 11):
-        assert next(parts).num_rows == CHUNK
-        assert len(taken) == part * CHUNK
+    table = next(source_of(mine(scenes(), reported_materials, Path("recording.json"))).tables())
+    assert table.num_rows == CHUNK
 
 
 # The real recording
@@ -442,10 +414,9 @@ def real() -> list[Scene]:
 
 
 def test_the_real_recording_gives_the_known_figures(real: list[Scene]) -> None:
-    observed = Observed(household)
-    parts = observed.passing(mine(real, materials.simulator, Path("recording")))
-    observations = pa.concat_tables(parts).to_pandas()
-    made = build_tables(MinedSource("ai2thor", observations, observed.kinds))
+    source = source_of(mine(real, reported_materials, Path("recording")))
+    observations = pa.concat_tables(source.tables()).to_pandas()
+    made = build_tables(MinedSource("ai2thor", observations, source.kinds))
     entities, triples = made.entities, made.triples
     assert (len(observations), len(triples), len(entities)) == (23_729, 1_036, 153)
     assert triples["count"].sum() == 23_729
@@ -454,7 +425,7 @@ def test_the_real_recording_gives_the_known_figures(real: list[Scene]) -> None:
 
 
 def test_every_object_of_the_real_recording_but_the_floors_is_seen_once_in_its_room(real: list[Scene]) -> None:
-    observations = mined(real, materials.simulator, Path("recording"))
+    observations = mined(real, reported_materials, Path("recording"))
     in_room = observations[observations["tail"] == observations["room"]]
     objects = sum(len(scene.objects) for scene in real)
     assert objects == 5_670
@@ -463,9 +434,9 @@ def test_every_object_of_the_real_recording_but_the_floors_is_seen_once_in_its_r
 
 
 def test_the_real_recording_has_receptacles_in_what_they_hold_and_is_tidy_but_for_them(real: list[Scene]) -> None:
-    untidy = Untidy("drop", "drop")
-    kept = sum(table.num_rows for table in mine(real, materials.simulator, Path("recording"), untidy))
-    assert untidy.dropped == {IN_CIRCLE: 14}
+    rules = CleaningRules("drop", "drop")
+    kept = len(list(mine(real, reported_materials, Path("recording"), rules)))
+    assert rules.counts == {IN_CYCLE: 14}
     assert kept == 23_729 - 14
 
 
@@ -474,3 +445,53 @@ def test_every_mapped_object_is_a_type_of_the_recording(real: list[Scene], share
     types = {thing["objectType"] for objects in [*(scene.objects for scene in real), *robothor] for thing in objects}
     assert set(shares.index) <= {entity_name(kind) for kind in types}
     assert shares.index.is_unique
+
+
+# RoboTHOR
+
+SETTINGS = {"reader": "robothor", "from": "recording", "sha256": None, "materials": "simulator", "broken": "error"}
+
+
+def observed(**settings: object) -> Observations:
+    return observations_of({**SETTINGS, **settings})
+
+
+def test_the_recorded_apartments_give_the_known_figures() -> None:
+    found = observed()
+    observations = found.table
+    made = build_tables(MinedSource("robothor", observations, found.kinds))
+    assert observations["scene"].nunique() == 75
+    assert set(observations["room"]) == {"apartment"}
+    assert (len(observations), len(made.triples), len(made.entities)) == (15_514, 522, 77)
+    assert (made.entities["kind"] == "room").sum() == 1
+    assert found.counts == {}
+
+
+def test_every_object_of_an_apartment_is_seen_in_it_once() -> None:
+    observations = observed().table
+    in_room = observations[observations["tail"] == "apartment"]
+    assert len(in_room) == 3_045
+    assert not in_room.duplicated(["scene", "instance"]).any()
+
+
+def test_receptacles_in_what_they_hold_can_be_dropped() -> None:
+    before, after = observed(), observed(broken="drop", circular="drop")
+    assert after.counts == {"receptacles dropped that lie in what they hold": 4}
+    assert len(after.table) == len(before.table) - 4
+
+
+@pytest.mark.parametrize(
+    ("changes", "place"),
+    [
+        ({"from": "simulator"}, "data/recordings/robothor.jsonl.gz: "),
+        ({"from": "nowhere.json"}, "nowhere.json: "),
+        ({"sha256": "0" * 64}, "ai2thor-object-metadata.json: .*sha256"),
+        ({"circular": "always"}, r"sources\.mine\.circular"),
+    ],
+)
+def test_settings_that_lead_nowhere_are_named(
+    changes: dict[str, Any], place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=place):
+        observed(**changes)

@@ -37,7 +37,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the pipeline, in which commands run; what a package has of all houses is not read."""
     (tmp_path / paths.PIPELINE).write_bytes((ROOT / paths.PIPELINE).read_bytes())
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(procthor_houses, "recorded", lambda _scenes: formats.RECORDED)
+    monkeypatch.setattr(procthor_houses, "recorded_types", lambda _scenes: formats.RECORDED)
     monkeypatch.setattr(procthor_houses, "asset_types", lambda: formats.ASSETS)
     triples_with_ids.shipped_names.cache_clear()
     return tmp_path

@@ -11,7 +11,6 @@ from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS
 from isi.models.model import MODELS
 from isi.registry import Plugins
-from isi.sources import SOURCES
 
 
 @pytest.fixture
@@ -64,7 +63,7 @@ def test_what_is_registered_from_elsewhere_is_there_too(dishes: Plugins[str]) ->
     assert dishes.names() == ["salad", "soup", "stew", "toast"]
 
 
-@pytest.mark.parametrize("plugins", [MODELS, INITIALIZERS, SOURCES], ids=lambda plugins: plugins.package)
+@pytest.mark.parametrize("plugins", [MODELS, INITIALIZERS], ids=lambda plugins: plugins.package)
 def test_every_module_that_ships_registers_its_own_name(plugins: Plugins[object]) -> None:
     modules = {path.stem for path in Path(*plugins.package.split(".")).glob("[!_]*.py")}
     assert modules <= set(plugins.names())

@@ -2,44 +2,54 @@
 
 from __future__ import annotations
 
+import gzip
+import hashlib
 import json
+import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from random import Random
 from typing import Any
 
-import pandas as pd
-import pyarrow as pa
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from isi.sources import Mining, settings_of
+from isi.errors import InputError
 from isi.sources import procthor_houses as procthor
-from isi.sources._houses import House, Placed, asset_types
-from isi.sources._materials import Object
-from isi.sources._recording import Scene
-from isi.sources.procthor_houses import CHUNK, ELSEWHERE, INSTANCES, OUTSIDE, TAKEN, UNNAMED, UNRECORDED, numbered
-from isi.sources.tables import OBSERVATIONS
-from tests.procthor import house, thing
-from tests.test_bad_input import leave, mined, refusal, set_params, workspace
+from isi.sources.procthor_houses import (  # fmt: skip
+    ELSEWHERE,
+    INSTANCES,
+    OUTSIDE,
+    TAKEN,
+    UNNAMED,
+    UNRECORDED,
+    House,
+    HouseObject,
+    Point,
+    Room,
+    asset_types,
+    read_houses,
+    type_and_room,
+)
+from isi.sources.recordings import Scene, SceneObject
+from tests.observing import observations_of
+from tests.procthor import KITCHEN, floor, house, thing
 from tools import make_houses
 
-__all__ = ["workspace"]
-
 AFFORDANCES = {"mug": ["pick up", "put"], "counter top": [], "pen": ["pick up"], "sofa": ["push"], "painting": []}
-ROWS = ["scene", "room", "instance", "head", "relation", "tail", "count"]
 
 
-def no_materials(_house: int, things: list[Object]) -> list[list[str]]:
+def no_materials(_house: int, things: Sequence[SceneObject]) -> list[list[str]]:
     return [[] for _ in things]
 
 
 def observed(path: Path, *lines: dict[str, Any]) -> tuple[list[tuple[object, ...]], Counter[str]]:
     """Rows of the houses of a file, and what mining counted."""
     path.write_text("\n".join(map(json.dumps, lines)), encoding="utf-8")
-    left: Counter[str] = Counter()
-    table = pa.concat_tables(procthor.mine(numbered(path, None), AFFORDANCES, no_materials, left))
-    assert table.schema.equals(OBSERVATIONS.schema)
-    return list(pd.DataFrame(table.to_pydict())[ROWS].itertuples(index=False, name=None)), +left
+    counts: Counter[str] = Counter()
+    return list(procthor.mine(read_houses(path, None), AFFORDANCES, no_materials, counts)), +counts
 
 
 def test_objects_are_in_the_room_whose_floor_holds_them_and_children_in_their_parents(tmp_path: Path) -> None:
@@ -104,7 +114,7 @@ def test_objects_of_made_houses_are_where_their_ids_say(tmp_path: Path) -> None:
     left: Counter[str] = Counter()
     placed = [
         (thing.room, room)
-        for _, read, things in numbered(tmp_path / "x.jsonl", None)
+        for _, read, things in read_houses(tmp_path / "x.jsonl", None)
         for thing, room in procthor.in_rooms(read, things, left)
     ]
     assert len(placed) == left[INSTANCES] > 500
@@ -114,14 +124,16 @@ def test_objects_of_made_houses_are_where_their_ids_say(tmp_path: Path) -> None:
 # What was recorded
 
 
-def recording() -> procthor.Recorded:
+def recording() -> procthor.RecordedTypes:
     mugs = [
         {"objectType": "Mug", "pickupable": True, "openable": True, "salientMaterials": ["Ceramic", "Metal"]},
         {"objectType": "Mug", "pickupable": True, "openable": True, "breakable": True, "salientMaterials": ["Glass"]},
         {"objectType": "Mug", "pickupable": True, "breakable": True, "openable": True},
         {"objectType": "Mug", "pickupable": True, "salientMaterials": ["Glass"]},
     ]
-    return procthor.recorded([Scene("FloorPlan1", 1, "kitchen", mugs[:2]), Scene("FloorPlan2", 2, "kitchen", mugs[2:])])
+    return procthor.recorded_types(
+        [Scene("FloorPlan1", 1, "kitchen", mugs[:2]), Scene("FloorPlan2", 2, "kitchen", mugs[2:])]
+    )
 
 
 def test_a_type_affords_what_more_than_half_of_its_recorded_objects_do() -> None:
@@ -129,7 +141,7 @@ def test_a_type_affords_what_more_than_half_of_its_recorded_objects_do() -> None
 
 
 def test_materials_are_those_of_a_recorded_object_of_the_type_as_often_as_there_are_such() -> None:
-    drawn = procthor.by_recorded(recording().materials, 0)
+    drawn = procthor.recorded_materials(recording().materials, 0)
     things = [{"objectType": "Mug"}] * 4_000
     counts = Counter(map(tuple, drawn(7, [*things, {"objectType": "Cart"}])[:-1]))
     assert set(counts) == {("ceramic", "metal"), ("glass",), ()}
@@ -143,12 +155,11 @@ def test_materials_are_those_of_a_recorded_object_of_the_type_as_often_as_there_
 def test_the_source_mines_a_file_with_what_the_real_recording_says(tmp_path: Path, materials: str) -> None:
     make_houses.write(tmp_path / "x.jsonl.gz", 3)
     given = {"reader": "procthor_houses", "path": str(tmp_path / "x.jsonl.gz"), "sha256": None, "materials": materials}
-    found, settings = settings_of(given, "sources.x")
-    mining = Mining(0)
-    frame = pa.concat_tables(found.observe(mining, **settings)).to_pandas().astype(str)
+    found = observations_of(given)
+    frame = found.table.astype(str)
     assert {"atLocation", "hasMaterial", "hasAffordance"} == set(frame["relation"])
-    assert mining.left[INSTANCES] == len(frame[["scene", "instance"]].drop_duplicates())
-    assert {INSTANCES, OUTSIDE, TAKEN, UNNAMED, ELSEWHERE} <= set(mining.left)  # told, though there are none
+    assert found.counts[INSTANCES] == len(frame[["scene", "instance"]].drop_duplicates())
+    assert {INSTANCES, OUTSIDE, TAKEN, UNNAMED, ELSEWHERE} <= set(found.counts)  # told, though there are none
     switches = frame[(frame["head"] == "light switch") & (frame["relation"] == "hasAffordance")]
     assert set(switches["tail"]) == {"turn on", "turn off"}
 
@@ -156,24 +167,140 @@ def test_the_source_mines_a_file_with_what_the_real_recording_says(tmp_path: Pat
 def test_houses_are_read_only_as_they_are_needed() -> None:
     taken: list[int] = []
 
-    def endless() -> Iterator[tuple[int, House, list[Placed]]]:
+    def endless() -> Iterator[tuple[int, House, list[HouseObject]]]:
         while True:
             taken.append(len(taken))
-            yield len(taken), House.model_validate_json(json.dumps(house())), []
+            things = [HouseObject("Sofa|2|0", "Sofa", Point(x=1, z=1), None, "room|2")]
+            yield len(taken), House.model_validate_json(json.dumps(house())), things
 
-    parts = procthor.mine(endless(), {}, no_materials, Counter())
-    for part in range(1, 4):
-        next(parts)
-        assert len(taken) == part * CHUNK
+    rows = procthor.mine(endless(), {}, no_materials, Counter())
+    for number in range(1, 4):
+        next(rows)
+        assert len(taken) == number
 
 
-def test_a_late_mistake_is_one_line_of_the_stage_which_writes_nothing(workspace: Path) -> None:
-    leave(workspace, *mined("home"))
-    line = json.dumps(house()).encode() + b"\n"
-    (workspace / "mine.jsonl").write_bytes(line * (CHUNK + 1) + line[:-9])
-    set_params(workspace, {"sources": {"home": {
-        "reader": "procthor_houses", "path": "mine.jsonl", "sha256": None, "materials": "suncg",
-    }}})  # fmt: skip
-    told = refusal(workspace, "stages.mine", "home")
-    assert f"sources.home: mine.jsonl: line {CHUNK + 2}: expected a house" in told
-    assert OBSERVATIONS.path(source="home").name in {path.name for path in (workspace / "data/observations").iterdir()}
+# Files of houses
+
+
+@pytest.mark.parametrize("indent", [None, 2])
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_house_may_be_a_line_or_a_file_plain_or_packed(tmp_path: Path, indent: int | None, packed: bool) -> None:
+    content = json.dumps(house(thing("Mug|2|0", 1, 1)), indent=indent).encode()
+    content = content if indent else b"\n" + content + b"\n\n"
+    path = tmp_path / f"x.json{'' if indent else 'l'}{'.gz' if packed else ''}"
+    path.write_bytes(gzip.compress(content) if packed else content)
+    [(line, read, _)] = read_houses(path, hashlib.sha256(path.read_bytes()).hexdigest())
+    assert line == (1 if indent else 2)
+    assert [item.id for item in read.objects or ()] == ["Mug|2|0"]
+
+
+def broken(key: str, value: object) -> bytes:
+    """A house with another value at a dotted key, or without it."""
+    whole: Any = house(thing("Mug|2|0", 1, 1, thing("Pen|2|1", 1, 1)))
+    *way, last = [int(step) if step.isdigit() else step for step in key.split(".")]
+    at = whole
+    for step in way:
+        at = at[step]
+    at[last] = value
+    if value is None:
+        del at[last]
+    return json.dumps(whole).encode()
+
+
+LINE = json.dumps(house(thing("Mug|2|0", 1, 1))).encode() + b"\n"
+SENTENCE = r"[^\x00-\x1f\x7f]{1,400}"
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"", "expected houses, found none"),
+        (b"\n\n", "expected houses, found none"),
+        (LINE + LINE[:-30], "line 2: expected a house: Invalid JSON"),
+        (gzip.compress(LINE * 99)[:-30], "line .*: expected a house as JSON .*ended"),
+        (gzip.compress(LINE)[:15] + b"\0" * 40, "line 1: expected a house as JSON"),
+        (LINE.decode().encode("utf-16"), "line 1: expected a house: Invalid JSON"),
+        (LINE + LINE.replace(b"Mug", b"M\xfcg"), "line 2: expected a house: Invalid JSON"),
+        (b"head,relation,tail\nmug,atLocation,kitchen\n", "line 1: expected a house"),
+        (b'{"kitchens": []}', "line 1, rooms: expected a house: Field required"),
+        (b"[" * 100_000, "line 1: expected a house"),
+        (b"[[]]", "line 1: expected a house: .*object"),
+        (broken("metadata.schema", "2.0.0"), "line 1, metadata.schema: .*'2.0.0'"),
+        (broken("rooms", []), "line 1, rooms: .*at least 1"),
+        (broken("rooms.1.id", "room|2"), "line 1: two rooms have the same id"),
+        (broken("rooms.1.roomType", "a\nb"), r"line 1, rooms.1.roomType: .*'a\\nb'"),
+        (broken("rooms.1.floorPolygon", floor(KITCHEN[:2])), "rooms.1.floorPolygon: .*at least 3"),
+        (broken("rooms.0.floorPolygon.2.x", "4.0"), "rooms.0.floorPolygon.2.x: .*number, got '4.0'"),
+        (broken("objects.0.position.z", True), "objects.0.position.z: .*number"),
+        (broken("objects.0.position.z", float("nan")), "objects.0.position.z: .*finite"),
+        (broken("objects.0.position.x", 10**400), "objects.0.position.x"),
+        (broken("objects.0.children.0.position", None), "objects.0.children.0.position: .*required"),
+        (broken("objects.0.children.0.id", None), "objects.0.children.0.id: .*required"),
+        (broken("objects.0.id", "Mug\0|2|0"), r"objects.0.id: .*'Mug\\x00"),
+        (broken("objects.0.id", "M" * 10_000), r"objects.0.id: .*at most 200.*\.\.\."),
+        (broken("objects.0.id", "../../etc"), r"line 1, object '\.\./\.\./etc': expected an id .*'Bed"),
+        (broken("objects.0.id", "small|2|0"), "object 'small.2.0': .*or a known asset"),
+        (broken("objects", "none"), "line 1, objects: .*'none'"),
+    ],
+    ids=lambda value: value[:30] if isinstance(value, str) else "",
+)
+def test_what_is_no_house_is_told_in_one_line_with_its_place(tmp_path: Path, content: bytes, told: str) -> None:
+    path = tmp_path / "x.jsonl"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=told) as refused:
+        list(read_houses(path, None))
+    line = str(refused.value)
+    assert line.startswith(f"{path}: ")
+    assert re.fullmatch(SENTENCE, line)
+
+
+def test_files_that_are_missing_folders_too_long_or_others_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "x.jsonl"
+    with pytest.raises(InputError, match=r"x\.jsonl: .*No such file"):
+        list(read_houses(path, None))
+    with pytest.raises(InputError, match="directory"):
+        list(read_houses(tmp_path, None))
+    path.write_bytes(LINE)
+    with pytest.raises(InputError, match=f"expected {'0' * 64} as its sha256, got "):
+        list(read_houses(path, "0" * 64))
+    monkeypatch.setattr(procthor, "LONGEST", 100)
+    with pytest.raises(InputError, match="line 1: expected at most 100 bytes"):
+        list(read_houses(path, None))
+
+
+@pytest.mark.parametrize(
+    ("identifier", "kind", "room"),
+    [
+        ("Bed|2|0", "Bed", "room|2"),
+        ("Pillow|2|0|1", "Pillow", "room|2"),
+        ("Book|surface|12|3", "Book", "room|12"),
+        ("small|4|0", None, "room|4"),
+        ("4|0|1", None, "room|4"),
+        ("Bed", "Bed", None),
+        ("sofa-0 (living room)", None, None),
+    ],
+)
+def test_ids_of_both_versions_name_a_type_or_none_and_a_room(
+    identifier: str, kind: str | None, room: str | None
+) -> None:
+    assert type_and_room(identifier) == (kind, room)
+
+
+@given(st.integers(0, 10_000), st.integers(1, 10), st.floats(0.001, 0.999), st.floats(0.001, 0.999))
+def test_each_point_of_a_floor_plan_is_in_the_one_room_that_it_was_cut_into(
+    seed: int, number: int, along: float, across: float
+) -> None:
+    areas = make_houses.layout(Random(seed), number)
+    width = max(x1 for area in areas for _, _, x1, _ in area)
+    depth = max(z1 for area in areas for _, _, _, z1 in area)
+    x, z = along * width, across * depth
+    cut = [any(x0 < x < x1 and z0 < z < z1 for x0, z0, x1, z1 in area) for area in areas]
+    rooms = [
+        Room.model_validate({"id": "room|1", "roomType": "Kitchen", "floorPolygon": make_houses.outline(area)})
+        for area in areas
+    ]
+    held = [room.holds(Point(x=x, z=z)) for room in rooms]
+    assert sum(held) == 1
+    assert held == cut or not any(cut)  # on a border between rectangles

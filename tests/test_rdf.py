@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rdflib import RDF, Graph, URIRef
 
-from isi.sources import _rows
 from isi.sources.rdf import BLANK, LITERALS, REPEATED, STRUCTURE, local_name
 from tests.observing import TRIPLE, observe, refusal, refused
 
@@ -47,7 +46,7 @@ def test_triples_between_named_things_are_observations_and_the_others_are_counte
     assert found.rows("scene", "room", "instance", *TRIPLE, "count") == [
         (None, None, None, *row, 1) for row in EXPECTED
     ]
-    assert found.left == {LITERALS: 1, BLANK: 2, STRUCTURE: 3}
+    assert found.counts == {LITERALS: 1, BLANK: 2, STRUCTURE: 3}
 
 
 def test_types_are_kinds_and_english_labels_are_phrases(home: Path) -> None:
@@ -89,13 +88,13 @@ def test_ntriples_and_compressed_files_give_the_same(home: Path, tmp_path: Path)
         found = observe("rdf", path)
         assert sorted(found.rows(*TRIPLE)) == EXPECTED, path
         assert found.kinds.equals(expected.kinds)
-        assert found.left == expected.left
+        assert found.counts == expected.counts
 
 
 def test_a_triple_is_one_observation_however_often_it_is_there(tmp_path: Path) -> None:
     found = observe("rdf", written(tmp_path / "log.nt", line("a", "r", "b") * 3))
     assert found.rows(*TRIPLE, "count") == [("a", "r", "b", 1)]
-    assert found.left == {REPEATED: 2}
+    assert found.counts == {REPEATED: 2}
 
 
 def test_what_a_table_of_entities_says_goes_before_types_and_labels(home: Path, tmp_path: Path) -> None:
@@ -159,15 +158,6 @@ def test_broken_rdf_is_refused_by_its_line(
     if content is not None:
         written(path, content)
     refused("rdf", path, [name, *expected])
-
-
-@pytest.mark.parametrize("name", ["a.ttl", "a.ttl.gz"])
-def test_turtle_that_is_too_large_is_refused_before_it_is_held(
-    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(_rows, "MOST", 1000)
-    text = (HOME + "\n" * 1000).encode()
-    refused("rdf", written(tmp_path / name, gzip.compress(text) if name.endswith("gz") else text), ["at most 1,000"])
 
 
 @given(st.text(alphabet=' \n<>"@:.;,[]()_a#\\^%é\x00', max_size=40), st.sampled_from([".nt", ".ttl"]))

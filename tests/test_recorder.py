@@ -18,19 +18,18 @@ import yaml
 
 from isi import config
 from isi.errors import InputError
-from isi.recording.settings import Layout, Recorder
-from isi.recording.simulator import Simulator
-from isi.sources import SOURCES, Mining
-from isi.sources._materials import Object
-from isi.sources._recording import ITHOR, locate
+from isi.sources import Source
+from isi.sources.recorder import Simulator
+from isi.sources.recordings import ITHOR, Layout, Recorder, SceneObject, locate
 from isi.sources.tables import OBSERVATIONS
 from isi.tables import paths
 from stages.record import record
 from tests import player
+from tests.observing import observations_of
 
 ROOT = Path(__file__).parent.parent
 RAW: dict[str, Any] = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8"))
-KITCHEN: list[Object] = [
+KITCHEN: list[SceneObject] = [
     {"objectId": f"Mug|{number}", "objectType": "Mug", "pickupable": True, "parentReceptacles": [f"Shelf|{number}"]}
     for number in range(5)
 ] + [{"objectId": f"Shelf|{number}", "objectType": "Shelf"} for number in range(5)]
@@ -227,6 +226,37 @@ def test_groups_and_ranges_list_floor_plans_in_order() -> None:
     )
 
 
+# As sources read it
+
+DESK = {"objectId": "Desk|1", "objectType": "Desk", "salientMaterials": ["Wood"], "pickupable": False}
+CUP = {"objectId": "Cup|1", "objectType": "Cup", "parentReceptacles": ["Desk|1"], "pickupable": True}
+ROBOTHOR = {"reader": "robothor", "sha256": None, "materials": "simulator", "broken": "error"}
+
+
+def test_apartments_of_the_simulator_are_found_where_the_recorder_was_told_to_put_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    program = player.install(tmp_path / "player", {"FloorPlan_Val2_1": [DESK, CUP]})
+    recorded(program, Path("data/recordings/robothor.jsonl.gz"), scenes=["FloorPlan_Val2_1"])
+    found = observations_of({**ROBOTHOR, "from": "simulator"})
+    assert found.rows("scene", "instance", "head", "relation", "tail") == [
+        ("FloorPlan_Val2_1", "Desk|1", "desk", "atLocation", "apartment"),
+        ("FloorPlan_Val2_1", "Desk|1", "desk", "hasMaterial", "wood"),
+        ("FloorPlan_Val2_1", "Cup|1", "cup", "atLocation", "apartment"),
+        ("FloorPlan_Val2_1", "Cup|1", "cup", "atLocation", "desk"),
+        ("FloorPlan_Val2_1", "Cup|1", "cup", "hasAffordance", "pick up"),
+        ("FloorPlan_Val2_1", "Cup|1", "cup", "hasAffordance", "put"),
+    ]
+
+
+def test_floor_plans_of_ithor_are_refused(tmp_path: Path) -> None:
+    program = player.install(tmp_path / "player", {"FloorPlan1": [DESK]})
+    recorded(program, tmp_path / "r", scenes=["FloorPlan1"])
+    with pytest.raises(InputError, match=r"line 2: expected one of .*FloorPlan_Train1_1, got 'FloorPlan1'"):
+        observations_of({**ROBOTHOR, "from": str(tmp_path / "r")})
+
+
 # As a user runs it
 
 
@@ -283,8 +313,6 @@ def test_mining_all_scenes_that_were_recorded_over_the_wire_gives_the_bytes_of_t
 
 def mine(path: Path, source: str) -> bytes:
     """The bytes of the table of a source of AI2-THOR's scenes, other settings being those of params."""
-    given = {**RAW["sources"]["ai2thor"], "sha256": None}
-    reader, of_params = given.pop("reader"), {key: value for key, value in given.items() if key != "from"}
-    parts = SOURCES.get(reader, "").observe(Mining(0), from_=source, **of_params)
-    OBSERVATIONS.write_stream_file(path, parts, "mine")
+    given = {**RAW["sources"]["ai2thor"], "sha256": None, "from": source}
+    OBSERVATIONS.write_stream_file(path, Source(given, "sources.ai2thor", 0).tables(), "mine")
     return path.read_bytes()

@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import gzip
+import hashlib
+from collections.abc import Callable, Iterator
+from importlib.metadata import PackageNotFoundError
+from pathlib import Path
 
 import pandas as pd
-import pyarrow as pa
 import pytest
 
 from isi.config import Count, read
 from isi.errors import InputError
-from isi.sources import SOURCES, Mining, Observed, part, settings_of, source
-from isi.sources._household import household
+from isi.sources import (
+    Mining,
+    Observation,
+    Source,
+    all_readers,
+    behavior,
+    procthor_houses,
+    reader,
+    readers,
+    recordings,
+    settings_of,
+)
+from isi.sources.names import household
+from isi.sources.readers import check_sha256
 from isi.tables import paths
+from tests.observing import source_of
 
 MP3D = read(paths.PARAMS)["sources"]["mp3d"]
 HOUSES = {**MP3D, "reader": "mp3d_houses", "folder": "houses", "category": "mpcat40", "rooms": {"k": "kitchen"}}
@@ -25,26 +41,24 @@ def of_kind(triples: pd.DataFrame, rooms: set[str]) -> pd.DataFrame:
     return pd.DataFrame({"entity": names, "kind": "animal", "phrase": names})
 
 
-@source("pretended", entities=of_kind)
-def pretended(mining: Mining, fish: Count, name: str = "cod") -> Iterator[pa.Table]:
+@reader("pretended", of_kind)
+def pretended(mining: Mining, fish: Count, name: str = "cod") -> Iterator[Observation]:
     """As many fish as it is set to."""
     for number in range(fish):
-        mining.left["fish"] += 1
-        yield part([("scene", "sea", str(number), name, "eats", "crab", 1)])
+        mining.counts["fish"] += 1
+        yield "scene", "sea", str(number), name, "eats", "crab", 1
 
 
 def named(*triples: tuple[str, str, str]) -> pd.DataFrame:
     return household(pd.DataFrame(triples, columns=["head", "relation", "tail"]), {"kitchen", "bedroom"})
 
 
-def test_the_sources_are_the_modules_that_register_one() -> None:
+def test_these_readers_ship() -> None:
     shipped = {
         "ai2thor", "ai2thor_scene", "behavior", "mp3d_houses", "mp3d_tallies", "procthor_houses", "published", "rdf",
         "robothor", "table", "triples_with_ids",
     }  # fmt: skip
-    assert set(SOURCES.names()) == shipped | {"pretended"}
-    for name in shipped:
-        SOURCES.get(name, "sources.x.reader")
+    assert {name for name, known in all_readers().items() if known.read.__module__.startswith("isi.")} == shipped
 
 
 @pytest.mark.parametrize("name", read(paths.PARAMS)["sources"])
@@ -52,13 +66,12 @@ def test_the_settings_of_params_are_those_of_their_sources(name: str) -> None:
     settings_of(read(paths.PARAMS)["sources"][name], f"sources.{name}")
 
 
-def test_a_source_observes_with_its_settings_and_tells_what_it_left() -> None:
-    found, settings = settings_of({"reader": "pretended", "fish": 3}, "sources.mine")
-    mining, observed = Mining(0), Observed(found.entities)
-    observations = pa.concat_tables(observed.passing(found.observe(mining, **settings))).to_pandas()
-    assert list(observations["head"]) == ["cod"] * 3
-    assert observed.kinds.to_numpy().tolist() == [["cod", "animal", "cod"], ["crab", "animal", "crab"]]
-    assert mining.left == {"fish": 3}
+def test_a_source_observes_with_its_settings_and_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("isi.sources.CHUNK", 2)
+    source = Source({"reader": "pretended", "fish": 3}, "sources.mine", 0)
+    assert [table["head"].to_pylist() for table in source.tables()] == [["cod"] * 2, ["cod"]]
+    assert source.kinds.to_numpy().tolist() == [["cod", "animal", "cod"], ["crab", "animal", "crab"]]
+    assert source.counts == {"fish": 3}
 
 
 @pytest.mark.parametrize(
@@ -84,21 +97,81 @@ def test_settings_that_a_source_does_not_take_are_refused_by_their_key(values: o
         settings_of(values, "sources.mine")
 
 
-def test_a_part_has_the_columns_of_observations_though_it_has_no_rows() -> None:
-    assert part([]).schema.equals(part([(None, None, None, "mug", "atLocation", "kitchen", 1)]).schema)
-
-
 @pytest.mark.parametrize(
     ("kinds", "name"), [(["cod"], "crab"), (["cod", "crab", "cod"], "cod")], ids=["none of it", "two of it"]
 )
 def test_a_source_must_give_each_entity_one_kind_and_before_its_observations_are_whole(
     kinds: list[str], name: str
 ) -> None:
-    observed = Observed(lambda _triples, _rooms: pd.DataFrame({"entity": kinds, "kind": "animal", "phrase": kinds}))
-    parts = observed.passing(pretended(Mining(0), fish=2))
-    assert next(parts).num_rows == next(parts).num_rows == 1
+    named = pd.DataFrame({"entity": kinds, "kind": "animal", "phrase": kinds})
+    tables = source_of(pretended(Mining(0), fish=2), lambda _triples, _rooms: named).tables()
+    assert next(tables).num_rows == 2
     with pytest.raises(InputError, match=f"entity '{name}'"):
-        next(parts)
+        next(tables)
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ([], "expected observations, got none"),
+        ([("mug", 1), ("../mug", 1)], r"expected a name without .*'\.\./mug'"),
+        ([("mug", 600_000_000), ("cup", 600_000_000)], "expected at most 1,000,000,000 observations"),
+    ],
+)
+def test_observations_that_are_none_no_names_or_too_many_are_refused(
+    rows: list[tuple[str, int]], expected: str
+) -> None:
+    source = source_of((None, None, None, head, "atLocation", "kitchen", count) for head, count in rows)
+    with pytest.raises(InputError, match=f"^sources.given: {expected}"):
+        list(source.tables())
+
+
+# Files
+
+
+@pytest.mark.parametrize(
+    ("find", "expected"),
+    [
+        (lambda: behavior.locate("package"), "package bddl: not installed, which has the scenes"),
+        (lambda: recordings.locate("recording"), "package procthor: not installed, which has the recording"),
+        (procthor_houses.asset_types, "package procthor: not installed, which has the assets"),
+    ],
+)
+def test_a_package_must_be_there_to_be_read(
+    monkeypatch: pytest.MonkeyPatch, find: Callable[[], object], expected: str
+) -> None:
+    def absent(_name: str) -> None:
+        raise PackageNotFoundError
+
+    monkeypatch.setattr("isi.sources.readers.distribution", absent)
+    with pytest.raises(InputError, match=expected):
+        find()
+
+
+@pytest.mark.parametrize("name", ["log.ttl", "log.ttl.gz"])
+def test_a_file_that_is_too_large_is_refused_before_it_is_held(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setattr(readers, "MOST", 1000)
+    monkeypatch.setattr(readers, "MOST_ROWS", 2)
+    content = b"entity\n" + b"mug\n" * 1000
+    (tmp_path / name).write_bytes(gzip.compress(content) if name.endswith(".gz") else content)
+    (tmp_path / "log.csv").write_bytes(content)
+    with pytest.raises(InputError, match=f"{name}: expected Turtle of at most 1,000 characters"):
+        readers.read_text(tmp_path / name, "Turtle")
+    with pytest.raises(InputError, match=r"log\.csv: expected a table of at most 2 rows"):
+        readers.read_table(tmp_path / "log.csv", ["entity"])
+
+
+def test_a_file_is_read_from_its_start_when_its_hash_is_checked(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"content")
+    with path.open("rb") as file:
+        for expected in (None, hashlib.sha256(b"content").hexdigest()):
+            check_sha256(path, file, expected)
+            assert file.tell() == 0
+        with pytest.raises(InputError, match=f"file: expected {'0' * 64} as its sha256, got "):
+            check_sha256(path, file, "0" * 64)
 
 
 # Homes

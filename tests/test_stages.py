@@ -38,7 +38,7 @@ PLUGINS = {"isi/models": "models", "isi/initializers": "initializers", "isi/sour
 MAKING = ("mine", "build_graph", "embed_words", "make_sessions", "train_theta0", "train_joint", "insert")
 #: What changes for reasons of its own: words of messages, the command, the page, tables that the report alone reads.
 APART = ("isi/errors.py", "isi/process.py", "isi/stage.py", "isi/params.py", "isi/cli", "isi/report", "isi/analyses",
-         "isi/bundle", "isi/insertion", "isi/pykeen", "isi/exports", "isi/recording")  # fmt: skip
+         "isi/bundle", "isi/insertion", "isi/pykeen")  # fmt: skip
 
 
 @pytest.fixture(autouse=True)

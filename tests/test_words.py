@@ -17,9 +17,9 @@ from gensim.models import KeyedVectors
 from isi.errors import InputError
 from isi.graph import words
 from isi.graph.words import Words
-from isi.sources._household import entity_name
-from isi.sources._recording import locate
+from isi.sources.names import entity_name
 from isi.sources.published import read_phrases
+from isi.sources.recordings import locate
 from isi.tables import paths
 from tools.embed_phrases import keep
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from isi.sources._files import packaged
+from isi.sources.readers import packaged
 
 ROOMS = ("Kitchen", "LivingRoom", "Bedroom", "Bathroom")
 MOST_ROOMS = 10

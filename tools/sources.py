@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 from isi.config import Name, check, read
 from isi.errors import InputError
 from isi.report.figures import STYLE, rendered
-from isi.sources import observing
+from isi.sources import Source
 from isi.tables import paths
 from tools import make_houses
 
@@ -94,18 +94,16 @@ def run(name: str, settings: Any, seed: int) -> Measured:
     """
     counts, seen = [], []
     start = time.perf_counter()
-    observed, parts = observing(settings, f"sources.{name}", seed)
-    for table in parts:
+    source = Source(settings, f"sources.{name}", seed)
+    for table in source.tables():
         frame = table.to_pandas()
         counts.append(frame.groupby(TRIPLE, observed=True)["count"].sum())
         seen.append(frame[["scene", "instance", "count"]].drop_duplicates(["scene", "instance"]).astype(object))
     seconds = time.perf_counter() - start
-    if not counts:
-        raise InputError(f"sources.{name}", "", "expected observations, got none")
     total = pd.concat(counts).groupby(level=TRIPLE, observed=True).sum()
     where = pd.concat(seen).drop_duplicates(["scene", "instance"])
     instances = int(where.loc[where["instance"].notna(), "count"].sum())
-    return Measured(name, where["scene"].nunique(), instances, total, observed.kinds, observed.mining.left, seconds)
+    return Measured(name, where["scene"].nunique(), instances, total, source.kinds, source.counts, seconds)
 
 
 def table(measured: Iterable[Measured]) -> pd.DataFrame:

@@ -23,7 +23,7 @@ from isi.insertion.arguments import checked_model, stack_of_one, table
 from isi.insertion.choose import margin_of
 from isi.models.model import MODELS
 from isi.models.stack import Embedding
-from isi.sources.triples_with_ids import _names, read_ids
+from isi.sources.triples_with_ids import read_id_names, read_ids
 
 #: PyKEEN's folder and OpenKE's files; files of names, one a line, where there is neither.
 PYKEEN, ENTITY2ID, RELATION2ID, TRAIN2ID = "training_triples", "entity2id.txt", "relation2id.txt", "train2id.txt"
@@ -171,7 +171,7 @@ def _pykeen_table(path: Path, columns: list[str]) -> list[list[str]]:
 
 def _openke_labels(folder: Path) -> Labels:
     """OpenKE's names and training triples; without ``train2id.txt``, no triples."""
-    entities, relations = _names(folder / ENTITY2ID), _names(folder / RELATION2ID)
+    entities, relations = read_id_names(folder / ENTITY2ID), read_id_names(folder / RELATION2ID)
     triples = list(read_ids(folder, [TRAIN2ID])) if (folder / TRAIN2ID).exists() else []
     entity_ids, relation_ids = ({name: row for row, name in enumerate(names)} for names in (entities, relations))
     return Labels("entity2id", entities, relations, triple_ids(folder / TRAIN2ID, triples, entity_ids, relation_ids))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,24 +11,12 @@ from typing import Any
 import pandas as pd
 import pyarrow as pa
 
-from isi.config import options
-from isi.errors import InputError
+from isi.errors import InputError, meant, short
 from isi.graph.graph import MinedSource
-from isi.sources import SOURCES, observing
-from isi.sources._json import json_of
-from isi.sources._rows import SEPARATORS, UNREADABLE, form_of, open_text
+from isi.sources import Source, all_readers
+from isi.sources.readers import UNREADABLE, open_text, parse_json, suffix_of
 from isi.tables import paths
 
-READERS = {**dict.fromkeys([*SEPARATORS, ".parquet"], "table"), ".nt": "rdf", ".ttl": "rdf"}
-#: The setting of a reader that names what it reads.
-PATHS = ("path", "from", "folder")
-#: Of settings that a reader must be given: what a file alone can tell.
-DEFAULTS = {"sha256": None, "materials": "simulator", "broken": "error"}
-#: Readers of JSON by the keys of the mapping that it begins with.
-KEYS = {
-    "format": "ai2thor", "kitchens": "ai2thor", "rooms": "procthor_houses", "objects": "ai2thor_scene",
-    "metadata": "ai2thor_scene",
-}  # fmt: skip
 #: Characters that are read to tell, at most.
 MOST = 2**26
 _TRIPLE = ["head", "relation", "tail"]
@@ -41,7 +28,7 @@ class Read:
     """What a file was read as, what its reader counted, and what it observed, added up by triple."""
 
     reader: str
-    left: Counter[str]
+    counts: Counter[str]
     seen: MinedSource
 
 
@@ -58,26 +45,27 @@ def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) ->
         InputError: where no reader is plain, it does not take these settings, or the file is broken.
     """
     reader = reader or guess(file)
+    source = _source(reader, file, given, seed)
+    observations = _added_up(pa.concat_tables([_added_up(part) for part in source.tables()])).to_pandas()
+    return Read(reader, source.counts, MinedSource(file.name, observations, source.kinds))
+
+
+def _source(reader: str, file: Path, given: Mapping[str, Any], seed: int) -> Source:
+    """A file and its settings as a section of params has them."""
+    known = all_readers()
+    if reader not in known:
+        expected = f"expected one of {', '.join(known)}, got {short(reader)}{meant(reader, known)}"
+        raise InputError("--reader", "", expected)
+    if known[reader].path is None:
+        raise InputError(f"reader {reader}", "", "expected one that reads a file")
+    slot = str(known[reader].path).removesuffix("_")
+    if {"reader", slot} & set(given):
+        raise InputError("--set", "reader" if "reader" in given else slot, "expected another setting: it is given")
     try:
-        observed, parts = observing(_section(reader, file, given), "--set", seed)
+        return Source({"reader": reader, **known[reader].defaults, slot: str(file), **given}, "--set", seed)
     except InputError as error:
         file_named, *rest = error.args
         raise (InputError("", *rest) if file_named == str(paths.PARAMS) else error) from error
-    observations = _added_up(pa.concat_tables([_added_up(part) for part in parts])).to_pandas()
-    return Read(reader, observed.mining.left, MinedSource(file.name, observations, observed.kinds))
-
-
-def _section(reader: str, file: Path, given: Mapping[str, Any]) -> dict[str, Any]:
-    """A file and what is told of it, as a section of params tells of a source."""
-    fields = options(SOURCES.get(reader, "--reader").observe).model_fields
-    takes = [field.alias or name for name, field in fields.items()]
-    slot = next((name for name in PATHS if name in takes), None)
-    if slot is None:
-        raise InputError(f"reader {reader}", "", "expected one that reads a file")
-    if {"reader", slot} & set(given):
-        raise InputError("--set", "reader" if "reader" in given else slot, "expected another setting: it is given")
-    preset = {name: value for name, value in DEFAULTS.items() if name in takes}
-    return {"reader": reader, **preset, slot: str(file), **given}
 
 
 def _added_up(part: pa.Table) -> pa.Table:
@@ -108,17 +96,15 @@ def guess(file: Path) -> str:
     Raises:
         InputError: where neither tells.
     """
-    form = form_of(file)
-    if form in READERS:
-        return READERS[form]
-    found = _first(file) if form in (".json", ".jsonl") else None
-    if isinstance(found, list):
-        return KEYS["objects"]
-    for key, reader in KEYS.items():
-        if isinstance(found, dict) and key in found:
-            return reader
-    expected = f"expected a file whose form is plain; else name its reader by --reader: {', '.join(SOURCES.names())}"
-    raise InputError(file, "", expected)
+    suffix, known = suffix_of(file), all_readers()
+    fitting = [name for name, reader in known.items() if suffix in reader.suffixes]
+    if not fitting and suffix in (".json", ".jsonl"):
+        value = _first(file)
+        fitting = [name for name, reader in known.items() if reader.reads_json(value)]
+    if not fitting:
+        expected = f"expected a file whose form is plain; else name its reader by --reader: {', '.join(known)}"
+        raise InputError(file, "", expected)
+    return fitting[0]
 
 
 def _first(file: Path) -> Any:
@@ -127,10 +113,8 @@ def _first(file: Path) -> Any:
         with open_text(file) as text:
             line = text.readline(MOST)
             try:
-                return json.loads(line)
-            except ValueError:
-                return json_of(file, "", line + text.read(MOST))
+                return parse_json(Any, line, file)
+            except InputError:
+                return parse_json(Any, line + text.read(MOST), file)
     except UNREADABLE as error:
         raise InputError(file, "", f"expected UTF-8 text ({error})") from error
-    except RecursionError as error:
-        raise InputError(file, "", "expected JSON: lists and mappings are too deep in each other") from error

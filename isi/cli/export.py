@@ -109,7 +109,7 @@ def of_bundle(folder: Path, most: int, labels: bool) -> GraphExport:
     from isi.cli.entity import open_folder
     from isi.cli.export_formats import TRIPLE, GraphExport
     from isi.cli.predictions import NO_PREDICTIONS, by_bundle
-    from isi.sources._naming import ENTITY
+    from isi.sources.names import ENTITY
 
     opened = open_folder(folder)
     bundle, name = opened.bundle, folder.resolve().name
@@ -130,11 +130,11 @@ def _check_names(files: tuple[Path, Path], entities: pd.DataFrame, triples: pd.D
     Raises:
         InputError: naming the file and the column.
     """
-    from isi.sources._naming import fault
+    from isi.sources.names import name_fault
 
     columns = [(files[0], entities[column]) for column in ("entity", "kind", "phrase")]
     for path, names in [*columns, (files[1], triples["relation"])]:
-        if wrong := next(filter(None, map(fault, names.unique())), None):
+        if wrong := next(filter(None, map(name_fault, names.unique())), None):
             raise InputError(path, f"column {names.name!r}", wrong)
 
 

@@ -50,7 +50,7 @@ def graph(
         _write(out, tables)
     for file, reading in zip(files, readings, strict=True):
         print(f"{file}: read as {reading.reader}")
-        print("".join(f"  {number:,} {step}\n" for step, number in reading.left.items()), end="")
+        print("".join(f"  {number:,} {step}\n" for step, number in reading.counts.items()), end="")
     print(*lines, sep="\n")
 
 

@@ -28,7 +28,7 @@ from isi.report import stated, varied
 from isi.report.models import JOINT
 from isi.report.statistics import converged
 from isi.report.varied import Explored, Varied
-from isi.sources._rows import read_rows
+from isi.sources.readers import read_batches
 from isi.sources.tables import KINDS, MINED, OBSERVATIONS
 from isi.tables import paths
 from isi.tables.table import Table
@@ -291,4 +291,4 @@ def _explorer(experiment: str) -> Mapping[str, pd.DataFrame]:
 def read_definitions(path: Path) -> pd.DataFrame:
     """What phrases mean: columns phrase and definition."""
     columns = ["phrase", "definition"]
-    return pd.DataFrame([row.values for row in read_rows(path, columns, others=True)], columns=columns)
+    return pd.concat(read_batches(path, columns, others=True), ignore_index=True)

@@ -1,153 +1,174 @@
-"""Sources of observations, one module each: scenes or tallies as (head, relation, tail), with what they left out."""
+"""Sources of graphs: readers give observations (head, relation, tail) of scenes, tallies or tables.
+
+Each module registers its readers by the names that ``reader`` has in params; a source is a reader with its settings.
+"""
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 
-from isi.config import Name, check, keywords
-from isi.errors import InputError, short
-from isi.registry import Plugins
-from isi.sources._naming import fault
+from isi import config
+from isi.errors import InputError, meant, short
+from isi.sources.names import name_fault
 from isi.sources.tables import OBSERVATIONS
+from isi.tables import paths
 from isi.tables.rules import MOST_OBSERVED
 
-#: Settings that name what a source reads.
-READ = ("path", "from_", "folder")
-_TRIPLE = ["head", "relation", "tail"]
-#: Names the entities of a source (``tables.KINDS``), given its unique triples and the names of its rooms.
-Entities = Callable[[pd.DataFrame, Collection[str]], pd.DataFrame]
+#: Rows of a table of observations, which are held at once.
+CHUNK = 65_536
+#: Scene, room and instance (null where there is none), head, relation, tail, count.
+Observation = tuple[str | None, str | None, str | None, str, str, str, int]
+#: Gives the entities of a source (``tables.KINDS``) from its unique triples and the names of its rooms.
+NameEntities = Callable[[pd.DataFrame, Collection[str]], pd.DataFrame]
 
 
 @dataclass
 class Mining:
-    """What a source is given beside its settings, and where it counts what it leaves out."""
+    """What a reader is given beside its settings, and where it reports what the observations do not say."""
 
     #: root of every random stream
     seed: int
-    #: instances left after each step, in the order of the steps; stays empty where a source does not count
-    left: Counter[str] = field(default_factory=Counter)
-    #: set by a source whose settings, or the file itself, say how its entities are named; else ``Source.entities`` does
-    entities: Entities | None = None
+    #: what was dropped, or is left after each step; empty where a reader does not count
+    counts: Counter[str] = field(default_factory=Counter)
+    #: set where the settings or the file itself say how entities are named; else the reader's function names them
+    name_entities: NameEntities | None = None
 
 
 @dataclass(frozen=True)
-class Source:
-    """How to observe, and how to name what was observed."""
+class Reader:
+    """A function that reads observations, and what is to be known of it."""
 
-    #: gives observations part by part (``tables.OBSERVATIONS``), from a ``Mining`` and its settings
-    observe: Callable[..., Iterable[pa.Table]]
-    entities: Entities
+    #: gives observations from a ``Mining`` and settings, whose types and defaults are those of its parameters
+    read: Callable[..., Iterable[Observation]]
+    name_entities: NameEntities
+    #: the setting that names the file or folder to read; null where it reads what ships
+    path: str | None = None
+    #: suffixes of the files that it reads
+    suffixes: Collection[str] = ()
+    #: whether it reads JSON that begins with this value
+    reads_json: Callable[[Any], bool] = lambda _value: False
+    #: settings for a file alone, where its parameters have no default
+    defaults: Mapping[str, Any] = field(default_factory=dict)
 
 
-SOURCES: Plugins[Source] = Plugins("isi.sources")
+READERS: dict[str, Reader] = {}
 
 
-def source(name: str, entities: Entities) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Make a function of a ``Mining`` and settings a source; the settings are checked by their types."""
+def reader(
+    name: str, name_entities: NameEntities, **known: Any
+) -> Callable[[Callable[..., Iterable[Observation]]], Callable[..., Iterable[Observation]]]:
+    """Register a function as a reader; ``known`` are the other fields of ``Reader``."""
 
-    def register(observe: Callable[..., Any]) -> Callable[..., Any]:
-        SOURCES.register(name, Source(observe, entities))
-        return observe
+    def register(read: Callable[..., Iterable[Observation]]) -> Callable[..., Iterable[Observation]]:
+        READERS[name] = Reader(read, name_entities, **known)
+        return read
 
     return register
 
 
-def settings_of(values: object, key: str) -> tuple[Source, dict[str, Any]]:
-    """The source that a section of params names as its ``reader``, and its other keys as keyword arguments.
+def all_readers() -> dict[str, Reader]:
+    """All readers by name."""
+    for module in pkgutil.iter_modules(__path__, f"{__name__}."):
+        if module.name != f"{__name__}.recorder":  # which loads the simulator's package
+            importlib.import_module(module.name)
+    return dict(sorted(READERS.items()))
+
+
+def settings_of(section: object, key: str) -> tuple[Reader, dict[str, Any]]:
+    """The reader that a section of params names, and its other keys as keyword arguments.
 
     Raises:
-        InputError: where there is no such source, or it does not take these settings; ``key`` is where they stand.
+        InputError: where there is no such reader, or it does not take these settings; ``key`` is where they stand.
     """
-    given = dict(check(values, dict[str, Any], key))
-    reader = check(given.pop("reader", None), Name, f"{key}.reader")
-    found = SOURCES.get(reader, f"{key}.reader")
-    settings = keywords(found.observe, given, key)
-    for name, value in settings.items():
+    given = dict(config.check(section, dict[str, Any], key))
+    name = config.check(given.pop("reader", None), config.Name, f"{key}.reader")
+    if name not in READERS and name not in all_readers():
+        expected = f"expected one of {', '.join(READERS)}, got {short(name)}{meant(name, READERS)}"
+        raise InputError(paths.PARAMS, f"{key}.reader", expected)
+    settings = config.keywords(READERS[name].read, given, key)
+    for setting, value in settings.items():
         if isinstance(value, str) and "\0" in value:  # which is in no path
-            raise InputError(f"{key}.{name.removesuffix('_')}", "", f"expected text without null, got {short(value)}")
-    return found, settings
+            place = f"{key}.{setting.removesuffix('_')}"
+            raise InputError(place, "", f"expected text without null, got {short(value)}")
+    return READERS[name], settings
 
 
-def part(rows: Sequence[Sequence[str | int | None]]) -> pa.Table:
-    """A part of a source's observations: rows of scene, room, instance (null where there is none) ... and count."""
-    columns = zip(*rows, strict=True) if rows else [()] * len(OBSERVATIONS.schema)
-    arrays = [pa.array(column, field.type) for column, field in zip(columns, OBSERVATIONS.schema, strict=True)]
-    return pa.Table.from_arrays(arrays, schema=OBSERVATIONS.schema)
+def observed(
+    scene: str, room: str | None, instance: str, head: str, tails: Iterable[tuple[str, Iterable[str]]], count: int = 1
+) -> Iterator[Observation]:
+    """The observations of an object: its ``tails`` by relation."""
+    for relation, names in tails:
+        for tail in names:
+            yield scene, room, instance, head, relation, tail, count
 
 
-@dataclass
-class Observed:
-    """Passes observations on, and names the entities of all of them when they end."""
+class Source:
+    """A reader with its settings: its observations table by table, then its entities."""
 
-    entities: Entities
-    mining: Mining = field(default_factory=lambda: Mining(0))
-    #: what is read, for errors that no reader sees
-    file: str = "observations"
-    #: of the entities (``tables.KINDS``), once the observations have ended
-    kinds: pd.DataFrame = field(init=False)
+    #: entities with kind and phrase (``tables.KINDS``), once all observations have been read
+    kinds: pd.DataFrame
 
-    def passing(self, parts: Iterable[pa.Table]) -> Iterator[pa.Table]:
-        """The parts, as they come.
+    def __init__(self, section: object, key: str, seed: int) -> None:
+        """Choose the reader; nothing is read yet.
+
+        Args:
+            section: of params.
+            key: where it stands.
+            seed: root of every random stream.
 
         Raises:
-            InputError: where a name is none, there are none, or more than are counted; at their end, where an entity
-                has no kind, or more than one.
+            InputError: where there is no such reader, or it does not take these settings.
         """
+        self._reader, self._settings = settings_of(section, key)
+        self._place = str(self._settings.get(self._reader.path or "", key))
+        self._mining = Mining(seed)
+
+    @property
+    def counts(self) -> Counter[str]:
+        """What mining has dropped, or has left after each step."""
+        return self._mining.counts
+
+    def tables(self) -> Iterator[pa.Table]:
+        """Observations (``tables.OBSERVATIONS``), at most ``CHUNK`` at once.
+
+        Raises:
+            InputError: where what is read is missing or broken, has no observations or too many, or text that is no
+                name; at the end, where an entity has no kind, or more than one.
+        """
+        observations = iter(self._reader.read(self._mining, **self._settings))
         triples: set[tuple[str, str, str]] = set()
         rooms: set[str] = set()
         total = 0
-        for table in parts:
-            new = _distinct(table, _TRIPLE) - triples
-            if wrong := next(filter(None, map(fault, {name for triple in new for name in triple})), None):
-                raise InputError(self.file, "", wrong)
-            total += pc.sum(table["count"]).as_py() or 0
+        while rows := list(islice(observations, CHUNK)):
+            columns = list(zip(*rows, strict=True))
+            new = set(zip(*columns[3:6], strict=True)) - triples
+            if fault := next(filter(None, map(name_fault, {name for triple in new for name in triple})), None):
+                raise InputError(self._place, "", fault)
+            total += sum(columns[6])
             if total > MOST_OBSERVED:
-                raise InputError(self.file, "", f"expected at most {MOST_OBSERVED:,} observations in all")
+                raise InputError(self._place, "", f"expected at most {MOST_OBSERVED:,} observations in all")
             triples |= new
-            rooms |= {room for (room,) in _distinct(table, ["room"]) if room is not None}
-            yield table
+            rooms |= set(columns[1]) - {None}
+            arrays = list(map(pa.array, columns, OBSERVATIONS.schema.types))
+            yield pa.Table.from_arrays(arrays, schema=OBSERVATIONS.schema)
         if not triples:
-            raise InputError(self.file, "", "expected observations, got none")
-        entities = self.mining.entities or self.entities
-        self.kinds = entities(pd.DataFrame(sorted(triples), columns=_TRIPLE), rooms)
-        named = list(self.kinds["entity"])
-        missing = {name for head, _, tail in triples for name in (head, tail)} - set(named)
-        if missing or len(set(named)) < len(named):
-            name = min(missing) if missing else self.kinds.loc[self.kinds["entity"].duplicated(), "entity"].iloc[0]
+            raise InputError(self._place, "", "expected observations, got none")
+        self.kinds = self._named(pd.DataFrame(sorted(triples), columns=["head", "relation", "tail"]), rooms)
+
+    def _named(self, triples: pd.DataFrame, rooms: Collection[str]) -> pd.DataFrame:
+        kinds = (self._mining.name_entities or self._reader.name_entities)(triples, rooms)
+        missing = {*triples["head"], *triples["tail"]} - set(kinds["entity"])
+        repeated = kinds.loc[kinds["entity"].duplicated(), "entity"]
+        if missing or len(repeated):
+            name = min(missing) if missing else repeated.iloc[0]
             raise InputError(f"entity {short(name)}", "", "expected its source to give it one kind")
-
-
-def observing(values: object, key: str, seed: int) -> tuple[Observed, Iterator[pa.Table]]:
-    """What the source of a section of params observes, part by part, and what names and counts it.
-
-    Args:
-        values: of the section.
-        key: where it stands.
-        seed: root of every random stream.
-
-    Raises:
-        InputError: where there is no such source, or it does not take these settings; parts, where what it reads is
-            missing or broken.
-    """
-    chosen, settings = settings_of(values, key)
-    file = next((str(settings[slot]) for slot in READ if slot in settings), key)
-    observed = Observed(chosen.entities, Mining(seed), file)
-
-    def parts() -> Iterator[pa.Table]:
-        yield from observed.passing(chosen.observe(observed.mining, **settings))
-
-    return observed, parts()
-
-
-def _distinct(table: pa.Table, columns: list[str]) -> set[tuple[Any, ...]]:
-    """Rows of some columns that differ."""
-    plain = table.select(columns).cast(pa.schema([(name, pa.string()) for name in columns]))
-    unique = plain.group_by(columns).aggregate([])
-    return set(zip(*(unique[name].to_pylist() for name in columns), strict=True))
+        return kinds

@@ -13,7 +13,7 @@ import torch
 from isi.config import read
 from isi.graph.graph import Graph, MinedSource, build_graph, build_tables
 from isi.params import Params, load
-from isi.sources import Mining, Observed, settings_of
+from isi.sources import Source
 from isi.tables import paths
 
 
@@ -37,8 +37,7 @@ def params() -> Params:
 @pytest.fixture(scope="session")
 def home() -> Graph:
     """The graph of AI2-THOR's scenes."""
-    source, settings = settings_of(read(paths.PARAMS)["sources"]["ai2thor"], "sources.ai2thor")
-    observed = Observed(source.entities)
-    observations = pa.concat_tables(observed.passing(source.observe(Mining(0), **settings))).to_pandas()
-    made = build_tables(MinedSource("ai2thor", observations, observed.kinds))
+    source = Source(read(paths.PARAMS)["sources"]["ai2thor"], "sources.ai2thor", 0)
+    observations = pa.concat_tables(source.tables()).to_pandas()
+    made = build_tables(MinedSource("ai2thor", observations, source.kinds))
     return build_graph(made.entities, made.triples)

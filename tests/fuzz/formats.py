@@ -23,10 +23,10 @@ from isi.cli import _reading
 from isi.graph.graph import MinedSource, build_tables
 from isi.graph.tables import TRIPLES
 from isi.graph.words import look_up, read_vectors
-from isi.recording.file import Recording
-from isi.sources import observing, procthor_houses, triples_with_ids
-from isi.sources._naming import fault
-from isi.sources._recording import FORMAT, ITHOR, Scene
+from isi.sources import Source, procthor_houses, triples_with_ids
+from isi.sources.names import name_fault
+from isi.sources.recorder import Recording
+from isi.sources.recordings import FORMAT, ITHOR, Scene
 from isi.sources.tables import KINDS, OBSERVATIONS
 from isi.tables import io as tables
 from isi.tables import paths
@@ -123,17 +123,17 @@ def shipped(*names: str, lines: int | None = None) -> Files:
 def mined(section: dict[str, Any]) -> str:
     """Mine a source as its stage does; what it gives is lawful, or this is a fault of the reader."""
     triples_with_ids.shipped_names.cache_clear()
-    observed, parts = observing(section, "sources.fuzz", 0)
-    OBSERVATIONS.write_stream_file(OUT[0], parts, MADE)
-    KINDS.write_file(OUT[1], observed.kinds, MADE)
+    source = Source(section, "sources.fuzz", 0)
+    OBSERVATIONS.write_stream_file(OUT[0], source.tables(), MADE)
+    KINDS.write_file(OUT[1], source.kinds, MADE)
     seen = OBSERVATIONS.read_file(OUT[0]), KINDS.read_file(OUT[1])
-    return _lawful(*seen) + repr(sorted(observed.mining.left.items()))
+    return _lawful(*seen) + repr(sorted(source.counts.items()))
 
 
 def _lawful(observations: pd.DataFrame, kinds: pd.DataFrame) -> str:
     plain, kinds = as_text(observations), as_text(kinds)
     names = {*plain["head"], *plain["relation"], *plain["tail"], *kinds["entity"], *kinds["kind"], *kinds["phrase"]}
-    assert not list(filter(None, map(fault, names)))
+    assert not list(filter(None, map(name_fault, names)))
     assert plain["count"].between(1, 2**31 - 1).all()
     assert plain["count"].sum() < 2**31
     assert kinds["entity"].is_unique
@@ -153,12 +153,12 @@ def guessed(file: str) -> str:
 
 def houses() -> str:
     """Mine a house; what the package has of all houses is read once a process, and little of it."""
-    with mock.patch.multiple(procthor_houses, recorded=lambda _scenes: RECORDED, asset_types=lambda: ASSETS):
+    with mock.patch.multiple(procthor_houses, recorded_types=lambda _scenes: RECORDED, asset_types=lambda: ASSETS):
         return mined(dict(PROCTHOR))
 
 
 PROCTHOR = {"reader": "procthor_houses", "path": "houses.jsonl", "sha256": None, "materials": "simulator"}
-RECORDED = procthor_houses.recorded([Scene("FloorPlan1", 1, "kitchen", THINGS)])
+RECORDED = procthor_houses.recorded_types([Scene("FloorPlan1", 1, "kitchen", THINGS)])
 ASSETS = {"Asset_1": "Mug"}
 
 

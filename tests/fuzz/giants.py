@@ -7,7 +7,7 @@ import json
 import struct
 from collections.abc import Callable
 
-from isi.sources._recording import FORMAT
+from isi.sources.recordings import FORMAT
 from tests import procthor
 from tests.fuzz.formats import HEADER, HOUSE
 from tests.fuzz.mutations import Files

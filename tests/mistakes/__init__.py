@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass, field
 from typing import Any
 
-from isi.sources._recording import FORMAT
+from isi.sources.recordings import FORMAT
 from tests import procthor
 from tests.fuzz import formats
 from tests.fuzz.formats import ENTITIES, THINGS

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 
-from isi.sources._recording import FORMAT
+from isi.sources.recordings import FORMAT
 from tests import procthor
 from tests.fuzz.formats import THINGS
 from tests.mistakes import (

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from isi.sources._recording import FORMAT
+from isi.sources.recordings import FORMAT
 from isi.tables import paths
 from tests.mistakes.calls import Typed, as_json, params
 

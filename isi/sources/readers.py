@@ -1,0 +1,260 @@
+"""How sources read files: JSON by pydantic, tables by pyarrow, text, files of packages; each error names its place."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import hashlib
+import re
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+from typing import IO, TextIO, TypeVar
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as compute
+import pyarrow.csv as pc
+import pyarrow.parquet as pq
+from pydantic import TypeAdapter, ValidationError
+
+from isi.errors import InputError, cut, short
+from isi.sources.names import check_names
+from isi.tables.rules import MOST_OBSERVED
+
+#: Bytes of a text table, and rows of a Parquet table, that are read at once; a line is not longer.
+BLOCK, BATCH = 2**20, 65_536
+#: Characters, and rows, of a file that is read as a whole, at most.
+MOST, MOST_ROWS = 2**26, 1_000_000
+#: The column of whole numbers from 1; all others hold text.
+COUNT = "count"
+#: What a file starts with that is compressed by gzip.
+GZIP = b"\x1f\x8b"
+SEPARATORS = {".csv": ",", ".tsv": "\t"}
+#: What reading a broken file raises.
+UNREADABLE = (OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error, pa.ArrowException)
+T = TypeVar("T")
+#: Gives the columns that are read of a header, and its place.
+Choose = Callable[[list[str], str], list[str]]
+
+
+def packaged(package: str, path: str, content: str) -> Path:
+    """A file or folder of an installed package, which is never imported; ``content`` is what it has, for the error.
+
+    Raises:
+        InputError: where the package is not installed.
+    """
+    try:
+        return Path(str(distribution(package).locate_file(path)))
+    except PackageNotFoundError as error:
+        raise InputError(f"package {package}", "", f"not installed, which has {content}") from error
+
+
+def check_sha256(path: Path, file: IO[bytes], expected: str | None) -> None:
+    """Check what an open file hashes to, if anything is expected, and go back to its start.
+
+    Raises:
+        InputError: where it is something else.
+    """
+    if expected is None:
+        return
+    got = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
+    if got != expected:
+        raise InputError(path, "", f"expected {expected} as its sha256, got {got}")
+    file.seek(0)
+
+
+def suffix_of(path: Path) -> str:
+    """The suffix of a file's name, compressed or not: ``.csv`` of ``log.csv.gz``."""
+    return Path(path.stem).suffix if path.suffix == ".gz" else path.suffix
+
+
+def open_text(path: Path) -> TextIO:
+    """Open a text file in UTF-8, compressed if its name ends in ``.gz``."""
+    if path.suffix == ".gz":
+        return gzip.open(path, "rt", encoding="utf-8-sig", newline="")
+    return path.open(encoding="utf-8-sig", newline="")
+
+
+def read_text(path: Path, content: str) -> str:
+    """All of a text file; ``content`` is what was expected there.
+
+    Raises:
+        InputError: where it is missing, no UTF-8, broken, or longer than ``MOST``.
+    """
+    try:
+        with open_text(path) as file:
+            text = file.read(MOST + 1)
+    except UNREADABLE as error:
+        raise InputError(path, "", f"expected {content} in UTF-8 ({error})") from error
+    if len(text) > MOST:
+        raise InputError(path, "", f"expected {content} of at most {MOST:,} characters, got more")
+    return text
+
+
+def json_lines(
+    path: Path, sha256: str | None, most: int, content: str, whole: bool = False
+) -> Iterator[tuple[int, bytes]]:
+    """The lines of a file that are not blank, with their numbers from 1; the file is plain or compressed by gzip.
+
+    Args:
+        path: of the file.
+        sha256: what the file must hash to, if it is to be checked.
+        most: bytes of a line, at most.
+        content: what was expected there, for errors.
+        whole: whether the file is one JSON value on any number of lines, which is given as its line 1.
+
+    Raises:
+        InputError: where it is missing, truncated, hashes to something else, or has a line that is too long.
+    """
+    number = 0
+    try:
+        with path.open("rb") as raw:
+            check_sha256(path, raw, sha256)
+            file = gzip.GzipFile(fileobj=raw) if raw.peek(2)[:2] == GZIP else raw
+            while line := file.read(most + 1) if whole else file.readline(most + 1):
+                number += 1
+                if len(line) > most:
+                    raise InputError(path, f"line {number}", f"expected at most {most:,} bytes")
+                if line.strip():
+                    yield number, line
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(path, f"line {number + 1}", f"expected {content} ({error})") from error
+
+
+def parse_json(form: type[T], content: bytes | str, path: object, place: str = "", expected: str = "JSON") -> T:
+    """What JSON holds, in the form that it must have.
+
+    Raises:
+        InputError: where it is broken or of another form; names the place in it, after ``place``.
+    """
+    text = content.removeprefix(b"\xef\xbb\xbf") if isinstance(content, bytes) else content
+    try:
+        return TypeAdapter(form).validate_json(text, strict=True)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ", ".join(filter(None, [place, cut(".".join(map(str, first["loc"])))]))
+        got = "" if first["type"] in ("missing", "json_invalid", "value_error") else f", got {short(first['input'])}"
+        problem = first["msg"].replace(" at line 1 column", ", column")
+        raise InputError(path, where, f"expected {expected}: {problem}{got}") from error
+
+
+def read_table(
+    path: Path, columns: Sequence[str], *keys: Sequence[str], optional: Sequence[str] | None = None
+) -> pd.DataFrame:
+    """A table of names that is read as a whole; its index has the numbers of lines (see ``read_batches``).
+
+    Args:
+        path: of the file.
+        columns: that it must have: of names, but for ``COUNT``.
+        keys: columns in which no two rows are alike.
+        optional: columns that it may have, and whose names may be empty; null: it may have any, which are skipped.
+
+    Raises:
+        InputError: where the file is missing or broken, or a value is not what its column holds.
+    """
+    batches: list[pd.DataFrame] = []
+    for batch in read_batches(path, columns, optional or (), others=optional is None):
+        for name in set(batch.columns) - {COUNT}:
+            check_names(batch[name] if name in columns else batch.loc[batch[name] != "", name], path)
+        batches.append(batch)
+        if sum(map(len, batches)) > MOST_ROWS:
+            raise InputError(path, "", f"expected a table of at most {MOST_ROWS:,} rows")
+    if not batches:
+        raise InputError(path, "", "expected rows, got none")
+    table = pd.concat(batches)
+    for key in map(list, keys):
+        if (repeated := table.duplicated(key)).any():
+            line, values = repeated.idxmax(), table.loc[repeated, key].iloc[0]
+            first = table.index[(table[key] == values).all(axis=1)][0]
+            place = f"{table.index.name} {line}"
+            raise InputError(path, place, f"{short(' '.join(values))} is there twice: also in line {first}")
+    return table
+
+
+def read_batches(
+    path: Path, required: Sequence[str], optional: Sequence[str] = (), others: bool = False
+) -> Iterator[pd.DataFrame]:
+    """Rows of a file ``.csv`` or ``.tsv``, either with ``.gz`` behind it, or ``.parquet``, batch by batch.
+
+    Args:
+        path: of the file; text is UTF-8, its first line names the columns.
+        required: columns that it must have.
+        optional: columns that it may have.
+        others: whether it may have others, too, which are skipped.
+
+    Yields:
+        the columns in the order of the arguments: text, empty where there is none, or ``COUNT`` as whole numbers;
+        without those optional ones that the file lacks. The index has the numbers of lines (blank ones not counted),
+        or of Parquet's rows from 1, and their unit as its name.
+
+    Raises:
+        InputError: where the file is missing or broken, has other columns, or a value of ``COUNT`` is no number.
+    """
+    form, rows = suffix_of(path), 0
+    choose: Choose = partial(_chosen, path, required, optional, others)
+    if form == ".parquet":
+        batches, first, content = _parquet_batches(path, choose), 1, "a Parquet table"
+    elif form in SEPARATORS:
+        batches, first, content = _text_batches(path, SEPARATORS[form], choose), 2, "a table of UTF-8 text"
+    else:
+        raise InputError(path, "", "expected a name that ends in .csv, .tsv (.gz behind it or not) or .parquet")
+    try:
+        for batch in batches:
+            unit = "row" if form == ".parquet" else "line"
+            index = pd.RangeIndex(first + rows, first + rows + batch.num_rows, name=unit)
+            columns = [column.cast(pa.string()).fill_null("").to_pylist() for column in batch.columns]
+            frame = pd.DataFrame(dict(zip(batch.schema.names, columns, strict=True)), index, dtype=str)
+            if COUNT in frame:
+                frame[COUNT] = _counts(path, frame[COUNT])
+            rows += batch.num_rows
+            yield frame
+    except UNREADABLE as error:
+        row = re.fullmatch(r".*Row #([0-9]+): (.*)", str(error), re.DOTALL)
+        problem = f"expected {content} ({cut(row[2] if row else str(error), 120)})"
+        raise InputError(path, f"line {row[1]}" if row else "", problem) from error
+
+
+def _text_batches(path: Path, separator: str, choose: Choose) -> Iterator[pa.RecordBatch]:
+    with open_text(path) as file:
+        header = next(csv.reader([file.readline(BLOCK)], delimiter=separator, skipinitialspace=True), [])
+    names = choose(header, "line 1")
+    with pa.input_stream(path) as stream:
+        table = pc.open_csv(
+            stream,
+            pc.ReadOptions(use_threads=False, block_size=BLOCK, column_names=header, skip_rows=1),
+            pc.ParseOptions(delimiter=separator),
+            pc.ConvertOptions(column_types=dict.fromkeys(header, pa.string()), strings_can_be_null=False),
+        )
+        for batch in table:
+            columns = [compute.utf8_ltrim_whitespace(batch.column(name)) for name in names]
+            yield pa.RecordBatch.from_arrays(columns, names)
+
+
+def _parquet_batches(path: Path, choose: Choose) -> Iterator[pa.RecordBatch]:
+    with pq.ParquetFile(path) as file:
+        names = choose(file.schema_arrow.names, "columns")
+        yield from (batch.select(names) for batch in file.iter_batches(BATCH, columns=names))
+
+
+def _chosen(
+    path: Path, required: Sequence[str], optional: Sequence[str], others: bool, header: list[str], place: str
+) -> list[str]:
+    """Which columns of a header are read."""
+    known = [name for name in header if name in (*required, *optional)] if others else header
+    if not set(required) <= set(known) <= {*required, *optional} or len(set(known)) < len(known):
+        expected = f"expected the columns {', '.join(required)}"
+        expected += f" and, if at all, {', '.join(optional)}" * bool(optional)
+        got = cut(", ".join(repr(name[:40]) for name in header) or "none", 100)
+        raise InputError(path, place, f"{expected}; got {got}")
+    return [name for name in (*required, *optional) if name in known]
+
+
+def _counts(path: Path, column: pd.Series[str]) -> pd.Series[int]:
+    counts = column.where(column.str.fullmatch("[0-9]{1,10}"), "0").astype("int64")
+    for place in column.index[(counts < 1) | (counts > MOST_OBSERVED)]:
+        problem = f"expected a whole number from 1 to {MOST_OBSERVED} as count, got {short(column[place])}"
+        raise InputError(path, f"{column.index.name} {place}", problem)
+    return counts

@@ -1,0 +1,349 @@
+"""Records scenes of the live simulator for the readers of AI2-THOR and RoboTHOR; no stage of a pipeline does.
+
+A recording grows scene by scene: each line is a gzip member of its own, so that a run that is killed loses one scene.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+import os
+import platform
+import shlex
+import signal
+import tempfile
+import warnings
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from importlib.metadata import version
+from pathlib import Path
+from threading import Event
+from time import monotonic
+from types import FrameType
+from typing import Any
+
+from ai2thor.build import COMMIT_ID, build_name
+from ai2thor.controller import Controller
+from ai2thor.exceptions import RestartError, UnityCrashException
+from ai2thor.fifo_server import FifoServer
+from ai2thor.platform import STR_PLATFORM_MAP, Request
+from ai2thor.wsgi_server import WsgiServer
+
+from isi.errors import InputError, short
+from isi.sources import recordings
+from isi.sources.recordings import Layout, Recorder, SceneObject
+from isi.tables import io, paths
+
+#: Seconds between looks at whether the player lives.
+LOOK = 0.2
+#: The longest message of the simulator's that is passed on.
+_LONGEST = 300
+_CHUNK = 2**20
+_GZIP = 16 + zlib.MAX_WBITS
+#: What is raised where the player has died, by whichever way that was noticed.
+_DIED = (UnityCrashException, RestartError, BrokenPipeError)
+_NEEDS = "it needs a graphics device and, but for CloudRendering, a display"
+
+
+class Recording:
+    """Scenes on the disk, behind a header that is written with the first."""
+
+    def __init__(self, path: Path, simulator: Mapping[str, Any]) -> None:
+        """Read which scenes there are, and cut off a last line that is not whole.
+
+        Args:
+            path: of the file; it may be missing.
+            simulator: what the header says of it.
+
+        Raises:
+            InputError: where the file is no recording, or one of another simulator, or such a line cannot be cut off.
+        """
+        self.path, self._header = path, recordings.FORMAT | dict(simulator)
+        #: names of layouts
+        self.names: set[str] = set()
+        if not path.exists():
+            return
+        line, whole = 0, 0
+        for end, content in _members(path):
+            whole = end
+            for text in content.splitlines():
+                line += 1
+                if line > 1:
+                    self.names.add(recordings.parse_line(path, line, text)[0].name)
+                    continue
+                found = recordings.check_header(path, text)
+                for key, value in self._header.items():
+                    if found.get(key) != value:
+                        other = f"was recorded with {key} {short(found.get(key))}, not {short(value)}"
+                        raise InputError(path, "line 1", f"{other}: choose another output, or remove it")
+        if line == 0:
+            raise InputError(path, "", "expected a recording, or no file, to record to")
+        with _writing(path):
+            if whole < path.stat().st_size:
+                os.truncate(path, whole)
+
+    def append(self, layout: Layout, objects: Iterable[SceneObject]) -> None:
+        """Add a scene: of each object what mining reads, as the simulator gave it; on the disk when this returns.
+
+        Raises:
+            InputError: where that cannot be written.
+        """
+        fields = [{key: thing[key] for key in recordings.FIELDS if key in thing} for thing in objects]
+        scene = _member({"scene": layout.plan, "spawn": layout.spawn, "objects": fields})
+        with _writing(self.path):
+            if self.path.exists():
+                with self.path.open("ab") as file:
+                    file.write(scene)
+                    file.flush()
+                    os.fsync(file.fileno())
+            else:
+                whole = _member(self._header) + scene
+                io.atomically(self.path, lambda temporary: temporary.write_bytes(whole))
+        self.names.add(layout.name)
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise InputError(path, "", f"cannot be written ({error.strerror})") from error
+
+
+def _member(record: Mapping[str, Any]) -> bytes:
+    line = json.dumps(record, separators=(",", ":")) + "\n"
+    return gzip.compress(line.encode(), mtime=0)
+
+
+def _members(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Where each whole gzip member of a file ends, and what it holds: no more than the longest line."""
+    unpack, content, end, rest = zlib.decompressobj(_GZIP), bytearray(), 0, b""
+    try:
+        with path.open("rb") as file:
+            while chunk := rest or file.read(_CHUNK):
+                content += unpack.decompress(chunk, recordings.MOST_BYTES + 1 - len(content))
+                if len(content) > recordings.MOST_BYTES:
+                    raise InputError(
+                        path, f"byte {end:,}", f"expected lines of at most {recordings.MOST_BYTES:,} bytes"
+                    )
+                rest = unpack.unused_data
+                end += len(chunk) - len(rest)
+                if unpack.eof:
+                    yield end, bytes(content)
+                    unpack, content = zlib.decompressobj(_GZIP), bytearray()
+    except (OSError, zlib.error) as error:
+        raise InputError(path, f"byte {end:,}", f"expected a recording, compressed by gzip ({error})") from error
+
+
+class Simulator:
+    """The simulator, which starts with the first scene that is read, and is to be closed."""
+
+    def __init__(self, settings: Recorder) -> None:
+        """Check that it can be started.
+
+        Raises:
+            InputError: where there is no such build here, or it lacks a display or a graphics driver.
+        """
+        self._settings = settings
+        self._player: Player | None = None
+        self._started = Event()
+        _check_platform(settings)
+        self._folder = tempfile.TemporaryDirectory()
+
+    def close(self) -> None:
+        """End it."""
+        self._end()
+        self._folder.cleanup()
+
+    def objects(self, layout: Layout) -> list[SceneObject]:
+        """The objects of a scene, as the simulator reports them; tried again when the player dies.
+
+        Raises:
+            InputError: where it cannot be started, dies too often, does not answer in time, or answers an error.
+        """
+        for _ in range(self._settings.retries + 1):
+            try:
+                return self._observed(layout)
+            except Exception as error:
+                self._end()
+                if not any(isinstance(cause, _DIED) for cause in _chain(error)):
+                    raise InputError(self._settings.platform, layout.name, self._problem(error)) from error
+        times = f"the player died {self._settings.retries + 1} times (recorder.retries)"
+        raise InputError(self._settings.platform, layout.name, times + f": {_NEEDS}" * (not self._started.is_set()))
+
+    def _observed(self, layout: Layout) -> list[SceneObject]:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what the controller warns of is said here in one line
+            event = self._player.reset(layout.plan) if self._player else self._start(layout.plan)
+            got = str(event.metadata["sceneName"]).removesuffix("_physics")
+            if got != layout.plan:
+                raise RuntimeError(f"this is {got}")
+            if layout.spawn is not None and self._player:
+                event = self._player.step("InitialRandomSpawn", randomSeed=layout.spawn, raise_for_failure=True)
+        objects: list[SceneObject] = event.metadata["objects"]
+        if not isinstance(objects, list) or not all(isinstance(thing, dict) for thing in objects):
+            raise RuntimeError("it has no list of objects")
+        return objects
+
+    def _start(self, plan: str) -> Any:
+        """Start the player in a floor plan, and give what is seen there."""
+        settings, program = self._settings, self._settings.executable
+        if program:  # which may do without the display that it is given
+            command = shlex.quote(str(program.absolute()))
+            build = {"local_executable_path": command, "x_display": os.environ.get("DISPLAY", ":0")}
+        else:
+            build = {"platform": STR_PLATFORM_MAP[settings.platform]}
+            build |= {"commit_id": settings.build} if settings.build else {}
+        self._player = Player(
+            local=Path(self._folder.name) if program else None,
+            started=self._started,
+            scene=plan,
+            width=settings.width,
+            height=settings.width,
+            server_class={"wsgi": WsgiServer, "fifo": FifoServer}[settings.server],
+            server_timeout=settings.seconds,
+            server_start_timeout=settings.start_seconds,
+            **build,
+        )
+        return self._player.last_event
+
+    def _end(self) -> None:
+        if self._player:
+            self._player.end()
+        self._player = None
+
+    def _problem(self, error: Exception) -> str:
+        settings = self._settings
+        if any(isinstance(cause, TimeoutError) for cause in _chain(error)):
+            limit = f"{settings.seconds:g} s (recorder.seconds)"
+            return f"no answer within {limit}, or {settings.start_seconds:g} s at the start (recorder.start_seconds)"
+        lines = filter(None, map(str.strip, str(_chain(error)[-1]).splitlines()))
+        message = next(lines, "an error without a message")[:_LONGEST]
+        if not self._started.is_set():
+            return f"cannot be started: {message}: {_NEEDS}"
+        return f"the simulator answers: {message}"
+
+
+def header(settings: Recorder) -> dict[str, Any]:
+    """Which simulator a recording is of: a local build by its name and the first of its sha256, since names repeat.
+
+    Raises:
+        InputError: where a local build cannot be read.
+    """
+    program = settings.executable
+    if program is None:
+        return {"build": build_name(settings.platform, settings.build or COMMIT_ID), "package": version("ai2thor")}
+    try:
+        with program.open("rb") as file:
+            digits = hashlib.file_digest(file, "sha256").hexdigest()[:16]
+    except OSError as error:
+        raise InputError(program, "", f"cannot be read ({error.strerror})") from error
+    return {"build": f"{program.name} {digits}", "package": version("ai2thor")}
+
+
+def _check_platform(settings: Recorder) -> None:
+    key, program = "recorder.platform", settings.executable
+    if program:
+        if not os.access(program, os.X_OK) or program.is_dir():
+            known = ", ".join(recordings.PLATFORMS)
+            raise InputError(paths.PARAMS, key, f"expected one of {known}, or a program, got {settings.platform!r}")
+        return
+    chosen = STR_PLATFORM_MAP[settings.platform]
+    request = Request(platform.system(), settings.width, settings.width, os.environ.get("DISPLAY"), headless=False)
+    if missing := chosen.validate(request):
+        hint = chosen.dependency_instructions(request) or ""
+        raise InputError(paths.PARAMS, key, f"{settings.platform}: {' '.join(missing)} {hint}")
+
+
+def _chain(error: BaseException) -> list[BaseException]:
+    """An error, and those that it was raised from or in the handling of."""
+    before = error.__cause__ or error.__context__
+    return [error] if before is None else [error, *_chain(before)]
+
+
+class Player(Controller):  # type: ignore[misc]
+    """A started player. One that cannot be started is ended, and none is started again unasked."""
+
+    def __init__(self, local: Path | None, started: Event, **settings: Any) -> None:
+        """Start it, with the settings of the controller.
+
+        Args:
+            local: folder for logs of a local build, so that none go into the home directory; null: a downloaded one.
+            started: set when the player has sent its first message.
+        """
+        self._local, self._started = local, started
+        self._served: Any = None
+        try:
+            super().__init__(**settings)
+        except BaseException:
+            self.end()
+            raise
+
+    @property
+    def base_dir(self) -> str:
+        return str(self._local or super().base_dir)
+
+    def unity_command(self, *settings: Any, **keywords: Any) -> list[str]:
+        if self._local:
+            self.gpu_device = None
+        return list(super().unity_command(*settings, **keywords))
+
+    def start(self, *settings: Any, **keywords: Any) -> Any:
+        if self._served:  # the controller would go on in the scene that was before
+            self.server = self._served
+            raise UnityCrashException("the player has died")
+        try:
+            first = super().start(*settings, **keywords)
+        finally:
+            self._served = self.server
+        self._started.set()
+        return first
+
+    def _build_server(self, host: str, port: int, width: int, height: int) -> None:
+        if self.server is None and self.server_class is FifoServer and "FIFO" in self._build.server_types:
+            self.server = Fifo(width, height, self.server_timeout)
+        super()._build_server(host, port, width, height)
+
+    def end(self) -> None:
+        """End its process and what serves it."""
+        process = getattr(self.server, "unity_proc", None)
+        if process is not None:
+            process.kill()
+            process.wait()
+        with suppress(Exception):
+            self.stop()
+
+
+class Fifo(FifoServer):  # type: ignore[misc]
+    """Named pipes, which by themselves wait for ever for a player that is gone before it has opened them.
+
+    To be used in the main thread: signals look after it.
+    """
+
+    def receive(self, timeout: float | None = None) -> Any:
+        with self._watched(timeout or self.timeout):
+            return super().receive(timeout)
+
+    def send(self, action: dict[str, Any]) -> None:
+        with self._watched(self.timeout):
+            super().send(action)
+
+    @contextmanager
+    def _watched(self, seconds: float) -> Iterator[None]:
+        latest = monotonic() + seconds
+
+        def look(_signal: int, _frame: FrameType | None) -> None:
+            if self.unity_proc is not None and self.unity_proc.poll() is not None:
+                raise UnityCrashException(f"the player has ended with status {self.unity_proc.returncode}")
+            if monotonic() > latest:
+                raise TimeoutError
+
+        before = signal.signal(signal.SIGALRM, look)
+        signal.setitimer(signal.ITIMER_REAL, LOOK, LOOK)
+        try:
+            yield
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            signal.signal(signal.SIGALRM, before)

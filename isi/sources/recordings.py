@@ -1,0 +1,301 @@
+"""Recorded scenes of AI2-THOR and RoboTHOR: those of the package ``procthor``, and those of ``make record``."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import AfterValidator, BaseModel, Field, create_model, field_validator
+
+from isi import config
+from isi.config import Count, Positive, Section, Seed, distinct
+from isi.errors import InputError, cut, short
+from isi.sources.names import Name, name_fault
+from isi.sources.readers import GZIP, check_sha256, json_lines, packaged, parse_json
+from isi.tables import paths
+
+#: Header of a recording of ``make record``, a line of JSON; each line behind it is a scene.
+FORMAT = {"format": "isi recording", "version": 1, "simulator": "ai2thor"}
+#: The longest line of a recording (a thousand times the largest recorded scene's), and the largest JSON of the
+#: package's form, which is held as a whole (three times the package's), in bytes.
+MOST_BYTES, MOST_BYTES_WHOLE = 2**26, 2**27
+
+#: What can be done with an object that has a property.
+AFFORDANCES = {
+    "openable": ("open", "close"),
+    "pickupable": ("pick up", "put"),
+    "toggleable": ("turn on", "turn off"),
+    "canFillWithLiquid": ("fill", "empty"),
+    "sliceable": ("slice",),
+    "breakable": ("break",),
+    "dirtyable": ("clean", "dirty"),
+    "moveable": ("push", "pull"),
+    "cookable": ("cook",),
+    "isHeatSource": ("heat",),
+    "isColdSource": ("cool",),
+}
+
+_Id = Annotated[str, Field(max_length=1000, pattern=r"^\P{C}+$")]
+
+
+def _distinct(ids: list[str] | None) -> list[str] | None:
+    if not distinct(ids or ()):
+        raise ValueError("expected each once")
+    return ids
+
+
+_Receptacles = Annotated[list[_Id] | None, AfterValidator(_distinct)]
+#: What mining reads of an object; the rest would only cost memory.
+_FIELDS: dict[str, Any] = {
+    "objectId": (_Id, ...),
+    "objectType": (Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z]([A-Za-z0-9_ -]*[A-Za-z0-9_-])?$")], ...),
+    "parentReceptacles": (_Receptacles, None),
+    "receptacleObjectIds": (_Receptacles, None),
+    "salientMaterials": (list[Name] | None, None),
+    **dict.fromkeys(AFFORDANCES, (bool, False)),
+}
+FIELDS = tuple(_FIELDS)
+_Object: Any = create_model("SceneObject", **_FIELDS)
+_Objects: Any = Annotated[list[_Object], Field(max_length=100_000)]
+#: An object of a scene as the simulator reports it, by field; what is empty or false may be missing.
+SceneObject = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One floor plan: its name, its number, its room, and its objects."""
+
+    name: str
+    number: int
+    room: str
+    objects: list[SceneObject]
+
+
+@dataclass(frozen=True)
+class FloorPlans:
+    """Floor plans of one kind of room."""
+
+    #: of their list in the package's recording
+    key: str
+    room: str
+    #: number of the first
+    first: int
+    #: in the simulator
+    names: tuple[str, ...]
+    #: in the package's recording, where it does not say which floor plan each is
+    packaged: tuple[str, ...] = ()
+
+
+ITHOR = tuple(
+    FloorPlans(key, room, first, tuple(f"FloorPlan{number}" for number in range(first, first + 30)))
+    for key, room, first in (
+        ("kitchens", "kitchen", 1), ("living_rooms", "living room", 201), ("bedrooms", "bedroom", 301),
+        ("bathrooms", "bathroom", 401),
+    )
+)  # fmt: skip
+#: One apartment each: nothing says in which of its rooms an object is.
+ROBOTHOR = (
+    FloorPlans(
+        key="robothor",
+        room="apartment",
+        first=501,
+        names=tuple(
+            f"FloorPlan_{part}{walls}_{objects}"
+            for part, number in (("Train", 12), ("Val", 3))
+            for walls in range(1, number + 1)
+            for objects in range(1, 6)
+        ),
+        packaged=tuple(f"RoboTHOR{place}" for place in range(1, 76)),
+    ),
+)
+
+
+class Layout(NamedTuple):
+    """A floor plan, as it is built (null) or with its objects placed anew by a seed."""
+
+    plan: str
+    spawn: int | None
+
+    @property
+    def name(self) -> str:
+        return self.plan if self.spawn is None else f"{self.plan}#{self.spawn}"
+
+
+def locate(from_: str, simulator: str = "ai2thor") -> Path:
+    """Path of a recording: that in the ``procthor`` package (never imported), that of ``make record``, or as given."""
+    if from_ == "simulator":
+        return paths.DATA / "recordings" / f"{simulator}.jsonl.gz"
+    if from_ != "recording":
+        return Path(from_)
+    return packaged("procthor", "procthor/databases/ai2thor-object-metadata.json", "the recording of the scenes")
+
+
+def read_recording(path: Path, sha256: str | None, plans: Sequence[FloorPlans] = ITHOR) -> Iterator[Scene]:
+    """Scenes of a recording of either form; of one of ``make record``, in its order and one by one.
+
+    Args:
+        path: of JSON as the package ``procthor`` has it, or of a recording of ``make record``.
+        sha256: what the file must hash to, if it is to be checked.
+        plans: which scenes; all those of the package's recording, and no others in one of ``make record``.
+
+    Raises:
+        InputError: where the file is missing, hashes to something else, is of neither form, or lacks scenes.
+    """
+    try:
+        with path.open("rb") as file:
+            check_sha256(path, file, sha256)
+            is_compressed = file.read(len(GZIP)) == GZIP
+    except OSError as error:
+        raise InputError(path, "", f"expected a recording of AI2-THOR's scenes ({error.strerror})") from error
+    return _of_recorder(path, plans) if is_compressed else _of_package(path, plans)
+
+
+def _of_package(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]:
+    if path.stat().st_size > MOST_BYTES_WHOLE:
+        raise InputError(path, "", f"expected at most {MOST_BYTES_WHOLE:,} bytes of JSON, or a recording by gzip")
+    recording = parse_json(dict[str, Any], path.read_bytes(), path)
+    for listed in plans:
+        scenes, names = recording.get(listed.key), listed.packaged or listed.names
+        if not isinstance(scenes, list) or len(scenes) != len(names):
+            got = f"{len(scenes)}" if isinstance(scenes, list) else "none"
+            raise InputError(path, listed.key, f"expected a list of {len(names)} scenes, got {got}")
+        for number, (name, objects) in enumerate(zip(names, scenes, strict=True), listed.first):
+            yield Scene(name, number, listed.room, check_objects(path, name, objects))
+
+
+def _of_recorder(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]:
+    known = {name: (number, listed.room) for listed in plans for number, name in enumerate(listed.names, listed.first)}
+    seen: set[str] = set()
+    for place, (layout, objects) in enumerate(read_layouts(path), 2):
+        if layout.plan not in known:
+            expected = f"expected one of this source's floor plans, such as {next(iter(known))}"
+            raise InputError(path, f"line {place}", f"{expected}, got {short(layout.plan)}")
+        if fault := f"{layout.name} is there twice" if layout.name in seen else name_fault(layout.name):
+            raise InputError(path, f"line {place}", fault)
+        seen.add(layout.name)
+        yield Scene(layout.name, *known[layout.plan], check_objects(path, layout.name, objects))
+    if not seen:
+        raise InputError(path, "", "expected scenes behind the header, got none")
+
+
+def check_objects(path: Path, scene: str, objects: Any) -> list[SceneObject]:
+    """Objects of a scene as mining takes them, without fields that it does not read.
+
+    Raises:
+        InputError: where they are no list of objects, or two have the same id.
+    """
+    checked: Any = config.check(objects, _Objects, scene, path)
+    seen: set[str] = set()
+    for thing in checked:
+        if thing.objectId in seen:
+            raise InputError(path, f"{scene}, object {cut(thing.objectId)}", "is in its scene twice")
+        seen.add(thing.objectId)
+    return [thing.model_dump(exclude_defaults=True) for thing in checked]
+
+
+def read_layouts(path: Path) -> Iterator[tuple[Layout, Any]]:
+    """Layout and objects of each line of a recording of ``make record``, behind its header.
+
+    Raises:
+        InputError: where it is truncated or broken, or a line is of another form.
+    """
+    content = "a recording by gzip, which `make record` goes on with behind its last whole scene"
+    lines = json_lines(path, None, MOST_BYTES, content)
+    check_header(path, next(lines, (1, b""))[1])
+    for number, line in lines:
+        yield parse_line(path, number, line)
+
+
+def check_header(path: Path, line: bytes) -> dict[str, Any]:
+    """The first line of a recording of ``make record``; InputError where it is none, or one of another version."""
+    header: Any = parse_json(Any, line, path, "line 1") if line else None
+    got = {key: header.get(key) for key in FORMAT} if isinstance(header, dict) else header
+    if got != FORMAT:
+        raise InputError(path, "line 1", f"expected a header with {json.dumps(FORMAT)}, got {cut(short(got), 100)}")
+    return dict(header)
+
+
+class _Line(BaseModel):
+    scene: Annotated[str, Field(min_length=1)]
+    spawn: int | None
+    objects: Any
+
+
+def parse_line(path: Path, number: int, line: bytes) -> tuple[Layout, Any]:
+    """Layout and objects of one line; InputError where it is of another form."""
+    expected = "a scene, its spawn (a whole number or null) and its objects"
+    record = parse_json(_Line, line, path, f"line {number}", expected)
+    return Layout(record.scene, record.spawn), record.objects
+
+
+#: Builds that the package ``ai2thor`` downloads.
+PLATFORMS = ("CloudRendering", "Linux64", "OSXIntel64")
+#: Floor plans that go by one word.
+GROUPS = {
+    "ithor": [name for plans in ITHOR for name in plans.names],
+    "robothor": [name for plans in ROBOTHOR for name in plans.names],
+}
+
+
+class Recorder(Section):
+    """How ``make record`` drives the simulator: the section ``recorder`` of params."""
+
+    scenes: list[str]
+    #: of each floor plan: null as it is built, a number as ``InitialRandomSpawn`` with this seed leaves it
+    spawns: list[Seed | None]
+    output: Annotated[str, Field(min_length=1)]
+    #: one of ``PLATFORMS``, or the path of a local build
+    platform: Annotated[str, Field(min_length=1)]
+    #: commit of the build to download; null: the package's own
+    build: Annotated[str, Field(pattern=r"^[0-9a-f]{40}$")] | None
+    #: of a frame, which is square (pixels)
+    width: Count
+    server: Literal["wsgi", "fifo"]
+    #: times that a scene is tried again when the player has died
+    retries: Annotated[int, Field(ge=0)]
+    #: for an action, and for the start (s)
+    seconds: Positive
+    start_seconds: Positive
+
+    @field_validator("scenes")
+    @classmethod
+    def _are_floor_plans(cls, value: list[str]) -> list[str]:
+        if not value or not distinct(plan for item in value for plan in floor_plans(item)):
+            raise ValueError("expected floor plans, none of them twice")
+        return value
+
+    @field_validator("spawns")
+    @classmethod
+    def _are_layouts(cls, value: list[int | None]) -> list[int | None]:
+        if not value or not distinct(value):
+            raise ValueError("expected null or seeds, none of them twice")
+        return value
+
+    @property
+    def layouts(self) -> list[Layout]:
+        """All that is to be recorded, in order."""
+        return [Layout(plan, spawn) for item in self.scenes for plan in floor_plans(item) for spawn in self.spawns]
+
+    @property
+    def executable(self) -> Path | None:
+        """The local build; null where one is downloaded."""
+        return None if self.platform in PLATFORMS else Path(self.platform)
+
+
+def floor_plans(item: str) -> list[str]:
+    """Floor plans that one item lists: those of a group, one by its name, or a range such as ``FloorPlan201-230``.
+
+    Raises:
+        ValueError: where it does neither.
+    """
+    if item in GROUPS:
+        return GROUPS[item]
+    found = re.fullmatch(r"([A-Za-z]\w{0,98}?)([0-9]{1,6})(?:-([0-9]{1,6}))?", item, re.ASCII)
+    if not found or (found[3] and int(found[3]) < int(found[2])):
+        groups = ", ".join(GROUPS)
+        raise ValueError(f"expected {groups}, a floor plan or a range such as FloorPlan1-30, got {item[:80]!r}")
+    return [f"{found[1]}{number}" for number in range(int(found[2]), int(found[3] or found[2]) + 1)]
