@@ -51,14 +51,14 @@ def test_a_mistake_in_a_file_ends_in_one_line_and_nothing_is_written(
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
     section = {**formats.FORMATS[case.format].section, **case.settings}
+    params = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8"))
     if case.format.startswith("words"):
         command = ["python -m isi", "graph", "log.csv"]
         (folder / "log.csv").write_text(LOG, encoding="utf-8")
-        params = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8"))
         params["words"] = {"source": next(iter(case.files)), "text": "phrase", "sha256": None}
     else:
         command = ["python -m stages.mine", "fuzz"]
-        params = {"seed": 0, "sources": {"fuzz": section}}
+        params["sources"]["fuzz"] = section
     (folder / paths.PARAMS).write_text(yaml.safe_dump(params), encoding="utf-8")
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     monkeypatch.setattr(sys, "argv", command)

@@ -58,6 +58,11 @@ def mug(what: str, names: str, **change: object) -> Case:
     return Case(what, "scene", {"scene.json": scene(**change)}, f"scene.json|{MUG['objectId']}|{names}")
 
 
+def mug_field(what: str, names: str, **change: object) -> Case:
+    """A mistake in the value of a field of the first object of a scene."""
+    return Case(what, "scene", {"scene.json": scene(**change)}, f"scene.json|scene.0|{names}")
+
+
 def log(what: str, rows: str, names: str, **settings: object) -> Case:
     """A mistake in a table of triples."""
     return Case(what, "table, CSV", {"log.csv": rows}, f"log.csv|{names}", {"entities": None, **settings})
