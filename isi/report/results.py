@@ -291,4 +291,6 @@ def _explorer(experiment: str) -> Mapping[str, pd.DataFrame]:
 def read_definitions(path: Path) -> pd.DataFrame:
     """What phrases mean: columns phrase and definition."""
     columns = ["phrase", "definition"]
-    return pd.concat(read_batches(path, columns, others=True), ignore_index=True)
+    return pd.concat(
+        [pd.DataFrame(columns=columns, dtype=str), *read_batches(path, columns, others=True)], ignore_index=True
+    )
