@@ -16,8 +16,11 @@ from isi.analyses.single_insertions import SHOWN
 from isi.config import check
 from isi.graph.graph import MinedSource
 from isi.params import Params
+from isi.report.contents import SECTIONS
+from isi.report.data import Analysis, Experiment, QueryBreakdown, Results
+from isi.report.figures import Figure, rendered
 from isi.report.models import JOINT
-from isi.report.results import Asked, Experiment, Results, Study
+from isi.report.section import Part
 from isi.tables import paths
 
 ROOT = Path(__file__).parent.parent
@@ -47,15 +50,16 @@ def small_params(experiments: Sequence[str], **changes: Any) -> Params:
     values["sources"] = {name: {"reader": "published"} for name in ("home", "away", "shop")}
     sessions = {"novel": "any", "sizes": [1, 2], "seeds": 2, "steps": 1}
     values["experiments"] = {
-        name: {"title": f"the {name} graph", "graph": GRAPHS[name], "followed": {"sizes": [2]}, "initializers": "all",
-               "at_once": [],
+        name: {"title": f"the {name} graph", "graph": GRAPHS[name], "full_curves": {"sizes": [2]},
+               "initializers": "all", "immediate_only": [],
                "sessions": sessions | ({"novel": "added", "sizes": [2]} if name == "moved" else {})}
         for name in experiments
     }  # fmt: skip
     studies: dict[str, dict[str, Any]] = {
-        "sweep": {"size": 2, "seeds": 2, "k": [1, 2, 4]}, "rates": {"size": 2}, "approach": {"size": 2},
-        "cross_validation": {}, "compare_models": {"seeds": 2}, "affordances": {"entities": ["fan"]}, "asking": {},
-        "nothing": {}, "kept": {}, "explorer": {"size": 2, "best": "mean", "answers": 2},
+        "sweep": {"size": 2, "seeds": 2, "k": [1, 2, 4]}, "rate_sweep": {"size": 2}, "trajectory": {"size": 2},
+        "cross_validation": {}, "compare_models": {"seeds": 2}, "affordances": {"entities": ["fan"]},
+        "query_breakdown": {}, "finetune_only": {}, "final_model": {},
+        "explorer": {"size": 2, "best": "mean", "answers": 2},
     }  # fmt: skip
     for name, changed in studies.items():
         values[name] |= changed | {"experiments": []}
@@ -69,7 +73,7 @@ def small_params(experiments: Sequence[str], **changes: Any) -> Params:
 
 
 @cache
-def stated() -> tuple[Any, Any]:
+def paper() -> tuple[Any, Any]:
     """The paper's numbers and its vocabulary."""
     folder = ROOT / paths.PAPER.parent
     return tuple(yaml.safe_load((folder / f"{name}.yaml").read_text("utf-8")) for name in ("values", "vocabulary"))  # type: ignore[return-value]
@@ -79,12 +83,13 @@ def small_results(names: Sequence[str] = tuple(GRAPHS), studies: bool = True, **
     """Results of experiments with random numbers in every cell, and of all studies or of none."""
     how = small_params(names, **changes)
     experiments = {name: _experiment(how, name) for name in names}
-    values, vocabulary = stated()
+    values, vocabulary = paper()
     definitions = pd.DataFrame({"phrase": ["cup", "fan"], "definition": ["it breaks", "cools the kitchen"]})
     found = {"params": how, "run": {"Versions": {"python": "3"}}, "paper": values, "vocabulary": vocabulary,
-             "definitions": definitions, "experiments": experiments, "seen": _seen(), "mined": _mined()}  # fmt: skip
-    asking = {"asking": {name: _asked(experiment) for name, experiment in experiments.items()}}
-    return Results(**found, **(_studies(how, experiments) | asking if studies else {}))
+             "definitions": definitions, "experiments": experiments, "observed": _observed(),
+             "mined": _mined()}  # fmt: skip
+    breakdown = {"query_breakdown": {name: _query_breakdown(one) for name, one in experiments.items()}}
+    return Results(**found, **(_analyses(how, experiments) | breakdown if studies else {}))
 
 
 def _numbers(rows: list[dict[str, Any]], key: str) -> pd.DataFrame:
@@ -134,7 +139,7 @@ def _experiment(how: Params, name: str) -> Experiment:
     )  # fmt: skip
 
 
-def _seen() -> dict[str, MinedSource]:
+def _observed() -> dict[str, MinedSource]:
     columns = ["scene", "room", "instance", "head", "relation", "tail", "count"]
     home = [("one", "kitchen", "c", "cup", "atLocation", "kitchen", 1),
             ("one", "kitchen", "c", "cup", "hasAffordance", "break", 1)]  # fmt: skip
@@ -153,8 +158,10 @@ def _mined() -> dict[str, pd.DataFrame]:
     return {"home": nothing, "away": nothing, "shop": pd.DataFrame({"step": ["instances"], "instances": [7]})}
 
 
-def _asked(experiment: Experiment) -> Asked:
-    cells = product(experiment.models, experiment.how.sessions.sizes, (0, 1), ("all", "novel"), ("learned", "true"))
+def _query_breakdown(experiment: Experiment) -> QueryBreakdown:
+    cells = product(
+        experiment.models, experiment.settings.sessions.sizes, (0, 1), ("all", "novel"), ("learned", "true")
+    )
     asked = product(("atLocation", "hasAffordance"), ("head", "tail", "relation"), ("given", "answer"))
     rows = [(*cell, *of) for cell, of in product(cells, list(asked)) if of[1:] != ("relation", "answer")]
     columns = ["model", "size", "seed", "scope", "filter", "relation", "hidden", "novel"]
@@ -162,10 +169,10 @@ def _asked(experiment: Experiment) -> Asked:
     queries = pd.DataFrame(rows, columns=columns).assign(session=1, queries=2, observations=3, mrr_star=numbers)
     used = [{"seed": seed, "model": JOINT, "relation": relation, "part": part, "used": 2, "of": 4}
             for seed in (0, 1) for relation in ("atLocation", None) for part in ("scalars", "blocks")]  # fmt: skip
-    return Asked(queries.assign(mrr=numbers), pd.DataFrame(used))
+    return QueryBreakdown(queries.assign(mrr=numbers), pd.DataFrame(used))
 
 
-def _studies(how: Params, experiments: dict[str, Experiment]) -> dict[str, Study[Any]]:
+def _analyses(how: Params, experiments: dict[str, Experiment]) -> dict[str, Analysis[Any]]:
     """Of the first experiment, but for affordances, which are of the last."""
     first, last = (list(experiments.values())[place] for place in (0, -1))
     swept = [row for k in how.sweep.k for row in _cells(list(how.sweep.initializers), [2], k=k)]
@@ -182,13 +189,13 @@ def _studies(how: Params, experiments: dict[str, Experiment]) -> dict[str, Study
         approach[f"{model}.path"] = rng.normal(size=(3, 4))
         approach[f"{model}.indicators"] = np.arange(number) > (1 if model in ("es", "rs", "ers") else number)
     return {
-        "sweep": Study(first, _numbers(swept, "sweep")),
-        "rates": Study(first, _numbers(rates, "rates")),
-        "cross_validation": Study(first, _numbers(folds, "folds")),
-        "families": Study(first, _numbers(families, "families")),
-        "affordances": Study(last, pd.DataFrame(answers)),
-        "approach": Study(first, approach),
-        "explorer": Study(first, _singles(how, len(first.entities))),
+        "sweep": Analysis(first, _numbers(swept, "sweep")),
+        "rate_sweep": Analysis(first, _numbers(rates, "rates")),
+        "cross_validation": Analysis(first, _numbers(folds, "folds")),
+        "embedding_models": Analysis(first, _numbers(families, "families")),
+        "affordances": Analysis(last, pd.DataFrame(answers)),
+        "trajectory": Analysis(first, approach),
+        "explorer": Analysis(first, _singles(how, len(first.entities))),
     }
 
 
@@ -215,3 +222,22 @@ def _singles(how: Params, entities: int) -> dict[str, pd.DataFrame]:
         "indicators": pd.DataFrame(indicators), "answers": pd.DataFrame(answers),
         "places": pd.DataFrame(places).assign(x=rng.normal(size=len(places)), y=rng.normal(size=len(places))),
     }  # fmt: skip
+
+
+def part_of(name: str, results: Results) -> Part | None:
+    """A section of the page by its name."""
+    (found,) = (section.part(results) for section in SECTIONS if section.name == name)
+    return found
+
+
+def shown(name: str, results: Results) -> tuple[str, dict[str, pd.DataFrame], list[Figure]]:
+    """The sentences of a section, its tables as files have them, and its figures; every one of them can be written."""
+    part = part_of(name, results)
+    blocks = part.blocks if part else []
+    tables = [block.content for block in blocks if block.kind == "table"]
+    figures = [block.content for block in blocks if block.kind == "figure"]
+    assert all(table.files["md"] for table in tables)
+    assert all(rendered(figure.canvas, "svg") for figure in figures)
+    text = [text for block in blocks for text in (block.items if block.kind == "list" else [block.text])
+            if block.kind in ("paragraph", "list")]  # fmt: skip
+    return "\n".join(text), {table.name: table.frame for table in tables}, figures

@@ -1,4 +1,4 @@
-"""Results that are lawful and strange: nothing asked, nobody there, everyone tied."""
+"""Results that are lawful and strange: no queries, no rows, all scores tied."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 
 import pandas as pd
 
-from isi.report.results import Asked, Experiment, Results, Study
-from isi.report.stated import Paper, Vocabulary
+from isi.report.data import Analysis, Experiment, QueryBreakdown, Results
+from isi.report.paper_values import VALUES, VOCABULARY, nothing
 
 #: Columns with what was measured.
 MEASURES = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr"]
@@ -20,7 +20,7 @@ def of_frames(value: Any, change: Frames) -> Any:
     """The same with every table of measures changed, in experiments and studies alike."""
     if isinstance(value, pd.DataFrame):
         return change(value) if {*MEASURES, "x"} & set(value) else value
-    if isinstance(value, Experiment | Study | Asked):
+    if isinstance(value, Experiment | Analysis | QueryBreakdown):
         return replace(value, **{one.name: of_frames(getattr(value, one.name), change) for one in fields(value)})
     if isinstance(value, Mapping):
         return {name: of_frames(own, change) for name, own in value.items()}
@@ -32,11 +32,11 @@ def changed(results: Results, change: Frames) -> Results:
     found = {one.name: getattr(results, one.name) for one in fields(results) if one.name not in ("paper", "vocabulary")}
     found = {name: of_frames(value, change) for name, value in found.items()}
     studies = {name: replace(value, experiment=found["experiments"][value.experiment.name])
-               for name, value in found.items() if isinstance(value, Study)}  # fmt: skip
+               for name, value in found.items() if isinstance(value, Analysis)}  # fmt: skip
     return replace(results, **found | studies)
 
 
-def unasked(*scopes: str, half: str = "") -> Frames:
+def without_queries(*scopes: str, half: str = "") -> Frames:
     """Without queries in scopes, or in one half of them."""
 
     def change(frame: pd.DataFrame) -> pd.DataFrame:
@@ -59,7 +59,7 @@ def of_experiments(results: Results, change: Callable[[Experiment], Experiment])
     """Results with every experiment changed, and studies on them."""
     experiments = {name: change(one) for name, one in results.experiments.items()}
     studies = {one.name: replace(study, experiment=experiments[study.experiment.name])
-               for one in fields(results) if isinstance(study := getattr(results, one.name), Study)}  # fmt: skip
+               for one in fields(results) if isinstance(study := getattr(results, one.name), Analysis)}  # fmt: skip
     return replace(results, experiments=experiments, **studies)
 
 
@@ -76,7 +76,7 @@ def one_seed(results: Results) -> Results:
                 if "seed" in (frame := getattr(one, name))}))  # fmt: skip
 
 
-def untold(experiment: Experiment) -> Experiment:
+def uncovered(experiment: Experiment) -> Experiment:
     """Nobody has words, insert triples, or anything to fall back to."""
     return replace(
         experiment, coverage=experiment.coverage.assign(served_by=None),
@@ -86,8 +86,10 @@ def untold(experiment: Experiment) -> Experiment:
 
 def unscened(results: Results) -> Results:
     """Observations of no scene, or of scenes whose room is unknown."""
-    seen = {name: replace(one, observations=one.observations.assign(room=None)) for name, one in results.seen.items()}
-    return replace(results, seen=seen)
+    seen = {
+        name: replace(one, observations=one.observations.assign(room=None)) for name, one in results.observed.items()
+    }
+    return replace(results, observed=seen)
 
 
 def unplaced(results: Results) -> Results:
@@ -95,15 +97,15 @@ def unplaced(results: Results) -> Results:
     if results.explorer is None:
         return results
     return replace(results, explorer=replace(
-        results.explorer, found={name: frame.head(0) for name, frame in results.explorer.found.items()}))  # fmt: skip
+        results.explorer, result={name: frame.head(0) for name, frame in results.explorer.result.items()}))  # fmt: skip
 
 
 def unstudied(results: Results) -> Results:
     """Studies whose tables have no rows."""
-    asking = {name: replace(one, queries=one.queries.head(0)) for name, one in results.asking.items()}
-    tables = {name: replace(study, found=study.found.head(0)) for name in ("cross_validation", "families")
+    breakdown = {name: replace(one, queries=one.queries.head(0)) for name, one in results.query_breakdown.items()}
+    tables = {name: replace(study, result=study.result.head(0)) for name in ("cross_validation", "embedding_models")
               if (study := getattr(results, name)) is not None}  # fmt: skip
-    return replace(results, asking=asking, **tables)
+    return replace(results, query_breakdown=breakdown, **tables)
 
 
 def tied(experiment: Experiment) -> Experiment:
@@ -118,13 +120,15 @@ def without(*scopes: str) -> Frames:
 
 #: By what is strange about them.
 STRANGE: dict[str, Callable[[Results], Results]] = {
-    "nothing is asked about novel entities": lambda one: changed(one, unasked("novel", "novel_heldout")),
-    "nothing held out is asked": lambda one: changed(one, unasked("novel_heldout")),
-    "nothing is asked about earlier knowledge": lambda one: changed(one, unasked("known", "known_closed")),
-    "nothing is asked over all": lambda one: changed(one, unasked("all")),
-    "nothing is asked": lambda one: changed(one, unasked("all", "novel", "novel_heldout", "known", "known_closed")),
-    "no relation is asked for": lambda one: changed(one, unasked("all", "novel", half="mrr_star_relation")),
-    "no entity is asked for": lambda one: changed(one, unasked("all", "novel", half="mrr_star_entity")),
+    "no query is about novel entities": lambda one: changed(one, without_queries("novel", "novel_heldout")),
+    "no query is held out": lambda one: changed(one, without_queries("novel_heldout")),
+    "no query is about earlier knowledge": lambda one: changed(one, without_queries("known", "known_closed")),
+    "no query is over all": lambda one: changed(one, without_queries("all")),
+    "there are no queries": lambda one: changed(
+        one, without_queries("all", "novel", "novel_heldout", "known", "known_closed")
+    ),
+    "no relation prediction": lambda one: changed(one, without_queries("all", "novel", half="mrr_star_relation")),
+    "no entity prediction": lambda one: changed(one, without_queries("all", "novel", half="mrr_star_entity")),
     "no row is about novel entities": lambda one: changed(one, without("novel", "novel_heldout")),
     "no row is about earlier knowledge": lambda one: changed(one, without("known", "known_closed")),
     "no row is over all": lambda one: changed(one, without("all")),
@@ -133,10 +137,10 @@ STRANGE: dict[str, Callable[[Results], Results]] = {
     "all scores are tied": lambda one: of_experiments(one, tied),
     "one seed": one_seed,
     "one relation": lambda one: of_experiments(one, few_triples),
-    "nothing to go by": lambda one: of_experiments(one, untold),
+    "nothing to go by": lambda one: of_experiments(one, uncovered),
     "no rooms": unscened,
     "an empty explorer": unplaced,
     "studies without rows": unstudied,
-    "a paper that states nothing": lambda one: replace(one, paper=Paper().model_dump()),
-    "a vocabulary without words": lambda one: replace(one, vocabulary=Vocabulary().model_dump()),
+    "a paper that states nothing": lambda one: replace(one, paper=nothing(VALUES)),
+    "a vocabulary without words": lambda one: replace(one, vocabulary=nothing(VOCABULARY)),
 }

@@ -17,7 +17,7 @@ from isi.experiment.insert import with_vectors
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.models.model import make_model
 from isi.models.stack import Embedding
-from isi.report.parts import mrr_star
+from isi.report.stats import combined
 from tests.small_graphs import ANALOGY, graph_of, insert_triples_of, points_of, random_embedding, random_graph
 
 CELL = ["model", "size", "seed", "scope", "filter"]
@@ -43,8 +43,8 @@ def random_task(stack: list[int]) -> QueryBreakdownTask:
 def test_groups_put_together_are_the_measures_of_their_scope() -> None:
     task = random_task([0, 1, 2])
     novel, session = task.points.novel_in(1), task.points.session(1)
-    found = mrr_star(break_down(task), CELL).set_index(CELL)
-    plain = mrr_star(break_down(task).assign(mrr_star=lambda rows: rows["mrr"]), CELL).set_index(CELL)
+    found = combined(break_down(task), CELL).set_index(CELL)
+    plain = combined(break_down(task).assign(mrr_star=lambda rows: rows["mrr"]), CELL).set_index(CELL)
     models = {name: with_vectors(task.theta0.stack, novel, torch.as_tensor(own)) for name, own in task.inserted.items()}
     models["joint"] = task.joint.stack
     compared = 0
@@ -158,20 +158,20 @@ def test_parts_weigh_queries_within_a_relation_and_observations_between() -> Non
         ("on", "head", 2, 0.2, 3), ("on", "tail", 1, 0.8, 3), ("in", "tail", 5, 0.9, 1),
         ("on", "relation", 1, 0.5, 3), ("in", "relation", 3, 0.8, 1),
     )  # fmt: skip
-    (found,) = mrr_star(rows, ["model", "size", "seed"]).to_dict("records")
+    (found,) = combined(rows, ["model", "size", "seed"]).to_dict("records")
     assert found["mrr_star_entity"] == pytest.approx((3 * 0.4 + 0.9) / 4)
     assert found["mrr_star_relation"] == pytest.approx((0.5 + 3 * 0.8) / 4)
     assert found["mrr_star"] == pytest.approx((0.525 + 0.725) / 2)
     split = pd.concat([rows, rows_of(("on", "head", 4, 0.8, 3))])  # as where the novel entity is elsewhere
-    assert mrr_star(split, ["seed"])["mrr_star_entity"].tolist() == pytest.approx([(3 * (4.4 / 7) + 0.9) / 4])
-    by_relation = mrr_star(rows, ["seed", "relation"]).set_index("relation")["mrr_star_entity"]
+    assert combined(split, ["seed"])["mrr_star_entity"].tolist() == pytest.approx([(3 * (4.4 / 7) + 0.9) / 4])
+    by_relation = combined(rows, ["seed", "relation"]).set_index("relation")["mrr_star_entity"]
     assert by_relation.to_dict() == pytest.approx({"on": 0.4, "in": 0.9})
 
 
 def test_a_half_that_is_not_asked_is_null() -> None:
     rows = rows_of(("on", "head", 2, 0.25, 3), ("on", "relation", 2, 0.75, 3))
-    (entities,) = mrr_star(rows[rows["hidden"] == "head"], ["seed"]).to_dict("records")
-    (relations,) = mrr_star(rows[rows["hidden"] == "relation"], ["seed"]).to_dict("records")
+    (entities,) = combined(rows[rows["hidden"] == "head"], ["seed"]).to_dict("records")
+    (relations,) = combined(rows[rows["hidden"] == "relation"], ["seed"]).to_dict("records")
     assert entities["mrr_star_entity"] == 0.25
     assert relations["mrr_star_relation"] == 0.75
     assert np.isnan([entities["mrr_star"], entities["mrr_star_relation"], relations["mrr_star"]]).all()

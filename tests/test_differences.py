@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,17 +13,19 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from isi.evaluation.convergence import epochs_to_convergence
-from isi.report import page, paired
-from isi.report.sections import controls, differences
+from isi.report import significance
+from isi.report.sections import differences, gain
+from isi.report.stats import HALVES
+from isi.report.tables import Table
 from tests.reports import runs
 
 #: MRR* of one model by (size, seed).
 Cells = dict[tuple[int, int], float]
-NOVEL = "immediate MRR*, scope novel"
+NOVEL = "immediate MRR*, novel entities"
 POINTS = st.lists(st.integers(-50, 50).map(lambda number: number / 4), min_size=2, max_size=12)
 
 
-def at_once(models: dict[str, Cells], scope: str = "novel") -> pd.DataFrame:
+def immediate(models: dict[str, Cells], scope: str = "novel") -> pd.DataFrame:
     """Runs of these models right after insertion."""
     return runs([(model, scope, size, seed, 0, value) for model, cells in models.items()
                  for (size, seed), value in cells.items()])  # fmt: skip
@@ -31,19 +34,19 @@ def at_once(models: dict[str, Cells], scope: str = "novel") -> pd.DataFrame:
 def measures_of(models: dict[str, Cells]) -> dict[str, pd.DataFrame]:
     """Measures of initializers of which nothing is known but how they start."""
     nothing = pd.DataFrame(columns=["scope", "model", "session", "size", "seed", "epochs"])
-    rows = at_once(models).assign(mrr_star_entity=np.nan)
+    rows = immediate(models).assign(mrr_star_entity=np.nan)
     return differences.measures(rows, nothing, list(models))
 
 
-def pairs_of(models: dict[str, Cells]) -> list[paired.Pair]:
-    return paired.compare(measures_of(models), list(models))
+def pairs_of(models: dict[str, Cells]) -> list[significance.Pair]:
+    return significance.compare(measures_of(models), list(models))
 
 
 def short_table(models: dict[str, Cells]) -> pd.DataFrame:
     return differences.differences_isi(pairs_of(models), list(measures_of(models)), list(models)).frame
 
 
-def by_measure(pairs: list[paired.Pair], measure: str) -> list[paired.Pair]:
+def by_measure(pairs: list[significance.Pair], measure: str) -> list[significance.Pair]:
     return [pair for pair in pairs if pair.measure == measure]
 
 
@@ -56,13 +59,13 @@ def constant(value: float, seeds: int = 3) -> Cells:
 
 def test_holm_by_hand() -> None:
     # in order 0.005 · 4, 0.01 · 3, 0.03 · 2, and 0.04 · 1, which may not fall below the one before
-    assert paired.holm(np.array([0.01, 0.04, 0.03, 0.005])) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert paired.holm(np.array([0.6, 0.5])) == pytest.approx([1, 1])
-    assert paired.holm(np.array([0.2])) == pytest.approx([0.2])
+    assert significance.holm(np.array([0.01, 0.04, 0.03, 0.005])) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert significance.holm(np.array([0.6, 0.5])) == pytest.approx([1, 1])
+    assert significance.holm(np.array([0.2])) == pytest.approx([0.2])
 
 
 def test_a_pair_that_does_not_differ_stays_among_the_tests_of_holm() -> None:
-    corrected = paired.holm(np.array([np.nan, 0.01, np.nan]))
+    corrected = significance.holm(np.array([np.nan, 0.01, np.nan]))
     assert corrected[1] == pytest.approx(0.03)
     assert np.isnan(corrected[[0, 2]]).all()
 
@@ -70,7 +73,7 @@ def test_a_pair_that_does_not_differ_stays_among_the_tests_of_holm() -> None:
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=20))
 def test_holm_never_lowers_a_p_nor_changes_the_order(values: list[float]) -> None:
     p = np.array(values)
-    corrected = paired.holm(p)
+    corrected = significance.holm(p)
     assert ((corrected >= p) & (corrected <= 1)).all()
     assert (np.diff(corrected[p.argsort()]) >= 0).all()
     assert corrected.min() == min(1, len(p) * p.min())  # Bonferroni's for the smallest
@@ -84,8 +87,8 @@ def test_cells_without_queries_for_either_are_left_out_of_both_sides() -> None:
     first = {(1, 0): 0.6, (2, 0): 0.9, (1, 1): 0.5, (2, 1): 0.3, (1, 2): nan, (2, 2): 0.7}
     second = {(1, 0): 0.5, (2, 0): nan, (1, 1): 0.1, (2, 1): 0.5, (1, 2): 0.2, (2, 2): nan}
     (found,) = by_measure(pairs_of({"es": first, "rs": second}), NOVEL)
-    assert found.mean == pytest.approx((10 + (40 - 20) / 2) / 2)  # seed 2 has no cell of both
-    assert found.seeds == 2
+    assert found.difference.mean == pytest.approx((10 + (40 - 20) / 2) / 2)  # seed 2 has no cell of both
+    assert found.difference.seeds == 2
 
 
 @pytest.mark.parametrize(
@@ -100,7 +103,7 @@ def test_cells_without_queries_for_either_are_left_out_of_both_sides() -> None:
     ],
 )
 def test_p_is_the_sign_flips_by_hand(values: list[float], p: float) -> None:
-    found = paired.difference(np.array(values, dtype=float))
+    found = significance.difference(np.array(values, dtype=float))
     assert found.p == pytest.approx(p)
     assert found.mean == pytest.approx(sum(values) / len(values))
     assert (found.seeds, found.differing) == (len(values), np.count_nonzero(values))
@@ -113,7 +116,7 @@ def test_p_is_scipys_over_all_permutations(values: list[float]) -> None:
         summed: np.ndarray = sample.sum(axis)
         return summed
 
-    found = paired.sign_flip(np.array(values))
+    found = significance.sign_flip(np.array(values))
     if any(values):
         exact = stats.permutation_test(
             (np.array(values),), total, permutation_type="samples", n_resamples=np.inf, vectorized=True
@@ -125,31 +128,31 @@ def test_p_is_scipys_over_all_permutations(values: list[float]) -> None:
 
 def test_many_seeds_are_counted_and_very_many_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     values = np.random.default_rng(0).normal(0.4, 1, 30).round(9)
-    exact = paired.sign_flip(values)
+    exact = significance.sign_flip(values)
     assert exact * 2**29 == pytest.approx(round(exact * 2**29))  # a number of pairs of ways
-    monkeypatch.setattr(paired, "_COUNTED", 29)
-    assert paired.sign_flip(values) == pytest.approx(exact, abs=0.005)
-    assert paired.sign_flip(np.ones(60)) == pytest.approx(1 / 100_000)
+    monkeypatch.setattr(significance, "_COUNTED", 29)
+    assert significance.sign_flip(values) == pytest.approx(exact, abs=0.005)
+    assert significance.sign_flip(np.ones(60)) == pytest.approx(1 / 100_000)
 
 
 def test_the_interval_is_the_bootstraps() -> None:
     # of two seeds, a resampled mean is 0, ½ or 1 with ¼, ½ and ¼
-    two = paired.difference(np.array([0.0, 1.0]))
+    two = significance.difference(np.array([0.0, 1.0]))
     assert (two.low, two.high) == (0, 1)
-    same = paired.difference(np.full(4, 2.0))
+    same = significance.difference(np.full(4, 2.0))
     assert (same.low, same.high) == (2, 2)
     values = np.random.default_rng(5).normal(3, 2, 200)
-    many = paired.difference(values)
+    many = significance.difference(values)
     half = stats.norm.ppf(0.975) * values.std() / 200**0.5
     assert (many.low, many.high) == pytest.approx((values.mean() - half, values.mean() + half), abs=0.05 * half)
-    alone = paired.difference(np.array([1.0]))
+    alone = significance.difference(np.array([1.0]))
     assert np.isnan([alone.low, alone.high]).all()
 
 
 @settings(max_examples=25, deadline=None)
 @given(POINTS)
 def test_a_swapped_pair_is_the_same_with_other_signs(values: list[float]) -> None:
-    one, other = (paired.difference(sign * np.array(values)) for sign in (1, -1))
+    one, other = (significance.difference(sign * np.array(values)) for sign in (1, -1))
     assert (other.mean, other.low, other.high) == pytest.approx((-one.mean, -one.high, -one.low))
     assert one.low <= one.mean + 1e-9
     assert one.mean <= one.high + 1e-9
@@ -161,12 +164,12 @@ def test_rounding_is_no_difference() -> None:
     first = pd.Series([0.1 + 0.2, 0.5], pd.MultiIndex.from_tuples([(1, 0), (1, 1)], names=["size", "seed"]))
     second = pd.Series([0.3, 0.5], first.index)
     assert (first != second).any()
-    assert not paired.by_seed(first, second).any()
+    assert not significance.by_seed(first, second).any()
 
 
 def test_identical_runs_give_none() -> None:
     pairs = pairs_of({"xavier": constant(0.4), "es": constant(0.6), "rs": constant(0.6)})
-    frame = differences.differences(pairs).frame
+    frame = significance.pairs_table("differences", pairs).frame
     novel = frame[frame["measure"] == NOVEL].set_index(["first", "second"])
     assert novel.loc[("ES", "RS"), ["p", "p (Holm)"]].tolist() == ["none", "none"]
     assert novel.loc[("ES", "RS"), ["difference", "of these differ"]].tolist() == [0, 0]
@@ -184,11 +187,11 @@ def test_epochs_are_compared_in_the_scopes_of_convergence() -> None:
     convergence = epochs_to_convergence(rows, joint, 0.08, 150, ["model"]).assign(session=1)
     start = rows[rows["epoch"] == 0].assign(mrr_star_entity=0.5)
     found = differences.measures(start, convergence, ["xavier", "es"])
-    pairs = paired.compare(found, ["xavier", "es"])
-    (pair,) = by_measure(pairs, "epochs to convergence, scope all")
+    pairs = significance.compare(found, ["xavier", "es"])
+    (pair,) = by_measure(pairs, "epochs to convergence, all queries")
     assert (pair.first, pair.second) == ("es", "xavier")
-    assert pair.mean == pytest.approx((0 + 1) / 2 - 2)
-    assert by_measure(pairs, "epochs to convergence, scope novel_heldout")[0].seeds == 0
+    assert pair.difference.mean == pytest.approx((0 + 1) / 2 - 2)
+    assert by_measure(pairs, "epochs to convergence, novel entities, held-out triples")[0].difference.seeds == 0
 
 
 def test_another_initializer_changes_nothing_but_the_correction() -> None:
@@ -217,44 +220,40 @@ def test_the_short_table_sets_isi_against_all_others() -> None:
     assert novel["RS", "Xavier"] == "+30.00 [+30.00, +30.00]"
     assert novel["ES", "Mean"].startswith("+0.00 [")
     assert novel["ES", "Mean"].endswith("] n.s.")
-    assert frame["immediate MRR*, scope all"].isna().all()  # no queries
+    assert frame["immediate MRR*, all queries"].isna().all()  # no queries
 
 
-def test_sentences_name_the_pairs_that_are_not_told_apart() -> None:
+def test_pairs_that_do_not_differ_significantly_are_counted_and_named() -> None:
     seeds = 8
     models = {"xavier": constant(0.4, seeds), "es": constant(0.6, seeds), "rs": constant(0.6, seeds)}
-    assert differences.sentences(pairs_of(models)) == [
-        "Immediate MRR*, novel entities: 2 of 3 pairs are told apart, not so ES and RS."
-    ]
+    (novel,) = differences.counts(pairs_of(models))
+    assert (novel["measure"], novel["significant"], novel["number"], novel["too_few_seeds"]) == (NOVEL, 2, 3, None)
+    assert [(pair.first, pair.second) for pair in novel["same"]] == [("es", "rs")]
     few = {name: constant(cells[1, 0], 6) for name, cells in models.items()}  # 3 pairs · 2 / 2⁶ is above 0.05
-    assert differences.sentences(pairs_of(few)) == [
-        "Immediate MRR*, novel entities: 0 of 3 pairs are told apart (with at most 6 seeds that differ none can be)."
-    ]
+    (novel,) = differences.counts(pairs_of(few))
+    assert (novel["significant"], novel["too_few_seeds"], novel["same"]) == (0, 6, [])
     del models["rs"]
-    assert differences.sentences(pairs_of(models)) == ["Immediate MRR*, novel entities: 1 of 1 pairs are told apart."]
+    (novel,) = differences.counts(pairs_of(models))
+    assert (novel["significant"], novel["number"], novel["same"]) == (1, 1, [])
 
 
 @pytest.mark.parametrize("names", [("xavier",), ("es",), ("xavier", "mean")])
 def test_tables_are_whole_where_there_is_nothing_to_compare(names: tuple[str, ...]) -> None:
-    models = {name: constant(0.5) for name in names}
-    every, pairs = differences.differences(pairs_of(models)), 5 if len(names) == 2 else 0
-    shared = controls.shares_of_the_gain(shares_of(models))
-    for frame, formats, rows in (
-        (every.frame, every.formats, pairs),
-        (short_table(models), {}, 0),
-        (shared.frame, {}, 0),
-    ):
-        shown = page.shorten(frame, formats)
-        assert list(shown.columns) == page.columns_of(frame) != []
-        assert len(shown) == rows
+    pairs = pairs_of({name: constant(0.5) for name in names})
+    assert len(significance.pairs_table("differences", pairs).rows) == (5 if len(names) == 2 else 0)
+    assert short_table({name: constant(0.5) for name in names}).empty
+    assert shares_of({name: constant(0.5) for name in names}) == []
 
 
 def test_p_values_and_differences_are_shown_as_people_read_them() -> None:
-    frame = pd.DataFrame({"p": [0.00042, 0.0314159, "none"], "difference": [0.014, -20.5, 0.0]})
-    table = differences.differences(pairs_of({"es": constant(0.5), "rs": constant(0.6)}))
-    shown = page.shorten(frame, table.formats)
-    assert shown["p"].tolist() == ["< 0.001", "0.031", "none"]
-    assert shown["difference"].tolist() == ["+0.01", "-20.50", "+0.00"]
+    def shown(points: significance.Difference) -> list[str]:
+        pair = significance.Pair("measure", "es", "rs", points, points.p)
+        row = significance.pairs_table("differences", [pair]).shown.iloc[0]
+        return [row["difference"], row["p"]]
+
+    assert shown(significance.Difference(0.014, p=0.00042, seeds=3)) == ["+0.01", "< 0.001"]
+    assert shown(significance.Difference(-20.5, -21, -20, p=0.0314159, seeds=3)) == ["-20.50 [-21.00, -20.00]", "0.031"]
+    assert shown(significance.Difference(0.0, 0, 0, seeds=3)) == ["+0.00 [+0.00, +0.00]", "none"]
 
 
 # What the gain is made of
@@ -262,33 +261,33 @@ def test_p_values_and_differences_are_shown_as_people_read_them() -> None:
 
 def halves(models: dict[str, tuple[float, float]], seeds: int = 3) -> pd.DataFrame:
     """Runs in scope novel: the entity and the relation half of each model, the same for every seed."""
-    rows = at_once({model: constant((entity + relation) / 2, seeds) for model, (entity, relation) in models.items()})
+    rows = immediate({model: constant((entity + relation) / 2, seeds) for model, (entity, relation) in models.items()})
     entity, relation = (rows["model"].map({name: two[place] for name, two in models.items()}) for place in (0, 1))
     return rows.assign(mrr_star_entity=entity, mrr_star_relation=relation)
 
 
-def shares_of(models: dict[str, Cells]) -> list[controls.Share]:
+def shares_of(models: dict[str, Cells]) -> list[dict[Any, Any]]:
     """Of all of MRR*."""
-    rows = at_once(models).assign(mrr_star_entity=0.5, mrr_star_relation=0.5)
-    return [one for one in controls.shares(rows, list(models)) if one.half == "mrr_star"]
+    rows = immediate(models).assign(mrr_star_entity=0.5, mrr_star_relation=0.5)
+    rows_of = Table.of("shares", gain.shares_of_the_gain(rows, list(models)))
+    return [dict(zip([column.header for column in rows_of.columns], row, strict=True)) for row in rows_of.rows
+            if "MRR*" in row]  # fmt: skip
 
 
 def test_shares_by_hand() -> None:
     found = shares_of({"xavier": {(1, 0): 0.3, (2, 0): 0.5}, "es": {(1, 0): 0.5, (2, 0): 0.7},
                        "mean": {(1, 0): 0.5, (2, 0): 0.5}, "gaussian": {(1, 0): 0.3, (2, 0): 0.4}})  # fmt: skip
     mean, gaussian = found
-    assert (mean.gain.mean, mean.percent[0], mean.rest.mean) == pytest.approx((20, 50, 10))
-    assert (gaussian.gain.mean, gaussian.percent[0], gaussian.rest.mean) == pytest.approx((20, -25, 25))
-    frame = controls.shares_of_the_gain(found).frame
-    assert frame["scope"].tolist() == ["novel", "novel"]
-    assert frame["share %"].tolist() == pytest.approx([50, -25])
+    values = [[row[name].mean for name in ("gain over Xavier", "share %", "rest")] for row in (mean, gaussian)]
+    assert values == [pytest.approx([20, 50, 10]), pytest.approx([20, -25, 25])]
+    assert mean["scope"] == gaussian["scope"] == "novel"
 
 
 def test_the_interval_of_a_share_resamples_both_gains_together() -> None:
     gains = {"xavier": (0.2, 0.2), "es": (0.4, 0.8), "mean": (0.3, 0.5)}  # the mean has half of it in both seeds
     (share,) = shares_of({name: {(1, seed): value for seed, value in enumerate(two)} for name, two in gains.items()})
-    assert share.percent == pytest.approx((50, 50, 50))
-    assert (share.gain.low, share.gain.high) == pytest.approx((20, 60))
+    assert share["share %"].parts == pytest.approx((50, 50, 50))
+    assert share["gain over Xavier"].parts[1:] == pytest.approx((20, 60))
 
 
 @pytest.mark.parametrize(
@@ -302,13 +301,13 @@ def test_the_interval_of_a_share_resamples_both_gains_together() -> None:
     ],
 )  # fmt: skip
 def test_steps_go_over_the_controls_that_were_run(models: list[str], expected: list[tuple[str, str, str]]) -> None:
-    assert controls.steps("es", models) == expected
+    assert gain.steps("es", models) == expected
 
 
-def test_parts_are_told_half_by_half() -> None:
+def test_parts_are_computed_half_by_half() -> None:
     rows = halves({"xavier": (0.3, 0.5), "es": (0.5, 0.9), "mean": (0.2, 0.8), "es_permuted": (0.4, 0.6)})
-    found = controls.parts(rows, ["xavier", "es", "mean", "es_permuted"])
-    points = {(one.half, one.what): round(one.points.mean, 6) for one in found}
+    found = gain.parts(rows, ["xavier", "es", "mean", "es_permuted"])
+    points = {(one.half, one.part): round(one.points.mean, 6) for one in found}
     assert points == {
         ("mrr_star", "centre"): 10, ("mrr_star", "kind and meaning"): 20, ("mrr_star", "all of it"): 30,
         ("mrr_star", "words"): 20,
@@ -317,39 +316,37 @@ def test_parts_are_told_half_by_half() -> None:
         ("mrr_star_relation", "centre"): 30, ("mrr_star_relation", "kind and meaning"): 10,
         ("mrr_star_relation", "all of it"): 40, ("mrr_star_relation", "words"): 30,
     }  # fmt: skip
-    assert controls.sentence(found, "novel", "es") == (
-        "About novel entities, ES is +30.0 points from Xavier: centre +10.0 (33 %) and kind and meaning +20.0 (67 %) "
-        "[+20.0, +20.0]. In the half that asks for entities, +20.0 points from Xavier: centre -10.0 and kind and "
-        "meaning +30.0 [+30.0, +30.0]; in the half that asks for relations, +40.0 points from Xavier: centre +30.0 "
-        "(75 %) and kind and meaning +10.0 (25 %) [+10.0, +10.0]."
-    )
-    assert controls.of_the_centre(found).endswith("All that the centre gains there is a choice of kind.")
-    frame = controls.parts_of_the_gain(found).frame.set_index("part")
-    assert frame.loc["centre", ["MRR*", "entity half", "entity half low"]].tolist() == pytest.approx([10, -10, -10])
-
-
-def test_the_centre_may_gain_in_both_halves_or_not_be_run() -> None:
-    rows = halves({"xavier": (0.3, 0.5), "es": (0.5, 0.9), "mean": (0.4, 0.8)})
-    assert "choice of kind" not in controls.of_the_centre(controls.parts(rows, ["xavier", "es", "mean"]))
-    assert controls.of_the_centre(controls.parts(rows, ["xavier", "es"])) == ""
+    whole, entities, relations = (gain.composition(found, "novel", half, "es") for half in HALVES)
+    assert whole
+    assert entities
+    assert relations
+    shares = [(part.part, round(part.points.mean, 6), percent and round(percent)) for part, percent in whole["parts"]]
+    assert shares == [
+        ("centre", 10, 33), ("kind and meaning", 20, 67),
+    ]  # fmt: skip
+    assert [percent for _, percent in entities["parts"]] == [None, None]  # the centre loses there
+    assert relations["last"].parts == pytest.approx((10, 10, 10))
 
 
 @pytest.mark.parametrize("es", [0.4, 0.3])
 def test_where_nothing_is_gained_nothing_is_shared(es: float) -> None:
     (share,) = shares_of({"xavier": constant(0.4), "es": constant(es), "mean": constant(0.5)})
-    assert np.isnan(share.percent).all()
-    assert share.rest.mean == pytest.approx(100 * (es - 0.5))
+    assert np.isnan(share["share %"].mean)
+    assert share["rest"].mean == pytest.approx(100 * (es - 0.5))
     rows = halves({"xavier": (0.4, 0.4), "es": (es, es), "mean": (0.5, 0.5)})
-    assert "%" not in controls.sentence(controls.parts(rows, ["xavier", "es", "mean"]), "novel", "es")
+    composed = gain.composition(gain.parts(rows, ["xavier", "es", "mean"]), "novel", "mrr_star", "es")
+    assert composed
+    assert [percent for _, percent in composed["parts"]] == [None, None]
 
 
 @given(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1))
 @settings(max_examples=50, deadline=None)
 def test_share_and_rest_make_the_gain(xavier: float, es: float, control: float) -> None:
     (share,) = shares_of({"xavier": constant(xavier), "es": constant(es), "mean": constant(control)})
-    assert share.control_gain.mean + share.rest.mean == pytest.approx(share.gain.mean, abs=1e-6)
+    whole, part = share["gain over Xavier"].mean, share["control's gain"].mean
+    assert part + share["rest"].mean == pytest.approx(whole, abs=1e-6)
     if es > xavier + 0.01:
-        assert share.percent[0] / 100 * share.gain.mean == pytest.approx(share.control_gain.mean, abs=1e-6)
+        assert share["share %"].mean / 100 * whole == pytest.approx(part, abs=1e-6)
 
 
 def test_without_xavier_there_is_no_gain() -> None:

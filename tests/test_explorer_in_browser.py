@@ -12,8 +12,8 @@ import pytest
 from isi.analyses import single_insertions
 from isi.analyses.single_insertions import SHOWN, TABLES
 from isi.report import contents, page
+from isi.report.data import Analysis, Experiment
 from isi.report.models import label
-from isi.report.results import Experiment, Study
 from isi.tables import io
 from tests.browser import Opened, opened
 from tests.reports import small_results
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 NAMES = ["bowl", "bottle", "<b>box</b>", "kitchen", "table top", "tap", "50% / half", "cup", "cupboard", "mug", "pan",
          "pot", "sofa", "shelf"]  # fmt: skip
 BEST = "soft_hybrid"
-MARKS = {"told": "told", "learned": "trained", "held_out": "held out"}
+MARKS = {"told": "insert triple", "learned": "trained", "held_out": "held out"}
 
 #: The tables of single insertions, by name, as the pipeline writes them and the report reads them.
 Shown = dict[str, pd.DataFrame]
@@ -50,8 +50,8 @@ def report(shown: Shown, tmp_path_factory: pytest.TempPathFactory) -> Path:
     entities = pd.DataFrame({"entity": NAMES, "kind": "object"})
     experiment: Experiment = replace(results.experiments["home"], entities=entities)
     folder = tmp_path_factory.mktemp("report")
-    section = next(section for section in contents.SECTIONS if section.id == "explorer")
-    found = replace(results, explorer=Study(experiment, shown))
+    section = next(section for section in contents.SECTIONS if section.name == "explorer")
+    found = replace(results, explorer=Analysis(experiment, shown))
     page.write(folder, found, [section])
     return folder / "index.html"
 

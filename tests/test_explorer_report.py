@@ -8,9 +8,10 @@ from dataclasses import replace
 
 import pandas as pd
 import pytest
+from jinja2.utils import htmlsafe_json_dumps
 
-from isi.report.results import Study
-from isi.report.section import Explorer
+from isi.report.data import Analysis
+from isi.report.section import Content
 from isi.report.sections import explorer
 from isi.report.sections.explorer import indicators_of, maps_of, queries_of, start
 from tests.reports import ROOT, small_results
@@ -20,12 +21,12 @@ STEPS = [("joint", 0), ("es", 0)]
 MOST = 1_000_000
 
 
-def shown(**changes: pd.DataFrame) -> list[object]:
-    """What the section holds of small results whose explorer has other tables."""
+def shown(**changes: pd.DataFrame) -> list[Content]:
+    """The section for small results whose explorer has other tables."""
     results = small_results(["home"])
     assert results.explorer is not None
-    found = Study(results.explorer.experiment, {**results.explorer.found, **changes})
-    return list(explorer.contents(replace(results, explorer=found)))
+    found = Analysis(results.explorer.experiment, {**results.explorer.result, **changes})
+    return list(explorer.explorer(replace(results, explorer=found)))
 
 
 def test_queries_by_hand() -> None:
@@ -65,23 +66,23 @@ def test_maps_by_hand() -> None:
     }
 
 
-def test_it_starts_with_what_most_was_told_of_among_the_most_common_kind() -> None:
+def test_it_starts_with_most_insert_triples_among_the_most_common_kind() -> None:
     experiment = small_results(["home"]).experiments["home"]  # cup, kitchen, break, table: two of them are objects
     assert start(experiment, pd.Series({0: 2, 1: 9, 3: 4})) == 3
 
 
-def test_who_is_in_no_set_is_told() -> None:
-    text, *_ = shown()
-    assert str(text).endswith("(in none: kitchen and break).")
+def test_entities_in_no_set_are_named() -> None:
+    (content,) = shown()
+    assert content.numbers["absent"] == ["kitchen", "break"]
     results = small_results(["home"])
     assert results.explorer is not None
-    empty = {name: frame.iloc[:0] for name, frame in results.explorer.found.items()}
+    empty = {name: frame.iloc[:0] for name, frame in results.explorer.result.items()}
     assert shown(**empty) == []
 
 
 def test_names_cannot_end_the_data() -> None:
     data = {"names": ["</script><script>alert(1)</script>", "a & b", "'"]}
-    text = str(Explorer(data).json)
+    text = str(htmlsafe_json_dumps(data))
     assert not set("<>&'") & set(text)
     assert json.loads(text) == data
 

@@ -11,7 +11,8 @@ import pandas as pd
 import pytest
 
 from isi.report import contents, page
-from isi.report.section import Section, Table
+from isi.report.section import Content, Section
+from isi.report.tables import Table
 from tests.browser import Opened, opened
 from tests.reports import small_results
 
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
 
 #: A table whose order by number is not that of its text, with what is not there and thousands among it.
 FRAME = pd.DataFrame({"name": ["b", "a", "c", "d"], "points": [9.0, 1234.0, None, -20.0]})
-PLAIN = Section("plain", "Plain", lambda _: [Table("plain_table", "Plain table", "Of four rows.", FRAME)])
+TEXT = "# Plain\n\n@table plain_table | Plain table\nOf four rows."
+PLAIN = Section("plain", lambda _: [Content(shown=[Table.of("plain_table", FRAME)])], TEXT)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +59,7 @@ def test_all_of_it_fits_its_window_and_asks_for_nothing(
 
 def test_the_answer_and_its_figure_are_in_the_first_screen(chromium: Browser, report: Path) -> None:
     with fine(chromium, report) as found:
-        for what in (".answer", "#verdict .panels"):
+        for what in (".answer", "#verdict .plot svg"):
             box = found.page.locator(what).bounding_box()
             assert box
             assert box["y"] + box["height"] <= 900
@@ -65,13 +67,13 @@ def test_the_answer_and_its_figure_are_in_the_first_screen(chromium: Browser, re
 
 def test_a_click_in_the_contents_opens_a_part_and_goes_there(chromium: Browser, report: Path) -> None:
     with fine(chromium, report) as found:
-        part = found.page.locator("#earlier > details")
+        part = found.page.locator("#forgetting > details")
         assert part.get_attribute("open") is None
-        found.page.locator("nav a[href='#earlier']").click()
-        found.page.locator("#earlier > details[open]").wait_for()  # browsers tell of a new address a moment later
-        assert found.page.locator("#figure-corruption").is_visible()
+        found.page.locator("nav a[href='#forgetting']").click()
+        found.page.locator("#forgetting > details[open]").wait_for()  # browsers tell of a new address a moment later
+        assert found.page.locator("#figure-forgetting").is_visible()
         part.locator("> summary").click()
-        found.page.locator("nav a[href='#earlier']").click()  # again, though the address is the same
+        found.page.locator("nav a[href='#forgetting']").click()  # again, though the address is the same
         assert part.get_attribute("open") is not None
 
 

@@ -25,7 +25,7 @@ from dvc.repo import Repo
 from safetensors.torch import load_file, save_file
 
 from isi.bundle.folder import read
-from isi.report import parts
+from isi.report import stats
 from tests import documented
 from tests.environment import ENVIRONMENT
 from tools import workspace
@@ -147,14 +147,13 @@ def test_an_embedding_of_the_whole_graph_is_kept_for_commands(folder: Path) -> N
         read(folder / "data/final_models/ai2thor"),
         pd.read_parquet(folder / "data/graph/ai2thor/triples.parquet"),
     )
-    assert kept.manifest.model_name == "analogy"
+    assert kept.about.family == "analogy"
     assert kept.entities.shape == (len(kept.entity_names), 8)
     named = [kept.entity_names, kept.relation_names, kept.entity_names]
     found = {tuple(names[row] for names, row in zip(named, triple, strict=True)) for triple in kept.triples.tolist()}
     assert found == set(triples[["head", "relation", "tail"]].astype(str).itertuples(index=False, name=None))
     log = pd.read_parquet(folder / "data/embeddings/ai2thor/joint.log.parquet")
-    last = log[log["kept"]].groupby("seed")["epoch"].last()
-    assert kept.manifest.made["epochs"] == last.sort_values().iloc[1]  # of 3
+    assert kept.about.made["epochs"] == log[log["kept"]].groupby("seed")["epoch"].last().sort_values().iloc[1]  # of 3
     assert kept.words is not None
     vectors = load_file(folder / "data/words/ai2thor/vectors.safetensors")["vectors"]
     assert (kept.words == vectors.numpy()).all()
@@ -217,7 +216,7 @@ def test_the_entity_of_figure_1_starts_where_the_experiment_inserts_it(folder: P
 def test_what_is_asked_is_the_same_as_in_the_runs(folder: Path) -> None:
     asked = pd.read_parquet(folder / "data/analyses/query_breakdown/ai2thor.parquet").query("filter == 'learned'")
     assert set(asked["model"]) == {*INITIALIZERS, "joint"}
-    found = parts.mrr_star(asked, ["model", "size", "seed", "scope"])
+    found = stats.combined(asked, ["model", "size", "seed", "scope"])
     for name in (*INITIALIZERS, "joint"):
         runs = pd.read_parquet(folder / f"data/runs/ai2thor/{name}.parquet").query("epoch == 0 and queries > 0")
         both = runs.merge(found[found["model"] == name], on=["size", "seed", "scope"], suffixes=("", " of parts"))

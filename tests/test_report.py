@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.stats
 from matplotlib.colors import to_hex
-from scipy import stats
 
 from isi.evaluation.convergence import epochs_to_convergence
-from isi.report import figures, page, statistics
+from isi.report import figures, stats
 from isi.report.models import colour, label
-from isi.report.prose import joined, listed, reached
-from isi.report.section import Table
-from isi.report.sections import approach, cross_validation, earlier, epochs, families, graph, rates, sensitivity, words
+from isi.report.sections import choices, convergence, forgetting, run, trajectory
+from isi.report.tables import Column, Estimate, Table, csv, number
+from isi.report.words import joined, listed, listed_epochs
 from tests.reports import INITIALIZERS, runs, small_params
 
 
@@ -27,22 +27,22 @@ def converged(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
 
 
 def test_improvement_is_the_ratio_of_means_at_each_size_averaged_over_sizes() -> None:
-    at_once = runs(
+    immediate = runs(
         [
             ("xavier", "all", 1, 0, 0, 0.2), ("xavier", "all", 1, 1, 0, 0.6), ("xavier", "all", 2, 0, 0, 0.5),
             ("es", "all", 1, 0, 0, 0.6), ("es", "all", 1, 1, 0, 0.6), ("es", "all", 2, 0, 0, 0.5),
         ]
     )  # fmt: skip
     # size 1: 0.6 / 0.4 = 1.5; size 2: 0.5 / 0.5 = 1: a quarter on average (the ratio of all means is another)
-    assert statistics.improvement(at_once, "all")["es"] == pytest.approx(25)
-    assert statistics.improvement(at_once[at_once["model"] == "es"], "all") == {}
+    assert stats.improvements(immediate, "all")["es"].mean == pytest.approx(25)
+    assert stats.improvements(immediate[immediate["model"] == "es"], "all") == {}
 
 
 def test_fewer_epochs_is_against_the_mean_of_xavier() -> None:
     cells = [("xavier", 8), ("xavier", 12), ("es", 2), ("es", 3)]
     convergence = pd.DataFrame(cells, columns=["model", "epochs"]).assign(scope="all")
-    assert statistics.fewer_epochs(convergence) == pytest.approx({"xavier": 0, "es": 75})
-    assert statistics.fewer_epochs(convergence, "novel") == {}
+    assert stats.fewer_epochs(convergence) == pytest.approx({"xavier": 0, "es": 75})
+    assert stats.fewer_epochs(convergence, "novel") == {}
 
 
 def of_seeds(**seeds: Sequence[float]) -> pd.DataFrame:
@@ -52,29 +52,31 @@ def of_seeds(**seeds: Sequence[float]) -> pd.DataFrame:
 
 
 def test_a_mean_is_over_all_rows_and_its_interval_resamples_whole_seeds() -> None:
-    found = statistics.over_seeds(of_seeds(a=[1, 2], b=[6]), ["group"], {"value": "v"}, scale=1)
+    found = stats.over_seeds(of_seeds(a=[1, 2], b=[6]), ["group"], {"value": "v"}, scale=1)
     # a resample has seed a twice with ¼ (mean 1.5), seed b twice with ¼ (mean 6), else both
-    assert found.loc[0].to_dict() == {"v": 3, "v low": 1.5, "v high": 6}
-    alone = statistics.over_seeds(of_seeds(a=[1, 2]), ["group"], {"value": "v"}, scale=100)
-    assert alone["v"].tolist() == [150]
-    assert alone[["v low", "v high"]].isna().all(axis=None)
-    nothing = statistics.over_seeds(of_seeds(a=[1, 2], b=[np.nan], c=[3]), ["group"], {"value": "v"}, scale=1)
-    assert nothing.loc[0].to_dict() == {"v": 2, "v low": 1.5, "v high": 3}  # seed b has nothing to resample
+    assert found["v"][0] == Estimate(3, 1.5, 6)
+    alone = stats.over_seeds(of_seeds(a=[1, 2]), ["group"], {"value": "v"}, scale=100)
+    assert alone["v"][0].mean == 150
+    assert np.isnan(alone["v"][0].parts[1:]).all()
+    nothing = stats.over_seeds(of_seeds(a=[1, 2], b=[np.nan], c=[3]), ["group"], {"value": "v"}, scale=1)
+    assert nothing["v"][0] == Estimate(2, 1.5, 3)  # seed b has nothing to resample
 
 
 def test_intervals_are_those_of_scipys_bootstrap() -> None:
     values = np.random.default_rng(3).gamma(2, size=30)
-    found = statistics.over_seeds(of_seeds(**{str(n): [v] for n, v in enumerate(values)}), ["group"], {"value": "v"}, 1)
-    low, high = stats.bootstrap((values,), np.mean, n_resamples=20_000, method="percentile", rng=0).confidence_interval
-    assert found.loc[0, ["v low", "v high"]].tolist() == pytest.approx([low, high], abs=0.03 * (high - low))
+    found = stats.over_seeds(of_seeds(**{str(n): [v] for n, v in enumerate(values)}), ["group"], {"value": "v"}, 1)
+    low, high = scipy.stats.bootstrap(
+        (values,), np.mean, n_resamples=20_000, method="percentile", rng=0
+    ).confidence_interval
+    assert list(found["v"][0].parts[1:]) == pytest.approx([low, high], abs=0.03 * (high - low))
 
 
 def test_improvement_resamples_both_sides_together() -> None:
     rows = [("xavier", "all", size, seed, 0, value) for size in (1, 2) for seed, value in enumerate((0.2, 0.4))]
     rows += [("es", "all", size, seed, 0, 1.5 * value) for size in (1, 2) for seed, value in enumerate((0.2, 0.4))]
-    found = statistics.improvements(runs(rows), "all")
-    assert found.loc["es"].tolist() == pytest.approx([50, 50, 50])  # whichever seeds are drawn
-    assert found.loc["xavier"].tolist() == pytest.approx([0, 0, 0])
+    found = stats.improvements(runs(rows), "all")
+    assert found["es"].parts == pytest.approx((50, 50, 50))  # whichever seeds are drawn
+    assert found["xavier"].parts == pytest.approx((0, 0, 0))
 
 
 @pytest.mark.parametrize(
@@ -93,34 +95,49 @@ def test_improvement_resamples_both_sides_together() -> None:
     ],
 )
 def test_definitions_name_what_they_say_in_regular_inflections(text: str, phrase: str, named: bool) -> None:
-    assert words.names(text, phrase) is named
+    assert run.names(text, phrase) is named
 
 
 def test_numbers_are_shown_as_people_read_them() -> None:
     frame = pd.DataFrame({"whole": [1.0, np.nan, 1234.0], "part": [0.05, 1.25, 12.0], "text": ["a", "b", "c"]})
-    shown = page.shorten(frame)
+    shown = Table.of("name", frame).shown
     assert shown["whole"].tolist() == ["1", "–", "1,234"]
     assert shown["part"].tolist() == ["0.1", "1.2", "12.0"]
     assert shown["text"].tolist() == ["a", "b", "c"]
+    assert Table.of("name", pd.DataFrame({"x": [-0.01, 1.5]})).shown["x"].tolist() == ["0.0", "1.5"]
 
 
-def test_the_ends_of_an_interval_stand_in_brackets_and_are_no_columns() -> None:
-    frame = pd.DataFrame({"model": ["a", "b"], "x": [1.0, 2.0], "x low": [0.5, np.nan], "x high": [2.0, np.nan],
-                          "n": [-0.01, 3.0]})  # fmt: skip
-    table = Table("name", "Title", "Caption.", frame, {"n": "{:+.2f}".format})
-    shown = page.shorten(frame, table.formats)
-    assert shown.to_dict("list") == {"model": ["a", "b"], "x": ["1.0 [0.5, 2.0]", "2.0"], "n": ["-0.01", "+3.00"]}
-    forms = page.forms(table)
-    assert forms["csv"].splitlines()[0] == "model,x,x low,x high,n"
-    assert "| 1.0 [0.5, 2.0] |" in forms["md"]
-    assert page.shorten(pd.DataFrame({"x": [-0.01, 1.5]}))["x"].tolist() == ["0.0", "1.5"]
+def test_an_estimate_is_one_cell_for_people_and_three_columns_in_files() -> None:
+    table = Table.of("name", [
+        {"model": "a", Column("x", "all"): Estimate(1, 0.5, 2), Column("n", form="{:+.2f}".format): -0.01},
+        {"model": "b", Column("x", "all"): Estimate(2), Column("n", form="{:+.2f}".format): 3.0},
+    ])  # fmt: skip
+    assert table.shown.to_dict("list") == {
+        "model": ["a", "b"], "all: x": ["1.0 [0.5, 2.0]", "2.0"], "n": ["-0.01", "+3.00"],
+    }  # fmt: skip
+    assert table.files["csv"].splitlines() == ["model,all: x,all: x low,all: x high,n", "a,1,0.5,2,-0.01", "b,2,,,3"]
+    assert "| 1.0 [0.5, 2.0] |" in table.files["md"]
+    assert r"\toprule" in table.files["tex"]
+    assert f"{Estimate(1.25, 0.5, 2):+.1f}" == "+1.2 [+0.5, +2.0]"
+
+
+def test_a_table_without_rows_can_be_written() -> None:
+    assert all(isinstance(text, str) for text in Table.of("name", []).files.values())
+
+
+def test_numbers_of_files_have_two_decimals_or_four_digits() -> None:
+    frame = pd.DataFrame({"a": [1.23456, None, -0.001], "p": ["none", 1.86265e-9, 0.123456], "n": [1, 2, 3]})
+    assert csv(frame, ["p"]) == "a,p,n\n1.23,none,1\n,1.863e-09,2\n0,0.1235,3\n"
+    counts = pd.DataFrame({"p": [24941.0, 14759.0, 77.00000001, 12345.678]})
+    assert csv(counts, ["p"]) == "p\n24941\n14759\n77\n12345.68\n"
+    assert str(number(-0.004)) == "0.0"
 
 
 def test_numbers_in_sentences() -> None:
     assert [joined([]), joined(["a"]), joined("abc")] == ["none", "a", "a, b and c"]
     assert listed({"es": 1.25, "rs": 2.0, "xavier": 3.0}, ["xavier", "es", "ers"]) == "Xavier 3.0 and ES 1.2"
-    assert reached({"iu": 40.0, "es": 1.0}, {"iu": 12.4, "es": 0.0}, ["iu", "es"]) == (
-        "IU 40.0 (12 % of runs never get there) and ES 1.0"
+    assert listed_epochs({"iu": 40.0, "es": 1.0}, {"iu": 12.4, "es": 0.0}, ["iu", "es"]) == (
+        "IU 40.0 (12 % of runs never converge) and ES 1.0"
     )
 
 
@@ -142,9 +159,9 @@ def test_the_rule_picks_from_what_is_about_novel_entities() -> None:
         ],
         columns=columns,
     )
-    found = sensitivity.means(swept[swept["epoch"] == 0], converged(swept, ["model", "k"]), models)
-    chosen = sensitivity.chosen_sizes(found, {"es": {"k": 4}, "rs": {}}, {"es": 8, "ers": 9})
-    table = sensitivity.indicator_sizes(found, chosen).frame.set_index("initializer")
+    found = choices.means_of(swept[swept["epoch"] == 0], converged(swept, ["model", "k"]), models)
+    chosen = choices.chosen_sizes(found, {"es": {"k": 4}, "rs": {}}, {"es": 8, "ers": 9})
+    table = choices.indicator_sizes(found, chosen).frame.set_index("initializer")
     # epochs fall on and on; of MRR* size 4 has 7 points less than the best before it
     assert table["picked by the rule"].to_dict() == {"ES": 3, "RS": 3, "ERS": 3}
     assert table["paper"].dropna().to_dict() == {"ES": 8, "ERS": 9}
@@ -160,8 +177,8 @@ def test_cross_validation_marks_the_choices_and_gives_the_spread_over_folds() ->
         for setting in settings for fold, value in enumerate((0.6, 0.7))
     ]  # fmt: skip
     rows[0]["mrr_star"] = 0.4
-    stated = {"dimension": 100, "ratio": 9, "learning_rate": 0.2, "weight_decay": 0.001}
-    table = cross_validation.cross_validation(pd.DataFrame(rows), settings, stated, 2).frame
+    paper = {"dimension": 100, "ratio": 9, "learning_rate": 0.2, "weight_decay": 0.001}
+    table = choices.cross_validation_table(pd.DataFrame(rows), settings, paper).frame
     assert len(table) == 13
     ours, other = table.iloc[0], table[table["learning rate"] == "0.2"].iloc[0]
     assert (ours["choice of"], other["choice of"]) == ("this run", "paper")
@@ -170,11 +187,11 @@ def test_cross_validation_marks_the_choices_and_gives_the_spread_over_folds() ->
     assert other["MRR*"] == pytest.approx(65)
     assert other["from the choice"] == pytest.approx(10)
     # the folds of the choice deviate by 21 points
-    assert (ours["told apart"], other["told apart"]) == ("", "no")
+    assert (ours["beyond the folds' deviation"], other["beyond the folds' deviation"]) == ("", "no")
     sure = [row | {"mrr_star": 0.9 + 0.01 * row["fold"]} if row["learning_rate"] == 0.2 else row for row in rows]
-    told = cross_validation.cross_validation(pd.DataFrame(sure), settings, stated, 2).frame
-    assert told.loc[told["learning rate"] == "0.2", "told apart"].tolist() == ["yes"]
-    assert cross_validation.note(pd.DataFrame(rows), settings[0], "learning_rate").endswith(
+    told = choices.cross_validation_table(pd.DataFrame(sure), settings, paper).frame
+    assert told.loc[told["learning rate"] == "0.2", "beyond the folds' deviation"].tolist() == ["yes"]
+    assert choices.note(pd.DataFrame(rows), settings[0], "learning_rate").endswith(
         "from the choice of this run, less than the folds deviate"
     )
 
@@ -186,17 +203,12 @@ def test_the_best_value_of_a_factor_has_the_others_as_chosen() -> None:
     table = table.sort_values(["dimension", "ratio", "learning_rate", "weight_decay"])
     table.loc[table["dimension"] == 40, "mrr_star"] = [0.9, 0.4]
     table.loc[table["learning_rate"] == 0.2, "mrr_star"] = [0.6, 0.6]
-    assert cross_validation.best(table, choice, "dimension") == 40
-    assert cross_validation.best(table, choice, "learning_rate") == 0.2
-    assert cross_validation.best(table, choice, "ratio") == choice["ratio"]  # equals: the choice, which is first
-    assert "dimension 40" in cross_validation.sentence(table, choice)
-    assert "65.0" in cross_validation.sentence(table, choice)
-    table["mrr_star"] = np.where(table["learning_rate"] == 0.1, table["mrr_star"], 0.1)
-    table.loc[table["dimension"] == 40, "mrr_star"] = 0.2
-    assert "no other setting has more" in cross_validation.sentence(table, choice)
+    assert choices.best(table, choice, "dimension") == 40
+    assert choices.best(table, choice, "learning_rate") == 0.2
+    assert choices.best(table, choice, "ratio") == choice["ratio"]  # equals: the choice, which is first
 
 
-def test_families_stand_with_what_was_chosen_for_them_and_go_by_mrr_star() -> None:
+def test_embedding_models_stand_with_the_options_that_were_chosen_for_them() -> None:
     columns = ["family", "seed", "mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "valid_mrr_star", "epochs"]
     rows = pd.DataFrame(
         [("transe", 0, 0.5, 0.1, 0.9, 0.3, 0.6, 40), ("transe", 1, 0.7, 0.3, 1.0, 0.5, 0.8, 60),
@@ -204,107 +216,100 @@ def test_families_stand_with_what_was_chosen_for_them_and_go_by_mrr_star() -> No
     )  # fmt: skip
     chosen = {"transe": {"learning_rate": 0.1, "weight_decay": 0.0, "margin": 4.0, "squared": False},
               "complex": {"learning_rate": 0.05, "weight_decay": 0.001}}  # fmt: skip
-    table = families.families(rows, chosen, 2)
-    frame = table.frame.set_index("family")
+    table = choices.embedding_table(rows, chosen)
+    frame = table.frame.set_index("embedding")
     assert list(frame.index) == ["TransE", "ComplEx"]
     assert frame.loc["TransE", ["MRR*", "entity half", "relation half", "MRR", "epochs"]].tolist() == pytest.approx(
         [60, 20, 95, 40, 50]
     )
     assert frame.loc["TransE", ["MRR* low", "MRR* high"]].tolist() == pytest.approx([50, 70])
-    assert page.shorten(table.frame)["MRR*"].tolist() == ["60 [50, 70]", "90"]
+    assert table.shown["MRR*"].tolist() == ["60 [50, 70]", "90"]
     assert frame.loc["TransE", ["learning rate", "weight decay", "margin", "squared"]].tolist() == [
         "0.1",
         "0",
         "4",
         "no",
     ]
-    assert page.shorten(table.frame)["margin"].tolist() == ["4", "–"]
-    assert families.sentence(rows) == "MRR*, best first: ComplEx 90.0 and TransE 60.0."
+    assert table.shown["margin"].tolist() == ["4", "–"]
 
 
-def test_the_order_at_other_rates_is_told_as_it_is() -> None:
+def test_initializers_are_ordered_at_every_rate() -> None:
     def run(model: str, factor: float, epoch: int) -> dict[str, Any]:
         cell = {"scope": "all", "size": 5, "seed": 0, "queries": 4}
         return {"model": model, "factor": factor, "epoch": epoch, "mrr_star": 0.7} | cell
 
     def cells(*rows: dict[str, Any]) -> pd.DataFrame:
-        every = [run("es", rates.AS_CHOSEN, 3), run("rs", rates.AS_CHOSEN, 4), run("es", 0.5, 6), run("rs", 0.5, 8)]
+        every = [
+            run("es", convergence.AS_CHOSEN, 3),
+            run("rs", convergence.AS_CHOSEN, 4),
+            run("es", 0.5, 6),
+            run("rs", 0.5, 8),
+        ]
         return converged(pd.DataFrame([*every, *rows]), ["model", "factor"])
 
     same, tied = cells(run("es", 2, 1), run("rs", 2, 2)), cells(run("es", 2, 1), run("rs", 2, 1))
     models = ["es", "rs"]
-    assert "same at every rate, fewest epochs first: ES, RS." in rates.order_of_initializers(same, models, "all")
-    text = rates.order_of_initializers(tied, models, "all")
-    assert text.endswith("ES, RS at ×0.5; ES, RS at ×1; ES = RS at ×2.")
-    assert "nothing was asked" in rates.order_of_initializers(tied, models, "novel_heldout")
-    table = rates.convergence_by_rate(tied, models, 5, 0.04, 150).frame.set_index("initializer")
+    assert set(convergence.orders(same, models, "all").values()) == {"ES, RS"}
+    assert convergence.orders(tied, models, "all") == {0.5: "ES, RS", 1: "ES, RS", 2: "ES = RS"}
+    assert convergence.orders(tied, models, "novel_heldout") == {}
+    table = convergence.by_rate(tied, models).frame.set_index("initializer")
     assert table.loc["RS", ["×0.5: mean", "×1: mean", "×2: mean"]].tolist() == [8, 4, 1]
 
 
-def test_crowding_is_what_is_lost_with_the_novel_entities_alone() -> None:
+def test_interference_is_what_is_lost_with_the_novel_entities_alone() -> None:
     rows = runs(
         [("es", "known", 5, seed, epoch, value - seed / 10) for seed in (0, 1)
          for epoch, value in enumerate((0.7, 0.5, 0.8))] + [("es", "known_closed", 5, 0, 0, 0.9)]
     )  # fmt: skip
-    frame = earlier.corruption(rows.assign(mrr_star_entity=0.1, mrr_star_relation=1.0), ["es", "rs"], 5).frame
+    frame = forgetting.by_scope(rows.assign(mrr_star_entity=0.1, mrr_star_relation=1.0), ["es", "rs"]).frame
     assert frame[["model", "scope"]].to_numpy().tolist() == [["ES", "known"], ["ES", "known_closed"]]
-    columns = ["lowest MRR*", "MRR* at once", "MRR* at the end"]
+    columns = ["lowest MRR*", "immediately: MRR*", "at the end: MRR*"]
     assert frame.loc[0, columns].tolist() == pytest.approx([45, 65, 75])
     assert frame.loc[1, columns].tolist() == pytest.approx([90, 90, 90])
 
 
 def pairs_at_the_end(rows: pd.DataFrame) -> dict[tuple[str, str, str], float]:
-    found = earlier.at_the_end(rows)
-    return {(one.measure.split(",")[0], one.first, one.second): round(one.mean, 6) for one in found}
+    pairs = forgetting.at_the_end(rows)
+    return {(scope, pair.first, pair.second): round(pair.difference.mean, 6)
+            for scope, of_scope in pairs.items() for pair in of_scope}  # fmt: skip
 
 
-def test_earlier_knowledge_is_told_from_before_and_from_where_nothing_was_inserted() -> None:
+def test_earlier_knowledge_is_compared_with_before_and_with_nothing_inserted() -> None:
     values = {"xavier": (0.3, 0.6), "es": (0.5, 0.75)}
     rows = [(model, "known", 5, seed, epoch, value + seed / 10)
             for model, both in values.items() for seed in (0, 1) for epoch, value in enumerate(both)]  # fmt: skip
     rows += [(model, "known_closed", 5, seed, epoch, 0.7 + epoch * gain + seed / 10)
              for model, gain in (("xavier", 0), ("es", 0.1)) for seed in (0, 1) for epoch in (0, 1)]  # fmt: skip
     rows += [("joint", scope, 5, seed, 0, 0.9) for scope in ("known", "known_closed") for seed in (0, 1)]
-    nothing = runs([("nothing", "known_closed", 5, seed, epoch, 0.7 + 0.05 * epoch + seed / 10)
+    nothing = runs([("finetune_only", "known_closed", 5, seed, epoch, 0.7 + 0.05 * epoch + seed / 10)
                     for seed in (0, 1) for epoch in (0, 1)])  # fmt: skip
     every = pd.concat([runs(rows), nothing], ignore_index=True)
-    changed = earlier.since_before(every).groupby(["model", "scope", "epoch"])["mrr_star"].mean()
+    changed = forgetting.since_before(every).groupby(["model", "scope", "epoch"])["mrr_star"].mean()
     assert changed["es", "known"].tolist() == pytest.approx([-0.2, 0.05])  # of seeds that had 0.7 and 0.8
     assert changed["es", "known_closed"].tolist() == pytest.approx([0, 0.1])
-    assert changed["nothing", "known_closed"].tolist() == pytest.approx([0, 0.05])
+    assert changed["finetune_only", "known_closed"].tolist() == pytest.approx([0, 0.05])
     assert changed["joint", "known"].tolist() == pytest.approx([0.15])
     assert pairs_at_the_end(every) == {
         ("known", "es", "xavier"): 15, ("known_closed", "es", "xavier"): 10,
-        ("known_closed", "es", "nothing"): 5, ("known_closed", "xavier", "nothing"): -5,
+        ("known_closed", "es", "finetune_only"): 5, ("known_closed", "xavier", "finetune_only"): -5,
     }  # fmt: skip
-    names = [line.get_label() for line in earlier.drawn(every, ["xavier", "es", "joint"]).axes[1].lines]
+    names = [line.get_label() for line in forgetting.drawn(every, ["xavier", "es", "joint"]).axes[1].lines]
     assert names == ["Xavier", "ES", "Nothing inserted", "Joint"]
-    text = earlier.at_the_end_in_words(earlier.at_the_end(every))
-    assert "Earlier knowledge by itself against Nothing inserted: ES +5.00 [+5.00, +5.00] (n.s.)" in text
+    ended = {(scope, model): pairs for scope, model, pairs in forgetting.ended(forgetting.at_the_end(every))}
+    (es,) = ended["known_closed", "finetune_only"]
+    assert es.difference.parts == pytest.approx((5, 5, 5))
+    assert not es.significant
 
 
-def test_the_kind_of_a_tail_may_tell_the_relation() -> None:
-    entities = pd.DataFrame({"entity": ["cup", "shelf", "break"], "kind": ["object", "object", "affordance"]})
-    triples = pd.DataFrame([("cup", "atLocation", "shelf"), ("cup", "hasAffordance", "break")],
-                           columns=["head", "relation", "tail"])  # fmt: skip
-    assert "in all 2 triples (affordance to hasAffordance and object to atLocation)" in graph.relation_half(
-        entities, triples
-    )
-    triples.loc[2] = ["cup", "under", "shelf"]
-    assert "in 2 of 3 triples" in graph.relation_half(entities, triples)
-
-
-def test_indicator_set_sizes_are_told_from_the_one_of_this_run() -> None:
+def test_indicator_set_sizes_are_compared_with_the_one_of_this_run() -> None:
     swept = runs([("es", "all", 5, seed, 0, value) for seed in (0, 1) for value in (0.5, 0.6 + seed / 10)])
-    found = sensitivity.relative(swept.assign(k=[2, 8] * 2), {"es": 9}).set_index(["k", "seed"])["value"]
+    found = choices.relative(swept.assign(k=[2, 8] * 2), {"es": 9}).set_index(["k", "seed"])["value"]
     assert found.to_dict() == pytest.approx({(2, 0): -10, (8, 0): 0, (2, 1): -20, (8, 1): 0})  # 8 is the nearest to 9
-    cells = pd.DataFrame({"scope": ["all", "all", "novel_heldout"], "epochs": [0, 3, 7]})
-    assert sensitivity.convergence(cells)["value"].tolist() == [0, 100, 7]
 
 
 def test_the_plane_is_that_of_the_covariances_first_eigenvectors() -> None:
     vectors = np.random.default_rng(0).normal(size=(30, 6)) * [1, 5, 1, 1, 3, 1] + 7
-    centre, axes, share = approach.plane(vectors.astype(np.float32))
+    centre, axes, share = trajectory.plane(vectors.astype(np.float32))
     values, eigenvectors = np.linalg.eigh(np.cov(vectors.T))
     assert np.allclose(centre, vectors.mean(0), atol=1e-5)
     assert np.allclose(np.abs(axes @ eigenvectors[:, :-3:-1]), np.eye(2), atol=1e-4)
@@ -363,20 +368,24 @@ def test_panels_beyond_the_number_stay_blank() -> None:
     ],
 )
 def test_names_lie_a_gap_apart_and_near_what_they_name(heights: list[float], placed: list[float]) -> None:
-    assert approach.spread(np.array(heights), 0.1) == pytest.approx(placed)
+    assert trajectory.spread(np.array(heights), 0.1) == pytest.approx(placed)
 
 
-def test_what_is_lost_after_the_best_epoch_is_told_with_its_interval() -> None:
+def test_what_is_lost_after_the_best_epoch_has_its_interval() -> None:
     rows = runs([("es", "novel_heldout", 5, seed, epoch, value + seed / 10)
                  for seed in (0, 1) for epoch, value in enumerate((0.5, 0.7, 0.6))])  # fmt: skip
-    text = epochs.best_epochs(rows, ["xavier", "es", "rs"], 5)
-    assert text.endswith("ES 75.0 at epoch 1 and 65.0 at 2, -10.00 [-10.00, -10.00].")
-    assert "nothing" in epochs.best_epochs(rows, ["xavier"], 5)
+    ((model, best, epoch, end, last, change),) = convergence.best_epochs(rows, ["xavier", "es", "rs"])
+    assert (model, best, epoch, end, last) == ("es", pytest.approx(75), 1, pytest.approx(65), 2)
+    assert change.parts == pytest.approx((-10, -10, -10))
+    assert convergence.best_epochs(rows, ["xavier"]) == []
 
 
-def test_convergence_is_told_by_means_medians_and_shares() -> None:
+def test_convergence_has_means_medians_and_shares() -> None:
     cells = pd.DataFrame({"scope": "all", "model": "es", "seed": [0, 0, 1, 1], "epochs": [1, 2, 3, 150],
                           "converged": [True, True, True, False]})  # fmt: skip
-    found = epochs.summarized(cells, ["scope", "model"]).loc["all", "es"]
-    assert found[["mean", "mean low", "mean high", "median"]].tolist() == [39, 1.5, 76.5, 2.5]
-    assert found[["unconverged %", "unconverged % low", "unconverged % high"]].tolist() == [25, 0, 50]
+    found = stats.epochs_summary(cells, ["scope", "model"]).loc["all", "es"]
+    assert (found["mean"], found["median"], found["unconverged %"]) == (
+        Estimate(39, 1.5, 76.5),
+        2.5,
+        Estimate(25, 0, 50),
+    )

@@ -17,60 +17,61 @@ from markupsafe import Markup
 
 from isi.experiment.insert import FullCurves
 from isi.initializers.api import INITIALIZERS, Registered
-from isi.report import contents, page, summary
-from isi.report.drawing import Drawing
+from isi.report import contents, page
+from isi.report.data import Results
+from isi.report.figures import Figure
 from isi.report.metrics import metrics, plots
 from isi.report.models import colour, contenders, controls, described, label
-from isi.report.results import Results
-from isi.report.section import Bullets, Content, Figure, Heading, Section, Table
-from isi.report.sections import at_once
-from isi.report.sections.graph import graph_statistics, in_order_of
-from tests.reports import GRAPHS, ROOT, small_results, stated
+from isi.report.section import Content, Part, Section
+from isi.report.sections.immediate import in_order_of
+from isi.report.sections.run import table1
+from isi.report.tables import Table
+from isi.report.verdict import VERDICT
+from tests.reports import GRAPHS, ROOT, paper, small_results
 from tests.reports import INITIALIZERS as SHIPPED
 
-STUDIES = {"asked", "approach", "explorer", "sensitivity", "cross-validation", "families", "affordances"}
+ANALYSES = {"query-breakdown", "trajectory", "explorer", "indicators", "cross-validation", "embedding-models",
+            "affordances"}  # fmt: skip
 SUBSETS = list(chain.from_iterable(combinations(GRAPHS, number) for number in (1, 2, 3)))
 
 
 @cache
-def results_of(experiments: tuple[str, ...] = tuple(GRAPHS), studies: bool = True) -> Results:
-    return small_results(experiments, studies)
+def results_of(experiments: tuple[str, ...] = tuple(GRAPHS), analyses: bool = True) -> Results:
+    return small_results(experiments, analyses)
 
 
 @cache
-def made_of(results: Results) -> list[tuple[Section, list[Content]]]:
-    """Every section that has something to say."""
-    every = [(section, list(section.contents(results))) for section in contents.SECTIONS]
-    return [(section, found) for section, found in every if found]
+def parts_of(results: Results) -> list[Part]:
+    """Every section that has something to show."""
+    return [part for section in contents.SECTIONS if (part := section.part(results))]
 
 
 def names(results: Results, kind: type[Table] | type[Figure]) -> list[str]:
-    return [content.name for _, found in made_of(results) for content in found if isinstance(content, kind)]
+    return [
+        block.content.name for part in parts_of(results) for block in part.blocks if isinstance(block.content, kind)
+    ]
 
 
 def table_of(results: Results, name: str) -> Table:
-    (found,) = (content for _, every in made_of(results) for content in every
-                if isinstance(content, Table) and content.name == name)  # fmt: skip
+    (found,) = (block.content for part in parts_of(results) for block in part.blocks
+                if isinstance(block.content, Table) and block.content.name == name)  # fmt: skip
     return found
 
 
 def rendered(results: Results) -> str:
-    made = made_of(results)
-    verdict = summary.verdict(results)
-    figures = [content for _, found in made for content in found if isinstance(content, Figure)]
-    drawn = Drawing([Markup("<svg></svg>")], 1, [], "in words")
-    names = [one.name for one in [*figures, *([verdict.figure] if verdict.figure else [])]]
-    return page.html(made, dict.fromkeys(names, drawn), verdict, results)
+    verdict = VERDICT.part(results)
+    figures = dict.fromkeys([*names(results, Figure), "verdict"], Markup("<svg></svg>"))
+    return page.html(parts_of(results), verdict, figures, results)
 
 
 @pytest.mark.parametrize("experiments", SUBSETS, ids=" ".join)
-@pytest.mark.parametrize("studies", [True, False], ids=["with studies", "without"])
-def test_any_experiments_and_studies_make_a_whole_page(experiments: tuple[str, ...], studies: bool) -> None:
-    results = results_of(experiments, studies)
-    text, ids = rendered(results), {section.id for section, _ in made_of(results)}
-    assert (STUDIES & ids) == (STUDIES if studies else set())
+@pytest.mark.parametrize("analyses", [True, False], ids=["with analyses", "without"])
+def test_any_experiments_and_analyses_make_a_whole_page(experiments: tuple[str, ...], analyses: bool) -> None:
+    results = results_of(experiments, analyses)
+    text, ids = rendered(results), {part.id for part in parts_of(results)}
+    assert (ANALYSES & ids) == (ANALYSES if analyses else set())
     assert ("transfer" in ids) == ("moved" in experiments)
-    assert ({"at-once", "epochs", "paper"} <= ids) == any(name != "moved" for name in experiments)
+    assert ({"immediate", "convergence", "paper"} <= ids) == any(name != "moved" for name in experiments)
     found = re.findall(r'id="([^"]+)"', text)
     assert len(set(found)) == len(found)
     assert set(re.findall(r'href="#([^"]+)"', text)) <= set(found)
@@ -83,7 +84,7 @@ def test_any_experiments_and_studies_make_a_whole_page(experiments: tuple[str, .
 def test_the_first_graph_has_plain_names_and_others_bear_their_own() -> None:
     everything = results_of()
     figures, tables = names(everything, Figure), names(everything, Table)
-    of_each = ["figure3a_immediate", "figure3b_curves", "corruption"]
+    of_each = ["figure3a_immediate", "figure3b_curves", "forgetting"]
     assert [name for name in figures if name.startswith(tuple(of_each))] == [
         f"{name}{suffix}" for name in of_each for suffix in ("", "_away")
     ]
@@ -100,30 +101,29 @@ def test_the_first_graph_has_plain_names_and_others_bear_their_own() -> None:
     }  # fmt: skip
 
 
-def test_what_is_trained_on_with_nothing_inserted_stands_beside_the_others_where_it_ran() -> None:
+def test_training_with_nothing_inserted_stands_beside_the_others_where_it_ran() -> None:
     results = results_of()
     alone = {}
     for name in ("home", "moved"):
         runs = results.experiments[name].runs
         own = runs[(runs["model"] == "es") & (runs["scope"] == "known_closed")]
         alone[name] = own.assign(mrr_star=own["mrr_star"] + 0.01).drop(columns="model")
-    more = replace(results, nothing=alone)
-    for name, there in (("corruption", True), ("corruption_away", False)):
+    more = replace(results, finetune_only=alone)
+    for name, there in (("forgetting", True), ("forgetting_away", False)):
         assert ("Nothing inserted" in set(table_of(more, name).frame["model"])) is there
         assert "Nothing inserted" not in set(table_of(results, name).frame["model"])
-    lines = {content.name: {text.get_text() for text in content.canvas.legends[0].get_texts()}
-             for _, found in made_of(more) for content in found if isinstance(content, Figure)}  # fmt: skip
-    assert {name for name, told in lines.items() if "Nothing inserted" in told} == {"corruption", "figure4_moved"}
+    lines = {block.content.name: {text.get_text() for text in block.content.canvas.legends[0].get_texts()}
+             for part in parts_of(more) for block in part.blocks if block.kind == "figure"}  # fmt: skip
+    assert {name for name, entries in lines.items() if "Nothing inserted" in entries} == {"forgetting", "figure4_moved"}
     ended = table_of(more, "moved_at_the_end").frame
     es = ended[(ended["first"] == "ES") & (ended["second"] == "Nothing inserted")]
     assert es["difference"].tolist() == pytest.approx([-1])
 
 
 def test_what_differs_from_the_paper_is_listed_with_the_numbers_of_the_run() -> None:
-    (told,) = (found for section, found in made_of(results_of()) if section.id == "departures")
-    (listed,) = (content.texts for content in told if isinstance(content, Bullets))
-    text = " ".join(listed)
-    for what in ("so 27 to a positive", "never seen as a head", "stop after 4 looks", "observed as often", "cosines",
+    (part,) = (part for part in parts_of(results_of()) if part.id == "departures")
+    text = " ".join(item for block in part.blocks for item in block.items)
+    for what in ("so 27 to a positive", "never seen as a head", "after 4 evaluations", "observed as often", "cosines",
                  "a share of 0.5", "a grid (1, 2 and 4)", "pinned to training", "of the 2 candidates fan"):  # fmt: skip
         assert what in text
 
@@ -132,11 +132,11 @@ def test_metrics_hold_each_other_experiment_under_its_name() -> None:
     everything = results_of()
     found = metrics(everything)
     home, moved = everything.experiments["home"], everything.experiments["moved"]
-    own = home.at_once[(home.at_once["scope"] == "novel") & (home.at_once["model"] == "rs")]
+    own = home.immediate[(home.immediate["scope"] == "novel") & (home.immediate["model"] == "rs")]
     assert found["immediate_mrr_star"]["novel"]["rs"] == pytest.approx(100 * own["mrr_star"].mean(), abs=6e-3)
     assert found["graph"] == {"observations": 6, "unique_triples": 3, "entities": 4}
     assert list(found["away"]) == [name for name in found if name not in ("away", "moved")]
-    there = moved.at_once[(moved.at_once["scope"] == "all") & (moved.at_once["model"] == "es")]
+    there = moved.immediate[(moved.immediate["scope"] == "all") & (moved.immediate["model"] == "es")]
     assert found["moved"]["immediate_mrr_star"]["all"]["es"] == pytest.approx(100 * there["mrr_star"].mean(), abs=6e-3)
     assert {"drop_percent", "known_closed_at_the_end", "affordances_percent"} <= set(found["moved"])
     assert "affordances_percent" not in found  # they are those of the other study
@@ -159,7 +159,7 @@ def test_the_paper_stands_beside_every_graph_of_its_own() -> None:
     assert home[moved].notna().all()
     assert away[moved].isna().all()
     assert home["section 6.1", "the largest set, % of all entities"] == pytest.approx(100 * 2 / 4)
-    heldout = "ES: epochs to convergence, mean, asked about held-out triples of the novel entities instead"
+    heldout = "ES: epochs to convergence, mean, on held-out triples of the novel entities instead"
     cells = everything.experiments["home"].convergence
     own = cells[(cells["scope"] == "novel_heldout") & (cells["model"] == "es")]["epochs"]
     assert home["Table 2", heldout] == pytest.approx(own.mean())
@@ -180,26 +180,38 @@ def test_every_number_of_the_paper_has_a_row_whatever_was_run() -> None:
     pd.testing.assert_frame_equal(few, all_of_it)
 
 
+OWN = """# One | open
+
+There are {{ number }} `experiments`; see [nothing](#nothing) and [this](#one).
+
+## Part
+
+- first <b>
+- second
+
+@table own_table | A table | folded
+Of two
+rows.
+"""
+
+
 def test_a_section_without_contents_is_left_out_and_one_more_is_one_more(tmp_path: Path) -> None:
     results = results_of(("away",), False)
-    frame = pd.DataFrame({"a": [1, 2]})
 
-    def said(found: Results) -> Iterator[Content]:
-        yield f"There are {len(found.experiments)} `experiments`; see [nothing](#nothing) and [this](#one)."
-        yield Heading("Part")
-        yield Bullets(["first <b>", "second"])
-        yield Table("own_table", "A table", "Of two rows.", frame)
+    def one(found: Results) -> Iterator[Content]:
+        yield Content({"number": len(found.experiments)}, [Table.of("own_table", [{"a": 1}, {"a": 2}])])
 
     (tmp_path / "tables").mkdir()
     (tmp_path / "tables/of_an_earlier_run.csv").touch()
-    sections = (Section("none", "Nothing", lambda _: []), Section("one", "One", said), at_once.SECTION)
+    sections = (Section("none", lambda _: [], OWN), Section("one", one, OWN), contents.section("immediate.immediate"))
     page.write(tmp_path, results, sections)
     text = (tmp_path / "index.html").read_text("utf-8")
-    assert '<section id="one"><details class="part"><summary><h3>One</h3></summary>' in text
+    assert '<section id="one"><details class="part" open><summary><h3>One</h3></summary>' in text
     assert 'There are 1 <code>experiments</code>; see nothing and <a href="#one">this</a>.' in text
     assert "<li>first &lt;b&gt;</li>" in text
+    assert "Of two rows." in text
     assert 'id="none"' not in text
-    assert text.index('href="#one"') < text.index('href="#at-once"')
+    assert text.index('href="#one"') < text.index('href="#immediate"')
     assert (tmp_path / "tables/own_table.csv").read_text("utf-8") == "a\n1\n2\n"
     for form in ("md", "tex"):
         assert (tmp_path / f"tables/own_table.{form}").stat().st_size
@@ -210,9 +222,20 @@ def test_a_section_without_contents_is_left_out_and_one_more_is_one_more(tmp_pat
     assert json.loads((tmp_path / "metrics.json").read_text("utf-8")) == metrics(results)
 
 
+def test_every_table_and_figure_of_a_section_has_its_place_in_the_template() -> None:
+    results = results_of()
+    for section in contents.SECTIONS:
+        made = {f"{item.name}{content.suffix}" for content in section.contents(results) for item in content.shown}
+        part = section.part(results)
+        placed = {block.content.name for block in part.blocks if block.kind in ("table", "figure")} if part else set()
+        assert {name.removesuffix("_away") for name in made - placed} <= {"sessions"}, section.name
+
+
 def test_equal_results_make_equal_bytes(tmp_path: Path) -> None:
     for folder in ("one", "other"):
-        page.write(tmp_path / folder, small_results(["home"], studies=False), (at_once.SECTION,))
+        page.write(
+            tmp_path / folder, small_results(["home"], studies=False), (contents.section("immediate.immediate"),)
+        )
     one, other = ({path.relative_to(tmp_path / folder): path.read_bytes() for path in (tmp_path / folder).rglob("*.*")}
                   for folder in ("one", "other"))  # fmt: skip
     assert len(one) > 5
@@ -221,17 +244,17 @@ def test_equal_results_make_equal_bytes(tmp_path: Path) -> None:
 
 def test_without_a_followed_size_there_is_no_curve_and_the_page_says_so() -> None:
     results = results_of(("home",), False)
-    how = results.params.experiments["home"].model_copy(update={"followed": FullCurves(sizes=[99])})
+    how = results.params.experiments["home"].model_copy(update={"full_curves": FullCurves(sizes=[99])})
     unfollowed = results.params.model_copy(update={"experiments": {"home": how}})
     home = replace(results.experiments["home"], params=unfollowed)
     other = replace(results, params=unfollowed, experiments={"home": home})
-    assert "corruption" not in names(other, Table)
+    assert "forgetting" not in names(other, Table)
     assert "figure3b_curves" not in names(other, Figure)
     text = rendered(other)
-    assert text.count("No size in <code>experiments.home.full_curves</code> was inserted") == 2
+    assert text.count("No set size with full learning curves was inserted") == 2
 
 
-def test_several_sessions_are_told_apart_and_each_converges_against_its_own_joint_model() -> None:
+def test_several_sessions_stand_apart_and_each_converges_against_its_own_joint_model() -> None:
     results = results_of(("home",), False)
     runs = results.experiments["home"].runs
     assert "sessions" not in names(results, Table)
@@ -264,8 +287,8 @@ def test_table_1_has_the_rooms_and_relations_of_its_source() -> None:
             ("s2", "kitchen", "cup", "atLocation", "kitchen"), ("s2", "kitchen", "jug", "atLocation", "kitchen"),
             ("s3", "kitchen", "cup", "atLocation", "kitchen")]  # fmt: skip
     observations = pd.DataFrame(rows, columns=["scene", "room", "head", "relation", "tail"])
-    values, vocabulary = stated()
-    table = graph_statistics(observations, values["graph"]["median_per_environment"], vocabulary["relations"])
+    values, vocabulary = paper()
+    table = table1(observations, values["graph"]["median_per_environment"], vocabulary["relations"])
     frame = table.frame.set_index("room")
     assert list(frame.index) == ["kitchen", "cellar", "all"]
     assert frame.loc["kitchen", ["location", "location (paper)", "liesIn", "object types", "rooms"]].tolist() == [
@@ -283,13 +306,13 @@ def test_values_come_in_their_order_and_others_behind() -> None:
 def test_what_ships_is_known_by_its_label_and_described_by_its_module() -> None:
     assert label("es_permuted") == "Permuted ES"
     assert label("joint") == "Joint"
-    assert described("mean").startswith("Mean: the centroid")
+    assert described("mean").startswith("Mean: the centre")
 
 
 def test_ones_own_initializers_take_spare_colours_and_all_differ(monkeypatch: pytest.MonkeyPatch) -> None:
     own = ["own", "another"]
     for name in own:
-        plain = Registered(name, lambda context: context, name.capitalize())
+        plain = Registered(lambda insertion: insertion, name.capitalize(), "own", None)
         monkeypatch.setitem(INITIALIZERS._registered, name, plain)
     models = ["own", *SHIPPED, "another", "joint"]
     colours = [colour(model, models) for model in models]
@@ -304,4 +327,9 @@ def test_the_report_names_no_experiment_and_no_source() -> None:
     named = re.compile(r"[\"'](ai2thor|mp3d|transfer|published)[\"']")
     found = [(path.name, place[1]) for path in files for place in named.finditer(path.read_text("utf-8"))]
     assert {name for _, name in found} <= {"transfer"}
-    assert {path for path, _ in found} <= {"contents.py", "paper.py", "transfer.py"}  # a section, what the paper states
+    assert {path for path, _ in found} <= {
+        "contents.py",
+        "paper.py",
+        "transfer.py",
+        "paper_values.py",
+    }  # a section, what the paper states

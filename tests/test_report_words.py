@@ -8,42 +8,22 @@ from pathlib import Path
 import pytest
 
 from isi.errors import InputError
-from isi.report import glossary, page, results, summary
+from isi.report import data, glossary, page, verdict
 from isi.report.figures import in_words
 from isi.report.glossary import Marker, Term
-from isi.report.section import Heading
-from isi.report.wording import cell, header
+from isi.report.section import Block
+from isi.report.tables import Column, Table
+from isi.report.words import SCOPES
 from tests.reports import small_results
 
 
-@pytest.mark.parametrize(
-    ("column", "shown"),
-    [
-        ("MRR*", ("", "MRR*")),
-        ("all: entity half", ("all queries", "asks for entities")),
-        ("novel_heldout: unconverged %", ("novel entities, held out", "never converged, %")),
-        ("epochs, novel_heldout: mean", ("epochs: novel entities, held out", "mean")),
-        ("scope novel", ("", "novel entities")),
-        ("immediate MRR*, scope all", ("", "immediate MRR*, all queries")),
-        ("known", ("", "earlier knowledge")),
-        ("MRR* at the end", ("at the end", "MRR*")),
-        ("entity half: all true", ("asks for entities", "all true triples left out")),
-        ("×0.5: mean", ("×0.5", "mean")),
-        ("away", ("", "the other graph")),
-        ("allies", ("", "allies")),
-    ],
-)
-def test_headers_are_words_and_say_what_they_share(column: str, shown: tuple[str, str]) -> None:
-    assert header(column, {"away": "the other graph"}) == shown
-
-
-def test_cells_of_scopes_measures_and_experiments_are_words() -> None:
-    titles = {"away": "the other graph"}
-    assert cell("scope", "known_closed", titles) == "earlier knowledge by itself"
-    assert cell("measure", "known, epoch 150", titles) == "earlier knowledge, epoch 150"
-    assert cell("measure", "epochs to convergence, scope all", titles) == "epochs to convergence, all queries"
-    assert cell("experiment", "away", titles) == "the other graph"
-    assert cell("entity", "all", titles) == "all"
+def test_headers_and_cells_are_words_on_the_page() -> None:
+    scope = Column("scope", words=SCOPES)
+    table = Table.of("t", [{scope: "known", Column("entity half", "all"): 1, Column("away", title="the graph"): 2}])
+    assert [page.header(column) for column in table.columns] == ["queries", "entity prediction", "the graph"]
+    assert page.column_groups(table) == [("", 1), ("all queries", 1), ("", 1)]
+    assert page.column_groups(Table.of("t", [{"a": 1}])) == []
+    assert table.columns[0].words["known"] == "earlier knowledge"
 
 
 def test_a_word_is_marked_where_it_first_stands_in_a_part_and_only_as_a_word() -> None:
@@ -81,45 +61,45 @@ def test_links_lead_to_what_is_there_and_weight_is_marked_up() -> None:
 
 
 def test_contents_stand_under_their_headings() -> None:
-    opened, folded = Heading("One"), Heading("Two", folded=True)
-    assert page.parts(["a", opened, "b", "c", folded]) == [(None, ["a"]), (opened, ["b", "c"]), (folded, [])]
-    assert page.parts([]) == []
+    first, one, two, three = (Block(kind) for kind in ("paragraph", "heading", "table", "heading"))
+    assert page.headed([first, one, two, two, three]) == [(None, [first]), (one, [two, two]), (three, [])]
+    assert page.headed([]) == []
 
 
 def test_the_verdict_is_in_numbers_of_the_first_graph() -> None:
     results = small_results(["home", "away"])
-    found, home = summary.verdict(results), results.experiments["home"]
-    assert len(found.sentences) == 3  # neither who knows the kind nor anyone of later was run
-    about = summary.asked_about(results, home)["mean"]
-    best = max(("es", "rs", "ers"), key=lambda name: about[name])
-    assert f"has {about[best]:.1f}, Xavier {about['xavier']:.1f}" in found.sentences[1]
-    now = 100 * home.at_once[home.at_once["scope"] == "all"].groupby("model")["mrr_star"].mean()
-    assert f"{now[best]:.1f} points of 100 and Xavier of {now['xavier']:.1f}" in found.sentences[0]
-    assert found.figure
-    assert f"Joint {about['joint']:.1f}" in in_words(found.figure.canvas)
+    part, home = verdict.VERDICT.part(results), results.experiments["home"]
+    assert part
+    sentences, figure = part.blocks
+    assert len(sentences.items) == 3  # neither the kind's centre nor any initializer beyond the paper was run
+    given = {model: estimate.mean for model, estimate in verdict.novel_entity_given(results, home).items()}
+    best = max(("es", "rs", "ers"), key=lambda name: given[name])
+    assert f"has {given[best]:.1f} in entity prediction, Xavier {given['xavier']:.1f}" in sentences.items[1]
+    now = 100 * home.immediate[home.immediate["scope"] == "all"].groupby("model")["mrr_star"].mean()
+    assert f"{now[best]:.1f} points of 100 and Xavier of {now['xavier']:.1f}" in sentences.items[0]
+    assert f"Joint {given['joint']:.1f}" in in_words(figure.content.canvas)
 
 
-def test_the_answer_is_yes_only_where_all_gain_for_certain() -> None:
+def test_those_that_gain_do_so_with_an_interval_above_zero() -> None:
     home = small_results(["home"]).experiments["home"]
-    at_once = home.runs["epoch"] == 0
+    start = home.runs["epoch"] == 0
 
-    def gained(**points: float) -> str:
+    def gained(**points: float) -> list[str]:
         runs = home.runs.copy()
         for model in ("xavier", "es", "rs", "ers"):
-            runs.loc[at_once & (runs["model"] == model), "mrr_star"] = 0.5 + points.get(model, 0)
-        return summary.answer(replace(home, runs=runs))
+            runs.loc[start & (runs["model"] == model), "mrr_star"] = 0.5 + points.get(model, 0)
+        return verdict.better_than_baseline(replace(home, runs=runs))
 
-    assert gained(es=0.2, rs=0.2, ers=0.2) == "Yes."
-    assert gained(es=0.2, ers=-0.1) == "In part: ES for certain."
-    assert gained() == "Not for certain."
+    assert gained(es=0.2, rs=0.2, ers=0.2) == ["es", "rs", "ers"]
+    assert gained(es=0.2, ers=-0.1) == ["es"]
+    assert gained() == []
 
 
 def test_there_is_no_verdict_where_there_is_nothing_to_compare() -> None:
-    moved = small_results(["moved"])
-    assert summary.verdict(moved) == summary.Verdict([], None)
+    assert verdict.VERDICT.part(small_results(["moved"])) is None
     home = small_results(["home"])
     alone = replace(home.experiments["home"], initializers=["xavier", "iu"])
-    assert summary.verdict(replace(home, experiments={"home": alone})).sentences == []
+    assert verdict.VERDICT.part(replace(home, experiments={"home": alone})) is None
 
 
 @pytest.mark.parametrize(
@@ -134,10 +114,10 @@ def test_definitions_that_are_broken_are_one_line(tmp_path: Path, content: bytes
     path = tmp_path / "definitions.csv"
     path.write_bytes(content)
     with pytest.raises(InputError, match=said):
-        results.read_definitions(path)
+        data.read_definitions(path)
 
 
 def test_definitions_are_read_with_a_byte_order_mark_and_not_as_numbers(tmp_path: Path) -> None:
     path = tmp_path / "definitions.csv"
     path.write_bytes("\ufeffphrase,definition\nNA,1\n".encode())
-    assert results.read_definitions(path).to_dict("list") == {"phrase": ["NA"], "definition": ["1"]}
+    assert data.read_definitions(path).to_dict("list") == {"phrase": ["NA"], "definition": ["1"]}

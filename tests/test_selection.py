@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from isi.report.selection import select_size
+from isi.report.sections.choices import select_size
 
 LEVEL = [0.6] * 6
 

@@ -7,9 +7,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,11 +17,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from isi.errors import InputError
-from isi.report import contents, page, results, stated, steady
-from isi.report.figures import panels, rendered
-from isi.report.sections import at_once, explorer, graph
+from isi.report import contents, data, page, paper_values
+from isi.report.sections import explorer
 from isi.tables import paths
-from tests.reports import INITIALIZERS, ROOT, small_results
+from tests.reports import INITIALIZERS, ROOT, part_of, shown, small_results
 from tests.strange import STRANGE, changed, of_experiments, tied
 
 SHIPPED = yaml.safe_load((ROOT / "params.yaml").read_text("utf-8"))["initializers"]
@@ -35,7 +32,7 @@ def words(folder: Path) -> str:
     return re.sub(r"<[^>]*>", " ", text)
 
 
-def written(folder: Path, found: results.Results) -> Path:
+def written(folder: Path, found: data.Results) -> Path:
     """A report of it, which has no number that is none."""
     page.write(folder, found, contents.SECTIONS)
     assert not {"nan", "inf", "nan.0"} & set(re.findall(r"[\w.]+", words(folder)))
@@ -44,7 +41,7 @@ def written(folder: Path, found: results.Results) -> Path:
 
 
 @st.composite
-def strange(draw: st.DrawFn) -> results.Results:
+def strange(draw: st.DrawFn) -> data.Results:
     """Some experiments, some initializers, and up to three things that are strange."""
     names = draw(st.sampled_from([("home",), ("moved",), ("away",), ("home", "moved")]))
     chosen = draw(st.sets(st.sampled_from(INITIALIZERS), min_size=1, max_size=3))
@@ -57,41 +54,41 @@ def strange(draw: st.DrawFn) -> results.Results:
 
 @settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(found=strange())
-def test_strange_results_make_a_whole_report(tmp_path_factory: pytest.TempPathFactory, found: results.Results) -> None:
+def test_strange_results_make_a_whole_report(tmp_path_factory: pytest.TempPathFactory, found: data.Results) -> None:
     written(tmp_path_factory.mktemp("report"), found)
 
 
-@pytest.mark.parametrize("what", ["nothing is asked", "a paper that states nothing", "studies without rows"])
-def test_studies_of_strange_results_are_shown_too(tmp_path: Path, what: str) -> None:
+@pytest.mark.parametrize("what", ["there are no queries", "a paper that states nothing", "studies without rows"])
+def test_analyses_of_strange_results_are_shown_too(tmp_path: Path, what: str) -> None:
     assert "–" in words(written(tmp_path, STRANGE[what](small_results(["home"]))))
 
 
 @pytest.mark.parametrize("table", ["places", "answers"])
 @pytest.mark.parametrize("left", [0, -1], ids=["none", "one less"])
-def test_what_the_explorer_lacks_is_told_in_one_line(table: str, left: int) -> None:
+def test_missing_rows_of_the_explorer_are_reported_in_one_line(table: str, left: int) -> None:
     found = small_results(["home"])
     assert found.explorer is not None
-    of_models = found.explorer.found[table]
+    of_models = found.explorer.result[table]
     if table == "answers":  # the first are shown: one less is no lack
         of_models = of_models[of_models["entity"] == of_models["entity"].iloc[-1]] if left else of_models
         left = 0
-    rows = {**found.explorer.found, table: of_models.iloc[:left]}
-    lacking = replace(found, explorer=replace(found.explorer, found=rows))
+    rows = {**found.explorer.result, table: of_models.iloc[:left]}
+    lacking = replace(found, explorer=replace(found.explorer, result=rows))
     says = "expected places and answers of each entity after each step, but .* lacks$"
-    with pytest.raises(InputError, match=rf"^data/analyses/explorer/home\.\*\.parquet: {says}"):
-        list(explorer.SECTION.contents(lacking))
+    with pytest.raises(InputError, match=rf"^data/studies/explorer/home\.\*\.parquet: {says}"):
+        list(explorer.explorer(lacking))
 
 
-def test_a_collapsed_model_is_told() -> None:
+def test_a_collapsed_model_is_named() -> None:
     plain = small_results(["home"], studies=False)
-    assert not list(at_once.collapsed(plain.experiments["home"]))
-    (told,) = at_once.collapsed(of_experiments(plain, tied).experiments["home"])
+    assert "Collapsed" not in shown("immediate", plain)[0]
+    text, _, _ = shown("immediate", of_experiments(plain, tied))
     # in each of the 4 cells of |ξ| = 1 and 2 and two seeds: 10,000 ties over 4 triples
-    assert told.startswith("**Collapsed on the home graph:** ")
-    assert "Xavier (rivals tied with an answer: 2,500)" in told
+    assert text.startswith("**Collapsed on the home graph:** ")
+    assert "Xavier (rivals tied with an answer: 2,500)" in text
 
 
-def noisy(found: results.Results, size: float) -> results.Results:
+def noisy(found: data.Results, size: float) -> data.Results:
     """The same with every measure changed by up to a share, each by itself."""
     rng = np.random.default_rng(5)
 
@@ -122,34 +119,9 @@ def test_noise_of_another_processor_changes_nothing_but_what_lies_between_two_ro
     assert little == first
     assert first.keys() == more.keys()
     assert sum(line != more[place] for place, line in first.items()) < 0.005 * len(first)
-    for path in (folders[0] / "figures").glob("*.png"):
-        assert (folders[1] / "figures" / path.name).read_bytes() == path.read_bytes()
 
 
-def test_numbers_of_files_have_two_decimals_or_four_digits() -> None:
-    frame = pd.DataFrame({"a": [1.23456, None, -0.001], "p": ["none", 1.86265e-9, 0.123456], "n": [1, 2, 3]})
-    assert steady.csv(frame, ("p",)) == "a,p,n\n1.23,none,1\n,1.863e-09,2\n0,0.1235,3\n"
-    counts = pd.DataFrame({"p": [24941.0, 14759.0, 77.00000001, 12345.678]})
-    assert steady.csv(counts, ("p",)) == "p\n24941\n14759\n77\n12345.68\n"
-    assert steady.number(-0.004) == 0
-    assert str(steady.number(-0.004)) == "0.0"
-
-
-def test_a_figure_is_drawn_from_rounded_values() -> None:
-    drawings = []
-    for noise in (0, 1e-6):
-        canvas, (axes,) = panels(1, 1)
-        axes.plot([1, 2, 3], np.array([40.123, 45.678, 60.111]) * (1 + noise))
-        axes.fill_between([1, 2, 3], np.array([39.21, 44.12, 58.33]) * (1 + noise), [41, 46, 62])
-        axes.annotate("here", (2, 45.678 * (1 + noise)), (1.5, 50 * (1 + noise)), arrowprops={"arrowstyle": "-"})
-        axes.axhline(50.005 * (1 + noise))
-        steady.steady(canvas)
-        drawings.append((rendered(canvas, "svg"), rendered(canvas, "png")))
-        assert axes.get_ylim() == pytest.approx((38, 63.2), abs=0.3)
-    assert drawings[0] == drawings[1]
-
-
-BROKEN: list[tuple[str, Any, str]] = [
+BROKEN: list[tuple[str, str | bytes, str]] = [
     ("values", "graph: [1, 2", "line 1: expected YAML"),
     ("values", "just text", "expected a mapping of keys to values"),
     ("values", b"\xff\xfe\x00g", "expected YAML"),
@@ -168,13 +140,13 @@ BROKEN: list[tuple[str, Any, str]] = [
 
 
 @pytest.mark.parametrize(("name", "content", "said"), BROKEN)
-def test_what_the_paper_states_is_refused_in_one_line_where_it_is_broken(
-    tmp_path: Path, name: str, content: Any, said: str
+def test_the_papers_values_are_refused_in_one_line_where_it_is_broken(
+    tmp_path: Path, name: str, content: str | bytes, said: str
 ) -> None:
     path = tmp_path / f"{name}.yaml"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(InputError) as refused:
-        stated.read(path, stated.Paper if name == "values" else stated.Vocabulary)
+        (paper_values.read if name == "values" else paper_values.read_vocabulary)(path)
     assert str(path) in str(refused.value)
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
@@ -182,7 +154,7 @@ def test_what_the_paper_states_is_refused_in_one_line_where_it_is_broken(
 
 @pytest.mark.parametrize(("name", "content", "said"), [BROKEN[place] for place in (0, 2, 3, 10)])
 def test_the_stage_refuses_it_before_anything_is_read_or_written(
-    tmp_path: Path, name: str, content: Any, said: str
+    tmp_path: Path, name: str, content: str | bytes, said: str
 ) -> None:
     for part in ("isi", "stages", "beyond", "dvc.yaml", "params.yaml"):
         (tmp_path / part).symlink_to(ROOT / part)
@@ -199,28 +171,15 @@ def test_the_stage_refuses_it_before_anything_is_read_or_written(
     assert not (tmp_path / paths.REPORTS).exists()
 
 
-def leaves(values: Any, key: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """The keys of every value."""
-    if not isinstance(values, dict):
-        return [key]
-    return [key, *(place for name, value in values.items() for place in leaves(value, (*key, name)))][bool(not key) :]
-
-
-def test_any_part_of_what_the_paper_states_may_be_missing(tmp_path: Path) -> None:
-    whole = (ROOT / paths.PAPER).read_text("utf-8")
-    home = small_results(["home"], studies=False).experiments["home"]
-    for place in leaves(yaml.safe_load(whole)):
-        values = yaml.safe_load(whole)
-        within = values
-        for name in place[:-1]:
-            within = within[name]
-        within[place[-1]] = None
-        path = tmp_path / "values.yaml"
-        path.write_text(yaml.safe_dump(values), "utf-8")
-        found = small_results(["home"], studies=False)
-        found = results.Results(**{**vars(found), "paper": stated.read(path, stated.Paper)})
-        for section in contents.SECTIONS:
-            if section.id in ("paper", "transfer"):
-                list(section.contents(found))
-        list(islice(graph.of_graph(found, home), 9))
-        at_once.in_words(home.at_once, home.initializers, found.paper["immediate"]["improvement_over_xavier"])
+def test_any_part_of_the_papers_values_may_be_missing(tmp_path: Path) -> None:
+    whole = yaml.safe_load((ROOT / paths.PAPER).read_text("utf-8"))
+    plain, path = small_results(["home"], studies=False), tmp_path / "values.yaml"
+    names = {part: [None, *(values if isinstance(values, dict) else [])] for part, values in whole.items()}
+    for key, within in ((part, name) for part in names for name in names[part]):
+        less = {**whole, key: {**whole[key], within: None} if within else None}
+        path.write_text(yaml.safe_dump(less), "utf-8")
+        read = paper_values.read(path)
+        assert read.keys() == paper_values.VALUES.keys()
+        if not within:
+            for section in ("paper", "graph", "convergence"):
+                assert part_of(section, replace(plain, paper=read))

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from isi.graph.graph import MinedSource
-from isi.report.sections import affordances, paper, run, transfer, words
-from isi.report.sections.affordances import Answers
+from isi.report.sections import immediate, paper, run, transfer
+from isi.report.sections.immediate import Answers
 from tests.reports import runs
 
 KINDS = ["object", "affordance", "affordance", "room", "object"]
@@ -29,7 +29,7 @@ def answers(*rows: list[tuple[str, int, int, int, int]]) -> Answers:
 
 
 def test_the_drop_is_what_new_candidates_cost_at_once() -> None:
-    at_once = runs(
+    start = runs(
         [
             ("xavier", "known", 10, 0, 0, 0.5), ("xavier", "known", 10, 1, 0, 0.4),
             ("xavier", "known_closed", 10, 0, 0, 0.7), ("xavier", "known_closed", 10, 1, 0, 0.8),
@@ -37,14 +37,15 @@ def test_the_drop_is_what_new_candidates_cost_at_once() -> None:
             ("joint", "known", 10, 0, 0, 0.1), ("joint", "known_closed", 10, 0, 0, 0.9),
         ]
     )  # fmt: skip
-    assert transfer.drop(at_once) == pytest.approx({"es": 0, "xavier": 100 * (1 - 0.9 / 1.5)})
-    assert transfer.drop(at_once[at_once["scope"] == "known"]) == {}
+    found = {model: drop.mean for model, drop in transfer.drops(start).items()}
+    assert found == pytest.approx({"es": 0, "xavier": 100 * (1 - 0.9 / 1.5)})
+    assert transfer.drops(start[start["scope"] == "known"]) == {}
 
 
 def test_the_drop_resamples_both_scopes_together() -> None:
     rows = [("es", scope, 10, seed, 0, value * (0.5 if scope == "known" else 1))
             for scope in ("known", "known_closed") for seed, value in enumerate((0.4, 0.8))]  # fmt: skip
-    assert transfer.drops(runs(rows)).loc["es"].tolist() == pytest.approx([50, 50, 50])
+    assert transfer.drops(runs(rows))["es"].parts == pytest.approx((50, 50, 50))
 
 
 def test_knowledge_at_the_end_is_that_of_the_last_epoch() -> None:
@@ -60,15 +61,15 @@ def test_what_was_mined_goes_on_to_what_was_inserted() -> None:
     kinds = pd.DataFrame({"entity": ["fan", "shelf", "bin", "kitchen"], "kind": ["object"] * 3 + ["room"]})
     triples = pd.DataFrame([("fan", "atLocation", "kitchen", "shop"), ("shelf", "hasAffordance", "open", "home")],
                            columns=["head", "relation", "tail", "source"])  # fmt: skip
-    drawn = transfer.Drawn(ENTITIES, triples, MinedSource("shop", seen, kinds))
-    table = transfer.mined("moved", {"instances": 12}, drawn, "the home", 3, 10)
+    added = transfer.Added(ENTITIES, triples, MinedSource("shop", seen, kinds))
+    table = transfer.mined("moved", {"instances": 12}, added, "the home", 3, 10)
     assert table.name == "moved_mined"
     assert dict(table.frame.itertuples(index=False, name=None)) == {
         "instances": 12, "of these, of objects that the home has not": 5, "kinds of such objects": 2,
         "of these, with at least 3 observations": 1, "drawn as candidates": 1, "unique triples of the candidates": 1,
         "inserted in a repeat": 10,
     }  # fmt: skip
-    uncounted = transfer.mined("moved", {}, drawn, "the home", 3, 10).frame
+    uncounted = transfer.mined("moved", {}, added, "the home", 3, 10).frame
     assert uncounted.iloc[0, 0] == "instances of objects that the home has not"
 
 
@@ -90,10 +91,10 @@ def test_answers_go_by_mean_rank_over_repeats_and_those_that_are_no_affordance_a
         "affordances": 2, "wrong": 2, "plausible": 1, "unlikely": 1,
     }  # fmt: skip
     assert found.judged("es", ["fan"], {}) == {"affordances": 2, "wrong": 2}
-    assert affordances.ranked(found, ["fan"], ["es"], "t", "T", "C.").frame["entity"].tolist() == ["fan (n = 2)"] * 4
-    table = affordances.ranked(found, ["fan", "stove"], ["es"], "table", "Title", "Caption.").frame
-    assert table["ES"].tolist() == ["open (affordance)", "push (affordance)", "× shelf (object)", "× kitchen (room)",
-                                    *["–"] * 4]  # fmt: skip
+    assert [row["entity"] for row in immediate.ranked(found, ["fan"], ["es"])] == ["fan (n = 2)"] * 4
+    assert [row["ES"] for row in immediate.ranked(found, ["fan", "stove"], ["es"])] == [
+        "open (affordance)", "push (affordance)", "× shelf (object)", "× kitchen (room)",
+        *["–"] * 4]  # fmt: skip
 
 
 def test_shares_count_affordances_among_the_first_four_of_every_inserted_entity() -> None:
@@ -101,7 +102,7 @@ def test_shares_count_affordances_among_the_first_four_of_every_inserted_entity(
         ranked("es", 0, [1, 0, 2, 3, 4]), ranked("es", 3, [0, 3, 4, 2, 1]), ranked("rs", 0, [1, 2, 4, 0, 3])
     )
     assert found.shares == pytest.approx({"es": 100 * 3 / 8, "rs": 50})
-    frame = affordances.shares(found, ["es", "rs", "iu"], 2).frame.set_index("initializer")
+    frame = immediate.affordance_shares(found, ["es", "rs", "iu"]).frame.set_index("initializer")
     assert frame["top 4: affordances %"].dropna().to_dict() == pytest.approx({"ES": 37.5, "RS": 50})
     assert frame["first: affordance %"].dropna().to_dict() == {"ES": 50, "RS": 100}
 
@@ -113,16 +114,13 @@ def test_the_definition_of_either_end_may_leak_triples_of_any_source_and_each_co
     said = {"shelf": "a board that may be opened", "fan": "what cools the air of kitchens", "open": "to push a shelf"}
     named = ENTITIES.assign(phrase=ENTITIES["entity"])
     graphs = [(named[:4], triples[:1]), (named, triples)]
-    table = words.leaks(graphs, said, used=True)
+    table, number = run.leaks(graphs, said)
     leaked = [*rows[0], "head", said["shelf"]], [*rows[0], "tail", said["open"]], [*rows[1], "head", said["fan"]]
-    assert table.frame.to_numpy().tolist() == list(leaked)
-    assert table.caption.startswith("Of 3 unique triples of all sources, 2 have a tail that is named")
-    assert "their head, and 1 a head" in table.caption
-    assert "definitions are behind" in table.caption
+    assert (table.to_numpy().tolist(), number) == (list(leaked), 3)
     called = named.assign(phrase=named["phrase"].replace("kitchen", "air"))  # a tail goes by its phrase
-    assert words.leaks([(called, triples)], said, used=False).frame["tail"].tolist() == ["open", "kitchen", "open"]
+    assert run.leaks([(called, triples)], said)[0]["tail"].tolist() == ["open", "kitchen", "open"]
     called = named.assign(phrase=named["phrase"].replace("kitchen", "hall"))
-    assert words.leaks([(called, triples)], said, used=False).frame["tail"].tolist() == ["open", "open"]
+    assert run.leaks([(called, triples)], said)[0]["tail"].tolist() == ["open", "open"]
 
 
 def test_orphans_are_known_entities_whose_training_triples_all_go() -> None:
@@ -142,9 +140,8 @@ def test_numbers_of_all_sizes_are_shown_in_one_column(value: float, text: str) -
 
 def test_fallbacks_and_ties_are_counted_by_experiment() -> None:
     inserted = pd.DataFrame({"model": ["es", "es", "rs", "rs"], "fallback": ["rs", None, "centroid", "centroid"]})
-    table = run.fallbacks({"home": inserted, "away": inserted.assign(fallback=np.nan)})
+    table = run.fallbacks({"home": inserted, "away": inserted.assign(fallback=np.nan)}, {})
     assert table.frame.to_numpy().tolist() == [["home", "ES", "rs", 1], ["home", "RS", "centroid", 2]]
-    assert table.caption.endswith("2 in home and 2 in away.")
     ties = pd.DataFrame({"model": ["es", "es", "joint"], "scope": ["all", "all", "novel"], "ties": [2, 3, 4]})
-    found = run.ties({"home": ties}, {"home": ["es", "joint"]}).frame
+    found = run.ties({"home": ties}, {"home": ["es", "joint"]}, {}).frame
     assert found.to_numpy().tolist() == [["home", "ES", 5, 0], ["home", "Joint", 0, 4]]

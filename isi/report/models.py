@@ -1,4 +1,4 @@
-"""How what is compared is called and drawn: initializers, as they registered themselves, and the joint model."""
+"""Labels, roles and colours of what the report compares: the registered initializers, and models that are none."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from typing import Any
 from isi.initializers.api import INITIALIZERS, Registered, Role
 
 JOINT = "joint"
-#: Θ⁰ trained on with nothing inserted.
-NOTHING = "nothing"
-#: What is no initializer: how it is called, its colour and its line.
-_OTHERS = {JOINT: ("Joint", "#000000", "--"), NOTHING: ("Nothing inserted", "#8c2d04", ":")}
+#: Θ⁰ trained on without any insertion.
+FINETUNE_ONLY = "finetune_only"
+#: Label, colour and line of models that are no initializers.
+_OTHERS = {JOINT: ("Joint", "#000000", "--"), FINETUNE_ONLY: ("Nothing inserted", "#8c2d04", ":")}
 #: Gains are over the paper's own baseline.
 BASELINE = "xavier"
-#: Of initializers that bring no colour of their own.
+#: Of initializers that register no colour.
 _SPARE = ("#cc79a7", "#56b4e9", "#f0e442", "#8c564b")
 
 
 def registered(initializer: str) -> Registered:
-    """What an initializer says of itself.
+    """The registration of an initializer.
 
     Raises:
-        InputError: where no module of that name registers it.
+        InputError: where no module registers the name.
     """
     return INITIALIZERS.get(initializer, f"initializers.{initializer}")
 
 
 def label(model: str) -> str:
-    """How a model is called where people read."""
+    """The name of a model where people read."""
     return _OTHERS[model][0] if model in _OTHERS else registered(model).label
 
 
@@ -43,7 +43,7 @@ def isi(models: Iterable[str]) -> list[str]:
 
 
 def controls(models: Iterable[str]) -> list[str]:
-    """Those that have a part of what ISI has beside meaning."""
+    """Initializers that have a part of what ISI has beside meaning."""
     return of_role(models, "control")
 
 
@@ -56,17 +56,18 @@ def is_control(model: str) -> bool:
     return bool(controls([model]))
 
 
-def colour(model: str, models: Sequence[str]) -> str:
-    """The colour of a model in every figure; ``models``: all, which share out the spare ones."""
+def line_style(model: str, models: Sequence[str]) -> dict[str, Any]:
+    """Colour, label and dashes of a model's line; ``models``: all in the report, which share out the spare colours."""
     if model in _OTHERS:
-        return _OTHERS[model][1]
-    own = [name for name in models if name not in _OTHERS and registered(name).colour is None]
-    return registered(model).colour or _SPARE[own.index(model) % len(_SPARE)]
+        return dict(zip(("label", "color", "ls"), _OTHERS[model], strict=True))
+    uncoloured = [name for name in models if name not in _OTHERS and registered(name).colour is None]
+    colour = registered(model).colour or _SPARE[uncoloured.index(model) % len(_SPARE)]
+    return {"label": label(model), "color": colour, "ls": (0, (3, 1.5)) if is_control(model) else "-"}
 
 
-def dashes(model: str) -> Any:
-    """Solid for what is under test; all else is dashed or dotted."""
-    return _OTHERS[model][2] if model in _OTHERS else (0, (3, 1.5)) if is_control(model) else "-"
+def colour(model: str, models: Sequence[str]) -> str:
+    """The colour of a model in every figure."""
+    return str(line_style(model, models)["color"])
 
 
 def described(initializer: str) -> str:

@@ -1,134 +1,163 @@
-"""What a section of the page is made of, and how one says the same of several experiments."""
+"""A section of the page: a function gives its numbers, tables and figures, a template its sentences and captions.
+
+A template is text in blocks with empty lines between them. A block is a paragraph, or starts with one of these::
+
+    # TITLE [| open]                    the section's title; an open section is shown at first
+    ## TITLE [| folded]                 opens a part of the section; a folded part is shown on a click
+    - TEXT                              items of a list
+    @table NAME | TITLE [| folded]      a table with the text below as its caption; likewise @figure
+    @listing NAME | TITLE [| folded]    names and values; NAME is one of the section's numbers
+    @terms NAME | TITLE [| folded]      words and their meanings
+    @explorer NAME, @guide              parts of the page with templates of their own
+
+In text, ```code```, ``**weight**``, ``[text](#section)`` and ``[text](https://…)`` are marked up; a link to a
+section that the page does not have is plain text.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import resources
 from typing import Any
 
-import pandas as pd
-from jinja2.utils import htmlsafe_json_dumps
-from markupsafe import Markup
-from matplotlib.figure import Figure as Canvas
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from isi.report.glossary import Term
-from isi.report.prose import capitalized
-from isi.report.results import Experiment, Results
+from isi.report import words
+from isi.report.data import Experiment, Results
+from isi.report.figures import Figure
+from isi.report.models import described, label
+from isi.report.tables import Table
+from isi.report.words import capitalized
 
 
 @dataclass(frozen=True)
-class Table:
-    """A table as shown: numbers are in the units that its caption names.
+class Content:
+    """What a section has to show: once, or once for each of several experiments."""
 
-    Where the 95 % interval of a column ends stands in two more, of its name with ``LOW`` and ``HIGH`` of
-    ``statistics`` behind it; on the page, in Markdown and in LaTeX the three are one.
-    """
+    #: for the template
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    #: the template names them without the suffix
+    shown: Sequence[Table | Figure] = ()
+    #: opens a part of the section; for the template
+    heading: str = ""
+    #: behind names of tables and figures, and the title of the experiment behind theirs
+    suffix: str = ""
+    title: str = ""
 
-    name: str
-    title: str
-    caption: str
-    frame: pd.DataFrame
-    #: of columns that are not shown as other numbers are, how
-    formats: Mapping[str, Callable[[Any], str]] = field(default_factory=dict)
-    #: shown when asked for
+
+@dataclass(frozen=True)
+class Block:
+    """A part of a section as its template has it."""
+
+    #: paragraph, list, heading, or the name behind ``@``
+    kind: str
+    text: str = ""
+    items: Sequence[str] = ()
+    title: str = ""
     folded: bool = False
-    #: columns of which files keep digits rather than decimals (``steady.csv``)
-    of_any_size: tuple[str, ...] = ()
+    #: a table, a figure, or numbers
+    content: Any = None
 
 
-@dataclass(frozen=True, eq=False)
-class Figure:
-    """A drawn figure. What it shows is told in words by what was drawn (``figures.in_words``)."""
+@dataclass(frozen=True)
+class Part:
+    """A section with something to show."""
 
-    name: str
+    id: str
     title: str
-    caption: str
-    canvas: Canvas
-
-
-@dataclass(frozen=True)
-class Heading:
-    """Opens a part of a section."""
-
-    text: str
-    #: the part is shown when asked for
-    folded: bool = False
-
-
-@dataclass(frozen=True)
-class Written:
-    """A template of its own, which needs nothing but itself."""
-
-    template: str
-
-
-@dataclass(frozen=True)
-class Words:
-    """Words with what they mean."""
-
-    title: str
-    terms: Sequence[Term]
-    folded: bool = False
-
-
-@dataclass(frozen=True)
-class Bullets:
-    """Paragraphs that are items of a list."""
-
-    texts: Sequence[str]
-
-
-@dataclass(frozen=True)
-class Listing:
-    """Names and values, on the page alone."""
-
-    title: str
-    values: Mapping[str, Any]
-    folded: bool = True
-
-
-@dataclass(frozen=True, eq=False)
-class Explorer:
-    """What a reader looks through by a script, on the page alone (``templates/explorer.js`` reads the data)."""
-
-    data: Mapping[str, Any]
-
-    @property
-    def json(self) -> Markup:
-        """The data for an element of the page, which no text of theirs can end."""
-        return htmlsafe_json_dumps(self.data, separators=(",", ":"))
-
-
-#: A string is a paragraph. In it and in bullets, ```code```, ``[text](#section)`` and ``[text](https://…)`` are marked
-#: up; a link to a section that the page does not have is plain text.
-Content = str | Heading | Bullets | Listing | Table | Figure | Written | Words | Explorer
+    opened: bool
+    blocks: Sequence[Block]
+    group: str = ""
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page: what it holds, in order, made from the results. Without contents it is left out."""
+    """A function of ``isi/report/sections``, whose template has the same name."""
 
-    id: str
-    title: str
+    name: str
     contents: Callable[[Results], Iterable[Content]]
-    #: shown at first; others when asked for
-    opened: bool = False
+    #: in place of the template
+    text: str | None = None
     #: the part of the page that it belongs to
     group: str = ""
 
+    def part(self, results: Results) -> Part | None:
+        """The section as the page shows it; None where it has nothing to show."""
+        title, flag, blocks = "", "", list[Block]()
+        for number, content in enumerate(self.contents(results)):
+            numbers = {**content.numbers, "heading": content.heading, "first": number == 0}
+            for block in parsed(self.template.render(numbers), content):
+                if block.kind == "section":
+                    title, flag = block.title, block.text
+                elif block.kind == "list" and blocks and blocks[-1].kind == "list":
+                    blocks[-1] = replace(block, items=[*blocks[-1].items, *block.items])
+                else:
+                    blocks.append(block)
+        return Part(self.name.replace("_", "-"), title, flag == "open", blocks, self.group) if blocks else None
 
-def by_experiment(results: Results, contents: Callable[[Results, Experiment], Iterable[Content]]) -> Iterator[Content]:
-    """The same contents of every experiment with a graph of its own, under headings where there are several."""
-    for place, experiment in enumerate(results.own):
-        if len(results.own) > 1:
-            yield Heading(capitalized(experiment.title), folded=place > 0)
-        for content in contents(results, experiment):
-            yield belonging(content, experiment)
+    @property
+    def template(self) -> Any:
+        """Its template."""
+        return _ENVIRONMENT.from_string(self.text) if self.text else _ENVIRONMENT.get_template(f"{self.name}.md.j2")
 
 
-def belonging(content: Content, experiment: Experiment) -> Content:
-    """Contents with an experiment's own names and titles; those of the first are as they are."""
-    if experiment.suffix and isinstance(content, Table | Figure):
-        title = f"{content.title} ({experiment.title})"
-        return replace(content, name=f"{content.name}{experiment.suffix}", title=title)
-    return content
+def text_of(template: str) -> str:
+    """A file of the templates' folder."""
+    return resources.files("isi.report").joinpath("templates", template).read_text("utf-8")
+
+
+def of_each(experiments: Sequence[Experiment], content_of: Callable[[Experiment], Content | None]) -> Iterator[Content]:
+    """The same of every experiment under its own names, with headings where there are several."""
+    for place, experiment in enumerate(experiments):
+        content = content_of(experiment)
+        if content is not None:
+            folded = " | folded" if place else ""
+            heading = f"## {capitalized(experiment.title)}{folded}" if len(experiments) > 1 else ""
+            title = experiment.title if experiment.suffix else ""
+            yield replace(content, heading=heading, suffix=experiment.suffix, title=title)
+
+
+def parsed(text: str, content: Content) -> Iterator[Block]:
+    """The blocks of a template that was filled.
+
+    Raises:
+        KeyError: where it names a table or a figure that the content lacks.
+    """
+    items: dict[Any, Any] = {**content.numbers, **{(type(item), item.name): item for item in content.shown}}
+    for part in re.split(r"\n\s*\n", text.strip()):
+        first, *others = part.strip().split("\n")
+        mark, _, rest = first.partition(" ")
+        title, _, flag = (text.strip() for text in rest.partition(" | "))
+        if not first:
+            continue
+        if mark == "#":
+            yield Block("section", flag, title=title)
+        elif mark == "##":
+            yield Block("heading", title=title, folded=flag == "folded")
+        elif mark == "-":
+            yield Block(
+                "list", items=[" ".join(item.split()) for item in re.split(r"^- ", part, flags=re.MULTILINE)[1:]]
+            )
+        elif mark.startswith("@"):
+            name, (title, _, flag) = title, flag.partition(" | ")
+            kind = {"@table": Table, "@figure": Figure}.get(mark)
+            item = replace(items[kind, name], name=f"{name}{content.suffix}") if kind else items.get(name)
+            if kind:
+                title += f" ({content.title})" if content.title else ""
+            yield Block(mark[1:], " ".join(" ".join(others).split()), (), title, flag == "folded", item)
+        else:
+            yield Block("paragraph", " ".join(part.split()))
+
+
+_ENVIRONMENT = Environment(  # makes text, which the page escapes
+    loader=PackageLoader("isi.report", "templates/sections"), undefined=StrictUndefined, trim_blocks=True,
+    lstrip_blocks=True, autoescape=False,  # noqa: S701  # makes text, which the page escapes
+)  # fmt: skip
+_ENVIRONMENT.filters |= {
+    "joined": words.joined, "listed": words.listed, "listed_epochs": words.listed_epochs, "label": label,
+    "described": described, "capitalized": capitalized, "num": format,
+    "labels": lambda models: words.joined(map(label, models)),
+}  # fmt: skip
+_ENVIRONMENT.globals["SCOPES"] = words.SCOPES

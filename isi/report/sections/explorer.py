@@ -10,13 +10,12 @@ import pandas as pd
 
 from isi.analyses.single_insertions import HIDDEN, SHOWN, SINGLE_ANSWERS, THETA0, TRUE, ExplorerParams
 from isi.errors import InputError
+from isi.report.data import Experiment, Results
 from isi.report.models import JOINT, colour, label
-from isi.report.prose import joined
-from isi.report.results import Experiment, Results
-from isi.report.section import Content, Explorer, Section
+from isi.report.section import Content
 
 #: The tables of ``singles.TABLES``, by name.
-Shown = Mapping[str, pd.DataFrame]
+Tables = Mapping[str, pd.DataFrame]
 #: A model, and the epoch after which it is shown.
 Step = tuple[str, int]
 #: Indicators whose share of a centre is below this are left out.
@@ -25,56 +24,49 @@ LEAST = 0.005
 FEW = 12
 
 
-def contents(results: Results) -> Iterator[Content]:
-    """What to look for, and the explorer."""
-    if results.explorer is None or results.explorer.found["entities"].empty:
+def explorer(results: Results) -> Iterator[Content]:
+    """How the entities were chosen, and the data of the explorer (``templates/explorer.js`` shows them)."""
+    if results.explorer is None or results.explorer.result["entities"].empty:
         return
-    experiment, found = results.explorer.experiment, results.explorer.found
-    how, rows = results.params.explorer, found["entities"]
-    absent = experiment.entities["entity"].drop(rows["entity"])
-    yield (
-        "What one entity becomes: choose it, or type a few letters. "
-        f"{len(rows)} of the {len(experiment.entities)} entities of {experiment.title} are in one of the sets of "
-        f"{how.size} that seeds insert together; each is shown as in the first seed that has it"
-        + (f" (in none: {joined(absent)})." if 0 < len(absent) <= FEW else ".")
-    )
-    yield (
-        "The rank of an answer is its place among all entities of the session, none left out; ranks of tables leave "
-        "out what was learned."
-    )
+    experiment, tables, settings = results.explorer.experiment, results.explorer.result, results.params.explorer
+    absent = experiment.entities["entity"].drop(tables["entities"]["entity"]).tolist()
     try:
-        yield Explorer(data_of(experiment, found, how))
+        data = data_of(experiment, tables, settings)
     except KeyError as error:
         expected = f"expected places and answers of each entity after each step, but {error} lacks"
         raise InputError(SINGLE_ANSWERS.path(experiment=experiment.name), "", expected) from error
+    yield Content({
+        "data": data, "shown": len(tables["entities"]), "entities": len(experiment.entities), "size": settings.size,
+        "title": experiment.title, "absent": absent if len(absent) <= FEW else [],
+    })  # fmt: skip
 
 
-def data_of(experiment: Experiment, found: Shown, how: ExplorerParams) -> dict[str, Any]:
+def data_of(experiment: Experiment, tables: Tables, settings: ExplorerParams) -> dict[str, Any]:
     """All that the explorer shows, in as few numbers as say it: entities by id, ranks and rounded places as integers.
 
-    Coordinates, similarities and weights are in hundredths; who has none has null.
+    Coordinates, similarities and weights are in hundredths; null where there is none.
     """
-    models, relations = [*SHOWN, how.best], sorted(set(found["answers"]["relation"]))
-    steps = [(JOINT, 0), *((model, epoch) for model in models for epoch in (0, how.epochs))]
-    rows, places = found["entities"], found["places"]
-    indicators = indicators_of(found["indicators"])
-    queries = queries_of(found["answers"], how.answers, steps, relations)
+    models, relations = [*SHOWN, settings.best], sorted(set(tables["answers"]["relation"]))
+    steps = [(JOINT, 0), *((model, epoch) for model in models for epoch in (0, settings.epochs))]
+    rows, places = tables["entities"], tables["places"]
+    indicators = indicators_of(tables["indicators"])
+    queries = queries_of(tables["answers"], settings.answers, steps, relations)
     novel = places[places["model"] != THETA0]
-    at = {tuple(key): place for *key, place in zip(*(novel[name] for name in ("entity", "model", "epoch")),
-                                                    _hundredths_of(novel), strict=True)}  # fmt: skip
+    keys = zip(*(novel[name] for name in ("entity", "model", "epoch")), strict=True)
+    place_of = dict(zip(keys, _hundredths_of(novel), strict=True))
     return {
         "names": experiment.entities["entity"].tolist(),
         "kinds": experiment.entities["kind"].tolist(),
         "relations": relations,
         "models": [{"name": name, "label": label(name), "colour": colour(name, models)} for name in models],
         "joint": label(JOINT),
-        "epochs": how.epochs,
+        "epochs": settings.epochs,
         "start": start(experiment, rows.set_index("entity")["told"]),
         "maps": maps_of(places[places["model"] == THETA0], rows),
         "entities": {
             str(entity): {
                 "seed": seed,
-                "places": [at[entity, *step] for step in steps],
+                "places": [place_of[entity, *step] for step in steps],
                 "indicators": [indicators.get((entity, model)) for model in models],
                 "queries": queries[entity],
             }
@@ -83,10 +75,10 @@ def data_of(experiment: Experiment, found: Shown, how: ExplorerParams) -> dict[s
     }
 
 
-def start(experiment: Experiment, told: pd.Series) -> int:
-    """The entity that is shown at first: of the most common kind, the one that most was told of."""
+def start(experiment: Experiment, insert_triples: pd.Series) -> int:
+    """The entity that is shown at first: of the most common kind, the one with most insert triples."""
     kinds = experiment.entities["kind"]
-    return int(told[(kinds[told.index] == kinds.mode()[0]).to_numpy()].idxmax())
+    return int(insert_triples[(kinds[insert_triples.index] == kinds.mode()[0]).to_numpy()].idxmax())
 
 
 def maps_of(known: pd.DataFrame, rows: pd.DataFrame) -> dict[str, dict[str, Any]]:
@@ -94,15 +86,15 @@ def maps_of(known: pd.DataFrame, rows: pd.DataFrame) -> dict[str, dict[str, Any]
     shares = rows.drop_duplicates("seed").set_index("seed")
     return {
         str(seed): {
-            "known": own["entity"].tolist(), "at": _hundredths_of(own),
+            "known": places["entity"].tolist(), "at": _hundredths_of(places),
             "shown": round(100 * shares["shown"][seed]), "fitted": round(100 * shares["fitted"][seed]),
         }
-        for seed, own in known.groupby("seed")
+        for seed, places in known.groupby("seed")
     }  # fmt: skip
 
 
 def indicators_of(rows: pd.DataFrame) -> dict[tuple[int, str], dict[str, Any]]:
-    """Of each entity and model: whose indicators they are where not the model's own, and their ids and numbers.
+    """Of each entity and model: its fallback where the indicators are those of one, and their ids and numbers.
 
     Weights are null where they are all the same.
     """
@@ -115,12 +107,12 @@ def indicators_of(rows: pd.DataFrame) -> dict[tuple[int, str], dict[str, Any]]:
         whose = fallback if isinstance(fallback, str) else None
         weights: list[int | None] | None = [] if uneven else None
         empty: dict[str, Any] = {"fallback": whose, "ids": [], "weight": weights, "words": [], "relations": []}
-        own = found.setdefault((entity, model), empty)
-        own["ids"].append(indicator)
+        entry = found.setdefault((entity, model), empty)
+        entry["ids"].append(indicator)
         if uneven:
-            own["weight"].append(_hundredths(weight))
-        own["words"].append(_hundredths(words))
-        own["relations"].append(_hundredths(relations))
+            entry["weight"].append(_hundredths(weight))
+        entry["words"].append(_hundredths(words))
+        entry["relations"].append(_hundredths(relations))
     return found
 
 
@@ -139,10 +131,10 @@ def queries_of(
         found[entity].append({
             "relation": relations.index(relation), "hidden": list(HIDDEN).index(hidden),
             "true": list(status), "status": list(status.values()),
-            "first": [[answer for answer, rank in own.items() if rank <= first] for own in ranks],
-            "ranks": [[own[answer] for answer in status] for own in ranks],
+            "first": [[answer for answer, rank in of_step.items() if rank <= first] for of_step in ranks],
+            "ranks": [[of_step[answer] for answer in status] for of_step in ranks],
         })  # fmt: skip
-    return {entity: sorted(own, key=lambda query: not query["true"]) for entity, own in found.items()}
+    return {entity: sorted(queries, key=lambda query: not query["true"]) for entity, queries in found.items()}
 
 
 def _hundredths_of(places: pd.DataFrame) -> list[list[int]]:
@@ -152,6 +144,3 @@ def _hundredths_of(places: pd.DataFrame) -> list[list[int]]:
 
 def _hundredths(value: float) -> int | None:
     return None if pd.isna(value) else round(100 * value)
-
-
-SECTION = Section("explorer", "An explorer of insertions", contents)

@@ -1,159 +1,166 @@
-"""Does it hold on other graphs? All graphs side by side, what they share, and what ISI gains on each."""
+"""Insertion into other embeddings and on other graphs: what ISI gains on each."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
-from functools import partial
+from typing import Any
 
 import pandas as pd
-from matplotlib.figure import Figure as Canvas
 
-from isi.report.figures import legend, panels
-from isi.report.models import BASELINE, label
-from isi.report.paired import Difference, by_seed, difference
-from isi.report.prose import joined
-from isi.report.results import Experiment, Results
-from isi.report.section import Content, Figure, Section, Table
-from isi.report.sections.differences import signed
-from isi.report.sections.embeddings import Cells, about, epochs, lines, novel
-from isi.report.sections.graph import relations_by_kind
-from isi.report.statistics import HIGH, LOW
-from isi.report.varied import Varied
+from isi.report.data import Experiment, Results
+from isi.report.figures import Figure, by_row, legend, panels
+from isi.report.models import BASELINE, isi, label
+from isi.report.section import Content
+from isi.report.significance import Difference, by_seed, difference, signed
+from isi.report.tables import Column, Estimate, Table
+from isi.report.variants import VariantRuns, of_group
 
-#: Who is compared with whom, asked about the novel entity.
+#: The comparisons between initializers, with the novel entity given.
 _PAIRS = (("ers", BASELINE), ("ers", "kind_mean"), ("es", "es_permuted_kinds"), ("soft_hybrid", "ers"),
           ("map_soft_hybrid", "soft_hybrid"))  # fmt: skip
+#: The estimates by model that a row of a table has for a variant and an experiment.
+Means = Callable[[VariantRuns, str], Mapping[str, Estimate]]
 
 
-def contents(results: Results) -> Iterator[Content]:
-    """Sizes, what is shared, and the same runs on each."""
-    if not results.explored:
+def of_models(means: Mapping[str, Estimate]) -> dict[Any, Estimate]:
+    """Columns of models."""
+    return {label(model): estimate for model, estimate in means.items()}
+
+
+def rows_of(
+    results: Results, variants: Mapping[str, VariantRuns], means: Means, variant_column: str
+) -> list[dict[Any, Any]]:
+    """A row for each experiment and variant that ran on it."""
+    return [
+        {"graph": results.titles[experiment], variant_column: runs.title, **of_models(means(runs, experiment))}
+        for experiment in dict.fromkeys(name for runs in variants.values() for name in runs.experiments)
+        for runs in variants.values() if experiment in runs.experiments
+    ]  # fmt: skip
+
+
+def embeddings(results: Results) -> Iterator[Content]:
+    """Other embedding models on the graphs of the paper and of today: who is ahead, and how soon they converge."""
+    found = of_group(results.variants, "embeddings")
+    if not found:
+        return
+    pairs = [
+        (runs, experiment, runs.given_means(experiment)) for runs in found.values() for experiment in runs.experiments
+    ]
+    names = list(dict.fromkeys(name for runs in found.values() for name in runs.initializers))
+    experiments = list(dict.fromkeys(experiment for _, experiment, _ in pairs))
+    canvas, axes = panels(len(experiments))
+    models = next(iter(found.values())).models
+    for panel, experiment in zip(axes, experiments, strict=True):
+        of_panel = [(runs.title, means) for runs, name, means in pairs if name == experiment]
+        by_row(panel, pd.DataFrame([means for _, means in of_panel]), models, [title for title, _ in of_panel])
+        panel.set_title(results.titles[experiment])
+    legend(canvas, axes)
+    numbers = {
+        "methods": isi(names), "baseline": BASELINE, "pairs": len(pairs),
+        "ahead": sum(best_of(means, [BASELINE, *isi(names)]) in isi(names) for *_, means in pairs),
+        "best": Counter(best_of(means, names) for *_, means in pairs).most_common(),
+    }  # fmt: skip
+    means: dict[str, Means] = {
+        "immediate": lambda runs, experiment: runs.immediate_means(experiment, "novel"),
+        "novel_given": VariantRuns.given_means,
+        "epochs": lambda runs, experiment: runs.epochs_means(experiment, results.params),
+    }
+    tables = [Table.of(f"embeddings_{name}", rows_of(results, found, of, "embedding")) for name, of in means.items()]
+    yield Content(numbers, [Figure("embeddings", canvas), *tables])
+
+
+def best_of(means: Mapping[str, Estimate], names: Iterable[str]) -> str | None:
+    """The model with most; the first of several."""
+    return max((name for name in names if name in means), key=lambda name: means[name].mean, default=None)
+
+
+def other_graphs(results: Results) -> Iterator[Content]:
+    """All graphs side by side, what they share, and the same runs on each."""
+    if not results.other_graphs:
         return
     graphs = {one.title: (one.entities, one.triples) for one in results.own}
-    graphs |= {one.ran.how.title: (one.entities, one.triples) for one in results.explored.values()}
-    yield Table(
-        "graphs",
-        "Graphs side by side",
-        "Told by kind: share of the unique triples whose relation is the most frequent one of triples with a tail of "
-        "that kind; the higher it is, the more of the half that asks for relations is a choice of kind.",
-        sizes(graphs),
-    )
-    yield Table(
-        "graphs_shared",
-        "Entities that graphs share",
-        "Entities of the graph of a row that that of a column has by the same phrase.",
-        shared(graphs),
-    )
-    ran = {one.ran.how.title: one.ran for one in results.explored.values()}
-    first = next(iter(ran.values()))
-    both = {one.title: at_size(one, results, first) for one in results.own if one.name in results.asking} | ran
-    yield in_words(both)
-    yield Figure(
-        "graphs",
-        "Other graphs: asked about the novel entity",
-        "Entity half of MRR* (points) of the queries that give a novel entity and ask what belongs to it, right after "
-        f"insertion at |ξ| = {first.how.size}, by graph.",
-        drawn(both, first.models),
-    )
-    for name, what, cells in (
-        ("at_once", "MRR* (points) about novel entities at once, mean over seeds and its interval.", novel),
-        ("asked_about", "What the figure shows, with the interval over seeds.", about),
-        ("gains", "Paired differences in what the figure shows (points), with intervals over seeds.", gains),
-        ("epochs", "Mean epochs until MRR* about held-out triples of the novel entities is within the margin of the "
-                   "joint model; those that never get there count as all epochs.", partial(later, results)),
-    ):  # fmt: skip
-        title = f"Other graphs: {name.replace('_', ' ')}"
-        frame = rows(both, cells)
-        yield Table(
-            f"graphs_{name}", title, what, frame, dict.fromkeys(frame.columns[1:], signed) if cells is gains else {}
-        )
+    graphs |= {one.runs.title: (one.entities, one.triples) for one in results.other_graphs.values()}
+    others = {one.runs.title: one.runs for one in results.other_graphs.values()}
+    first = next(iter(others.values()))
+    main = {one.title: as_variant(one, results, first) for one in results.own if one.name in results.query_breakdown}
+    runs_of = {title: runs for title, runs in (main | others).items() if runs.experiments}
+    given = {title: runs.given_means(runs.experiments[0]) for title, runs in runs_of.items()}
+    differences = {title: differences_of(runs) for title, runs in runs_of.items()}
+    canvas, (axes,) = panels(1, columns=1)
+    by_row(axes, pd.DataFrame(list(given.values())), first.models, list(given))
+    legend(canvas, [axes])
+    rows: dict[str, dict[str, dict[Any, Any]]] = {
+        "immediate": {title: of_models(runs.immediate_means(runs.experiments[0], "novel"))
+                      for title, runs in runs_of.items()},
+        "novel_given": {title: of_models(means) for title, means in given.items()},
+        "gains": {title: {Column(f"{label(first)} minus {label(second)}", form=signed): points
+                          for (first, second), points in pairs.items()} for title, pairs in differences.items()},
+        "epochs": {title: of_models(finetuned(runs, results).epochs_means(runs.experiments[0], results.params))
+                   for title, runs in runs_of.items()},
+    }  # fmt: skip
+    compared = [(pair, [pairs[pair] for pairs in differences.values() if pair in pairs]) for pair in _PAIRS]
+    numbers = {
+        "size": first.variant.size,
+        "pairs": [
+            (pair, sum(points.low > 0 for points in found), sum(points.high < 0 for points in found), len(found))
+            for pair, found in compared if found
+        ],
+    }  # fmt: skip
+    tables = [Table.of(f"graphs_{name}", [{"graph": title, **row} for title, row in lines.items()])
+              for name, lines in rows.items()]  # fmt: skip
+    yield Content(numbers, [Table.of("graphs", sizes(graphs)), Table.of("graphs_shared", shared(graphs)),
+                            Figure("graphs", canvas), *tables])  # fmt: skip
 
 
-def sizes(graphs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]]) -> pd.DataFrame:
+def sizes(graphs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]]) -> list[dict[str, Any]]:
     """A row for each graph; of each its entities and triples (``tables.ENTITIES`` and ``tables.TRIPLES``)."""
-    lines = []
+    rows = []
     for title, (entities, triples) in graphs.items():
-        told = relations_by_kind(entities, triples).max(axis=1).sum() / len(triples)
+        predicted = relations_by_kind(entities, triples).max(axis=1).sum() / len(triples)
         kinds = entities["kind"].value_counts()
-        lines.append(
-            {"graph": title, "observations": int(triples["count"].sum()), "unique triples": len(triples),
-             "relations": triples["relation"].nunique(), "entities": len(entities),
-             "kinds": ", ".join(f"{number} {kind}" for kind, number in kinds.items()), "told by kind %": 100 * told}
-        )  # fmt: skip
-    return pd.DataFrame(lines)
+        rows.append({
+            "graph": title, "observations": int(triples["count"].sum()), "unique triples": len(triples),
+            "relations": triples["relation"].nunique(), "entities": len(entities),
+            "kinds": ", ".join(f"{number} {kind}" for kind, number in kinds.items()),
+            "predicted by kind %": 100 * predicted,
+        })  # fmt: skip
+    return rows
 
 
-def shared(graphs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]]) -> pd.DataFrame:
+def relations_by_kind(entities: pd.DataFrame, triples: pd.DataFrame) -> pd.DataFrame:
+    """How many unique triples have a tail of each kind (a row) and each relation (a column)."""
+    kinds = triples["tail"].map(entities.set_index("entity")["kind"])
+    return triples.groupby([kinds.rename("kind"), "relation"]).size().unstack(fill_value=0)
+
+
+def shared(graphs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]]) -> list[dict[str, Any]]:
     """How many entities each two graphs share, by phrase."""
     phrases = {title: set(entities["phrase"]) for title, (entities, _) in graphs.items()}
-    return pd.DataFrame(
-        {"graph": title, **{other: len(own & theirs) for other, theirs in phrases.items()}}
-        for title, own in phrases.items()
-    )
+    return [{"graph": title, **{other: len(here & there) for other, there in phrases.items()}}
+            for title, here in phrases.items()]  # fmt: skip
 
 
-def at_size(one: Experiment, results: Results, like: Varied) -> Varied:
+def as_variant(experiment: Experiment, results: Results, like: VariantRuns) -> VariantRuns:
     """A main experiment as if it were a variant, at another's size."""
-    runs, asked = (frame[frame["size"] == like.how.size] for frame in (one.runs, results.asking[one.name].queries))
-    how = like.how.model_copy(update={"title": one.title, "experiments": [one.name], "changes": {}})
-    return Varied(how, runs.assign(experiment=one.name), asked.assign(experiment=one.name))
+    queries, name = results.query_breakdown[experiment.name].queries, experiment.name
+    runs, queries = (frame[frame["size"] == like.variant.size] for frame in (experiment.runs, queries))
+    entry = like.variant.model_copy(update={"title": experiment.title, "experiments": [name], "changes": {}})
+    return VariantRuns(entry, runs.assign(experiment=name), queries.assign(experiment=name))
 
 
-def rows(both: Mapping[str, Varied], cells: Cells) -> pd.DataFrame:
-    """A row for each graph; ``cells`` gives the rest of it."""
-    return pd.DataFrame(
-        {"graph": title, **cells(one, one.experiments[0])} for title, one in both.items() if one.experiments
-    )
+def finetuned(runs: VariantRuns, results: Results) -> VariantRuns:
+    """The runs without those of a main experiment that were not fine-tuned."""
+    main = results.experiments.get(runs.experiments[0])
+    left_out = set(main.initializers) - set(main.finetuned) if main else set()
+    return replace(runs, runs=runs.runs[~runs.runs["model"].isin(left_out)])
 
 
-def differences(one: Varied, experiment: str) -> dict[tuple[str, str], Difference]:
-    """Of each pair that was run, what the first has more than the second."""
-    cells = 100 * one.about_in(experiment).pivot_table("mrr_star_entity", ["seed", "size"], "model")
+def differences_of(runs: VariantRuns) -> dict[tuple[str, str], Difference]:
+    """Paired differences of the first minus the second of each pair that was run, with the novel entity given."""
+    cells = 100 * runs.given_in(runs.experiments[0]).pivot_table("mrr_star_entity", ["seed", "size"], "model")
     return {
         (first, second): difference(by_seed(cells[first], cells[second]))
-        for first, second in _PAIRS
-        if first in cells and second in cells
-    }
-
-
-def gains(one: Varied, experiment: str) -> dict[str, float]:
-    """The same as part of a row."""
-    return {
-        f"{label(first)} less {label(second)}{end}": value
-        for (first, second), points in differences(one, experiment).items()
-        for end, value in (("", points.mean), (LOW, points.low), (HIGH, points.high))
-    }
-
-
-def later(results: Results, one: Varied, experiment: str) -> dict[str, float]:
-    """Epochs to convergence of those that were fine-tuned."""
-    main = results.experiments.get(experiment)
-    left = main.how.immediate_only if main else []
-    return epochs(results, replace(one, runs=one.runs[~one.runs["model"].isin(left)]), experiment)
-
-
-def in_words(both: Mapping[str, Varied]) -> str:
-    """On how many graphs each comparison comes out above nothing, with its interval."""
-    found: dict[tuple[str, str], list[Difference]] = {}
-    for one in both.values():
-        for pair, points in differences(one, one.experiments[0]).items() if one.experiments else ():
-            found.setdefault(pair, []).append(points)
-    told_of = joined(
-        f"{label(first)} is above {label(second)} on {sum(one.low > 0 for one in points)} of {len(points)} "
-        f"(and below on {sum(one.high < 0 for one in points)})"
-        for (first, second), points in found.items()
-    )
-    return f"Asked about the novel entity right after insertion, with intervals that exclude zero: {told_of}."
-
-
-def drawn(both: Mapping[str, Varied], models: Sequence[str]) -> Canvas:
-    """A line for each model over the graphs."""
-    canvas, (axes,) = panels(1, columns=1)
-    frame = rows(both, about)
-    lines(axes, frame, models, frame["graph"].tolist())
-    legend(canvas, [axes])
-    return canvas
-
-
-SECTION = Section("graphs", "Other graphs", contents)
+        for first, second in _PAIRS if first in cells and second in cells
+    }  # fmt: skip

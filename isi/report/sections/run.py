@@ -1,52 +1,202 @@
-"""What was run: what could not be asked, ties, fallbacks, params, versions and hashes."""
+"""The ground that the numbers stand on: the guide, the graphs and their training, word vectors, and the run itself."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from isi.report import glossary
+from isi.report.data import Experiment, Results
 from isi.report.models import label
-from isi.report.prose import joined
-from isi.report.results import Experiment, Results
-from isi.report.section import Content, Listing, Section, Table
+from isi.report.section import Content, of_each
+from isi.report.sections.graphs import relations_by_kind
+from isi.report.sections.immediate import in_order_of
+from isi.report.stats import HALVES
+from isi.report.tables import Column, Table
+from isi.report.words import SCOPES
+
+_TRIPLE = ["source", "head", "relation", "tail", "count"]
 
 
-def contents(results: Results) -> Iterator[Content]:
-    """Counts over all experiments, then what was run."""
-    yield left_out(results.experiments)
-    yield ties({name: one.ties for name, one in results.experiments.items()},
-               {name: one.models for name, one in results.experiments.items()})  # fmt: skip
-    yield fallbacks({name: one.inserted for name, one in results.experiments.items()})
-    for number, (title, values) in enumerate(results.run.items()):
-        yield Listing(title, values, folded=number > 0)
-    coverage = pd.concat(one.coverage for one in results.experiments.values())
-    missing = coverage.loc[coverage["served_by"].isna(), "entity"]
-    yield Listing("Entities without a word vector", dict.fromkeys(missing, ""))
+def guide(results: Results) -> Iterator[Content]:
+    """A drawing of what is done, then words."""
+    yield Content({"words": glossary.of_the_page(), "initializers": glossary.models(results)})
+
+
+def graph(results: Results) -> Iterator[Content]:
+    """Each graph of its own, then the training on all."""
+    yield from of_each(results.own, lambda experiment: of_graph(results, experiment))
+    shown = training({name: (one.theta0_log, one.joint_log) for name, one in results.experiments.items()},
+                     {name: one.used for name, one in results.query_breakdown.items()}, results.titles)  # fmt: skip
+    yield Content({"of_all": True, "several": len(results.own) > 1}, [shown])
+
+
+def of_graph(results: Results, experiment: Experiment) -> Content:
+    """Table 1, where the source has scenes, the size of the graph, and what relation prediction is on it."""
+    paper, entities, triples = results.paper["graph"], experiment.entities, experiment.triples
+    observations = results.observed[experiment.settings.graph.source].observations
+    has_scenes = bool(observations["scene"].notna().any())
+    kinds = in_order_of(entities["kind"].unique(), results.vocabulary["kinds"])
+    ours = {"observations": int(triples["count"].sum()), "unique_triples": len(triples), "entities": len(entities),
+            **{f"{kind} entities": int((entities["kind"] == kind).sum()) for kind in kinds}}  # fmt: skip
+    shown = [Table.of("graph_totals", [
+        {"": name.replace("_", " "), "this run": number, "paper": paper.get(name)} for name, number in ours.items()
+    ])]  # fmt: skip
+    if has_scenes:
+        shown.append(table1(observations, paper["median_per_environment"], results.vocabulary["relations"]))
+    by_kind = relations_by_kind(entities, triples)
+    numbers = {
+        "of_all": False, "ours": ours, "paper": paper, "has_scenes": has_scenes,
+        "predicted": int(by_kind.max(axis=1).sum()), "relations": triples["relation"].nunique(),
+        "leads": [f"{kind} to {relation}" for kind, relation in by_kind.idxmax(axis=1).items()],
+    }  # fmt: skip
+    return Content(numbers, shown)
+
+
+def table1(observations: pd.DataFrame, paper: Mapping[str, Mapping[str, float]], words: Mapping[str, str]) -> Table:
+    """Table 1: the median counts of one environment, by room type, beside the paper's.
+
+    Args:
+        observations: ``tables.OBSERVATIONS``, of scenes.
+        paper: the paper's numbers, by room.
+        words: what the paper calls relations.
+    """
+    rows = observations[observations["scene"].notna()]
+    relations = in_order_of(sorted(rows["relation"].unique()), list(words))
+    counts = pd.DataFrame(
+        {words.get(name, name): rows[rows["relation"] == name].groupby("scene").size() for name in relations}
+    ).fillna(0)
+    counts["object types"] = rows.groupby("scene")["head"].nunique()
+    rooms = rows.groupby("scene")["room"].first()
+    lines: dict[str, dict[str, float]] = {}
+    for room in [*in_order_of(sorted(rooms.dropna().unique()), list(paper)), "all"]:
+        of_room = counts if room == "all" else counts[rooms.reindex(counts.index) == room]
+        lines[room] = {}
+        for name, value in (of_room.median().to_dict() | {"rooms": len(of_room)}).items():
+            theirs = "entities" if name == "object types" else str(name)
+            lines[room] |= {str(name): value, f"{theirs} (paper)": paper.get(room, {}).get(theirs, np.nan)}
+    frame = pd.DataFrame(lines).T.rename_axis("room").reset_index()
+    return Table.of("table1_graph_statistics", frame.dropna(axis=1, how="all"))
+
+
+def training(
+    logs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], used: Mapping[str, pd.DataFrame], titles: Mapping[str, str]
+) -> Table:
+    """How long Θ⁰ and the joint model trained, what validation MRR* they reached, and the coordinates in use.
+
+    Args:
+        logs: ``tables.TRAINING_LOG`` of both, by experiment.
+        used: ``tables.USED`` of the joint model, by experiment.
+    """
+    rows = []
+    for experiment, both in logs.items():
+        for name, log in zip(("theta0", "joint"), both, strict=True):
+            epochs = log.groupby(["size", "seed"])["epoch"].max()
+            best = log[log["kept"]].groupby(["size", "seed"]).last()
+            rows.append(
+                {Column("experiment", words=titles): experiment, "model": name, "trained": len(epochs)}
+                | {"epochs": epochs.mean(), "best epoch": best["epoch"].mean()}
+                | {f"validation {shown}": 100 * best[column].mean() for column, shown in HALVES.items()}
+                | {"std": 100 * best["mrr_star"].std(ddof=1)}
+                | (in_use(used[experiment]) if name == "joint" and experiment in used else {})
+            )
+    return Table.of("training", rows)
+
+
+def in_use(used: pd.DataFrame) -> dict[str, float]:
+    """Scalars and blocks that any relation uses, in per cent; ``tables.USED``."""
+    sums = used[used["relation"].isna()].groupby("part")[["used", "of"]].sum()
+    return {f"{part} in use %": 100 * float(row["used"] / row["of"]) for part, row in sums.iterrows()}
+
+
+def definitions(results: Results) -> Iterator[Content]:
+    """What the word vectors could leak: triples that a definition gives away."""
+    meaning = dict(zip(results.definitions["phrase"], results.definitions["definition"], strict=True))
+    graphs = [(one.entities, one.triples) for one in results.experiments.values()]
+    words = results.params.words
+    frame, number = leaks(graphs, meaning)
+    table = Table.of(
+        "definition_leaks", frame.rename(columns={"defined": "defined end", "definition": "its definition"})
+    )
+    counts = frame["defined"].value_counts()
+    used = words.source == "shipped" and words.text == "definition"
+    numbers = {"used": used, "number": number, "heads": counts.get("head", 0), "tails": counts.get("tail", 0)}
+    yield Content(numbers, [table])
+
+
+def leaks(
+    graphs: Iterable[tuple[pd.DataFrame, pd.DataFrame]], definitions: Mapping[str, str]
+) -> tuple[pd.DataFrame, int]:
+    """Triples of which the definition of one end names the other, and the number of all unique triples.
+
+    Args:
+        graphs: ``tables.ENTITIES`` and ``tables.TRIPLES`` of each experiment; triples that several have count once.
+        definitions: by phrase.
+    """
+    parts = []
+    for entities, triples in graphs:
+        phrase = dict(zip(entities["entity"], entities["phrase"], strict=True))
+        for end, other in (("head", "tail"), ("tail", "head")):
+            definition, named = triples[end].map(phrase).map(definitions), triples[other].map(phrase)
+            parts.append(triples[_TRIPLE].assign(defined=end, definition=definition, named=named))
+    every = pd.concat(parts).drop_duplicates([*_TRIPLE[:-1], "defined"])
+    defined = every.dropna(subset=["definition"])
+    given_away = [names(text, other) for text, other in zip(defined["definition"], defined["named"], strict=True)]
+    frame = defined.loc[given_away, [*_TRIPLE, "defined", "definition"]].reset_index(drop=True)
+    return frame, len(every) // 2
+
+
+def names(text: str, phrase: str) -> bool:
+    """Whether a text names a phrase, as it stands or with its first word in a regular inflection."""
+    first, *rest = phrase.split()
+    stem, double = re.escape(first.removesuffix("e")), re.escape(first[-1])
+    inflected = rf"{stem}(?:e|s|es|d|ed|en|n|ing|{double}(?:ed|ing))?"
+    pattern = r"\s+".join([rf"(?:{inflected}|{re.escape(first)})", *map(re.escape, rest)])
+    return re.search(rf"\b{pattern}\b", text) is not None
+
+
+def run(results: Results) -> Iterator[Content]:
+    """Counts over all experiments, then params, versions and hashes."""
+    experiments = results.experiments
+    coverage = pd.concat(one.coverage for one in experiments.values())
+    numbers = {
+        "sets": [f"{len(one.novel[['size', 'seed']].drop_duplicates())} in {name}"
+                 for name, one in experiments.items()],
+        "inserted": [f"{len(one.inserted) // max(one.inserted['model'].nunique(), 1):,} in {name}"
+                     for name, one in experiments.items()],
+        "listings": results.run, **results.run,
+        "uncovered": dict.fromkeys(coverage.loc[coverage["served_by"].isna(), "entity"], ""),
+    }  # fmt: skip
+    yield Content(numbers, [
+        left_out(experiments),
+        ties({name: one.ties for name, one in experiments.items()},
+             {name: one.models for name, one in experiments.items()}, results.titles),
+        fallbacks({name: one.inserted for name, one in experiments.items()}, results.titles),
+    ])  # fmt: skip
 
 
 def left_out(experiments: Mapping[str, Experiment]) -> Table:
-    """What could not be asked, or took no part: counted."""
-    counts = pd.DataFrame({name: _left_out(experiment) for name, experiment in experiments.items()})
-    sets = joined(
-        f"{len(one.novel[['size', 'seed']].drop_duplicates())} in {name}" for name, one in experiments.items()
-    )
-    caption = f"Of the sets of novel entities, {sets}."
-    return Table("left_out", "What was left out", caption, counts.rename_axis("").reset_index())
+    """What had no queries, or took no part: counted."""
+    counts = pd.DataFrame({
+        Column(name, title=experiment.title): _left_out(experiment) for name, experiment in experiments.items()
+    })  # fmt: skip
+    return Table.of("left_out", counts.rename_axis("").reset_index())
 
 
 def _left_out(experiment: Experiment) -> dict[str, int]:
-    sets = experiment.at_once[experiment.at_once["model"] == experiment.initializers[0]]
+    sets = experiment.immediate[experiment.immediate["model"] == experiment.initializers[0]]
     empty = sets[sets["queries"] == 0].groupby("scope").size()
-    told = experiment.insert_triples[["size", "seed", "entity"]].drop_duplicates()
+    with_triples = experiment.insert_triples[["size", "seed", "entity"]].drop_duplicates()
     counts = {
-        f"sets without queries in scope {scope}": int(empty.get(scope, 0)) for scope in sorted(sets["scope"].unique())
+        f"sets without queries: {SCOPES[scope]}": int(empty.get(scope, 0)) for scope in sorted(set(sets["scope"]))
     }
     return counts | {
         "entities without a word vector": int(experiment.coverage["served_by"].isna().sum()),
-        "inserted entities without insert triples": len(experiment.novel) - len(told),
+        "inserted entities without insert triples": len(experiment.novel) - len(with_triples),
         "known entities without training triples, over all sets": orphans(
             experiment.entities, experiment.triples, experiment.splits, experiment.novel
         ),
@@ -57,47 +207,46 @@ def orphans(entities: pd.DataFrame, triples: pd.DataFrame, splits: pd.DataFrame,
     """Known entities that lose all their training triples with the novel ones, over all cells."""
     ids = {name: number for number, name in enumerate(entities["entity"])}
     ends = np.stack([triples[end].map(ids) for end in ("head", "tail")], axis=1)
-    own_splits: dict[Any, pd.DataFrame] = dict(list(splits.groupby("seed")))
+    split_of: dict[Any, pd.DataFrame] = dict(list(splits.groupby("seed")))
     lost = 0
     for (_, seed), cell in novel.groupby(["size", "seed"]):
-        own = own_splits[seed]
-        old = ~np.isin(ends[own["triple"]], cell["entity"]).any(1)
-        known = np.setdiff1d(ends[own["triple"]], cell["entity"])
-        lost += len(np.setdiff1d(known, ends[own["triple"]][old & (own["split"] == "train").to_numpy()]))
+        split = split_of[seed]
+        old = ~np.isin(ends[split["triple"]], cell["entity"]).any(1)
+        known = np.setdiff1d(ends[split["triple"]], cell["entity"])
+        lost += len(np.setdiff1d(known, ends[split["triple"]][old & (split["split"] == "train").to_numpy()]))
     return lost
 
 
-def ties(counted: Mapping[str, pd.DataFrame], models: Mapping[str, list[str]]) -> Table:
-    """Rivals whose score is tied with the answer's, at once: they count half in a rank.
+def ties(counted: Mapping[str, pd.DataFrame], models: Mapping[str, Sequence[str]], titles: Mapping[str, str]) -> Table:
+    """Rivals whose score is tied with the answer's, right after insertion: they count half in a rank.
 
     Args:
         counted: ``tables.TIES`` with a column ``model``, by experiment.
         models: of each experiment, in their order.
     """
-    lines = []
+    rows = []
     for name, frame in counted.items():
         counts = frame.groupby(["model", "scope"])["ties"].sum()
-        lines += [
-            {"experiment": name, "model": label(model)}
+        rows += [
+            {Column("experiment", words=titles): name, "model": label(model)}
             | {scope: int(counts.get((model, scope), 0)) for scope in ("all", "novel")}
             for model in models[name]
         ]
-    caption = "Rivals tied with the answer right after insertion, over all queries of all sets, by what is asked."
-    return Table("ties", "Ties", caption, pd.DataFrame(lines))
+    return Table.of("ties", rows)
 
 
-def fallbacks(inserted: Mapping[str, pd.DataFrame]) -> Table:
+def fallbacks(inserted: Mapping[str, pd.DataFrame], titles: Mapping[str, str]) -> Table:
     """How often each initializer lacked what it needs, and what it fell back to; ``tables.INSERTED``, by experiment."""
-    parts = []
-    for name, frame in inserted.items():
-        fell = frame.groupby(["model", "fallback"], dropna=True).size().rename("inserted entities")
-        parts.append(fell.reset_index().assign(experiment=name))
-    counts = pd.concat(parts, ignore_index=True)
-    counts["model"] = counts["model"].map(label)
-    counts = counts.rename(columns={"model": "initializer", "fallback": "fell back to"})
-    each = joined(f"{len(frame) // max(frame['model'].nunique(), 1):,} in {name}" for name, frame in inserted.items())
-    caption = f"Of the entities that each initializer inserted, {each}."
-    return Table("fallbacks", "Fallbacks", caption, counts[["experiment", *counts.columns.drop("experiment")]])
+    counts: dict[str, dict[Any, int]] = {
+        name: frame.groupby(["model", "fallback"], dropna=True).size().to_dict() for name, frame in inserted.items()
+    }
+    return Table.of("fallbacks", [
+        {Column("experiment", words=titles): name, "initializer": label(str(model)), "fell back to": fallback,
+         "inserted entities": number}
+        for name, of_experiment in counts.items() for (model, fallback), number in of_experiment.items()
+    ])  # fmt: skip
 
 
-SECTION = Section("run", "What was run", contents)
+def departures(results: Results) -> Iterator[Content]:
+    """Where this differs from the paper, and where it decides what the paper leaves open."""
+    yield Content({"params": results.params})

@@ -7,7 +7,7 @@
   const box = at("box"), input = at("entity"), list = at("list");
   const ids = Object.keys(data.entities).map(Number).sort((a, b) => data.names[a].localeCompare(data.names[b]));
   const MOST = 12;  /* further answers that are shown unasked */
-  const MARKS = [null, "told", "trained", "held out"];
+  const MARKS = [null, "insert triple", "trained", "held out"];
   const FALLBACKS = { es: "it falls back on words alone", rs: "it falls back on relations alone", centroid: "it falls back on all that are known" };
   let entity = data.start, model = data.models.length - 1, options = [], active = -1;
 
@@ -86,7 +86,7 @@
     event.preventDefault();
   });
 
-  /* What was told, and who indicates. */
+  /* Insert triples and indicators. */
   const asked = (query, known, unknown) => {
     const ends = query.hidden ? [unknown, known] : [known, unknown];
     return `${ends[0]} ${data.relations[query.relation]} ${ends[1]}`;
@@ -95,7 +95,7 @@
     at("name").textContent = `${data.names[entity]} (${data.kinds[entity]})`;
     const facts = own.queries.flatMap((query) => query.true.filter((_, number) => query.status[number] === 1)
       .map((answer) => asked(query, data.names[entity], data.names[answer])));
-    at("told").textContent = `Inserted by seed ${own.seed}. Told: ${facts.join("; ") || "nothing"}.`;
+    at("told").textContent = `Inserted by seed ${own.seed}. Insert triples: ${facts.join("; ") || "none"}.`;
   };
   const row = (kind, cells) => html("tr", {}, ...cells.map((cell, number) => number
     ? html(kind, kind === "th" ? { scope: "col" } : {}, cell) : html("th", { scope: kind === "th" ? "col" : "row" }, cell)));
@@ -139,12 +139,12 @@
     };
   };
   const named = (node, text, attributes) => fill(node, attributes, [svg("title", {}, text)]);
-  const moved = (own, number, to, zoom) => {  /* an entity at once and after training, with a line between */
+  const moved = (own, number, to, zoom) => {  /* an entity immediately and after training, with a line between */
     const [start, end] = own.places.slice(1 + 2 * number, 3 + 2 * number).map(to), chosen = number === model;
     const { label, colour } = data.models[number], style = { fill: colour, stroke: "var(--paper)", "stroke-width": .8 };
     return svg("g", { class: chosen ? "" : "ex-other" },
       svg("line", { x1: start[0], y1: start[1], x2: end[0], y2: end[1], stroke: colour, "stroke-width": chosen ? 2 : 1 }),
-      named(shapes.at_once(...start, (chosen ? 7 : 4.5) * zoom), `${data.names[entity]}, at once, by ${label}`, style),
+      named(shapes.at_once(...start, (chosen ? 7 : 4.5) * zoom), `${data.names[entity]}, immediately, by ${label}`, style),
       named(shapes.trained(...end, (chosen ? 5 : 3.5) * zoom), `${data.names[entity]}, after ${data.epochs} epochs, from ${label}`, style));
   };
   const drawMap = (own) => {
@@ -170,7 +170,7 @@
       fill(shapes[shape](7, 7, 5), { fill: paint }, [])), text);
     at("legend").replaceChildren(
       key("at_once", "known entity", "var(--soft)"), key("indicator", `indicator of ${label}`, colour),
-      key("at_once", `at once, by ${label}`, colour), key("trained", `after ${data.epochs} epochs`, colour),
+      key("at_once", `immediately, by ${label}`, colour), key("trained", `after ${data.epochs} epochs`, colour),
       key("joint", `${data.joint} model`, "var(--ink)"), html("li", {}, "fainter: from other initializers"),
     );
     at("caption").textContent = `The known entities as Θ⁰ has them, on its two principal axes, which hold ${seed.shown} % of their `
@@ -187,11 +187,11 @@
       .filter(([rank]) => rank > first.length).sort((a, b) => a[0] - b[0]);
     const lines = first.map((answer) => html("li", {}, ...marked(answer, status.get(answer))));
     const parts = [html("p", {}, heading), html("ol", {}, ...lines)];
-    const told = later.map(([rank, answer]) => `${rank} ${data.names[answer]} (${MARKS[status.get(answer)]})`);
-    if (told.length) parts.push(html("p", {}, `Further true ones: ${told.slice(0, MOST).join(", ")}`));
-    if (told.length > MOST) {
-      const more = html("summary", {}, `and ${told.length - MOST} more`);
-      parts.push(html("details", {}, more, html("p", {}, told.slice(MOST).join(", "))));
+    const further = later.map(([rank, answer]) => `${rank} ${data.names[answer]} (${MARKS[status.get(answer)]})`);
+    if (further.length) parts.push(html("p", {}, `Further true ones: ${further.slice(0, MOST).join(", ")}`));
+    if (further.length > MOST) {
+      const more = html("summary", {}, `and ${further.length - MOST} more`);
+      parts.push(html("details", {}, more, html("p", {}, further.slice(MOST).join(", "))));
     }
     return html("div", {}, ...parts);
   };
@@ -199,7 +199,7 @@
     const { label } = data.models[model];
     const drawn = own.queries.map((query) => html("div", { class: "ex-query" },
       html("h6", {}, asked(query, data.names[entity], "?"), query.true.length ? "" : " (nothing is true)"),
-      html("div", { class: "ex-columns" }, answerList(query, 1 + 2 * model, `At once, by ${label}`),
+      html("div", { class: "ex-columns" }, answerList(query, 1 + 2 * model, `Immediately, by ${label}`),
         answerList(query, 2 + 2 * model, `After ${data.epochs} epochs, from ${label}`),
         answerList(query, 0, `${data.joint} model`))));
     const vain = drawn.filter((_, number) => !own.queries[number].true.length);

@@ -1,0 +1,118 @@
+"""Earlier knowledge during fine-tuning: interference of novel entities, and forgetting."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from math import nan
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure as Canvas
+
+from isi.report.data import Experiment, Results
+from isi.report.figures import Figure, by_epoch
+from isi.report.models import BASELINE, FINETUNE_ONLY, JOINT, contenders, isi, label
+from isi.report.section import Content, of_each
+from isi.report.sections.immediate import SCOPE
+from isi.report.significance import LEVEL, Pair, compare, pairs_table
+from isi.report.stats import CELL, HALVES, cells_of, mrr_star, over_seeds
+from isi.report.tables import Column, Table
+from isi.report.words import SCOPES as TITLES
+
+SCOPES = ("known", "known_closed")
+
+
+def forgetting(results: Results) -> Iterator[Content]:
+    """The same of every graph."""
+    return of_each(results.own, lambda experiment: of_experiment(results, experiment))
+
+
+def of_experiment(results: Results, experiment: Experiment) -> Content:
+    """What is lost right after insertion, and by epoch at the size whose curves are drawn."""
+    means, size = mrr_star(experiment.immediate, experiment.initializers), experiment.curve_size
+    known, closed = (means.get(scope, {}) for scope in SCOPES)
+    numbers = {
+        "size": size, "before": next(iter(closed.values()), nan), "known": known, "level": LEVEL,
+        "tested": contenders(experiment.initializers), "ended": [],
+    }  # fmt: skip
+    if size is None:
+        return Content(numbers)
+    runs = with_finetune_only(results, experiment)
+    pairs = at_the_end(runs)
+    return Content(numbers | {"ended": ended(pairs)}, [
+        Figure("forgetting", drawn(runs, experiment.models)),
+        by_scope(runs, [*experiment.models, FINETUNE_ONLY]),
+        pairs_table("earlier_at_the_end", [pair for of_scope in pairs.values() for pair in of_scope]),
+    ])  # fmt: skip
+
+
+def with_finetune_only(results: Results, experiment: Experiment) -> pd.DataFrame:
+    """The runs whose curves are drawn, those with nothing inserted among them where there are any."""
+    runs = results.finetune_only.get(experiment.name)
+    if runs is None:
+        return experiment.curves
+    shown = runs[(runs["size"] == experiment.curve_size) & (runs["scope"] == "known_closed")]
+    return pd.concat([experiment.curves, shown.assign(model=FINETUNE_ONLY)], ignore_index=True)
+
+
+def since_before(runs: pd.DataFrame) -> pd.DataFrame:
+    """Runs about known entities, minus what Θ⁰ had in the same cell before anything was inserted.
+
+    That is MRR* in known_closed right after insertion, the same for all but the joint model.
+    """
+    shown = runs[runs["scope"].isin(SCOPES)]
+    start = shown[
+        (shown["scope"] == "known_closed") & (shown["epoch"] == 0) & ~shown["model"].isin([JOINT, FINETUNE_ONLY])
+    ]
+    before = start.drop_duplicates(CELL).set_index(CELL)["mrr_star"].rename("before")
+    both = shown.join(before, on=CELL)
+    return both.assign(mrr_star=both["mrr_star"] - both["before"]).drop(columns="before")
+
+
+def drawn(runs: pd.DataFrame, models: Sequence[str]) -> Canvas:
+    """By epoch, a panel for each scope: how far from before anything was inserted."""
+    lines = [*(model for model in models if model != JOINT), FINETUNE_ONLY]
+    return by_epoch(since_before(runs), lines, SCOPES, ylabel="MRR* minus before (points)")
+
+
+def at_the_end(runs: pd.DataFrame) -> dict[str, list[Pair]]:
+    """Contenders, and nothing inserted, in pairs after the last epoch, in points; by scope."""
+    epoch = runs["epoch"].max()
+    last = runs[runs["epoch"] == epoch]
+    ran = list(dict.fromkeys(last["model"]))
+    models = [*contenders(name for name in ran if name not in (JOINT, FINETUNE_ONLY)), *({FINETUNE_ONLY} & set(ran))]
+    found = {}
+    for scope in SCOPES:
+        queried = set(last.loc[last["scope"] == scope, "model"])
+        there = [model for model in models if model in queried]
+        cells = 100 * cells_of(last, there, scope, "mrr_star")
+        found[scope] = compare({f"{TITLES[scope]}, epoch {epoch}": cells}, there)
+    return found
+
+
+def against(pairs: Sequence[Pair], model: str) -> dict[str, Pair]:
+    """ISI against one model, by initializer."""
+    return {pair.first: pair for pair in pairs if pair.second == model and isi([pair.first])}
+
+
+def ended(pairs: Mapping[str, Sequence[Pair]]) -> list[tuple[str, str, list[Pair]]]:
+    """Interference and forgetting at the end, ISI against Xavier and against nothing inserted: scope, model, pairs."""
+    shown = (("known_closed", BASELINE), ("known", BASELINE), ("known_closed", FINETUNE_ONLY))
+    found = [(scope, model, list(against(pairs[scope], model).values())) for scope, model in shown]
+    return [line for line in found if line[2]]
+
+
+def by_scope(runs: pd.DataFrame, models: Sequence[str]) -> Table:
+    """Known against known_closed: interference against forgetting, in runs of one size."""
+    rows = []
+    for model in models:
+        for scope in SCOPES:
+            shown = runs[(runs["model"] == model) & (runs["scope"] == scope)]
+            if len(shown):
+                lowest = 100 * shown.groupby("epoch")["mrr_star"].mean().min()
+                row: dict[Any, Any] = {"model": label(model), SCOPE: scope, "lowest MRR*": lowest}
+                for when, epoch in (("immediately", shown["epoch"].min()), ("at the end", shown["epoch"].max())):
+                    means = over_seeds(shown[shown["epoch"] == epoch], ["epoch"], HALVES).iloc[0]
+                    row |= {Column(half, when): means[half] for half in HALVES.values()}
+                rows.append(row)
+    return Table.of("forgetting", rows)

@@ -1,0 +1,136 @@
+"""Figure 1: where initializers put a novel entity among the known ones, and where training takes it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+from matplotlib.patheffects import withStroke
+
+from isi.report.data import Results
+from isi.report.figures import Figure, legend, panels
+from isi.report.models import colour, isi, label
+from isi.report.section import Content
+from isi.report.tables import Table
+
+#: The way of one entity (see ``tracing.Trace``), by name.
+Traces = Mapping[str, np.ndarray]
+
+
+def trajectory(results: Results) -> Iterator[Content]:
+    """Figure 1 and its distances."""
+    if results.trajectory is None:
+        return
+    traces, names = results.trajectory.result, results.trajectory.experiment.entities["entity"]
+    vectors = known_vectors(traces)
+    rows = [
+        {
+            "initializer": label(model), "from the centre": from_centre(traces, model),
+            "from where training takes it": moved(traces, model),
+            "indicators": ", ".join(names[traces[f"{model}.indicators"]]),
+        }
+        for model in traced(traces)
+    ]  # fmt: skip
+    numbers = {
+        "settings": results.params.trajectory, "share": 100 * plane(vectors)[2], "dimension": vectors.shape[1],
+        "name": str(names[int(traces["entity"][0])]),
+        "away": np.linalg.norm(vectors - vectors.mean(0), axis=1).mean(),
+    }  # fmt: skip
+    yield Content(numbers, [Figure("figure1_trajectory", drawn(traces, names)), Table.of("trajectory", rows)])
+
+
+def known_vectors(traces: Traces) -> np.ndarray:
+    """Θ⁰ of the known entities; shape: (N, d)."""
+    return traces["theta0"][traces["known"]]
+
+
+def traced(traces: Traces) -> list[str]:
+    """The initializers whose entity was traced."""
+    return [name.removesuffix(".path") for name in traces if name.endswith(".path")]
+
+
+def drawn(traces: Traces, names: pd.Series) -> Canvas:
+    """A panel for each initializer with indicators, and one for the others; ``names``: of entities, by id."""
+    vectors, models = known_vectors(traces), traced(traces)
+    centre, axes, _ = plane(vectors)
+    groups = [[model] for model in isi(models)] + [[model for model in models if model not in isi(models)]]
+    canvas, places = panels(len(groups), height=6.6)
+    for panel, group in zip(places, groups, strict=True):
+        panel.plot(*((vectors - centre) @ axes.T).T, ls="", marker="o", ms=2.5, color="#b5bac2", mew=0, zorder=1)
+        for model in group:
+            points = (traces[f"{model}.path"] - centre) @ axes.T
+            _path(panel, points, colour(model, models), label(model) if len(group) > 1 else "")
+        for model in isi(group):
+            chosen = np.flatnonzero(traces[f"{model}.indicators"])
+            points = (traces["theta0"][chosen] - centre) @ axes.T
+            _indicators(panel, points, names[chosen].tolist(), colour(model, models))
+        panel.set(xticks=[], yticks=[])
+        panel.set_title("\n".join(
+            f"{label(model)}: {from_centre(traces, model):.1f} from the centre, {moved(traces, model):.1f} to its end"
+            for model in group), fontsize=9)  # fmt: skip
+    for marker, size, shade, name in (("o", 2.5, "#b5bac2", "known entity"), ("^", 5, "#555555", "indicator"),
+                                      ("*", 11, "#555555", "novel entity as inserted")):  # fmt: skip
+        places[0].plot([], [], ls="", marker=marker, ms=size, color=shade, label=name)
+    places[0].plot([], [], color="#555555", lw=1.4, label="to where training takes it")
+    legend(canvas, places)
+    return canvas
+
+
+def from_centre(traces: Traces, model: str) -> float:
+    """How far an initializer puts the entity from the centre of the known ones, in all dimensions."""
+    centre = known_vectors(traces).mean(0, dtype=np.float64)
+    return float(np.linalg.norm(traces[f"{model}.path"][0].astype(np.float64) - centre))
+
+
+def moved(traces: Traces, model: str) -> float:
+    """How far training takes it from there."""
+    path = traces[f"{model}.path"].astype(np.float64)
+    return float(np.linalg.norm(path[-1] - path[0]))
+
+
+def plane(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """The plane of the two principal components of vectors, (N, d).
+
+    Returns:
+        their centre (d), two orthonormal axes (2, d), each with its largest part positive, and the share of
+        the variance that lies in the plane.
+    """
+    centre = vectors.mean(0, dtype=np.float64)
+    _, strength, axes = np.linalg.svd(vectors - centre, full_matrices=False)
+    largest = np.abs(axes[:2]).argmax(1)
+    turned = axes[:2] * np.sign(axes[[0, 1], largest])[:, None]
+    return centre, turned, float((strength[:2] ** 2).sum() / (strength**2).sum())
+
+
+def _indicators(axes: Axes, points: np.ndarray, names: Sequence[str], color: str) -> None:
+    """Triangles, each with its name in the margin at the right: last, since it reads the panel's limits."""
+    axes.plot(*points.T, ls="", marker="^", ms=5, color=color, mec="white", mew=0.4, zorder=3)
+    order = points[:, 1].argsort(kind="stable")
+    low, high = axes.get_ylim()
+    arrow = {"arrowstyle": "-", "lw": 0.4, "color": "#8a919c", "shrinkA": 1, "shrinkB": 2, "relpos": (0, 0.5)}
+    for height, number in zip(spread((points[order, 1] - low) / (high - low), 0.055), order, strict=True):
+        axes.annotate(names[number], tuple(points[number]), (1.03, height), fontsize=6.5, textcoords="axes fraction",
+                      va="center", annotation_clip=False, arrowprops=arrow)  # fmt: skip
+
+
+def spread(heights: np.ndarray, gap: float) -> np.ndarray:
+    """Ascending heights in [0, 1], pushed up to lie a gap apart and down to stay below 1; a smaller gap for many."""
+    gap = min(gap, 1 / max(len(heights), 1))
+    steps = gap * np.arange(len(heights))
+    apart = np.maximum.accumulate(heights - steps)
+    spread_out: np.ndarray = np.minimum(apart, 1 - steps[-1:].sum()) + steps
+    return spread_out
+
+
+def _path(axes: Axes, points: np.ndarray, color: str, name: str) -> None:
+    """A star where the entity is put, its name where there are several, and an arrow to where training takes it."""
+    axes.plot(*points.T, color=color, lw=0.8, alpha=0.7, zorder=4)
+    halo = [withStroke(linewidth=2.5, foreground="white")]
+    axes.annotate(name, tuple(points[0]), (7, -10), fontsize=8, textcoords="offset points", color=color, zorder=6,
+                  path_effects=halo)  # fmt: skip
+    axes.plot(*points[0], ls="", marker="*", ms=11, color=color, mec="black", mew=0.5, zorder=5)
+    arrow = {"arrowstyle": "-|>", "color": color, "lw": 1.4, "shrinkA": 4, "shrinkB": 0}
+    axes.annotate("", tuple(points[-1]), tuple(points[0]), zorder=4, arrowprops=arrow)

@@ -1,0 +1,159 @@
+"""Paired differences over seeds: how large they are, and whether chance could make them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from isi.random import stream
+from isi.report.models import isi, label
+from isi.report.stats import ratios
+from isi.report.tables import Column, Estimate, Table
+
+#: A difference is significant where its corrected p is below this.
+LEVEL = 0.05
+#: Up to as many seeds that differ, every way to flip their signs is counted; ...
+_COUNTED = 40
+#: ... beyond, as many ways are drawn.
+_DRAWN = 99_999
+
+
+@dataclass(frozen=True)
+class Difference(Estimate):
+    """How far two initializers are apart over seeds; its interval is null for fewer than two."""
+
+    #: of the sign-flip test; null where no seed differs
+    p: float = np.nan
+    seeds: int = 0
+    #: how many seeds differ at all
+    differing: int = 0
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The difference of two initializers, first minus second, by one measure."""
+
+    measure: str
+    first: str
+    second: str
+    difference: Difference
+    #: p corrected within the measure
+    holm: float
+
+    @property
+    def significant(self) -> bool:
+        return self.holm < LEVEL
+
+
+def compare(measures: Mapping[str, pd.DataFrame], models: Sequence[str]) -> list[Pair]:
+    """Every pair of models by every measure.
+
+    A pair of one of ISI and another has ISI first; otherwise the order is that of the models.
+
+    Args:
+        measures: by name, a column a model and a row a cell, whose index names its seed.
+    """
+    pairs, methods = [], isi(models)
+    for measure, cells in measures.items():
+        names = [sorted(pair, key=lambda name: name not in methods) for pair in combinations(models, 2)]
+        differences = [difference(by_seed(cells[first], cells[second])) for first, second in names]
+        corrected = holm(np.array([points.p for points in differences])).tolist()
+        pairs += [Pair(measure, first, second, points, p)
+                  for (first, second), points, p in zip(names, differences, corrected, strict=True)]  # fmt: skip
+    return pairs
+
+
+def pairs_table(name: str, pairs: Sequence[Pair]) -> Table:
+    """Every pair with its interval and test."""
+    return Table.of(name, map(_row, pairs))
+
+
+def _row(pair: Pair) -> dict[Any, Any]:
+    points = pair.difference
+    same = np.isnan(points.p) and points.seeds  # no seed differs
+    return {
+        "measure": pair.measure, "first": label(pair.first), "second": label(pair.second),
+        Column("difference", form=signed): points,
+        Column("p", form=_p, any_size=True): "none" if same else points.p,
+        Column("p (Holm)", form=_p, any_size=True): "none" if same else pair.holm,
+        "seeds": points.seeds, "of these differ": points.differing,
+    }  # fmt: skip
+
+
+def signed(value: float) -> str:
+    """A difference, as people read it."""
+    return f"{value:+.2f}"
+
+
+def _p(value: float) -> str:
+    return f"{value:.3f}" if value >= 0.001 else "< 0.001"
+
+
+def by_seed(first: pd.Series, second: pd.Series) -> np.ndarray:
+    """First minus second over the cells that both have, averaged over sizes; shape: (seeds,).
+
+    Rounded to the ninth decimal, so that the order of a sum makes no difference and breaks no tie.
+    """
+    means: pd.Series = (first - second).dropna().groupby("seed").mean()
+    return means.to_numpy(float).round(9) + 0.0  # no -0
+
+
+def difference(values: np.ndarray) -> Difference:
+    """Of differences by seed: mean, interval over seeds, and the p of the sign-flip test."""
+    if not len(values):
+        return Difference(np.nan)
+    mean, low, high = ratios(values[None], np.ones((1, len(values))))[0].tolist()
+    return Difference(mean, low, high, sign_flip(values), len(values), int(np.count_nonzero(values)))
+
+
+def sign_flip(values: np.ndarray) -> float:
+    """How many of the 2ⁿ ways to give n differences a sign make a mean at least as far from zero.
+
+    Exact, by meeting in the middle: the signed sums of one half of the differences are sorted, and those of
+    the other half count in them. In whole billionths, so that ties are ties. Seeds that do not differ have
+    no sign. Where there are too many to count, signs are drawn, and the differences' own are one more way.
+
+    Returns:
+        the share of such ways; null where no seed differs.
+    """
+    units = np.rint(np.abs(values[values != 0]) * 1e9).astype(np.int64)
+    reached = abs(int(np.rint(values * 1e9).astype(np.int64).sum()))
+    if not len(units):
+        return np.nan
+    if len(units) > _COUNTED:
+        signs = stream(0, "signs").choice(np.array([-1, 1]), (_DRAWN, len(units)))
+        return float(1 + (np.abs(signs @ units) >= reached).sum()) / (1 + _DRAWN)
+    half = len(units) // 2
+    first, second = (np.sort(signed_sums(part)) for part in (units[:half], units[half:]))
+    above = int((len(first) - np.searchsorted(first, reached - second)).sum())
+    return 1.0 if not reached else 2.0 * above / 2 ** len(units)
+
+
+def signed_sums(units: np.ndarray) -> np.ndarray:
+    """The sums of values with every choice of signs; shape: (2ⁿ,)."""
+    sums = np.zeros(1, dtype=np.int64)
+    for unit in units:
+        sums = np.concatenate([sums - unit, sums + unit])
+    return sums
+
+
+def smallest_p(differing: int) -> float:
+    """Of the sign-flip test: where all differences have one sign, of 2ⁿ that are as likely."""
+    return 2.0 ** (1 - differing)
+
+
+def holm(p: np.ndarray) -> np.ndarray:
+    """Holm's step-down correction: the i-th smallest of m times (m − i + 1), never falling, at most 1.
+
+    Null, where there is nothing to test, counts as a p of 1 among the m and stays null.
+    """
+    known = np.nan_to_num(p, nan=1.0)
+    order = known.argsort(kind="stable")
+    corrected = np.empty(len(p))
+    corrected[order] = np.maximum.accumulate(known[order] * np.arange(len(p), 0, -1)).clip(max=1)
+    return np.where(np.isnan(p), np.nan, corrected)

@@ -1,0 +1,260 @@
+"""Means over runs in points of MRR*, with bootstrap intervals over seeds, and MRR* of any part of the queries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+
+import numpy as np
+import pandas as pd
+
+from isi.evaluation.convergence import epochs_to_convergence
+from isi.random import stream
+from isi.report.models import BASELINE, label
+from isi.report.tables import Column, Estimate
+
+HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity half", "mrr_star_relation": "relation half"}
+#: What tells the runs of one initializer apart.
+CELL = ["session", "size", "seed"]
+#: Where a query of scope novel has the novel entity (column ``novel`` of ``tables.ASKED``).
+DIRECTIONS = {"given": "novel entity given", "answer": "novel entity is the answer"}
+RESAMPLES = 9_999
+#: Scope by scope, each model's value.
+ByScope = dict[str, dict[str, float]]
+
+
+def mrr_star(runs: pd.DataFrame, models: Sequence[str]) -> ByScope:
+    """Mean MRR* in points, of those that have queries."""
+    return by_scope(100 * runs.groupby(["scope", "model"])["mrr_star"].mean().dropna(), models)
+
+
+def epochs(convergence: pd.DataFrame, models: Sequence[str]) -> ByScope:
+    """Mean epochs to convergence."""
+    return by_scope(convergence.groupby(["scope", "model"])["epochs"].mean(), models)
+
+
+def unconverged(convergence: pd.DataFrame, models: Sequence[str]) -> ByScope:
+    """Share of runs that never converge, in per cent."""
+    return by_scope(100 * (1 - convergence.groupby(["scope", "model"])["converged"].mean()), models)
+
+
+def by_scope(values: pd.Series, models: Sequence[str]) -> ByScope:
+    """Values by (scope, model) as mappings, models in their order."""
+    return {
+        str(scope): {model: float(values[scope, model]) for model in models if (scope, model) in values.index}
+        for scope in values.index.unique("scope")
+    }
+
+
+def converged(
+    runs: pd.DataFrame, joint: pd.DataFrame, margin: float, max_epochs: int, by: Sequence[str]
+) -> pd.DataFrame:
+    """``epochs_to_convergence`` session by session, each against the joint models in its own."""
+    parts = [
+        epochs_to_convergence(rows, joint[joint["session"] == session], margin, max_epochs, by).assign(session=session)
+        for session, rows in runs.groupby("session")
+    ]
+    columns = {**dict.fromkeys([*by, "scope", "size", "seed", "queries", "session"], object), "epochs": float}
+    nothing = pd.DataFrame({name: pd.Series(dtype=kind) for name, kind in {**columns, "converged": bool}.items()})
+    return pd.concat(parts, ignore_index=True) if parts else nothing
+
+
+def collapsed(immediate: pd.DataFrame, ties: pd.DataFrame, entities: int) -> dict[str, float]:
+    """Of models that score nearly everything the same over all queries, how many rivals tie with an answer.
+
+    A triple has a head query and a tail query; a model counts as collapsed where, of both together, half as many
+    rivals as there are entities have the answer's score.
+    """
+    tied, runs = ties[ties["scope"] == "all"], immediate[immediate["scope"] == "all"]
+    rivals = tied.groupby("model")["ties"].sum() / runs.groupby("model")["queries"].sum().replace(0, np.nan)
+    return {str(model): float(number) for model, number in rivals.items() if number >= entities / 2}
+
+
+def improvements(immediate: pd.DataFrame, scope: str) -> dict[str, Estimate]:
+    """Of each model over Xavier, in per cent: the ratio of means at each size, averaged over sizes (section 6.1).
+
+    Empty where Xavier was not run.
+    """
+    cells = immediate[immediate["scope"] == scope].pivot_table("mrr_star", "seed", ["model", "size"], dropna=False)
+    if BASELINE not in cells:
+        return {}
+
+    def gain(means: np.ndarray, baseline: np.ndarray) -> np.ndarray:
+        over: np.ndarray = 100 * (means / baseline - 1).mean(-1)
+        return over
+
+    of_model = {
+        str(model): pd.DataFrame(cells.xs(model, axis=1, level="model")) for model in cells.columns.unique("model")
+    }
+    base = of_model[BASELINE]
+    found = {model: of_means(gain, rows.reindex(columns=base.columns), base) for model, rows in of_model.items()}
+    return {model: estimate for model, estimate in found.items() if not np.isnan(estimate.mean)}
+
+
+def fewer_epochs(convergence: pd.DataFrame, scope: str = "all") -> dict[str, float]:
+    """By how much each initializer's mean number of epochs is below Xavier's, in per cent (section 6.2)."""
+    means = convergence[convergence["scope"] == scope].groupby("model")["epochs"].mean()
+    if BASELINE not in means or not means[BASELINE]:
+        return {}
+    return {str(model): float(value) for model, value in (100 * (1 - means / means[BASELINE])).items()}
+
+
+def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
+    """Epochs to convergence by group: mean, deviation, median and the share that never converges."""
+    means = over_seeds(convergence, by, {"epochs": "mean"}, scale=1)
+    lost = convergence.assign(lost=~convergence["converged"])
+    never = over_seeds(lost, by, {"lost": "unconverged %"})
+    groups = convergence.groupby(list(by))["epochs"]
+    middle = pd.DataFrame({"std": groups.std(ddof=1), "median": groups.median()})
+    return pd.concat([means, middle, never], axis=1)
+
+
+def halves_by_model(runs: pd.DataFrame, models: Sequence[str], scopes: Sequence[str]) -> dict[Column, list[object]]:
+    """Columns of mean MRR* in points with its entity and its relation half, scope by scope; a cell for each model."""
+    means = over_seeds(runs, ["scope", "model"], HALVES)
+    return {
+        Column(half, scope): [means[half].get((scope, model)) for model in models]
+        for scope in scopes
+        for half in HALVES.values()
+    }
+
+
+def in_order(frame: pd.DataFrame, by: Sequence[str], models: Sequence[str]) -> pd.DataFrame:
+    """Rows sorted by columns, the last of which is ``model``: in the models' order, with their labels."""
+    ordered = frame.assign(model=frame["model"].astype(pd.CategoricalDtype(list(models), ordered=True)))
+    ordered = ordered.sort_values(list(by)).astype({"model": str})
+    return ordered.assign(model=ordered["model"].map(label)).reset_index(drop=True)
+
+
+def cells_of(rows: pd.DataFrame, models: Sequence[str], scope: str, column: str) -> pd.DataFrame:
+    """A column of runs in one scope: a row for each cell, a column for each model."""
+    shown = rows[rows["scope"] == scope]
+    return shown.pivot(index=CELL, columns="model", values=column).reindex(columns=list(models))
+
+
+def over_seeds(rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str], scale: float = 100.0) -> pd.DataFrame:
+    """Means of columns over the rows of each group, with 95 % intervals over seeds (see ``ratios``).
+
+    Args:
+        rows: with a column ``seed``; all that a seed has is resampled with it. Null values are left out.
+        columns: to be averaged, and their names in the result.
+
+    Returns:
+        estimates by group, a column each.
+    """
+    if rows.empty:
+        return pd.DataFrame(columns=[*by, *columns.values()], dtype=object).set_index(list(by))
+    seeds = rows.groupby([*by, "seed"])[list(columns)]
+    totals, numbers = seeds.sum().unstack("seed"), seeds.count().unstack("seed")
+    found: dict[str, list[Estimate]] = {}
+    for column, name in columns.items():
+        count = numbers[column].to_numpy(float)
+        values = scale * ratios(totals[column].to_numpy(float), np.where(count > 0, count, np.nan))
+        found[name] = [Estimate(*value) for value in values.tolist()]
+    return pd.DataFrame(found, index=totals.index)
+
+
+def ratios(over: np.ndarray, under: np.ndarray) -> np.ndarray:
+    """Of each row, the sum of ``over`` by that of ``under``, and its 95 % interval over seeds; shape: (rows, 3).
+
+    With numbers of values as ``under`` these are means. The interval is the bootstrap's, by percentiles:
+    that method stays defined where values are nearly constant; BCa does not. Of one seed there is none.
+
+    Args:
+        over: a column a seed.
+        under: likewise; a seed for which it is null takes no part.
+    """
+    found, present = np.full((len(over), 3), np.nan), ~np.isnan(under)
+    for pattern in np.unique(present, axis=0):
+        rows, seeds = (present == pattern).all(1), int(pattern.sum())
+        upper, lower = over[rows][:, pattern], under[rows][:, pattern]
+        if seeds:
+            found[rows, 0] = upper.sum(1) / lower.sum(1)
+        if seeds > 1:
+            even = (lower == lower[:, :1]).all()  # as where every seed has as many values
+            below = lower[:, :1] * seeds if even else _resampled(lower)
+            found[rows, 1:] = _bounds(_resampled(upper) / below)
+    return found
+
+
+def _bounds(resampled: np.ndarray) -> np.ndarray:
+    """The 2.5 % and the 97.5 % percentile of each row."""
+    ranked: np.ndarray = np.sort(resampled, axis=1)  # which is faster than to partition
+    return ranked[:, [(RESAMPLES + 1) // 40 - 1, 39 * (RESAMPLES + 1) // 40 - 1]]
+
+
+def _resampled(values: np.ndarray) -> np.ndarray:
+    """Sums of rows over each resample of their columns, the seeds; shape: (rows, resamples).
+
+    Without BLAS, whose threads cost more than they save on products this small.
+    """
+    sums: np.ndarray = np.einsum("rs,bs->rb", np.ascontiguousarray(values), resamples(values.shape[1]))
+    return sums
+
+
+def of_means(function: Callable[..., np.ndarray], *cells: pd.DataFrame) -> Estimate:
+    """A function of the means over seeds of each cell, and its 95 % interval over seeds.
+
+    Args:
+        function: of means, one for each frame: their last axis is the cells.
+        cells: a row a seed and a column a cell, likewise in each; null values are left out.
+    """
+    if cells[0].empty:
+        return Estimate(np.nan)
+    values = [frame.to_numpy(float) for frame in cells]
+    with np.errstate(invalid="ignore"):  # a cell without any value makes null
+        value = float(function(*(np.nansum(cell, axis=0) / (~np.isnan(cell)).sum(0) for cell in values)))
+        means = [(_resampled(np.nan_to_num(cell.T)) / _resampled(~np.isnan(cell.T) * 1.0)).T for cell in values]
+        resampled = function(*means) if len(cells[0]) > 1 else np.array([])
+    low, high = _bounds(resampled[None])[0].tolist() if len(resampled) else (np.nan, np.nan)
+    return Estimate(value, low, high)
+
+
+@cache
+def resamples(seeds: int) -> np.ndarray:
+    """How often each resample of so many seeds has each of them; shape: (RESAMPLES, seeds).
+
+    The same wherever so many are resampled, so that what is paired stays so.
+    """
+    drawn = stream(0, "resamples", seeds).multinomial(seeds, np.full(seeds, 1 / seeds), RESAMPLES)
+    return drawn.astype(float)
+
+
+def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
+    """MRR* of the queries of each group, with its halves, in [0, 1] (equation 7).
+
+    The entity half is the mean over the head and tail queries of each relation, averaged over the relations
+    with their observations as weights; the relation half is the mean over relation queries.
+
+    Args:
+        rows: some of ``tables.ASKED``.
+        by: columns, those that tell cells apart (size and seed) among them.
+
+    Returns:
+        columns of ``by`` and ``HALVES``; a half without queries is null, and MRR* where one is.
+    """
+    weighted = rows.assign(total=rows["mrr_star"] * rows["queries"])
+    of_relations = rows["hidden"] == "relation"
+    groups = weighted[~of_relations].groupby(list(dict.fromkeys([*by, "relation"])), observed=True)
+    sums, weight = groups[["total", "queries"]].sum(), groups["observations"].first()
+    shares = pd.DataFrame({"mean": weight * sums["total"] / sums["queries"], "weight": weight})
+    shares = shares.groupby(level=list(by)).sum()
+    relations = weighted[of_relations].groupby(list(by), observed=True)[["total", "queries"]].sum()
+    halves = pd.DataFrame({
+        "mrr_star_entity": shares["mean"] / shares["weight"],
+        "mrr_star_relation": relations["total"] / relations["queries"],
+    })  # fmt: skip
+    halves["mrr_star"] = halves.mean(axis=1, skipna=False)
+    return halves[list(HALVES)].reset_index()
+
+
+def by_direction(rows: pd.DataFrame, cell: Sequence[str]) -> pd.DataFrame:
+    """The entity half in scope novel by the scope's own filter, with the direction as ``scope``.
+
+    Args:
+        rows: some of ``tables.ASKED``.
+        cell: columns that tell cells apart.
+    """
+    learned = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned") & (rows["hidden"] != "relation")]
+    directed = learned[learned["novel"].isin(list(DIRECTIONS))].drop(columns="scope").rename(columns={"novel": "scope"})
+    return combined(directed, ["scope", *cell]).drop(columns=["mrr_star", "mrr_star_relation"])

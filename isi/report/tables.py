@@ -1,0 +1,164 @@
+"""Estimates and tables as values: sections return them, and CSV, Markdown, LaTeX and the page are written from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isnan, nan
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+#: Decimals of what is in points of MRR*, in epochs or in per cent; digits of numbers of any size.
+DECIMALS, DIGITS = 2, 4
+#: The bounds of an interval stand in columns of their own in files, with these behind the name.
+LOW, HIGH = " low", " high"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean and its 95 % interval; null where there is none."""
+
+    mean: float
+    low: float = nan
+    high: float = nan
+
+    def __format__(self, spec: str) -> str:
+        """The mean with the interval in brackets, each formatted by ``spec``."""
+        interval = "" if isnan(self.low) else f" [{self.low:{spec}}, {self.high:{spec}}]"
+        return f"{self.mean:{spec}}{interval}"
+
+    @property
+    def parts(self) -> tuple[float, float, float]:
+        return self.mean, self.low, self.high
+
+
+Cell = Estimate | float | str | None
+
+
+@dataclass(frozen=True)
+class Column:
+    """What a column holds, and how it is written."""
+
+    name: str
+    #: what it shares with its neighbours
+    group: str = ""
+    #: how the page calls it, where neither its name nor ``words.WORDS`` does
+    title: str = field(default="", compare=False)
+    #: how numbers are shown; otherwise with one decimal, or none where all are whole
+    form: Callable[[float], str] | None = field(default=None, compare=False)
+    #: what the page shows in place of a text
+    words: Mapping[str, str] = field(default_factory=dict, compare=False)
+    #: whether files keep digits of its numbers, and not decimals
+    any_size: bool = field(default=False, compare=False)
+
+    @property
+    def header(self) -> str:
+        """Its name in files."""
+        return f"{self.group}: {self.name}" if self.group else self.name
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Rows of cells under typed columns."""
+
+    name: str
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[Cell]]
+
+    @classmethod
+    def of(cls, name: str, rows: pd.DataFrame | Iterable[Mapping[Any, Any]]) -> Table:
+        """A table of rows that map columns to cells, or of a frame whose labels are columns; text is a plain column."""
+        frame = rows if isinstance(rows, pd.DataFrame) else pd.DataFrame(list(rows))
+        columns = [Column(label) if isinstance(label, str) else label for label in frame.columns]
+        return cls(name, columns, frame.astype(object).to_numpy().tolist())
+
+    def cells(self, place: int) -> list[Cell]:
+        """The cells of one column."""
+        return [row[place] for row in self.rows]
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """As files have it: the mean and the bounds of estimates in three columns."""
+        found: dict[str, list[Any]] = {}
+        for place, column in enumerate(self.columns):
+            cells = self.cells(place)
+            if any(isinstance(cell, Estimate) for cell in cells):
+                parts = [_numbers(cell) for cell in cells]
+                ends = zip(*parts, strict=True)
+                found |= {column.header + end: list(values) for end, values in zip(("", LOW, HIGH), ends, strict=True)}
+            else:
+                found[column.header] = cells
+        return pd.DataFrame(found)
+
+    def is_text(self, place: int) -> bool:
+        """Whether a column holds text; one with a form of its own holds numbers."""
+        return self.columns[place].form is None and any(isinstance(cell, str) for cell in self.cells(place))
+
+    @property
+    def texts(self) -> list[list[tuple[str, str]]]:
+        """Of each row, the cells as people read them: the value, and its interval in brackets."""
+        columns = []
+        for place, column in enumerate(self.columns):
+            form = column.form or _plain(self.cells(place))
+            columns.append([_shown(cell, form) for cell in self.cells(place)])
+        return [list(row) for row in zip(*columns, strict=True)]
+
+    @property
+    def shown(self) -> pd.DataFrame:
+        """Values with their intervals, as Markdown and LaTeX have them."""
+        rows = [[f"{value} {interval}".strip() for value, interval in row] for row in self.texts]
+        return pd.DataFrame(rows, columns=[column.header for column in self.columns])
+
+    @property
+    def files(self) -> dict[str, str]:
+        """The table as CSV, Markdown and LaTeX."""
+        sides = ["left" if self.is_text(place) else "right" for place in range(len(self.columns))]
+        markdown = self.shown.to_markdown(index=False, disable_numparse=True, colalign=sides if self.rows else None)
+        latex = self.shown.replace("–", "--").style.hide(axis="index").format(escape="latex")
+        latex = latex.format_index(escape="latex", axis=1)
+        tex: str = latex.to_latex(hrules=True, column_format="".join(side[0] for side in sides))
+        return {
+            "csv": csv(self.frame, [column.header for column in self.columns if column.any_size]),
+            "md": f"{markdown}\n",
+            "tex": tex.replace("ξ", r"$\xi$").replace("Θ", r"$\Theta$"),
+        }
+
+
+def number(value: Any, any_size: bool = False) -> Any:
+    """A number with as many digits as runs on two types of processor agree in; all else as it is."""
+    if not isinstance(value, float) or isnan(value):
+        return value
+    if any_size and abs(value) < 10**DIGITS and not float(value).is_integer():
+        return float(f"{value:.{DIGITS}g}")
+    return round(float(value), DECIMALS) + 0.0  # no -0.0
+
+
+def csv(frame: pd.DataFrame, any_size: Sequence[str] = ()) -> str:
+    """A frame as CSV; the columns named in ``any_size`` keep digits, others decimals."""
+    kept = frame.apply(lambda column: column.map(lambda value: number(value, column.name in any_size)))
+    text: str = kept.to_csv(index=False, float_format="%.10g", lineterminator="\n")
+    return text
+
+
+def _numbers(cell: Cell) -> tuple[float, float, float]:
+    if isinstance(cell, Estimate):
+        return cell.parts
+    return (cell if isinstance(cell, float | int) else nan, nan, nan)
+
+
+def _plain(cells: Iterable[Cell]) -> Callable[[float], str]:
+    numbers = [_numbers(cell) for cell in cells]
+    parts = np.array(numbers, dtype=float).round(3) % 1
+    digits = 0 if (np.isnan(parts) | (parts == 0)).all() else 1
+    return lambda value: f"{round(value, digits) + 0.0:,.{digits}f}"  # no -0.0
+
+
+def _shown(cell: Cell, form: Callable[[float], str]) -> tuple[str, str]:
+    if isinstance(cell, str):
+        return cell, ""
+    mean, low, high = _numbers(cell)
+    if isnan(mean):
+        return "–", ""
+    return form(mean), "" if isnan(low) or isnan(high) else f"[{form(low)}, {form(high)}]"

@@ -1,0 +1,77 @@
+"""Figures as the page holds them."""
+
+from __future__ import annotations
+
+import re
+
+import matplotlib as mpl
+import numpy as np
+
+from isi.report import figures, svg
+from tests.reports import runs
+
+
+def drawn(title: str = "a < b") -> mpl.figure.Figure:
+    """Two panels of three lines each, with a second axis above and a legend below."""
+    rows = runs([(model, scope, size, seed, 0, 0.2 + size / 10 + seed / 20) for model in ("xavier", "es", "joint")
+                 for scope in ("all", "novel") for size in (1, 2) for seed in (0, 1)])  # fmt: skip
+    with mpl.rc_context(figures.STYLE):
+        canvas = figures.by_size(rows, ["xavier", "es", "joint"], ("all", "novel"), ("mrr_star",), entities=50)
+        canvas.axes[0].set_title(title)
+    return canvas
+
+
+def inline(name: str) -> str:
+    return svg.inline(figures.rendered(drawn(), "svg").decode(), name)
+
+
+def test_figures_share_no_ids_and_what_they_refer_to_is_there() -> None:
+    one, other = inline("f0"), inline("f1")
+    ids = [re.findall(r' id="([^"]+)"', text) for text in (one, other)]
+    assert len(set(ids[0])) == len(ids[0])
+    assert not set(ids[0]) & set(ids[1])
+    assert set(re.findall(r'(?:href="#|url\(#)([^")]+)', one)) <= set(ids[0])
+
+
+def test_a_figure_has_no_style_of_its_own_for_the_page_and_its_text_is_text() -> None:
+    text = inline("f0")
+    assert "<style" not in text
+    assert "font-family" not in text
+    assert ">a &lt; b</text>" in text
+
+
+def test_all_colours_are_variables_that_change_sides_where_it_is_dark() -> None:
+    text = inline("f0")
+    assert not re.search(r"[:\"] ?#[0-9a-f]{6}", text)
+    dark = svg.colours([text])
+    assert dark["000000"] == "#e6e8eb"
+    assert {"0072b2", "b0b0b0", "ffffff"} <= set(dark)
+    paper = (21, 24, 28)
+    for name in ("0072b2", "b2182b", "8c2d04", "e69f00"):
+        shown = svg.dark(name)
+        parts = tuple(int(shown[place : place + 2], 16) for place in (1, 3, 5))
+        lighter, darker = (svg.luminance(colour) + 0.05 for colour in (parts, paper))
+        assert lighter / darker >= 4.4
+    assert svg.dark("e69f00") == "#e69f00"  # which stands out as it is
+
+
+def test_a_figure_is_described_in_its_own_numbers() -> None:
+    lines = "across: novel entities |ξ|; up: points. " + ", ".join(
+        f"{name} from 32.5 to 42.5" for name in ("Xavier", "ES", "Joint")
+    )
+    assert figures.in_words(drawn()) == f"A < b; {lines}. Novel entities: MRR*; {lines}."
+
+
+def test_coordinates_are_rounded_and_texts_are_not() -> None:
+    text = '<path d="M 1.23456 -2.00001" /><text x="3.14159">0.12345</text>'
+    assert svg.rounded(text) == '<path d="M 1.23 -2.00" /><text x="3.14">0.12345</text>'
+
+
+def test_noise_of_another_processor_changes_no_figure() -> None:
+    drawings = []
+    for noise in (0, 1e-9):
+        canvas, (axes,) = figures.panels(1, 1)
+        axes.plot([1, 2, 3], np.array([40.123, 45.678, 60.111]) * (1 + noise))
+        axes.fill_between([1, 2, 3], np.array([39.21, 44.12, 58.33]) * (1 + noise), [41, 46, 62])
+        drawings.append(figures.rendered(canvas, "svg"))
+    assert drawings[0] == drawings[1]

@@ -1,0 +1,65 @@
+"""Small variants and graphs of the second pipeline, for tests of the report to share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from isi.analyses.variants import Variant
+from isi.report.variants import VariantRuns
+from tests.reports import runs
+
+#: Of a model: its answers with the novel entity given, by seed.
+Given = Mapping[str, Sequence[float]]
+
+ENTITIES = pd.DataFrame({"entity": ["mug", "cup board", "kitchen", "open"],
+                         "kind": ["object", "object", "room", "affordance"],
+                         "phrase": ["mug", "cupboard", "kitchen", "open"]})  # fmt: skip
+TRIPLES = pd.DataFrame(
+    [("mug", "atLocation", "kitchen", 3), ("mug", "atLocation", "cup board", 2), ("mug", "nextTo", "cup board", 4),
+     ("cup board", "hasAffordance", "open", 1)], columns=["head", "relation", "tail", "count"],
+)  # fmt: skip
+
+
+def queries_of(experiment: str, given: Given) -> pd.DataFrame:
+    """Answers of scope novel; nothing but the queries that give the novel entity and ask for another has a part."""
+    rows = [
+        (model, seed, hidden, novel, mrr_star)
+        for model, values in given.items()
+        for seed, value in enumerate(values)
+        for hidden, novel, mrr_star in (("tail", "given", value), ("head", "answer", 0.99), ("tail", "both", 0.98),
+                                        ("relation", "given", 0.97))
+    ]  # fmt: skip
+    frame = pd.DataFrame(rows, columns=["model", "seed", "hidden", "novel", "mrr_star"])
+    frame = frame.assign(experiment=experiment, size=5, scope="novel", filter="learned", relation="on", queries=2,
+                         observations=1)  # fmt: skip
+    others = (frame.assign(scope="all", mrr_star=0.96), frame.assign(filter="true", mrr_star=0.95))
+    return pd.concat([frame, *others], ignore_index=True)
+
+
+def runs_of(
+    experiment: str, immediate: Mapping[str, float], later: Mapping[tuple[str, int], Sequence[float]]
+) -> pd.DataFrame:
+    """Runs with the same MRR* in scopes all and novel of both seeds at first, and later MRR* in novel_heldout."""
+    rows = [(model, scope, 5, seed, 0, value) for model, value in immediate.items() for scope in ("all", "novel")
+            for seed in (0, 1)]  # fmt: skip
+    rows += [(model, "novel_heldout", 5, seed, epoch, value) for (model, seed), values in later.items()
+             for epoch, value in enumerate(values)]  # fmt: skip
+    return runs(rows).assign(experiment=experiment)
+
+
+def variant(
+    group: str, given: Mapping[str, Given], immediate: Mapping[str, float] | None = None, **entry: Any
+) -> VariantRuns:
+    """A variant of experiments, by its answers with the novel entity given; the same immediate runs of each."""
+    models = list(dict.fromkeys(name for values in given.values() for name in values if name != "joint"))
+    listed = {"title": group, "group": group, "experiments": list(given), "initializers": models, "size": 5, "seeds": 2}
+    later = entry.pop("later", {})
+    immediate = immediate or dict.fromkeys((*models, "joint"), 0.5)
+    return VariantRuns(
+        Variant(**listed | entry),
+        pd.concat([runs_of(name, immediate, later) for name in given], ignore_index=True),
+        pd.concat([queries_of(name, values) for name, values in given.items()], ignore_index=True),
+    )
