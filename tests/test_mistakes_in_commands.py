@@ -12,7 +12,7 @@ from tests.mistakes import assert_names
 from tests.mistakes.calls import Called, Program, Typed, lay_out
 from tests.mistakes.commands import ASK_CASES, EXPLAIN_CASES, INSERT_CASES, ISI_CASES, NEAREST_CASES
 from tests.mistakes.folders import FOLDER_CASES
-from tests.mistakes.graphs import CHECK_CASES, EXPORT_CASES, GRAPH_CASES
+from tests.mistakes.graphs import EXPORT_CASES, GRAPH_CASES
 from tests.mistakes.imports import IMPORT_CASES
 from tests.mistakes.library import FIT_CASES, INTERFERENCE_CASES, REPORT_CASES
 from tests.mistakes.library import INSERT_CASES as OF_INSERT
@@ -21,7 +21,7 @@ from tests.mistakes.running import files, line_of, message_of
 from tests.mistakes.settings import HEADLINE_CASES, OTHER_CASES, PARAMS_CASES, RECORD_CASES, SOURCES_CASES
 
 ISI = [*ISI_CASES, *INSERT_CASES, *ASK_CASES, *NEAREST_CASES, *EXPLAIN_CASES, *FOLDER_CASES, *IMPORT_CASES,
-       *GRAPH_CASES, *EXPORT_CASES, *CHECK_CASES]  # fmt: skip
+       *GRAPH_CASES, *EXPORT_CASES]  # fmt: skip
 PROGRAMS = [
     Program("isi", "isi", "isi", ISI),
     Program("make record", "stages.record", "record: ", RECORD_CASES),
