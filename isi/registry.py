@@ -15,7 +15,7 @@ T = TypeVar("T")
 class Plugins(Generic[T]):
     """The registered things of one package, by name.
 
-    A module of the thing's own name is imported alone; otherwise all modules of the package are.
+    A module of the thing's own name is tried first; then all modules of the package are imported.
     """
 
     def __init__(self, package: str) -> None:
@@ -34,7 +34,7 @@ class Plugins(Generic[T]):
         if name not in self._registered:
             if name in self._modules():
                 importlib.import_module(f"{self.package}.{name}")
-            if name not in self.names():
+            if name not in self._registered and name not in self.names():
                 expected = f"expected one of {', '.join(self.names())}, got {short(name)}{meant(name, self.names())}"
                 raise InputError(paths.PARAMS, key, expected)
         return self._registered[name]

@@ -103,7 +103,7 @@ def test_a_stage_depends_whole_on_packages_whose_modules_params_name(name: str) 
             assert not [str(file) for file in missing if len(parsed(file).body) > 1]
 
 
-@pytest.mark.parametrize("name", set(STAGES) - {"report"})
+@pytest.mark.parametrize("name", sorted(set(STAGES) - {"report"}))
 def test_no_stage_depends_on_what_changes_no_number(name: str) -> None:
     plumbing = {*PLUMBING, Path("isi/cli"), Path("isi/report")}
     assert not [dep for dep in code_of(name) if any(path.is_relative_to(dep) for path in plumbing)]
@@ -166,14 +166,16 @@ def test_no_two_stages_write_the_same() -> None:
 def test_the_lock_has_the_stages_that_there_are(stages: dict[str, dict[str, Any]]) -> None:
     """DVC keeps those that are no more, and reads them all at every start."""
     lock = (paths.PIPELINE if stages is FIRST else paths.BEYOND_PIPELINE).with_name("dvc.lock")
-    if stages is BEYOND and not lock.exists():
-        pytest.skip("the second pipeline has not run")
+    if not lock.exists():
+        pytest.skip("the pipeline has not run")
     there = {"@".join(filter(None, [name, "-".join(items.values())])) for name in stages for items in cases(name)}
     assert set(read(lock)["stages"]) == there
 
 
 def test_the_lock_fits_the_pipeline_and_the_params() -> None:
     ran = [path for path in (paths.PIPELINE, paths.BEYOND_PIPELINE) if path.with_name("dvc.lock").exists()]
+    if not ran:
+        pytest.skip("the pipeline has not run")
     asked = [sys.executable, "-m", "dvc", "status", "--json", *map(str, ran)]
     status = json.loads(subprocess.run(asked, capture_output=True, text=True, check=True).stdout)
     changed = []
