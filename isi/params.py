@@ -176,7 +176,7 @@ def check_params(params: Params) -> None:
     """
     if "joint" in params.initializers:
         raise InputError("", "initializers.joint", "is the name of the joint model")
-    for key, listed, known in _listed(params):
+    for key, listed, known in _listed_names(params):
         _check_names(listed, known, key)
     for key, experiment in params.experiments.items():
         _check_experiment(experiment, f"experiments.{key}")
@@ -197,7 +197,7 @@ def check_params(params: Params) -> None:
         raise InputError("", "cross_validation", expected)
 
 
-def _listed(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable[str]]]:
+def _listed_names(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable[str]]]:
     """Key, names that stand there, and the names that there are."""
     yield "plots.initializers", params.plots.initializers, params.initializers
     yield "embedding.model", [params.embedding.model], params.models

@@ -263,7 +263,7 @@ def test_known_entities_of_the_first_session_go_on_learning_in_the_second() -> N
 def test_a_later_session_is_told_its_own_triples_and_knows_who_came_before() -> None:
     task = two_sessions("rs", np.nan, np.nan)
     first, _ = run_sessions(task)
-    given, seen = task.given(2), task.context(first.theta, 2)
+    given, seen = task.novel_entities(2), task.context(first.theta, 2)
     came_before = 0
     for model, (novel1, novel2) in enumerate(task.points.novel):
         assert seen.known[model, novel1].all()

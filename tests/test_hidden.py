@@ -74,7 +74,7 @@ def test_triples_are_known_told_or_asked_or_between_hidden_entities(triples: np.
 
 def test_who_is_told_less_is_told_the_first_of_what_others_are(triples: np.ndarray) -> None:
     found = hidden(triples)
-    one, three, everything = (found.told(number) for number in (1, 3, None))
+    one, three, everything = (found.insert_triples(number) for number in (1, 3, None))
     assert as_set(one) < as_set(three) < as_set(everything) == as_set(found.rest)
     for number, told in ((1, one), (3, three)):
         assert [(told[:, [0, 2]] == row).any(1).sum() for row in range(27, ENTITIES)] == [number] * 3

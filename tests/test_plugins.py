@@ -42,7 +42,9 @@ def test_a_name_that_no_module_registers_is_refused_with_those_that_are_known(di
     for name in ("sop", "_shared", "__init__", "soup.hot", "sys", "mains", ""):
         with pytest.raises(InputError) as refused:
             dishes.get(name, "menu.first")
-        assert all(part in str(refused.value) for part in ("params.yaml", "menu.first", "roast, soup, stew", repr(name)))
+        assert all(
+            part in str(refused.value) for part in ("params.yaml", "menu.first", "roast, soup, stew", repr(name))
+        )
     assert "_shared" not in imported(dishes)
     with pytest.raises(InputError, match="did you mean 'soup'"):
         dishes.get("sop", "menu.first")

@@ -47,7 +47,7 @@ class ChoosingTask(InsertTask):
 def measured(task: ChoosingTask) -> np.ndarray:
     """MRR* in scope novel, and of its queries for entities those about a novel one; shape (settings, M, 2)."""
     theta0, novel = task.theta0.stack, task.points.novel_in(1)
-    context, mask = task.context(theta0, 1), task.given(1).mask(len(task.points.graph.triples))
+    context, mask = task.context(theta0, 1), task.novel_entities(1).mask(len(task.points.graph.triples))
     queries = novel_query_set(task.points.session(1), novel, mask)["novel"]
     asked = {"novel": queries, "about": about(queries, novel)}
     found = []

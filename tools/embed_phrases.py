@@ -28,7 +28,7 @@ def main() -> None:
     for text, sentences in {"definition": defined(ours), "phrase": ours["phrase"], "wordnet": defined(theirs)}.items():
         path, tokens = paths.shipped_vectors(text), list(sentences.index)
         vectors = embed(list(sentences))
-        kept = keep(tokens, vectors, read_vectors(path)) if path.exists() else 0
+        kept = reuse(tokens, vectors, read_vectors(path)) if path.exists() else 0
         words = KeyedVectors(vectors.shape[1])
         words.add_vectors(tokens, vectors)
         atomically(path, lambda temporary, w=words: w.save_word2vec_format(str(temporary), binary=True))
@@ -56,7 +56,7 @@ def embed(sentences: list[str]) -> np.ndarray:
     return model.encode(sentences, normalize_embeddings=True, show_progress_bar=None)
 
 
-def keep(tokens: Sequence[str], vectors: np.ndarray, stored: KeyedVectors) -> int:
+def reuse(tokens: Sequence[str], vectors: np.ndarray, stored: KeyedVectors) -> int:
     """Put stored vectors in the place of those that are the same but for rounding; gives how many.
 
     Args:

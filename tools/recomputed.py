@@ -177,7 +177,7 @@ class Around:
         return bool(self.session.experiment.words[self.entity].any())
 
     @property
-    def is_told(self) -> bool:
+    def has_insert_triples(self) -> bool:
         return bool(self.session.told[self.entity])
 
     @property
@@ -206,12 +206,12 @@ def es(one: Around, k: int) -> Chosen:
 
 
 def rs(one: Around, k: int) -> Chosen:
-    return best(one.related, one.session.eligible, k) if one.is_told and one.session.eligible else mean(one)
+    return best(one.related, one.session.eligible, k) if one.has_insert_triples and one.session.eligible else mean(one)
 
 
 def ers(one: Around, k: int, candidates: int) -> Chosen:
-    if not (one.has_word and one.is_told and one.named):
-        return rs(one, k) if one.is_told else es(one, k)
+    if not (one.has_word and one.has_insert_triples and one.named):
+        return rs(one, k) if one.has_insert_triples else es(one, k)
     preliminary, gap = best(one.words, one.named, candidates)
     chosen, last = best(one.related, preliminary, k)
     return chosen, min(gap, last)

@@ -82,7 +82,7 @@ class LockFile:
     def __init__(self, path: Path) -> None:
         self.path, self._copy = path, HERE.with_name("_".join([*path.parts, "whole"]))
 
-    def keep(self) -> None:
+    def back_up(self) -> None:
         """Copy it while DVC does not write it; the copy of none is empty."""
         with suppress(OSError):  # no room
             self._copy.write_bytes(self.path.read_bytes() if self.path.exists() else b"")
@@ -100,7 +100,7 @@ class LockFile:
         from dvc.schema import COMPILED_LOCKFILE_SCHEMA  # which takes a while to import, as the next does
         from dvc.utils.serialize import load_yaml
 
-        if not set(_listed(self._copy)) <= set(_listed(self.path)):  # DVC takes no stage away
+        if not set(_stage_names(self._copy)) <= set(_stage_names(self.path)):  # DVC takes no stage away
             return False
         try:
             COMPILED_LOCKFILE_SCHEMA(load_yaml(self.path))
@@ -136,7 +136,7 @@ def run(command: list[str], progress: Progress, lock: LockFile) -> int:
             for line in dvc.stdout or ():
                 found = BEGINS.match(line)
                 if found and found["stage"]:
-                    lock.keep()
+                    lock.back_up()
                 said = progress.begin(found["stage"] or found["same"], bool(found["stage"])) if found else None
                 print(*filter(None, [said, line]), sep="\n", end="", flush=True)
         except BaseException:
@@ -178,14 +178,14 @@ def stages(pipeline: Path) -> list[str]:
     """Names of a pipeline's stages: those of its lock file, sooner than DVC tells, or else what DVC makes of it."""
     lock = pipeline.with_name("dvc.lock")
     if lock.exists():
-        return _listed(lock)
+        return _stage_names(lock)
     from dvc.repo import Repo  # which takes seconds to import
 
     own = str(pipeline.resolve())
     return [stage.addressing.rpartition(":")[2] for stage in Repo().index.stages if stage.path == own]
 
 
-def _listed(lock: Path) -> list[str]:
+def _stage_names(lock: Path) -> list[str]:
     return re.findall(r"^  ([a-z]\S*):$", lock.read_text(encoding="utf-8"), re.MULTILINE)
 
 

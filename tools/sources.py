@@ -60,7 +60,7 @@ class Measured:
         return list(self.kinds.loc[self.kinds["kind"] == kind, "entity"])
 
 
-def listed(files: Iterable[Path]) -> dict[str, Any]:
+def source_settings(files: Iterable[Path]) -> dict[str, Any]:
     """Settings of the sources that files of params have, by name, and of those of their graphs.
 
     Raises:
@@ -186,7 +186,7 @@ def main() -> None:
     given = parser.parse_args()
     docs = given.docs or (None if given.names else DOCS)
     try:
-        sources = listed([paths.PARAMS, paths.BEYOND_PARAMS, *given.params])
+        sources = source_settings([paths.PARAMS, paths.BEYOND_PARAMS, *given.params])
         readers = {settings.get("reader") for settings in sources.values()}
         with TemporaryDirectory() as folder:
             houses = Path(folder) / "houses.jsonl.gz"

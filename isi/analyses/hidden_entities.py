@@ -39,7 +39,7 @@ def seconds_path(graph: str) -> Path:
     return HIDDEN_ENTITIES.path(graph=graph).with_suffix(".seconds.json")
 
 
-class Training(Section):
+class HiddenTraining(Section):
     """How PyKEEN trains."""
 
     dimension: Count
@@ -77,7 +77,7 @@ class Hidden(Section):
     max_insert_triples: Annotated[list[Count | None], Field(min_length=1)]
     #: set beside the one that ``isi.pykeen.insert`` takes where none is named
     initializers: list[Name]
-    training: Training
+    training: HiddenTraining
     #: of training with the new entities' triples
     epochs: Count
 
@@ -98,9 +98,11 @@ class HiddenTask:
     #: all of the graph; shape (T, 3)
     true: np.ndarray
 
-    def told(self, number: int | None) -> np.ndarray:
+    def insert_triples(self, number: int | None) -> np.ndarray:
         """The first so many triples of each hidden entity, or all; shape (I', 3)."""
-        place = np.arange(len(self.rest)) - np.searchsorted(_one(self.rest, self.known), _one(self.rest, self.known))
+        place = np.arange(len(self.rest)) - np.searchsorted(
+            _hidden_ends(self.rest, self.known), _hidden_ends(self.rest, self.known)
+        )
         return self.rest if number is None else self.rest[place < number]
 
 
@@ -127,14 +129,14 @@ def measure_hidden(triples: np.ndarray, entities: int, how: Hidden, key: str, ro
     known = int((~hidden).sum())
     ends = (renamed[:, [HEAD, TAIL]] >= known).sum(1)
     own = rng.permutation(renamed[ends == 1])
-    own = own[np.argsort(_one(own, known), kind="stable")]
-    first = np.searchsorted(_one(own, known), _one(own, known))
+    own = own[np.argsort(_hidden_ends(own, known), kind="stable")]
+    first = np.searchsorted(_hidden_ends(own, known), _hidden_ends(own, known))
     place, number = np.arange(len(own)) - first, np.bincount(first)[first]
     is_asked = place < np.maximum(1, (how.queries * number).astype(int))
     return HiddenTask(order, known, renamed[ends == 0], own[~is_asked], own[is_asked], renamed)
 
 
-def _one(triples: np.ndarray, known: int) -> np.ndarray:
+def _hidden_ends(triples: np.ndarray, known: int) -> np.ndarray:
     """The hidden end of triples that have one."""
     return np.where(triples[:, HEAD] >= known, triples[:, HEAD], triples[:, TAIL])
 

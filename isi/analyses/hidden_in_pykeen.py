@@ -24,7 +24,7 @@ from pykeen.triples import TriplesFactory
 from torch import Tensor
 from torch.optim import Adam
 
-from isi.analyses.hidden_entities import Hidden, HiddenTask, Training, measure_hidden
+from isi.analyses.hidden_entities import Hidden, HiddenTask, HiddenTraining, measure_hidden
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import HEAD
 from isi.insertion.fit_new import fit_new
@@ -93,7 +93,7 @@ def hidden_in(task: HidingTask) -> tuple[pd.DataFrame, pd.DataFrame]:
     answers, seconds = list[dict[str, Any]](), [{"method": "known", "seconds": time.process_time() - start}]
     words = None if task.words is None else task.words[hiding.order]
     for told in task.how.max_insert_triples:
-        case = Case(model, hiding, train, valid, hiding.told(told), names, words, task.how, seed)
+        case = Case(model, hiding, train, valid, hiding.insert_triples(told), names, words, task.how, seed)
         for name, method in methods(task.how, told).items():
             start = time.process_time()
             made, done = method(case)
@@ -151,13 +151,13 @@ def factory_of(triples: Tensor, names: list[str], relations: Mapping[str, int]) 
     return TriplesFactory(triples, {name: row for row, name in enumerate(names)}, relations)
 
 
-def untrained(factory: TriplesFactory, how: Training, seed: int) -> Model:
+def untrained(factory: TriplesFactory, how: HiddenTraining, seed: int) -> Model:
     """A model before it learns."""
     torch.manual_seed(seed)
     return ComplEx(triples_factory=factory, embedding_dim=how.dimension, random_seed=seed, regularizer=None)
 
 
-def trained(factory: TriplesFactory, valid: TriplesFactory, how: Training, seed: int) -> Model:
+def trained(factory: TriplesFactory, valid: TriplesFactory, how: HiddenTraining, seed: int) -> Model:
     """A model as it was when it answered validation triples best."""
     model = untrained(factory, how, seed)
     with TemporaryDirectory() as folder:
@@ -180,7 +180,7 @@ def further(model: Model, factory: TriplesFactory, how: Hidden, seed: int) -> No
     model.eval()
 
 
-def loop(model: Model, factory: TriplesFactory, how: Training) -> SLCWATrainingLoop:
+def loop(model: Model, factory: TriplesFactory, how: HiddenTraining) -> SLCWATrainingLoop:
     """PyKEEN's training against wrong triples, with an optimizer that lets it go on where a model is trained."""
     return SLCWATrainingLoop(
         model=model, triples_factory=factory, optimizer=warm(Adam(model.parameters(), lr=how.learning_rate)),

@@ -146,8 +146,8 @@ def by_query(answered: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
     rows, number = answered.rows, answered.rows.head.shape[1]
     head, tail = (is_novel.gather(1, ends).long() for ends in (rows.head, rows.tail))
     asked = (
-        ("head", _some(answered.entity, slice(number)), tail + 2 * head),
-        ("tail", _some(answered.entity, slice(number, None)), head + 2 * tail),
+        ("head", _sliced(answered.entity, slice(number)), tail + 2 * head),
+        ("tail", _sliced(answered.entity, slice(number, None)), head + 2 * tail),
         ("relation", answered.relations, head | tail),
     )
     model, query = (rows.relation_weight > 0).nonzero(as_tuple=True)  # but for padding
@@ -164,7 +164,7 @@ def by_query(answered: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
     )  # fmt: skip
 
 
-def _some(terms: Ranks, queries: slice) -> Ranks:
+def _sliced(terms: Ranks, queries: slice) -> Ranks:
     return Ranks(*(values[:, queries] for values in (terms.closeness, terms.rank, terms.tied)))
 
 

@@ -40,7 +40,7 @@ def find(text: str, ids: Mapping[str, int], place: str, what: str) -> int:
     if len(same) == 1:
         return ids[same[0]]
     if same:
-        raise InputError(place, "", f"expected {what} as it is written: {listed(same)}; got {text!r:.80}")
+        raise InputError(place, "", f"expected {what} as it is written: {quoted_list(same)}; got {text!r:.80}")
     raise InputError(place, "", f"expected {what}, got {text!r:.80}{_suggestion(text, list(ids))}")
 
 
@@ -50,11 +50,11 @@ def _suggestion(text: str, names: Sequence[str]) -> str:
     wanted = plain(text)
     similar = get_close_matches(wanted, by_plain, SUGGESTED) or [name for name in by_plain if wanted and wanted in name]
     if similar:
-        return f" (did you mean {listed([by_plain[name] for name in similar[:SUGGESTED]], ' or ')}?)"
-    return f" (there are {listed(names)})" if 0 < len(names) <= LISTED else ""
+        return f" (did you mean {quoted_list([by_plain[name] for name in similar[:SUGGESTED]], ' or ')}?)"
+    return f" (there are {quoted_list(names)})" if 0 < len(names) <= LISTED else ""
 
 
-def listed(names: Sequence[str], between: str = ", ") -> str:
+def quoted_list(names: Sequence[str], between: str = ", ") -> str:
     """Names, quoted; not all where they are many."""
     more = [f"{len(names) - LISTED} more"] * (len(names) > LISTED)
     return between.join([*(repr(name) for name in names[:LISTED]), *more])

@@ -121,7 +121,7 @@ class InsertTask:
         """Keys of the random streams of a session; shape (M, K)."""
         return self.points.keys(*later_key(session))
 
-    def given(self, session: int) -> NovelEntities:
+    def novel_entities(self, session: int) -> NovelEntities:
         """What is given of the novel entities of a session."""
         rows = self.insert_triples[self.insert_triples[:, 0] == session, 1:]
         return NovelEntities(self.points.novel_in(session), torch.as_tensor(rows), torch.as_tensor(self.words))
@@ -129,7 +129,7 @@ class InsertTask:
     def context(self, theta: Embedding, session: int) -> InitContext:
         """What an initializer may see in a session that inserts into Θ."""
         before = self.points.session(session - 1)
-        return context_of(theta, before, self.given(session), self.config.root, self.keys(session))
+        return context_of(theta, before, self.novel_entities(session), self.config.root, self.keys(session))
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ def run_session(task: InsertTask, theta: Embedding, session: int) -> SessionResu
     Args:
         theta: Θⁿ⁻¹, learned on Dⁿ⁻¹; rows of novel entities are not looked at.
     """
-    after, given, initial = task.points.session(session), task.given(session), initialize(task, theta, session)
+    after, given, initial = task.points.session(session), task.novel_entities(session), initialize(task, theta, session)
     inserted, mask = with_vectors(theta, given.novel, initial.vectors), given.mask(len(after.graph.triples))
     immediate = evaluate(inserted, novel_query_set(after, given.novel, mask))
     by_entity = [

@@ -146,7 +146,7 @@ def read_vectors(path: Path) -> KeyedVectors:
 
 
 @dataclass
-class _Found:
+class _VectorsFound:
     """Tokens, each once, and the numbers of their vectors, behind each other in float32 (little endian)."""
 
     path: Path
@@ -200,9 +200,9 @@ def _is_number(text: bytes) -> bool:
     return True
 
 
-def _of_lines(path: Path, file: IO[bytes], header: tuple[int, int] | None) -> _Found:
+def _of_lines(path: Path, file: IO[bytes], header: tuple[int, int] | None) -> _VectorsFound:
     """Of text: a line for each token, with its numbers behind it."""
-    found, dimension, count, last = _Found(path), header[1] if header else None, 0, (0, b"\n")
+    found, dimension, count, last = _VectorsFound(path), header[1] if header else None, 0, (0, b"\n")
     for number, line in enumerate(iter(lambda: file.readline(LINE), b""), 1):
         if not line.strip() or (header and number == 1):
             continue
@@ -228,10 +228,10 @@ def _of_lines(path: Path, file: IO[bytes], header: tuple[int, int] | None) -> _F
     return found
 
 
-def _of_bytes(path: Path, file: IO[bytes], count: int, dimension: int) -> _Found:
+def _of_bytes(path: Path, file: IO[bytes], count: int, dimension: int) -> _VectorsFound:
     """Of bytes: each token, a space, and its numbers; perhaps a line end."""
     file.readline(LINE)
-    found, size, chunk, start = _Found(path), 4 * dimension, b"", 0
+    found, size, chunk, start = _VectorsFound(path), 4 * dimension, b"", 0
     for number in range(1, count + 1):
         while (end := chunk.find(b" ", start)) < 0 or len(chunk) < end + 1 + size:
             more = file.read(CHUNK)
