@@ -49,7 +49,7 @@ def test_every_word_has_a_place_of_its_own_and_every_initializer_is_explained() 
     assert all(term.means.endswith(".") for term in words)
     explained = {term.name: term.means for term in words}
     assert {"Xavier", "ES", "Permuted ES", "Joint"} <= set(explained)
-    assert explained["ES"] == "Entity similarity: near what goes by a similar name."
+    assert explained["ES"].startswith("Entity similarity: ")
 
 
 def test_links_lead_to_what_is_there_and_weight_is_marked_up() -> None:
@@ -105,15 +105,15 @@ def test_there_is_no_verdict_where_there_is_nothing_to_compare() -> None:
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"phrase,definition\nmug,a cup\nbed\n", "line 3: expected 2 fields, got 1"),
-        (b"phrase,meaning\nmug,a cup\n", "line 1: expected the columns phrase, definition; got 'phrase', 'meaning'"),
-        (b"phrase,definition\nmug,a c\xffp\n", "line 1: expected a table of UTF-8 text"),
+        (b"phrase,definition\nmug,a cup\nbed\n", "line 3: expected "),
+        (b"phrase,meaning\nmug,a cup\n", "line 1: expected .*phrase, definition"),
+        (b"phrase,definition\nmug,a c\xffp\n", "expected .*UTF-8"),
     ],
 )
 def test_definitions_that_are_broken_are_one_line(tmp_path: Path, content: bytes, said: str) -> None:
     path = tmp_path / "definitions.csv"
     path.write_bytes(content)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=rf"^{path}: {said}[^\n]*$"):
         data.read_definitions(path)
 
 

@@ -74,8 +74,7 @@ def test_missing_rows_of_the_explorer_are_reported_in_one_line(table: str, left:
         left = 0
     rows = {**found.explorer.result, table: of_models.iloc[:left]}
     lacking = replace(found, explorer=replace(found.explorer, result=rows))
-    says = "expected places and answers of each entity after each step, but .* lacks$"
-    with pytest.raises(InputError, match=rf"^data/studies/explorer/home\.\*\.parquet: {says}"):
+    with pytest.raises(InputError, match=rf"^data/analyses/explorer/home\.\*\.parquet: expected .*places and answers"):
         list(explorer.explorer(lacking))
 
 
@@ -124,7 +123,7 @@ def test_noise_of_another_processor_changes_nothing_but_what_lies_between_two_ro
 BROKEN: list[tuple[str, str | bytes, str]] = [
     ("values", "graph: [1, 2", "line 1: expected YAML"),
     ("values", "just text", "expected a mapping of keys to values"),
-    ("values", b"\xff\xfe\x00g", "expected YAML"),
+    ("values", b"\xff\xfe\x00g", "expected UTF-8"),
     ("values", "graph: {entities: many}", "graph.entities"),
     ("values", "graph: {entities: .nan}", "graph.entities"),
     ("values", "grahp: {}", "grahp"),

@@ -122,12 +122,12 @@ def test_variants_are_read_as_far_as_they_ran_on_experiments_that_there_are(
             ran, asked = (frame[frame["experiment"] == "away"] for frame in (ran, asked))
         VARIANT_RUNS.write(ran, "vary", variant=name)
         VARIANT_QUERIES.write(asked, "vary", variant=name)
-    found = variants.read(["home"], small_params(["home"]))
+    found = variants.read(["home"], small_params(["home", "away"]))
     assert list(found) == ["second", "first"]
     assert found["first"].experiments == ["home"]
     assert set(found["first"].runs["experiment"]) == set(found["first"].queries["experiment"]) == {"home"}
     pd.testing.assert_frame_equal(found["first"].given, one.given_in("home").reset_index(drop=True), check_dtype=False)
-    assert list(variants.read(["home", "away"])) == ["elsewhere", "second", "first"]
+    assert list(variants.read(["home", "away"], small_params(["home", "away"]))) == ["elsewhere", "second", "first"]
 
 
 # Stronger initializers

@@ -34,7 +34,8 @@ def explorer(results: Results) -> Iterator[Content]:
         data = data_of(experiment, tables, settings)
     except KeyError as error:
         expected = f"expected places and answers of each entity after each step, but {error} lacks"
-        raise InputError(SINGLE_ANSWERS.path(experiment=experiment.name), "", expected) from error
+        path = SINGLE_ANSWERS.path(experiment=experiment.name).with_name(f"{experiment.name}.*.parquet")
+        raise InputError(path, "", expected) from error
     yield Content({
         "data": data, "shown": len(tables["entities"]), "entities": len(experiment.entities), "size": settings.size,
         "title": experiment.title, "absent": absent if len(absent) <= FEW else [],
