@@ -17,7 +17,7 @@ from isi.config import check
 from isi.graph.graph import MinedSource
 from isi.params import Params
 from isi.report.contents import SECTIONS
-from isi.report.data import Analysis, Experiment, QueryBreakdown, Results
+from isi.report.data import Analysis, BreakdownTables, Experiment, Results
 from isi.report.figures import Figure, rendered
 from isi.report.models import JOINT
 from isi.report.section import Part
@@ -158,7 +158,7 @@ def _mined() -> dict[str, pd.DataFrame]:
     return {"home": nothing, "away": nothing, "shop": pd.DataFrame({"step": ["instances"], "instances": [7]})}
 
 
-def _query_breakdown(experiment: Experiment) -> QueryBreakdown:
+def _query_breakdown(experiment: Experiment) -> BreakdownTables:
     cells = product(
         experiment.models, experiment.settings.sessions.sizes, (0, 1), ("all", "novel"), ("learned", "true")
     )
@@ -169,7 +169,7 @@ def _query_breakdown(experiment: Experiment) -> QueryBreakdown:
     queries = pd.DataFrame(rows, columns=columns).assign(session=1, queries=2, observations=3, mrr_star=numbers)
     used = [{"seed": seed, "model": JOINT, "relation": relation, "part": part, "used": 2, "of": 4}
             for seed in (0, 1) for relation in ("atLocation", None) for part in ("scalars", "blocks")]  # fmt: skip
-    return QueryBreakdown(queries.assign(mrr=numbers), pd.DataFrame(used))
+    return BreakdownTables(queries.assign(mrr=numbers), pd.DataFrame(used))
 
 
 def _analyses(how: Params, experiments: dict[str, Experiment]) -> dict[str, Analysis[Any]]:

@@ -8,8 +8,8 @@ from typing import Any
 
 import pandas as pd
 
-from isi.report.data import Analysis, Experiment, QueryBreakdown, Results
-from isi.report.paper_values import VALUES, VOCABULARY, nothing
+from isi.report.data import Analysis, BreakdownTables, Experiment, Results
+from isi.report.paper_values import VALUES, VOCABULARY, empty
 
 #: Columns with what was measured.
 MEASURES = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr"]
@@ -20,7 +20,7 @@ def of_frames(value: Any, change: Frames) -> Any:
     """The same with every table of measures changed, in experiments and studies alike."""
     if isinstance(value, pd.DataFrame):
         return change(value) if {*MEASURES, "x"} & set(value) else value
-    if isinstance(value, Experiment | Analysis | QueryBreakdown):
+    if isinstance(value, Experiment | Analysis | BreakdownTables):
         return replace(value, **{one.name: of_frames(getattr(value, one.name), change) for one in fields(value)})
     if isinstance(value, Mapping):
         return {name: of_frames(own, change) for name, own in value.items()}
@@ -141,6 +141,6 @@ STRANGE: dict[str, Callable[[Results], Results]] = {
     "no rooms": unscened,
     "an empty explorer": unplaced,
     "studies without rows": unstudied,
-    "a paper that states nothing": lambda one: replace(one, paper=nothing(VALUES)),
-    "a vocabulary without words": lambda one: replace(one, vocabulary=nothing(VOCABULARY)),
+    "a paper that states nothing": lambda one: replace(one, paper=empty(VALUES)),
+    "a vocabulary without words": lambda one: replace(one, vocabulary=empty(VOCABULARY)),
 }

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from isi.report.data import QueryBreakdown, Results
+from isi.report.data import BreakdownTables, Results
 from isi.report.sections import graphs
 from isi.report.variants import OtherGraph
 from tests.reports import shown, small_results
@@ -66,7 +66,7 @@ def test_a_main_experiment_stands_before_the_others_by_its_runs_of_their_size() 
     results = results_with(graph("lab", GIVEN))
     home = replace(results.experiments["home"], runs=runs)
     results = replace(
-        results, experiments={"home": home}, query_breakdown={"home": QueryBreakdown(asked, pd.DataFrame())}
+        results, experiments={"home": home}, query_breakdown={"home": BreakdownTables(asked, pd.DataFrame())}
     )
     text, tables, (figure,) = shown("other_graphs", results)
     title = home.title

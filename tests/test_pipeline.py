@@ -503,14 +503,14 @@ def test_things_of_ones_own_go_from_their_files_to_the_report(tmp_path: Path) ->
     workspace.make(tmp_path, changes)
     for folder, name, own in (
         ("isi/initializers", "nearest", "initializer"), ("isi/families", "transh", "family"),
-        ("isi/sources", "notebook", "source"), ("isi/report/sections", "queries", "section"),
+        ("isi/sources", "notebook", "source"), ("isi/report/sections", "query_counts", "section"),
         ("stages", "count_triples", "stage"),
     ):  # fmt: skip
         (tmp_path / folder / f"{name}.py").write_text(documented.code(f"own {own}"), encoding="utf-8")
     contents = tmp_path / "isi/report/contents.py"
     listed = contents.read_text(encoding="utf-8")
-    assert listed.count('"run")') == 1
-    contents.write_text(listed.replace('"run")', '"queries", "run")'), encoding="utf-8")
+    assert listed.count('"run.run")') == 1
+    contents.write_text(listed.replace('"run.run")', '"query_counts.query_counts", "run.run")'), encoding="utf-8")
     pipeline = (tmp_path / "dvc.yaml").read_text(encoding="utf-8")
     own_stage = documented.block("own stage dvc", "yaml").removeprefix("stages:\n")
     (tmp_path / "dvc.yaml").write_text(pipeline.replace("\nplots:\n", f"\n{own_stage}\nplots:\n"), encoding="utf-8")

@@ -16,7 +16,7 @@ from isi.report import figures, stats
 from isi.report.models import colour, label
 from isi.report.sections import choices, convergence, forgetting, run, trajectory
 from isi.report.tables import Column, Estimate, Table, csv, number
-from isi.report.words import joined, listed, listed_epochs
+from isi.report.words import joined, listed_epochs, with_values
 from tests.reports import INITIALIZERS, runs, small_params
 
 
@@ -135,7 +135,7 @@ def test_numbers_of_files_have_two_decimals_or_four_digits() -> None:
 
 def test_numbers_in_sentences() -> None:
     assert [joined([]), joined(["a"]), joined("abc")] == ["none", "a", "a, b and c"]
-    assert listed({"es": 1.25, "rs": 2.0, "xavier": 3.0}, ["xavier", "es", "ers"]) == "Xavier 3.0 and ES 1.2"
+    assert with_values({"es": 1.25, "rs": 2.0, "xavier": 3.0}, ["xavier", "es", "ers"]) == "Xavier 3.0 and ES 1.2"
     assert listed_epochs({"iu": 40.0, "es": 1.0}, {"iu": 12.4, "es": 0.0}, ["iu", "es"]) == (
         "IU 40.0 (12 % of runs never converge) and ES 1.0"
     )

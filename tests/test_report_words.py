@@ -35,9 +35,9 @@ def test_a_word_is_marked_where_it_first_stands_in_a_part_and_only_as_a_word() -
         f"reseeds <code>seed</code> <a href='#x'>seeds</a> {link}"
     )
     assert marker.text("Mean epochs") == "Mean epochs"
-    assert marker.cell("Mean") == '<a class="term" href="#term-mean">Mean</a>'
-    assert marker.cell("Mean") == "Mean"
-    assert marker.cell("<b>") == "&lt;b&gt;"
+    assert marker.cell_text("Mean") == '<a class="term" href="#term-mean">Mean</a>'
+    assert marker.cell_text("Mean") == "Mean"
+    assert marker.cell_text("<b>") == "&lt;b&gt;"
 
 
 def test_every_word_has_a_place_of_its_own_and_every_initializer_is_explained() -> None:

@@ -74,7 +74,7 @@ def test_missing_rows_of_the_explorer_are_reported_in_one_line(table: str, left:
         left = 0
     rows = {**found.explorer.result, table: of_models.iloc[:left]}
     lacking = replace(found, explorer=replace(found.explorer, result=rows))
-    with pytest.raises(InputError, match=rf"^data/analyses/explorer/home\.\*\.parquet: expected .*places and answers"):
+    with pytest.raises(InputError, match=r"^data/analyses/explorer/home\.\*\.parquet: expected .*places and answers"):
         list(explorer.explorer(lacking))
 
 

@@ -14,7 +14,7 @@ import yaml
 from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS
 from isi.experiment.insert import FullCurves
 from isi.report import variants
-from isi.report.data import QueryBreakdown, Results
+from isi.report.data import BreakdownTables, Results
 from isi.report.figures import Figure
 from isi.report.models import described
 from isi.report.sections import paper
@@ -56,7 +56,7 @@ def test_entity_prediction_with_the_novel_entity_given_by_hand() -> None:
     asked = pd.DataFrame(rows, columns=columns).assign(experiment="home", size=5)
     one = replace(variant("insert_triples", {"home": {"es": [0.5]}}), queries=asked)
     # on: (0.8 + 3 · 0.4) / 4 = 0.5, three times observed; in: 0.9, once
-    (found,) = one.given.to_dict("records")
+    (found,) = one.given_queries.to_dict("records")
     assert found["mrr_star_entity"] == pytest.approx((3 * 0.5 + 0.9) / 4)
     assert (found["experiment"], found["model"], found["size"], found["seed"]) == ("home", "es", 5, 0)
     assert len(one.given_in("home")) == 1
@@ -126,7 +126,9 @@ def test_variants_are_read_as_far_as_they_ran_on_experiments_that_there_are(
     assert list(found) == ["second", "first"]
     assert found["first"].experiments == ["home"]
     assert set(found["first"].runs["experiment"]) == set(found["first"].queries["experiment"]) == {"home"}
-    pd.testing.assert_frame_equal(found["first"].given, one.given_in("home").reset_index(drop=True), check_dtype=False)
+    pd.testing.assert_frame_equal(
+        found["first"].given_queries, one.given_in("home").reset_index(drop=True), check_dtype=False
+    )
     assert list(variants.read(["home", "away"], small_params(["home", "away"]))) == ["elsewhere", "second", "first"]
 
 
@@ -321,7 +323,7 @@ def compared() -> Results:
     groups = queries_of("home", {"xavier": [0.5], "es": [0.5]}).assign(size=1)
     true = groups[(groups["novel"] == "given") & (groups["filter"] == "true")].assign(scope="all")
     true["mrr_star"] = np.where(true["model"] == "xavier", 0.4, np.where(true["hidden"] == "relation", 0.9, 0.7))
-    breakdown = {"home": QueryBreakdown(pd.concat([groups, true]), pd.DataFrame())}
+    breakdown = {"home": BreakdownTables(pd.concat([groups, true]), pd.DataFrame())}
     return replace(results, params=params, experiments=experiments, query_breakdown=breakdown)
 
 

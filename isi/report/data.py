@@ -117,7 +117,7 @@ class Analysis(Generic[T]):
 
 
 @dataclass(frozen=True, eq=False)
-class QueryBreakdown:
+class BreakdownTables:
     """MRR* of all models of an experiment by kind of query, right after insertion, and the joint model's make-up."""
 
     #: ``tables.ASKED``
@@ -144,7 +144,7 @@ class Results:
     observed: Mapping[str, MinedSource]
     mined: Mapping[str, pd.DataFrame]
     #: by experiment
-    query_breakdown: Mapping[str, QueryBreakdown] = field(default_factory=dict)
+    query_breakdown: Mapping[str, BreakdownTables] = field(default_factory=dict)
     #: by experiment, ``tables.RUNS`` of Θ⁰ trained on without any insertion
     finetune_only: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     #: of the second pipeline, by name; empty where it has not run
@@ -165,7 +165,7 @@ class Results:
     explorer: Analysis[Mapping[str, pd.DataFrame]] | None = None
 
     @property
-    def own(self) -> list[Experiment]:
+    def standalone(self) -> list[Experiment]:
         """Experiments whose entities are all of one graph of their own."""
         return [one for one in self.experiments.values() if one.settings.graph.extend is None]
 
@@ -176,7 +176,7 @@ class Results:
 
     def source_title(self, source: str) -> str:
         """What people call a source: the experiment with its graph."""
-        return next((one.title for one in self.own if one.settings.graph.source == source), source)
+        return next((one.title for one in self.standalone if one.settings.graph.source == source), source)
 
     @property
     def titles(self) -> dict[str, str]:
@@ -200,7 +200,7 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         observed={name: MinedSource(name, OBSERVATIONS.read_text(source=name), KINDS.read_text(source=name))
                   for name in sources},
         mined={name: MINED.read_text(source=name) for name in sources},
-        query_breakdown={name: QueryBreakdown(QUERY_BREAKDOWN.read_text(experiment=name),
+        query_breakdown={name: BreakdownTables(QUERY_BREAKDOWN.read_text(experiment=name),
                                               USED_COORDINATES.read_text(experiment=name))
                          for name in params.query_breakdown.experiments},
         variants=variants.read(experiments, params), other_graphs=variants.read_other_graphs(params),

@@ -83,7 +83,7 @@ class Marker:
         parts = re.split(r"(<(?:a|code)\b.*?</(?:a|code)>|<[^>]*>)", text)
         return "".join(part if place % 2 else self._pattern.sub(self._first, part) for place, part in enumerate(parts))
 
-    def cell(self, text: str) -> Markup:
+    def cell_text(self, text: str) -> Markup:
         """The text of a cell, which is a word as a whole or none."""
         term = self._of.get(text)
         return Markup(self._link(term, text) if term else escape(text))  # noqa: S704

@@ -61,12 +61,12 @@ def _rounded(values: Numbers) -> Numbers:
 def plots(results: Results) -> dict[str, pd.DataFrame]:
     """Means over seeds, one column a model."""
     frames = {}
-    for experiment in results.own:
+    for experiment in results.standalone:
         means = 100 * experiment.immediate.groupby(["scope", "size", "model"])["mrr_star"].mean().unstack("model")
         for scope in ("all", "novel"):
             rows = means.loc[scope] if scope in means.index.unique("scope") else means.head(0).droplevel("scope")
             frames[f"immediate_{scope}{experiment.suffix}"] = rows.reset_index()
-    named = [(experiment, f"curves_{{}}{experiment.suffix}") for experiment in results.own]
+    named = [(experiment, f"curves_{{}}{experiment.suffix}") for experiment in results.standalone]
     named += [(experiment, f"{experiment.name}_{{}}") for experiment in results.extended]
     for experiment, name in named:
         for scope in ("all", "novel_heldout", "known", "known_closed"):

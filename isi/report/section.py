@@ -156,7 +156,7 @@ _ENVIRONMENT = Environment(  # makes text, which the page escapes
     lstrip_blocks=True, autoescape=False,  # noqa: S701  # makes text, which the page escapes
 )  # fmt: skip
 _ENVIRONMENT.filters |= {
-    "joined": words.joined, "listed": words.listed, "listed_epochs": words.listed_epochs, "label": label,
+    "joined": words.joined, "with_values": words.with_values, "listed_epochs": words.listed_epochs, "label": label,
     "described": described, "capitalized": capitalized, "num": format,
     "labels": lambda models: words.joined(map(label, models)),
 }  # fmt: skip

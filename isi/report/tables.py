@@ -74,7 +74,7 @@ class Table:
         columns = [Column(label) if isinstance(label, str) else label for label in frame.columns]
         return cls(name, columns, frame.astype(object).to_numpy().tolist())
 
-    def cells(self, place: int) -> list[Cell]:
+    def column_cells(self, place: int) -> list[Cell]:
         """The cells of one column."""
         return [row[place] for row in self.rows]
 
@@ -83,7 +83,7 @@ class Table:
         """As files have it: the mean and the bounds of estimates in three columns."""
         found: dict[str, list[Any]] = {}
         for place, column in enumerate(self.columns):
-            cells = self.cells(place)
+            cells = self.column_cells(place)
             if any(isinstance(cell, Estimate) for cell in cells):
                 parts = [_numbers(cell) for cell in cells]
                 ends = zip(*parts, strict=True)
@@ -94,15 +94,15 @@ class Table:
 
     def is_text(self, place: int) -> bool:
         """Whether a column holds text; one with a form of its own holds numbers."""
-        return self.columns[place].form is None and any(isinstance(cell, str) for cell in self.cells(place))
+        return self.columns[place].form is None and any(isinstance(cell, str) for cell in self.column_cells(place))
 
     @property
     def texts(self) -> list[list[tuple[str, str]]]:
         """Of each row, the cells as people read them: the value, and its interval in brackets."""
         columns = []
         for place, column in enumerate(self.columns):
-            form = column.form or _plain(self.cells(place))
-            columns.append([_shown(cell, form) for cell in self.cells(place)])
+            form = column.form or _plain(self.column_cells(place))
+            columns.append([_shown(cell, form) for cell in self.column_cells(place)])
         return [list(row) for row in zip(*columns, strict=True)]
 
     @property

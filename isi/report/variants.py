@@ -55,14 +55,14 @@ class VariantRuns:
         return runs[(runs["experiment"] == experiment) & (runs["scope"] == scope) & (runs["epoch"] == 0)]
 
     @cached_property
-    def given(self) -> pd.DataFrame:
+    def given_queries(self) -> pd.DataFrame:
         """The entity half of the queries that give the novel entity, a row for each model and cell."""
         cells = by_direction(self.queries, _CELL)
         return cells[cells["scope"] == "given"].drop(columns="scope").reset_index(drop=True)
 
     def given_in(self, experiment: str) -> pd.DataFrame:
         """The same in one experiment."""
-        return self.given[self.given["experiment"] == experiment]
+        return self.given_queries[self.given_queries["experiment"] == experiment]
 
     def max_epochs(self, params: Params) -> int:
         """Epochs of fine-tuning, at most."""

@@ -23,7 +23,7 @@ _KIND = "kind_mean"
 
 def contents(results: Results) -> Iterator[Content]:
     """The answer of the first graph of its own; nothing where none of ISI, or not Xavier, was run on it."""
-    for experiment in results.own[:1]:
+    for experiment in results.standalone[:1]:
         given = novel_entity_given(results, experiment)
         methods = [name for name in isi(experiment.initializers) if name in given]
         if BASELINE not in experiment.initializers or not methods or not {BASELINE, JOINT} <= set(given):

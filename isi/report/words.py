@@ -41,7 +41,9 @@ def joined(parts: Iterable[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def listed(values: Mapping[str, float | Estimate], models: Iterable[str] | None = None, form: str = "{:.1f}") -> str:
+def with_values(
+    values: Mapping[str, float | Estimate], models: Iterable[str] | None = None, form: str = "{:.1f}"
+) -> str:
     """Each model with its value, of those that have one."""
     names = values if models is None else [model for model in models if model in values]
     return joined(f"{label(model)} {form.format(values[model])}" for model in names)

@@ -24,7 +24,7 @@ AS_CHOSEN = 1.0
 
 def convergence(results: Results) -> Iterator[Content]:
     """The same of every graph."""
-    return of_each(results.own, lambda experiment: of_experiment(results, experiment))
+    return of_each(results.standalone, lambda experiment: of_experiment(results, experiment))
 
 
 def of_experiment(results: Results, experiment: Experiment) -> Content:

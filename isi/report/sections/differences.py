@@ -23,8 +23,8 @@ _NAMED = 6
 
 def differences(results: Results) -> Iterator[Content]:
     """The same of every graph, where there is anything to compare."""
-    if any(len(one.initializers) > 1 for one in results.own):
-        yield from of_each(results.own, of_experiment)
+    if any(len(one.initializers) > 1 for one in results.standalone):
+        yield from of_each(results.standalone, of_experiment)
 
 
 def of_experiment(experiment: Experiment) -> Content:

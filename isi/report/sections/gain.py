@@ -48,9 +48,9 @@ class Gain:
 
 def controls(results: Results) -> Iterator[Content]:
     """The same of every graph, with a description of each control; nothing where no control was run."""
-    names = list(dict.fromkeys(name for one in results.own for name in of.controls(one.initializers)))
+    names = list(dict.fromkeys(name for one in results.standalone for name in of.controls(one.initializers)))
     if names:
-        yield from of_each(results.own, lambda one: of_runs(one.immediate, one.initializers, names))
+        yield from of_each(results.standalone, lambda one: of_runs(one.immediate, one.initializers, names))
 
 
 def of_runs(immediate: pd.DataFrame, initializers: Sequence[str], controls: Sequence[str]) -> Content:

@@ -80,11 +80,13 @@ def other_graphs(results: Results) -> Iterator[Content]:
     """All graphs side by side, what they share, and the same runs on each."""
     if not results.other_graphs:
         return
-    graphs = {one.title: (one.entities, one.triples) for one in results.own}
+    graphs = {one.title: (one.entities, one.triples) for one in results.standalone}
     graphs |= {one.runs.title: (one.entities, one.triples) for one in results.other_graphs.values()}
     others = {one.runs.title: one.runs for one in results.other_graphs.values()}
     first = next(iter(others.values()))
-    main = {one.title: as_variant(one, results, first) for one in results.own if one.name in results.query_breakdown}
+    main = {
+        one.title: as_variant(one, results, first) for one in results.standalone if one.name in results.query_breakdown
+    }
     runs_of = {title: runs for title, runs in (main | others).items() if runs.experiments}
     given = {title: runs.given_means(runs.experiments[0]) for title, runs in runs_of.items()}
     differences = {title: differences_of(runs) for title, runs in runs_of.items()}

@@ -25,7 +25,7 @@ TOP = 4
 
 def immediate(results: Results) -> Iterator[Content]:
     """MRR* right after insertion, of every graph."""
-    return of_each(results.own, lambda experiment: of_experiment(results, experiment))
+    return of_each(results.standalone, lambda experiment: of_experiment(results, experiment))
 
 
 def of_experiment(results: Results, experiment: Experiment) -> Content:

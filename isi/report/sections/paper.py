@@ -38,12 +38,12 @@ class Row(NamedTuple):
 
 def paper(results: Results) -> Iterator[Content]:
     """The paper's numbers beside the first graph and each other, where there is a graph of its own."""
-    if not results.own:
+    if not results.standalone:
         return
-    others = results.own[1:]
+    others = results.standalone[1:]
     columns = [Column("this run", form=shown, any_size=True)]
     columns += [Column(one.name, title=one.title, form=shown, any_size=True) for one in others]
-    rows = {column: rows_of(results, one) for column, one in zip(columns, results.own, strict=True)}
+    rows = {column: rows_of(results, one) for column, one in zip(columns, results.standalone, strict=True)}
     values = {column: {row[:2]: row.ours for row in of_graph} for column, of_graph in rows.items()}
     table = Table.of("paper_against_this_run", [
         {"where": row.where, "what": row.what, Column("paper", form=shown, any_size=True): row.paper,
@@ -231,7 +231,7 @@ def _transfer(graph: _Graph) -> Iterator[Row]:
         ("all_queries", "immediate MRR*, all queries", means.get("all", {})),
         ("novel_queries", "immediate MRR*, new entities' queries", means.get("novel", {})),
         ("epochs", "epochs to convergence after the transfer", epochs.get("all", {})),
-        ("drop", f"immediate drop of MRR* over {graph.results.own[0].title}'s entities, %", drops),
+        ("drop", f"immediate drop of MRR* over {graph.results.standalone[0].title}'s entities, %", drops),
     )
     for key, what, ours in parts:
         for name, number in paper[key].items():
@@ -253,7 +253,7 @@ def _table3(graph: _Graph) -> Iterator[Row]:
 
 def causes(results: Results) -> Iterator[Content]:
     """From this run to the paper: a row for each difference between them, and Figure 3b and Table 2 under some."""
-    found, first = of_group(results.variants, "causes"), next(iter(results.own), None)
+    found, first = of_group(results.variants, "causes"), next(iter(results.standalone), None)
     if not found or first is None or first.curve_size is None or BASELINE not in first.finetuned:
         return
     methods = isi(first.finetuned)
@@ -312,7 +312,7 @@ def of_variants(results: Results, found: Mapping[str, VariantRuns]) -> Iterator[
             epochs = _means(cells[cells["scope"] == "all"], "epochs", scale=1) if runs.variant.finetuned else {}
             title = f"{runs.title} ({results.titles[experiment]})"
             yield title, _means(runs.immediate(experiment, "all"), "mrr_star"), epochs
-    for one in results.own[1:]:
+    for one in results.standalone[1:]:
         if size := one.curve_size:
             yield f"{one.title}, {size} novel entities", _immediate(one, size), _epochs(one, size)
 

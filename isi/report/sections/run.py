@@ -29,10 +29,10 @@ def guide(results: Results) -> Iterator[Content]:
 
 def graph(results: Results) -> Iterator[Content]:
     """Each graph of its own, then the training on all."""
-    yield from of_each(results.own, lambda experiment: of_graph(results, experiment))
+    yield from of_each(results.standalone, lambda experiment: of_graph(results, experiment))
     shown = training({name: (one.theta0_log, one.joint_log) for name, one in results.experiments.items()},
                      {name: one.used for name, one in results.query_breakdown.items()}, results.titles)  # fmt: skip
-    yield Content({"of_all": True, "several": len(results.own) > 1}, [shown])
+    yield Content({"of_all": True, "several": len(results.standalone) > 1}, [shown])
 
 
 def of_graph(results: Results, experiment: Experiment) -> Content:

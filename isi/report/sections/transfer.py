@@ -66,7 +66,9 @@ def of_experiment(results: Results, experiment: Experiment) -> Content:
 def order(results: Results, experiment: Experiment, pairs: Mapping[str, Sequence[Pair]]) -> dict[str, Any] | None:
     """Whether ISI ends on the same side of Xavier as where this graph's own entities were inserted."""
     source = experiment.settings.graph.source
-    own = next((one for one in results.own if one.settings.graph.source == source and one.curve_size is not None), None)
+    own = next(
+        (one for one in results.standalone if one.settings.graph.source == source and one.curve_size is not None), None
+    )
     if own is None:
         return None
     here, there = (forgetting.against(found["known_closed"], BASELINE)
