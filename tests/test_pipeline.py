@@ -495,14 +495,17 @@ def test_things_of_ones_own_go_from_their_files_to_the_report(tmp_path: Path) ->
     changes |= {"training.batch_size": 64, "finetuning.batch_size": 64}
     changes |= {f"experiments.{name}": workspace.DROP for name in EXPERIMENTS}
     changes |= {f"sources.{name}": workspace.DROP for name in ("ai2thor", "mp3d", "published")}
-    studies = "sweep", "cross_validation", "rates", "approach", "compare_models", "affordances", "asking", "explorer"
+    studies = (
+        "sweep", "cross_validation", "rate_sweep", "trajectory", "compare_models", "affordances", "query_breakdown",
+        "explorer",
+    )  # fmt: skip
     for study in studies:
         changes[f"{study}.experiments"] = []
-    for own in ("initializer", "family", "source", "experiment"):
+    for own in ("initializer", "model", "source", "experiment"):
         changes |= documented.params(f"own {own} params")
     workspace.make(tmp_path, changes)
     for folder, name, own in (
-        ("isi/initializers", "nearest", "initializer"), ("isi/families", "transh", "family"),
+        ("isi/initializers", "nearest", "initializer"), ("isi/models", "transh", "model"),
         ("isi/sources", "notebook", "source"), ("isi/report/sections", "query_counts", "section"),
         ("stages", "count_triples", "stage"),
     ):  # fmt: skip
@@ -527,7 +530,7 @@ def test_things_of_ones_own_go_from_their_files_to_the_report(tmp_path: Path) ->
     assert "Nearest" in (tmp_path / "reports/tables/immediate.md").read_text(encoding="utf-8")
     assert (tmp_path / "reports/tables/queries.csv").stat().st_size
     assert "How much is asked" in (tmp_path / "reports/index.html").read_text(encoding="utf-8")
-    counted = pd.read_parquet(tmp_path / "data/analyses/triples/notebook.parquet").set_index("entity")["triples"]
+    counted = pd.read_parquet(tmp_path / "data/analyses/triple_counts/notebook.parquet").set_index("entity")["triples"]
     assert counted["apple"] == 3 + 6
 
 
