@@ -136,11 +136,12 @@ def test_a_scheduler_out_of_reach_ends_a_stage_in_one_line_that_names_the_key(tm
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]  # free, once closed
     compute = {"workers": 1, "stack": 1, "engine": "dask", "scheduler": f"tcp://127.0.0.1:{port}"}
-    (tmp_path / paths.PARAMS).write_text(yaml.safe_dump({"compute": compute}), encoding="utf-8")
+    params = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8")) | {"compute": compute}
+    (tmp_path / paths.PARAMS).write_text(yaml.safe_dump(params), encoding="utf-8")
     (tmp_path / paths.PIPELINE).write_text(yaml.safe_dump({"stages": {"nothing": {}}}), encoding="utf-8")
     stage = (
-        "from isi.stage import stage; from isi.experiment.runner import compute_of, run\n"
-        "def nothing(given): run(print, [], compute_of(given), 'nothing')\n"
+        "from isi.stage import stage; from isi.experiment.runner import run\n"
+        "def nothing(context): run(print, [], context.params.compute, 'nothing')\n"
         "stage(nothing)()"
     )
     ended = subprocess.run(
