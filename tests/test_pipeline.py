@@ -147,13 +147,14 @@ def test_an_embedding_of_the_whole_graph_is_kept_for_commands(folder: Path) -> N
         read(folder / "data/final_models/ai2thor"),
         pd.read_parquet(folder / "data/graph/ai2thor/triples.parquet"),
     )
-    assert kept.about.family == "analogy"
+    assert kept.manifest.model_name == "analogy"
     assert kept.entities.shape == (len(kept.entity_names), 8)
     named = [kept.entity_names, kept.relation_names, kept.entity_names]
     found = {tuple(names[row] for names, row in zip(named, triple, strict=True)) for triple in kept.triples.tolist()}
     assert found == set(triples[["head", "relation", "tail"]].astype(str).itertuples(index=False, name=None))
     log = pd.read_parquet(folder / "data/embeddings/ai2thor/joint.log.parquet")
-    assert kept.about.made["epochs"] == log[log["kept"]].groupby("seed")["epoch"].last().sort_values().iloc[1]  # of 3
+    last = log[log["kept"]].groupby("seed")["epoch"].last()
+    assert kept.manifest.made["epochs"] == last.sort_values().iloc[1]  # of 3
     assert kept.words is not None
     vectors = load_file(folder / "data/words/ai2thor/vectors.safetensors")["vectors"]
     assert (kept.words == vectors.numpy()).all()

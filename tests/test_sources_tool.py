@@ -92,7 +92,7 @@ def test_any_mapping_of_sources_is_run_and_those_that_cannot_be_are_told(capsys:
 def test_sources_of_all_files_of_params_are_listed(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text("sources:\n  mine: {reader: published}\n", encoding="utf-8")
     (tmp_path / "none.yaml").write_text("sources:\n", encoding="utf-8")
-    listed = sources.listed([paths.PARAMS, paths.BEYOND_PARAMS, tmp_path / "mine.yaml", tmp_path / "none.yaml"])
+    listed = sources.source_settings([paths.PARAMS, paths.BEYOND_PARAMS, tmp_path / "mine.yaml", tmp_path / "none.yaml"])
     assert {*read(paths.PARAMS)["sources"], *read(paths.BEYOND_PARAMS)["graphs"], "mine"} <= set(listed)
 
 
@@ -113,7 +113,7 @@ def test_a_source_that_names_its_own_entities_is_counted_by_its_kinds(tmp_path: 
 def test_sources_that_cannot_be_listed_are_refused_in_one_line(tmp_path: Path, text: str, place: str) -> None:
     (tmp_path / "mine.yaml").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=rf"mine\.yaml: {place}"):
-        sources.listed([paths.PARAMS, tmp_path / "mine.yaml"])
+        sources.source_settings([paths.PARAMS, tmp_path / "mine.yaml"])
 
 
 def test_the_command_writes_a_table_and_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

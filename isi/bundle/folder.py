@@ -132,15 +132,11 @@ def read(folder: Path) -> Bundle:
     names, kinds, phrases = map(list, columns or ([], [], []))
     relations = [name for (name,) in _rows(folder / RELATIONS, contents[RELATIONS], RELATION_COLUMNS)]
     entity_ids, relation_ids = distinct_names(folder / ENTITIES, names), distinct_names(folder / RELATIONS, relations)
-    triples = triple_ids(
-        folder / TRIPLES, _rows(folder / TRIPLES, contents[TRIPLES], TRIPLE_COLUMNS), entity_ids, relation_ids, 2
-    )
-    for name, rows, expected in (
-        (ENTITIES, names, manifest.entities), (RELATIONS, relations, manifest.relations),
-        (TRIPLES, triples, manifest.triples),
-    ):  # fmt: skip
-        if len(rows) != expected:
-            raise InputError(folder / name, "", f"expected {expected} rows, as {MANIFEST} says, got {len(rows)}")
+    _check_rows(folder / ENTITIES, names, manifest.entities)
+    _check_rows(folder / RELATIONS, relations, manifest.relations)
+    rows = _rows(folder / TRIPLES, contents[TRIPLES], TRIPLE_COLUMNS)
+    triples = triple_ids(folder / TRIPLES, rows, entity_ids, relation_ids, first=2)
+    _check_rows(folder / TRIPLES, rows, manifest.triples)
     _check_inserted(folder / MANIFEST, manifest, names, relation_ids)
     for name, content in contents.items():
         if manifest.files.get(name) != _sha256(content):
@@ -157,6 +153,11 @@ def read(folder: Path) -> Bundle:
         triples,
         tensors.get("words"),
     )
+
+
+def _check_rows(path: Path, rows: Sequence[object], expected: int) -> None:
+    if len(rows) != expected:
+        raise InputError(path, "", f"expected {expected} rows, as {MANIFEST} says, got {len(rows)}")
 
 
 def _content(path: Path) -> bytes:

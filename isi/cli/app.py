@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Parameter, ValidationError
 from cyclopts.validators import Number
 
 from isi.errors import InputError, cut, short
@@ -18,6 +18,8 @@ from isi.tables import paths
 
 #: The embedding that the pipeline trains for the commands.
 DEFAULT = paths.final_model("ai2thor")
+#: Characters of a message about the command line, at most.
+MOST = 200
 #: Commands: where their function is, and what they do.
 COMMANDS = {
     "insert": ("entity:insert", "Give a new entity a vector from what is known of it, and report the consequences."),
@@ -84,13 +86,18 @@ def make_app() -> App:
 def main(argv: Sequence[str] | None = None) -> None:
     """Run a command; a mistake on the command line ends it with status 2, another one with status 1, in one line."""
     with one_line("isi"):
-        tokens = list(sys.argv[1:] if argv is None else argv) or ["COMMAND"]
-        name = f"isi {tokens[0]}" if tokens[0] in COMMANDS else "isi"
+        tokens = list(sys.argv[1:] if argv is None else argv)
+        name = f"isi {tokens[0]}" if tokens and tokens[0] in COMMANDS else "isi"
         with one_line(name):
             try:
+                if not tokens:
+                    raise CycloptsError(f"expected a COMMAND: {', '.join(COMMANDS)}")
                 command, arguments, _ = make_app().parse_args(tokens, print_error=False, exit_on_error=False)
             except CycloptsError as error:
-                print(f"{name}: {cut(' '.join(str(error).split()), 200)}; see --help", file=sys.stderr)
+                message = " ".join(str(error).split())
+                if isinstance(error, ValidationError) and error.argument and len(message) > MOST:  # it repeats a value
+                    message = f"{error.argument.name}: {error.exception_message}"
+                print(f"{name}: {cut(message, MOST)}; see --help", file=sys.stderr)
                 sys.exit(2)
             command(*arguments.args, **arguments.kwargs)
 

@@ -29,7 +29,7 @@ def misnamed() -> None:
 
 def misspelt() -> None:
     lay_out()
-    paths.PARAMS.write_text("embedding: {family: distmlt, dimension: 2, init_range: 0.1}\n", encoding="utf-8")
+    paths.PARAMS.write_text("embedding: {model: distmlt, dimension: 2, init_range: 0.1}\n", encoding="utf-8")
 
 
 def elsewhere() -> None:
@@ -45,24 +45,24 @@ def texts() -> None:
 
 
 GRAPH_CASES = [
-    Typed("no file", "graph", "the following arguments are required", status=2),
+    Typed("no file", "graph", "FILE", status=2),
     Typed("no such file", "graph none.csv", "none.csv"),
     Typed("the file as a setting", "graph log.csv --set path=other.csv", "--set|path"),
     Typed("the reader as a setting", "graph log.csv --set reader=rdf", "--set|reader"),
     Typed("a reader that reads no file", "graph log.csv --reader published", "reader published"),
-    Typed("a setting without a value", "graph log.csv --set room", "argument --set", status=2),
-    Typed("a setting that is no YAML", "graph log.csv --set kinds={", "argument --set", status=2),
-    Typed("a setting that is nested too deep", f"graph log.csv --set kinds={'[' * 3000}", "argument --set", status=2),
-    Typed("a setting without a key", "graph log.csv --set =3", "argument --set", status=2),
-    Typed("a setting of no type", "graph log.csv --set 'kinds=!!bool x'", "argument --set", status=2),
-    Typed("a setting of an impossible day", "graph log.csv --set kinds=2024-02-31", "argument --set", status=2),
-    Typed("a number of thousands of digits", f"graph log.csv --min-count {'9' * 5000}", "argument --min-count",
+    Typed("a setting without a value", "graph log.csv --set room", "--set", status=2),
+    Typed("a setting that is no YAML", "graph log.csv --set kinds={", "--set", status=2),
+    Typed("a setting that is nested too deep", f"graph log.csv --set kinds={'[' * 3000}", "--set", status=2),
+    Typed("a setting without a key", "graph log.csv --set =3", "--set", status=2),
+    Typed("a setting of no type", "graph log.csv --set 'kinds=!!bool x'", "--set", status=2),
+    Typed("a setting of an impossible day", "graph log.csv --set kinds=2024-02-31", "--set", status=2),
+    Typed("a number of thousands of digits", f"graph log.csv --min-count {'9' * 5000}", "--min-count",
           status=2),
-    Typed("a setting that the reader does not have", "graph log.csv --set room=kitchen", "--set.room"),
-    Typed("a setting of another type", "graph log.csv --set household=often", "--set.household"),
+    Typed("a setting that the reader does not have", "graph log.csv --set room=kitchen", "--set|room"),
+    Typed("a setting of another type", "graph log.csv --set household=often", "--set|household"),
     Typed("a setting that lacks something", "graph log.csv --set 'kinds={atLocation: thing}'",
-          "--set.kinds.atLocation"),
-    Typed("a count of none", "graph log.csv --min-count 0", "argument --min-count", status=2),
+          "--set|kinds.atLocation"),
+    Typed("a count of none", "graph log.csv --min-count 0", "--min-count", status=2),
     Typed("triples that are rarer than asked for", "graph log.csv --min-count 9", "log.csv"),
     Typed("files that give an entity two kinds", "graph log.csv more.csv --set household=true",
           "more.csv|entity 'fill'",
@@ -86,8 +86,8 @@ GRAPH_CASES = [
 ]  # fmt: skip
 
 EXPORT_CASES = [
-    Typed("no form", "export home --out x", "the following arguments are required", status=2),
-    Typed("a name that is none", "export ../home --format turtle --out x", "argument EXPERIMENT", status=2),
+    Typed("no form", "export home --out x", "--format", status=2),
+    Typed("a name that is none", "export ../home --format turtle --out x", "EXPERIMENT", status=2),
     Typed("neither an experiment nor an embedding", "export --format turtle --out x", "--embedding"),
     Typed("both", "export home --embedding home --format turtle --out x", "--embedding"),
     Typed("an experiment that there is not", "export transfr --format turtle --out x", "EXPERIMENT"),
@@ -95,13 +95,13 @@ EXPORT_CASES = [
           "data/beyond/graphs/virtualhome/entities.parquet|missing"),
     Typed("an experiment without a graph", "export transfer --format turtle --out x",
           "data/graph/transfer/entities.parquet|missing"),
-    Typed("a number that is none", f"{TURTLE} --predictions many", "argument --predictions", status=2),
+    Typed("a number that is none", f"{TURTLE} --predictions many", "--predictions", status=2),
     Typed("a seed of an embedding", "export --embedding home --format turtle --out x --seed 1", "--seed"),
     Typed("a seed without a model", f"{TURTLE} --predictions 1 --seed 5",
           "data/embeddings/home/joint.safetensors|seed 5", before=lay_out),
     Typed("a model of another graph", f"{TURTLE} --predictions 1", "data/embeddings/home/joint.safetensors",
           before=smaller),
-    Typed("an unknown family in params", f"{TURTLE} --predictions 1", "params.yaml|families.distmlt", before=misspelt),
+    Typed("an unknown family in params", f"{TURTLE} --predictions 1", "params.yaml|models.distmlt", before=misspelt),
     Typed("predictions of a graph of the second pipeline", "export there --format turtle --out x --predictions 1",
           "--predictions|there", before=elsewhere),
     Typed("a name that no tool would read", "export --embedding home --format turtle --out x",

@@ -93,8 +93,8 @@ def infinite() -> np.ndarray:
 
 
 TYPED_CASES = [
-    Typed("no folder to write", "import mine", "the following arguments are required", status=2),
-    Typed("a setting that is none", "import mine --set margin=x --out out", "argument --set", status=2),
+    Typed("no folder to write", "import mine", "--out", status=2),
+    Typed("a setting that is none", "import mine --set margin --out out", "--set", status=2),
     Typed("no family", "import mine --out out", "--family", before=with_tables()),
     Typed("settings beside a pickle", "import mine --trust-pickle --set margin=2 --out out", "--trust-pickle",
           before=lists),
@@ -102,7 +102,7 @@ TYPED_CASES = [
     Typed("no tensors", TYPED, "mine", before=lists),
     Typed("no such file of tensors", f"{TYPED} --tensors t.npz", "t.npz", before=lists),
     Typed("tensors of another form", f"{TYPED} --tensors t.h5", "t.h5", before=lists),
-    Typed("an option that the family does not have", f"{TYPED} --set margin=2", "--family|distmult",
+    Typed("an option that the family does not have", f"{TYPED} --set margin=2", "--family|margin",
           before=with_tables()),
     Typed("a margin that nothing tells", "import mine --family transe --out out", "--set|margin",
           before=lambda: (lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").unlink()),
@@ -122,7 +122,7 @@ TENSOR_CASES = [
           :3])),
     Typed("the same, where triples tell the margin", "import mine --family transe --out out",
           "mine/tables.npz|relations", before=with_tables(relations=LABELS[:, :3])),
-    Typed("a width that the family does not have", "import mine --family complex --out out", "--family|complex",
+    Typed("a width that the family does not have", "import mine --family complex --out out", "--family|dimension",
           before=with_tables(entities=ENTITIES[:, :3], relations=LABELS[:, :3])),
     Typed("infinity", TYPED, "mine/tables.npz|entities", before=with_tables(entities=infinite())),
     Typed("one dimension", TYPED, "mine/tables.npz|entities", before=with_tables(entities=ENTITIES[0])),

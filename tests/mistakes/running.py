@@ -18,6 +18,8 @@ import isi
 from isi.__main__ import main
 from isi.errors import InputError
 from isi.insertion.result import Inserted
+from isi.params import load, load_beyond
+from isi.process import one_line
 from tests.mistakes import of_pykeen
 from tests.mistakes.calls import Program, Typed
 from tests.small_embedding import call, fit
@@ -55,6 +57,10 @@ def _run(module: str, arguments: list[str]) -> None:
         patch.setattr(sys, "argv", [module, *arguments])
         if module == "isi":
             main(arguments)
+        elif module == "isi.params":  # pydantic resolves its types in the module of that name
+            with one_line("params"):
+                load_beyond(load())
+            sys.exit(0)
         else:
             runpy.run_module(module, run_name="__main__")
 

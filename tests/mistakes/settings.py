@@ -71,7 +71,7 @@ PARAMS_CASES = [
           before=params({"initializers.joint": {}})),
     Typed("a list of an unknown initializer", "", "params.yaml|plots.initializers",
           before=params({"plots.initializers": ["xaver"]})),
-    Typed("an experiment twice", "", "params.yaml|asking.experiments",
+    Typed("an experiment twice", "", "params.yaml|query_breakdown.experiments",
           before=params({"query_breakdown.experiments": ["ai2thor", "ai2thor"]})),
     Typed("a study of an unknown experiment", "", "params.yaml|sweep.experiments",
           before=params({"sweep.experiments": ["ai2tor"]})),
@@ -80,7 +80,7 @@ PARAMS_CASES = [
     Typed("a study of more seeds than its experiment has", "", "params.yaml|sweep.seeds",
           before=params({"sweep.seeds": 31})),
     Typed("k that does not ascend", "", "params.yaml|sweep", before=params({"sweep.k": [2, 1]})),
-    Typed("the rate of the main experiment once more", "", "params.yaml|rates", before=params({"rate_sweep.factors": [1]})),  # noqa: E501
+    Typed("the rate of the main experiment once more", "", "params.yaml|rate_sweep", before=params({"rate_sweep.factors": [1]})),  # noqa: E501
     Typed("too many settings", "", "params.yaml|cross_validation", before=params({"cross_validation.ratio": [1, 2,
           3, 4, 6]})),
     Typed("an entity of the table twice", "", "params.yaml|affordances",
