@@ -140,5 +140,7 @@ def _explained(error: OSError) -> InputError:
 
 def _drop_output() -> None:
     """Let nothing more be written, which Python would try at its end."""
+    if not isinstance(sys.stdout, io.TextIOWrapper):
+        return
     with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
         os.dup2(nowhere.fileno(), sys.stdout.fileno())

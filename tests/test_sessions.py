@@ -323,8 +323,10 @@ def make(folder: Path, monkeypatch: pytest.MonkeyPatch, graph: Graph, how: dict[
     """What ``make_sessions`` draws of a graph, where entities have these columns."""
     monkeypatch.chdir(folder)
     shutil.copy(Path(__file__).parent.parent / paths.PIPELINE, paths.PIPELINE)
-    given = {"seed": 0, "sessions": SHARES, "experiments": {"home": {"sessions": how}}}
-    paths.PARAMS.write_text(yaml.safe_dump(given), encoding="utf-8")
+    params = yaml.safe_load((Path(__file__).parent.parent / paths.PARAMS).read_text(encoding="utf-8"))
+    entry = params["experiments"]["transfer" if how["novel"] == "added" else "ai2thor"]
+    params["experiments"]["home"] = entry | {"sessions": how}
+    paths.PARAMS.write_text(yaml.safe_dump(params | {"seed": 0, "sessions": SHARES}), encoding="utf-8")
     names = np.array(graph.entities)
     entities = pd.DataFrame({"entity": names, "phrase": names, "kind": "object", "source": "here"} | columns)
     head, relation, tail = graph.triples.numpy().T

@@ -92,7 +92,9 @@ def test_any_mapping_of_sources_is_run_and_those_that_cannot_be_are_told(capsys:
 def test_sources_of_all_files_of_params_are_listed(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text("sources:\n  mine: {reader: published}\n", encoding="utf-8")
     (tmp_path / "none.yaml").write_text("sources:\n", encoding="utf-8")
-    listed = sources.source_settings([paths.PARAMS, paths.BEYOND_PARAMS, tmp_path / "mine.yaml", tmp_path / "none.yaml"])
+    listed = sources.source_settings(
+        [paths.PARAMS, paths.BEYOND_PARAMS, tmp_path / "mine.yaml", tmp_path / "none.yaml"]
+    )
     assert {*read(paths.PARAMS)["sources"], *read(paths.BEYOND_PARAMS)["graphs"], "mine"} <= set(listed)
 
 

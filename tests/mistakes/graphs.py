@@ -40,7 +40,7 @@ def elsewhere() -> None:
 
 
 def texts() -> None:
-    columns = {"head": ["a"], "relation": ["b"], "tail": ["c"], "count": ["2"]}
+    columns = {"head": ["a"], "relation": ["b"], "tail": ["c"], "count": ["two"]}
     pd.DataFrame(columns).to_parquet("log.parquet")
 
 
@@ -74,7 +74,7 @@ GRAPH_CASES = [
     Typed("JSON in another encoding", "graph a.json", "a.json", before=put(a__json=b"\xff")),
     Typed("lists in lists, 200,000 deep", "graph a.json", "a.json", before=put(a__json="[" * 200_000)),
     Typed("a file where the folder is to be", "graph log.csv --out log.csv", "log.csv"),
-    Typed("a column of another type", "graph log.parquet", "log.parquet|column 'count'", before=texts),
+    Typed("a column of another type", "graph log.parquet", "log.parquet|count", before=texts),
     Typed("a folder of houses that there is not", f"graph nowhere {HOUSES}", "nowhere",
           before=put(v__yaml="structure: [wall]\nsame_as: {}\n")),
     Typed("a category of the vocabulary that is structure, too", f"graph nowhere {HOUSES}", "v.yaml|same_as",
