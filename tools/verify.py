@@ -135,7 +135,7 @@ def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
               Check("unconverged %", 6e-3)]  # fmt: skip
     vectors, at_once, epochs, unconverged = checks
     cells = [(one, size, seed) for one in experiments for size, seed, session in one.novel if session == 1]
-    if params["embedding"]["family"] == "analogy":
+    if params["embedding"]["model"] == "analogy":
         chosen = [cells[place] for place in np.random.default_rng(seed).permutation(len(cells))[:number]]
         left_open = sum(check_vectors(*cell, params["initializers"], vectors) for cell in chosen)
         for cell in chosen:
