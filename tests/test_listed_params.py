@@ -29,7 +29,7 @@ CHANGES: dict[str, Any] = small.SMALL | {
     "sweep.k": [2], "sweep.size": 1, "sweep.seeds": 1, "rate_sweep.size": 1, "rate_sweep.factors": [2.0],
     "cross_validation.folds": 2, "cross_validation.dimension": [], "cross_validation.ratio": [2],
     "cross_validation.learning_rate": [], "cross_validation.weight_decay": [], "compare_models.seeds": 1,
-    "trajectory.size": 1, "trajectory.epochs": 1,
+    "trajectory.size": 2, "trajectory.epochs": 1,
 }  # fmt: skip
 VARIANT = {
     "title": "another rate", "group": "causes", "experiments": [NAME], "initializers": ["rs"], "size": 1, "seeds": 1,
@@ -49,7 +49,7 @@ HIDDEN = {
 COMMANDS = (
     *small.STAGES, f"insert {NAME} xavier", f"insert {NAME} ers", f"finetune_only {NAME}", f"rank_affordances {NAME}",
     f"break_down_queries {NAME}", f"sweep_indicators {NAME} es", f"sweep_rates {NAME} rs", f"cross_validate {NAME}",
-    f"compare_models {NAME} distmult", f"train_final {NAME}", f"single_insertions {NAME}",
+    f"trace_trajectory {NAME}", f"compare_models {NAME} distmult", f"train_final {NAME}", f"single_insertions {NAME}",
     "vary rate", "explore again", "insert_hidden nations",
 )  # fmt: skip
 

@@ -358,7 +358,7 @@ def test_each_repeat_of_the_transfer_has_ai2thors_entities_and_its_ten(folder: P
     assert entities["entity"][: len(old)].tolist() == old["entity"].tolist()
     novel, told = table("sessions/transfer/novel"), table("sessions/transfer/insert_triples")
     ids = dict(zip(entities["entity"], entities.index, strict=True))
-    answers = table("studies/affordances/transfer").query("initializer == 'es'")
+    answers = table("analyses/affordances/transfer").query("initializer == 'es'")
     for seed, split in table("sessions/transfer/splits").groupby("seed"):
         drawn = set(novel[novel["seed"] == seed]["entity"])
         assert len(drawn) == 10
@@ -382,10 +382,10 @@ def test_editing_the_indicators_of_es_re_runs_es_and_the_report_alone(folder: Pa
     before = {
         path: path.read_bytes()
         for path in files
-        if path.name.split(".")[0] != "es" and path.parent.name not in ("approach", "affordances", "asking", "explorer")
+        if path.name.split(".")[0] != "es" and path.parent.name not in ("trajectory", "affordances", "query_breakdown", "explorer")
     }
     set_param(folder, "initializers.es.k", 3)
-    again = {*(f"insert@{name}-es" for name in EXPERIMENTS), *(f"ask@{name}" for name in EXPERIMENTS),
+    again = {*(f"insert@{name}-es" for name in EXPERIMENTS), *(f"break_down_queries@{name}" for name in EXPERIMENTS),
              "sweep_rates@ai2thor-es", "trace_trajectory@ai2thor", "single_insertions@ai2thor", "rank_affordances@transfer",  # noqa: E501
              "report"}  # fmt: skip
     assert ran(dvc(folder, "repro")) == again
