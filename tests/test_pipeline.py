@@ -273,7 +273,6 @@ def verified(folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=environment)
 
 
-@pytest.mark.xfail(reason="tools.verify reads the report's tables by earlier names")
 def test_other_code_computes_the_same_from_the_tables_alone(folder: Path) -> None:
     ended = verified(folder)
     assert ended.returncode == 0, ended.stdout + ended.stderr
@@ -306,7 +305,6 @@ def alter_table(folder: Path) -> None:
     table.to_csv(path, index=False)
 
 
-@pytest.mark.xfail(reason="tools.verify reads the report's tables by earlier names")
 @pytest.mark.parametrize(
     ("alter", "said"),
     [
@@ -329,7 +327,6 @@ def test_a_number_that_was_altered_is_found(
     assert line.startswith(said)
 
 
-@pytest.mark.xfail(reason="reads tables by earlier names of columns")
 def test_every_number_that_the_paper_states_has_a_row_beside_ours(folder: Path) -> None:
     def leaves(value: Any) -> list[float]:
         parts = list(value.values()) if isinstance(value, dict) else None
@@ -348,7 +345,6 @@ def test_every_number_that_the_paper_states_has_a_row_beside_ours(folder: Path) 
     assert (own["paper"], own["this run"]) == (85.7, pytest.approx(100 * at_once, abs=0.01))
 
 
-@pytest.mark.xfail(reason="reads tables by earlier names of columns")
 def test_each_repeat_of_the_transfer_has_ai2thors_entities_and_its_ten(folder: Path) -> None:
     def table(path: str) -> pd.DataFrame:
         return pd.read_parquet(folder / f"data/{path}.parquet")
@@ -382,7 +378,8 @@ def test_editing_the_indicators_of_es_re_runs_es_and_the_report_alone(folder: Pa
     before = {
         path: path.read_bytes()
         for path in files
-        if path.name.split(".")[0] != "es" and path.parent.name not in ("trajectory", "affordances", "query_breakdown", "explorer")
+        if path.name.split(".")[0] != "es"
+        and path.parent.name not in ("trajectory", "affordances", "query_breakdown", "explorer")
     }
     set_param(folder, "initializers.es.k", 3)
     again = {*(f"insert@{name}-es" for name in EXPERIMENTS), *(f"break_down_queries@{name}" for name in EXPERIMENTS),
@@ -459,10 +456,10 @@ def test_nothing_of_one_experiment_depends_on_another() -> None:
         "trace_trajectory",
         "single_insertions",
         "rank_affordances",
-        "ask",
+        "break_down_queries",
         "finetune_only",
         "compare_models",
-        "keep",
+        "train_final",
     )
     for stage, name in names.items():
         after = {names[other] for other in nx.ancestors(graph, stage) if other in names} - {"report"}

@@ -52,7 +52,6 @@ def strange(draw: st.DrawFn) -> data.Results:
     return found
 
 
-@pytest.mark.xfail(reason="one strange result is not rendered yet")
 @settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(found=strange())
 def test_strange_results_make_a_whole_report(tmp_path_factory: pytest.TempPathFactory, found: data.Results) -> None:
