@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, example, given, settings
 from hypothesis import strategies as st
 
 from isi.errors import InputError
@@ -52,8 +52,16 @@ def strange(draw: st.DrawFn) -> data.Results:
     return found
 
 
-@settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+def without_baseline() -> data.Results:
+    """A control and one of ISI, and no Xavier to compare them with."""
+    models = {name: SHIPPED[name] for name in ("es", "mean")}
+    return small_results(["home"], False, initializers=models)
+
+
+@settings(max_examples=3, deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate],
+          suppress_health_check=list(HealthCheck))  # fmt: skip
 @given(found=strange())
+@example(found=without_baseline())
 def test_strange_results_make_a_whole_report(tmp_path_factory: pytest.TempPathFactory, found: data.Results) -> None:
     written(tmp_path_factory.mktemp("report"), found)
 

@@ -89,10 +89,10 @@ def parts(immediate: pd.DataFrame, models: Sequence[str]) -> list[Gain]:
     found = []
     pairs = [step for method in isi(models) for step in steps(method, models)]
     pairs += [(WHOLE, method, BASELINE) for method in isi(models)]
-    pairs += [twin for twin in _TWINS if {*twin[1:]} <= set(models)]
+    pairs = [pair for pair in dict.fromkeys([*pairs, *_TWINS]) if {*pair[1:]} <= set(models)]  # Xavier may lack
     for scope, half in product(SCOPES, HALVES):
         cells = 100 * cells_of(immediate, models, scope, half)
-        for part, first, second in dict.fromkeys(pairs):
+        for part, first, second in pairs:
             points = difference(by_seed(cells[first], cells[second]))
             if points.seeds:
                 found.append(Gain(scope, half, part, first, second, points))
