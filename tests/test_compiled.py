@@ -14,8 +14,8 @@ import torch
 from isi.experiment.grid import GridPoints
 from isi.graph.sessions import TRAIN, session_of
 from isi.models.bilinear import ANALOGY
-from isi.models.interaction import Distance, Interaction
 from isi.models.model import Model, make_model
+from isi.models.scoring import Distance, Interaction
 from isi.models.stack import Embedding, select, uniform
 from isi.training import trainer
 from isi.training.batches import Negatives, TrainingData, batches, sample_epoch, training_data

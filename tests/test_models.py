@@ -17,10 +17,9 @@ from isi.evaluation.query_sets import validation
 from isi.evaluation.ranking import evaluate
 from isi.experiment.grid import GridPoints
 from isi.graph.sessions import session_of
-from isi.models.interaction import Interaction
 from isi.models.model import MODELS, Model, RelationMapModel, make_model, register_model
+from isi.models.scoring import DenseTriples, Interaction, TripleList
 from isi.models.stack import Embedding, select, uniform
-from isi.models.triples import DenseTriples, TripleList
 from isi.tables import paths
 from isi.training import trainer
 from isi.training.batches import DenseBatch, Negatives, batches, training_data

@@ -10,10 +10,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from isi.models import bits
 from isi.models.bilinear import BlockModel
-from isi.models.interaction import EPSILON, Distance
 from isi.models.model import make_model
+from isi.models.scoring import EPSILON, Distance, padded
 from isi.models.stack import uniform
 from tests.small_graphs import ANALOGY, dense, random_embedding
 
@@ -136,6 +135,6 @@ def test_numbers_apart_from_their_neighbours_are_bit_identical() -> None:
     values = torch.linspace(-7, 7, 1003)
     functions: list[Callable[[Tensor], Tensor]] = [torch.sigmoid, torch.cos, torch.sin]
     for function in functions:
-        whole = bits.padded(function, values)
-        assert all(torch.equal(bits.padded(function, values[first:]), whole[first:]) for first in range(40))
-        assert torch.equal(bits.padded(function, values[:1000].view(10, 100)).flatten(), whole[:1000])
+        whole = padded(function, values)
+        assert all(torch.equal(padded(function, values[first:]), whole[first:]) for first in range(40))
+        assert torch.equal(padded(function, values[:1000].view(10, 100)).flatten(), whole[:1000])

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from isi.initializers.soft import soft_hybrid
 
 from isi.analyses.single_insertions import (
     SHOWN,
@@ -26,7 +27,6 @@ from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insert import InsertConfig, InsertTask, insert_stack
 from isi.experiment.train import TrainTask, train_stack
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
-from isi.initializers.soft import soft_hybrid
 from isi.models.stack import Embedding
 from tests.small_graphs import ANALOGY, graph_of
 from tests.small_grid import ENTITIES, LEARNING, MARGIN, OPTIMIZER, SAMPLED, WORDS, insert_tasks, stacks, theta0

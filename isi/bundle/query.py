@@ -19,9 +19,8 @@ from isi.bundle.names import find
 from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion.arguments import checked_model, stack_of_one, table
-from isi.models.finite import LARGEST
 from isi.models.model import Model
-from isi.models.stack import Embedding
+from isi.models.stack import LARGEST, Embedding
 
 #: Share of the similar entities that must stand in a slot for it to be queried.
 ENOUGH = 0.1

@@ -19,7 +19,7 @@ from tqdm import tqdm
 from isi.config import Count, Section
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints
-from isi.models.finite import NotFinite
+from isi.models.stack import NotFinite
 from isi.process import serve
 from isi.tables import paths
 from isi.training.batches import DENSE_LIMIT
@@ -117,7 +117,7 @@ def run_task(function: Callable[[Task], Done], task: Task, device: str) -> Done:
             return function(replace(whole, points=replace(task.points, graph=task.points.graph.on(found))))
     except NotFinite as error:
         seeds = [task.points.seeds[place] for place in error.models]
-        raise InputError(paths.PARAMS, str(replace(task.points, seeds=seeds)), error.problem) from error
+        raise InputError(paths.PARAMS, str(replace(task.points, seeds=seeds)), error.message) from error
 
 
 def device_of(name: str) -> torch.device:

@@ -207,21 +207,14 @@ class Registered:
 INITIALIZERS: Plugins[Registered] = Plugins("isi.initializers")
 
 
-def initializer(
-    name: str, *, label: str | None = None, role: Role = "own", colour: str | None = None, description: str = "",
-    defaults: Mapping[str, Any] | None = None, needs: tuple[Need, ...] = (), cost: Cost = "triples",
-    grid: Mapping[str, Sequence[Any]] | None = None,
-) -> Callable[[Initializer], Initializer]:  # fmt: skip
-    """Register a function as an initializer; see ``Registered`` for the arguments.
+def initializer(name: str, *, label: str | None = None, **about: Any) -> Callable[[Initializer], Initializer]:
+    """Register a function as an initializer; ``about`` are further fields of ``Registered``.
 
     The function's parameters after the context are its options, and their types say what they may be.
     """
 
     def register(function: Initializer) -> Initializer:
-        registered = Registered(
-            name, function, label or name, role, colour, description, defaults or {}, needs, cost, grid
-        )
-        INITIALIZERS.register(name, registered)
+        INITIALIZERS.register(name, Registered(name, function, label or name, **about))
         return function
 
     return register

@@ -1,4 +1,4 @@
-"""Baselines of the literature: means of neighbours, ERAvg, noise around the kind's mean, and a map from words."""
+"""Baselines beyond the paper: means of all known entities by similarity, ERAvg, neighbours, noise, a map from words."""
 
 from __future__ import annotations
 
@@ -12,18 +12,79 @@ from torch.nn.functional import normalize
 from isi.config import NotNegative, Positive
 from isi.initializers.api import NONE, InitContext, InitResult, initializer
 from isi.initializers.controls import standard_normal
-from isi.initializers.map import cell_anchors, insert_triple_table
 from isi.initializers.similarity import (
+    Weigh,
+    cell_anchors,
     centroid,
-    centroid_of_first,
     everyone_known,
-    has_insert_triples,
-    has_words,
+    insert_triple_table,
     mean_of_first,
+    mean_relational_score,
     same_kind,
     weights_of_first,
     word_eligible,
+    word_similarity,
 )
+
+_WEIGHTS = [4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0]
+_TEMPERATURES = [0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2]
+
+
+@initializer(
+    "soft_es", label="Soft ES", role="baseline", colour="#56a3d9", cost="entities", needs=("words",),
+    defaults={"temperature": 0.07}, grid={"temperature": _TEMPERATURES},
+    description="Soft ES: the mean of all known entities, weighted by the similarity of their names.",
+)  # fmt: skip
+def soft_entity_similarity(context: InitContext, temperature: Positive) -> InitResult:
+    """Mean by softmax(cos / temperature) of word vectors (Nadaraya and Watson's estimate; ConSE); else soft RS."""
+    return mean_of_first(
+        context,
+        words=lambda: softmax(word_similarity(context) / temperature, word_eligible(context)),
+        triples=lambda: _soft_by_relations(context, temperature),
+    )
+
+
+@initializer(
+    "soft_rs", label="Soft RS", role="baseline", colour="#4cc2a0", cost="entities", needs=("insert_triples", "inverse"),
+    defaults={"temperature": 0.02}, grid={"temperature": _TEMPERATURES},
+    description="Soft RS: the mean of all known entities, weighted by how near they are to where the insert triples "
+    "point.",
+)  # fmt: skip
+def soft_relational_similarity(context: InitContext, temperature: Positive) -> InitResult:
+    """Mean by softmax(score / temperature), the score of equation 5 over the number of relations seen."""
+    return mean_of_first(context, triples=lambda: _soft_by_relations(context, temperature))
+
+
+@initializer(
+    "soft_hybrid", label="Soft hybrid", role="baseline", colour="#b8488f", cost="entities",
+    needs=("words", "insert_triples", "inverse"), defaults={"word_weight": 12.0, "relation_weight": 32.0},
+    grid={"word_weight": _WEIGHTS, "relation_weight": _WEIGHTS},
+    description="Soft hybrid: the mean of all known entities, weighted by names and by relations, each with its "
+    "temperature.",
+)  # fmt: skip
+def soft_hybrid(context: InitContext, word_weight: NotNegative, relation_weight: NotNegative) -> InitResult:
+    """Mean by the softmax of ``word_weight`` · cosine of words + ``relation_weight`` · mean relational score.
+
+    A weight is the inverse of a temperature. A novel entity that lacks words or insert triples has the softmax of the
+    other part alone.
+    """
+    similar, related = word_weight * word_similarity(context), relation_weight * mean_relational_score(context)
+    named = word_eligible(context)
+    return mean_of_first(
+        context,
+        both=lambda: softmax(similar + related, named),
+        triples=lambda: softmax(related, context.eligible[:, None]),
+        words=lambda: softmax(similar, named),
+    )
+
+
+def softmax(score: Tensor, eligible: Tensor) -> Tensor:
+    """Softmax of scores, (M, n, E), over the eligible entities; zero where there is none."""
+    return torch.softmax(score.masked_fill(~eligible, -torch.inf), -1).nan_to_num(0)
+
+
+def _soft_by_relations(context: InitContext, temperature: float) -> Tensor:
+    return softmax(mean_relational_score(context) / temperature, context.eligible[:, None])
 
 
 @initializer(
@@ -33,8 +94,7 @@ from isi.initializers.similarity import (
 )  # fmt: skip
 def class_noise(context: InitContext, fraction: NotNegative) -> InitResult:
     """Kind mean + fraction · σ · N(0, 1), with the kind's deviation σ of each coordinate (see ``kind_mean``)."""
-    everyone = torch.ones_like(context.novel, dtype=torch.bool)
-    kind, fallback = weights_of_first(context, (NONE, everyone, lambda: same_kind(context)))
+    kind, fallback = weights_of_first(context, nothing=lambda: same_kind(context))
     noise = fraction * deviation(context, kind) * standard_normal(context)
     return InitResult(centroid(context, kind, fallback).vectors + noise, fallback)
 
@@ -53,9 +113,9 @@ def deviation(context: InitContext, among: Tensor) -> Tensor:
 )  # fmt: skip
 def entity_relation_average(context: InitContext) -> InitResult:
     """Mean over the insert triples of where their known ends meet the novel one; the centroid where there are none."""
-    weights, able = insert_triple_table(context).flatten(2), has_insert_triples(context)
+    weights = insert_triple_table(context).flatten(2)
     mean = weights @ cell_anchors(context.theta0) / weights.sum(-1, keepdim=True).clamp(min=1)
-    return _where_able(context, able, mean)
+    return _or_centroid(context, mean, triples=lambda: everyone_known(context))
 
 
 @initializer(
@@ -64,8 +124,7 @@ def entity_relation_average(context: InitContext) -> InitResult:
 )  # fmt: skip
 def neighbour_mean(context: InitContext) -> InitResult:
     """Mean of the known ends of the insert triples, each as often as they name it."""
-    triples = has_insert_triples(context)
-    return mean_of_first(context, (NONE, triples, lambda: insert_triple_table(context).sum((2, 3))))
+    return mean_of_first(context, triples=lambda: insert_triple_table(context).sum((2, 3)))
 
 
 @initializer(
@@ -75,7 +134,9 @@ def neighbour_mean(context: InitContext) -> InitResult:
 )  # fmt: skip
 def projection(context: InitContext, penalty: Positive) -> InitResult:
     """Ridge regression from word vectors of unit length; the centroid where there is none."""
-    return _where_able(context, has_words(context) & word_eligible(context).any(-1), predicted(context, penalty))
+    return _or_centroid(
+        context, predicted(context, penalty), words=lambda: word_eligible(context).any(-1, keepdim=True)
+    )
 
 
 def predicted(context: InitContext, penalty: float) -> Tensor:
@@ -89,8 +150,8 @@ def predicted(context: InitContext, penalty: float) -> Tensor:
     return to_entity + (words[context.novel] - from_words) @ slopes
 
 
-def _where_able(context: InitContext, able: Tensor, vectors: Tensor) -> InitResult:
-    """Vectors, (M, n, d), of the novel entities that have them, (M, n); the centroid of the known for the others."""
-    centre = centroid_of_first(context, (NONE, able, lambda: everyone_known(context)))
-    vectors = torch.where(able[..., None], vectors.to(centre.vectors.dtype), centre.vectors)
+def _or_centroid(context: InitContext, vectors: Tensor, **ways: Weigh) -> InitResult:
+    """Vectors, (M, n, d), of the novel entities that the first way serves; the centroid of the known for the others."""
+    centre = centroid(context, everyone_known(context), weights_of_first(context, **ways)[1])
+    vectors = torch.where((centre.fallback == NONE)[..., None], vectors.to(centre.vectors.dtype), centre.vectors)
     return replace(centre, vectors=vectors, weights=None, is_centroid=False)

@@ -14,7 +14,6 @@ from isi.initializers.similarity import (
     centroid_of_first,
     cosines,
     everyone_known,
-    has_insert_triples,
     nearest_by_words,
     relational_score,
     resultants,
@@ -41,8 +40,7 @@ def mean(context: InitContext) -> InitResult:
 )  # fmt: skip
 def kind_mean(context: InitContext) -> InitResult:
     """Centroid of the known entities of the novel one's kind; of all known where there is none."""
-    everyone = torch.ones_like(context.novel, dtype=torch.bool)
-    return centroid_of_first(context, (NONE, everyone, lambda: same_kind(context)))
+    return centroid_of_first(context, nothing=lambda: same_kind(context))
 
 
 @initializer(
@@ -87,7 +85,7 @@ def known_moments(context: InitContext) -> tuple[Tensor, Tensor]:
 )  # fmt: skip
 def permuted_entity_similarity(context: InitContext, k: Count) -> InitResult:
     """ES with the word vectors dealt out anew among the entities that have one."""
-    return nearest_by_words(context, dealt_word_similarity(context, permuted_words(context)), k)
+    return _es_of_dealt(context, dealt_words(context, "es_permuted", torch.zeros_like(context.kinds)), k)
 
 
 @initializer(
@@ -97,19 +95,13 @@ def permuted_entity_similarity(context: InitContext, k: Count) -> InitResult:
 )  # fmt: skip
 def permuted_within_kinds(context: InitContext, k: Count) -> InitResult:
     """ES with the word vectors dealt out anew among the entities of a kind that have one."""
-    dealt = dealt_words(context, "es_permuted_kinds", context.kinds)
-    return nearest_by_words(context, dealt_word_similarity(context, dealt), k)
+    return _es_of_dealt(context, dealt_words(context, "es_permuted_kinds", context.kinds), k)
 
 
-def dealt_word_similarity(context: InitContext, dealt: Tensor) -> Tensor:
-    """``word_similarity``, each entity with the word vector that it is dealt, (M, E); shape (M, n, E)."""
+def _es_of_dealt(context: InitContext, dealt: Tensor, k: int) -> InitResult:
+    """ES, each entity with the word vector of the entity that it is dealt, (M, E)."""
     similarity = cosines(context.words)[dealt.gather(1, context.novel)]
-    return similarity.gather(-1, dealt[:, None].expand_as(similarity))
-
-
-def permuted_words(context: InitContext) -> Tensor:
-    """Whose word vector each entity is dealt, in each model; shape (M, E)."""
-    return dealt_words(context, "es_permuted", torch.zeros_like(context.kinds))
+    return nearest_by_words(context, similarity.gather(-1, dealt[:, None].expand_as(similarity)), k)
 
 
 def dealt_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
@@ -144,7 +136,7 @@ def relational_similarity_alive(context: InitContext, k: Count) -> InitResult:
     models = torch.arange(len(context.novel))[:, None, None]
     alpha = resultants(context) * alive(context.theta0)[models, context.relation]
     chosen = top_k(relational_score(context, alpha), context.eligible[:, None], k)
-    return centroid_of_first(context, (NONE, has_insert_triples(context), lambda: chosen))
+    return centroid_of_first(context, triples=lambda: chosen)
 
 
 def alive(theta0: Embedding) -> Tensor:

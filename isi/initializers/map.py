@@ -2,8 +2,8 @@
 
 Each insert triple is a positive. It brings the negatives that training expects of it: ``ratio`` copies with another
 known end, spread over all known entities (true ones among them, as in training), and ``ratio`` with another relation.
-Positives and negatives are weights of cells: (whether the novel entity is the head or the tail, relation, other end),
-K = 2 · R · E of them in this order. Where a score is linear in a vector, that of a cell is ⟨v, α⟩.
+Positives and negatives are weights of cells (see ``insert_triple_table``). Where a score is linear in a vector, that
+of a cell is ⟨v, α⟩.
 """
 
 from __future__ import annotations
@@ -17,12 +17,17 @@ from torch.linalg import inv_ex, solve
 from torch.nn.functional import softplus
 
 from isi.config import Count, NotNegative, Positive
-from isi.initializers.api import NONE, InitContext, InitResult, initializer
-from isi.initializers.similarity import centroid_of_first, everyone_known, has_insert_triples, nearest_by_both
-from isi.initializers.soft import soft_hybrid
-from isi.models import bits
-from isi.models.finite import NotFinite
-from isi.models.stack import Embedding, select
+from isi.initializers.api import InitContext, InitResult, initializer
+from isi.initializers.baselines import soft_hybrid
+from isi.initializers.similarity import (
+    cell_anchors,
+    centroid_of_first,
+    everyone_known,
+    insert_triple_table,
+    nearest_by_both,
+)
+from isi.models.scoring import padded
+from isi.models.stack import Embedding, NotFinite, select
 
 #: Share of an isotropic covariance of equal trace in that of the prior, whose rank is below d.
 SHRINKAGE = 0.1
@@ -50,28 +55,12 @@ class Evidence:
     precision: Tensor
 
 
-def insert_triple_table(context: InitContext) -> Tensor:
-    """Insert triples of each novel entity by cell: as head, then as tail; shape (M, n, 2, R, E), float32."""
-    relations, entities = context.theta0.relation.shape[1], context.theta0.entity.shape[1]
-    cell = (context.novel_is_tail * relations + context.relation) * entities + context.other
-    table = torch.zeros(*context.novel.shape, 2 * relations * entities)
-    table.scatter_add_(-1, cell, context.observed.float())
-    return table.view(*context.novel.shape, 2, relations, entities)
-
-
 def expected_negatives(context: InitContext, positive: Tensor, ratio: int) -> Tensor:
     """Corrupted triples that are expected of positives, (M, n, 2, R, E); the same shape."""
     share = context.known / context.known.sum(-1, keepdim=True)
     by_end = positive.sum(-1, keepdim=True) * share[:, None, None, None]
     by_relation = (positive.sum(3, keepdim=True) - positive) / max(1, positive.shape[3] - 1)
     return ratio * (by_end + by_relation)
-
-
-def cell_anchors(theta0: Embedding) -> Tensor:
-    """α of each cell: where its known end meets a head, then where it meets a tail; shape (M, K, d)."""
-    entity, relation = theta0.entity[:, None], theta0.relation[:, :, None]
-    there, back = theta0.model.transform(entity, relation), theta0.model.transform_tail(entity, relation)
-    return torch.stack([back, there], 1).flatten(1, 3)
 
 
 def covariance(context: InitContext) -> Tensor:
@@ -157,7 +146,7 @@ def newton(known: Evidence, theta0: Embedding, at: Tensor, alpha: Tensor | None)
         alpha: of each cell, where f is linear.
     """
     slopes = score_gradients(theta0, at) if alpha is None else alpha
-    weight, likely = known.positive + known.negative, bits.padded(torch.sigmoid, scores(theta0, at))
+    weight, likely = known.positive + known.negative, padded(torch.sigmoid, scores(theta0, at))
     gradient = (weight * likely - known.positive) @ slopes + (at - known.mean) @ known.precision
     bend = (weight * likely * (1 - likely)).float()  # in single precision, since it only shapes the step
     step = -solve(gram(slopes.float(), bend).double() + known.precision[:, None], gradient)
@@ -266,4 +255,4 @@ def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
 
 def _mean_of_known(context: InitContext) -> InitResult:
     """The centroid of the known entities, as a fallback where there are no insert triples."""
-    return centroid_of_first(context, (NONE, has_insert_triples(context), lambda: everyone_known(context)))
+    return centroid_of_first(context, triples=lambda: everyone_known(context))

@@ -6,10 +6,9 @@ import torch
 from numpy.random import Generator
 
 from isi.config import Count
-from isi.initializers.api import NONE, InitContext, InitResult, initializer, without_weights
+from isi.initializers.api import InitContext, InitResult, initializer, without_weights
 from isi.initializers.similarity import (
     centroid_of_first,
-    has_insert_triples,
     nearest_by_both,
     nearest_by_words,
     relational_score,
@@ -57,10 +56,7 @@ def entity_similarity(context: InitContext, k: Count) -> InitResult:
 )  # fmt: skip
 def relational_similarity(context: InitContext, k: Count) -> InitResult:
     """Centroid of the k entities nearest to where the insert triples put the novel one (equations 4 and 5)."""
-    triples = has_insert_triples(context)
-    return centroid_of_first(
-        context, (NONE, triples, lambda: top_k(relational_score(context), context.eligible[:, None], k))
-    )
+    return centroid_of_first(context, triples=lambda: top_k(relational_score(context), context.eligible[:, None], k))
 
 
 @initializer(

@@ -9,13 +9,13 @@ from torch import Tensor
 from torch.nn.functional import normalize, one_hot
 
 from isi.initializers.api import CENTROID, ES, NONE, RS, InitContext, InitResult, NoRelationMap
+from isi.models.stack import Embedding
 
 #: Numbers in a table of the cosines of every two entities, up to which it is made as a whole.
 WHOLE = 2**24
 
-#: A way to weigh known entities: its code, an index into ``FALLBACKS``; which novel entities it can serve, (M, n);
-#: and what makes the weights, or a mask of indicators, (M, n, E). It is called where a novel entity needs it.
-Way = tuple[int, Tensor, Callable[[], Tensor]]
+#: Makes weights of known entities, or a mask of indicators, (M, n, E).
+Weigh = Callable[[], Tensor]
 
 
 def word_similarity(context: InitContext) -> Tensor:
@@ -70,46 +70,69 @@ def nearest_by_words(context: InitContext, similarity: Tensor, k: int) -> InitRe
     """Centroid of the k entities of highest word similarity, (M, n, E); RS where there is no word vector."""
     return centroid_of_first(
         context,
-        (NONE, has_words(context), lambda: top_k(similarity, word_eligible(context), k)),
-        (RS, has_insert_triples(context), lambda: top_k(relational_score(context), context.eligible[:, None], k)),
+        words=lambda: top_k(similarity, word_eligible(context), k),
+        triples=lambda: top_k(relational_score(context), context.eligible[:, None], k),
     )
 
 
 def nearest_by_both(context: InitContext, k: int, candidates: int) -> InitResult:
     """RS among the best of ES (equation 6); whichever half there is where the other is missing."""
-    words, triples = has_words(context), has_insert_triples(context)
     similar, related = word_similarity(context), relational_score(context)
     preliminary = top_k(similar, word_eligible(context), candidates)
     return centroid_of_first(
         context,
-        (NONE, words & triples, lambda: top_k(related, preliminary, k)),
-        (RS, triples, lambda: top_k(related, context.eligible[:, None], k)),
-        (ES, words, lambda: top_k(similar, word_eligible(context), k)),
+        both=lambda: top_k(related, preliminary, k),
+        triples=lambda: top_k(related, context.eligible[:, None], k),
+        words=lambda: top_k(similar, word_eligible(context), k),
     )
 
 
-def weights_of_first(context: InitContext, *ways: Way) -> tuple[Tensor, Tensor]:
-    """Of several ways to weigh known entities, the first that can serve a novel entity; else all known weigh alike.
+def insert_triple_table(context: InitContext) -> Tensor:
+    """Insert triples of each novel entity by cell: as head, then as tail; shape (M, n, 2, R, E), float32.
+
+    A cell is (whether the novel entity is the tail, relation, other end); there are K = 2 · R · E, in this order.
+    """
+    relations, entities = context.theta0.relation.shape[1], context.theta0.entity.shape[1]
+    cell = (context.novel_is_tail * relations + context.relation) * entities + context.other
+    table = torch.zeros(*context.novel.shape, 2 * relations * entities)
+    table.scatter_add_(-1, cell, context.observed.float())
+    return table.view(*context.novel.shape, 2, relations, entities)
+
+
+def cell_anchors(theta0: Embedding) -> Tensor:
+    """α of each cell: where its known end meets a head, then where it meets a tail; shape (M, K, d)."""
+    entity, relation = theta0.entity[:, None], theta0.relation[:, :, None]
+    there, back = theta0.model.transform(entity, relation), theta0.model.transform_tail(entity, relation)
+    return torch.stack([back, there], 1).flatten(1, 3)
+
+
+def weights_of_first(context: InitContext, **ways: Weigh) -> tuple[Tensor, Tensor]:
+    """Of ways to weigh known entities, the first that can serve a novel entity; else all known ones weigh alike.
+
+    Args:
+        ways: in this order, by what they need of a novel entity: ``words``, insert ``triples``, ``both`` or
+            ``nothing``. All but the first are fallbacks. A way is called where a novel entity needs it.
 
     Returns:
-        weights or indicators, and the code of whose they are; shapes (M, n, E), (M, n).
+        weights or indicators, and the index in ``FALLBACKS`` of whose they are; shapes (M, n, E), (M, n).
     """
-    chosen = everyone_known(context)
-    fallback = torch.full(context.novel.shape, CENTROID)
-    unserved = torch.ones_like(context.novel, dtype=torch.bool)
-    for code, able, make in ways:
-        if (able & unserved).any():
-            weights = make()
-            serves = able & unserved & (weights != 0).any(-1)
+    words, triples = has_words(context), has_insert_triples(context)
+    has = {"words": words, "triples": triples, "both": words & triples, "nothing": torch.ones_like(words)}
+    chosen, fallback = everyone_known(context), torch.full(context.novel.shape, CENTROID)
+    unserved = torch.ones_like(words)
+    for number, (needed, weigh) in enumerate(ways.items()):
+        if (has[needed] & unserved).any():
+            weights = weigh()
+            serves = has[needed] & unserved & (weights != 0).any(-1)
             chosen = torch.where(serves[..., None], weights, chosen)
-            fallback = torch.where(serves, code, fallback)
+            fallback = torch.where(serves, {"words": ES, "triples": RS}[needed] if number else NONE, fallback)
             unserved &= ~serves
     return chosen, fallback
 
 
-def centroid_of_first(context: InitContext, *ways: Way) -> InitResult:
+def centroid_of_first(context: InitContext, **ways: Weigh) -> InitResult:
     """The centroid of the indicators of the first way that can serve a novel entity (see ``weights_of_first``)."""
-    return centroid(context, *weights_of_first(context, *ways))
+    return centroid(context, *weights_of_first(context, **ways))
 
 
 def centroid(context: InitContext, indicators: Tensor, fallback: Tensor) -> InitResult:
@@ -119,9 +142,9 @@ def centroid(context: InitContext, indicators: Tensor, fallback: Tensor) -> Init
     return InitResult((mask @ context.theta0.entity) / number, fallback, mask.double() / number, is_centroid=True)
 
 
-def mean_of_first(context: InitContext, *ways: Way) -> InitResult:
+def mean_of_first(context: InitContext, **ways: Weigh) -> InitResult:
     """The mean by the weights of the first way that can serve a novel entity (see ``weights_of_first``)."""
-    weights, fallback = weights_of_first(context, *ways)
+    weights, fallback = weights_of_first(context, **ways)
     weights = weights.to(context.theta0.entity.dtype)
     weights = weights / weights.sum(-1, keepdim=True)
     return InitResult(weights @ context.theta0.entity, fallback, weights)

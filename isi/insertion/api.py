@@ -31,8 +31,8 @@ from isi.insertion.arguments import (
 from isi.insertion.choose import Choice, Sizes, choose, most_together
 from isi.insertion.result import Inserted
 from isi.insertion.words import Source, word_table
-from isi.models.finite import NotFinite
 from isi.models.model import Model
+from isi.models.stack import NotFinite
 
 #: Numbers in the table of weights that a result keeps, at most.
 MOST_WEIGHTS = 2**24

@@ -15,9 +15,8 @@ import torch
 
 from isi.errors import InputError, meant, short
 from isi.graph.graph import HEAD, TAIL, Graph
-from isi.models.finite import NotFinite
 from isi.models.model import Model, make_model
-from isi.models.stack import Embedding
+from isi.models.stack import Embedding, NotFinite
 from isi.tables import paths
 
 P = ParamSpec("P")

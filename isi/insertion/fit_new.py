@@ -14,9 +14,8 @@ from isi.config import Seed, check
 from isi.errors import InputError, short
 from isi.graph.sessions import TRAIN, Session
 from isi.insertion.arguments import Triple, checked_arguments, graph_of, names_of, renamed, stack_of_one, table
-from isi.models.finite import NotFinite
 from isi.models.model import Model
-from isi.models.stack import Embedding
+from isi.models.stack import Embedding, NotFinite
 from isi.training.batches import Negatives, is_dense, training_data
 from isi.training.trainer import Optimizer, train
 
@@ -95,7 +94,7 @@ def _trained(
     try:
         return train(theta, data, negatives, optimizer, seed, _until_the_last_epoch)
     except NotFinite as error:
-        raise InputError("fit_new", "", error.problem) from error
+        raise InputError("fit_new", "", error.message) from error
 
 
 def _until_the_last_epoch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:  # noqa: ARG001

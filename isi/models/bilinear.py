@@ -21,9 +21,8 @@ import torch
 from torch import Tensor
 
 from isi.errors import InputError
-from isi.models.interaction import Backward, Interaction, Product
 from isi.models.model import RelationMapModel, register_model
-from isi.models.triples import Triples
+from isi.models.scoring import Backward, Triples
 from isi.tables import paths
 
 #: Smallest |r| of a scalar and smallest x² + y² of a block by which ``inverse`` divides.
@@ -36,20 +35,12 @@ class BlockModel(RelationMapModel):
     #: of a hundred coordinates, how many are scalars
     scalars: ClassVar[int]
 
-    @property
-    def interaction(self) -> Interaction:
-        return Product()
-
     def width(self, dimension: int) -> int:
         multiple = next(m for m in range(1, 201) if m * self.scalars % 100 == 0 == m * (100 - self.scalars) % 200)
         if dimension % multiple:
             expected = f"expected a multiple of {multiple}, as {type(self).__name__} needs"
             raise InputError(paths.PARAMS, f"dimension {dimension}", expected)
         return dimension
-
-    def first_block(self, dimension: int) -> int:
-        """Coordinates before the blocks."""
-        return dimension * self.scalars // 100
 
     def maps(self, relation: Tensor) -> Tensor:
         """(r, x, y) of relations, (..., w); shape (..., d)."""
@@ -65,60 +56,54 @@ class BlockModel(RelationMapModel):
 
     def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
         """Wv = vᵀWᵀ: the y of each block changes its sign."""
-        scalars, x, y = self._parts(self.maps(relation))
+        scalars, x, y = self.parts(self.maps(relation))
         return self._apply(torch.cat([scalars, x, -y], -1), vectors)
 
     def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:
         """vᵀW⁻¹, with |r| and x² + y² clamped to at least ``CLAMP``."""
-        scalars, x, y = self._parts(self.maps(relation))
+        scalars, x, y = self.parts(self.maps(relation))
         sign = torch.where(scalars < 0, -1.0, 1.0)
         norm = (x * x + y * y).clamp(min=CLAMP)
         return self._apply(torch.cat([sign / scalars.abs().clamp(min=CLAMP), x / norm, -y / norm], -1), vectors)
 
     def magnitudes(self, relation: Tensor) -> dict[str, Tensor]:
         """|r| of the scalars and sqrt(x² + y²) of the blocks of relations, (..., w); shapes (..., parts)."""
-        scalars, x, y = self._parts(self.maps(relation))
+        scalars, x, y = self.parts(self.maps(relation))
         return {"scalars": scalars.abs(), "blocks": torch.hypot(x, y)}
 
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
         straight, crossed = (triples.relations(factor) for factor in self._factors(self.maps(relation)))
         heads, swapped = triples.heads(entity), triples.heads(self._swap(entity))
-        memory, mapped = triples.empty_mapped(entity)
+        memory, mapped = triples.empty(entity, entity.shape[-1])
         torch.mul(heads, straight, out=mapped).addcmul_(swapped, crossed)
 
         def backward(by_mapped: Tensor) -> tuple[Tensor, Tensor]:
             by_entity = triples.by_head(by_mapped * straight, (by_mapped * crossed, self._swap))
-            by_straight, by_crossed = triples.by_relation(by_mapped * heads), triples.by_relation(by_mapped * swapped)
-            return by_entity, self.maps_backward(self._factors_backward(by_straight, by_crossed), relation)
+            scalars, straight_a, straight_b = self.parts(triples.by_relation(by_mapped * heads))
+            _, crossed_a, crossed_b = self.parts(triples.by_relation(by_mapped * swapped))
+            by_maps = torch.cat([scalars, straight_a + straight_b, crossed_b - crossed_a], -1)
+            return by_entity, self.maps_backward(by_maps, relation)
 
         return memory, backward
 
-    def _apply(self, maps: Tensor, vectors: Tensor) -> Tensor:
-        """vᵀW; shapes (..., d)."""
-        straight, crossed = self._factors(maps)
-        return torch.addcmul(vectors * straight, self._swap(vectors), crossed)
-
-    def _parts(self, vectors: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Scalars, a-halves and b-halves."""
-        first = self.first_block(vectors.shape[-1])
+    def parts(self, vectors: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Scalars, a-halves and b-halves of vectors, or scalars, x and y of maps, (..., d)."""
+        first = vectors.shape[-1] * self.scalars // 100
         middle = (first + vectors.shape[-1]) // 2
         return vectors[..., :first], vectors[..., first:middle], vectors[..., middle:]
 
+    def _apply(self, maps: Tensor, vectors: Tensor) -> Tensor:
+        straight, crossed = self._factors(maps)
+        return torch.addcmul(vectors * straight, self._swap(vectors), crossed)
+
     def _swap(self, vectors: Tensor) -> Tensor:
-        """Exchange the a- and b-halves of the blocks; scalars stay. Shape (..., d)."""
-        scalars, a, b = self._parts(vectors)
+        scalars, a, b = self.parts(vectors)
         return torch.cat([scalars, b, a], -1)
 
     def _factors(self, maps: Tensor) -> tuple[Tensor, Tensor]:
         """(r, x, x) and (0, -y, y) of (r, x, y); shapes (..., d)."""
-        scalars, x, y = self._parts(maps)
+        scalars, x, y = self.parts(maps)
         return torch.cat([scalars, x, x], -1), torch.cat([torch.zeros_like(scalars), -y, y], -1)
-
-    def _factors_backward(self, straight: Tensor, crossed: Tensor) -> Tensor:
-        """Gradient by maps from those by their two factors; shape (..., d)."""
-        scalars, straight_a, straight_b = self._parts(straight)
-        _, crossed_a, crossed_b = self._parts(crossed)
-        return torch.cat([scalars, straight_a + straight_b, crossed_b - crossed_a], -1)
 
 
 @register_model("analogy")

@@ -13,11 +13,9 @@ import torch
 from torch import Tensor
 
 from isi.config import Positive
-from isi.models import bits
 from isi.models.bilinear import BlockModel
-from isi.models.interaction import Backward, Distance, Interaction
 from isi.models.model import Model, RelationMapModel, register_model
-from isi.models.triples import Triples
+from isi.models.scoring import Backward, Distance, Interaction, Triples, padded
 
 
 class Translation(Model):
@@ -26,19 +24,17 @@ class Translation(Model):
     distance = True
 
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """v + r."""
         return vectors + relation
 
     def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """v - r."""
         return vectors - relation
 
 
-@register_model("transe")
 @dataclass(frozen=True)
-class TransE(Translation, RelationMapModel):
-    """f(h, r, t) = margin - ‖vₕ + r - vₜ‖, or margin minus its square."""
+class DistanceModel(RelationMapModel):
+    """f(h, r, t) = margin - ‖transform(h, r) - vₜ‖, or margin minus its square."""
 
+    distance = True
     margin: Positive
     squared: bool = False
 
@@ -46,11 +42,14 @@ class TransE(Translation, RelationMapModel):
     def interaction(self) -> Interaction:
         return Distance(self.margin, self.squared)
 
-    def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        return self.inverse(vectors, relation)
+
+@register_model("transe")
+@dataclass(frozen=True)
+class TransE(Translation, DistanceModel):
+    """f(h, r, t) = margin - ‖vₕ + r - vₜ‖, or margin minus its square."""
 
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
-        memory, mapped = triples.empty_mapped(entity)
+        memory, mapped = triples.empty(entity, entity.shape[-1])
         torch.add(triples.heads(entity), triples.relations(relation), out=mapped)
         return memory, lambda by_mapped: (triples.by_head(by_mapped), triples.by_relation(by_mapped))
 
@@ -68,22 +67,15 @@ class TransEL1(Translation):
 
 @register_model("rotate")
 @dataclass(frozen=True)
-class RotatE(BlockModel):
+class RotatE(DistanceModel, BlockModel):
     """f(h, r, t) = margin - ‖vₕᵀW - vₜ‖, or margin minus its square, where W has blocks of x = cos θ, y = sin θ.
 
     A relation's row holds the angles θ.
     """
 
-    distance = True
     complex_vectors = True
     angles = True
     scalars = 0
-    margin: Positive
-    squared: bool = False
-
-    @property
-    def interaction(self) -> Interaction:
-        return Distance(self.margin, self.squared)
 
     def width(self, dimension: int) -> int:
         return super().width(dimension) // 2
@@ -93,7 +85,7 @@ class RotatE(BlockModel):
         return math.pi
 
     def maps(self, relation: Tensor) -> Tensor:
-        return torch.cat([bits.padded(torch.cos, relation), bits.padded(torch.sin, relation)], -1)
+        return torch.cat([padded(torch.cos, relation), padded(torch.sin, relation)], -1)
 
     def maps_backward(self, by_maps: Tensor, relation: Tensor) -> Tensor:
         """By θ: cos θ times the gradient by y, minus sin θ times that by x."""

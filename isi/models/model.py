@@ -17,8 +17,7 @@ import torch
 from torch import Tensor
 
 from isi.config import Count, Name, Positive, Section, keywords
-from isi.models.interaction import Backward, Interaction
-from isi.models.triples import Triples
+from isi.models.scoring import Backward, Interaction, Product, Triples
 from isi.registry import Plugins
 
 #: Numbers in intermediate results, at most, where entities are scored query by query.
@@ -67,7 +66,10 @@ class Model(ABC):
         """Where the head of a tail must be; shapes (..., d), (..., w)."""
 
     def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """Wv, what takes the place of vᵀW where the tail is transformed; the inverse unless a model says otherwise."""
+        """The tail as heads see it: interaction(transform(h, r), t) = interaction(h, transform_tail(t, r)).
+
+        The transposed map Wv where f is a product; the inverse, for a distance that the map keeps, unless overridden.
+        """
         return self.inverse(vectors, relation)
 
     def score_tails(self, head: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
@@ -83,7 +85,7 @@ class Model(ABC):
 
         The slopes are of the shape of the scores, which they may have overwritten.
         """
-        scores = triples.empty_scores(entity)
+        _, scores = triples.empty(entity)
         return scores, _by_autograd(self.score, entity, relation, triples, scores)
 
 
@@ -91,16 +93,9 @@ class RelationMapModel(Model):
     """Relations that map a head: f(h, r, t) = interaction(transform(h, r), t)."""
 
     @property
-    @abstractmethod
     def interaction(self) -> Interaction:
-        """How a mapped head and a tail make a score."""
-
-    @abstractmethod
-    def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """The tail as heads see it: interaction(transform(h, r), t) = interaction(h, transform_tail(t, r)).
-
-        The transposed map for a product, the inverse for a distance that the map keeps.
-        """
+        """How a mapped head and a tail make a score; a product unless a model says otherwise."""
+        return Product()
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
         return self.interaction.score(self.transform(head, relation), tail)
@@ -123,8 +118,8 @@ class RelationMapModel(Model):
         return scores, backward
 
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
-        """Mapped heads of triples (see ``Triples.empty_mapped``), and from gradients by them those by both tables."""
-        memory, mapped = triples.empty_mapped(entity)
+        """Mapped heads of triples (see ``Triples.empty``), and from gradients by them those by both tables."""
+        memory, mapped = triples.empty(entity, entity.shape[-1])
         return memory, _by_autograd(lambda h, r, _: self.transform(h, r), entity, relation, triples, mapped)
 
 

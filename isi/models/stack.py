@@ -9,11 +9,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from isi.errors import InputError
 from isi.models.model import Model
-from isi.models.triples import DenseTriples
+from isi.models.scoring import DenseTriples
 from isi.random import stream
 
 T = TypeVar("T")
+
+#: Largest sound coordinate: above it, a product of three of them, summed over a vector, may overflow float32.
+LARGEST = 1e11
 
 
 @dataclass(frozen=True)
@@ -48,13 +52,12 @@ class Embedding:
         return self.model.scores(self.entity, self.relation, DenseTriples.of(self.entity, self.relation))[0]
 
     def resultants(self, known: Tensor, relation: Tensor, novel_is_tail: Tensor) -> Tensor:
-        """α of insert triples: where each puts the novel entity (equation 4).
+        """α of insert triples: where each puts the novel entity (equation 4); shape (..., d).
 
         Args:
             known: vector of the known end; shape (..., d).
             relation: row of the triple's relation; shape (..., w).
-            novel_is_tail: where the relation takes the head if true, else where the head of the tail must be;
-                shape (...).
+            novel_is_tail: where the relation takes the head if true, else where the head of the tail must be; (...).
         """
         as_tail, as_head = self.model.transform(known, relation), self.model.inverse(known, relation)
         return torch.where(novel_is_tail[..., None], as_tail, as_head)
@@ -103,3 +106,26 @@ def uniform(
         tables.append([rng.uniform(-bound, bound, shape) for bound, shape in zip(bounds, shapes, strict=True)])
     entity, relation = (torch.as_tensor(np.stack(values), dtype=torch.float32) for values in zip(*tables, strict=True))
     return Embedding(entity * entities[..., None], relation, model)
+
+
+class NotFinite(InputError):
+    """NaN or infinity in some models of a stack, such as of one that diverges in training."""
+
+    def __init__(self, models: list[int], message: str) -> None:
+        super().__init__("", "", message)
+        #: their places in the stack
+        self.models = models
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.models, self.message)
+
+
+def check_finite(tables: tuple[Tensor, ...], name: str, largest: float = LARGEST) -> None:
+    """Check that |x| ≤ ``largest`` for every number of tables; shapes (M, ...).
+
+    Raises:
+        NotFinite: naming the models with a larger number, an infinity or NaN.
+    """
+    sound = torch.stack([table.flatten(1).abs().amax(1) <= largest for table in tables]).all(0)  # NaN is not
+    if not sound.all():
+        raise NotFinite((~sound).nonzero()[:, 0].tolist(), f"NaN or infinity in {name}")

@@ -18,7 +18,7 @@ from torch import Tensor
 from isi.config import Count, Section
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph
 from isi.graph.sessions import TRAIN, Session, membership
-from isi.models.triples import TripleList
+from isi.models.scoring import TripleList
 from isi.random import stream
 
 #: Possible triples of a graph up to which batches are dense: about where both forms are as fast for one embedding.

@@ -176,7 +176,7 @@ def run_compiled_epoch(
         ratio: corrupted tails, heads and relations for each observation.
         rate, decay: learning rate and weight decay.
     """
-    scalars = cast(BlockModel, embedding.model).first_block(embedding.entity.shape[-1])
+    scalars = embedding.entity.shape[-1] * cast(BlockModel, embedding.model).scalars // 100
     for model, corrupted in enumerate(sample_epoch(data, ratio, root, epoch)):
         tables, sums = (
             (stack.entity[model].numpy(), stack.relation[model].numpy()) for stack in (embedding, squares)

@@ -12,12 +12,10 @@ from torch import Tensor
 from isi.config import Count, NotNegative, Positive, Section
 from isi.evaluation.query_sets import validation
 from isi.evaluation.ranking import Queries, Result, evaluate
-from isi.models import bits
 from isi.models.bilinear import ANALOGY, ComplEx, DistMult
-from isi.models.finite import NotFinite, check_finite
 from isi.models.model import Model
-from isi.models.stack import Embedding, select
-from isi.models.triples import DenseTriples
+from isi.models.scoring import DenseTriples, padded, spaced
+from isi.models.stack import Embedding, NotFinite, check_finite, select
 from isi.training.batches import DenseBatch, ListBatch, Negatives, TrainingData, batches, is_sampled
 
 #: What Adagrad's accumulators start at.
@@ -91,9 +89,7 @@ def train(
         if epoch:
             run_epoch(state, data, negatives, settings, root, epoch)
         _check_state(state, models, epoch, settings.learning_rate)
-        going_on = watch(epoch, state.embedding, models)
-        if epoch == settings.max_epochs:
-            going_on = torch.zeros_like(going_on)
+        going_on = watch(epoch, state.embedding, models) & (epoch < settings.max_epochs)
         if not going_on.all():
             _copy_rows(state.embedding, ~going_on, result, models)
             if not going_on.any():
@@ -110,7 +106,7 @@ def start(embedding: Embedding) -> State:
 
 
 def _spaced(embedding: Embedding) -> Embedding:
-    return replace(embedding, entity=bits.spaced(embedding.entity), relation=bits.spaced(embedding.relation))
+    return replace(embedding, entity=spaced(embedding.entity), relation=spaced(embedding.relation))
 
 
 def _copy_rows(source: Embedding, chosen: Tensor, target: Embedding, models: Tensor) -> None:
@@ -125,7 +121,7 @@ def _check_state(state: State, models: Tensor, epoch: int, rate: float) -> None:
         check_finite((state.squares.entity, state.squares.relation), "Adagrad's sums", torch.finfo(torch.float32).max)
     except NotFinite as error:
         advice = f"turn down the learning rate ({rate:g})" if epoch else "look at what training starts from"
-        problem = f"diverged in epoch {epoch} ({error.problem}): {advice}"
+        problem = f"diverged in epoch {epoch} ({error.message}): {advice}"
         raise NotFinite(models[error.models].tolist(), problem) from error
 
 
@@ -166,7 +162,7 @@ def loss_gradient(embedding: Embedding, batch: DenseBatch | ListBatch) -> Embedd
         slope = torch.sigmoid_(scores).mul_(batch.positives + batch.negatives).sub_(batch.positives)
     else:
         scores, backward = embedding.model.scores(entity, relation, batch.triples)
-        slope = bits.padded(torch.sigmoid, scores) - batch.positive
+        slope = padded(torch.sigmoid, scores) - batch.positive
     by_entity, by_relation = backward(slope)
     return replace(embedding, entity=by_entity, relation=by_relation)
 

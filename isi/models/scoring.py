@@ -1,8 +1,12 @@
-"""Which triples of a stack are scored: all, as dense tables, or a list.
+"""Scores of triples and their gradients: over all triples, as dense tables, or over a list, by a product or a distance.
 
-A formula written once holds for both forms: it gathers rows of tables with ``heads`` and
-``relations``, and sums gradients with ``by_head`` and ``by_relation``. Below, ``...`` stands for
-(M, R, E), the heads under each relation, in dense tables, and for (N,) in a list.
+A formula written once holds for both forms of triples: it takes rows of tables with ``heads`` and ``relations``, and
+sums gradients with ``by_head`` and ``by_relation``. Below, ``...`` stands for (M, R, E), the heads under each relation,
+in dense tables, and for (N,) in a list.
+
+Results are equal to the bit for any height of the stack. PyTorch takes the numbers of an array a register at a time
+and rounds the last few, which fill no register, otherwise than the rest. So a dense table has a spare row in memory
+behind each model (``spaced``), which makes PyTorch run over it model by model, and a list is padded (``padded``).
 """
 
 from __future__ import annotations
@@ -12,14 +16,103 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
-from isi.models import bits
-from isi.models.interaction import Backward, Interaction
+#: Smallest squared distance: below it rounding decides, and a gradient that divides by the distance would be noise.
+EPSILON = 1e-6
+#: A multiple of the numbers that PyTorch takes at once, on any processor.
+_REGISTER = 64
 
+#: From the slope of each score to the gradients of Σ slope · f by two tables.
+Backward = Callable[[Tensor], tuple[Tensor, Tensor]]
 Linear = Callable[[Tensor], Tensor]
 #: Takes the vectors of heads, relations and tails, which broadcast against each other, from a model's two tables.
 Pick = Callable[[Tensor, Tensor], tuple[Tensor, Tensor, Tensor]]
+
+
+def _with_spare_row(like: Tensor, models: int, rows: int, width: int) -> Tensor:
+    return like.new_zeros(models, rows + 1, width)
+
+
+def spaced(table: Tensor) -> Tensor:
+    """A copy of a stack of tables with a spare row in memory behind each model; shape (M, N, d)."""
+    return _with_spare_row(table, *table.shape)[:, :-1].copy_(table)
+
+
+def padded(function: Callable[[Tensor], Tensor], values: Tensor) -> Tensor:
+    """An elementwise function, with the same bits wherever a number stands; any shape."""
+    flat = values.flatten()
+    return function(pad(flat, (0, -len(flat) % _REGISTER)))[: len(flat)].view(values.shape)
+
+
+@dataclass(frozen=True)
+class Product:
+    """f(m, t) = ⟨m, t⟩ of mapped heads m and tails t."""
+
+    def score(self, mapped: Tensor, tail: Tensor) -> Tensor:
+        """Scores of pairs; shapes (..., d), broadcast against each other, result (...)."""
+        return (mapped * tail).sum(-1)
+
+    def rows(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
+        """Scores of pairs, and gradients by mapped heads and tails; shapes (N, d), scores (N,)."""
+        return self.score(mapped, tail), lambda slope: (tail * slope[:, None], mapped * slope[:, None])
+
+    def pairs(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
+        """The same of all pairs; shapes (M, N, d) and (M, E, d), scores (M, N, E), and slopes (M, up to N, E)."""
+
+        def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
+            return torch.bmm(slope, tail), torch.bmm(slope.mT, mapped[:, : slope.shape[1]])
+
+        return torch.bmm(mapped, tail.mT), backward
+
+
+@dataclass(frozen=True)
+class Distance:
+    """f(m, t) = margin - ‖m - t‖, or margin - ‖m - t‖² where ``squared``; squares are clamped to ``EPSILON``.
+
+    Of all pairs, ‖m - t‖² = ‖m‖² + ‖t‖² - 2⟨m, t⟩. With c = 1 / ‖m - t‖ (or 2, where squared) the
+    gradient by m is c · (t - m), and the opposite by t.
+    """
+
+    margin: float
+    squared: bool
+
+    def score(self, mapped: Tensor, tail: Tensor) -> Tensor:
+        return self.margin - self._distance((mapped - tail).square().sum(-1))
+
+    def rows(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
+        gap = tail - mapped
+        distance = self._distance(gap.square().sum(-1))
+
+        def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
+            by_mapped = gap * self._times_c(slope, distance)[:, None]
+            return by_mapped, -by_mapped
+
+        return self.margin - distance, backward
+
+    def pairs(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
+        square = mapped.square().sum(-1)[:, :, None] + tail.square().sum(-1)[:, None]
+        distance = self._distance(square.baddbmm_(mapped, tail.mT, alpha=-2))
+
+        def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
+            first = mapped[:, : slope.shape[1]]
+            weight = self._times_c(slope, distance[:, : slope.shape[1]])
+            by_mapped = torch.bmm(weight, tail).sub_(first * weight.sum(2)[..., None])
+            return by_mapped, torch.bmm(weight.mT, first).sub_(tail * weight.sum(1)[..., None])
+
+        return self.margin - distance, backward
+
+    def _distance(self, square: Tensor) -> Tensor:
+        square = square.clamp_(min=EPSILON)
+        return square if self.squared else square.sqrt_()
+
+    def _times_c(self, slope: Tensor, distance: Tensor) -> Tensor:
+        return 2 * slope if self.squared else slope / distance
+
+
+Interaction = Product | Distance
 
 
 @dataclass(frozen=True)
@@ -42,14 +135,11 @@ class DenseTriples:
         """Rows of relations from a table, (M, R, d), as they broadcast to (..., d)."""
         return table[:, :, None]
 
-    def empty_mapped(self, entity: Tensor) -> tuple[Tensor, Tensor]:
-        """Memory for mapped heads: as ``interact`` takes it, and as a view of shape (..., d)."""
-        memory = self._spaced(entity, entity.shape[-1])
+    def empty(self, entity: Tensor, width: int | None = None) -> tuple[Tensor, Tensor]:
+        """Memory for mapped heads, as ``interact`` takes it and as a view of shape (..., width); or for scores."""
+        models, relations, entities = self.shape
+        memory = _with_spare_row(entity, models, relations * entities, width or entities)
         return memory, memory[:, :-1].view(*self.shape, -1)
-
-    def empty_scores(self, entity: Tensor) -> Tensor:
-        """Memory for scores."""
-        return self._spaced(entity, self.shape[2])[:, :-1].view(*self.shape, -1)
 
     def by_head(self, values: Tensor, swapped: tuple[Tensor, Linear] | None = None) -> Tensor:
         """Sums by head of values, (..., d), and of other values under a linear function; shape (M, E, d).
@@ -90,10 +180,6 @@ class DenseTriples:
     def _pick(number: int, entity: Tensor, relation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         return entity[:, None], relation[number], entity[None]
 
-    def _spaced(self, like: Tensor, width: int) -> Tensor:
-        models, relations, entities = self.shape
-        return bits.empty(like, models, relations * entities, width)
-
 
 @dataclass(frozen=True)
 class TripleList:
@@ -113,12 +199,9 @@ class TripleList:
     def relations(self, table: Tensor) -> Tensor:
         return self._gather(table, self.relation)
 
-    def empty_mapped(self, entity: Tensor) -> tuple[Tensor, Tensor]:
-        memory = entity.new_empty(len(self.model), entity.shape[-1])
+    def empty(self, entity: Tensor, width: int | None = None) -> tuple[Tensor, Tensor]:
+        memory = entity.new_empty((len(self.model), width) if width else len(self.model))
         return memory, memory
-
-    def empty_scores(self, entity: Tensor) -> Tensor:
-        return entity.new_empty(len(self.model))
 
     def by_head(self, values: Tensor, swapped: tuple[Tensor, Linear] | None = None) -> Tensor:
         if swapped:
