@@ -59,7 +59,7 @@ fuzz: $(INSTALLED)  ## read 10,000 files that are nearly what each reader reads,
 kill-test: $(INSTALLED)  ## strike twenty runs of a small pipeline at random moments, and eight disks, in about twenty minutes (or ARGS="--kills 4"), into docs/benchmarks
 	python -m tests.kills $(ARGS)
 
-mutants: $(INSTALLED)  ## change the code of ranks, scopes, batches, sessions, families and insertion bit by bit, in half an hour; what tests see of it into docs/benchmarks (installs the extra `mutants`)
+mutants: $(INSTALLED)  ## change the code of ranks, query sets, batches, sessions, models and insertion bit by bit, in half an hour; what tests see of it into docs/benchmarks (installs the extra `mutants`)
 	$(BIN)/pip install --quiet --editable '.[mutants]'
 	mutmut run $(ARGS)
 	python -m tools.mutants
