@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections import Counter
 from pathlib import Path
@@ -12,11 +13,13 @@ import pytest
 import torch
 from torch.nn.functional import normalize
 
+from isi.__main__ import main
 from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.model import MODELS, make_model
 from isi.models.stack import uniform
 from isi.sources import READERS, Source
 from tests.documented import code, params
+from tests.small_bundle import written
 from tests.worlds import insertion
 
 
@@ -42,6 +45,21 @@ def test_an_initializer() -> None:
         able = given.eligible[model] & (given.words != 0).any(-1)
         nearest = int((units @ units[entity]).masked_fill(~able, -2).argmax())
         torch.testing.assert_close(found.vectors[model, 0], shown["scale"] * given.theta0.entity[model, nearest])
+
+
+@pytest.mark.parametrize("own", ["own initializer"], indirect=True)
+@pytest.mark.usefixtures("own")
+def test_an_initializer_serves_commands_and_is_explained(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    home, larger, vectors = written(tmp_path / "home"), tmp_path / "larger", tmp_path / "vectors.txt"
+    vectors.write_text("3 2\nkettle 1 0\nbed 0 1\nteapot 0.9 0.1\n", encoding="utf-8")
+    main(["insert", "teapot", "--initializer", "nearest", "--vectors", str(vectors),
+          "--fact", "atLocation", "bedroom", "--embedding", str(home), "--out", str(larger), "--json"])  # fmt: skip
+    inserted = json.loads(capsys.readouterr().out)
+    main(["explain", "teapot", "--embedding", str(larger), "--json"])
+    explained = json.loads(capsys.readouterr().out)
+    for answer in (inserted, explained):
+        assert answer["initializer"] == "nearest"
+        assert [(each["entity"], each["weight"]) for each in answer["indicators"]] == [("kettle", 1.0)]
 
 
 @pytest.mark.parametrize("own", ["own model"], indirect=True)
