@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar, cast, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, create_model, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, create_model, model_validator
 from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
@@ -28,6 +28,21 @@ Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 Option = int | float | bool | str
 
 T = TypeVar("T")
+
+
+def distinct(values: Iterable[Any]) -> bool:
+    """Whether no value repeats."""
+    listed = list(values)
+    return len(set(listed)) == len(listed)
+
+
+def _each_once(names: list[str]) -> list[str]:
+    if not distinct(names):
+        raise ValueError("names must not repeat")
+    return names
+
+
+Names = Annotated[list[Name], AfterValidator(_each_once)]
 
 
 class Section(BaseModel):
@@ -55,14 +70,7 @@ class Study(Section):
     What one run of it reads stands in a section of its own, so that another experiment in the list changes no run.
     """
 
-    experiments: list[Name]
-
-    @field_validator("experiments")
-    @classmethod
-    def _each_once(cls, value: list[str]) -> list[str]:
-        if not distinct(value):
-            raise ValueError("names must not repeat")
-        return value
+    experiments: Names
 
     @property
     def experiment(self) -> str | None:
@@ -109,17 +117,12 @@ def options(function: Callable[..., Any]) -> type[Section]:
 
     One that Python's grammar reserves is named with an underscore behind it (``from_`` takes the option ``from``).
     """
-    hints = get_type_hints(function, include_extras=True)
-    for name in list(inspect.signature(function).parameters)[1:]:
+    hints, fields = get_type_hints(function, include_extras=True), dict[str, Any]()
+    for name, parameter in list(inspect.signature(function).parameters.items())[1:]:
         if name not in hints:
             raise InputError(function.__module__, function.__name__, f"expected a type for its option {name!r}")
-    fields: dict[str, Any] = {
-        name: (
-            hints[name],
-            Field(... if parameter.default is parameter.empty else parameter.default, alias=name.removesuffix("_")),
-        )
-        for name, parameter in list(inspect.signature(function).parameters.items())[1:]
-    }
+        default = ... if parameter.default is parameter.empty else parameter.default
+        fields[name] = (hints[name], Field(default, alias=name.removesuffix("_")))
     return cast("type[Section]", create_model(function.__name__, __base__=Section, **fields))
 
 
@@ -138,9 +141,3 @@ def value_of(values: Any, key: str) -> Any:
     for part in key.split("."):
         values = values.get(part) if isinstance(values, dict) else None
     return values
-
-
-def distinct(values: Iterable[Any]) -> bool:
-    """Whether no value repeats."""
-    listed = list(values)
-    return len(set(listed)) == len(listed)

@@ -5,12 +5,11 @@ Each section's class stands beside what reads it, so that a stage depends on the
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from isi import config
 from isi.analyses import variants
@@ -26,7 +25,7 @@ from isi.analyses.single_insertions import SHOWN, ExplorerParams
 from isi.analyses.sweep import RateSweep, Sweep
 from isi.analyses.trajectory import TRACED, Trajectories
 from isi.analyses.variants import Variant
-from isi.config import Name, Section, Seed, Study, distinct
+from isi.config import Name, Names, Section, Seed, Study, distinct
 from isi.errors import InputError, at, meant
 from isi.experiment.insert import Convergence, FullCurves, InitializerList, is_listed
 from isi.experiment.runner import Compute
@@ -42,6 +41,8 @@ from isi.tables import paths
 from isi.training.batches import Negatives
 from isi.training.trainer import Optimizer, Training
 
+S = TypeVar("S", bound=Section)
+
 #: Of cross-validation, which trains a model for each setting and fold.
 MOST_SETTINGS = 13
 
@@ -55,8 +56,17 @@ class ExperimentOf(Section):
     sessions: SessionsOf
     initializers: InitializerList
     #: which are not fine-tuned
-    immediate_only: list[Name]
+    immediate_only: Names
     full_curves: FullCurves
+
+    @model_validator(mode="after")
+    def _sessions_fit_the_graph(self) -> Self:
+        sessions, extend = self.sessions, self.graph.extend
+        if (sessions.novel == "added") != (extend is not None):
+            raise ValueError("sessions.novel: added goes with graph.extend, and with nothing else")
+        if extend and sessions.steps * max(sessions.sizes) > extend.candidates:
+            raise ValueError("sessions: steps times the largest of sizes must be at most graph.extend.candidates")
+        return self
 
 
 class Plots(Section):
@@ -139,10 +149,7 @@ def load(path: Path = paths.PARAMS) -> Params:
         InputError: where the file is missing, is no YAML, or holds an unknown key, a wrong type, a value out of range,
             or what does not agree with another section; the message gives the key's path.
     """
-    params = config.check(config.read(path), Params, "", path)
-    with at(path), _without_file():
-        check_params(params)
-    return params
+    return _load(path, Params, check_params)
 
 
 def load_beyond(params: Params, path: Path | None = paths.BEYOND_PARAMS) -> Beyond:
@@ -153,19 +160,18 @@ def load_beyond(params: Params, path: Path | None = paths.BEYOND_PARAMS) -> Beyo
     """
     if path is None or not path.exists():
         return Beyond(graphs={}, hidden={}, variants={})
-    beyond = config.check(config.read(path), Beyond, "", path)
-    with at(path), _without_file():
-        check_beyond(beyond, params)
-    return beyond
+    return _load(path, Beyond, lambda beyond: check_beyond(beyond, params))
 
 
-@contextmanager
-def _without_file() -> Iterator[None]:
-    """Let go of the file that plug-ins name in their mistakes, since these params may stand in another one."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError("" if error.file == str(paths.PARAMS) else error.file, error.place, error.message) from error
+def _load(path: Path, kind: type[S], agree: Callable[[S], None]) -> S:
+    section = config.check(config.read(path), kind, "", path)
+    with at(path):
+        try:
+            agree(section)
+        except InputError as error:  # plug-ins name params.yaml, but these params may stand in another file
+            file = "" if error.file == str(paths.PARAMS) else error.file
+            raise InputError(file, error.place, error.message) from error
+    return section
 
 
 def check_params(params: Params) -> None:
@@ -178,8 +184,6 @@ def check_params(params: Params) -> None:
         raise InputError("", "initializers.joint", "is the name of the joint model")
     for key, listed, known in _listed_names(params):
         _check_names(listed, known, key)
-    for key, experiment in params.experiments.items():
-        _check_experiment(experiment, f"experiments.{key}")
     for name, study in params.studies.items():
         _check_study(study, params, name)
     for name, settings in params.sources.items():
@@ -188,10 +192,15 @@ def check_params(params: Params) -> None:
         options_of(name, options, f"initializers.{name}")
     for name, options in params.sweep.initializers.items():
         options_of(name, {**options, "k": params.sweep.k[0]}, f"sweep.initializers.{name}")
-    for key, model, dimension in _dimensions(params):
-        made = {name: make_model(name, options, f"models.{name}") for name, options in params.models.items()}
+    models = {name: make_model(name, options, f"models.{name}") for name, options in params.models.items()}
+    used, tried = params.embedding, params.cross_validation
+    compared = params.compare_models.models if params.compare_models.experiments else ()
+    dimensions = [("embedding.dimension", model, used.dimension) for model in (used.model, *compared)]
+    for dimension in tried.dimension if tried.experiments else ():
+        dimensions.append(("cross_validation.dimension", used.model, dimension))
+    for key, model, dimension in dimensions:
         with at("", key):
-            made[model].width(dimension)
+            models[model].width(dimension)
     if len(params.settings) > MOST_SETTINGS:
         expected = f"expected at most {MOST_SETTINGS} settings, got {len(params.settings)}"
         raise InputError("", "cross_validation", expected)
@@ -199,68 +208,41 @@ def check_params(params: Params) -> None:
 
 def _listed_names(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable[str]]]:
     """Key, names that stand there, and the names that there are."""
-    yield "plots.initializers", params.plots.initializers, params.initializers
+    known = params.initializers
+    yield "plots.initializers", params.plots.initializers, known
     yield "embedding.model", [params.embedding.model], params.models
     yield "compare_models.models", params.compare_models.models, params.models
     for name, study in params.studies.items():
         yield f"{name}.experiments", study.experiments, params.experiments
-    if params.sweep.experiments:
-        yield "sweep.initializers", params.sweep.initializers, params.initializers
-    if params.rate_sweep.experiments:
-        yield "rate_sweep.initializers", params.rate_sweep.initializers, params.initializers
-    if params.trajectory.experiments:
-        yield "trajectory.experiments: its initializers", TRACED, params.initializers
-    if params.explorer.experiments:
-        yield "explorer.experiments: its initializers", SHOWN, params.initializers
-        yield "explorer.best", [params.explorer.best], [name for name in params.initializers if name not in SHOWN]
-    for key, experiment in params.experiments.items():
-        extend = experiment.graph.extend
-        yield f"experiments.{key}.graph.source", [experiment.graph.source], params.sources
-        yield f"experiments.{key}.graph.extend.source", [extend.source] if extend else [], params.sources
-        for name, listed in _initializer_lists(experiment).items():
-            yield f"experiments.{key}.{name}", listed, params.initializers
-
-
-def _initializer_lists(experiment: ExperimentOf) -> dict[str, list[Name]]:
-    lists = {"initializers": experiment.initializers, "immediate_only": experiment.immediate_only,
-             "full_curves.initializers": experiment.full_curves.initializers}  # fmt: skip
-    return {key: listed for key, listed in lists.items() if listed != "all"}
-
-
-def _check_experiment(experiment: ExperimentOf, key: str) -> None:
-    sessions, extend = experiment.sessions, experiment.graph.extend
-    kinds = {"sessions.novel": sessions.novel} if isinstance(sessions.novel, list) else {}
-    for name, listed in (_initializer_lists(experiment) | kinds).items():
-        if not distinct(listed) or not (listed or name == "immediate_only"):
-            raise InputError("", f"{key}.{name}", "expected a list of names that do not repeat")
-    if (sessions.novel == "added") != (extend is not None):
-        raise InputError("", f"{key}.sessions.novel", "added goes with graph.extend, and with nothing else")
-    if extend and sessions.steps * max(sessions.sizes) > extend.candidates:
-        expected = (
-            f"expected steps times the largest of sizes to be at most graph.extend.candidates ({extend.candidates})"
-        )
-        raise InputError("", f"{key}.sessions", expected)
+    needed: list[tuple[Study, str, Iterable[str], Iterable[str]]] = [
+        (params.sweep, "sweep.initializers", params.sweep.initializers, known),
+        (params.rate_sweep, "rate_sweep.initializers", params.rate_sweep.initializers, known),
+        (params.trajectory, "trajectory.experiments: its initializers", TRACED, known),
+        (params.explorer, "explorer.experiments: its initializers", SHOWN, known),
+        (params.explorer, "explorer.best", [params.explorer.best], [name for name in known if name not in SHOWN]),
+    ]
+    yield from ((key, listed, there) for study, key, listed, there in needed if study.experiments)
+    for name, experiment in params.experiments.items():
+        key, extend, curves = f"experiments.{name}", experiment.graph.extend, experiment.full_curves
+        yield f"{key}.graph.source", [experiment.graph.source], params.sources
+        yield f"{key}.graph.extend.source", [extend.source] if extend else [], params.sources
+        yield f"{key}.immediate_only", experiment.immediate_only, known
+        for place, listed in (("initializers", experiment.initializers),
+                              ("full_curves.initializers", curves.initializers)):  # fmt: skip
+            yield f"{key}.{place}", [] if listed == "all" else listed, known
 
 
 def _check_study(study: Study, params: Params, name: str) -> None:
     """Check that the sizes and seeds of a study are among those of its experiments."""
-    seeds = study.seeds if hasattr(study, "seeds") else study.seed + 1 if hasattr(study, "seed") else 0
+    last = "seeds" if hasattr(study, "seeds") else "seed"
+    seeds = getattr(study, "seeds", getattr(study, "seed", -1) + 1)
     for experiment in study.experiments:
         sessions = params.experiments[experiment].sessions
         if getattr(study, "size", sessions.sizes[0]) not in sessions.sizes:
             raise InputError("", f"{name}.size", f"expected one of the sizes of {experiment}")
         if seeds > sessions.seeds:
-            key = f"{name}.{'seeds' if hasattr(study, 'seeds') else 'seed'}"
-            raise InputError("", key, f"expected no more than the {sessions.seeds} seeds of {experiment} allow")
-
-
-def _dimensions(params: Params) -> Iterator[tuple[str, str, int]]:
-    """Key, model and dimension of the embeddings in use."""
-    yield "embedding.dimension", params.embedding.model, params.embedding.dimension
-    for model in params.compare_models.models if params.compare_models.experiments else ():
-        yield "embedding.dimension", model, params.embedding.dimension
-    for dimension in params.cross_validation.dimension if params.cross_validation.experiments else ():
-        yield "cross_validation.dimension", params.embedding.model, dimension
+            expected = f"expected no more than the {sessions.seeds} seeds of {experiment} allow"
+            raise InputError("", f"{name}.{last}", expected)
 
 
 def check_beyond(beyond: Beyond, params: Params) -> None:

@@ -66,17 +66,14 @@ def test_the_params_of_the_repository_load_with_the_papers_values() -> None:
 @pytest.mark.parametrize(
     ("key", "misspelt", "named"),
     [
-        ("\nseed:", "\nsede:", "sede"),
-        ("\nfinetuning:", "\nfinetunning:", "finetunning"),
+        ("\nfinetuning:", "\nfinetunning:", "finetunning"), ("insert_fraction:", "insert_fration:", "insert_fration"),
         ("min_count: 1          #", "min_cuont: 1          #", "experiments.ai2thor.graph.min_cuont"),
-        ("insert_fraction:", "insert_fration:", "sessions.insert_fration"),
         ("candidates: 30          #", "canditates: 30          #", "initializers.ers.canditates"),
-        ("\n  es:\n    k:", "\n  es:\n    kk:", "initializers.es.kk"),
         ("\n  ers:\n    k", "\n  esr:\n    k", "'ers'"),  # a line of dvc plots is of it
         ("\n  mp3d:\n", "\n  mp3:\n", "'mp3d'"),
         ("\n  ai2thor:                  #", "\n  ai2tor:                  #", "'ai2thor'"),
     ],
-)
+)  # fmt: skip
 def test_a_misspelt_key_is_refused_by_name(tmp_path: Path, key: str, misspelt: str, named: str) -> None:
     assert named in refusal(tmp_path, renamed(key, misspelt))
 
@@ -93,131 +90,60 @@ def test_a_key_too_many_is_refused(tmp_path: Path, key: str) -> None:
         changed(tmp_path, {key: 1})
 
 
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("seed", "0"),
-        ("seed", -1),
-        ("seed", 0.5),
-        ("sources.ai2thor.sha256", "5BB9"),
-        ("sources.ai2thor.recording", None),
-        ("sources.ai2thor.materials", "sungc"),
-        ("sources.ai2thor.reader", "unity"),
-        ("sources.ai2thor.reader", None),
-        ("sources.ai2thor", 3),
-        ("sources.mp3d", {**HOUSES, "folder": None}),
-        ("sources.mp3d.rooms", {}),
-        ("sources.mp3d.vocabulary", {"structure": []}),  # which is a file's
-        ("experiments", {}),
-        ("experiments.ai2thor.graph.source", "home"),
-        ("experiments.ai2thor.graph.min_count", 0),
-        ("experiments.transfer.graph.extend.source", "home"),
-        ("experiments.transfer.graph.extend.min_observations", 0),
-        ("experiments.transfer.graph.extend.candidates", 9),  # fewer than are drawn of them
-        ("experiments.transfer.graph.extend.always", ["fan", "fan"]),
-        ("experiments.transfer.sessions.sizes", [51]),
-        ("experiments.transfer.sessions.sizes", [5, 10]),  # where novel is added
-        ("experiments.transfer.sessions.steps", 6),  # of 10 of 50
-        ("experiments.transfer.sessions.novel", "any"),  # though its graph is extended
-        ("experiments.ai2thor.sessions.novel", "added"),  # though its graph is not
-        ("experiments.ai2thor.sessions.novel", "all"),
-        ("experiments.ai2thor.sessions.novel", 3),
-        ("experiments.ai2thor.sessions.seeds", True),
-        ("experiments.ai2thor.sessions.seeds", 0),
-        ("experiments.ai2thor.sessions.seeds", 30.0),
-        ("experiments.ai2thor.sessions.sizes", []),
-        ("experiments.ai2thor.sessions.sizes", 5),
-        ("experiments.ai2thor.sessions.sizes", [1, 0]),
-        ("experiments.ai2thor.sessions.sizes", [1, "2"]),
-        ("experiments.ai2thor.sessions.sizes", [1, 2, 1]),
-        ("experiments.ai2thor.sessions.steps", 0),
-        ("experiments.ai2thor.full_curves", [5]),
-        ("experiments.ai2thor.full_curves.sizes", 5),
-        ("experiments.ai2thor.full_curves.initializers", []),
-        ("experiments.ai2thor.full_curves.initializers", ["xaver"]),
-        ("rate_sweep.initializers", ["xaver"]),
-        ("experiments.ai2thor.initializers", "xavier"),
-        ("experiments.ai2thor.initializers", ["xaver"]),
-        ("words.text", "definitions"),
-        ("words.sha256", "5BB9"),
-        ("sessions.valid", 0.0),
-        ("sessions.test", 1.0),
-        ("sessions.test", 0.9),  # with 0.1 to validate on, nothing is left to train on
-        ("sessions.insert_fraction", 0.0),
-        ("sessions.insert_fraction", 1.01),
-        ("embedding.model", "analog"),
-        ("embedding.dimension", 50),  # halves of 25 make no 2x2 blocks
-        ("embedding.dimension", 0),
-        ("embedding.init_range", 0),
-        ("models.transe.margin", 0),
-        ("models.transe.squared", 1),
-        ("models.analogy", {"margin": 1.0}),
-        ("models.analog", {}),
-        ("negatives.mode", "all"),
-        ("negatives.ratio", "9"),
-        ("negatives.head_pool", "none"),
-        ("training.batch_size", 0),
-        ("training.learning_rate", "0.1"),
-        ("training.learning_rate", -0.1),
-        ("training.learning_rate", float("nan")),
-        ("training.learning_rate", float("inf")),
-        ("training.weight_decay", -1e-3),
-        ("training.patience", 0),
-        ("finetuning.max_epochs", 0),
-        ("convergence.margin", 1),
-        ("initializers", {}),
-        ("initializers.xaver", {}),
-        ("initializers.joint", {}),
-        ("initializers.xavier", 3),
-        ("initializers.xavier", {"k": 3}),
-        ("initializers.es", {}),
-        ("initializers.rs.k", 0),
-        ("initializers.ers.candidates", "30"),
-        ("initializers.es_permuted.k", 0),
-        ("initializers.gaussian.k", 3),
-        ("plots.initializers", ["xaver"]),
-        ("sweep.experiments", ["home"]),
-        ("sweep.initializers", {}),
-        ("sweep.initializers", {"xaver": {}}),
-        ("sweep.initializers.ers", {}),
-        ("sweep.initializers.es.candidates", 30),
-        ("sweep.k", []),
-        ("sweep.k", [2, 1]),
-        ("sweep.k", [1, 1, 2]),
-        ("sweep.size", 11),  # none of its experiment's
-        ("sweep.seeds", 31),  # more than its experiment has
-        ("rate_sweep.experiments", ["home"]),
-        ("rate_sweep.factors", []),
-        ("rate_sweep.factors", [1]),
-        ("rate_sweep.factors", [2.0, 2.0]),
-        ("rate_sweep.size", 11),
-        ("cross_validation.experiments", "ai2thor"),
-        ("cross_validation.folds", 1),
-        ("cross_validation.dimension", [30]),
-        ("cross_validation.learning_rate", [0.0]),
-        ("cross_validation", CROSS_VALIDATION | {"ratio": [1, 2, 3, 4]}),  # 14 settings
-        ("trajectory.size", 11),
-        ("trajectory.seed", 30),
-        ("explorer.size", 11),
-        ("explorer.best", "ers"),  # which is shown anyway
-        ("explorer.best", "best"),
-        ("explorer.answers", 0),
-        ("compare_models.seeds", 31),
-        ("compare_models.models", {"analog": {"learning_rate": 0.1, "weight_decay": 0.0}}),
-        ("affordances.experiments", ["home"]),
-        ("query_breakdown.experiments", ["home"]),
-        ("affordances.entities", ["fan", "fan"]),
-        ("affordances.entities", []),
-        ("compute.workers", 0),
-        ("compute.workers", "every"),
-        ("compute.stack", 0),
-        ("compute.engine", "threads"),
-        ("compute.engine", "dask"),  # and no scheduler
-        ("compute.scheduler", "localhost:8786"),
-        ("compute.scheduler", "tcp://localhost"),
-    ],
-)
-def test_a_wrong_type_or_a_value_out_of_range_is_refused_by_its_key(tmp_path: Path, key: str, value: object) -> None:
+AI2THOR, TRANSFER = "experiments.ai2thor", "experiments.transfer"
+#: Values of a wrong type, or out of the range of their own key.
+WRONG: list[tuple[str, object]] = [
+    ("seed", "0"), ("seed", -1), ("seed", 0.5), ("sources.ai2thor", 3), ("sources.ai2thor.sha256", "5BB9"),
+    ("sources.ai2thor.recording", None), ("sources.ai2thor.materials", "sungc"), ("sources.ai2thor.reader", "unity"),
+    ("sources.ai2thor.reader", None), ("sources.mp3d", {**HOUSES, "folder": None}), ("sources.mp3d.rooms", {}),
+    ("sources.mp3d.vocabulary", {"structure": []}), ("experiments", {}), (f"{AI2THOR}.graph.min_count", 0),
+    (f"{TRANSFER}.graph.extend.min_observations", 0), (f"{AI2THOR}.sessions.novel", "all"),
+    (f"{AI2THOR}.sessions.novel", 3), (f"{AI2THOR}.sessions.seeds", True), (f"{AI2THOR}.sessions.seeds", 30.0),
+    (f"{AI2THOR}.sessions.sizes", []), (f"{AI2THOR}.sessions.sizes", 5), (f"{AI2THOR}.sessions.sizes", [1, 0]),
+    (f"{AI2THOR}.sessions.sizes", [1, "2"]), (f"{AI2THOR}.full_curves", [5]), (f"{AI2THOR}.full_curves.sizes", 5),
+    (f"{AI2THOR}.full_curves.initializers", []), (f"{AI2THOR}.initializers", "xavier"), ("words.text", "definitions"),
+    ("sessions.valid", 0.0), ("sessions.test", 1.0), ("sessions.insert_fraction", 1.01), ("embedding.dimension", 0),
+    ("models.transe.margin", 0), ("models.transe.squared", 1), ("models.analogy", {"margin": 1.0}),
+    ("negatives.mode", "all"), ("negatives.ratio", "9"), ("training.learning_rate", float("nan")),
+    ("training.learning_rate", float("inf")), ("training.weight_decay", -1e-3), ("convergence.margin", 1),
+    ("initializers", {}), ("initializers.xavier", 3), ("initializers.xavier", {"k": 3}), ("initializers.es", {}),
+    ("initializers.rs.k", 0), ("initializers.ers.candidates", "30"), ("sweep.initializers", {}), ("sweep.k", []),
+    ("cross_validation.experiments", "ai2thor"), ("cross_validation.folds", 1), ("explorer.answers", 0),
+    ("compute.workers", 0), ("compute.workers", "every"), ("compute.engine", "threads"),
+    ("compute.scheduler", "localhost:8786"), ("compute.scheduler", "tcp://localhost"),
+]  # fmt: skip
+#: Values that do not agree with another key, or name what there is not.
+DISAGREEING: list[tuple[str, object]] = [
+    (f"{AI2THOR}.graph.source", "home"), (f"{TRANSFER}.graph.extend.source", "home"),
+    (f"{TRANSFER}.graph.extend.candidates", 9),  # fewer than are drawn of them
+    (f"{TRANSFER}.graph.extend.always", ["fan", "fan"]), (f"{TRANSFER}.sessions.sizes", [51]),
+    (f"{TRANSFER}.sessions.sizes", [5, 10]),  # where novel is added
+    (f"{TRANSFER}.sessions.steps", 6),  # of 10 of 50
+    (f"{TRANSFER}.sessions.novel", "any"),  # though its graph is extended
+    (f"{AI2THOR}.sessions.novel", "added"),  # though its graph is not
+    (f"{AI2THOR}.sessions.novel", ["room", "room"]), (f"{AI2THOR}.sessions.sizes", [1, 2, 1]),
+    (f"{AI2THOR}.full_curves.initializers", ["xaver"]), (f"{AI2THOR}.initializers", ["xaver"]),
+    (f"{AI2THOR}.initializers", ["es", "es"]), ("rate_sweep.initializers", ["xaver"]),
+    ("sessions.test", 0.9),  # with 0.1 to validate on, nothing is left to train on
+    ("embedding.model", "analog"), ("models.analog", {}), ("initializers.xaver", {}), ("initializers.joint", {}),
+    ("embedding.dimension", 50),  # halves of 25 make no 2x2 blocks
+    ("plots.initializers", ["xaver"]), ("sweep.experiments", ["home"]), ("sweep.initializers", {"xaver": {}}),
+    ("sweep.initializers.ers", {}), ("sweep.initializers.es.candidates", 30), ("sweep.k", [2, 1]),
+    ("sweep.k", [1, 1, 2]), ("sweep.size", 11), ("sweep.seeds", 31), ("rate_sweep.experiments", ["home"]),
+    ("rate_sweep.factors", [1]), ("rate_sweep.factors", [2.0, 2.0]), ("rate_sweep.size", 11),
+    ("cross_validation.dimension", [30]),
+    ("cross_validation", CROSS_VALIDATION | {"ratio": [1, 2, 3, 4]}),  # 14 settings
+    ("trajectory.size", 11), ("trajectory.seed", 30), ("explorer.size", 11),
+    ("explorer.best", "ers"),  # which is shown anyway
+    ("explorer.best", "best"), ("compare_models.seeds", 31),
+    ("compare_models.models", {"analog": {"learning_rate": 0.1, "weight_decay": 0.0}}),
+    ("query_breakdown.experiments", ["ai2thor", "ai2thor"]), ("affordances.entities", ["fan", "fan"]),
+    ("compute.engine", "dask"),  # and no scheduler
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("key", "value"), WRONG + DISAGREEING)
+def test_a_value_that_is_wrong_or_disagrees_is_refused_by_its_key(tmp_path: Path, key: str, value: object) -> None:
     with pytest.raises(InputError) as refused:
         changed(tmp_path, {key: value})
     line = str(refused.value)
@@ -229,35 +155,21 @@ def test_a_wrong_type_or_a_value_out_of_range_is_refused_by_its_key(tmp_path: Pa
 @pytest.mark.parametrize(
     "changes",
     [
-        {"seed": 0},
-        {"sessions.insert_fraction": 1},
-        {"sessions.insert_fraction": 1.0},
+        {"seed": 0, "training.weight_decay": 0, "training.learning_rate": 1, "compute.workers": 1},
+        {"sessions.insert_fraction": 1.0, "compute.workers": "all", "words.sha256": "0" * 64},
         {"embedding.dimension": 4, "cross_validation.dimension": []},
         {"embedding.model": "distmult", "embedding.dimension": 7, "compare_models.experiments": []},  # no blocks
         {"cross_validation.experiments": [], "cross_validation.dimension": [30]},  # left out
-        {"training.weight_decay": 0},
-        {"training.learning_rate": 1},
-        {"compute.workers": 1},
-        {"compute.workers": "all"},
-        {"experiments.ai2thor.full_curves.sizes": []},
-        {"experiments.ai2thor.full_curves.initializers": ["xavier"]},
-        {"experiments.ai2thor.initializers": ["xavier", "rs"]},
-        {"experiments.ai2thor.sessions.novel": ["object", "room"]},
-        {"experiments.ai2thor.sessions.steps": 3},
+        {"sweep.experiments": [], "sweep.size": 11},  # left out
+        {"experiments.ai2thor.full_curves.sizes": [], "experiments.ai2thor.full_curves.initializers": ["xavier"]},
+        {"experiments.ai2thor.initializers": ["xavier", "rs"], "experiments.ai2thor.sessions.steps": 3},
+        {"experiments.ai2thor.sessions.novel": ["object", "room"], "experiments.ai2thor.graph.extend": None},
         {"experiments.transfer.sessions.sizes": [50]},
         {"experiments.transfer.sessions.steps": 5},
-        {"experiments.ai2thor.graph.extend": None},
         {"experiments.published": DROP, "query_breakdown.experiments": ["ai2thor", "transfer"]},
         {"experiments.transfer": DROP, "affordances.experiments": [], "query_breakdown.experiments": ["ai2thor"]},
-        {"sweep.seeds": 1},
-        {"sweep.seeds": 30},
-        {"trajectory.seed": 29},
-        {"sweep.experiments": [], "sweep.size": 11},  # left out
-        {"cross_validation.ratio": []},
-        {"words.source": "word2vec-google-news-300"},
-        {"words.sha256": "0" * 64},
-        {"sources.ai2thor.materials": "simulator"},
-        {"sources.mp3d": HOUSES},
+        {"sweep.seeds": 30, "trajectory.seed": 29, "cross_validation.ratio": []},
+        {"words.source": "word2vec-google-news-300", "sources.ai2thor.materials": "simulator", "sources.mp3d": HOUSES},
         {"initializers.gaussian": DROP, "plots.initializers": ["xavier"]},
     ],
     ids=str,

@@ -54,6 +54,17 @@ def same(one: Embedding, other: Embedding) -> bool:
     return torch.equal(one.entity, other.entity) and torch.equal(one.relation, other.relation)
 
 
+def test_loss_gradient_is_that_of_autograd() -> None:
+    embedding = random_embedding(2, 4, 3, 8)
+    entity, relation = (table.double().requires_grad_() for table in (embedding.entity, embedding.relation))
+    generator = torch.Generator().manual_seed(3)
+    positives, negatives = (torch.randint(4, (2, 3, 4, 4), generator=generator).double() for _ in range(2))
+    by_entity, by_relation = torch.autograd.grad(loss(entity, relation, positives, negatives), (entity, relation))
+    found = loss_gradient(Embedding(entity.detach(), relation.detach(), ANALOGY), DenseBatch(positives, negatives))
+    torch.testing.assert_close(found.entity, by_entity)
+    torch.testing.assert_close(found.relation, by_relation)
+
+
 def test_adagrad_is_that_of_torch() -> None:
     begin = random_embedding(1, 5, 2, 8)
     state = start(begin)
@@ -72,16 +83,6 @@ def test_adagrad_is_that_of_torch() -> None:
     for found, expected in zip((state.embedding.entity, state.embedding.relation), tables, strict=True):
         torch.testing.assert_close(found, expected.detach(), rtol=1e-4, atol=1e-5)
     assert not torch.allclose(state.embedding.entity, begin.entity, atol=0.1)
-
-
-def test_start_copies_so_that_training_leaves_its_origin_alone() -> None:
-    points = small_points([0])
-    begin = start_of(points)
-    before = begin.entity.clone(), begin.relation.clone()
-    state = start(begin)
-    run_epoch(state, training_data(points.session(0), "test", points.keys(), "all"), EXPECTED, TUNING, 0, 1)
-    assert same(begin, Embedding(*before, ANALOGY))
-    assert not same(state.embedding, begin)
 
 
 def test_a_graph_too_large_for_tables_learns_the_same_from_lists(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -224,24 +225,6 @@ def test_fine_tuning_stops_for_each_model_once_it_has_converged_everywhere() -> 
             assert [row[0] for row in series(followed, model, scope)] == every[scope][model][: epochs + 1]
 
 
-def test_fine_tuning_in_a_stack_is_fine_tuning_alone() -> None:
-    scopes = ("all", "known", "known_closed", "novel_heldout")
-    goals = [0.1, 0.45, 0.55, 2.0]
-    targets = {"all": torch.tensor(goals), "novel_heldout": torch.full((4,), torch.nan)}
-    together = tuned([0, 1, 2, 3], targets)
-    lengths = set()
-    for model in range(4):
-        alone = tuned([model], {scope: target[model : model + 1] for scope, target in targets.items()})
-        lengths.add(len(alone))
-        for scope in scopes:
-            torch.testing.assert_close(
-                torch.tensor(series(together, model, scope)),
-                torch.tensor(series(alone, 0, scope)),
-                rtol=0, atol=0, equal_nan=True,
-            )  # fmt: skip
-    assert len(lengths) > 1  # or nobody left the stack early
-
-
 @pytest.mark.usefixtures("form")
 def test_no_observation_is_no_step() -> None:
     points = small_points()
@@ -295,15 +278,9 @@ def tables(embedding: Embedding) -> tuple[Tensor, Tensor]:
 def test_new_rows_first_leaves_to_all_the_epochs_that_are_left() -> None:
     points = small_points()
     data = training_data(points.last_session, "test", points.keys(), "unseen", points.novel_in(1))
-    watch = lambda epoch, embedding, models: torch.ones(len(models), dtype=torch.bool)  # noqa: ARG005, E731
     begin = uniform(points.last_session.entities, 3, ANALOGY, 12, 0.5, 0, points.keys())
-    alone = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 6}), 0, watch)
+    alone = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 6}), 0)
     assert torch.equal(alone.relation, begin.relation)
-    both = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 3}), 0, watch)
+    both = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 3}), 0)
     assert not torch.equal(both.relation, begin.relation)
-    assert not same(both, train(begin, data, EXPECTED, TUNING, 0, watch))
-
-
-def test_what_learns_from_nothing_has_no_new_rows_to_begin_with() -> None:
-    with pytest.raises(ValueError, match="new_rows_first"):
-        Training(**FITTING.model_dump() | {"new_rows_first": 1})
+    assert not same(both, train(begin, data, EXPECTED, TUNING, 0))

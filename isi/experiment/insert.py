@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
 import torch
+from pydantic import Field
 from torch import Tensor
 
-from isi.config import Count, Fraction, Name, Option, Section
+from isi.config import Count, Fraction, Names, Option, Section
 from isi.errors import InputError
 from isi.evaluation.convergence import SCOPES
 from isi.evaluation.query_sets import entity_query_sets, epoch_query_sets, novel_query_set
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from isi.params import Params
 
 #: ``initializers`` of an experiment in params.
-InitializerList = Literal["all"] | list[Name]
+InitializerList = Annotated[Names, Field(min_length=1)] | Literal["all"]
 
 
 def is_listed(listed: InitializerList, initializer: str) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from isi.config import Count, Fraction, Name, Section, distinct
+from isi.config import Count, Fraction, Names, Section, distinct
 from isi.errors import InputError
 from isi.graph.graph import Graph
 from isi.graph.sessions import SPLITS, TEST, TRAIN, VALID
@@ -40,7 +40,7 @@ class Shares(Section):
 class SessionsOf(Section):
     """``sessions`` of one experiment: who is novel, how many, how often."""
 
-    novel: Literal["any", "added"] | list[Name]
+    novel: Annotated[Names, Field(min_length=1)] | Literal["any", "added"]
     sizes: Annotated[list[Count], Field(min_length=1)]
     seeds: Count
     steps: Count = 1

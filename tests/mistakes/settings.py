@@ -1,4 +1,4 @@
-"""Mistakes in params that no single key has, in the recorder's, and of the tools around the pipeline."""
+"""Mistakes in params (``test_params`` has more), in the recorder's, and of the tools around the pipeline."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from isi.sources.recordings import FORMAT
 from isi.tables import paths
 from tests.mistakes.calls import Typed, as_json, params
 
-AI2THOR, TRANSFER = "experiments.ai2thor", "experiments.transfer"
 #: A program whose digits are known.
 PLAYER = b"#!/bin/sh\n"
 
@@ -55,39 +54,11 @@ def lines(*records: object) -> bytes:
 
 PARAMS_CASES = [
     Typed("an initializer twice", "", "params.yaml|experiments.ai2thor",
-          before=params({f"{AI2THOR}.initializers": ["es", "es"]})),
-    Typed("novel entities are to be added to a graph that is not extended", "", "params.yaml|experiments.ai2thor",
-          before=params({f"{AI2THOR}.sessions.novel": "added", f"{AI2THOR}.sessions.sizes": [5]})),
-    Typed("more novel entities than are drawn", "", "params.yaml|experiments.transfer",
-          before=params({f"{TRANSFER}.sessions.sizes": [51]})),
-    Typed("several sizes where novel is added", "", "params.yaml|experiments.transfer.sessions",
-          before=params({f"{TRANSFER}.sessions.sizes": [5, 10]})),
-    Typed("a size twice", "", "params.yaml|experiments.ai2thor.sessions",
-          before=params({f"{AI2THOR}.sessions.sizes": [1, 2, 1]})),
-    Typed("entities that are always drawn, twice", "", "params.yaml|experiments.transfer.graph.extend",
-          before=params({f"{TRANSFER}.graph.extend.always": ["fan", "fan"]})),
-    Typed("nothing is left to train on", "", "params.yaml|sessions", before=params({"sessions.test": 0.9})),
-    Typed("an initializer by the joint model's name", "", "params.yaml|initializers",
-          before=params({"initializers.joint": {}})),
-    Typed("a list of an unknown initializer", "", "params.yaml|plots.initializers",
-          before=params({"plots.initializers": ["xaver"]})),
-    Typed("an experiment twice", "", "params.yaml|query_breakdown.experiments",
-          before=params({"query_breakdown.experiments": ["ai2thor", "ai2thor"]})),
+          before=params({"experiments.ai2thor.initializers": ["es", "es"]})),
     Typed("a study of an unknown experiment", "", "params.yaml|sweep.experiments",
           before=params({"sweep.experiments": ["ai2tor"]})),
-    Typed("a study of a size that its experiment does not have", "", "params.yaml|sweep.size",
-          before=params({"sweep.size": 11})),
-    Typed("a study of more seeds than its experiment has", "", "params.yaml|sweep.seeds",
-          before=params({"sweep.seeds": 31})),
-    Typed("k that does not ascend", "", "params.yaml|sweep", before=params({"sweep.k": [2, 1]})),
-    Typed("the rate of the main experiment once more", "", "params.yaml|rate_sweep", before=params({"rate_sweep.factors": [1]})),  # noqa: E501
-    Typed("too many settings", "", "params.yaml|cross_validation", before=params({"cross_validation.ratio": [1, 2,
-          3, 4, 6]})),
-    Typed("an entity of the table twice", "", "params.yaml|affordances",
-          before=params({"affordances.entities": ["fan", "fan"]})),
-    Typed("a dimension that the family does not have", "", "params.yaml|embedding.dimension",
+    Typed("a dimension that the model does not have", "", "params.yaml|embedding.dimension",
           before=params({"embedding.dimension": 50})),
-    Typed("a cluster without an address", "", "params.yaml|compute", before=params({"compute.engine": "dask"})),
     Typed("a variant of an unknown initializer", "", "beyond/params.yaml|variants.baselines.initializers",
           before=beyond(variants=first(initializers=["xaver"]))),
     Typed("a variant that changes no section", "", "beyond/params.yaml|variants.baselines.changes",
