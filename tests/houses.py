@@ -9,14 +9,14 @@ import argparse
 import json
 import re
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import cycle
 from pathlib import Path
 
 from isi.config import read
 from isi.sources import settings_of
-from isi.sources.ai2thor import mine
-from isi.sources.materials import materials_of
+from isi.sources.ai2thor import materials_of, mine
 from isi.sources.recordings import Scene, SceneObject, locate, read_recording
 from isi.sources.tables import OBSERVATIONS
 from isi.tables import paths
@@ -52,7 +52,7 @@ def main() -> None:
     _, settings = settings_of(read(paths.PARAMS)["sources"]["ai2thor"], "sources.ai2thor")
     recording = locate(settings["from_"])
     made = houses(list(read_recording(recording, settings["sha256"])), given.houses)
-    source = source_of(mine(made, materials_of("suncg", 0), recording))
+    source = source_of(mine(made, materials_of("suncg", 0), recording, Counter()))
     rows = OBSERVATIONS.write_stream_file(given.table, source.tables(), "houses")
     seconds = round(time.perf_counter() - start, 1)
     print(json.dumps({"observations": rows, "seconds": seconds, "peak_mib": peak_mib()}))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -14,34 +13,38 @@ import pytest
 
 from isi.config import read as read_params
 from isi.errors import InputError
-from isi.sources import mp3d, settings_of
-from isi.sources.materials import read_shares, reported_materials
-from isi.sources.mp3d import STEPS, Tally, Vocabulary, read_houses, read_tallies, read_vocabulary
+from isi.sources import READERS, Mining, settings_of
+from isi.sources.ai2thor import read_shares, reported_materials
+from isi.sources.mp3d import STEPS, read_tallies
 from isi.sources.names import entity_name
 from isi.sources.recordings import AFFORDANCES, ITHOR, locate, read_recording
 from isi.tables import paths
+from tests.observing import observations_of
 
 LABELS = {"a": "bathroom", "t": "bathroom", "b": "bedroom", "k": "kitchen", "l": "living room"}
-WORDS = Vocabulary(structure=["wall", "unknown"], same_as={"night stand": "side table", "refridgerator": "fridge"})
+WORDS = "structure: [wall, unknown, void]\nsame_as: {night stand: side table, refridgerator: fridge}\n"
 
 
-def mined(
-    batches: Sequence[Sequence[Tally]], rooms: Mapping[str, str] = LABELS, words: Vocabulary = WORDS
-) -> tuple[list[tuple[object, ...]], list[int]]:
+def mined(reader: str, vocabulary: Path, **settings: object) -> tuple[list[tuple[object, ...]], list[int]]:
     """Rows of scene, room, instance, head, tail, count; and the instances left after each step."""
-    counts: Counter[str] = Counter()
-    observations = list(mp3d.mine(batches, rooms, words, counts))
-    assert {row[4] for row in observations} <= {"atLocation"}
-    return [(*row[:4], *row[5:]) for row in observations], [counts[step] for step in STEPS]
+    observed = observations_of({"reader": reader, "vocabulary": str(vocabulary), **settings})
+    assert set(observed.table["relation"]) == {"atLocation"}
+    columns = ("scene", "room", "instance", "head", "tail", "count")
+    return observed.rows(*columns), [observed.counts[step] for step in STEPS]
 
 
-def refusal(tmp_path: Path, content: str, name: str = "x.house") -> str:
+def mined_houses(folder: Path, category: str = "category_mapping_name") -> tuple[list[tuple[object, ...]], list[int]]:
+    write(folder / "words.yaml", WORDS)
+    return mined("mp3d_houses", folder / "words.yaml", folder=str(folder), category=category, rooms=LABELS)
+
+
+def refusal(folder: Path, content: str, name: str = "x.house") -> str:
     """The line that refuses a file of this content."""
-    (tmp_path / name).write_bytes(content.encode())
+    write(folder / name, content)
     with pytest.raises(InputError) as refused:
-        list(read_houses(tmp_path, "category_mapping_name"))
+        mined_houses(folder)
     line = str(refused.value)
-    assert line.startswith(f"{tmp_path / name}: ")
+    assert line.startswith(f"{folder / name}: ")
     return line
 
 
@@ -111,97 +114,68 @@ def write(path: Path, content: str) -> None:
 @pytest.mark.parametrize("line_end", ["\n", "\r\n"])
 def test_objects_of_a_house_stand_in_the_room_of_their_region(tmp_path: Path, version: str, line_end: str) -> None:
     write(tmp_path / "x.house", house(version=version).replace("\n", line_end))
-    rows, left = mined(list(read_houses(tmp_path, "category_mapping_name")))
+    rows, left = mined_houses(tmp_path)
     assert rows == EXPECTED
     assert left == [12, 9, 6, 4]  # three of no region or category; three in Z, - and ?; a wall and an unknown
 
 
-def test_objects_go_by_the_other_name_where_params_say_so(tmp_path: Path) -> None:
-    write(tmp_path / "x.house", house())
-    words = Vocabulary(structure=["wall", "void"], same_as={})
-    heads = [row[3] for row in mined(list(read_houses(tmp_path, "mpcat40")), words=words)[0]]
+def test_objects_go_by_the_other_name_where_params_say_so_in_lower_case_words(tmp_path: Path) -> None:
+    write(tmp_path / "x.house", house().replace("chest_of_drawers", "Chest#of_drawers#"))
+    heads = [row[3] for row in mined_houses(tmp_path, "mpcat40")[0]]
     assert heads == ["chest of drawers", "chest of drawers", "towel", "towel"]
-
-
-@pytest.mark.parametrize(
-    ("category", "name"),
-    [("Chest#of#drawers", "chest of drawers"), ("chest_of_drawers", "chest of drawers"), ("#tv#", "tv"), ("tv", "tv")],
-)
-def test_categories_are_named_in_lower_case_words(category: str, name: str) -> None:
-    assert mp3d.category_name(category) == name
 
 
 def test_houses_are_found_in_folders_below_and_read_in_order(tmp_path: Path) -> None:
     write(tmp_path / "b/house_segmentations/b.house", house(name="b"))
     write(tmp_path / "a/deep/down/a.house", house(OBJECTS[2:3], name="a"))
     write(tmp_path / "a/deep/down/a.fsegs.json", "{}")
-    rows, left = mined(list(read_houses(tmp_path, "category_mapping_name")))
+    write(tmp_path / "c.house", house(OBJECTS[6:], name="c"))
+    rows, left = mined_houses(tmp_path)
     assert rows == [("a", "bathroom", "2", "towel", "bathroom", 1), *[("b", *row[1:]) for row in EXPECTED]]
-    assert left == [13, 10, 7, 5]
-
-
-def test_a_house_without_objects_in_rooms_has_no_observations(tmp_path: Path) -> None:
-    write(tmp_path / "a.house", house((), name="a"))
-    write(tmp_path / "b.house", house(OBJECTS[6:], name="b"))
-    assert mined(list(read_houses(tmp_path, "category_mapping_name"))) == ([], [6, 3, 0, 0])
+    assert left == [19, 13, 7, 5]
 
 
 def test_a_house_is_read_only_when_it_is_mined(tmp_path: Path) -> None:
+    write(tmp_path / "words.yaml", WORDS)
     write(tmp_path / "a.house", house(name="a"))
     write(tmp_path / "b.house", "broken")
-    rows = mp3d.mine(read_houses(tmp_path, "category_mapping_name"), LABELS, WORDS, Counter())
+    settings = {"folder": str(tmp_path), "category": "mpcat40", "vocabulary": str(tmp_path / "words.yaml")}
+    rows = iter(READERS["mp3d_houses"].read(Mining(0), rooms=LABELS, **settings))
     assert len(list(islice(rows, len(EXPECTED)))) == len(EXPECTED)
     with pytest.raises(InputError, match=r"b\.house"):
         next(rows)
 
 
 @pytest.mark.parametrize(
-    ("kind", "what"),
+    ("kind", "records"),
     [("I", "images"), ("P 0f3a", "panoramas"), ("P 0 0", "portals"), ("V", "vertices"), ("S", "surfaces"),
      ("E", "segments"), ("O", "objects"), ("C", "categories"), ("R", "regions"), ("L", "levels")],
 )  # fmt: skip
-def test_a_header_that_counts_other_records_than_there_are_is_refused(tmp_path: Path, kind: str, what: str) -> None:
+def test_a_header_that_counts_other_records_than_there_are_is_refused(tmp_path: Path, kind: str, records: str) -> None:
     lines = house().splitlines()
     first = next(number for number, line in enumerate(lines) if line.startswith(f"{kind} "))
     line = refusal(tmp_path, "\n".join(lines[:first] + lines[first + 1 :]))
-    assert "line 2" in line
-    assert what in line
-    assert f"({kind[0]})" in line
+    assert all(part in line for part in ("line 2", records, f"({kind[0]})"))
 
 
 @pytest.mark.parametrize(
     ("old", "new", "places"),
     [
         ("ASCII 1.1", "ASCII 2.0", ["line 1", "ASCII 1.1"]),
-        ("ASCII 1.1", "ply", ["line 1", "ASCII 1.1"]),
         ("ASCII 1.1\nH", "ASCII 1.1\nX", ["line 2", "record H"]),
         ("ASCII 1.1", "ASCII 1.0", ["line 2", "the header counts"]),
-    ],
-)
-def test_a_broken_start_is_refused(tmp_path: Path, old: str, new: str, places: list[str]) -> None:
-    line = refusal(tmp_path, house().replace(old, new))
-    assert all(place in line for place in places), line
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "places"),
-    [
-        ("O 3 5 1", "O 3 6 1", ["object 3", "region 6"]),
-        ("O 3 5 1", "O 3 5 3", ["object 3", "category 3"]),
-        ("O 3 5 1", "O 3 -2 1", ["region -2"]),
-        ("O 3 5 1", "O 3 five 1", ["whole number", "'five'"]),
-        ("O 3 5 1", "O 2 5 1", ["O 2"]),
+        ("O 3 5 1", "O 3 6 1", ["line 25", "object 3", "R 6"]),
+        ("O 3 5 1", "O 3 5 3", ["line 25", "object 3", "C 3"]),
+        ("O 3 5 1", "O 3 five 1", ["line 25", "whole number", "'five'"]),
+        ("O 3 5 1", "O 2 5 1", ["line 25", "O 2"]),
         ("R 4 0", "R 3 0", ["R 3"]),
         ("C 1 10 Towel 11 towel 0 0 0 0 0", "C 1 10", ["3 fields", "record C"]),
         ("S 0 0", "G 0 0", ["'G'"]),
     ],
 )
 def test_a_broken_record_is_refused_with_its_line(tmp_path: Path, old: str, new: str, places: list[str]) -> None:
-    whole = house()
-    assert whole.count(old) == 1
-    line = refusal(tmp_path, whole.replace(old, new))
-    number = whole[: whole.index(old)].count("\n") + 1
-    assert all(place in line for place in [f"line {number}: ", *places]), line
+    line = refusal(tmp_path, house().replace(old, new))
+    assert all(place in line for place in places), line
 
 
 @pytest.mark.parametrize("content", ["", "\n", "ASCII 1.1\n", "{}", "ASCII 1.1 and more\n"])
@@ -216,11 +190,12 @@ def test_the_same_house_twice_is_refused(tmp_path: Path) -> None:
     assert "copy.house" in line
 
 
-def test_a_folder_without_houses_is_refused(tmp_path: Path) -> None:
-    write(tmp_path / "scene/house_segmentations.zip", "")
-    for folder in (tmp_path, tmp_path / "missing"):
-        with pytest.raises(InputError, match=rf"^{re.escape(str(folder))}: .*\.house files"):
-            list(read_houses(folder, "mpcat40"))
+@pytest.mark.parametrize("folder", [".", "missing"])
+def test_a_folder_without_houses_is_refused(tmp_path: Path, folder: str) -> None:
+    write(tmp_path / "words.yaml", WORDS)
+    settings = {"folder": str(tmp_path / folder), "category": "mpcat40", "rooms": LABELS}
+    with pytest.raises(InputError, match=rf"^{re.escape(str(tmp_path / folder))}: .*\.house files"):
+        mined("mp3d_houses", tmp_path / "words.yaml", **settings)
 
 
 # Tallies
@@ -237,13 +212,13 @@ wall,bedroom,9
 ROOMS = {"bedroom": "bedroom", "living room": "living room", "family room": "living room"}
 
 
-def tallied(tmp_path: Path, content: str) -> list[Tally]:
-    (tmp_path / "tallies.csv").write_text(content, encoding="utf-8")
-    return read_tallies(tmp_path / "tallies.csv", ROOMS)
-
-
-def test_tallies_add_up_over_region_types_and_names_of_one_meaning(tmp_path: Path) -> None:
-    rows, left = mined([tallied(tmp_path, TALLIES)], ROOMS)
+def test_tallies_add_up_over_region_types_and_names_of_one_meaning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(tmp_path / "words.yaml", WORDS)
+    write(tmp_path / "tallies.csv", TALLIES)
+    monkeypatch.setattr(paths, "MP3D_TALLIES", tmp_path / "tallies.csv")
+    rows, left = mined("mp3d_tallies", tmp_path / "words.yaml", rooms=ROOMS)
     assert rows == [
         (None, "bedroom", None, "fan", "bedroom", 3),
         (None, "living room", None, "fan", "living room", 3),
@@ -253,58 +228,17 @@ def test_tallies_add_up_over_region_types_and_names_of_one_meaning(tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("content", "places"),
-    [
-        ("object,count\nfan,3\n", ["line 1", "object, room, count"]),
-        (TALLIES + "bed,bedroom,many\n", ["line 9", "count"]),
-        (TALLIES + "__,bedroom,1\n", ["line 9", "expected a name, got none"]),
-        (TALLIES + "fan,garage,1\n", ["'fan'", "'garage'", "twice"]),
-    ],
-)
-def test_broken_tallies_are_refused(tmp_path: Path, content: str, places: list[str]) -> None:
-    with pytest.raises(InputError) as refused:
-        tallied(tmp_path, content)
-    line = str(refused.value)
-    assert line.startswith(f"{tmp_path / 'tallies.csv'}: ")
-    assert all(place in line for place in places), line
-    assert len(line) < 300 + len(str(tmp_path))
-
-
-def test_a_region_type_that_the_tallies_lack_is_refused_by_the_setting_that_names_it(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"tallies\.csv: room 'family room': .*setting rooms"):
-        tallied(tmp_path, TALLIES.replace("family room", "lounge"))
-
-
-# Vocabularies
-
-VOCABULARY = "structure: [wall, door]\nsame_as:\n  tv: television\n"
-
-
-def test_a_vocabulary_is_read_whichever_of_its_keys_comes_first(tmp_path: Path) -> None:
-    whole = Vocabulary(structure=["wall", "door"], same_as={"tv": "television"})
-    for content in (VOCABULARY, "same_as: {tv: television}\nstructure: [wall, door]\n"):
-        write(tmp_path / "words.yaml", content)
-        assert read_vocabulary(tmp_path / "words.yaml") == whole
-
-
-@pytest.mark.parametrize(
     ("content", "place"),
     [
-        (None, "cannot be read"),
-        ("structure: [wall]\n", "same_as: "),
-        (VOCABULARY + "rooms: {}\n", "rooms: "),
-        (VOCABULARY.replace("[wall, door]", "wall"), "structure: "),
-        (VOCABULARY.replace("wall", "3"), "structure.0: "),
-        (VOCABULARY.replace("tv", "tv: television\n  door"), "same_as: 'door' is in structure"),
-        ("same_as: {door: painting}\nstructure: [wall, door]\n", "same_as: 'door' is in structure"),
+        (TALLIES + "__,bedroom,1\n", "line 9: .*expected a name, got none"),
+        (TALLIES + "Fan,garage,1\n", "line 9: .*'fan'"),
+        (TALLIES.replace("family room", "lounge"), "room 'family room': .*setting rooms"),
     ],
 )
-def test_a_broken_vocabulary_is_refused_by_its_key(tmp_path: Path, content: str | None, place: str) -> None:
-    path = tmp_path / "words.yaml"
-    if content is not None:
-        write(path, content)
-    with pytest.raises(InputError, match=rf"^{re.escape(f'{path}: {place}')}"):
-        read_vocabulary(path)
+def test_broken_tallies_are_refused(tmp_path: Path, content: str, place: str) -> None:
+    write(tmp_path / "tallies.csv", content)
+    with pytest.raises(InputError, match=rf"tallies\.csv: {place}"):
+        read_tallies(tmp_path / "tallies.csv", ROOMS)
 
 
 # What ships
@@ -315,8 +249,8 @@ def settings(source: str) -> dict[str, Any]:
     return settings_of(read_params(paths.PARAMS)["sources"][source], f"sources.{source}")[1]
 
 
-def shipped_words() -> Vocabulary:
-    return read_vocabulary(Path(settings("mp3d")["vocabulary"]))
+def shipped_words() -> dict[str, Any]:
+    return read_params(Path(settings("mp3d")["vocabulary"]))
 
 
 @pytest.fixture(scope="module")
@@ -333,7 +267,7 @@ def test_the_published_tallies_are_whole(published: pd.DataFrame) -> None:
 
 def test_the_mined_tallies_add_up_to_the_published_ones(published: pd.DataFrame) -> None:
     rooms = settings("mp3d")["rooms"]
-    rows, left = mined([read_tallies(paths.MP3D_TALLIES, rooms)], rooms, shipped_words())
+    rows, left = mined("mp3d_tallies", Path(settings("mp3d")["vocabulary"]), rooms=rooms)
     lounging = published["room"].isin(["living room", "family room", "lounge"])
     kept = published[lounging | published["room"].isin(["bathroom", "bedroom", "kitchen"])]
     no_structure = kept[~kept["object"].isin(["banister", "column", "door", "furniture", "handle", "railing", "stairs",
@@ -368,15 +302,15 @@ def ai2thor_names() -> dict[str, set[str]]:
 
 def test_names_of_the_same_thing_lead_to_entities_of_ai2thor(ai2thor_names: dict[str, set[str]]) -> None:
     words = shipped_words()
-    assert set(words.same_as.values()) - ai2thor_names["object"] == {"drinking glass", "sheet of paper"}
-    assert not set(words.same_as) & ai2thor_names["object"]
+    assert set(words["same_as"].values()) - ai2thor_names["object"] == {"drinking glass", "sheet of paper"}
+    assert not set(words["same_as"]) & ai2thor_names["object"]
 
 
 def test_published_categories_are_objects_of_ai2thor_or_bear_a_name_of_their_own_with_a_definition(
     published: pd.DataFrame, ai2thor_names: dict[str, set[str]]
 ) -> None:
     words = shipped_words()
-    named = {words.same_as.get(name, name) for name in set(published["object"]) - set(words.structure)}
+    named = {words["same_as"].get(name, name) for name in set(published["object"]) - set(words["structure"])}
     new = named - ai2thor_names["object"]
     assert not new & set().union(*ai2thor_names.values())
     assert new <= set(pd.read_csv(paths.DEFINITIONS)["phrase"])

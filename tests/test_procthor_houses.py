@@ -5,9 +5,8 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
-import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -17,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isi.errors import InputError
+from isi.sources import READERS, Mining
 from isi.sources import procthor_houses as procthor
 from isi.sources.procthor_houses import (  # fmt: skip
     ELSEWHERE,
@@ -25,15 +25,15 @@ from isi.sources.procthor_houses import (  # fmt: skip
     TAKEN,
     UNNAMED,
     UNRECORDED,
-    House,
     HouseObject,
     Point,
     Room,
     asset_types,
     read_houses,
+    rooms_of,
     type_and_room,
 )
-from isi.sources.recordings import Scene, SceneObject
+from isi.sources.recordings import Scene
 from tests.observing import observations_of
 from tests.procthor import KITCHEN, floor, house, thing
 from tools import make_houses
@@ -41,15 +41,18 @@ from tools import make_houses
 AFFORDANCES = {"mug": ["pick up", "put"], "counter top": [], "pen": ["pick up"], "sofa": ["push"], "painting": []}
 
 
-def no_materials(_house: int, things: Sequence[SceneObject]) -> list[list[str]]:
-    return [[] for _ in things]
+@pytest.fixture(autouse=True)
+def _recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Types as they were recorded, of no materials."""
+    monkeypatch.setattr(procthor, "recorded_types", lambda _scenes: procthor.RecordedTypes(AFFORDANCES, {}))
 
 
 def observed(path: Path, *lines: dict[str, Any]) -> tuple[list[tuple[object, ...]], Counter[str]]:
     """Rows of the houses of a file, and what mining counted."""
     path.write_text("\n".join(map(json.dumps, lines)), encoding="utf-8")
-    counts: Counter[str] = Counter()
-    return list(procthor.mine(read_houses(path, None), AFFORDANCES, no_materials, counts)), +counts
+    mining = Mining(0)
+    rows = READERS["procthor_houses"].read(mining, path=str(path), sha256=None, materials="simulator")
+    return list(rows), +mining.counts
 
 
 def test_objects_are_in_the_room_whose_floor_holds_them_and_children_in_their_parents(tmp_path: Path) -> None:
@@ -111,17 +114,18 @@ def test_an_object_whose_id_names_no_type_is_of_the_type_of_its_asset(tmp_path: 
 
 def test_objects_of_made_houses_are_where_their_ids_say(tmp_path: Path) -> None:
     make_houses.write(tmp_path / "x.jsonl", 20)
-    left: Counter[str] = Counter()
-    placed = [
-        (thing.room, room)
-        for _, read, things in read_houses(tmp_path / "x.jsonl", None)
-        for thing, room in procthor.in_rooms(read, things, left)
-    ]
-    assert len(placed) == left[INSTANCES] > 500
-    assert +left == {INSTANCES: len(placed)}
+    counted = 0
+    for _, made, objects in read_houses(tmp_path / "x.jsonl", None):
+        rooms = rooms_of(made.rooms, objects)
+        assert [room and room.id for room in rooms] == [thing.room for thing in objects]
+        counted += len(objects)
+    assert counted > 500
 
 
 # What was recorded
+
+
+RECORDED_TYPES = procthor.recorded_types
 
 
 def recording() -> procthor.RecordedTypes:
@@ -131,9 +135,7 @@ def recording() -> procthor.RecordedTypes:
         {"objectType": "Mug", "pickupable": True, "breakable": True, "openable": True},
         {"objectType": "Mug", "pickupable": True, "salientMaterials": ["Glass"]},
     ]
-    return procthor.recorded_types(
-        [Scene("FloorPlan1", 1, "kitchen", mugs[:2]), Scene("FloorPlan2", 2, "kitchen", mugs[2:])]
-    )
+    return RECORDED_TYPES([Scene("FloorPlan1", 1, "kitchen", mugs[:2]), Scene("FloorPlan2", 2, "kitchen", mugs[2:])])
 
 
 def test_a_type_affords_what_more_than_half_of_its_recorded_objects_do() -> None:
@@ -152,7 +154,10 @@ def test_materials_are_those_of_a_recorded_object_of_the_type_as_often_as_there_
 
 
 @pytest.mark.parametrize("materials", ["suncg", "simulator"])
-def test_the_source_mines_a_file_with_what_the_real_recording_says(tmp_path: Path, materials: str) -> None:
+def test_the_source_mines_a_file_with_what_the_real_recording_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, materials: str
+) -> None:
+    monkeypatch.setattr(procthor, "recorded_types", RECORDED_TYPES)
     make_houses.write(tmp_path / "x.jsonl.gz", 3)
     given = {"reader": "procthor_houses", "path": str(tmp_path / "x.jsonl.gz"), "sha256": None, "materials": materials}
     found = observations_of(given)
@@ -164,19 +169,13 @@ def test_the_source_mines_a_file_with_what_the_real_recording_says(tmp_path: Pat
     assert set(switches["tail"]) == {"turn on", "turn off"}
 
 
-def test_houses_are_read_only_as_they_are_needed() -> None:
-    taken: list[int] = []
-
-    def endless() -> Iterator[tuple[int, House, list[HouseObject]]]:
-        while True:
-            taken.append(len(taken))
-            things = [HouseObject("Sofa|2|0", "Sofa", Point(x=1, z=1), None, "room|2")]
-            yield len(taken), House.model_validate_json(json.dumps(house())), things
-
-    rows = procthor.mine(endless(), {}, no_materials, Counter())
-    for number in range(1, 4):
+def test_houses_are_read_one_by_one(tmp_path: Path) -> None:
+    path = tmp_path / "x.jsonl"
+    path.write_text(json.dumps(house(thing("Sofa|2|0", 1, 1))) + "\nbroken", encoding="utf-8")
+    rows = iter(READERS["procthor_houses"].read(Mining(0), path=str(path), sha256=None, materials="simulator"))
+    assert [row[5] for row in islice(rows, 2)] == ["kitchen", "push"]
+    with pytest.raises(InputError, match="line 2"):
         next(rows)
-        assert len(taken) == number
 
 
 # Files of houses
@@ -208,53 +207,45 @@ def broken(key: str, value: object) -> bytes:
 
 
 LINE = json.dumps(house(thing("Mug|2|0", 1, 1))).encode() + b"\n"
-SENTENCE = r"[^\x00-\x1f\x7f]{1,400}"
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "problem"),
     [
-        (b"", "expected houses, found none"),
         (b"\n\n", "expected houses, found none"),
-        (LINE + LINE[:-30], "line 2: expected a house: Invalid JSON"),
+        (LINE + LINE[:-30], "line 2: Invalid JSON"),
         (gzip.compress(LINE * 99)[:-30], "line .*: expected a house as JSON .*ended"),
         (gzip.compress(LINE)[:15] + b"\0" * 40, "line 1: expected a house as JSON"),
-        (LINE.decode().encode("utf-16"), "line 1: expected a house: Invalid JSON"),
-        (LINE + LINE.replace(b"Mug", b"M\xfcg"), "line 2: expected a house: Invalid JSON"),
-        (b"head,relation,tail\nmug,atLocation,kitchen\n", "line 1: expected a house"),
-        (b'{"kitchens": []}', "line 1, rooms: expected a house: Field required"),
-        (b"[" * 100_000, "line 1: expected a house"),
-        (b"[[]]", "line 1: expected a house: .*object"),
+        (LINE.decode().encode("utf-16"), "line 1: Invalid JSON"),
+        (b'{"kitchens": []}', "line 1, rooms: Field required"),
+        (b"[[]]", "line 1: .*object"),
         (broken("metadata.schema", "2.0.0"), "line 1, metadata.schema: .*'2.0.0'"),
         (broken("rooms", []), "line 1, rooms: .*at least 1"),
         (broken("rooms.1.id", "room|2"), "line 1: two rooms have the same id"),
         (broken("rooms.1.roomType", "a\nb"), r"line 1, rooms.1.roomType: .*'a\\nb'"),
         (broken("rooms.1.floorPolygon", floor(KITCHEN[:2])), "rooms.1.floorPolygon: .*at least 3"),
         (broken("rooms.0.floorPolygon.2.x", "4.0"), "rooms.0.floorPolygon.2.x: .*number, got '4.0'"),
-        (broken("objects.0.position.z", True), "objects.0.position.z: .*number"),
         (broken("objects.0.position.z", float("nan")), "objects.0.position.z: .*finite"),
         (broken("objects.0.position.x", 10**400), "objects.0.position.x"),
         (broken("objects.0.children.0.position", None), "objects.0.children.0.position: .*required"),
-        (broken("objects.0.children.0.id", None), "objects.0.children.0.id: .*required"),
         (broken("objects.0.id", "Mug\0|2|0"), r"objects.0.id: .*'Mug\\x00"),
         (broken("objects.0.id", "M" * 10_000), r"objects.0.id: .*at most 200.*\.\.\."),
-        (broken("objects.0.id", "../../etc"), r"line 1, object '\.\./\.\./etc': expected an id .*'Bed"),
         (broken("objects.0.id", "small|2|0"), "object 'small.2.0': .*or a known asset"),
         (broken("objects", "none"), "line 1, objects: .*'none'"),
     ],
     ids=lambda value: value[:30] if isinstance(value, str) else "",
 )
-def test_what_is_no_house_is_told_in_one_line_with_its_place(tmp_path: Path, content: bytes, told: str) -> None:
+def test_what_is_no_house_is_refused_in_one_line_with_its_place(tmp_path: Path, content: bytes, problem: str) -> None:
     path = tmp_path / "x.jsonl"
     path.write_bytes(content)
-    with pytest.raises(InputError, match=told) as refused:
+    with pytest.raises(InputError, match=problem) as refused:
         list(read_houses(path, None))
     line = str(refused.value)
     assert line.startswith(f"{path}: ")
-    assert re.fullmatch(SENTENCE, line)
+    assert line.isprintable()
 
 
-def test_files_that_are_missing_folders_too_long_or_others_are_told(
+def test_files_that_are_missing_folders_too_long_or_others_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "x.jsonl"
@@ -301,6 +292,6 @@ def test_each_point_of_a_floor_plan_is_in_the_one_room_that_it_was_cut_into(
         Room.model_validate({"id": "room|1", "roomType": "Kitchen", "floorPolygon": make_houses.outline(area)})
         for area in areas
     ]
-    held = [room.holds(Point(x=x, z=z)) for room in rooms]
-    assert sum(held) == 1
-    assert held == cut or not any(cut)  # on a border between rectangles
+    (room,) = rooms_of(rooms, [HouseObject("Mug|7|0", "Mug", Point(x=x, z=z), None, None)])
+    assert room is not None
+    assert not any(cut) or cut[rooms.index(room)]  # else on a border between rectangles

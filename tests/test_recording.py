@@ -86,18 +86,11 @@ def test_scenes_of_the_package_bear_the_numbers_of_their_floor_plans_and_only_wh
     assert scenes[4] == Scene("FloorPlan5", 5, "kitchen", [READ])
 
 
-def test_a_missing_recording_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"nowhere\.json"):
-        read_recording(tmp_path / "nowhere.json", "0" * 64)
-
-
 @pytest.mark.parametrize(
     ("content", "place"),
     [
-        *[
-            (text, "expected JSON: ")
-            for text in (json.dumps(package())[:-40], "a photograph", "", "[" * 100_000, [], 3)
-        ],
+        *[(text, "Invalid JSON") for text in (json.dumps(package())[:-40], "a photograph", "", "[" * 100_000)],
+        ([], "an object"),
         *[(package() | {"living_rooms": [[]] * number}, f"living_rooms: .*30.*{number}") for number in (29, 31)],
         ({"kitchens": [[]] * 30}, "living_rooms: .*30"),
     ],
@@ -105,12 +98,14 @@ def test_a_missing_recording_is_named(tmp_path: Path) -> None:
 def test_a_package_that_is_not_what_it_must_be_is_refused_by_its_key(
     tmp_path: Path, content: object, place: str
 ) -> None:
-    with pytest.raises(InputError, match=rf"recording\.json: {place}"):
+    with pytest.raises(InputError, match=rf"recording\.json: .*{place}"):
         read(tmp_path / "recording.json", content)
 
 
-def test_a_recording_of_another_hash_is_refused_with_both_hashes(tmp_path: Path) -> None:
+def test_a_recording_that_is_missing_or_of_another_hash_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "recording.json"
+    with pytest.raises(InputError, match=r"recording\.json"):
+        read_recording(path, None)
     read(path, package())
     got = hashlib.sha256(path.read_bytes()).hexdigest()
     with pytest.raises(InputError, match=rf"recording\.json.*{'0' * 64}.*sha256.*{got}"):
@@ -120,10 +115,7 @@ def test_a_recording_of_another_hash_is_refused_with_both_hashes(tmp_path: Path)
 @pytest.mark.parametrize(
     ("change", "place"),
     [
-        *[
-            ({"objectType": kind}, "objectType: ")
-            for kind in (None, "../../Mug", "Mug\x1b[2J", "M" * 10_000, "Mug ", "M\ud800")
-        ],
+        *[({"objectType": kind}, "objectType: ") for kind in (None, "../../Mug", "Mug\x1b[2J", "M" * 10_000, "Mug ")],
         *[({"objectId": identifier}, "objectId: ") for identifier in (7, "Mug\n", "M" * 10_000, "Mug\ud800")],
         *[({"parentReceptacles": ids}, "parentReceptacles") for ids in ("Shelf|1", [["Shelf|1"]], ["Shelf|1"] * 2)],
         ({"receptacleObjectIds": {"Fork|1": 1}}, "receptacleObjectIds: "),
@@ -143,28 +135,24 @@ def test_a_malformed_object_is_named_with_its_scene_in_one_line_in_either_form(
         assert len(str(refused.value)) < 300
 
 
-@pytest.mark.parametrize("key", ["objectId", "objectType"])
-def test_an_object_without_a_name_or_a_type_is_refused(tmp_path: Path, key: str) -> None:
-    things = [{name: value for name, value in MUG.items() if name != key}]
-    with pytest.raises(InputError, match=rf"FloorPlan5\.0\.{key}: Field required"):
-        read_lines(tmp_path / "r", HEADER, scene(objects=things))
-
-
-def test_an_id_that_is_in_its_scene_twice_is_refused_whatever_its_types(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"FloorPlan5, object Mug\|1: is in its scene twice"):
-        read_lines(tmp_path / "r", HEADER, scene(objects=[MUG, {**MUG, "objectType": "Cup"}]))
+@pytest.mark.parametrize(
+    ("objects", "place"),
+    [
+        ([{"objectType": "Mug"}], r"\.0\.objectId: Field required"),
+        ([{"objectId": "Mug|1"}], r"\.0\.objectType: Field required"),
+        ([MUG, {**MUG, "objectType": "Cup"}], r", object Mug\|1: is in its scene twice"),
+        *[(objects, r"(\.0)?: .*([Ll]ist|dictionary)") for objects in (None, {}, "Mug", ["Mug"], [{}] * 100_001)],
+    ],
+)
+def test_objects_that_are_no_list_of_named_objects_are_refused(tmp_path: Path, objects: object, place: str) -> None:
+    with pytest.raises(InputError, match=f"FloorPlan5{place}"):
+        read_lines(tmp_path / "r", HEADER, scene(objects=objects))
 
 
 def test_a_byte_order_mark_is_no_part_of_a_recording_of_either_form(tmp_path: Path) -> None:
     mark = "\ufeff"
     assert read(tmp_path / "r.json", mark + json.dumps(package()))[4].objects == [READ]
     assert read_lines(tmp_path / "r", (mark + json.dumps(HEADER)).encode(), scene(objects=(MUG,)))[0].objects == [READ]
-
-
-@pytest.mark.parametrize("objects", [None, {}, "Mug", ["Mug"], [{}] * 100_001])
-def test_a_scene_without_a_list_of_objects_is_named(tmp_path: Path, objects: object) -> None:
-    with pytest.raises(InputError, match=r"FloorPlan5(\.0)?: .*(list|List|dictionary)"):
-        read_lines(tmp_path / "recording", HEADER, scene(objects=objects))
 
 
 # As the recorder writes it
@@ -200,32 +188,21 @@ def test_scenes_of_the_recorder_are_read_one_by_one(tmp_path: Path) -> None:
         next(scenes)
 
 
-def test_the_hash_of_a_recording_is_that_of_the_file(tmp_path: Path) -> None:
-    read_lines(tmp_path / "r", HEADER, scene())
-    own = hashlib.sha256((tmp_path / "r").read_bytes()).hexdigest()
-    assert len(list(read_recording(tmp_path / "r", own))) == 1
-    with pytest.raises(InputError, match="sha256"):
-        read_recording(tmp_path / "r", "0" * 64)
-
-
 @pytest.mark.parametrize(
     ("lines", "place"),
     [
-        ([], "line 1: expected a header"),
+        ([], "line 1: "),
         ([scene()], "line 1: expected a header"),
-        ([[]], "line 1: expected a header"),
+        ([[]], "line 1: "),
         ([HEADER | {"version": 2}], "line 1: .*'version': 2"),
-        ([HEADER | {"version": "1"}], "line 1: .*'version': '1'"),
         ([HEADER | {"simulator": "gibson"}], "line 1: .*gibson"),
-        (["x" * 10_000], "line 1: .{0,300}$"),
         ([HEADER], "expected scenes behind the header, got none"),
-        ([HEADER, scene(), b"\xff\xfe"], "line 3: expected a scene"),
-        *[([HEADER, line], "line 2: expected a scene") for line in (b"{", b"[" * 100_000, b"3")],
-        ([HEADER, {"scene": "FloorPlan5"}], "line 2, spawn: expected a scene"),
-        *[([HEADER, scene(spawn=spawn)], "line 2, spawn: expected a scene") for spawn in ("3", True)],
-        ([HEADER, scene("")], "line 2, scene: expected a scene"),
-        ([HEADER, scene("FloorPlan999")], "line 2: expected one of .*FloorPlan1, got 'FloorPlan999'"),
-        ([HEADER, scene("FloorPlan_Train1_1")], "line 2: .*got 'FloorPlan_Train1_1'"),
+        ([HEADER, scene(), b"\xff\xfe"], "line 3: "),
+        *[([HEADER, line], "line 2: ") for line in (b"{", b"[" * 100_000, b"3")],
+        ([HEADER, {"scene": "FloorPlan5"}], "line 2, spawn: "),
+        *[([HEADER, scene(spawn=spawn)], "line 2, spawn: ") for spawn in ("3", True)],
+        ([HEADER, scene("")], "line 2, scene: "),
+        ([HEADER, scene("FloorPlan_Train1_1")], "line 2: .*such as FloorPlan1, got 'FloorPlan_Train1_1'"),
         ([HEADER, scene("../" * 5000)], "line 2: .{0,200}$"),
         ([HEADER, scene(spawn=10**300)], "line 2: expected a name of at most 200"),
         ([HEADER, scene(spawn=1), scene(), scene(spawn=1)], "line 4: FloorPlan5#1 is there twice"),
@@ -239,16 +216,13 @@ def test_a_line_that_is_not_what_it_must_be_is_refused_by_its_number(
     assert str(refused.value).isprintable()
 
 
-def test_a_line_that_is_too_long_is_refused_before_it_is_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_too_large_is_refused_before_it_is_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recordings, "MOST_BYTES", 300)
-    with pytest.raises(InputError, match="line 2: expected at most 300 bytes"):
-        read_lines(tmp_path / "r", HEADER, scene(objects=[MUG] * 3))
-
-
-def test_json_that_is_too_large_is_refused_before_it_is_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recordings, "MOST_BYTES_WHOLE", 300)
     with pytest.raises(InputError, match=r"recording\.json: expected at most 300 bytes"):
         read(tmp_path / "recording.json", package())
+    with pytest.raises(InputError, match="line 2: expected at most 300 bytes"):
+        read_lines(tmp_path / "r", HEADER, scene(objects=[MUG] * 3))
 
 
 # As it grows
@@ -260,7 +234,7 @@ def write(path: Path, *layouts: Layout) -> None:
         recording.append(layout, [MUG])
 
 
-def test_what_is_written_is_what_the_simulator_gave_less_what_no_one_reads_and_is_read_again(tmp_path: Path) -> None:
+def test_what_is_written_is_what_the_simulator_gave_less_what_is_not_mined_and_is_read_again(tmp_path: Path) -> None:
     path = tmp_path / "folder" / "r.jsonl.gz"
     write(path, Layout("FloorPlan5", None), Layout("FloorPlan5", 3))
     header, *scenes = (json.loads(line) for line in gzip.decompress(path.read_bytes()).splitlines())
@@ -297,7 +271,7 @@ def test_a_recording_that_is_killed_anywhere_in_a_scene_goes_on_behind_the_last_
         (lambda whole: whole[:150] + b"????" + whole[154:], "byte .*gzip"),
         (lambda whole: whole + b"\0" * 40, "byte .*gzip"),
         (lambda _whole: gzip.compress(b'{"format": "other"}\n'), "line 1: expected a header"),
-        (lambda whole: whole + gzip.compress(b"3\n"), "line 3: expected a scene"),
+        (lambda whole: whole + gzip.compress(b"3\n"), "line 3: "),
     ],
 )  # fmt: skip
 def test_what_is_no_recording_is_refused_and_left_as_it_is(
@@ -312,12 +286,6 @@ def test_what_is_no_recording_is_refused_and_left_as_it_is(
     assert path.read_bytes() == broken
 
 
-def test_a_recording_of_another_build_is_not_gone_on_with(tmp_path: Path) -> None:
-    write(tmp_path / "r", Layout("FloorPlan1", None))
-    with pytest.raises(InputError, match="line 1: was recorded with build 'thor-1', not 'thor-2': choose another"):
-        Recording(tmp_path / "r", SIMULATOR | {"build": "thor-2"})
-
-
 def test_another_local_build_of_the_same_name_does_not_go_on_with_a_recording(tmp_path: Path) -> None:
     section = read_params(ROOT / paths.PARAMS)["recorder"]
     headers = []
@@ -327,7 +295,7 @@ def test_another_local_build_of_the_same_name_does_not_go_on_with_a_recording(tm
         program.write_text(folder, encoding="utf-8")
         headers.append(header(check({**section, "platform": str(program)}, Recorder, "recorder")))
     digits = [hashlib.sha256(content).hexdigest()[:16] for content in (b"one", b"other")]
-    assert [found["build"] for found in headers] == [f"thor-Linux64 {some}" for some in digits]
+    assert [made["build"] for made in headers] == [f"thor-Linux64 {first}" for first in digits]
     Recording(tmp_path / "r", headers[0]).append(Layout("FloorPlan1", None), [MUG])
     with pytest.raises(
         InputError, match=f"line 1: was recorded with build 'thor-Linux64 {digits[0]}', not .*{digits[1]}"
@@ -363,7 +331,7 @@ def test_a_line_is_unpacked_up_to_the_longest_that_is_read(
 ) -> None:
     path = tmp_path / "r"
     write(path, Layout("FloorPlan1", None))
-    monkeypatch.setattr("isi.sources.recordings.MOST_BYTES", 400)
+    monkeypatch.setattr("isi.sources.recorder.MOST_BYTES", 400)
     assert Recording(path, SIMULATOR).names == {"FloorPlan1"}
     bomb = gzip.compress(b" " * 50_000_000)
     path.write_bytes(path.read_bytes() + (bomb if whole else bomb[:-9]))

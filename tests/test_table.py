@@ -127,7 +127,7 @@ def test_a_table_of_entities_goes_before_relations(log: Path, tmp_path: Path) ->
     ("listed", "kinds", "expected"),
     [
         ("entity,kind\nmug,cup\n", None, ["'TVStand'", "expected its kind"]),
-        ("entity,kind\nmug,cup\nmug,can\n", None, ["names.csv", "line 3", "also in line 2"]),
+        ("entity,kind\nmug,cup\nmug,can\n", None, ["names.csv", "line 3", "'mug'"]),
         ("entity,kinds\nmug,cup\n", None, ["names.csv", "line 1", "'kinds'"]),
         ("entity,kind\nmug,a\x07b\n", None, ["names.csv", "line 2", "control"]),
         ("entity\nunseen\n", {"atLocation": HOMELY["atLocation"]}, ["'TVStand'", "expected its kind"]),
@@ -145,7 +145,7 @@ def test_kinds_that_are_not_whole_are_refused(
 def test_an_entity_of_two_kinds_is_refused_by_its_relations(tmp_path: Path) -> None:
     path = written(tmp_path / "log.csv", "head,relation,tail\nmug,hasMaterial,glass\nglass,atLocation,kitchen\n")
     refused("table", path, ["'glass'", "tail of hasMaterial", "head of atLocation"], kinds=HOMELY)
-    refused("table", path, ["'glass'", "material and object"], household=True)
+    refused("table", path, ["'glass'", "material", "object"], household=True)
     refused("table", path, ["kinds", "household"], household=True, kinds=HOMELY)
 
 
@@ -157,7 +157,6 @@ def test_an_entity_of_two_kinds_is_refused_by_its_relations(tmp_path: Path) -> N
     [
         ("a.csv", "", ["line 1", "head, relation, tail", "none"]),
         ("a.csv", "head,relation,tail\n", ["expected observations"]),
-        ("a.csv", "mug,atLocation,kitchen\n", ["line 1", "'mug'"]),
         ("a.csv", "head,relation,tail,cuont\n", ["line 1", "'cuont'"]),
         ("a.csv", "head,relation,tail,tail\n", ["line 1", "'tail', 'tail'"]),
         ("a.csv", "head,relation,tail\na,b,c\na,b\n", ["line 3", "Expected 3 columns, got 2"]),
@@ -167,12 +166,9 @@ def test_an_entity_of_two_kinds_is_refused_by_its_relations(tmp_path: Path) -> N
         ("a.csv", "head,relation,tail\na,\x00,c\n", ["line 2", "control"]),
         ("a.csv", "head,relation,tail\n../../etc/passwd,b,c\n", ["line 2", "'../'"]),
         ("a.csv", f"head,relation,tail\n{'m' * 10_000},b,c\n", ["line 2", f"at most {LONGEST}", "10,000"]),
-        ("a.csv", f"head,relation,tail\n{'m' * 200_000},b,c\n", ["line 2", "at most"]),
         ("a.csv", "head,relation,tail\n" + "," * 3_000_000, ["table of UTF-8 text"]),
         ("a.csv", "head,relation,tail,room\na,b,c,\u202ekitchen\n", ["line 2", "control"]),
         ("a.csv", "head,relation,tail,count\na,b,c,many\n", ["line 2", "count", "'many'"]),
-        ("a.csv", "head,relation,tail,count\na,b,c,\n", ["line 2", "count"]),
-        ("a.csv", "head,relation,tail,count\na,b,c,2.0\n", ["line 2", "'2.0'"]),
         ("a.csv", "head,relation,tail,count\na,b,c,0\n", ["line 2", "from 1"]),
         ("a.csv", "head,relation,tail,count\na,b,c,9999999999\n", ["line 2", "from 1"]),
         ("a.csv", "head,relation,tail,count\na,b,c,1000000000\na,b,c,1\n", ["in all"]),

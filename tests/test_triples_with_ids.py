@@ -1,4 +1,4 @@
-"""Triples as ids: hand-made files, bad ones, and the two graphs that ship."""
+"""Graphs published as triples: hand-made files of ids, bad ones, and the three graphs that ship."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isi.errors import InputError
-from isi.sources.triples_with_ids import KINDS, read_ids, shipped_names
+from isi.graph.graph import GraphTables, MinedSource, build_tables
+from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
+from isi.sources.triples_with_ids import KINDS, published_phrases, read_ids, shipped_names
+from isi.tables import paths
 from tests.observing import observations_of
 
 FILES = {
@@ -31,8 +34,8 @@ def folder_of(path: Path, **changes: str | None) -> Path:
 
 def mined(from_: str, triples: list[str] | None = None) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Observations, and kinds."""
-    found = observations_of({"reader": "triples_with_ids", "from": from_, "triples": triples})
-    return found.table, found.kinds
+    observed = observations_of({"reader": "triples_with_ids", "from": from_, "triples": triples})
+    return observed.table, observed.kinds
 
 
 def test_ids_are_head_tail_and_relation_and_repeats_are_observations(tmp_path: Path) -> None:
@@ -146,6 +149,81 @@ def test_names_of_the_graphs_agree_and_tell_entities_apart() -> None:
     names = shipped_names()
     assert not names["name"].duplicated().any()
     of_kind = names.assign(kind=names["name"].str.rpartition(".")[2].map(KINDS))
-    told = of_kind[["entity", "phrase", "kind"]].drop_duplicates()
-    assert not told["entity"].duplicated().any()
-    assert (told["entity"].str.replace(r" \((place|action|state|material)\)$", "", regex=True) == told["phrase"]).all()
+    described = of_kind[["entity", "phrase", "kind"]].drop_duplicates()
+    assert not described["entity"].duplicated().any()
+    assert (
+        described["entity"].str.replace(r" \((place|action|state|material)\)$", "", regex=True) == described["phrase"]
+    ).all()
+
+
+# The paper's own
+
+PLACES = ["cabinet", "fridge", "hanger", "table", "towel holder"]
+
+
+@pytest.fixture(scope="module")
+def graph() -> GraphTables:
+    observed = observations_of({"reader": "published"})
+    assert observed.table[["scene", "room", "instance"]].isna().all(axis=None)
+    return build_tables(MinedSource("published", observed.table, observed.kinds))
+
+
+def test_the_papers_graph_has_the_triples_and_entities_that_it_says(graph: GraphTables) -> None:
+    assert len(graph.triples) == 352
+    assert graph.triples["count"].sum() == 14_759
+    assert set(graph.triples["relation"]) == {AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL}
+    assert graph.entities["kind"].value_counts().to_dict() == {"object": 73, "room": 4, "affordance": 17, "material": 7}
+
+
+def test_bowls_are_in_cabinets_as_often_as_the_paper_says(graph: GraphTables) -> None:
+    phrase = dict(zip(graph.entities["entity"], graph.entities["phrase"], strict=True))
+    triples = graph.triples.assign(of=graph.triples["head"].map(phrase), where=graph.triples["tail"].map(phrase))
+    bowls = triples[(triples["of"] == "bowl") & (triples["where"] == "cabinet")]
+    assert bowls[["head", "relation", "tail", "count"]].values.tolist() == [
+        ["bowl", AT_LOCATION, "cabinet (place)", 22]
+    ]
+
+
+def test_what_is_a_place_and_a_thing_is_two_entities_of_one_phrase(graph: GraphTables) -> None:
+    entities = graph.entities.set_index("entity")
+    shared = entities[entities["phrase"].duplicated(keep=False)]
+    assert sorted(shared.index) == sorted(name for place in PLACES for name in (place, f"{place} (place)"))
+    heads, tails = set(graph.triples["head"]), set(graph.triples["tail"])
+    for place in PLACES:
+        assert entities.loc[place, "phrase"] == entities.loc[f"{place} (place)", "phrase"]
+        assert f"{place} (place)" in tails - heads
+        assert place in heads - tails
+
+
+def test_what_is_found_in_a_room_is_an_object_though_others_be_made_of_it(graph: GraphTables) -> None:
+    heads = set(graph.triples["head"])
+    made_of = set(graph.triples.loc[graph.triples["relation"] == HAS_MATERIAL, "tail"])
+    assert heads & made_of == {"fabric", "mirror"}
+    assert set(graph.entities.loc[graph.entities["entity"].isin(heads), "kind"]) == {"object"}
+
+
+def test_every_phrase_names_a_synset_of_the_triples() -> None:
+    listed = published_phrases()
+    triples = pd.read_csv(paths.PUBLISHED_TRIPLES)
+    assert sorted(listed["synset"]) == sorted({*triples["head"], *triples["tail"]})
+    assert len(listed) == 101
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "place"),
+    [
+        ("TRIPLES", "head,relation,tail\nmug.n.04,atLocation,kitchen.l.01\n", "line 1: .*head, relation, tail, count"),
+        ("TRIPLES", "head,relation,tail,count\nmug.n.04,atLocation,cave.l.01,1\n", "line 2: .*'cave.l.01'"),
+        ("TRIPLES", "head,relation,tail,count\n" + 2 * "mug.n.04,atLocation,kitchen.l.01,1\n", "line 3: .*'mug.n.04 "),
+        ("PHRASES", "synset,entity,phrase,kind\nm.n.04,mug,mug,object\nm.n.04,cup,cup,object\n", "line 3: .*'m.n.04'"),
+        ("PHRASES", "synset,entity,phrase,kind\nm.n.04,mug,mug,object\nc.n.01,mug,cup,object\n", "line 3: .*'mug'"),
+    ],
+)
+def test_broken_files_of_the_papers_graph_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str, content: str, place: str
+) -> None:
+    path = tmp_path / "broken.csv"
+    path.write_text(content, encoding="utf-8")
+    monkeypatch.setattr(paths, f"PUBLISHED_{file}", path)
+    with pytest.raises(InputError, match=rf"broken\.csv: {place}"):
+        observations_of({"reader": "published"})

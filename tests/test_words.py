@@ -18,10 +18,10 @@ from isi.errors import InputError
 from isi.graph import words
 from isi.graph.words import Words
 from isi.sources.names import entity_name
-from isi.sources.published import read_phrases
 from isi.sources.recordings import locate
+from isi.sources.triples_with_ids import published_phrases
 from isi.tables import paths
-from tools.embed_phrases import keep
+from tools.embed_phrases import reuse
 
 VECTORS = {
     "alarm": [1.0, 0.0, 0.0],
@@ -279,7 +279,7 @@ AFFORDANCES = ["open", "close", "pick up", "put", "turn on", "turn off", "fill",
 
 
 def test_the_shipped_vectors_serve_every_phrase_as_one_token(shipped: KeyedVectors) -> None:
-    published = read_phrases(paths.PUBLISHED_PHRASES)["phrase"]
+    published = published_phrases()["phrase"]
     phrases = [*definitions(), *object_types(), *ROOMS, *SUNCG, *SIMULATOR, *AFFORDANCES, *published]
     assert words.look_up(shipped, phrases).served_by == [phrase.replace(" ", "_") for phrase in phrases]
 
@@ -304,6 +304,6 @@ def test_embedding_again_keeps_the_bytes_of_vectors_that_differ_by_rounding_alon
     stored.add_vectors(["mug", "bowl"], np.array([[0.6, 0.8, 0.0], [0.0, 0.6, 0.8]], dtype=np.float32))
     again = np.array([[0.600001, 0.8, 0.0], [0.0, 0.6, 0.8], [0.01, 0.59, 0.8]], dtype=np.float32)
     new_bowl = again[2].copy()
-    assert keep(["mug", "pan", "bowl"], again, stored) == 1
+    assert reuse(["mug", "pan", "bowl"], again, stored) == 1
     assert again[0].tobytes() == stored["mug"].tobytes()
     np.testing.assert_array_equal(again[1:], [np.array([0.0, 0.6, 0.8], dtype=np.float32), new_bowl])

@@ -94,12 +94,10 @@ def settings_of(section: object, key: str) -> tuple[Reader, dict[str, Any]]:
     if name not in READERS and name not in all_readers():
         expected = f"expected one of {', '.join(READERS)}, got {short(name)}{meant(name, READERS)}"
         raise InputError(paths.PARAMS, f"{key}.reader", expected)
-    settings = config.keywords(READERS[name].read, given, key)
-    for setting, value in settings.items():
+    for setting, value in given.items():
         if isinstance(value, str) and "\0" in value:  # which is in no path
-            place = f"{key}.{setting.removesuffix('_')}"
-            raise InputError(place, "", f"expected text without null, got {short(value)}")
-    return READERS[name], settings
+            raise InputError(f"{key}.{setting}", "", f"expected text without null, got {short(value)}")
+    return READERS[name], config.keywords(READERS[name].read, given, key)
 
 
 def observed(
@@ -131,11 +129,8 @@ class Source:
         self._reader, self._settings = settings_of(section, key)
         self._place = str(self._settings.get(self._reader.path or "", key))
         self._mining = Mining(seed)
-
-    @property
-    def counts(self) -> Counter[str]:
-        """What mining has dropped, or has left after each step."""
-        return self._mining.counts
+        #: what mining has dropped, or has left after each step
+        self.counts = self._mining.counts
 
     def tables(self) -> Iterator[pa.Table]:
         """Observations (``tables.OBSERVATIONS``), at most ``CHUNK`` at once.
@@ -158,17 +153,12 @@ class Source:
                 raise InputError(self._place, "", f"expected at most {MOST_OBSERVED:,} observations in all")
             triples |= new
             rooms |= set(columns[1]) - {None}
-            arrays = list(map(pa.array, columns, OBSERVATIONS.schema.types))
-            yield pa.Table.from_arrays(arrays, schema=OBSERVATIONS.schema)
+            yield pa.table([*map(pa.array, columns, OBSERVATIONS.schema.types)], schema=OBSERVATIONS.schema)
         if not triples:
             raise InputError(self._place, "", "expected observations, got none")
-        self.kinds = self._named(pd.DataFrame(sorted(triples), columns=["head", "relation", "tail"]), rooms)
-
-    def _named(self, triples: pd.DataFrame, rooms: Collection[str]) -> pd.DataFrame:
-        kinds = (self._mining.name_entities or self._reader.name_entities)(triples, rooms)
-        missing = {*triples["head"], *triples["tail"]} - set(kinds["entity"])
-        repeated = kinds.loc[kinds["entity"].duplicated(), "entity"]
-        if missing or len(repeated):
-            name = min(missing) if missing else repeated.iloc[0]
-            raise InputError(f"entity {short(name)}", "", "expected its source to give it one kind")
-        return kinds
+        name_entities = self._mining.name_entities or self._reader.name_entities
+        kinds = name_entities(pd.DataFrame(sorted(triples), columns=["head", "relation", "tail"]), rooms)
+        missing = {name for head, _, tail in triples for name in (head, tail)} - set(kinds["entity"])
+        if wrong := sorted(missing) or list(kinds.loc[kinds["entity"].duplicated(), "entity"]):
+            raise InputError(f"entity {short(wrong[0])}", "", "expected its source to give it one kind")
+        self.kinds = kinds

@@ -4,30 +4,38 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import compress
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+import pandas as pd
+
 from isi.config import Sha256
 from isi.errors import InputError, cut, short
+from isi.random import stream
 from isi.sources import Mining, Observation, observed, reader
-from isi.sources.materials import Materials, MaterialsOf, materials_of, reported_materials
 from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, Name, entity_name, household, name_fault
-from isi.sources.readers import parse_json, read_text
+from isi.sources.readers import parse_json, read_table, read_text, refuse
 from isi.sources.recordings import (  # fmt: skip
     AFFORDANCES,
     ITHOR,
     ROBOTHOR,
     FloorPlans,
     Scene,
+    SceneObject,
     check_objects,
     locate,
     read_recording,
 )
+from isi.tables import paths
 
 FLOOR = "floor"
-#: Settings: what becomes of containment that cannot be, and of receptacles that lie in what they hold.
+#: Settings: whose materials; and what becomes of containment that cannot be, which a simulator may report: of a
+#: receptacle that its scene lacks or that is the object itself, and of contents that are not there or elsewhere
+#: (broken); of a receptacle that lies, itself or through others, in what it holds (circular).
+Materials = Literal["suncg", "simulator"]
 Broken = Literal["error", "drop"]
 Circular = Literal["keep", "error", "drop"]
 #: Under what it is counted when it is dropped.
@@ -37,18 +45,8 @@ IN_CYCLE = "receptacles dropped that lie in what they hold"
 NOT_THERE = "contents of receptacles dropped that their scene lacks"
 ELSEWHERE = "contents of receptacles dropped that lie elsewhere"
 ROOMLESS = "objects without a room: neither the scene's name nor the setting room tells it"
-
-
-@dataclass(frozen=True)
-class CleaningRules:
-    """What becomes of containment that cannot be, which a simulator may report."""
-
-    #: a receptacle that its scene lacks or that is the object itself; contents that are not there or elsewhere
-    broken: Broken = "error"
-    #: a receptacle that lies, itself or through others, in what it holds
-    circular: Circular = "keep"
-    #: counts what is dropped
-    counts: Counter[str] = field(default_factory=Counter)
+#: Gives the materials of each object of a scene, from the scene's number and its objects.
+MaterialsOf = Callable[[int, Sequence[SceneObject]], list[list[str]]]
 
 
 def _reader_of(simulator: str, plans: Sequence[FloorPlans]) -> Callable[..., Iterator[Observation]]:
@@ -68,13 +66,13 @@ def _reader_of(simulator: str, plans: Sequence[FloorPlans]) -> Callable[..., Ite
                 path of a file of either form.
             sha256: what the file must hash to, if it is to be checked.
             materials: drawn as in SUNCG, or as the simulator reports them.
-            broken: see ``CleaningRules``.
+            broken: what becomes of containment that cannot be.
             circular: likewise. The package's recording of iTHOR has fourteen such observations: cabinets that overlap,
                 and a counter top that lies in the plate on it.
         """
         path = locate(from_, simulator)
-        scenes, rules = read_recording(path, sha256, plans), CleaningRules(broken, circular, mining.counts)
-        return mine(scenes, materials_of(materials, mining.seed), path, rules)
+        scenes = read_recording(path, sha256, plans)
+        return mine(scenes, materials_of(materials, mining.seed), path, mining.counts, broken, circular)
 
     return read
 
@@ -105,22 +103,11 @@ def ai2thor_scene(
         mining: counts what is left out.
         path: of JSON (``.gz`` behind it or not): a list of objects, ``event.metadata``, or a line of a recording.
         room: which the scene is; else that of its name, where it has one such as ``FloorPlan1``.
-        broken: see ``CleaningRules``.
+        broken: what becomes of containment that cannot be.
         circular: likewise.
     """
-    scene = read_scene(Path(path), room)
-    if not scene.room:
-        mining.counts[ROOMLESS] = len(scene.objects)
-    yield from mine([scene], reported_materials, Path(path), CleaningRules(broken, circular, mining.counts))
-
-
-def read_scene(path: Path, room: str | None) -> Scene:
-    """The scene of a file; its room is empty where nothing tells it.
-
-    Raises:
-        InputError: where the file is missing, too large, no JSON, or holds no objects of AI2-THOR.
-    """
-    content: Any = parse_json(Any, read_text(path, "a scene"), path)
+    file = Path(path)
+    content: Any = parse_json(Any, read_text(file, "a scene"), file)
     if isinstance(content, dict):
         content = content.get("metadata", content)
     fields = content if isinstance(content, dict) else {"objects": content}
@@ -131,11 +118,19 @@ def read_scene(path: Path, room: str | None) -> Scene:
         raise InputError(path, "", "expected a scene: a list of objects, or a mapping with the key objects")
     plan = re.sub("_physics$|#[0-9]+$", "", name)
     of_plan = next((plans.room for plans in (*ITHOR, *ROBOTHOR) if plan in plans.names), "")
-    return Scene(name, 0, room or of_plan, check_objects(path, name, objects))
+    scene = Scene(name, 0, room or of_plan, check_objects(file, name, objects))
+    if not scene.room:
+        mining.counts[ROOMLESS] = len(scene.objects)
+    yield from mine([scene], reported_materials, file, mining.counts, broken, circular)
 
 
 def mine(
-    scenes: Iterable[Scene], materials_of: MaterialsOf, file: Path, rules: CleaningRules | None = None
+    scenes: Iterable[Scene],
+    materials_of: MaterialsOf,
+    file: Path,
+    counts: Counter[str],
+    broken: Broken = "error",
+    circular: Circular = "keep",
 ) -> Iterator[Observation]:
     """Observations of scenes, in their order; only one scene is held at once.
 
@@ -143,13 +138,22 @@ def mine(
         scenes: what to mine.
         materials_of: materials of each object of a scene, in the order of the objects.
         file: named in errors.
-        rules: what becomes of containment that cannot be; null: it is an error, but for cycles, which stay.
+        counts: grows by what is dropped.
+        broken: what becomes of containment that cannot be.
+        circular: likewise.
 
     Raises:
         InputError: where an object lies where it cannot, and that is not to be dropped.
     """
     for scene in scenes:
-        receptacles = receptacles_of(scene, file, rules or CleaningRules())
+        receptacles: dict[str, list[str]] = {thing["objectId"]: [] for thing in scene.objects}
+        for name, receptacle, fault in _containment(scene, find_cycles=circular != "keep"):
+            if not fault:
+                receptacles[name].append(receptacle)
+            elif (circular if fault == IN_CYCLE else broken) == "error":
+                raise InputError(file, f"{scene.name}, object {cut(name)}", receptacle)
+            else:
+                counts[fault] += 1
         for thing, materials in zip(scene.objects, materials_of(scene.number, scene.objects), strict=True):
             head = entity_name(thing["objectType"])
             if head == FLOOR:
@@ -160,49 +164,84 @@ def mine(
             yield from observed(scene.name, scene.room or None, thing["objectId"], head, tails)
 
 
-def receptacles_of(scene: Scene, file: Path, rules: CleaningRules) -> dict[str, list[str]]:
-    """Names of the receptacles that each object says it is in, by its id; without the floor and what is dropped.
-
-    Raises:
-        InputError: where containment cannot be, and the rules say that this is an error.
-    """
-    by_id = {thing["objectId"]: thing for thing in scene.objects}
-    parents = {name: list(thing.get("parentReceptacles") or ()) for name, thing in by_id.items()}
-    cycle_of = _cycles(parents) if rules.circular != "keep" else {}
-
-    def drop(action: Broken | Circular, what: str, name: str, problem: str) -> None:
-        if action == "error":
-            raise InputError(file, f"{scene.name}, object {cut(name)}", problem)
-        rules.counts[what] += 1
-
-    for name, thing in by_id.items():
+def _containment(scene: Scene, find_cycles: bool) -> Iterator[tuple[str, str, str | None]]:
+    """Id and receptacle of what lies in it, the floor left out; or id, problem and fault where that cannot be."""
+    type_of = {thing["objectId"]: entity_name(thing["objectType"]) for thing in scene.objects}
+    parents = {thing["objectId"]: thing.get("parentReceptacles") or [] for thing in scene.objects}
+    cycle_of = _cycles(parents) if find_cycles else {}
+    for thing in scene.objects:
+        name = thing["objectId"]
         for content in thing.get("receptacleObjectIds") or ():
-            if content not in by_id:
-                drop(rules.broken, NOT_THERE, name, f"it holds {short(content)}, which is not in the scene")
+            if content not in parents:
+                yield name, f"it holds {short(content)}, which is not in the scene", NOT_THERE
             elif name not in parents[content]:
-                drop(rules.broken, ELSEWHERE, name, f"it holds {short(content)}, which lies elsewhere")
-    receptacles: dict[str, list[str]] = {name: [] for name in by_id}
-    for name, thing in by_id.items():
-        if entity_name(thing["objectType"]) == FLOOR:
-            continue
-        for parent in parents[name]:
-            if parent not in by_id:
-                drop(rules.broken, MISSING, name, f"its parent receptacle {short(parent)} is not in the scene")
+                yield name, f"it holds {short(content)}, which lies elsewhere", ELSEWHERE
+    for name, listed in parents.items():
+        for parent in listed if type_of[name] != FLOOR else ():
+            if parent not in parents:
+                yield name, f"its parent receptacle {short(parent)} is not in the scene", MISSING
             elif parent == name:
-                drop(rules.broken, ITSELF, name, "it is its own parent receptacle")
-            elif (receptacle := entity_name(by_id[parent]["objectType"])) == FLOOR:
+                yield name, "it is its own parent receptacle", ITSELF
+            elif type_of[parent] == FLOOR:
                 continue
             elif cycle_of and cycle_of[parent] == cycle_of[name]:
-                drop(rules.circular, IN_CYCLE, name, f"its parent receptacle {short(parent)} lies in it")
+                yield name, f"its parent receptacle {short(parent)} lies in it", IN_CYCLE
             else:
-                receptacles[name].append(receptacle)
-    return receptacles
+                yield name, type_of[parent], None
 
 
-def _cycles(parents: Mapping[str, Collection[str]]) -> dict[str, int]:
+def _cycles(parents: Mapping[str, Sequence[str]]) -> dict[str, int]:
     """A number for each object, the same for those that lie, themselves or through others, in each other."""
     import networkx as nx  # here, since few ask for it
 
     graph = nx.DiGraph([(name, parent) for name, listed in parents.items() for parent in listed if parent in parents])
     graph.add_nodes_from(parents)
     return {name: number for number, cycle in enumerate(nx.strongly_connected_components(graph)) for name in cycle}
+
+
+def materials_of(materials: Materials, seed: int) -> MaterialsOf:
+    """The materials of objects: drawn from a seed, or as the simulator reports them."""
+    if materials == "simulator":
+        return reported_materials
+    return suncg_materials(read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES), seed)
+
+
+def reported_materials(_scene: int, objects: Sequence[SceneObject]) -> list[list[str]]:
+    """The ``salientMaterials`` that the simulator reports, in lower case, each once."""
+    return [list(dict.fromkeys(map(str.lower, thing.get("salientMaterials") or ()))) for thing in objects]
+
+
+def suncg_materials(shares: pd.DataFrame, root: int) -> MaterialsOf:
+    """Draw each material of each instance with the share of its category in SUNCG; none without a category.
+
+    There is one stream per scene: a scene's draws depend on its number and its objects alone.
+    """
+    row_of = {name: row for row, name in enumerate(shares.index)}
+    table = np.vstack([shares.to_numpy(dtype=float), np.zeros(shares.shape[1])])
+
+    def draw(scene: int, objects: Sequence[SceneObject]) -> list[list[str]]:
+        rows = [row_of.get(entity_name(thing["objectType"]), -1) for thing in objects]
+        drawn = stream(root, "materials", scene).random((len(rows), shares.shape[1])) < table[rows]
+        return [list(compress(shares.columns, has_material)) for has_material in drawn.tolist()]
+
+    return draw
+
+
+def read_shares(shares: Path, categories: Path) -> pd.DataFrame:
+    """Share of instances with each material: one row per object name, one column per material.
+
+    Args:
+        shares: CSV of ``concept,material,share`` (SUNCG categories).
+        categories: CSV of ``object,category``, which maps object names to those categories.
+
+    Raises:
+        InputError: where a file is missing or broken, or maps to a category without shares.
+    """
+    listed = read_table(shares, ["concept", "material", "share"], ["concept", "material"])
+    wrong = ~pd.to_numeric(listed["share"], errors="coerce").between(0, 1)
+    refuse(shares, listed["share"], wrong, "expected a number from 0 to 1 as share")
+    listed["share"] = listed["share"].map(float)
+    table = listed.pivot(index="concept", columns="material", values="share")
+    mapping = read_table(categories, ["object", "category"], ["object"])
+    refuse(categories, mapping["category"], ~mapping["category"].isin(table.index), "expected a category with shares")
+    return table.loc[mapping["category"]].set_axis(pd.Index(mapping["object"]), axis=0).fillna(0.0)

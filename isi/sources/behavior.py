@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field
 from isi.errors import InputError, short
 from isi.sources import Mining, Observation, observed, reader
 from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, Name, household, name_fault
-from isi.sources.readers import packaged, parse_json, read_table, read_text
+from isi.sources.readers import packaged, parse_json, read_table, read_text, refuse
 
 SCENES, CATEGORIES, PROPERTIES = (
     "combined_room_object_list.json", "category_mapping.csv", "propagated_annots_canonical.json"
@@ -24,9 +24,8 @@ SYNSET = re.compile(r"([^\s.]{1,60})\.[nvars]\.[0-9]{2}")
 _Models = dict[
     Annotated[str, Field(pattern=r"^[\w-]{1,60}-[a-z]{6}$")], Annotated[int, Field(ge=1, le=1_000_000)]
 ]  # fmt: skip
-#: By room: its type and a number.
+#: By room (its type and a number), and by scene.
 _Rooms = dict[Annotated[str, Field(pattern=r"^[a-z_]{1,60}_[0-9]{1,6}$")], Annotated[_Models, Field(min_length=1)]]
-#: By scene.
 _Scenes = dict[Annotated[str, Field(pattern=r"^\w{1,100}$")], Annotated[_Rooms, Field(min_length=1)]]
 
 
@@ -49,15 +48,16 @@ def behavior(
         names: of the synsets and types of rooms that do not go by their own words.
         affordances: what can be done with an object that has a property; other properties are left out.
     """
-    folder = locate(from_)
-    path, content = folder / SCENES, "a file of BEHAVIOR-1K"
-    scenes = parse_json(SceneList, read_text(path, content), path, expected=content).scenes
-    synset_of = read_synsets(folder / CATEGORIES)
-    properties = parse_json(
-        dict[str, dict[str, Any]], read_text(folder / PROPERTIES, content), folder / PROPERTIES, expected=content
-    )
-    _check_known(folder / CATEGORIES, "synset", structure, set(synset_of.values()))
-    _check_known(folder / PROPERTIES, "property", affordances, {name for of in properties.values() for name in of})
+    content = "the scenes of BEHAVIOR-1K"
+    folder = packaged("bddl", "bddl/generated_data", content) if from_ == "package" else Path(from_)
+    path, categories, listed = (folder / name for name in (SCENES, CATEGORIES, PROPERTIES))
+    scenes = parse_json(SceneList, read_text(path, content), path).scenes
+    properties = parse_json(dict[str, dict[str, Any]], read_text(listed, content), listed)
+    table = read_table(categories, ["category", "synset"]).drop_duplicates(["category", "synset"])
+    refuse(categories, table["category"], table.duplicated("category"), "expected each category with one synset")
+    synset_of = dict(zip(table["category"], table["synset"], strict=True))
+    _check_known(categories, "synset", structure, synset_of.values())
+    _check_known(listed, "property", affordances, {name for of_synset in properties.values() for name in of_synset})
     synset_named: dict[str, str] = {}
     for scene, room, model, count in (
         (scene, room, model, count)
@@ -76,42 +76,20 @@ def behavior(
         room_type = room.rpartition("_")[0]
         head = names.get(synset) or _words(synset.partition(".")[0])
         place = names.get(room_type) or _words(room_type)
-        for key, name in ((synset, head), (room, place)):
-            if fault := name_fault(name):
-                raise InputError(path, f"{scene}: {room}: {short(key)}", fault)
+        if fault := name_fault(head) or name_fault(place):
+            raise InputError(path, f"{scene}: {room}: {short(synset)}", fault)
         if synset_named.setdefault(head, synset) != synset:
             expected = f"expected another name for {synset} in the setting names: it is that of {synset_named[head]}"
-            raise InputError(folder / CATEGORIES, f"entity {head!r}", expected)
+            raise InputError(categories, f"entity {head!r}", expected)
         actions = {action for name in properties[synset] for action in affordances.get(name, ())}
         tails = (AT_LOCATION, [place]), (HAS_AFFORDANCE, sorted(actions))
         yield from observed(scene, place, f"{room}/{model}", head, tails, count)
-
-
-def locate(from_: str) -> Path:
-    """The folder of the data: that in the package ``bddl`` (never imported), or as given."""
-    if from_ != "package":
-        return Path(from_)
-    return packaged("bddl", "bddl/generated_data", "the scenes of BEHAVIOR-1K")
-
-
-def read_synsets(path: Path) -> dict[str, str]:
-    """The synset of each category.
-
-    Raises:
-        InputError: where the file is missing or broken, or lists a category under two synsets.
-    """
-    synsets: dict[str, str] = {}
-    for line, category, synset in read_table(path, ["category", "synset"]).itertuples(name=None):
-        if synsets.setdefault(category, synset) != synset:
-            raise InputError(path, f"line {line}", f"{short(category)} is listed twice")
-    return synsets
 
 
 def _words(key: str) -> str:
     return " ".join(key.lower().replace("_", " ").split())
 
 
-def _check_known(path: Path, what: str, named: Collection[str], known: set[str]) -> None:
-    unknown = set(named) - known
-    if unknown:
+def _check_known(path: Path, what: str, named: Collection[str], known: Collection[str]) -> None:
+    if unknown := set(named).difference(known):
         raise InputError(path, f"{what} {min(unknown)!r}", "named in a setting, but not here")

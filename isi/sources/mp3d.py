@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
@@ -15,14 +15,14 @@ from isi import config
 from isi.config import Section
 from isi.errors import InputError, short
 from isi.sources import Mining, Observation, reader
-from isi.sources.names import AT_LOCATION, check_name, household, name_fault
-from isi.sources.readers import read_table, read_text
+from isi.sources.names import AT_LOCATION, check_name, check_names, household, name_fault
+from isi.sources.readers import read_table, read_text, reading, refuse
 from isi.tables import paths
 
 #: What is left after each step of mining.
 STEPS = ("instances", "of a category and in a region", "in AI2-THOR's rooms", "without structure")
-#: Where a record ``C`` of a house has the name of its category.
-CATEGORY_FIELD = {"category_mapping_name": 3, "mpcat40": 5}
+#: Where a record ``C`` of a house has the name of its category, behind its letter.
+CATEGORY_FIELD = {"category_mapping_name": 2, "mpcat40": 4}
 #: Kinds of records as a house's header counts them, in its order; panoramas and portals are both ``P``.
 HEADERS = {"1.0": "IPVSRL", "1.1": "IPVSEOCRPL"}
 RECORD_KINDS = {
@@ -33,7 +33,6 @@ RECORD_KINDS = {
 Rooms = Annotated[dict[str, str], Field(min_length=1)]
 HouseRooms = Annotated[dict[Annotated[str, Field(pattern=r"^[a-pr-zBCDSZ]$")], str], Field(min_length=1)]
 Category = Literal["category_mapping_name", "mpcat40"]
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -42,9 +41,8 @@ class Tally:
 
     scene: str | None
     instance: str | None
-    #: type or label of the region; null where the object is in none
+    #: type or label of the region, and category; null where the object is in none, or of none
     region: str | None
-    #: null where the object is of none
     category: str | None
     count: int
 
@@ -58,8 +56,7 @@ class Vocabulary(Section):
     @field_validator("same_as")
     @classmethod
     def _not_structure(cls, value: dict[str, str], given: ValidationInfo) -> dict[str, str]:
-        both = set(value) & set(given.data.get("structure", ()))
-        if both:
+        if both := set(value) & set(given.data.get("structure", ())):
             raise ValueError(f"{min(both)!r} is in structure, too")
         return value
 
@@ -73,8 +70,7 @@ def mp3d_tallies(mining: Mining, rooms: Rooms, vocabulary: str) -> Iterator[Obse
         rooms: room of each type of region; other regions are left out.
         vocabulary: path of the file that says which categories are left out, and which have another name.
     """
-    words = read_vocabulary(Path(vocabulary))
-    return mine([read_tallies(paths.MP3D_TALLIES, rooms)], rooms, words, mining.counts)
+    return mine([read_tallies(paths.MP3D_TALLIES, rooms)], rooms, Path(vocabulary), mining.counts)
 
 
 @reader("mp3d_houses", household, path="folder")
@@ -90,29 +86,18 @@ def mp3d_houses(
         rooms: room of each label of a region; other regions are left out.
         vocabulary: path of the file that says which categories are left out, and which have another name.
     """
-    return mine(read_houses(Path(folder), category), rooms, read_vocabulary(Path(vocabulary)), mining.counts)
-
-
-def read_vocabulary(path: Path) -> Vocabulary:
-    """The vocabulary in a YAML file; it is no setting itself, since DVC parses the params once a stage.
-
-    Raises:
-        InputError: where the file is missing or no YAML, or does not hold what a vocabulary does.
-    """
-    return config.check(config.read(path), Vocabulary, "", path)
+    return mine(_read_houses(Path(folder), CATEGORY_FIELD[category]), rooms, Path(vocabulary), mining.counts)
 
 
 def mine(
-    batches: Iterable[Sequence[Tally]], rooms: Mapping[str, str], words: Vocabulary, counts: Counter[str]
+    batches: Iterable[Sequence[Tally]], rooms: Mapping[str, str], vocabulary: Path, counts: Counter[str]
 ) -> Iterator[Observation]:
-    """Observations, with equal ones of a batch added up.
+    """Observations of batches such as houses, one by one; equal ones of a batch are added up.
 
-    Args:
-        batches: of objects, for example those of one house; only one is held at once.
-        rooms: of each type of region; other regions are left out.
-        words: what is left out, too, and the names of what is not.
-        counts: grows, as batches go by, by the instances that are left after each of ``STEPS``.
+    The vocabulary is a file of its own, since DVC parses the params once a stage. ``counts`` grows by the instances
+    that are left after each of ``STEPS``.
     """
+    words = config.check(config.read(vocabulary), Vocabulary, "", vocabulary)
     for batch in batches:
         placed = [tally for tally in batch if tally.region is not None and tally.category is not None]
         in_rooms = [tally for tally in placed if tally.region in rooms]
@@ -121,102 +106,78 @@ def mine(
             counts[step] += sum(tally.count for tally in left)
         observed: Counter[tuple[str | None, str, str | None, str]] = Counter()
         for tally in objects:
-            region, category = str(tally.region), str(tally.category)
-            observed[tally.scene, rooms[region], tally.instance, words.same_as.get(category, category)] += tally.count
+            room, category = rooms[str(tally.region)], str(tally.category)
+            observed[tally.scene, room, tally.instance, words.same_as.get(category, category)] += tally.count
         for (scene, room, instance, head), count in observed.items():
             yield scene, room, instance, head, AT_LOCATION, room, count
 
 
-def category_name(category: str) -> str:
+def _category_name(category: str) -> str:
     """Lower-case words of a category: ``chest_of_drawers`` and ``Chest#of#drawers`` → ``chest of drawers``."""
     return " ".join(re.sub("[#_]", " ", category).lower().split())
 
 
-def read_tallies(path: Path, regions: Collection[str]) -> list[Tally]:
-    """Published counts of objects by region type, over all houses.
-
-    Args:
-        path: CSV of ``object,room,count``.
-        regions: types that must be there.
+def read_tallies(path: Path, regions: Iterable[str]) -> list[Tally]:
+    """Published counts by region type, over all houses: a CSV of ``object,room,count``, which has all these regions.
 
     Raises:
         InputError: where the file is missing or broken, lists a pair twice, or lacks one of the regions.
     """
     table = read_table(path, ["object", "room", "count"])
-    tallies: dict[tuple[str, str], Tally] = {}
-    for line, category, region, count in table.itertuples(name=None):
-        name = category_name(category)
-        fault = name_fault(name) or f"{short(name)} in {short(region)} is listed twice" * ((name, region) in tallies)
-        if fault:
-            raise InputError(path, f"line {line}", fault)
-        tallies[name, region] = Tally(None, None, region, name, count)
-    unknown = set(regions) - set(table["room"])
-    if unknown:
+    table["object"] = table["object"].map(_category_name)
+    check_names(table["object"], path)
+    refuse(path, table["object"], table.duplicated(["object", "room"]), "expected each category once a room")
+    if unknown := set(regions) - set(table["room"]):
         raise InputError(path, f"room {short(min(unknown))}", "named in the setting rooms, but not here")
-    return [*tallies.values()]
+    return [Tally(None, None, room, name, count) for name, room, count in table.itertuples(index=False, name=None)]
 
 
-def read_houses(folder: Path, category: Category) -> Iterator[list[Tally]]:
-    """The objects of each ``*.house`` file in a folder and the folders in it, in the order of their paths.
-
-    Args:
-        folder: where to look.
-        category: which of their two names objects go by.
-
-    Raises:
-        InputError: where there is no such file, one is broken, or two are of the same house.
-    """
-    try:
+def _read_houses(folder: Path, category_field: int) -> Iterator[list[Tally]]:
+    """The objects of each ``*.house`` file in a folder and the folders in it, in the order of their paths."""
+    content = "a folder with *.house files, unpacked"
+    with reading(folder, content):
         files = sorted(path for path in folder.rglob("*.house") if path.is_file())
-    except OSError as error:
-        raise InputError(folder, "", f"expected a folder with *.house files ({error.strerror})") from error
     if not files:
-        raise InputError(folder, "", "expected a folder with *.house files, unpacked")
+        raise InputError(folder, "", f"expected {content}")
     path_of: dict[str, Path] = {}
     for path in files:
-        house, tallies = read_house(path, CATEGORY_FIELD[category])
-        if house in path_of:
+        house, tallies = _read_house(path, category_field)
+        if path_of.setdefault(house, path) != path:
             raise InputError(path, f"house {short(house)}", f"is also in {path_of[house]}")
-        path_of[house] = path
         yield tallies
 
 
-def read_house(path: Path, category_field: int) -> tuple[str, list[Tally]]:
-    """The name of a house, and its objects.
-
-    Raises:
-        InputError: where the file is in another format, its header counts other records than it has, or an
-            object names a region or a category that it lacks.
-    """
+def _read_house(path: Path, category_field: int) -> tuple[str, list[Tally]]:
+    """The name of a house, and its objects, whose regions and categories may come behind them."""
     first, *lines = read_text(path, "a .house file").split("\n")
     version = re.fullmatch(r"ASCII\s+(\S+)\s*", first)
     if not version or version[1] not in HEADERS:
         raise InputError(path, "line 1", "expected a .house file, which starts with ASCII 1.0 or ASCII 1.1")
-    line, house, expected, counts = 2, "", Counter[str](), Counter[str]()
-    regions, categories, objects = dict[int, str](), dict[int, str](), dict[int, tuple[int, int, int]]()
+    line, house, header, counts, expected = 2, "", 2, Counter[str](), Counter[str]()
+    numbered: dict[str, dict[int, Any]] = {"R": {}, "C": {}, "O": {}}
     try:
-        for line, fields in enumerate(map(str.split, lines), 2):
-            kind = fields[0] if fields else ""
+        for line, (kind, *fields) in ((line, text.split()) for line, text in enumerate(lines, 2) if text.strip()):
             counts[kind] += 1
-            if not house and kind:
+            if not house:
                 if kind != "H":
                     raise ValueError("expected the header, a record H")
-                house, header = check_name(fields[1].replace("#", " ")), line
-                for place, letter in enumerate(HEADERS[version[1]], 3):
+                house, header = check_name(fields[0].replace("#", " ")), line
+                for place, letter in enumerate(HEADERS[version[1]], 2):
                     expected[letter] += _integer(fields[place])
-            elif kind == "R":
-                _add(regions, fields, fields[5])
-            elif kind == "C":
-                _add(categories, fields, category_name(fields[category_field]))
-            elif kind == "O":
-                _add(objects, fields, (line, _integer(fields[2]), _integer(fields[3])))
-            elif kind and kind not in RECORD_KINDS:
+            elif kind in numbered:
+                number = _integer(fields[0])
+                if number in numbered[kind]:
+                    raise ValueError(f"{kind} {number} is there already")
+                if kind == "O":
+                    numbered[kind][number] = line, _integer(fields[1]), _integer(fields[2])
+                else:
+                    numbered[kind][number] = fields[4] if kind == "R" else _category_name(fields[category_field])
+            elif kind not in RECORD_KINDS:
                 raise ValueError(f"expected a record of a kind {', '.join(RECORD_KINDS)}, got {short(kind)}")
-    except (ValueError, IndexError) as error:
-        problem = (
-            f"{len(fields)} fields are too few for a record {kind}" if isinstance(error, IndexError) else str(error)
-        )
-        raise InputError(path, f"line {line}", problem) from error
+    except ValueError as error:
+        raise InputError(path, f"line {line}", str(error)) from error
+    except IndexError as error:
+        raise InputError(path, f"line {line}", f"{len(fields) + 1} fields are too few for a record {kind}") from error
     if not house:
         raise InputError(path, "line 2", "expected the header, a record H")
     for kind, number in expected.items():
@@ -224,22 +185,13 @@ def read_house(path: Path, category_field: int) -> tuple[str, list[Tally]]:
             problem = f"the header counts {number} {RECORD_KINDS[kind]} ({kind}), the file has {counts[kind]}"
             raise InputError(path, f"line {header}", problem)
     tallies = []
-    for number, (line, region, category) in objects.items():
-        for what, place, names in (("region", region, regions), ("category", category, categories)):
-            missing = f"object {number} is of {what} {place}, which the file lacks" * (
-                place != -1 and place not in names
-            )
-            if fault := missing or (name_fault(names[place]) if place in names else None):
-                raise InputError(path, f"line {line}", fault)
-        tallies.append(Tally(house, str(number), regions.get(region), categories.get(category), 1))
+    for number, (line, *ends) in numbered["O"].items():
+        for kind, end in zip("RC", ends, strict=True):
+            if fault := name_fault(numbered[kind].get(end, "none" if end == -1 else "")):
+                problem = f"object {number} is of {kind} {end}, which the file lacks or does not name: {fault}"
+                raise InputError(path, f"line {line}", problem)
+        tallies.append(Tally(house, str(number), numbered["R"].get(ends[0]), numbered["C"].get(ends[1]), 1))
     return house, tallies
-
-
-def _add(by_number: dict[int, T], fields: Sequence[str], value: T) -> None:
-    number = _integer(fields[1])
-    if number in by_number:
-        raise ValueError(f"{fields[0]} {number} is there already")
-    by_number[number] = value
 
 
 def _integer(text: str) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Annotated
@@ -19,8 +19,6 @@ LONGEST = 200
 #: Kind of an entity of which nothing says the kind.
 ENTITY = "entity"
 AT_LOCATION, HAS_MATERIAL, HAS_AFFORDANCE = "atLocation", "hasMaterial", "hasAffordance"
-#: The kind of a relation's tails in a household; a location is a room where it bears a room's name, else an object.
-_TAIL_KINDS = {AT_LOCATION: "object", HAS_MATERIAL: "material", HAS_AFFORDANCE: "affordance"}
 
 
 def name_fault(name: object) -> str | None:
@@ -35,17 +33,13 @@ def name_fault(name: object) -> str | None:
 
 
 def check_name(name: str) -> str:
-    """The name itself.
-
-    Raises:
-        ValueError: where it is none (``name_fault``).
-    """
+    """The name itself; ValueError where it is none (``name_fault``)."""
     if fault := name_fault(name):
         raise ValueError(fault)
     return name
 
 
-#: Name of an entity, a relation, a scene: printable text of 1 to ``LONGEST`` characters.
+#: Name of an entity, a relation, a scene, an object: printable text of 1 to ``LONGEST`` characters.
 Name = Annotated[str, AfterValidator(check_name)]
 
 
@@ -72,6 +66,23 @@ def phrase(name: str) -> str:
     return " ".join(entity_name(name.replace("_", " ")).split()) or name
 
 
+class Ends(Section):
+    """The kinds of a relation's heads and tails."""
+
+    head: Name
+    tail: Name
+
+
+#: By relation.
+KindsByRelation = Annotated[dict[str, Ends], Field(min_length=1)]
+#: The relations of a household; a location is a room where it bears a room's name.
+HOUSEHOLD = {
+    AT_LOCATION: Ends(head="object", tail="object"),
+    HAS_MATERIAL: Ends(head="object", tail="material"),
+    HAS_AFFORDANCE: Ends(head="object", tail="affordance"),
+}
+
+
 def household(triples: pd.DataFrame, rooms: Collection[str]) -> pd.DataFrame:
     """Entities of a household in alphabetical order, with kind and phrase (``tables.KINDS``).
 
@@ -82,31 +93,30 @@ def household(triples: pd.DataFrame, rooms: Collection[str]) -> pd.DataFrame:
     Raises:
         InputError: where a relation is none of a household, or a name would be of two kinds.
     """
-    others = triples.loc[~triples["relation"].isin(_TAIL_KINDS), "relation"]
+    others = triples.loc[~triples["relation"].isin(HOUSEHOLD), "relation"]
     if len(others):
-        raise InputError(f"relation {others.iloc[0]!r}", "", f"expected one of {', '.join(_TAIL_KINDS)}")
-    is_room = (triples["relation"] == AT_LOCATION) & triples["tail"].isin(rooms)
-    heads = pd.DataFrame({"entity": triples["head"], "kind": "object"})
-    tail_kinds = triples["relation"].map(_TAIL_KINDS).mask(is_room, "room")
-    tails = pd.DataFrame({"entity": triples["tail"], "kind": tail_kinds})
-    entities = pd.concat([heads, tails]).drop_duplicates().sort_values(["entity", "kind"])
-    repeated = entities[entities["entity"].duplicated(keep=False)]
-    if len(repeated):
-        name = repeated["entity"].iloc[0]
-        kinds = " and ".join(repeated.loc[repeated["entity"] == name, "kind"])
-        raise InputError(f"entity {name!r}", "", f"expected one kind, got {kinds}")
-    return entities.assign(phrase=entities["entity"]).reset_index(drop=True)
+        raise InputError(f"relation {others.iloc[0]!r}", "", f"expected one of {', '.join(HOUSEHOLD)}")
+    kinds = _kinds_by_relation(triples, HOUSEHOLD, rooms)
+    names = sorted(kinds)
+    return pd.DataFrame({"entity": names, "kind": [kinds[name] for name in names], "phrase": names})
 
 
-class Ends(Section):
-    """The kinds of a relation's heads and tails."""
-
-    head: Name
-    tail: Name
-
-
-#: By relation.
-KindsByRelation = Annotated[dict[str, Ends], Field(min_length=1)]
+def _kinds_by_relation(
+    triples: pd.DataFrame, ends: Mapping[str, Ends], rooms: Collection[str] = (), known: Collection[str] = ()
+) -> dict[str, str]:
+    """The kind of each entity but those that are known; InputError where two relations give one two kinds."""
+    kind_and_place: dict[str, tuple[str, str]] = {}
+    for relation, of_relation in triples[triples["relation"].isin(ends)].groupby("relation"):
+        for slot in ("head", "tail"):
+            place = f"{slot} of {relation}"
+            for name in sorted(set(of_relation[slot]) - set(known)):
+                is_room = (relation, slot) == (AT_LOCATION, "tail") and name in rooms
+                kind = "room" if is_room else getattr(ends[str(relation)], slot)
+                other, other_place = kind_and_place.setdefault(name, (kind, place))
+                if other != kind:
+                    expected = f"expected one kind, got {other} ({other_place}) and {kind} ({place})"
+                    raise InputError(f"entity {name!r}", "", expected)
+    return {name: kind for name, (kind, _) in kind_and_place.items()}
 
 
 @dataclass
@@ -128,28 +138,17 @@ class Naming:
         Raises:
             InputError: where an entity has no kind, or its relations give it two.
         """
-        by_household = household(triples, rooms) if self.household else pd.DataFrame(columns=["entity", "kind"])
-        kinds = dict(zip(by_household["entity"], by_household["kind"], strict=True))
-        kinds |= self._by_relation(triples) | self.kind_of
+        if unknown := set(self.kinds or ()) - set(triples["relation"]):
+            raise InputError("kinds", f"relation {min(unknown)!r}", "no triple has it")
+        if self.household:
+            of_household = household(triples, rooms)
+            kinds = dict(zip(of_household["entity"], of_household["kind"], strict=True))
+        else:
+            kinds = _kinds_by_relation(triples, self.kinds or {}, known=self.kind_of)
+        kinds |= self.kind_of
         names = sorted({*triples["head"], *triples["tail"]})
         without = next((name for name in names if name not in kinds), None)
         if without is not None and self.strict:
             raise InputError(f"entity {without!r}", "", "expected its kind, from the table of entities or by relation")
         phrases = [self.phrase_of.get(name) or phrase(name) for name in names]
         return pd.DataFrame({"entity": names, "kind": [kinds.get(name, ENTITY) for name in names], "phrase": phrases})
-
-    def _by_relation(self, triples: pd.DataFrame) -> dict[str, str]:
-        unknown = set(self.kinds or ()) - set(triples["relation"])
-        if unknown:
-            raise InputError("kinds", f"relation {min(unknown)!r}", "no triple has it")
-        kind_and_place: dict[str, tuple[str, str]] = {}
-        for relation, ends in (self.kinds or {}).items():
-            of_relation = triples[triples["relation"] == relation]
-            for slot, kind in (("head", ends.head), ("tail", ends.tail)):
-                place = f"{slot} of {relation}"
-                for name in sorted(set(of_relation[slot]) - set(self.kind_of)):
-                    other, other_place = kind_and_place.setdefault(name, (kind, place))
-                    if other != kind:
-                        expected = f"expected one kind, got {other} ({other_place}) and {kind} ({place})"
-                        raise InputError(f"entity {name!r}", "", expected)
-        return {name: kind for name, (kind, _) in kind_and_place.items()}

@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
-from itertools import islice
-from math import hypot
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from isi.config import Sha256
 from isi.errors import InputError, short
 from isi.random import stream
 from isi.sources import Mining, Observation, observed, reader
-from isi.sources.materials import Materials, MaterialsOf, materials_of, reported_materials
-from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, entity_name, household
+from isi.sources.ai2thor import Materials, MaterialsOf, materials_of, reported_materials
+from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, Name, entity_name, household
 from isi.sources.readers import json_lines, packaged, parse_json, read_text
 from isi.sources.recordings import AFFORDANCES, Scene, SceneObject, locate, read_recording
 
 #: The largest house that is read, in bytes, objects, and corners of floors; those of ProcTHOR-10K have a few hundred
 #: thousand, hundred and dozen at most.
-LONGEST = 16 * 2**20
-MOST_OBJECTS, MOST_CORNERS = 10_000, 2_000
+LONGEST, MOST_OBJECTS, MOST_CORNERS = 16 * 2**20, 10_000, 2_000
 #: Corners of floors are rounded to it (metres).
 ROUNDED = 0.001
 INSTANCES = "instances"
@@ -56,39 +53,12 @@ class Room(_Fields):
     type: Annotated[str, Field(alias="roomType", pattern=r"^[A-Za-z][A-Za-z ]{0,59}$")]
     floor: Annotated[list[Point], Field(alias="floorPolygon", min_length=3)]
 
-    def holds(self, point: Point) -> bool:
-        """Whether a point lies in the room; one on the border of two lies in one of them alone."""
-        inside, before = False, self.floor[-1]
-        for corner in self.floor:
-            if (before.z > point.z) != (corner.z > point.z):
-                share = (point.z - before.z) / (corner.z - before.z)
-                inside ^= point.x < before.x + share * (corner.x - before.x)
-            before = corner
-        return inside
-
-    def borders(self, point: Point) -> bool:
-        """Whether a point lies on the border of the room, as far as its corners are rounded."""
-        sides = zip([self.floor[-1], *self.floor], self.floor, strict=False)
-        return any(_distance(point, before, corner) <= ROUNDED for before, corner in sides)
-
-
-def _distance(point: Point, start: Point, end: Point) -> float:
-    """From a point to a segment."""
-    along, across = end.x - start.x, end.z - start.z
-    length = along * along + across * across
-    share = ((point.x - start.x) * along + (point.z - start.z) * across) / length if length else 0.0
-    share = min(max(share, 0.0), 1.0)
-    return hypot(point.x - start.x - share * along, point.z - start.z - share * across)
-
-
-_Text = Annotated[str, Field(max_length=200, pattern=r"^\P{C}+$")]
-
 
 class Item(_Fields):
     """An object, with those on or in it."""
 
-    id: _Text
-    asset: Annotated[_Text, Field(alias="assetId")]
+    id: Name
+    asset: Annotated[Name, Field(alias="assetId")]
     position: Point
     children: list[Item] | None = None
 
@@ -145,11 +115,33 @@ def procthor_houses(mining: Mining, path: str, sha256: Sha256 | None, materials:
         sha256: what the file must hash to, if it is to be checked.
         materials: drawn as in SUNCG, or those of a recorded object of the same type, drawn at random.
     """
-    types = recorded_types(read_recording(locate("recording"), None))
+    types, counts = recorded_types(read_recording(locate("recording"), None)), mining.counts
     by_type = recorded_materials(types.materials, mining.seed)
     drawn = by_type if materials == "simulator" else materials_of(materials, mining.seed)
-    mining.counts.update(dict.fromkeys((INSTANCES, OUTSIDE, TAKEN, UNNAMED, ELSEWHERE), 0))
-    return mine(read_houses(Path(path), sha256), types.affordances, drawn, mining.counts)
+    counts.update(dict.fromkeys((INSTANCES, OUTSIDE, TAKEN, UNNAMED, ELSEWHERE), 0))
+    for number, house, objects in read_houses(Path(path), sha256):
+        ids: set[str] = set()
+        placed = []
+        for thing, room in zip(objects, rooms_of(house.rooms, objects), strict=True):
+            counts[INSTANCES] += 1
+            if thing.id in ids:
+                counts[TAKEN] += 1
+            elif room is None:
+                counts[OUTSIDE] += 1
+            else:
+                is_named = any(thing.room == other.id for other in house.rooms)
+                counts[UNNAMED] += not is_named
+                counts[ELSEWHERE] += is_named and thing.room != room.id
+                placed.append((thing, entity_name(room.type)))
+            ids.add(thing.id)
+        all_materials = drawn(number, [{"objectType": thing.type} for thing, _ in placed])
+        for (thing, place), made_of in zip(placed, all_materials, strict=True):
+            head = entity_name(thing.type)
+            if head not in types.affordances:
+                counts[UNRECORDED + head] += 1
+            locations = [place, entity_name(thing.parent)] if thing.parent else [place]
+            tails = (AT_LOCATION, locations), (HAS_MATERIAL, made_of), (HAS_AFFORDANCE, types.affordances.get(head, ()))
+            yield from observed(f"House{number}", place, thing.id, head, tails)
 
 
 def recorded_types(scenes: Iterable[Scene]) -> RecordedTypes:
@@ -184,67 +176,34 @@ def recorded_materials(materials: Mapping[str, Sequence[list[str]]], root: int) 
     return draw
 
 
-def mine(
-    houses: Iterable[tuple[int, House, list[HouseObject]]],
-    affordances: Mapping[str, Sequence[str]],
-    drawn: MaterialsOf,
-    counts: Counter[str],
-) -> Iterator[Observation]:
-    """Observations of houses, in their order; only one is held at once.
+def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room | None]:
+    """The room on or above whose floor each object is, or else that it borders, as far as corners are rounded.
 
-    Args:
-        houses: by line, with their objects.
-        affordances: of each name of a type that was recorded.
-        drawn: materials of each object of a house, in the order of the objects.
-        counts: grows by what is left out, and by what is odd.
+    Of several rooms, it is the one that the object's id names, or the first. A point on the border of two floors lies
+    in one of them alone.
     """
-    for number, house, objects in houses:
-        placed = in_rooms(house, objects, counts)
-        all_materials = drawn(number, [{"objectType": thing.type} for thing, _ in placed])
-        for (thing, room), materials in zip(placed, all_materials, strict=True):
-            head = entity_name(thing.type)
-            if head not in affordances:
-                counts[UNRECORDED + head] += 1
-            locations = [room, entity_name(thing.parent)] if thing.parent else [room]
-            actions = affordances.get(head, ())
-            tails = (AT_LOCATION, locations), (HAS_MATERIAL, materials), (HAS_AFFORDANCE, actions)
-            yield from observed(f"House{number}", room, thing.id, head, tails)
-
-
-def in_rooms(house: House, objects: Iterable[HouseObject], counts: Counter[str]) -> list[tuple[HouseObject, str]]:
-    """Objects with the name of the room whose floor they are on or above; those in no room are left out."""
-    ids: set[str] = set()
-    rooms = {room.id: room for room in house.rooms}
-    placed = []
-    for thing in objects:
-        counts[INSTANCES] += 1
-        room = _room_of(thing, rooms)
-        if thing.id in ids:
-            counts[TAKEN] += 1
-        elif room is None:
-            counts[OUTSIDE] += 1
-        else:
-            counts[UNNAMED] += thing.room not in rooms
-            counts[ELSEWHERE] += thing.room in rooms and thing.room != room.id
-            placed.append((thing, entity_name(room.type)))
-        ids.add(thing.id)
-    return placed
-
-
-def _room_of(thing: HouseObject, rooms: Mapping[str, Room]) -> Room | None:
-    """The room that holds an object, or else that it borders; of several, the one that its id names, or the first."""
-    named = rooms.get(thing.room or "")
-    order = [named, *rooms.values()] if named else list(rooms.values())
-    holding = next((room for room in order if room.holds(thing.position)), None)
-    return holding or next((room for room in order if room.borders(thing.position)), None)
+    x, z = np.array([(thing.position.x, thing.position.z) for thing in objects]).reshape(-1, 2).T
+    scores = np.zeros((len(rooms), len(objects)), dtype=int)
+    for room, score in zip(rooms, scores, strict=True):
+        inside, borders = np.zeros((2, len(objects)), dtype=bool)
+        for start, end in zip([room.floor[-1], *room.floor], room.floor, strict=False):
+            along, across = end.x - start.x, end.z - start.z
+            with np.errstate(over="ignore", invalid="ignore"):
+                if across:
+                    crosses = (start.z > z) != (end.z > z)
+                    inside ^= crosses & (x < start.x + (z - start.z) / across * along)
+                length = along * along + across * across
+                share = ((x - start.x) * along + (z - start.z) * across) / length if length else 0.0
+                share = np.clip(share, 0.0, 1.0)
+                borders |= np.hypot(x - start.x - share * along, z - start.z - share * across) <= ROUNDED
+        is_named = np.array([thing.room == room.id for thing in objects], dtype=bool)
+        score[:] = np.where(inside, 4, 2 * borders) + ((inside | borders) & is_named)
+    best = scores.argmax(0) if objects else []
+    return [rooms[room] if scores[room, place] else None for place, room in enumerate(best)]
 
 
 def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, list[HouseObject]]]:
     """The houses of a file by their lines, with their objects: JSON Lines, or one house where it is ``*.json``.
-
-    Args:
-        path: of the file, plain or gzip.
-        sha256: what the file must hash to, if it is to be checked.
 
     Raises:
         InputError: where the file is missing, empty, truncated, or hashes to something else; or where a line is no
@@ -252,12 +211,12 @@ def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, li
     """
     types, line = asset_types(), 0
     for line, content in json_lines(path, sha256, LONGEST, "a house as JSON", whole=".json" in path.suffixes[-2:]):
-        house = parse_json(House, content, path, f"line {line}", "a house")
+        house = parse_json(House, content, path, f"line {line}")
         if len({room.id for room in house.rooms}) < len(house.rooms):
             raise InputError(path, f"line {line}", "two rooms have the same id")
         if sum(len(room.floor) for room in house.rooms) > MOST_CORNERS:
             raise InputError(path, f"line {line}", f"expected at most {MOST_CORNERS:,} corners of floors")
-        objects = list(islice(house_objects(house, types), MOST_OBJECTS + 1))
+        objects = house_objects(house, types)
         if len(objects) > MOST_OBJECTS:
             raise InputError(path, f"line {line}, objects", f"expected at most {MOST_OBJECTS:,}")
         if unknown := next((thing.id for thing in objects if not thing.type), None):
@@ -268,20 +227,20 @@ def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, li
         raise InputError(path, "", "expected houses, found none")
 
 
-def house_objects(house: House, types: Mapping[str, str]) -> Iterator[HouseObject]:
+def house_objects(house: House, types: Mapping[str, str]) -> list[HouseObject]:
     """The objects of a house, each before those on or in it.
 
-    Args:
-        house: as read.
-        types: of each asset, for objects whose ids do not say theirs (``small|2|0``); empty where neither says it.
+    Their types are those that their ids name, else those of their assets (``small|2|0``); empty where neither says it.
     """
+    objects = []
     waiting: list[tuple[Item, str | None]] = [(item, None) for item in reversed(house.objects or ())]
     while waiting:
         item, parent = waiting.pop()
         named, room = type_and_room(item.id)
         kind = named or types.get(item.asset, "")
-        yield HouseObject(item.id, kind, item.position, parent, room)
+        objects.append(HouseObject(item.id, kind, item.position, parent, room))
         waiting.extend((child, kind) for child in reversed(item.children or ()))
+    return objects
 
 
 @lru_cache(maxsize=2**16)
@@ -305,5 +264,5 @@ def asset_types() -> dict[str, str]:
     """
     content = "the assets of houses"
     path = packaged("procthor", "procthor/databases/asset-database.json", content)
-    listed = parse_json(dict[str, list[_Asset]], read_text(path, content), path, expected=content)
+    listed = parse_json(dict[str, list[_Asset]], read_text(path, content), path)
     return {asset.name: kind for kind, assets in listed.items() for asset in assets}

@@ -18,7 +18,7 @@ from rdflib.term import Node
 from isi.errors import InputError, cut, short
 from isi.sources import Mining, Observation, reader
 from isi.sources.names import KindsByRelation, Naming, name_fault
-from isi.sources.readers import BLOCK, UNREADABLE, open_text, read_text, suffix_of
+from isi.sources.readers import BLOCK, open_text, read_text, reading, suffix_of
 from isi.sources.table import naming
 
 #: What becomes of triples that are no observations, as they are counted.
@@ -27,7 +27,6 @@ BLANK = "triples dropped with a node that has no name"
 STRUCTURE = "triples dropped of RDF's own structures"
 REPEATED = "triples dropped that are there already"
 SUFFIXES = (".nt", ".ttl")
-
 #: A triple behind its place, which is empty where it is not known.
 PlacedTriple = tuple[str, Node, Node, Node]
 
@@ -55,12 +54,13 @@ def rdf(
         InputError: where the file is broken, an entity has two types, or two IRIs have one name.
     """
     logging.getLogger("rdflib").setLevel(logging.ERROR)  # it warns of IRIs that are none
-    file, mining.name_entities = Path(path), naming(entities, kinds, household)
+    file, named = Path(path), naming(entities, kinds, household)
+    mining.name_entities = named
     entity_names, relation_names = _IriNames(file, names == "local"), _IriNames(file, names == "local")
     types: dict[str, dict[Node, str]] = {}  # of each IRI, and where they stand
     labels: dict[str, tuple[str, str]] = {}
     seen: set[tuple[str, str, str]] = set()
-    for place, head, relation, tail in read_triples(file):
+    for place, head, relation, tail in _read_triples(file):
         if isinstance(head, BNode) or isinstance(tail, BNode):
             mining.counts[BLANK] += 1
         elif relation == RDF.type:
@@ -82,49 +82,44 @@ def rdf(
                 yield None, None, None, *triple, 1
     if not seen:
         raise InputError(path, "", "expected triples between entities that have IRIs, got none")
-    _describe(mining.name_entities, entity_names, types, labels)
+    listed = frozenset(named.kind_of)
+    for name, iri in entity_names.iri_of.items():  # types and labels of relations and others are not looked at
+        for node, place in ({} if name in listed else types.get(iri, {})).items():
+            kind = entity_names.text(place, node)
+            other = named.kind_of.setdefault(name, kind)
+            if other != kind:
+                raise InputError(
+                    path, place, f"expected one type of {short(name)}, got {cut(kind)} beside {cut(other)}"
+                )
+        if iri in labels and name not in named.phrase_of:
+            place, label = labels[iri]
+            if fault := name_fault(label):
+                raise InputError(path, place, f"label: {fault}")
+            named.phrase_of[name] = label.lower()
 
 
 class _IriNames:
     """The names of IRIs, no two of which share one."""
 
     def __init__(self, path: Path, local: bool) -> None:
-        self.path, self._local = path, local
+        self._path, self._local = path, local
         self.iri_of: dict[str, str] = {}
 
     def of(self, place: str, node: Node) -> str:
+        """The name of a node; InputError where another node has it."""
         name = self.text(place, node)
         other = self.iri_of.setdefault(name, str(node))
         if other != str(node):
             expected = f"{short(name)} is also the name of <{cut(other)}>; the setting names: iri keeps them apart"
-            raise InputError(self.path, place, expected)
+            raise InputError(self._path, place, expected)
         return name
 
     def text(self, place: str, node: Node) -> str:
         """The text that is a node's name, which others may share."""
         name = local_name(str(node)) if self._local else str(node)
         if fault := name_fault(name):
-            raise InputError(self.path, place, f"<{cut(str(node), 40)}>: {fault}")
+            raise InputError(self._path, place, f"<{cut(str(node), 40)}>: {fault}")
         return name
-
-
-def _describe(
-    naming: Naming, names: _IriNames, types: dict[str, dict[Node, str]], labels: dict[str, tuple[str, str]]
-) -> None:
-    """Take kinds and phrases of entities from types and labels; those of relations and others are not looked at."""
-    listed = frozenset(naming.kind_of)
-    for name, iri in names.iri_of.items():
-        for node, place in ({} if name in listed else types.get(iri, {})).items():
-            kind = names.text(place, node)
-            other = naming.kind_of.setdefault(name, kind)
-            if other != kind:
-                expected = f"expected one type of {short(name)}, got {cut(kind)} beside {cut(other)}"
-                raise InputError(names.path, place, expected)
-        if iri in labels and name not in naming.phrase_of:
-            place, label = labels[iri]
-            if fault := name_fault(label):
-                raise InputError(names.path, place, f"label: {fault}")
-            naming.phrase_of[name] = label.lower()
 
 
 def local_name(iri: str) -> str:
@@ -133,22 +128,16 @@ def local_name(iri: str) -> str:
     return unquote(parts[-1])
 
 
-def read_triples(path: Path) -> Iterator[PlacedTriple]:
-    """The triples of an RDF file; those of N-Triples line by line, those of Turtle all at once and in order.
-
-    Raises:
-        InputError: where the file is missing, of another form, or broken.
-    """
+def _read_triples(path: Path) -> Iterator[PlacedTriple]:
+    """The triples of an RDF file; those of N-Triples line by line, those of Turtle all at once and in order."""
     if suffix_of(path) not in SUFFIXES:
         raise InputError(path, "", "expected a name that ends in .nt or .ttl (.gz behind it or not)")
-    try:
+    with reading(path, "RDF in UTF-8 text"):
         yield from _of_lines(path) if suffix_of(path) == ".nt" else _of_turtle(path)
-    except UNREADABLE as error:
-        raise InputError(path, "", f"expected RDF in UTF-8 text ({error})") from error
 
 
 class _Sink(DummySink):
-    """Keeps what the parser reads in a line."""
+    """Holds the triples that the parser reads in a line."""
 
     def __init__(self) -> None:
         self.triples: list[tuple[Node, Node, Node]] = []

@@ -7,8 +7,8 @@ import gzip
 import hashlib
 import re
 import zlib
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import IO, TextIO, TypeVar
@@ -18,9 +18,9 @@ import pyarrow as pa
 import pyarrow.compute as compute
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
-from isi.errors import InputError, cut, short
+from isi.errors import InputError, at, cut, short
 from isi.sources.names import check_names
 from isi.tables.rules import MOST_OBSERVED
 
@@ -36,8 +36,17 @@ SEPARATORS = {".csv": ",", ".tsv": "\t"}
 #: What reading a broken file raises.
 UNREADABLE = (OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error, pa.ArrowException)
 T = TypeVar("T")
-#: Gives the columns that are read of a header, and its place.
-Choose = Callable[[list[str], str], list[str]]
+
+
+@contextmanager
+def reading(path: Path, content: str) -> Iterator[None]:
+    """Turn what reading a broken file raises into an ``InputError``; ``content`` is what was expected there."""
+    try:
+        yield
+    except UNREADABLE as error:
+        row = re.fullmatch(r".*Row #([0-9]+): (.*)", str(error), re.DOTALL)  # as pyarrow says it
+        place, problem = (f"line {row[1]}", row[2]) if row else ("", str(error))
+        raise InputError(path, place, f"expected {content} ({cut(problem, 120)})") from error
 
 
 def packaged(package: str, path: str, content: str) -> Path:
@@ -84,11 +93,8 @@ def read_text(path: Path, content: str) -> str:
     Raises:
         InputError: where it is missing, no UTF-8, broken, or longer than ``MOST``.
     """
-    try:
-        with open_text(path) as file:
-            text = file.read(MOST + 1)
-    except UNREADABLE as error:
-        raise InputError(path, "", f"expected {content} in UTF-8 ({error})") from error
+    with reading(path, f"{content} in UTF-8"), open_text(path) as file:
+        text = file.read(MOST + 1)
     if len(text) > MOST:
         raise InputError(path, "", f"expected {content} of at most {MOST:,} characters, got more")
     return text
@@ -124,21 +130,22 @@ def json_lines(
         raise InputError(path, f"line {number + 1}", f"expected {content} ({error})") from error
 
 
-def parse_json(form: type[T], content: bytes | str, path: object, place: str = "", expected: str = "JSON") -> T:
+def parse_json(form: type[T], content: bytes | str, path: object, place: str = "") -> T:
     """What JSON holds, in the form that it must have.
 
     Raises:
         InputError: where it is broken or of another form; names the place in it, after ``place``.
     """
     text = content.removeprefix(b"\xef\xbb\xbf") if isinstance(content, bytes) else content
-    try:
+    with at(path, place):
         return TypeAdapter(form).validate_json(text, strict=True)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ", ".join(filter(None, [place, cut(".".join(map(str, first["loc"])))]))
-        got = "" if first["type"] in ("missing", "json_invalid", "value_error") else f", got {short(first['input'])}"
-        problem = first["msg"].replace(" at line 1 column", ", column")
-        raise InputError(path, where, f"expected {expected}: {problem}{got}") from error
+
+
+def refuse(path: Path, column: pd.Series, wrong: pd.Series[bool], expected: str) -> None:
+    """Refuse a file where a value of a column is wrong: names the line of the first, by the index of the column."""
+    if wrong.any():
+        place, value = next(iter(column[wrong].items()))
+        raise InputError(path, f"{column.index.name} {place}", f"{expected}, got {short(value)}")
 
 
 def read_table(
@@ -166,11 +173,7 @@ def read_table(
         raise InputError(path, "", "expected rows, got none")
     table = pd.concat(batches)
     for key in map(list, keys):
-        if (repeated := table.duplicated(key)).any():
-            line, values = repeated.idxmax(), table.loc[repeated, key].iloc[0]
-            first = table.index[(table[key] == values).all(axis=1)][0]
-            place = f"{table.index.name} {line}"
-            raise InputError(path, place, f"{short(' '.join(values))} is there twice: also in line {first}")
+        refuse(path, table[key].agg(" ".join, axis=1), table.duplicated(key), f"expected each {' '.join(key)} once")
     return table
 
 
@@ -193,34 +196,45 @@ def read_batches(
     Raises:
         InputError: where the file is missing or broken, has other columns, or a value of ``COUNT`` is no number.
     """
-    form, rows = suffix_of(path), 0
-    choose: Choose = partial(_chosen, path, required, optional, others)
-    if form == ".parquet":
-        batches, first, content = _parquet_batches(path, choose), 1, "a Parquet table"
-    elif form in SEPARATORS:
-        batches, first, content = _text_batches(path, SEPARATORS[form], choose), 2, "a table of UTF-8 text"
-    else:
+    form = suffix_of(path)
+    if form not in (*SEPARATORS, ".parquet"):
         raise InputError(path, "", "expected a name that ends in .csv, .tsv (.gz behind it or not) or .parquet")
-    try:
-        for batch in batches:
-            unit = "row" if form == ".parquet" else "line"
-            index = pd.RangeIndex(first + rows, first + rows + batch.num_rows, name=unit)
-            columns = [column.cast(pa.string()).fill_null("").to_pylist() for column in batch.columns]
-            frame = pd.DataFrame(dict(zip(batch.schema.names, columns, strict=True)), index, dtype=str)
+    place, unit = (1, "row") if form == ".parquet" else (2, "line")
+    with reading(path, "a Parquet table" if form == ".parquet" else "a table of UTF-8 text"):
+        header = _header(path, form)
+        known = [name for name in header if name in (*required, *optional)] if others else header
+        if not set(required) <= set(known) <= {*required, *optional} or len(set(known)) < len(known):
+            expected = f"expected the columns {', '.join(required)}"
+            expected += f" and, if at all, {', '.join(optional)}" * bool(optional)
+            got = cut(", ".join(repr(name[:40]) for name in header) or "none", 100)
+            raise InputError(path, "columns" if form == ".parquet" else "line 1", f"{expected}; got {got}")
+        names = [name for name in (*required, *optional) if name in known]
+        for batch in _parquet(path, names) if form == ".parquet" else _text(path, SEPARATORS[form], header):
+            index = pd.RangeIndex(place, place + batch.num_rows, name=unit)
+            columns = {name: batch[name].cast(pa.string()).fill_null("").to_pylist() for name in names}
+            frame = pd.DataFrame(columns, index, dtype=str)
             if COUNT in frame:
-                frame[COUNT] = _counts(path, frame[COUNT])
-            rows += batch.num_rows
+                number = frame[COUNT].where(frame[COUNT].str.fullmatch("[0-9]{1,10}"), "0").astype("int64")
+                expected = f"expected a whole number from 1 to {MOST_OBSERVED} as count"
+                refuse(path, frame[COUNT], ~number.between(1, MOST_OBSERVED), expected)
+                frame[COUNT] = number
+            place += batch.num_rows
             yield frame
-    except UNREADABLE as error:
-        row = re.fullmatch(r".*Row #([0-9]+): (.*)", str(error), re.DOTALL)
-        problem = f"expected {content} ({cut(row[2] if row else str(error), 120)})"
-        raise InputError(path, f"line {row[1]}" if row else "", problem) from error
 
 
-def _text_batches(path: Path, separator: str, choose: Choose) -> Iterator[pa.RecordBatch]:
+def _header(path: Path, form: str) -> list[str]:
+    if form == ".parquet":
+        return list(pq.read_schema(path).names)
     with open_text(path) as file:
-        header = next(csv.reader([file.readline(BLOCK)], delimiter=separator, skipinitialspace=True), [])
-    names = choose(header, "line 1")
+        return next(csv.reader([file.readline(BLOCK)], delimiter=SEPARATORS[form], skipinitialspace=True), [])
+
+
+def _parquet(path: Path, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
+    with pq.ParquetFile(path) as file:
+        yield from file.iter_batches(BATCH, columns=names)
+
+
+def _text(path: Path, separator: str, header: Sequence[str]) -> Iterator[pa.RecordBatch]:
     with pa.input_stream(path) as stream:
         table = pc.open_csv(
             stream,
@@ -229,32 +243,5 @@ def _text_batches(path: Path, separator: str, choose: Choose) -> Iterator[pa.Rec
             pc.ConvertOptions(column_types=dict.fromkeys(header, pa.string()), strings_can_be_null=False),
         )
         for batch in table:
-            columns = [compute.utf8_ltrim_whitespace(batch.column(name)) for name in names]
-            yield pa.RecordBatch.from_arrays(columns, names)
-
-
-def _parquet_batches(path: Path, choose: Choose) -> Iterator[pa.RecordBatch]:
-    with pq.ParquetFile(path) as file:
-        names = choose(file.schema_arrow.names, "columns")
-        yield from (batch.select(names) for batch in file.iter_batches(BATCH, columns=names))
-
-
-def _chosen(
-    path: Path, required: Sequence[str], optional: Sequence[str], others: bool, header: list[str], place: str
-) -> list[str]:
-    """Which columns of a header are read."""
-    known = [name for name in header if name in (*required, *optional)] if others else header
-    if not set(required) <= set(known) <= {*required, *optional} or len(set(known)) < len(known):
-        expected = f"expected the columns {', '.join(required)}"
-        expected += f" and, if at all, {', '.join(optional)}" * bool(optional)
-        got = cut(", ".join(repr(name[:40]) for name in header) or "none", 100)
-        raise InputError(path, place, f"{expected}; got {got}")
-    return [name for name in (*required, *optional) if name in known]
-
-
-def _counts(path: Path, column: pd.Series[str]) -> pd.Series[int]:
-    counts = column.where(column.str.fullmatch("[0-9]{1,10}"), "0").astype("int64")
-    for place in column.index[(counts < 1) | (counts > MOST_OBSERVED)]:
-        problem = f"expected a whole number from 1 to {MOST_OBSERVED} as count, got {short(column[place])}"
-        raise InputError(path, f"{column.index.name} {place}", problem)
-    return counts
+            columns = [compute.utf8_ltrim_whitespace(column) for column in batch.columns]
+            yield pa.RecordBatch.from_arrays(columns, header)

@@ -31,17 +31,16 @@ from ai2thor.fifo_server import FifoServer
 from ai2thor.platform import STR_PLATFORM_MAP, Request
 from ai2thor.wsgi_server import WsgiServer
 
-from isi.errors import InputError, short
+from isi.errors import InputError, at, short, unwritable
 from isi.sources import recordings
-from isi.sources.recordings import Layout, Recorder, SceneObject
+from isi.sources.recordings import MOST_BYTES, Layout, Recorder, SceneObject
 from isi.tables import io, paths
 
 #: Seconds between looks at whether the player lives.
 LOOK = 0.2
 #: The longest message of the simulator's that is passed on.
 _LONGEST = 300
-_CHUNK = 2**20
-_GZIP = 16 + zlib.MAX_WBITS
+_CHUNK, _GZIP = 2**20, 16 + zlib.MAX_WBITS
 #: What is raised where the player has died, by whichever way that was noticed.
 _DIED = (UnityCrashException, RestartError, BrokenPipeError)
 _NEEDS = "it needs a graphics device and, but for CloudRendering, a display"
@@ -65,20 +64,19 @@ class Recording:
         self.names: set[str] = set()
         if not path.exists():
             return
-        line, whole = 0, 0
-        for end, content in _members(path):
+        whole = 0
+        lines = ((end, line) for end, content in _members(path) for line in content.splitlines())
+        for number, (end, line) in enumerate(lines, 1):
             whole = end
-            for text in content.splitlines():
-                line += 1
-                if line > 1:
-                    self.names.add(recordings.parse_line(path, line, text)[0].name)
-                    continue
-                found = recordings.check_header(path, text)
-                for key, value in self._header.items():
-                    if found.get(key) != value:
-                        other = f"was recorded with {key} {short(found.get(key))}, not {short(value)}"
-                        raise InputError(path, "line 1", f"{other}: choose another output, or remove it")
-        if line == 0:
+            if number > 1:
+                self.names.add(recordings.parse_line(path, number, line)[0].name)
+                continue
+            header = recordings.check_header(path, line)
+            for key, value in self._header.items():
+                if header.get(key) != value:
+                    other = f"was recorded with {key} {short(header.get(key))}, not {short(value)}"
+                    raise InputError(path, "line 1", f"{other}: choose another output, or remove it")
+        if not whole:
             raise InputError(path, "", "expected a recording, or no file, to record to")
         with _writing(path):
             if whole < path.stat().st_size:
@@ -109,7 +107,7 @@ def _writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(path, "", f"cannot be written ({error.strerror})") from error
+        raise unwritable(path, error) from error
 
 
 def _member(record: Mapping[str, Any]) -> bytes:
@@ -123,11 +121,9 @@ def _members(path: Path) -> Iterator[tuple[int, bytes]]:
     try:
         with path.open("rb") as file:
             while chunk := rest or file.read(_CHUNK):
-                content += unpack.decompress(chunk, recordings.MOST_BYTES + 1 - len(content))
-                if len(content) > recordings.MOST_BYTES:
-                    raise InputError(
-                        path, f"byte {end:,}", f"expected lines of at most {recordings.MOST_BYTES:,} bytes"
-                    )
+                content += unpack.decompress(chunk, MOST_BYTES + 1 - len(content))
+                if len(content) > MOST_BYTES:
+                    raise InputError(path, f"byte {end:,}", f"expected lines of at most {MOST_BYTES:,} bytes")
                 rest = unpack.unused_data
                 end += len(chunk) - len(rest)
                 if unpack.eof:
@@ -135,6 +131,20 @@ def _members(path: Path) -> Iterator[tuple[int, bytes]]:
                     unpack, content = zlib.decompressobj(_GZIP), bytearray()
     except (OSError, zlib.error) as error:
         raise InputError(path, f"byte {end:,}", f"expected a recording, compressed by gzip ({error})") from error
+
+
+def header(settings: Recorder) -> dict[str, Any]:
+    """Which simulator a recording is of: a local build by its name and the first of its sha256, since names repeat.
+
+    Raises:
+        InputError: where a local build cannot be read.
+    """
+    if program := settings.executable:
+        with at(program):
+            build = f"{program.name} {hashlib.sha256(program.read_bytes()).hexdigest()[:16]}"
+    else:
+        build = build_name(settings.platform, settings.build or COMMIT_ID)
+    return {"build": build, "package": version("ai2thor")}
 
 
 class Simulator:
@@ -149,7 +159,18 @@ class Simulator:
         self._settings = settings
         self._player: Player | None = None
         self._started = Event()
-        _check_platform(settings)
+        program, problem = settings.executable, ""
+        if program:
+            if not os.access(program, os.X_OK) or program.is_dir():
+                problem = f"expected one of {', '.join(recordings.PLATFORMS)}, or a program, got {str(program)!r}"
+        else:
+            chosen, size = STR_PLATFORM_MAP[settings.platform], settings.width
+            request = Request(platform.system(), size, size, os.environ.get("DISPLAY"), headless=False)
+            if missing := chosen.validate(request):
+                hint = chosen.dependency_instructions(request) or ""
+                problem = f"{settings.platform}: {' '.join(missing)} {hint}"
+        if problem:
+            raise InputError(paths.PARAMS, "recorder.platform", problem)
         self._folder = tempfile.TemporaryDirectory()
 
     def close(self) -> None:
@@ -224,37 +245,6 @@ class Simulator:
         if not self._started.is_set():
             return f"cannot be started: {message}: {_NEEDS}"
         return f"the simulator answers: {message}"
-
-
-def header(settings: Recorder) -> dict[str, Any]:
-    """Which simulator a recording is of: a local build by its name and the first of its sha256, since names repeat.
-
-    Raises:
-        InputError: where a local build cannot be read.
-    """
-    program = settings.executable
-    if program is None:
-        return {"build": build_name(settings.platform, settings.build or COMMIT_ID), "package": version("ai2thor")}
-    try:
-        with program.open("rb") as file:
-            digits = hashlib.file_digest(file, "sha256").hexdigest()[:16]
-    except OSError as error:
-        raise InputError(program, "", f"cannot be read ({error.strerror})") from error
-    return {"build": f"{program.name} {digits}", "package": version("ai2thor")}
-
-
-def _check_platform(settings: Recorder) -> None:
-    key, program = "recorder.platform", settings.executable
-    if program:
-        if not os.access(program, os.X_OK) or program.is_dir():
-            known = ", ".join(recordings.PLATFORMS)
-            raise InputError(paths.PARAMS, key, f"expected one of {known}, or a program, got {settings.platform!r}")
-        return
-    chosen = STR_PLATFORM_MAP[settings.platform]
-    request = Request(platform.system(), settings.width, settings.width, os.environ.get("DISPLAY"), headless=False)
-    if missing := chosen.validate(request):
-        hint = chosen.dependency_instructions(request) or ""
-        raise InputError(paths.PARAMS, key, f"{settings.platform}: {' '.join(missing)} {hint}")
 
 
 def _chain(error: BaseException) -> list[BaseException]:

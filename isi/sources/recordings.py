@@ -15,7 +15,7 @@ from isi import config
 from isi.config import Count, Positive, Section, Seed, distinct
 from isi.errors import InputError, cut, short
 from isi.sources.names import Name, name_fault
-from isi.sources.readers import GZIP, check_sha256, json_lines, packaged, parse_json
+from isi.sources.readers import GZIP, check_sha256, json_lines, packaged, parse_json, reading
 from isi.tables import paths
 
 #: Header of a recording of ``make record``, a line of JSON; each line behind it is a scene.
@@ -23,7 +23,6 @@ FORMAT = {"format": "isi recording", "version": 1, "simulator": "ai2thor"}
 #: The longest line of a recording (a thousand times the largest recorded scene's), and the largest JSON of the
 #: package's form, which is held as a whole (three times the package's), in bytes.
 MOST_BYTES, MOST_BYTES_WHOLE = 2**26, 2**27
-
 #: What can be done with an object that has a property.
 AFFORDANCES = {
     "openable": ("open", "close"),
@@ -39,19 +38,18 @@ AFFORDANCES = {
     "isColdSource": ("cool",),
 }
 
-_Id = Annotated[str, Field(max_length=1000, pattern=r"^\P{C}+$")]
 
-
-def _distinct(ids: list[str] | None) -> list[str] | None:
-    if not distinct(ids or ()):
+def each_once(values: list[Any] | None) -> list[Any] | None:
+    """The values themselves; ValueError where one repeats."""
+    if not distinct(values or ()):
         raise ValueError("expected each once")
-    return ids
+    return values
 
 
-_Receptacles = Annotated[list[_Id] | None, AfterValidator(_distinct)]
+_Receptacles = Annotated[list[Name] | None, AfterValidator(each_once)]
 #: What mining reads of an object; the rest would only cost memory.
 _FIELDS: dict[str, Any] = {
-    "objectId": (_Id, ...),
+    "objectId": (Name, ...),
     "objectType": (Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z]([A-Za-z0-9_ -]*[A-Za-z0-9_-])?$")], ...),
     "parentReceptacles": (_Receptacles, None),
     "receptacleObjectIds": (_Receptacles, None),
@@ -98,17 +96,13 @@ ITHOR = tuple(
     )
 )  # fmt: skip
 #: One apartment each: nothing says in which of its rooms an object is.
+_APARTMENTS = [f"{part}{walls}" for part, number in (("Train", 12), ("Val", 3)) for walls in range(1, number + 1)]
 ROBOTHOR = (
     FloorPlans(
         key="robothor",
         room="apartment",
         first=501,
-        names=tuple(
-            f"FloorPlan_{part}{walls}_{objects}"
-            for part, number in (("Train", 12), ("Val", 3))
-            for walls in range(1, number + 1)
-            for objects in range(1, 6)
-        ),
+        names=tuple(f"FloorPlan_{apartment}_{objects}" for apartment in _APARTMENTS for objects in range(1, 6)),
         packaged=tuple(f"RoboTHOR{place}" for place in range(1, 76)),
     ),
 )
@@ -145,16 +139,13 @@ def read_recording(path: Path, sha256: str | None, plans: Sequence[FloorPlans] =
     Raises:
         InputError: where the file is missing, hashes to something else, is of neither form, or lacks scenes.
     """
-    try:
-        with path.open("rb") as file:
-            check_sha256(path, file, sha256)
-            is_compressed = file.read(len(GZIP)) == GZIP
-    except OSError as error:
-        raise InputError(path, "", f"expected a recording of AI2-THOR's scenes ({error.strerror})") from error
-    return _of_recorder(path, plans) if is_compressed else _of_package(path, plans)
+    with reading(path, "a recording of AI2-THOR's scenes"), path.open("rb") as file:
+        check_sha256(path, file, sha256)
+        is_compressed = file.read(len(GZIP)) == GZIP
+    return _recorded_scenes(path, plans) if is_compressed else _packaged_scenes(path, plans)
 
 
-def _of_package(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]:
+def _packaged_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]:
     if path.stat().st_size > MOST_BYTES_WHOLE:
         raise InputError(path, "", f"expected at most {MOST_BYTES_WHOLE:,} bytes of JSON, or a recording by gzip")
     recording = parse_json(dict[str, Any], path.read_bytes(), path)
@@ -167,15 +158,18 @@ def _of_package(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]:
             yield Scene(name, number, listed.room, check_objects(path, name, objects))
 
 
-def _of_recorder(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]:
+def _recorded_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]:
     known = {name: (number, listed.room) for listed in plans for number, name in enumerate(listed.names, listed.first)}
+    lines = json_lines(path, None, MOST_BYTES, "a recording by gzip; `make record` goes on behind its last whole scene")
+    check_header(path, next(lines, (1, b""))[1])
     seen: set[str] = set()
-    for place, (layout, objects) in enumerate(read_layouts(path), 2):
+    for number, line in lines:
+        layout, objects = parse_line(path, number, line)
+        fault = name_fault(layout.name) or f"{layout.name} is there twice" * (layout.name in seen)
         if layout.plan not in known:
-            expected = f"expected one of this source's floor plans, such as {next(iter(known))}"
-            raise InputError(path, f"line {place}", f"{expected}, got {short(layout.plan)}")
-        if fault := f"{layout.name} is there twice" if layout.name in seen else name_fault(layout.name):
-            raise InputError(path, f"line {place}", fault)
+            fault = f"expected a floor plan of this source, such as {next(iter(known))}, got {short(layout.plan)}"
+        if fault:
+            raise InputError(path, f"line {number}", fault)
         seen.add(layout.name)
         yield Scene(layout.name, *known[layout.plan], check_objects(path, layout.name, objects))
     if not seen:
@@ -188,8 +182,8 @@ def check_objects(path: Path, scene: str, objects: Any) -> list[SceneObject]:
     Raises:
         InputError: where they are no list of objects, or two have the same id.
     """
-    checked: Any = config.check(objects, _Objects, scene, path)
     seen: set[str] = set()
+    checked: Any = config.check(objects, _Objects, scene, path)
     for thing in checked:
         if thing.objectId in seen:
             raise InputError(path, f"{scene}, object {cut(thing.objectId)}", "is in its scene twice")
@@ -197,26 +191,13 @@ def check_objects(path: Path, scene: str, objects: Any) -> list[SceneObject]:
     return [thing.model_dump(exclude_defaults=True) for thing in checked]
 
 
-def read_layouts(path: Path) -> Iterator[tuple[Layout, Any]]:
-    """Layout and objects of each line of a recording of ``make record``, behind its header.
-
-    Raises:
-        InputError: where it is truncated or broken, or a line is of another form.
-    """
-    content = "a recording by gzip, which `make record` goes on with behind its last whole scene"
-    lines = json_lines(path, None, MOST_BYTES, content)
-    check_header(path, next(lines, (1, b""))[1])
-    for number, line in lines:
-        yield parse_line(path, number, line)
-
-
 def check_header(path: Path, line: bytes) -> dict[str, Any]:
     """The first line of a recording of ``make record``; InputError where it is none, or one of another version."""
-    header: Any = parse_json(Any, line, path, "line 1") if line else None
-    got = {key: header.get(key) for key in FORMAT} if isinstance(header, dict) else header
+    header = parse_json(dict[str, Any], line, path, "line 1")
+    got = {key: header.get(key) for key in FORMAT}
     if got != FORMAT:
         raise InputError(path, "line 1", f"expected a header with {json.dumps(FORMAT)}, got {cut(short(got), 100)}")
-    return dict(header)
+    return header
 
 
 class _Line(BaseModel):
@@ -227,8 +208,7 @@ class _Line(BaseModel):
 
 def parse_line(path: Path, number: int, line: bytes) -> tuple[Layout, Any]:
     """Layout and objects of one line; InputError where it is of another form."""
-    expected = "a scene, its spawn (a whole number or null) and its objects"
-    record = parse_json(_Line, line, path, f"line {number}", expected)
+    record = parse_json(_Line, line, path, f"line {number}")
     return Layout(record.scene, record.spawn), record.objects
 
 
@@ -244,9 +224,9 @@ GROUPS = {
 class Recorder(Section):
     """How ``make record`` drives the simulator: the section ``recorder`` of params."""
 
-    scenes: list[str]
+    scenes: Annotated[list[str], Field(min_length=1)]
     #: of each floor plan: null as it is built, a number as ``InitialRandomSpawn`` with this seed leaves it
-    spawns: list[Seed | None]
+    spawns: Annotated[list[Seed | None], Field(min_length=1), AfterValidator(each_once)]
     output: Annotated[str, Field(min_length=1)]
     #: one of ``PLATFORMS``, or the path of a local build
     platform: Annotated[str, Field(min_length=1)]
@@ -264,15 +244,7 @@ class Recorder(Section):
     @field_validator("scenes")
     @classmethod
     def _are_floor_plans(cls, value: list[str]) -> list[str]:
-        if not value or not distinct(plan for item in value for plan in floor_plans(item)):
-            raise ValueError("expected floor plans, none of them twice")
-        return value
-
-    @field_validator("spawns")
-    @classmethod
-    def _are_layouts(cls, value: list[int | None]) -> list[int | None]:
-        if not value or not distinct(value):
-            raise ValueError("expected null or seeds, none of them twice")
+        each_once([plan for item in value for plan in floor_plans(item)])
         return value
 
     @property
@@ -294,8 +266,9 @@ def floor_plans(item: str) -> list[str]:
     """
     if item in GROUPS:
         return GROUPS[item]
-    found = re.fullmatch(r"([A-Za-z]\w{0,98}?)([0-9]{1,6})(?:-([0-9]{1,6}))?", item, re.ASCII)
-    if not found or (found[3] and int(found[3]) < int(found[2])):
+    parts = re.fullmatch(r"([A-Za-z]\w{0,98}?)([0-9]{1,6})(?:-([0-9]{1,6}))?", item, re.ASCII)
+    numbers = range(int(parts[2]), int(parts[3] or parts[2]) + 1) if parts else range(0)
+    if not parts or not numbers:
         groups = ", ".join(GROUPS)
         raise ValueError(f"expected {groups}, a floor plan or a range such as FloorPlan1-30, got {item[:80]!r}")
-    return [f"{found[1]}{number}" for number in range(int(found[2]), int(found[3] or found[2]) + 1)]
+    return [f"{parts[1]}{number}" for number in numbers]

@@ -1,4 +1,4 @@
-"""Triples as ids, in the form of OpenKE, and two household graphs that ship: VirtualHome's and AI2-THOR's of 2020."""
+"""Graphs published as triples: three that ship (the paper's own, VirtualHome's, THOR_U), and any with OpenKE's ids."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pandas as pd
 from isi.errors import InputError, short
 from isi.sources import Mining, Observation, reader
 from isi.sources.names import ENTITY, name_fault
-from isi.sources.readers import read_table, read_text
+from isi.sources.readers import read_table, read_text, refuse
 from isi.tables import paths
 
 ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"
@@ -24,8 +24,38 @@ TRIPLE = ["head", "relation", "tail"]
 Triple = tuple[str, str, str]
 
 
+def published_entities(triples: pd.DataFrame, _rooms: Collection[str]) -> pd.DataFrame:
+    """Entities of the paper's graph in alphabetical order, with the kinds and phrases that they were given by hand."""
+    listed = published_phrases()
+    is_there = listed["entity"].isin({*triples["head"], *triples["tail"]})
+    return listed.loc[is_there, ["entity", "kind", "phrase"]].sort_values("entity").reset_index(drop=True)
+
+
+@reader("published", published_entities)
+def published(_mining: Mining) -> Iterator[Observation]:
+    """Observations of the paper's graph, added up by triple: of which scene and instance they were is not published.
+
+    Raises:
+        InputError: where a file is missing or broken, lists a triple twice, or has a synset of no entity.
+    """
+    listed = published_phrases()
+    entity_of = dict(zip(listed["synset"], listed["entity"], strict=True))
+    path = paths.PUBLISHED_TRIPLES
+    table = read_table(path, [*TRIPLE, "count"], TRIPLE)
+    for slot in ("head", "tail"):
+        refuse(path, table[slot], ~table[slot].isin(entity_of), "expected a synset that has an entity")
+        table[slot] = table[slot].map(entity_of)
+    for triple_and_count in table.itertuples(index=False, name=None):
+        yield None, None, None, *triple_and_count
+
+
+def published_phrases() -> pd.DataFrame:
+    """Name, phrase and kind of each synset of the paper's graph: columns synset, entity, phrase, kind."""
+    return read_table(paths.PUBLISHED_PHRASES, ["synset", "entity", "phrase", "kind"], ["synset"], ["entity"])
+
+
 def shipped_entities(triples: pd.DataFrame, _rooms: Collection[str]) -> pd.DataFrame:
-    """Entities of a graph that ships, in alphabetical order, with kind and phrase."""
+    """Entities of VirtualHome or THOR_U, in alphabetical order, with kind and phrase."""
     return _entities(triples, shipped_names().drop_duplicates("entity").set_index("entity"))
 
 
@@ -58,7 +88,8 @@ def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = Non
     """
     entity_of: dict[str, str] = {}
     if from_ in SHIPPED:
-        counts = read_counts(paths.RAW / from_ / "triples.csv")
+        table = read_table(paths.RAW / from_ / "triples.csv", [*TRIPLE, "count"], TRIPLE)
+        counts = {(head, rel, tail): count for head, rel, tail, count in table.itertuples(index=False, name=None)}
         entity_of = dict(shipped_names()[["name", "entity"]].itertuples(index=False, name=None))
     else:
         counts = read_ids(Path(from_), triples or [ALL])
@@ -74,17 +105,7 @@ def shipped_names() -> pd.DataFrame:
     return pd.concat(listed).drop_duplicates()
 
 
-def read_counts(path: Path) -> Counter[Triple]:
-    """Triples with their counts: a CSV of ``head,relation,tail,count``.
-
-    Raises:
-        InputError: where the file is missing or broken, or lists a triple twice.
-    """
-    table = read_table(path, [*TRIPLE, "count"], TRIPLE)
-    return Counter({(head, rel, tail): count for head, rel, tail, count in table.itertuples(index=False, name=None)})
-
-
-def read_ids(folder: Path, files: Collection[str]) -> Counter[Triple]:
+def read_ids(folder: Path, files: Collection[str]) -> dict[Triple, int]:
     """How often each triple stands in files of ids, heads before tails before relations.
 
     Raises:
@@ -94,13 +115,10 @@ def read_ids(folder: Path, files: Collection[str]) -> Counter[Triple]:
     names, relations = read_id_names(folder / ENTITIES), read_id_names(folder / RELATIONS)
     counts: Counter[Triple] = Counter()
     for path in (folder / file for file in files):
-        for number, line in _lines(path):
-            ids = re.fullmatch(r"\s*([0-9]{1,9})[\s,]+([0-9]{1,9})[\s,]+([0-9]{1,9})\s*", line)
-            if not ids:
-                raise InputError(path, f"line {number}", f"expected three ids, got {short(line)}")
+        for number, ids in _lines(path, r"\s*([0-9]{1,9})[\s,]+([0-9]{1,9})[\s,]+([0-9]{1,9})\s*", "three ids"):
             head, tail, relation = map(int, ids.groups())
             if max(head, tail) >= len(names) or relation >= len(relations):
-                expected = f"expected ids of {len(names)} entities and {len(relations)} relations, got {short(line)}"
+                expected = f"expected ids of {len(names)} entities and {len(relations)} relations, got {short(ids[0])}"
                 raise InputError(path, f"line {number}", expected)
             counts[names[head], relations[relation], names[tail]] += 1
     if not counts:
@@ -114,28 +132,29 @@ def read_id_names(path: Path) -> list[str]:
     Raises:
         InputError: where the file is missing or broken, or a name or an id is missing or repeats.
     """
-    name_of, names = dict[int, str](), set[str]()
-    for number, line in _lines(path):
-        named = re.fullmatch(r"(.+)\t([0-9]{1,9})\s*", line)
-        if not named:
-            raise InputError(path, f"line {number}", f"expected a name, a tab and an id, got {short(line)}")
-        fault = name_fault(named[1])
-        if not fault and (int(named[2]) in name_of or named[1] in names):
-            fault = f"{short(line)} has a name or an id that is there already"
-        if fault:
+    name_of: dict[int, str] = {}
+    names: set[str] = set()
+    for number, line in _lines(path, r"(.+)\t([0-9]{1,9})\s*", "a name, a tab and an id"):
+        name, row = line[1], int(line[2])
+        is_there = row in name_of or name in names
+        if fault := name_fault(name) or f"{short(line[0])} has a name or an id that is there already" * is_there:
             raise InputError(path, f"line {number}", fault)
-        names.add(named[1])
-        name_of[int(named[2])] = named[1]
+        names.add(name)
+        name_of[row] = name
     if sorted(name_of) != list(range(len(name_of))):
         raise InputError(path, "", f"expected the ids from 0 to {len(name_of) - 1}")
     return [name for _, name in sorted(name_of.items())]
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
+def _lines(path: Path, pattern: str, content: str) -> Iterator[tuple[int, re.Match[str]]]:
     """The lines behind the first, which says how many they are, with their numbers."""
     first, *lines = read_text(path, "a text file of ids").split("\n")
     filled = [(number, line) for number, line in enumerate(lines, 2) if line.strip()]
     if not re.fullmatch(r"[0-9]{1,9}\s*", first) or int(first) != len(filled):
         expected = f"expected how many lines follow, which are {len(filled)}, got {short(first)}"
         raise InputError(path, "line 1", expected)
-    return iter(filled)
+    for number, line in filled:
+        match = re.fullmatch(pattern, line)
+        if not match:
+            raise InputError(path, f"line {number}", f"expected {content}, got {short(line)}")
+        yield number, match

@@ -1,13 +1,14 @@
-"""Observations of AI2-THOR scenes, mined by hand and from the real recording."""
+"""Observations of AI2-THOR's and RoboTHOR's scenes: of hand-written ones, of the real recording, and of one alone."""
 
 from __future__ import annotations
 
+import gzip
 import json
-import re
+from collections import Counter
 from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import networkx as nx
 import pandas as pd
@@ -21,16 +22,26 @@ from isi.config import read as read_params
 from isi.errors import InputError
 from isi.graph.graph import MinedSource, build_tables
 from isi.sources import CHUNK, settings_of
-from isi.sources.ai2thor import ELSEWHERE, IN_CYCLE, ITSELF, MISSING, NOT_THERE, Circular, CleaningRules, mine
-from isi.sources.materials import MaterialsOf, read_shares, reported_materials, suncg_materials
+from isi.sources.ai2thor import (  # fmt: skip
+    ELSEWHERE,
+    IN_CYCLE,
+    ITSELF,
+    MISSING,
+    NOT_THERE,
+    ROOMLESS,
+    MaterialsOf,
+    mine,
+    read_shares,
+    reported_materials,
+    suncg_materials,
+)
 from isi.sources.names import entity_name
 from isi.sources.recordings import Scene, SceneObject, locate, read_recording
 from isi.sources.tables import OBSERVATIONS
 from isi.tables import paths
 from tests.houses import houses
-from tests.observing import Observations, observations_of, source_of
+from tests.observing import TRIPLE, observations_of, observe, source_of
 
-KEYS = ("kitchens", "living_rooms", "bedrooms", "bathrooms")
 PROPERTIES = (
     "openable", "pickupable", "toggleable", "canFillWithLiquid", "sliceable", "breakable", "dirtyable", "cookable",
     "moveable", "isHeatSource", "isColdSource", "receptacle", "canBeUsedUp",
@@ -98,33 +109,21 @@ EXPECTED = [
 ]
 
 
-def recording() -> dict[str, Any]:
-    """Thirty scenes a room, empty but for two, and RoboTHOR's, which are not of the 120."""
-    scenes: dict[str, Any] = {key: [[] for _ in range(30)] for key in KEYS}
-    scenes["kitchens"][0] = json.loads(json.dumps(KITCHEN))
-    scenes["bedrooms"][1] = json.loads(json.dumps(BEDROOM))
-    return scenes | {"robothor": [[thing("Dumbbell")]] * 75}
-
-
-def read(path: Path, content: object) -> list[Scene]:
-    """Write a recording and read it."""
-    path.write_text(json.dumps(content), encoding="utf-8")
-    return list(read_recording(path, None))
-
-
 def rows(observations: pd.DataFrame) -> list[tuple[str, ...]]:
     return sorted(observations.drop(columns="count").itertuples(index=False, name=None))
 
 
 def mined(
-    scenes: list[Scene], materials_of: MaterialsOf, source: Path, rules: CleaningRules | None = None
-) -> pd.DataFrame:
-    return pd.DataFrame(mine(scenes, materials_of, source, rules), columns=COLUMNS)
+    scenes: list[Scene], materials_of: MaterialsOf = reported_materials, **cleaning: Any
+) -> tuple[pd.DataFrame, Counter[str]]:
+    """Observations, and what was dropped."""
+    counts: Counter[str] = Counter()
+    observations = mine(scenes, materials_of, Path("recording.json"), counts, **cleaning)
+    return pd.DataFrame(observations, columns=COLUMNS), counts
 
 
-def mine_one(*objects: SceneObject, rules: CleaningRules | None = None) -> pd.DataFrame:
-    scene = Scene("FloorPlan1", 1, "kitchen", list(objects))
-    return mined([scene], reported_materials, Path("recording.json"), rules)
+def mine_one(*objects: SceneObject, **cleaning: Any) -> tuple[pd.DataFrame, Counter[str]]:
+    return mined([Scene("FloorPlan1", 1, "kitchen", list(objects))], **cleaning)
 
 
 def tails(observations: pd.DataFrame, relation: str) -> list[str]:
@@ -132,8 +131,8 @@ def tails(observations: pd.DataFrame, relation: str) -> list[str]:
 
 
 def test_two_rooms_give_the_observations_written_out_by_hand(tmp_path: Path) -> None:
-    scenes = read(tmp_path / "recording.json", recording())
-    observations = mined(scenes, reported_materials, tmp_path)
+    scenes = [Scene("FloorPlan1", 1, "kitchen", KITCHEN), Scene("FloorPlan302", 302, "bedroom", BEDROOM)]
+    observations, _ = mined(scenes)
     assert rows(observations) == sorted(EXPECTED)
     assert (observations["count"] == 1).all()
     OBSERVATIONS.write_file(tmp_path / "table.parquet", observations, "mine")
@@ -141,15 +140,13 @@ def test_two_rooms_give_the_observations_written_out_by_hand(tmp_path: Path) -> 
 
 
 def test_each_property_gives_its_affordances() -> None:
-    given = {has: tails(mine_one(thing("Gadget", 1, None, None, has)), "hasAffordance") for has in PROPERTIES}
+    given = {has: tails(mine_one(thing("Gadget", 1, None, None, has))[0], "hasAffordance") for has in PROPERTIES}
     assert given == {
         "openable": ["close", "open"], "pickupable": ["pick up", "put"], "toggleable": ["turn off", "turn on"],
         "canFillWithLiquid": ["empty", "fill"], "sliceable": ["slice"], "breakable": ["break"],
         "dirtyable": ["clean", "dirty"], "moveable": ["pull", "push"], "cookable": ["cook"], "isHeatSource": ["heat"],
         "isColdSource": ["cool"], "receptacle": [], "canBeUsedUp": [],
     }  # fmt: skip
-    together = tails(mine_one(thing("Gadget", 1, None, None, *PROPERTIES)), "hasAffordance")
-    assert len(together) == len(set(together)) == 17
 
 
 @pytest.mark.parametrize(
@@ -163,32 +160,20 @@ def test_types_become_lower_case_words(kind: str, name: str) -> None:
 
 def test_the_floor_is_neither_object_nor_receptacle_while_other_receptacles_of_the_object_stay() -> None:
     rug_on_both = thing("Cloth", 1, ["Floor|1", "Shelf|1"])
-    observations = mine_one(thing("Floor", 1, None, ["Wood"], "dirtyable"), thing("Shelf"), rug_on_both)
+    observations, _ = mine_one(thing("Floor", 1, None, ["Wood"], "dirtyable"), thing("Shelf"), rug_on_both)
     assert "floor" not in set(observations["head"]) | set(observations["tail"])
     assert tails(observations[observations["head"] == "cloth"], "atLocation") == ["kitchen", "shelf"]
 
 
 def test_two_receptacles_of_one_type_are_two_observations() -> None:
-    observations = mine_one(thing("Shelf", 1), thing("Shelf", 2), thing("Book", 1, ["Shelf|1", "Shelf|2"]))
+    observations, _ = mine_one(thing("Shelf", 1), thing("Shelf", 2), thing("Book", 1, ["Shelf|1", "Shelf|2"]))
     assert tails(observations[observations["head"] == "book"], "atLocation") == ["kitchen", "shelf", "shelf"]
 
 
-@pytest.mark.parametrize("missing", ["Desk|7", "CounterTop|1"], ids=["nowhere", "in another scene"])
-def test_a_parent_that_its_scene_lacks_is_named_or_dropped_and_counted(tmp_path: Path, missing: str) -> None:
-    broken, path = recording(), tmp_path / "recording.json"
-    broken["bedrooms"][1][2]["parentReceptacles"] = ["TVStand|1", missing, "Desk|8"]
-    scenes, rules = read(path, broken), CleaningRules("drop")
-    with pytest.raises(InputError, match=rf"recording\.json.*FloorPlan302.*AlarmClock\|1.*{re.escape(missing)}"):
-        mined(scenes, reported_materials, path)
-    found = mined(scenes, reported_materials, path, rules)
-    assert rules.counts == {MISSING: 2}
-    assert tails(found[found["head"] == "alarm clock"], "atLocation") == ["bedroom", "tv stand"]
-
-
-# What a simulator says that cannot be
+# Containment that cannot be
 
 #: A bowl in the cabinet that it holds, and a crate two further receptacles away from itself.
-CIRCLES = [
+CYCLES = [
     thing("Bowl", 1, ["Cabinet|1"]), thing("Cabinet", 1, ["Bowl|1", "Shelf|1"]),
     thing("Crate", 1, ["Shelf|2"]), thing("Shelf", 2, ["Desk|1"]), thing("Desk", 1, ["Crate|1", "Shelf|1"]),
     thing("Shelf", 1), thing("Mug", 1, ["Bowl|1"]),
@@ -201,21 +186,18 @@ def locations(observations: pd.DataFrame) -> list[tuple[str, str]]:
     return sorted(inside[["head", "tail"]].itertuples(index=False, name=None))
 
 
-def test_receptacles_that_lie_in_what_they_hold_stay_unless_they_are_to_be_dropped_and_are_counted() -> None:
+@pytest.mark.parametrize("objects", [CYCLES, CYCLES[::-1]], ids=["forwards", "backwards"])
+def test_receptacles_that_lie_in_what_they_hold_stay_or_are_dropped_and_counted(objects: list[SceneObject]) -> None:
     outside = [("cabinet", "shelf"), ("desk", "shelf"), ("mug", "bowl")]
-    circle = [("bowl", "cabinet"), ("cabinet", "bowl"), ("crate", "shelf"), ("desk", "crate"),
-              ("shelf", "desk")]  # fmt: skip
-    assert locations(mine_one(*CIRCLES)) == sorted(circle + outside)
-    rules = CleaningRules("error", "drop")
-    assert locations(mine_one(*CIRCLES, rules=rules)) == outside
-    assert rules.counts == {IN_CYCLE: 5}
-    backwards = CleaningRules("error", "drop")
-    assert locations(mine_one(*reversed(CIRCLES), rules=backwards)) == outside
-    assert backwards.counts == rules.counts
+    cycle = [("bowl", "cabinet"), ("cabinet", "bowl"), ("crate", "shelf"), ("desk", "crate"), ("shelf", "desk")]
+    assert locations(mine_one(*objects)[0]) == sorted(cycle + outside)
+    observations, counts = mine_one(*objects, circular="drop")
+    assert locations(observations) == outside
+    assert counts == {IN_CYCLE: 5}
 
 
 @given(st.lists(st.sets(st.integers(0, 6)), min_size=1, max_size=7))
-def test_what_is_dropped_is_what_lies_in_a_circle_of_receptacles(inside: list[set[int]]) -> None:
+def test_what_is_dropped_is_what_lies_in_a_cycle_of_receptacles(inside: list[set[int]]) -> None:
     edges = [
         (child, parent)
         for child, parents in enumerate(inside)
@@ -223,45 +205,41 @@ def test_what_is_dropped_is_what_lies_in_a_circle_of_receptacles(inside: list[se
         if parent < len(inside) and parent != child
     ]
     part_of = {node: part for part in nx.strongly_connected_components(nx.DiGraph(edges)) for node in part}
-    objects = [thing(f"Box{'abcdefg'[child]}", 1) for child in range(len(inside))]
+    objects = [thing(f"Box{letter}", 1, []) for letter, _ in zip("abcdefg", inside, strict=False)]
     for child, parent in edges:
-        objects[child]["parentReceptacles"] = [
-            *(objects[child]["parentReceptacles"] or ()),
-            objects[parent]["objectId"],
-        ]
-    rules = CleaningRules("error", "drop")
-    kept = locations(mine_one(*objects, rules=rules))
+        objects[child]["parentReceptacles"].append(objects[parent]["objectId"])
+    observations, counts = mine_one(*objects, circular="drop")
     outside = [(child, parent) for child, parent in edges if parent not in part_of[child]]
     name = [entity_name(box["objectType"]) for box in objects]
-    assert kept == sorted((name[child], name[parent]) for child, parent in outside)
-    assert rules.counts[IN_CYCLE] == len(edges) - len(outside)
+    assert locations(observations) == sorted((name[child], name[parent]) for child, parent in outside)
+    assert counts[IN_CYCLE] == len(edges) - len(outside)
 
 
-def test_a_receptacle_that_lies_in_what_it_holds_can_be_refused() -> None:
-    with pytest.raises(InputError, match=r"FloorPlan1, object Bowl\|1: its parent receptacle 'Cabinet\|1' lies in it"):
-        mine_one(*CIRCLES, rules=CleaningRules("error", "error"))
+SHELF = {**thing("Shelf"), "receptacleObjectIds": ["Mug|1", "Mug|2", "Mug|3", "Mug|4"]}
+ON_SHELF = [thing("Mug", 1, ["Shelf|1"]), thing("Mug", 2, ["Sink|1"]), thing("Mug", 3), thing("Sink")]
 
 
-def test_what_is_its_own_receptacle_is_refused_or_dropped_and_counted() -> None:
-    box = thing("Box", 1, ["Box|1", "Shelf|1"])
-    for circular in get_args(Circular):
-        with pytest.raises(InputError, match=r"FloorPlan1, object Box\|1: it is its own parent receptacle"):
-            mine_one(box, thing("Shelf", 1), rules=CleaningRules("error", circular))
-        rules = CleaningRules("drop", circular)
-        assert locations(mine_one(box, thing("Shelf", 1), rules=rules)) == [("box", "shelf")]
-        assert rules.counts == {ITSELF: 1}
-
-
-def test_contents_that_are_not_there_or_elsewhere_are_refused_or_dropped_and_counted() -> None:
-    shelf = {**thing("Shelf"), "receptacleObjectIds": ["Mug|1", "Mug|2", "Mug|3", "Mug|4"]}
-    objects = [shelf, thing("Mug", 1, ["Shelf|1"]), thing("Mug", 2, ["Sink|1"]), thing("Mug", 3), thing("Sink")]
-    rules = CleaningRules("drop")
-    assert locations(mine_one(*objects, rules=rules)) == [("mug", "shelf"), ("mug", "sink")]
-    assert rules.counts == {ELSEWHERE: 2, NOT_THERE: 1}
-    with pytest.raises(InputError, match=r"FloorPlan1, object Shelf\|1: it holds 'Mug\|2', which lies elsewhere"):
-        mine_one(*objects)
-    with pytest.raises(InputError, match=r"Shelf\|1: it holds 'Mug\|1', which is not in the scene"):
-        mine_one(shelf)
+@pytest.mark.parametrize(
+    ("objects", "cleaning", "problem", "counted", "left"),
+    [
+        (CYCLES, {"circular": "error"}, r"Bowl\|1: its parent receptacle 'Cabinet\|1' lies in it", None, None),
+        ([thing("Mug", 1, ["Shelf|1", "Desk|7", "Desk|8"]), thing("Shelf")], {},
+         r"Mug\|1: its parent receptacle 'Desk\|7'", {MISSING: 2}, [("mug", "shelf")]),
+        ([thing("Box", 1, ["Box|1", "Shelf|1"]), thing("Shelf")], {}, r"Box\|1: it is its own parent receptacle",
+         {ITSELF: 1}, [("box", "shelf")]),
+        ([SHELF, *ON_SHELF], {}, r"Shelf\|1: it holds 'Mug\|2', which lies elsewhere", {ELSEWHERE: 2, NOT_THERE: 1},
+         [("mug", "shelf"), ("mug", "sink")]),
+        ([SHELF], {}, r"Shelf\|1: it holds 'Mug\|1', which is not in the scene", {NOT_THERE: 4}, []),
+    ],
+)  # fmt: skip
+def test_containment_that_cannot_be_is_refused_or_dropped_and_counted(
+    objects: list[SceneObject], cleaning: dict[str, Any], problem: str, counted: object, left: object
+) -> None:
+    with pytest.raises(InputError, match=rf"recording\.json: FloorPlan1, object {problem}"):
+        mine_one(*objects, **cleaning)
+    for circular in ("keep", "error", "drop") if counted else ():
+        observations, counts = mine_one(*objects, broken="drop", circular=circular)
+        assert (locations(observations), counts) == (left, counted)
 
 
 # Materials
@@ -310,7 +288,7 @@ def test_a_scene_draws_the_same_materials_whatever_else_is_mined(shares: pd.Data
     scenes = [Scene(f"FloorPlan{n}", n, "kitchen", [thing("Cabinet", i) for i in range(40)]) for n in (1, 2, 3)]
 
     def drawn(chosen: list[Scene], root: int = 0) -> list[list[tuple[str, ...]]]:
-        observed = mined(chosen, suncg_materials(shares, root), Path("recording"))
+        observed, _ = mined(chosen, suncg_materials(shares, root))
         return [[row[2:] for row in rows(observed[observed["scene"] == scene.name])] for scene in chosen]
 
     one, two, three = drawn(scenes)
@@ -319,25 +297,22 @@ def test_a_scene_draws_the_same_materials_whatever_else_is_mined(shares: pd.Data
     assert drawn(scenes[:1], root=1) != [one]
 
 
-def test_a_mapping_to_a_category_without_shares_is_refused_with_its_line(tmp_path: Path) -> None:
-    categories = tmp_path / "categories.csv"
-    categories.write_text("object,category\nbed,bed\nspaceship,vehicle\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"categories\.csv.*line 3.*'vehicle'"):
-        read_shares(paths.MATERIAL_SHARES, categories)
-
-
 @pytest.mark.parametrize(
-    ("text", "place"),
-    [("concept,material\nbed,wood\n", "concept, material, share"), ("concept,material,share\nbed,wood,1.5\n", "share"),
-     ("concept,material,share\nbed,wood,0.5\nbed,wood,0.7\n", "line 3: 'bed wood' is there twice"),
-     ("concept,material,share\nbed,wood,nan\n", "line 2: .*share, got 'nan'"),
-     ("concept,material,share\n ,wood,1\n", "line 2: concept: expected a name")],
+    ("file", "text", "place"),
+    [("categories.csv", "object,category\nbed,bed\nspaceship,vehicle\n", "line 3: .*'vehicle'"),
+     ("shares.csv", "concept,material\nbed,wood\n", "line 1: .*concept, material, share"),
+     ("shares.csv", "concept,material,share\nbed,wood,1.5\n", "line 2: .*share, got '1.5'"),
+     ("shares.csv", "concept,material,share\nbed,wood,0.5\nbed,wood,0.7\n", "line 3: .*'bed wood'"),
+     ("shares.csv", "concept,material,share\nbed,wood,nan\n", "line 2: .*share, got 'nan'")],
 )  # fmt: skip
-def test_a_broken_table_of_shares_is_named(tmp_path: Path, text: str, place: str) -> None:
-    path = tmp_path / "shares.csv"
+def test_a_broken_table_of_shares_is_refused(tmp_path: Path, file: str, text: str, place: str) -> None:
+    path = tmp_path / file
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=rf"shares\.csv.*{place}"):
-        read_shares(path, paths.MATERIAL_CATEGORIES)
+    shares, categories = path, paths.MATERIAL_CATEGORIES
+    if file == "categories.csv":
+        shares, categories = paths.MATERIAL_SHARES, path
+    with pytest.raises(InputError, match=rf"{file}: {place}"):
+        read_shares(shares, categories)
 
 
 # Many scenes
@@ -351,7 +326,7 @@ BROKEN = [*MANY, Scene("House7777", 7777, "kitchen", [thing("Mug", 9, ["Shelf|3"
 
 def mine_to(path: Path, scenes: list[Scene], materials_of: MaterialsOf) -> bytes:
     """The bytes of the table of some scenes."""
-    source = source_of(mine(scenes, materials_of, Path("recording.json")))
+    source = source_of(mine(scenes, materials_of, Path("recording.json"), Counter()))
     OBSERVATIONS.write_stream_file(path, source.tables(), "mine")
     return path.read_bytes()
 
@@ -367,19 +342,11 @@ def test_each_chunk_is_a_row_group_and_together_they_are_what_each_scene_gives_a
     monkeypatch.setattr("isi.sources.CHUNK", 500)
     mine_to(tmp_path / "table.parquet", MANY, reported_materials)
     file = pq.ParquetFile(tmp_path / "table.parquet")
-    alone = pd.concat([mined([scene], reported_materials, tmp_path) for scene in MANY], ignore_index=True)
+    alone = pd.concat([mined([scene])[0] for scene in MANY], ignore_index=True)
     rows = [file.metadata.row_group(group).num_rows for group in range(file.num_row_groups)]
     assert rows == [500, 500, len(alone) - 1000]
     read = OBSERVATIONS.read_file(tmp_path / "table.parquet")
     assert read.astype(alone.dtypes).equals(alone)
-
-
-def test_scenes_without_any_observation_are_refused(tmp_path: Path) -> None:
-    empty = Scene("FloorPlan1", 1, "kitchen", [])
-    with pytest.raises(InputError, match="expected observations, got none"):
-        mine_to(tmp_path / "table.parquet", [empty], reported_materials)
-    full = Scene("FloorPlan2", 2, "kitchen", KITCHEN)
-    assert mine_to(tmp_path / "table.parquet", [empty, full, empty], reported_materials)
 
 
 def test_a_mistake_in_a_late_scene_is_told_in_one_line_and_the_old_table_stays(
@@ -400,7 +367,8 @@ def test_scenes_are_taken_only_as_they_are_needed() -> None:
         for number in count(1):
             yield Scene(f"House{number}", number, "kitchen", [thing("Mug")])
 
-    table = next(source_of(mine(scenes(), reported_materials, Path("recording.json"))).tables())
+    observations = mine(scenes(), reported_materials, Path("recording.json"), Counter())
+    table = next(source_of(observations).tables())
     assert table.num_rows == CHUNK
 
 
@@ -414,7 +382,7 @@ def real() -> list[Scene]:
 
 
 def test_the_real_recording_gives_the_known_figures(real: list[Scene]) -> None:
-    source = source_of(mine(real, reported_materials, Path("recording")))
+    source = source_of(mine(real, reported_materials, Path("recording"), Counter()))
     observations = pa.concat_tables(source.tables()).to_pandas()
     made = build_tables(MinedSource("ai2thor", observations, source.kinds))
     entities, triples = made.entities, made.triples
@@ -422,22 +390,17 @@ def test_the_real_recording_gives_the_known_figures(real: list[Scene]) -> None:
     assert triples["count"].sum() == 23_729
     assert (entities["kind"] == "room").sum() == 4
     assert (entities["kind"] == "affordance").sum() == 17
-
-
-def test_every_object_of_the_real_recording_but_the_floors_is_seen_once_in_its_room(real: list[Scene]) -> None:
-    observations = mined(real, reported_materials, Path("recording"))
-    in_room = observations[observations["tail"] == observations["room"]]
+    in_room = observations[observations["tail"] == observations["room"].astype(str)]
     objects = sum(len(scene.objects) for scene in real)
     assert objects == 5_670
     assert len(in_room) == objects - 120  # one floor a scene
     assert not in_room.duplicated(["scene", "instance"]).any()
 
 
-def test_the_real_recording_has_receptacles_in_what_they_hold_and_is_tidy_but_for_them(real: list[Scene]) -> None:
-    rules = CleaningRules("drop", "drop")
-    kept = len(list(mine(real, reported_materials, Path("recording"), rules)))
-    assert rules.counts == {IN_CYCLE: 14}
-    assert kept == 23_729 - 14
+def test_the_real_recording_has_receptacles_in_what_they_hold_and_is_clean_but_for_them(real: list[Scene]) -> None:
+    observations, counts = mined(real, broken="drop", circular="drop")
+    assert counts == {IN_CYCLE: 14}
+    assert len(observations) == 23_729 - 14
 
 
 def test_every_mapped_object_is_a_type_of_the_recording(real: list[Scene], shares: pd.DataFrame) -> None:
@@ -447,51 +410,76 @@ def test_every_mapped_object_is_a_type_of_the_recording(real: list[Scene], share
     assert shares.index.is_unique
 
 
-# RoboTHOR
-
-SETTINGS = {"reader": "robothor", "from": "recording", "sha256": None, "materials": "simulator", "broken": "error"}
-
-
-def observed(**settings: object) -> Observations:
-    return observations_of({**SETTINGS, **settings})
-
-
-def test_the_recorded_apartments_give_the_known_figures() -> None:
-    found = observed()
-    observations = found.table
-    made = build_tables(MinedSource("robothor", observations, found.kinds))
-    assert observations["scene"].nunique() == 75
-    assert set(observations["room"]) == {"apartment"}
-    assert (len(observations), len(made.triples), len(made.entities)) == (15_514, 522, 77)
-    assert (made.entities["kind"] == "room").sum() == 1
-    assert found.counts == {}
-
-
-def test_every_object_of_an_apartment_is_seen_in_it_once() -> None:
-    observations = observed().table
-    in_room = observations[observations["tail"] == "apartment"]
+def test_the_recorded_apartments_of_robothor_give_the_known_figures() -> None:
+    section = {"reader": "robothor", "from": "recording", "sha256": None, "materials": "simulator", "broken": "error"}
+    observed = observations_of(section)
+    made = build_tables(MinedSource("robothor", observed.table, observed.kinds))
+    assert observed.table["scene"].nunique() == 75
+    assert set(observed.table["room"]) == {"apartment"}
+    assert (len(observed.table), len(made.triples), len(made.entities)) == (15_514, 522, 77)
+    assert observed.counts == {}
+    in_room = observed.table[observed.table["tail"] == "apartment"]
     assert len(in_room) == 3_045
     assert not in_room.duplicated(["scene", "instance"]).any()
+    cleaned = observations_of({**section, "circular": "drop"})
+    assert cleaned.counts == {IN_CYCLE: 4}
+    assert len(cleaned.table) == 15_514 - 4
 
 
-def test_receptacles_in_what_they_hold_can_be_dropped() -> None:
-    before, after = observed(), observed(broken="drop", circular="drop")
-    assert after.counts == {"receptacles dropped that lie in what they hold": 4}
-    assert len(after.table) == len(before.table) - 4
+# One scene
+
+SCENE = [
+    {"objectType": "Mug", "objectId": "Mug|1", "parentReceptacles": ["SideTable|1"], "breakable": True},
+    {"objectType": "SideTable", "objectId": "SideTable|1"},
+]
+OF_SCENE = [
+    ("mug", "atLocation", "kitchen"), ("mug", "atLocation", "side table"), ("mug", "hasAffordance", "break"),
+    ("side table", "atLocation", "kitchen"),
+]  # fmt: skip
+
+
+def written(path: Path, content: object) -> Path:
+    text = json.dumps(content).encode()
+    path.write_bytes(gzip.compress(text) if path.suffix == ".gz" else text)
+    return path
 
 
 @pytest.mark.parametrize(
-    ("changes", "place"),
+    ("content", "settings"),
     [
-        ({"from": "simulator"}, "data/recordings/robothor.jsonl.gz: "),
-        ({"from": "nowhere.json"}, "nowhere.json: "),
-        ({"sha256": "0" * 64}, "ai2thor-object-metadata.json: .*sha256"),
-        ({"circular": "always"}, r"sources\.mine\.circular"),
+        (SCENE, {"room": "kitchen"}),
+        ({"scene": "FloorPlan30", "spawn": None, "objects": SCENE}, {}),
+        ({"scene": "FloorPlan1#7", "spawn": 7, "objects": SCENE}, {}),
+        ({"sceneName": "FloorPlan2_physics", "objects": SCENE, "agent": {}}, {}),
+        ({"metadata": {"sceneName": "FloorPlan201_physics", "objects": SCENE}}, {"room": "kitchen"}),
     ],
+    ids=["list", "line of a recording", "spawned", "metadata", "event"],
 )
-def test_settings_that_lead_nowhere_are_named(
-    changes: dict[str, Any], place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=place):
-        observed(**changes)
+@pytest.mark.parametrize("name", ["scene.json", "scene.json.gz"])
+def test_all_forms_of_a_scene_give_the_same(tmp_path: Path, content: Any, settings: dict[str, str], name: str) -> None:
+    observed = observe("ai2thor_scene", written(tmp_path / name, content), **settings)
+    assert observed.rows(*TRIPLE) == OF_SCENE
+    assert set(observed.table["room"]) == {"kitchen"}
+    assert observed.kind_of()["kitchen"] == "room"
+    assert not observed.counts
+
+
+@pytest.mark.parametrize(
+    ("content", "room"),
+    [(SCENE, None), ({"scene": "FloorPlan31", "objects": SCENE}, None),
+     ({"scene": "FloorPlan_Val3_5", "objects": SCENE}, "apartment")],
+)  # fmt: skip
+def test_the_name_of_a_scene_may_say_its_room(tmp_path: Path, content: Any, room: str | None) -> None:
+    observed = observe("ai2thor_scene", written(tmp_path / "scene.json", content))
+    assert set(observed.rows("room")) == {(room,)}
+    assert [row for row in observed.rows(*TRIPLE) if row[2] != room] == [row for row in OF_SCENE if row[2] != "kitchen"]
+    assert observed.counts == ({} if room else {ROOMLESS: 2})
+
+
+def test_a_recorded_scene_gives_what_the_whole_recording_gives_of_it(tmp_path: Path, real: list[Scene]) -> None:
+    recording = json.loads(locate("recording").read_bytes())
+    content = {"scene": "FloorPlan407", "objects": recording["bathrooms"][6]}
+    alone = observe("ai2thor_scene", written(tmp_path / "bath.json", content))
+    expected = mine([scene for scene in real if scene.name == "FloorPlan407"], reported_materials, Path(), Counter())
+    assert alone.rows("scene", "room", "instance", *TRIPLE, "count") == list(expected)
+    assert len(alone.table) > 100
