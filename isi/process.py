@@ -54,7 +54,7 @@ def lives(process: str) -> bool:
     except (ValueError, ProcessLookupError, OverflowError):
         return False
     except PermissionError:  # someone else's
-        return True
+        pass
     return int(process) != os.getpid()
 
 
@@ -80,11 +80,11 @@ def stop_in_one_line(name: str, then: str = "run it again") -> None:
     def stop(number: int, _: FrameType | None) -> None:
         for stopping in STOPPING:
             signal.signal(stopping, signal.SIG_DFL)
-        if os.getpid() == process:  # not a worker that has just been forked
-            line = f"{name}: stopped by {signal.Signals(number).name}; no file is half-written; {then}\n"
-            os.write(2, b"\n" * os.isatty(2) + line.encode())  # print may be what was interrupted
-            raise SystemExit(128 + number)
-        os._exit(128 + number)
+        if os.getpid() != process:  # a worker that has just been forked
+            os._exit(128 + number)
+        line = f"{name}: stopped by {signal.Signals(number).name}; no file is half-written; {then}\n"
+        os.write(2, b"\n" * os.isatty(2) + line.encode())  # print may be what was interrupted
+        raise SystemExit(128 + number)
 
     for stopping in STOPPING:
         if signal.getsignal(stopping) is not signal.SIG_IGN:
@@ -115,12 +115,11 @@ def one_line(name: str, then: str = "run it again") -> Iterator[None]:
         sys.stdout.flush()
     except InputError as error:
         sys.exit(f"{name}: {error}")
-    except BrokenPipeError:  # the reader of the output has closed it
-        _drop_output()
-        sys.exit(141)
     except OSError as error:
-        _drop_output()
-        sys.exit(f"{name}: {_explained(error)}")
+        if isinstance(sys.stdout, io.TextIOWrapper):  # let nothing more be written, which Python would try at its end
+            with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
+                os.dup2(nowhere.fileno(), sys.stdout.fileno())
+        sys.exit(141 if isinstance(error, BrokenPipeError) else f"{name}: {_explained(error)}")
     except MemoryError:
         sys.exit(f"{name}: not enough memory: lower compute.workers or compute.stack in params.yaml, or its input")
     finally:
@@ -136,11 +135,3 @@ def _explained(error: OSError) -> InputError:
         return missing(Path(error.filename))
     full = "standard output, or memory that processes share" if error.errno == errno.ENOSPC else ""
     return InputError(error.filename or full, "", f"cannot be written or read ({system_says(error)})")
-
-
-def _drop_output() -> None:
-    """Let nothing more be written, which Python would try at its end."""
-    if not isinstance(sys.stdout, io.TextIOWrapper):
-        return
-    with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
-        os.dup2(nowhere.fileno(), sys.stdout.fileno())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import subprocess
 import sys
 from dataclasses import dataclass, replace
@@ -12,15 +11,14 @@ import pytest
 import torch
 
 from isi.experiment.grid import GridPoints
-from isi.graph.sessions import TRAIN, session_of
 from isi.models.bilinear import ANALOGY
 from isi.models.model import Model, make_model
 from isi.models.scoring import Distance, Interaction
-from isi.models.stack import Embedding, select, uniform
+from isi.models.stack import select, uniform
 from isi.training import trainer
 from isi.training.batches import Negatives, TrainingData, batches, sample_epoch, training_data
-from isi.training.trainer import ACCUMULATOR, Optimizer, State, is_compiled, run_epoch, start
-from tests.small_graphs import graph_of, points_of, random_embedding, random_graph
+from isi.training.trainer import Optimizer, State, is_compiled, run_epoch, start
+from tests.small_graphs import points_of, random_embedding, random_graph
 
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
 SINGLY = Optimizer(batch_size=1, learning_rate=0.1, weight_decay=1e-3, max_epochs=1)
@@ -50,10 +48,13 @@ def same(one: State, other: State) -> bool:
     return all(torch.equal(a, b) for a, b in zip(tensors(one), tensors(other), strict=True))
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("decay", [0.0, 1e-3, 0.1])
-def test_some_hundred_updates_give_the_numbers_of_batches_of_one(kind: str, decay: float) -> None:
-    points = small_points()
+@pytest.mark.parametrize(
+    ("kind", "decay", "relations"),
+    [("analogy", 0.0, 3), ("analogy", 0.1, 3), ("distmult", 1e-3, 3), ("complex", 1e-3, 3), ("analogy", 1e-3, 1),
+     ("analogy", 1e-3, 2)],
+)  # fmt: skip
+def test_some_hundred_updates_give_the_numbers_of_batches_of_one(kind: str, decay: float, relations: int) -> None:
+    points = small_points(relations=relations)
     data = training_data(points.session(0), "test", points.keys(), "unseen")
     settings = SINGLY.model_copy(update={"weight_decay": decay})
     compiled, plain = begin(points, kind), begin(points, kind)
@@ -66,17 +67,6 @@ def test_some_hundred_updates_give_the_numbers_of_batches_of_one(kind: str, deca
     assert not torch.allclose(compiled.embedding.entity, begin(points, kind).embedding.entity, atol=0.1)
 
 
-@pytest.mark.parametrize("relations", [1, 2])
-def test_few_relations(relations: int) -> None:
-    points = small_points(relations=relations)
-    data = training_data(points.session(0), "test", points.keys(), "all")
-    compiled, plain = begin(points), begin(points)
-    run_epoch(compiled, data, SAMPLED, SINGLY, 0, 1)
-    by_batches(plain, data, SINGLY, 1)
-    for found, expected in zip(tensors(compiled), tensors(plain), strict=True):
-        torch.testing.assert_close(found, expected, rtol=1e-4, atol=2e-5)
-
-
 def test_a_graph_too_large_for_tables_learns_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     points = small_points()
     data = training_data(points.session(0), "test", points.keys(), "unseen")
@@ -85,37 +75,6 @@ def test_a_graph_too_large_for_tables_learns_the_same(monkeypatch: pytest.Monkey
     monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 0)
     run_epoch(large, data, SAMPLED.model_copy(update={"mode": "expected"}), SINGLY, 0, 1)
     assert same(small, large)
-
-
-def test_one_update_by_hand() -> None:
-    """DistMult in two dimensions, one relation, two entities, nothing but (0, 0, 1): each is the only corruption."""
-    graph = graph_of({(0, 0, 1): 1}, 2, 1)
-    session = session_of(graph, torch.tensor([[TRAIN]], dtype=torch.int8))
-    data = training_data(session, "test", torch.tensor([[0, 0]]), "unseen")
-    head, row, tail = (0.5, -1.0), (2.0, 1.0), (1.0, 0.25)
-    model = make_model("distmult", {}, "distmult")
-    state = start(Embedding(torch.tensor([[head, tail]]), torch.tensor([[row]]), model))
-    (drawn,) = sample_epoch(data, 1, 0, 1)
-    other = [head, tail][int(drawn.replacements[0])]
-    assert int(drawn.replacements[1]) == 1  # the only entity that never is a head
-    run_epoch(state, data, Negatives(mode="sampled", ratio=1, head_pool="unseen"), SINGLY, 0, 1)
-
-    def slope(h: tuple[float, ...], t: tuple[float, ...], y: float) -> float:
-        return 1 / (1 + math.exp(-sum(a * b * c for a, b, c in zip(h, row, t, strict=True)))) - y
-
-    positive, by_tail, by_head = slope(head, tail, 1), slope(head, other, 0), slope(tail, tail, 0)
-    for i in range(2):
-        gradients = {
-            "head": positive * row[i] * tail[i] + by_tail * row[i] * other[i],
-            "tail": positive * head[i] * row[i] + 2 * by_head * row[i] * tail[i],
-            "row": positive * head[i] * tail[i] + by_tail * head[i] * other[i] + by_head * tail[i] ** 2,
-        }
-        gradients["head" if other is head else "tail"] += by_tail * head[i] * row[i]
-        found = {"head": state.embedding.entity[0, 0, i], "tail": state.embedding.entity[0, 1, i],
-                 "row": state.embedding.relation[0, 0, i]}  # fmt: skip
-        for name, old in (("head", head[i]), ("tail", tail[i]), ("row", row[i])):
-            step = gradients[name] + 1e-3 * old
-            assert found[name].item() == pytest.approx(old - 0.1 * step / math.sqrt(ACCUMULATOR + step**2), abs=1e-6)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -132,18 +91,6 @@ def test_a_model_has_the_same_bits_whatever_the_stack(kind: str) -> None:
         assert same(alone, State(select(together.embedding, some), select(together.squares, some)))
 
 
-def test_entities_outside_the_session_stay_as_they_are() -> None:
-    points = small_points()
-    session = points.session(0)
-    data, state = training_data(session, "test", points.keys(), "unseen"), begin(points)
-    before = begin(points)
-    run_epoch(state, data, SAMPLED, SINGLY, 0, 1)
-    for name in ("embedding", "squares"):
-        now, then = getattr(state, name).entity, getattr(before, name).entity
-        assert torch.equal(now[~session.entities], then[~session.entities])
-        assert (now != then)[session.entities].all()
-
-
 def test_no_observation_is_no_update() -> None:
     points = small_points()
     data = training_data(points.session(0), "test", points.keys(), "unseen")
@@ -151,8 +98,9 @@ def test_no_observation_is_no_update() -> None:
     counts[1] = 0
     state, before = begin(points), begin(points)
     run_epoch(state, replace(data, counts=counts), SAMPLED, SINGLY, 0, 1)
-    changed = (state.embedding.entity != before.embedding.entity).flatten(1).any(1)
-    assert changed.tolist() == [True, False, True]
+    changed, members = state.embedding.entity != before.embedding.entity, points.session(0).entities
+    assert changed.all(-1).tolist() == (members & torch.tensor([[True], [False], [True]])).tolist()
+    assert not changed[~members].any()
     run_epoch(before, replace(data, counts=counts * 0), SAMPLED, SINGLY, 0, 1)
     assert same(before, begin(points))
 

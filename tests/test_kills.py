@@ -8,9 +8,8 @@ import sys
 
 import pytest
 
-from tests.kills.__main__ import table
 from tests.kills.campaign import kills
-from tests.kills.workspace import Fault, Lost, Workspace
+from tests.kills.workspace import Lost, Workspace
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes as Linux has them")
 
@@ -47,17 +46,3 @@ def test_what_is_struck_is_a_worker_of_the_stage_that_runs(where: Workspace) -> 
     assert fault
     assert fault.status != 0
     assert fault.stage.split() == ["train_theta0", "published"]
-
-
-def test_the_table_counts_by_what_was_struck() -> None:
-    faults = [
-        Fault("DVC", "SIGKILL", "mine a", -9),
-        Fault("DVC", "SIGKILL", "report", -9, "2 files differ"),
-        Fault("a worker", "SIGINT", "report", 0),
-    ]
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table(faults).splitlines()[2:]]
-    assert rows == [
-        ["DVC", "SIGKILL", "2", "2", "2", "1"],
-        ["a worker", "SIGINT", "1", "1", "0", "0"],
-        ["all", "", "3", "2", "2", "1"],
-    ]

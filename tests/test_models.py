@@ -302,9 +302,3 @@ def test_an_impossible_dimension_is_refused_by_name(name: str, dimension: int) -
 def test_options_are_checked_by_name(name: str, options: dict[str, object], said: str) -> None:
     with pytest.raises(InputError, match=said):
         make_model(name, options, "key")
-
-
-def test_distmult_cannot_tell_a_triple_from_its_reverse_and_others_can() -> None:
-    for name, scoring in BATTERY.items():
-        scores = precise(scoring).score_all()
-        assert torch.allclose(scores, scores.mT) == (name == "distmult")
