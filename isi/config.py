@@ -127,11 +127,7 @@ def options(function: Callable[..., Any]) -> type[Section]:
 
 
 def keywords(function: Callable[..., Any], given: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """Options as keyword arguments of a function.
-
-    Raises:
-        InputError: where the function does not take them; ``key`` is where they stand.
-    """
+    """Options as keyword arguments of a function, or an ``InputError`` at their key where it does not take them."""
     checked = check(dict(given) if isinstance(given, Mapping) else given, options(function), key)
     return {name: getattr(checked, name) for name in type(checked).model_fields}
 

@@ -26,11 +26,7 @@ class Plugins(Generic[T]):
         self._registered[name] = thing
 
     def get(self, name: str, key: str) -> T:
-        """The thing of a name.
-
-        Raises:
-            InputError: where no module registers it; ``key`` is where params name it.
-        """
+        """The thing of a name, or an ``InputError`` at the key of params that names it."""
         if name not in self._registered:
             if name in self._modules():
                 importlib.import_module(f"{self.package}.{name}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 from isi.evaluation.ranking import Queries, make_queries, padded_ids
@@ -16,12 +17,7 @@ def validation(session: Session) -> dict[str, Queries]:
 
 
 def epoch_query_sets(session: Session, novel: Tensor) -> dict[str, Queries]:
-    """Query sets of D¹ that are measured through training: all, known, known_closed, novel_heldout.
-
-    Args:
-        session: D¹.
-        novel: the novel entities of each model; shape (M, n).
-    """
+    """Query sets of a session, D¹, that are measured through training; ``novel`` are ids of shape (M, n)."""
     is_novel = membership(novel, session.entities.shape[1])
     new = touches(session.graph, is_novel)
     test, heldout = session.members(TEST), session.members(VALID, TEST) & new
@@ -36,21 +32,13 @@ def epoch_query_sets(session: Session, novel: Tensor) -> dict[str, Queries]:
 
 
 def novel_query_set(session: Session, novel: Tensor, inserted: Tensor) -> dict[str, Queries]:
-    """Query set novel, right after insertion: triples with a novel entity, minus the insert triples.
-
-    Args:
-        session: D¹.
-        novel: shape (M, n).
-        inserted: the insert triples; shape (M, T), bool.
-    """
+    """Query set novel of D¹, right after insertion: triples with a novel entity, (M, n), minus those inserted."""
     return {"novel": _at_insertion(session, novel, novel, inserted)}
 
 
 def entity_query_sets(session: Session, novel: Tensor, inserted: Tensor) -> list[Queries]:
     """The queries of query set novel that touch one novel entity: one stack for each place in ``novel``."""
-    return [
-        _at_insertion(session, novel, novel[:, place : place + 1], inserted) for place in range(novel.shape[1])
-    ]  # fmt: skip
+    return [_at_insertion(session, novel, of, inserted) for of in torch.split(novel, 1, 1)]
 
 
 def _at_insertion(session: Session, novel: Tensor, of: Tensor, inserted: Tensor) -> Queries:

@@ -194,11 +194,9 @@ def by_relation(graph: Graph, values: Tensor) -> Tensor:
 
 
 def compare(scores: Tensor, answer: Tensor) -> Tensor:
-    """By candidate: 1 where it scores above the answer, ½ where they are tied, else 0.
+    """By candidate: 1 where it scores above the answer, ½ where they are tied, else 0; shape (M, Q, C).
 
-    Args:
-        scores: shape (M, Q, C).
-        answer: index of the answer in its row; shape (M, Q).
+    ``answer`` is the index of each answer in its row of scores; shapes (M, Q), (M, Q, C).
     """
     ahead = scores - scores.gather(-1, answer[..., None])
     tie = TIE * scores.abs().amax(-1, keepdim=True)

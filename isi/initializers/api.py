@@ -81,12 +81,7 @@ class InitContext:
     keys: Tensor
 
     def draw(self, purpose: str, distribution: Callable[[Generator, tuple[int, int]], np.ndarray]) -> Tensor:
-        """Random numbers of novel entities from one stream for each model; shape (M, n, d).
-
-        Args:
-            purpose: name of the stream: the same name gives the same numbers.
-            distribution: such as ``Generator.random``.
-        """
+        """Random numbers of novel entities, (M, n, d), from a stream for each model: a purpose has the same numbers."""
         shape = (self.novel.shape[1], self.theta0.entity.shape[-1])
         numbers = [distribution(stream(self.root, purpose, *key), shape) for key in self.keys.tolist()]
         return torch.as_tensor(np.stack(numbers), dtype=torch.float32)
@@ -95,10 +90,8 @@ class InitContext:
 def context_of(theta: Embedding, before: Session, given: NovelEntities, root: int, keys: Tensor) -> InitContext:
     """What an initializer may see: Θ, the entities of the session before, word vectors, and the insert triples.
 
-    Args:
-        before: its graph holds the insert triples, its splits do not.
-        root: of the random streams.
-        keys: what each model's streams depend on beside it; shape (M, K).
+    The graph of ``before`` holds the insert triples, its splits do not. Random streams are keyed by ``root`` and
+    ``keys``, (M, K).
     """
     novel, (model, place, triple) = given.novel, given.insert_triples.T
     slot = model * novel.shape[1] + place

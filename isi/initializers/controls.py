@@ -105,12 +105,7 @@ def _es_of_dealt(context: InitContext, dealt: Tensor, k: int) -> InitResult:
 
 
 def dealt_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
-    """Whose word vector each entity is dealt, in each model, among its group; those without one keep none; (M, E).
-
-    Args:
-        purpose: of the random streams.
-        groups: within which words are dealt; ids, shape (E,).
-    """
+    """Whose word vector each entity is dealt, in each model, among its group, (E,); shape (M, E)."""
     wordy = (context.words != 0).any(-1)
     members = [(wordy & (groups == group)).nonzero().flatten() for group in torch.unique(groups)]
     dealt = torch.arange(len(context.words)).repeat(len(context.novel), 1)

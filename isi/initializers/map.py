@@ -89,13 +89,9 @@ def evidence(context: InitContext, mean: Tensor, strength: float, ratio: int) ->
 
 
 def ridge_regression(context: InitContext, prior: InitResult, strength: float, ratio: int) -> InitResult:
-    """argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ): y is 1 of a positive and 0 of a negative.
+    """argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ): y is 1 of a positive and 0 of a negative, f is linear in v.
 
-    Args:
-        prior: its vectors are μ, the answer where there is no insert triple.
-        strength: λ.
-
-    The score of the model must be linear in a vector.
+    The vectors of the prior are μ, the answer where there is no insert triple; its strength is λ.
     """
     known = evidence(context, prior.vectors, strength, ratio)
     alpha = cell_anchors(_double(context.theta0))
@@ -110,11 +106,8 @@ def most_probable(context: InitContext, prior: InitResult, strength: float, rati
 
     Strictly convex where the score f is linear in v, so that there is one answer, which no seed has a part in.
     Elsewhere f is taken as linear around v in each step (Gauss and Newton), and a step is halved until it gains:
-    ``STEPS`` of them lead to a local optimum, or near one. Each novel entity stops by itself.
-
-    Args:
-        prior: its vectors are μ, the answer where there is no insert triple.
-        strength: λ.
+    ``STEPS`` of them lead to a local optimum, or near one. Each novel entity stops by itself. The vectors of the prior
+    are μ, the answer where there is no insert triple; its strength is λ.
     """
     known, theta0 = evidence(context, prior.vectors, strength, ratio), _double(context.theta0)
     alpha = cell_anchors(theta0) if theta0.model.linear else None
@@ -141,9 +134,7 @@ def each_alone(known: Evidence, theta0: Embedding) -> tuple[Evidence, Embedding]
 def newton(known: Evidence, theta0: Embedding, at: Tensor, alpha: Tensor | None) -> tuple[Tensor, Tensor]:
     """The step to where the objective were least if f were linear and the loss quadratic, and twice what that gains.
 
-    Args:
-        at: shape (M, n, d), the shape of the step.
-        alpha: of each cell, where f is linear.
+    Vectors ``at`` and steps are (M, n, d); ``alpha`` is of each cell, where f is linear.
     """
     slopes = score_gradients(theta0, at) if alpha is None else alpha
     weight, likely = known.positive + known.negative, padded(torch.sigmoid, scores(theta0, at))

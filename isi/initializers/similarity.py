@@ -42,11 +42,7 @@ def resultants(context: InitContext) -> Tensor:
 
 
 def relational_score(context: InitContext, alpha: Tensor | None = None) -> Tensor:
-    """Σ_r cos(v_e, ᾱ_r) over the relations of the insert triples (equation 5); shape (M, n, E).
-
-    Args:
-        alpha: in place of the insert triples' own α; shape (M, n, I, d).
-    """
+    """Σ_r cos(v_e, ᾱ_r) over the relations of insert triples, by their α or by others (equation 5); (M, n, E)."""
     theta0, alpha = context.theta0, resultants(context) if alpha is None else alpha
     of = one_hot(context.relation, theta0.relation.shape[1]) * context.observed[..., None]
     centroids = torch.einsum("mnir,mnid->mnrd", of.to(alpha.dtype), alpha)  # ᾱ, but for its length

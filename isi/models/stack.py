@@ -52,12 +52,9 @@ class Embedding:
         return self.model.scores(self.entity, self.relation, DenseTriples.of(self.entity, self.relation))[0]
 
     def resultants(self, known: Tensor, relation: Tensor, novel_is_tail: Tensor) -> Tensor:
-        """α of insert triples: where each puts the novel entity (equation 4); shape (..., d).
+        """α of insert triples: where the relation takes the head, or where the head of the tail must be (equation 4).
 
-        Args:
-            known: vector of the known end; shape (..., d).
-            relation: row of the triple's relation; shape (..., w).
-            novel_is_tail: where the relation takes the head if true, else where the head of the tail must be; (...).
+        Vectors of known ends are (..., d), rows of relations (..., w); α is (..., d).
         """
         as_tail, as_head = self.model.transform(known, relation), self.model.inverse(known, relation)
         return torch.where(novel_is_tail[..., None], as_tail, as_head)
@@ -92,7 +89,6 @@ def uniform(
 
     Args:
         entities: the entities that take part; shape (M, E), bool.
-        relations: how many there are.
         keys: of the random stream of each embedding, beside the root seed; shape (M, ...).
 
     Raises:

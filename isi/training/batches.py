@@ -101,11 +101,9 @@ class Corrupted:
 def training_data(
     session: Session, purpose: str, keys: Tensor, head_pool: str, novel: Tensor | None = None
 ) -> TrainingData:
-    """The training data of D, a stack of sessions.
+    """The training data of a stack of sessions; the fields of ``TrainingData`` say what the arguments are.
 
-    Args:
-        keys: (size, seed) of each embedding.
-        novel: ids of the entities that were not in the session before, (M, n); all of them where it is null.
+    ``novel`` are ids of the entities that were not in the session before, (M, n); all of them where it is null.
     """
     graph = session.graph
     train = session.members(TRAIN)
@@ -123,11 +121,9 @@ def training_data(
 
 
 def shuffle_into_batches(data: TrainingData, root: int, epoch: int, size: int) -> list[list[np.ndarray]]:
-    """Shuffle an epoch's observations into batches of even length, at most ``size``.
+    """Triple ids of an epoch's observations by batch and model, shuffled; batches are of even length, at most ``size``.
 
-    Returns:
-        The triple ids of the observations, by batch and embedding. Embeddings with fewer batches than others have
-        empty ones at the end.
+    Embeddings with fewer batches than others have empty ones at the end.
     """
     by_model = []
     for counts, key in zip(data.counts.cpu().numpy(), data.keys.tolist(), strict=True):

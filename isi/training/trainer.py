@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal
 
 import torch
 from pydantic import Field
@@ -52,16 +53,9 @@ class State:
     squares: Embedding
 
 
-class Watch(Protocol):
-    """Called before the first epoch (0) and after each: decides which embeddings train on."""
-
-    def __call__(self, epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
-        """Whether to go on with each; shape (A,), bool.
-
-        Args:
-            embedding: those that are still in training.
-            models: their places in the stack; shape (A,).
-        """
+#: Called before the first epoch (0) and after each, with the embeddings that are still in training and their places in
+#: the stack, (A,): decides which of them train on, (A,), bool.
+Watch = Callable[[int, Embedding, Tensor], Tensor]
 
 
 def never_stop(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:  # noqa: ARG001
@@ -73,12 +67,9 @@ def train(
     embedding: Embedding, data: TrainingData, negatives: Negatives, settings: Optimizer, root: int,
     watch: Watch = never_stop,
 ) -> Embedding:  # fmt: skip
-    """Train each embedding of a stack for ``max_epochs``, or until the watch stops it.
+    """Train each embedding of a stack for ``max_epochs``, or until the watch stops it; each as it was when it stopped.
 
     An embedding that stops leaves the stack, which changes nothing for the others.
-
-    Returns:
-        each embedding as it was when it stopped.
 
     Raises:
         NotFinite: where one diverges: NaN or infinity in its vectors, in Adagrad's sums, or in its scores.
@@ -94,19 +85,19 @@ def train(
             _copy_rows(state.embedding, ~going_on, result, models)
             if not going_on.any():
                 break
-            state = State(_spaced(select(state.embedding, going_on)), _spaced(select(state.squares, going_on)))
-            data, models = select(data, going_on), models[going_on]
+            state, data, models = _spaced(select(state, going_on)), select(data, going_on), models[going_on]
     return result
 
 
 def start(embedding: Embedding) -> State:
     """A copy of an embedding with fresh accumulators."""
     entity, relation = (torch.full_like(table, ACCUMULATOR) for table in (embedding.entity, embedding.relation))
-    return State(_spaced(embedding), _spaced(replace(embedding, entity=entity, relation=relation)))
+    return _spaced(State(embedding, replace(embedding, entity=entity, relation=relation)))
 
 
-def _spaced(embedding: Embedding) -> Embedding:
-    return replace(embedding, entity=spaced(embedding.entity), relation=spaced(embedding.relation))
+def _spaced(state: State) -> State:
+    stacks = (state.embedding, state.squares)
+    return State(*(replace(stack, entity=spaced(stack.entity), relation=spaced(stack.relation)) for stack in stacks))
 
 
 def _copy_rows(source: Embedding, chosen: Tensor, target: Embedding, models: Tensor) -> None:
@@ -251,10 +242,8 @@ class EpochMeasures:
 class ConvergenceWatch:
     """Measures every embedding after every epoch, and stops it when it has converged in all query sets with a target.
 
-    Args:
-        query_sets: what to measure.
-        targets: MRR* from which an embedding counts as converged, by query set; NaN where there is none; (M,).
-        full_curves: train every embedding to the last epoch.
+    A target is the MRR* from which an embedding counts as converged, (M,), NaN where there is none. With
+    ``full_curves`` every embedding trains to the last epoch.
     """
 
     def __init__(self, query_sets: dict[str, Queries], targets: dict[str, Tensor], full_curves: bool) -> None:
