@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from isi.report import contents, data, page
+from isi.report import data, page
 from isi.stage import StageContext, stage
 from isi.tables import paths
 
@@ -22,7 +22,7 @@ _SOURCES = ("isi", "stages", "data/raw")  # dependencies of the stage, whole
 def report(context: StageContext) -> None:
     """Render the report: tables, figures, metrics and the page."""
     values = context.params.model_dump(exclude=set(UNUSED), exclude_unset=True)
-    page.write(paths.REPORTS, data.read(context.params, what_was_run(values)), contents.SECTIONS)
+    page.write(paths.REPORTS, data.read(context.params, what_was_run(values)), page.SECTIONS)
     print(f"report: {paths.REPORTS / 'index.html'}")
 
 

@@ -16,11 +16,11 @@ from isi.analyses.single_insertions import SHOWN
 from isi.config import check
 from isi.graph.graph import MinedSource
 from isi.params import Params
-from isi.report.contents import SECTIONS
 from isi.report.data import Analysis, BreakdownTables, Experiment, Results
 from isi.report.figures import Figure, rendered
-from isi.report.models import JOINT
-from isi.report.section import Part
+from isi.report.page import SECTIONS
+from isi.report.section import FilledSection
+from isi.report.words import JOINT
 from isi.tables import paths
 
 ROOT = Path(__file__).parent.parent
@@ -224,9 +224,9 @@ def _singles(how: Params, entities: int) -> dict[str, pd.DataFrame]:
     }  # fmt: skip
 
 
-def part_of(name: str, results: Results) -> Part | None:
+def part_of(name: str, results: Results) -> FilledSection | None:
     """A section of the page by its name."""
-    (found,) = (section.part(results) for section in SECTIONS if section.name == name)
+    (found,) = (section.filled(results) for section in SECTIONS if section.name == name)
     return found
 
 

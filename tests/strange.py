@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from isi.report.data import Analysis, BreakdownTables, Experiment, Results
-from isi.report.paper_values import VALUES, VOCABULARY, empty
+from isi.report.paper_values import VALUES, VOCABULARY
 
 #: Columns with what was measured.
 MEASURES = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr"]
@@ -141,6 +141,6 @@ STRANGE: dict[str, Callable[[Results], Results]] = {
     "no rooms": unscened,
     "an empty explorer": unplaced,
     "studies without rows": unstudied,
-    "a paper that states nothing": lambda one: replace(one, paper=empty(VALUES)),
-    "a vocabulary without words": lambda one: replace(one, vocabulary=empty(VOCABULARY)),
+    "a paper that states nothing": lambda one: replace(one, paper=VALUES().model_dump()),
+    "a vocabulary without words": lambda one: replace(one, vocabulary=VOCABULARY().model_dump()),
 }

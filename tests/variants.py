@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from isi.analyses.variants import Variant
-from isi.report.variants import VariantRuns
+from isi.report.data import VariantRuns
 from tests.reports import runs
 
 #: Of a model: its answers with the novel entity given, by seed.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -16,18 +16,20 @@ from isi.analyses.affordances import AFFORDANCES
 from isi.analyses.cross_validation import CROSS_VALIDATION
 from isi.analyses.finetune_only import FINETUNE_ONLY
 from isi.analyses.model_comparison import MODEL_COMPARISON
+from isi.analyses.other_graphs import GRAPH_QUERIES, GRAPH_RUNS
 from isi.analyses.query_breakdown import QUERY_BREAKDOWN, USED_COORDINATES
 from isi.analyses.sweep import INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.trajectory import TRACED, TRAJECTORY
+from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, Variant
 from isi.experiment.insert import is_listed
 from isi.experiment.tables import INSERTED, RUNS, TIES, TRAINING_LOG
 from isi.graph.graph import MinedSource
-from isi.graph.tables import COVERAGE, ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES
-from isi.params import ExperimentOf, Params
-from isi.report import paper_values, variants
-from isi.report.models import JOINT
-from isi.report.stats import converged
-from isi.report.variants import OtherGraph, VariantRuns
+from isi.graph.tables import COVERAGE, ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES
+from isi.params import ExperimentOf, Params, load_beyond
+from isi.report import paper_values
+from isi.report.stats import by_direction, by_model, converged
+from isi.report.tables import Estimate
+from isi.report.words import JOINT
 from isi.sources.readers import read_batches
 from isi.sources.tables import KINDS, MINED, OBSERVATIONS
 from isi.tables import paths
@@ -52,9 +54,9 @@ class Experiment:
     insert_triples: pd.DataFrame
     theta0_log: pd.DataFrame
     joint_log: pd.DataFrame
-    #: ``tables.RUNS`` of every initializer and of the joint model, with a column ``model``
+    #: ``RUNS`` of every initializer and of the joint model, with a column ``model``
     runs: pd.DataFrame
-    #: ``tables.INSERTED`` and ``tables.TIES``, likewise
+    #: ``INSERTED`` and ``TIES``, likewise
     inserted: pd.DataFrame
     ties: pd.DataFrame
 
@@ -96,13 +98,91 @@ class Experiment:
 
     @cached_property
     def convergence(self) -> pd.DataFrame:
-        """Epochs to convergence of each initializer that is fine-tuned, and each cell (see ``converged``)."""
+        """Epochs to convergence of each initializer that is fine-tuned, session, size and seed."""
         return self.converged(self.runs[self.runs["model"].isin(self.finetuned)], ["model"])
 
     def converged(self, runs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         """Epochs to convergence of runs that the columns ``by`` distinguish (``stats.converged``)."""
         joint, params = self.runs[self.runs["model"] == JOINT], self.params
         return converged(runs, joint, params.convergence.margin, params.finetuning.max_epochs, by)
+
+
+@dataclass(frozen=True, eq=False)
+class VariantRuns:
+    """The runs of a variant; they may be of fewer experiments and initializers than it lists by now."""
+
+    variant: Variant
+    #: ``VARIANT_RUNS`` and ``VARIANT_QUERIES``
+    runs: pd.DataFrame
+    queries: pd.DataFrame
+
+    @property
+    def title(self) -> str:
+        return self.variant.title
+
+    @cached_property
+    def experiments(self) -> list[str]:
+        """Those that ran, in the order of the variant."""
+        ran = set(self.runs["experiment"])
+        return [name for name in self.variant.experiments if name in ran]
+
+    @cached_property
+    def initializers(self) -> list[str]:
+        """Those that ran, in the order of the variant."""
+        ran = set(self.runs["model"])
+        return [name for name in self.variant.initializers if name in ran]
+
+    @property
+    def models(self) -> list[str]:
+        """The initializers, then the joint model."""
+        return [*self.initializers, JOINT]
+
+    def immediate(self, experiment: str, scope: str) -> pd.DataFrame:
+        """Runs right after insertion."""
+        runs = self.runs
+        return runs[(runs["experiment"] == experiment) & (runs["scope"] == scope) & (runs["epoch"] == 0)]
+
+    @cached_property
+    def given_queries(self) -> pd.DataFrame:
+        """The entity half of the queries that give the novel entity, by experiment, model, size and seed."""
+        queries = by_direction(self.queries, ["experiment", "model", "size", "seed"])
+        return queries[queries["scope"] == "given"].drop(columns="scope").reset_index(drop=True)
+
+    def given_in(self, experiment: str) -> pd.DataFrame:
+        """The same in one experiment."""
+        return self.given_queries[self.given_queries["experiment"] == experiment]
+
+    def max_epochs(self, params: Params) -> int:
+        """Epochs of fine-tuning, at most."""
+        return int(self.variant.changes.get("finetuning.max_epochs", params.finetuning.max_epochs))
+
+    def convergence(self, experiment: str, params: Params) -> pd.DataFrame:
+        """Epochs to convergence of each initializer, size and seed."""
+        runs = self.runs[self.runs["experiment"] == experiment]
+        joint, margin = runs["model"] == JOINT, params.convergence.margin
+        return converged(runs[~joint], runs[joint], margin, self.max_epochs(params), ["model"])
+
+    def immediate_means(self, experiment: str, scope: str) -> dict[str, Estimate]:
+        """MRR* right after insertion by model."""
+        return by_model(self.immediate(experiment, scope), "mrr_star", self.models)
+
+    def given_means(self, experiment: str) -> dict[str, Estimate]:
+        """The entity half of the queries that give the novel entity, by model."""
+        return by_model(self.given_in(experiment), "mrr_star_entity", self.models)
+
+    def epochs_means(self, experiment: str, params: Params) -> dict[str, Estimate]:
+        """Epochs to convergence on held-out triples of the novel entities, by initializer."""
+        epochs = self.convergence(experiment, params)
+        return by_model(epochs[epochs["scope"] == "novel_heldout"], "epochs", self.initializers, scale=1)
+
+
+@dataclass(frozen=True, eq=False)
+class OtherGraph:
+    """A graph of the second pipeline (``ENTITIES``, ``TRIPLES``), and the runs on it."""
+
+    entities: pd.DataFrame
+    triples: pd.DataFrame
+    runs: VariantRuns
 
 
 T = TypeVar("T")
@@ -120,9 +200,9 @@ class Analysis(Generic[T]):
 class BreakdownTables:
     """MRR* of all models of an experiment by kind of query, right after insertion, and the joint model's make-up."""
 
-    #: ``tables.ASKED``
+    #: ``QUERY_BREAKDOWN``
     queries: pd.DataFrame
-    #: ``tables.USED``
+    #: ``USED_COORDINATES``
     used: pd.DataFrame
 
 
@@ -140,28 +220,28 @@ class Results:
     definitions: pd.DataFrame
     #: by name, in the order of the params
     experiments: Mapping[str, Experiment]
-    #: by source: its observations, and what mining it left (``tables.MINED``)
+    #: by source: its observations, and what mining it left (``MINED``)
     observed: Mapping[str, MinedSource]
     mined: Mapping[str, pd.DataFrame]
     #: by experiment
     query_breakdown: Mapping[str, BreakdownTables] = field(default_factory=dict)
-    #: by experiment, ``tables.RUNS`` of Θ⁰ trained on without any insertion
+    #: by experiment, ``FINETUNE_ONLY``: Θ⁰ trained on without any insertion
     finetune_only: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     #: of the second pipeline, by name; empty where it has not run
     variants: Mapping[str, VariantRuns] = field(default_factory=dict)
     other_graphs: Mapping[str, OtherGraph] = field(default_factory=dict)
-    #: ``tables.AFFORDANCES`` with the initializer as ``model``
+    #: ``AFFORDANCES`` with the initializer as ``model``
     affordances: Analysis[pd.DataFrame] | None = None
-    #: ``tables.INDICATOR_SWEEP`` and ``tables.RATE_SWEEP`` of each initializer, with a column ``model``
+    #: ``INDICATOR_SWEEP`` and ``RATE_SWEEP`` of each initializer, with a column ``model``
     sweep: Analysis[pd.DataFrame] | None = None
     rate_sweep: Analysis[pd.DataFrame] | None = None
-    #: ``tables.CROSS_VALIDATION``
+    #: ``CROSS_VALIDATION``
     cross_validation: Analysis[pd.DataFrame] | None = None
-    #: ``tables.FAMILIES`` of each embedding model, with a column ``family``
+    #: ``MODEL_COMPARISON`` of each embedding model, with a column ``family``
     embedding_models: Analysis[pd.DataFrame] | None = None
-    #: the way of one novel entity (see ``tracing.Trace``), by name
+    #: tensors of one novel entity (``TRAJECTORY``), by name
     trajectory: Analysis[Mapping[str, np.ndarray]] | None = None
-    #: the tables of single insertions, by name (``singles.TABLES``)
+    #: the tables of single insertions, by name (``single_insertions.TABLES``)
     explorer: Analysis[Mapping[str, pd.DataFrame]] | None = None
 
     @property
@@ -183,6 +263,10 @@ class Results:
         """What people call the experiments."""
         return {name: experiment.title for name, experiment in self.experiments.items()}
 
+    def variants_of(self, group: str) -> dict[str, VariantRuns]:
+        """The variants of one group."""
+        return {name: runs for name, runs in self.variants.items() if runs.variant.group == group}
+
 
 def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
     """Read the tables of all experiments and analyses.
@@ -190,7 +274,8 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
     Raises:
         InputError: where one is missing or broken.
     """
-    paper, vocabulary = paper_values.read(paths.PAPER), paper_values.read_vocabulary(paths.PAPER)
+    paper = paper_values.read(paths.PAPER)
+    vocabulary = paper_values.read(paths.PAPER.with_name("vocabulary.yaml"), paper_values.VOCABULARY)
     experiments = {name: _experiment(params, name) for name in params.experiments}
     graphs = [entry.graph for entry in params.experiments.values()]
     sources = dict.fromkeys(part.source for graph in graphs for part in (graph, graph.extend) if part)
@@ -203,32 +288,48 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         query_breakdown={name: BreakdownTables(QUERY_BREAKDOWN.read_text(experiment=name),
                                               USED_COORDINATES.read_text(experiment=name))
                          for name in params.query_breakdown.experiments},
-        variants=variants.read(experiments, params), other_graphs=variants.read_other_graphs(params),
+        variants=read_variants(experiments, params), other_graphs=_other_graphs(params),
         finetune_only={name: FINETUNE_ONLY.read_text(experiment=name) for name in params.finetune_only.experiments},
         **_analyses(params, experiments),
     )  # fmt: skip
 
 
+def read_variants(experiments: Collection[str], params: Params) -> dict[str, VariantRuns]:
+    """Every variant of the second pipeline that has run on any of the experiments, in its order.
+
+    Raises:
+        InputError: where its params or a table are broken.
+    """
+    runs_of = {}
+    for name, variant in load_beyond(params).variants.items():
+        if VARIANT_QUERIES.path(variant=name).exists():
+            frames = (VARIANT_RUNS.read_text(variant=name), VARIANT_QUERIES.read_text(variant=name))
+            runs_of[name] = VariantRuns(variant, *(rows[rows["experiment"].isin(list(experiments))] for rows in frames))
+    return {name: runs for name, runs in runs_of.items() if runs.experiments}
+
+
+def _other_graphs(params: Params) -> dict[str, OtherGraph]:
+    return {
+        name: OtherGraph(
+            GRAPH_ENTITIES.read_text(graph=name), GRAPH_TRIPLES.read_text(graph=name),
+            VariantRuns(graph.variant(name), GRAPH_RUNS.read_text(graph=name), GRAPH_QUERIES.read_text(graph=name)),
+        )
+        for name, graph in load_beyond(params).graphs.items() if GRAPH_QUERIES.path(graph=name).exists()
+    }  # fmt: skip
+
+
 def _experiment(params: Params, name: str) -> Experiment:
     initializers = params.initializers_of(name)
     models = [*initializers, JOINT]
+    tables = {"entities": ENTITIES, "triples": TRIPLES, "coverage": COVERAGE, "splits": SPLITS, "novel": NOVEL,
+              "insert_triples": INSERT_TRIPLES}  # fmt: skip
     return Experiment(
-        name=name,
-        suffix="" if name == next(iter(params.experiments)) else f"_{name}",
-        params=params,
-        initializers=initializers,
-        entities=ENTITIES.read_text(experiment=name),
-        triples=TRIPLES.read_text(experiment=name),
-        coverage=COVERAGE.read_text(experiment=name),
-        splits=SPLITS.read_text(experiment=name),
-        novel=NOVEL.read_text(experiment=name),
-        insert_triples=INSERT_TRIPLES.read_text(experiment=name),
+        name=name, suffix="" if name == next(iter(params.experiments)) else f"_{name}", params=params,
+        initializers=initializers, **{part: table.read_text(experiment=name) for part, table in tables.items()},
         theta0_log=TRAINING_LOG.read_text(experiment=name, model="theta0"),
-        joint_log=TRAINING_LOG.read_text(experiment=name, model=JOINT),
-        runs=_of_each(RUNS, name, models),
-        inserted=_of_each(INSERTED, name, initializers, "initializer"),
-        ties=_of_each(TIES, name, models),
-    )
+        joint_log=TRAINING_LOG.read_text(experiment=name, model=JOINT), runs=_of_each(RUNS, name, models),
+        inserted=_of_each(INSERTED, name, initializers, "initializer"), ties=_of_each(TIES, name, models),
+    )  # fmt: skip
 
 
 def _analyses(params: Params, experiments: Mapping[str, Experiment]) -> dict[str, Analysis[Any]]:

@@ -1,8 +1,9 @@
-"""How figures are drawn: their style, panels, lines of means with intervals, and legends."""
+"""How figures are drawn, in files and in the page: style, panels, lines with intervals, legends, and words for them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from typing import Any
@@ -10,15 +11,15 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.container import Container
 from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
 
-from isi.report.models import JOINT, colour, is_control, label, line_style
 from isi.report.stats import over_seeds
-from isi.report.svg import rounded
-from isi.report.words import SCOPES, capitalized
+from isi.report.tables import Estimate
+from isi.report.words import JOINT, SCOPES, capitalized, colour, controls, label, line_style
 
 #: Of every figure of the project; drawing and rendering happen within ``matplotlib.rc_context`` of it.
 STYLE: Any = {
@@ -29,6 +30,13 @@ STYLE: Any = {
 #: Titles of panels.
 _HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity prediction", "mrr_star_relation": "relation prediction"}
 _LEGEND_ROW = 5  # entries that fit beside each other
+#: Ink and paper where it is dark (``style.css``).
+_INK, _PAPER = (230, 232, 235), (21, 24, 28)
+#: Contrast (WCAG 2.2) in which a colour stands out from dark paper; parts of a grey differ by less than ``_GREY``.
+_CONTRAST, _GREY = 4.5, 24
+#: Greys are nearer to ink by this power where it is dark, so that they stand out as from white.
+_FAINT = 1.6
+_COLOUR = re.compile(r"#([0-9a-f]{6})\b")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,19 +55,17 @@ def rendered(canvas: Canvas, form: str) -> bytes:
     return rounded(buffer.getvalue().decode()).encode() if form == "svg" else buffer.getvalue()
 
 
-def panels(number: int, columns: int = 2, height: float = 3.6) -> tuple[Canvas, list[Axes]]:
-    """A canvas of a number of panels, ``columns`` of them in each row; what the last row has more stays blank."""
-    canvas = Canvas(figsize=(8, height), layout="constrained")
+def panels(number: int, columns: int = 2, height: float = 3.6, width: float = 8) -> tuple[Canvas, list[Axes]]:
+    """A canvas of a number of panels, ``columns`` of them in each row; what the last row has more stays blank.
+
+    Args:
+        height: of all, in inches; likewise ``width``.
+    """
+    canvas = Canvas(figsize=(width, height), layout="constrained")
     axes = list(canvas.subplots(-(-number // columns), columns, squeeze=False).flat)
     for blank in axes[number:]:
         blank.axis("off")
     return canvas, axes[:number]
-
-
-def single(width: float, height: float) -> tuple[Canvas, Axes]:
-    """A canvas of one panel, in inches."""
-    canvas = Canvas(figsize=(width, height), layout="constrained")
-    return canvas, canvas.subplots()
 
 
 def in_words(canvas: Canvas) -> str:
@@ -72,18 +78,16 @@ def _panel_in_words(axes: Axes) -> str:
     for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
         line = handle[0] if isinstance(handle, Container) else handle
         points = np.asarray(line.get_xydata(), dtype=float) if isinstance(line, Line2D) else np.empty((0, 2))
-        points = points[~np.isnan(points).any(1)]
-        if len(points):
-            begins, ends = points[0, 1], points[-1, 1]
-            level = len(np.unique(points[:, 1])) == 1
-            lines.append(f"{name} {ends:.1f}" if level else f"{name} from {begins:.1f} to {ends:.1f}")
-    names = [tick.get_text() for tick in axes.get_yticklabels()]
-    values = [text.get_text() for text in axes.texts]
-    if not lines and len(names) == len(values) and names:
+        heights = points[~np.isnan(points).any(1), 1]
+        if len(heights):
+            level = len(np.unique(heights)) == 1
+            lines.append(f"{name} {'' if level else f'from {heights[0]:.1f} to '}{heights[-1]:.1f}")
+    names, values = ([text.get_text() for text in texts] for texts in (axes.get_yticklabels(), axes.texts))
+    if not lines and len(names) == len(values):
         lines = [f"{name} {value}" for name, value in zip(names, values, strict=True)]
-    across, up = axes.get_xlabel(), axes.get_ylabel()
-    parts = (axes.get_title().replace("\n", ", "), f"across: {across}" if across else "", f"up: {up}" if up else "")
-    text = ". ".join(part for part in (capitalized("; ".join(filter(None, parts))), ", ".join(lines)) if part)
+    titles = [axes.get_title().replace("\n", ", ")]
+    titles += [f"{side}: {text}" for side, text in (("across", axes.get_xlabel()), ("up", axes.get_ylabel())) if text]
+    text = ". ".join(filter(None, (capitalized("; ".join(filter(None, titles))), ", ".join(lines))))
     return f"{text}." if text else ""
 
 
@@ -96,19 +100,22 @@ def by_size(
         measures: columns of runs.
         entities: of the graph, of which the upper axis gives the share.
     """
-    canvas, drawn = panels(len(measures) * len(scopes), len(scopes), height=0.6 + 3 * len(measures))
+    canvas, axes = panels(len(measures) * len(scopes), len(scopes), height=0.6 + 3 * len(measures))
     shown = [(measure, scope) for measure in measures for scope in scopes]
-    for axes, (measure, scope) in zip(drawn, shown, strict=True):
-        rows = immediate[immediate["scope"] == scope]
+    for panel, (measure, scope) in zip(axes, shown, strict=True):
         for place, model in enumerate(models):
-            aside = (place - len(models) / 2) * min(0.06, 0.8 / len(models))
-            _bars(axes, models, model, rows[rows["model"] == model], measure, aside)
-        axes.set(title=f"{SCOPES.get(scope, scope)}: {_HALVES[measure]}", xlabel="novel entities |ξ|", ylabel="points")
-        axes.set_xticks(sorted(immediate["size"].unique()))
-        above = axes.secondary_xaxis("top", functions=(_scaled(100 / entities), _scaled(entities / 100)))
+            rows = immediate[(immediate["scope"] == scope) & (immediate["model"] == model)]
+            if len(rows):  # the lines lie a little aside of each other; controls are thinner
+                sizes, mean, low, high = line_over_seeds(rows, "size", measure)
+                aside, control = (place - len(models) / 2) * min(0.06, 0.8 / len(models)), bool(controls([model]))
+                panel.errorbar(sizes + aside, mean, np.stack([mean - low, high - mean]), **line_style(model, models),
+                               lw=0.9 if control else 1.2, marker="o", ms=2 if control else 3)  # fmt: skip
+        panel.set(title=f"{SCOPES.get(scope, scope)}: {_HALVES[measure]}", xlabel="novel entities |ξ|", ylabel="points")
+        panel.set_xticks(sorted(immediate["size"].unique()))
+        above = panel.secondary_xaxis("top", functions=(_scaled(100 / entities), _scaled(entities / 100)))
         above.set_xlabel("% of |E|", fontsize=8)
         above.tick_params(labelsize=8)
-    legend(canvas, drawn)
+    legend(canvas, axes)
     return canvas
 
 
@@ -122,72 +129,117 @@ def by_epoch(
         runs: of one size, the joint model's among them.
         margin: also draw where a run of mean joint performance counts as converged.
     """
-    canvas, drawn = panels(len(scopes))
-    for axes, scope in zip(drawn, scopes, strict=True):
+    canvas, axes = panels(len(scopes))
+    for panel, scope in zip(axes, scopes, strict=True):
         shown = runs[runs["scope"] == scope]
         for model in models:
-            _curve(axes, models, model, shown[shown["model"] == model])
+            rows = shown[shown["model"] == model]
+            if len(rows):  # controls have no band: more bands would hide each other
+                epochs, mean, low, high = line_over_seeds(rows, "epoch", "mrr_star")
+                control = bool(controls([model]))
+                panel.plot(epochs, mean, **line_style(model, models), lw=1 if control else 1.4)
+                if not control:
+                    panel.fill_between(epochs, low, high, color=colour(model, models), alpha=0.1, lw=0)
         joint = 100 * shown.loc[shown["model"] == JOINT, "mrr_star"].mean()
-        axes.axhline(joint, color=colour(JOINT, models), lw=1.2, label=label(JOINT))
+        panel.axhline(joint, color=colour(JOINT, models), lw=1.2, label=label(JOINT))
         if margin is not None:
-            axes.axhline(joint - 100 * margin, color=colour(JOINT, models), lw=1, ls=":", label="converged")
-        axes.set(title=SCOPES[scope], xlabel="epoch of fine-tuning", ylabel=ylabel)
-    legend(canvas, drawn)
+            panel.axhline(joint - 100 * margin, color=colour(JOINT, models), lw=1, ls=":", label="converged")
+        panel.set(title=SCOPES[scope], xlabel="epoch of fine-tuning", ylabel=ylabel)
+    legend(canvas, axes)
     return canvas
 
 
-def by_row(axes: Axes, rows: pd.DataFrame, models: Sequence[str], ticks: Sequence[str]) -> None:
-    """A line for each model through the rows, in points; ``rows`` have a column of estimates for each model."""
-    for model in models:
-        cells = rows.get(model, pd.Series(np.nan, rows.index))
-        means = [getattr(cell, "mean", np.nan) for cell in cells]
-        axes.plot(range(len(rows)), means, marker="o", ms=4, lw=1, **line_style(model, models))
-    axes.set_xticks(range(len(rows)), ticks)
-    axes.set_ylabel("points")
+def by_row(
+    rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]], models: Sequence[str], xlabel: str = ""
+) -> Canvas:
+    """A line for each model through the rows of each panel, in points; a title, a row's name, a model: an estimate."""
+    canvas, axes = panels(len(rows_of), columns=1 if "" in rows_of else 2)
+    for panel, (title, rows) in zip(axes, rows_of.items(), strict=True):
+        for model in models:
+            means = [row[model].mean if model in row else np.nan for row in rows.values()]
+            panel.plot(range(len(rows)), means, marker="o", ms=4, lw=1, **line_style(model, models))
+        panel.set_xticks(range(len(rows)), list(rows))
+        panel.set(title=title, xlabel=xlabel, ylabel="points")
+    legend(canvas, axes)
+    return canvas
 
 
-def means_and_bounds(estimates: pd.Series) -> np.ndarray:
-    """Means, lower and upper bounds of estimates; shape: (3, rows)."""
-    return np.array([estimate.parts for estimate in estimates], dtype=float).reshape(-1, 3).T
+def line_over_seeds(rows: pd.DataFrame, by: str, column: str, scale: float = 100.0) -> np.ndarray:
+    """The values of a column of runs, and mean and bounds over seeds at each; shape: (4, values)."""
+    line = over_seeds(rows, [by], {column: "mean"}, scale)["mean"]
+    return np.array([(value, *estimate.parts) for value, estimate in line.items()], dtype=float).reshape(-1, 4).T
+
+
+def legend(canvas: Canvas, axes: Sequence[Axes]) -> None:
+    """Below the panels, what any of them shows: models as they were drawn, then lines and marks of other kinds.
+
+    In several rows where there are many entries; matplotlib fills columns, people read rows.
+    """
+    entries: dict[str, Any] = {}
+    for panel in axes:
+        for handle, name in zip(*panel.get_legend_handles_labels(), strict=True):
+            entries.setdefault(name, handle)
+    if entries:
+        columns = -(-len(entries) // -(-len(entries) // _LEGEND_ROW))
+        filled = [name for first in range(columns) for name in list(entries)[first::columns]]
+        canvas.legend([entries[name] for name in filled], filled, loc="outside lower center", ncols=columns)
 
 
 def _scaled(factor: float) -> Callable[[Any], Any]:
     return lambda value: np.asarray(value) * factor
 
 
-def _bars(axes: Axes, models: Sequence[str], model: str, rows: pd.DataFrame, measure: str, aside: float) -> None:
-    """Mean and interval over seeds by size, a little aside of others; controls are thinner."""
-    if rows.empty:
-        return
-    line = over_seeds(rows, ["size"], {measure: "mean"})["mean"]
-    mean, low, high = means_and_bounds(line)
-    width, mark = (0.9, 2) if is_control(model) else (1.2, 3)
-    axes.errorbar(np.asarray(line.index, dtype=float) + aside, mean, np.stack([mean - low, high - mean]),
-                  **line_style(model, models), lw=width, marker="o", ms=mark)  # fmt: skip
+def rounded(svg: str) -> str:
+    """A figure with coordinates to a hundredth of a point: it does not change with the last bit of a number."""
+
+    def shorter(attribute: re.Match[str]) -> str:
+        return re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):.2f}", attribute[0])
+
+    hashed = dict.fromkeys(re.findall(r' id="((?:C\w+_|[mp])[\da-f]{10})"', svg))  # of coordinates in full
+    names = {name: f"i{number}" for number, name in enumerate(hashed)}
+    svg = re.sub(r'(?<=[#"])(?:C\w+_|[mp])[\da-f]{10}(?=[)"])', lambda name: names.get(name[0], name[0]), svg)
+    return re.sub(r' (?:d|x|y|width|height|transform)="[^"]*"', shorter, svg)
 
 
-def _curve(axes: Axes, models: Sequence[str], model: str, rows: pd.DataFrame) -> None:
-    """Mean over seeds by epoch, with a band but for controls: more bands would hide each other."""
-    if rows.empty:
-        return
-    line, control = over_seeds(rows, ["epoch"], {"mrr_star": "mean"})["mean"], is_control(model)
-    mean, low, high = means_and_bounds(line)
-    axes.plot(line.index, mean, **line_style(model, models), lw=1 if control else 1.4)
-    if not control:
-        axes.fill_between(line.index, low, high, color=colour(model, models), alpha=0.1, lw=0)
+def inline(svg: str, name: str) -> Markup:
+    """A figure as an element of the page.
 
-
-def legend(canvas: Canvas, drawn: Sequence[Axes]) -> None:
-    """Below the panels, what any of them shows: models as they were drawn, then lines and marks of other kinds.
-
-    In several rows where there are many entries; matplotlib fills columns, people read rows.
+    Args:
+        svg: by matplotlib, with text as text.
+        name: stands before its ids, each of which a page has once.
     """
-    entries: dict[str, Any] = {}
-    for axes in drawn:
-        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
-            entries.setdefault(name, handle)
-    if not entries:
-        return
-    columns = -(-len(entries) // -(-len(entries) // _LEGEND_ROW))
-    filled = [name for first in range(columns) for name in list(entries)[first::columns]]
-    canvas.legend([entries[name] for name in filled], filled, loc="outside lower center", ncols=columns)
+    text = re.sub(r"<metadata>.*?</metadata>|<style .*?</style>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
+    text = re.sub(r"font-family: [^;\"]*;? ?", "", text)
+    text = re.sub(r' id="', f' id="{name}-', text)
+    text = re.sub(r'(url\(#|(?:xlink:)?href="#)', lambda start: f"{start[0].removeprefix('xlink:')}{name}-", text)
+    text = _COLOUR.sub(r"var(--c\1)", text)
+    width = float(re.findall(r'viewBox="0 0 ([\d.]+)', text)[0])
+    start = f'<svg aria-hidden="true" style="min-width: {0.9 * width:.0f}px"'
+    return Markup(start + re.sub(r' (?:width|height|xmlns[:\w]*|version)="[^"]*"', "", text[4:], count=5))  # noqa: S704
+
+
+def colours(figures: Iterable[str]) -> dict[str, str]:
+    """The colours of figures in the page, each with what it is where it is dark."""
+    names = {name for figure in figures for name in re.findall(r"var\(--c([0-9a-f]{6})\)", figure)}
+    return {name: dark(name) for name in sorted(names)}
+
+
+def dark(name: str) -> str:
+    """A colour where it is dark: greys change sides, and what has a hue is lightened until it stands out."""
+    colour = tuple(int(name[place : place + 2], 16) for place in (0, 2, 4))
+    if max(colour) - min(colour) < _GREY:
+        light = (sum(colour) / (3 * 255)) ** _FAINT
+        return _hex(tuple(ink + (paper - ink) * light for ink, paper in zip(_INK, _PAPER, strict=True)))
+    lighter = (tuple(part + (255 - part) * share / 20 for part in colour) for share in range(21))
+    paper = luminance(_PAPER) + 0.05
+    return _hex(next(shade for shade in lighter if luminance(shade) + 0.05 >= _CONTRAST * paper))
+
+
+def _hex(colour: tuple[float, ...]) -> str:
+    return "#" + "".join(f"{round(part):02x}" for part in colour)
+
+
+def luminance(colour: tuple[float, ...]) -> float:
+    """Relative luminance (WCAG 2.2)."""
+    parts = [part / 255 / 12.92 if part <= 10 else ((part / 255 + 0.055) / 1.055) ** 2.4 for part in colour]
+    return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2]

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from markupsafe import Markup, escape
 
 from isi.report.data import Results
-from isi.report.models import JOINT, described, label
 from isi.report.section import text_of
+from isi.report.words import JOINT, described, label
 
 
 @dataclass(frozen=True)
@@ -32,33 +32,24 @@ class Term:
         return "term-" + re.sub(r"[^a-z0-9]+", "-", plain).strip("-")
 
 
-def terms(results: Results) -> list[Term]:
-    """All words that are explained."""
-    return [*of_the_page(), *models(results)]
-
-
 def of_the_page() -> list[Term]:
     """Words of the page, whatever was run: of ``glossary.txt``, where a term stands above its meaning."""
-    found = []
-    for entry in text_of("glossary.txt").strip().split("\n\n"):
-        (name, *forms), meaning = entry.split("\n")[0].split(" | "), entry.split("\n")[1:]
-        found.append(Term(name, " ".join(meaning), tuple(forms)))
-    return found
+    entries = [entry.split("\n") for entry in text_of("glossary.txt").strip().split("\n\n")]
+    names = [heading.split(" | ") for heading, *_ in entries]
+    return [Term(name, " ".join(meaning), tuple(forms))
+            for (name, *forms), (_, *meaning) in zip(names, entries, strict=True)]  # fmt: skip
 
 
-def models(results: Results) -> list[Term]:
-    """Every initializer that was run, and the joint model."""
-    names = dict.fromkeys(name for one in results.experiments.values() for name in one.initializers)
-    names |= dict.fromkeys(name for one in results.variants.values() for name in one.initializers)
-    joint = Term(label(JOINT), "The joint model: trained from the start on everything.", in_text=False)
-    return [*map(_model, names), joint]
-
-
-def _model(name: str) -> Term:
-    """An initializer as it describes itself; in text only where its label is no plain word."""
-    title = label(name)
-    means = described(name).removeprefix(title).lstrip(",: ")
-    return Term(title, means[:1].upper() + means[1:], in_text=title.isupper() or title == "Xavier")
+def of_models(results: Results) -> list[Term]:
+    """Every initializer that was run, as it describes itself, and the joint model."""
+    runs = [*results.experiments.values(), *results.variants.values()]
+    titles = {name: label(name) for one in runs for name in one.initializers}
+    meanings = {name: described(name).removeprefix(title).lstrip(",: ") for name, title in titles.items()}
+    terms = [
+        Term(title, meanings[name][:1].upper() + meanings[name][1:], in_text=title.isupper() or title == "Xavier")
+        for name, title in titles.items()
+    ]
+    return [*terms, Term(label(JOINT), "The joint model: trained from the start on everything.", in_text=False)]
 
 
 class Marker:
@@ -81,18 +72,16 @@ class Marker:
         if self._pattern is None:
             return text
         parts = re.split(r"(<(?:a|code)\b.*?</(?:a|code)>|<[^>]*>)", text)
-        return "".join(part if place % 2 else self._pattern.sub(self._first, part) for place, part in enumerate(parts))
+        return "".join(part if place % 2 else self._pattern.sub(lambda word: self._link(word[0]), part)
+                       for place, part in enumerate(parts))  # fmt: skip
 
     def cell_text(self, text: str) -> Markup:
         """The text of a cell, which is a word as a whole or none."""
-        term = self._of.get(text)
-        return Markup(self._link(term, text) if term else escape(text))  # noqa: S704
+        return Markup(self._link(text))  # noqa: S704
 
-    def _first(self, place: re.Match[str]) -> str:
-        return self._link(self._of[place[0]], place[0])
-
-    def _link(self, term: Term, shown: str) -> str:
-        if term.id in self._seen:
-            return str(escape(shown))
+    def _link(self, word: str) -> str:
+        term = self._of.get(word)
+        if term is None or term.id in self._seen:
+            return str(escape(word))
         self._seen.add(term.id)
-        return f'<a class="term" href="#{term.id}">{escape(shown)}</a>'
+        return f'<a class="term" href="#{term.id}">{escape(word)}</a>'

@@ -1,4 +1,4 @@
-"""The page, one self-contained HTML file, and every table and figure as files beside it."""
+"""The page, one self-contained HTML file; every table and figure, headline numbers and curves as files beside it."""
 
 from __future__ import annotations
 
@@ -7,48 +7,66 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
+import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup, escape
 
-from isi.report import svg
-from isi.report.data import Results
-from isi.report.figures import STYLE, in_words, rendered
-from isi.report.glossary import Marker, terms
-from isi.report.metrics import metrics, plots
-from isi.report.section import Block, Part, Section, text_of
-from isi.report.tables import Column, Table, csv
-from isi.report.verdict import VERDICT
-from isi.report.words import WORDS
+from isi.report import figures, glossary, stats
+from isi.report.data import Experiment, Results
+from isi.report.figures import STYLE, Figure, in_words, rendered
+from isi.report.section import Block, FilledSection, ReportSection, text_of
+from isi.report.sections import queries, transfer
+from isi.report.tables import Column, ReportTable, csv, number
+from isi.report.words import BASELINE, JOINT, WORDS
 from isi.tables.io import atomically
 
+#: Parts of the page with their sections, each a function of a module in ``isi/report/sections``: from the questions
+#: that are asked first to what is looked up.
+CONTENTS = {
+    "How to read this page": ("run.guide",),
+    "What a new vector knows immediately": (
+        "immediate.immediate", "queries.query_breakdown", "gain.controls", "variants.stronger",
+        "variants.n_insert_triples", "variants.other_words", "queries.affordances",
+    ),
+    "Look for yourself": ("explorer.explorer",),
+    "What training makes of it": ("convergence.convergence", "forgetting.forgetting"),
+    "Does it hold elsewhere?": ("transfer.transfer", "variants.other_graphs", "variants.embeddings"),
+    "Beside the paper": (
+        "paper.paper", "paper.causes", "run.departures", "trajectory.trajectory", "choices.indicators",
+        "choices.cross_validation", "choices.embedding_models",
+    ),
+    "How far to trust it": ("gain.differences", "run.graph", "run.definitions", "run.run"),
+}  # fmt: skip
+SECTIONS = tuple(ReportSection.of(place, group) for group, places in CONTENTS.items() for place in places)
+#: Above all sections: the answer, in numbers and one figure.
+VERDICT = ReportSection.of("immediate.verdict")
 #: A null number in a sentence.
 _ABSENT = re.compile(r"(?<![\w.-])[+\-−±]?(?:nan|inf)\b(?: \[[+-]?nan, [+-]?nan\])?")
 
 
-def write(folder: Path, results: Results, sections: Sequence[Section]) -> None:
+def write(folder: Path, results: Results, sections: Sequence[ReportSection]) -> None:
     """Write the page and everything beside it, each file whole or not at all; files of an earlier report go."""
     with mpl.rc_context(STYLE):
-        verdict = VERDICT.part(results)
-        parts = [part for section in sections if (part := section.part(results))]
-    blocks = [block for part in [*parts, *([verdict] if verdict else [])] for block in part.blocks]
+        verdict = VERDICT.filled(results)
+        parts = [part for section in sections if (part := section.filled(results))]
+    items = [block.content for part in [*parts, *([verdict] if verdict else [])] for block in part.blocks]
     files: dict[Path, bytes] = {}
-    figures: dict[str, Markup] = {}
-    for block in blocks:
-        if block.kind == "table":
-            name = block.content.name
-            files |= {folder / "tables" / f"{name}.{form}": text.encode() for form, text in block.content.files.items()}
-        elif block.kind == "figure":
-            name, canvas = block.content.name, block.content.canvas
-            drawn = {form: rendered(canvas, form) for form in ("png", "svg")}
-            files |= {folder / "figures" / f"{name}.{form}": drawing for form, drawing in drawn.items()}
-            figures[name] = svg.inline(drawn["svg"].decode(), f"f{len(figures)}")
+    drawings: dict[str, Markup] = {}
+    for item in items:
+        if isinstance(item, ReportTable):
+            files |= {folder / "tables" / f"{item.name}.{form}": text.encode() for form, text in item.files.items()}
+        elif isinstance(item, Figure):
+            drawn = {form: rendered(item.canvas, form) for form in ("png", "svg")}
+            files |= {folder / "figures" / f"{item.name}.{form}": drawing for form, drawing in drawn.items()}
+            drawings[item.name] = figures.inline(drawn["svg"].decode(), f"f{len(drawings)}")
     for name, frame in plots(results).items():
         files[folder / "plots" / f"{name}.csv"] = csv(frame).encode()
     files[folder / "metrics.json"] = (json.dumps(metrics(results), indent=2) + "\n").encode()
-    files[folder / "index.html"] = html(parts, verdict, figures, results).encode()
+    files[folder / "index.html"] = html(parts, verdict, drawings, results).encode()
     for path, data in files.items():
         atomically(path, lambda temporary, data=data: temporary.write_bytes(data))  # type: ignore[misc]
     for kind in ("tables", "figures", "plots"):
@@ -56,25 +74,28 @@ def write(folder: Path, results: Results, sections: Sequence[Section]) -> None:
             path.unlink()
 
 
-def html(parts: Sequence[Part], verdict: Part | None, figures: Mapping[str, Markup], results: Results) -> str:
-    """The page itself; ``figures``: by name."""
+def html(
+    parts: Sequence[FilledSection], verdict: FilledSection | None, drawings: Mapping[str, Markup], results: Results
+) -> str:
+    """The page itself; ``drawings``: its figures by name."""
     environment = Environment(
         loader=PackageLoader("isi.report"), autoescape=select_autoescape(), undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
     ids = {part.id for part in parts}
     ids |= {term.id for part in parts for block in part.blocks if block.kind == "terms" for term in block.content}
-    marker = Marker([term for term in terms(results) if term.id in ids])
+    terms = [*glossary.of_the_page(), *glossary.of_models(results)]
+    marker = glossary.Marker([term for term in terms if term.id in ids])
     return environment.get_template("page.html").render(
         verdict=verdict,
-        colours=svg.colours(figures.values()),
+        colours=figures.colours(drawings.values()),
         style=Markup(text_of("style.css")),  # noqa: S704
         script=Markup(text_of("page.js")),  # noqa: S704
         groups=[(name, list(group)) for name, group in groupby(parts, key=lambda part: part.group)],
         headed=headed,
         marked_up=lambda text: Markup(marker.text(marked_up(text, ids))),  # noqa: S704
         marker=marker,
-        figures=figures,
+        figures=drawings,
         in_words=in_words,
         header=header,
         column_groups=column_groups,
@@ -84,13 +105,13 @@ def html(parts: Sequence[Part], verdict: Part | None, figures: Mapping[str, Mark
 
 def headed(blocks: Sequence[Block]) -> list[tuple[Block | None, list[Block]]]:
     """Blocks under their headings; first those under none."""
-    found: list[tuple[Block | None, list[Block]]] = [(None, [])]
+    parts: list[tuple[Block | None, list[Block]]] = [(None, [])]
     for block in blocks:
         if block.kind == "heading":
-            found.append((block, []))
+            parts.append((block, []))
         else:
-            found[-1][1].append(block)
-    return [(heading, under) for heading, under in found if heading or under]
+            parts[-1][1].append(block)
+    return [(heading, under) for heading, under in parts if heading or under]
 
 
 def marked_up(text: str, ids: Collection[str]) -> Markup:
@@ -111,7 +132,65 @@ def header(column: Column) -> str:
     return column.title or WORDS.get(column.name, column.name)
 
 
-def column_groups(table: Table) -> list[tuple[str, int]]:
+def column_groups(table: ReportTable) -> list[tuple[str, int]]:
     """What neighbouring columns share, and how many of them do; none where no column shares anything."""
     groups = [(WORDS.get(name, name), len(list(columns))) for name, columns in groupby(c.group for c in table.columns)]
     return groups if any(name for name, _ in groups) else []
+
+
+def metrics(results: Results) -> dict[str, Any]:
+    """Headline numbers for ``dvc metrics``: of the first experiment, and of each other under its name."""
+    first, *others = results.experiments.values()
+    return _headlines(results, first) | {one.name: _headlines(results, one) for one in others}
+
+
+def _headlines(results: Results, experiment: Experiment) -> dict[str, Any]:
+    convergence, models, triples = experiment.convergence, experiment.models, experiment.triples
+    numbers: dict[str, Any] = {
+        "immediate_mrr_star": stats.mrr_star(experiment.immediate, models),
+        "epochs_to_convergence": stats.epochs(convergence, models),
+        "unconverged_percent": stats.unconverged(convergence, models),
+    }
+    if experiment.settings.graph.extend is None:
+        graph = {"observations": int(triples["count"].sum()), "unique_triples": len(triples),
+                 "entities": len(experiment.entities)}  # fmt: skip
+        gains = {scope: stats.values(stats.improvements(experiment.immediate, scope)) for scope in ("all", "novel")}
+        gains = {scope: {name: gain for name, gain in of_scope.items() if name not in (BASELINE, JOINT)}
+                 for scope, of_scope in gains.items()}  # fmt: skip
+        numbers = {"graph": graph, **numbers, "improvement_over_xavier_percent": gains}
+    else:
+        numbers["drop_percent"] = stats.values(transfer.drops(experiment.immediate))
+        runs, last = experiment.curves, experiment.params.finetuning.max_epochs
+        ended = runs[(runs["scope"] == "known_closed") & (runs["epoch"] == last)]
+        numbers["known_closed_at_the_end"] = stats.means(ended, "mrr_star")
+    if experiment.name in results.query_breakdown:
+        given = queries.directions(results.query_breakdown[experiment.name].queries, models)["given"]
+        numbers["novel_entity_given"] = stats.values(given)
+    if (analysis := results.affordances) and analysis.experiment is experiment:
+        answers = queries.answers_of(analysis, results.params.affordances.relation)
+        numbers["affordances_percent"] = answers.shares
+    return _rounded(numbers)
+
+
+def _rounded(values: dict[str, Any]) -> dict[str, Any]:
+    """As files keep them, without those that are null."""
+    present = {name: value for name, value in values.items() if isinstance(value, dict) or not pd.isna(value)}
+    return {name: _rounded(value) if isinstance(value, dict) else number(value) for name, value in present.items()}
+
+
+def plots(results: Results) -> dict[str, pd.DataFrame]:
+    """Curves for ``dvc plots``: means over seeds in points, one column a model."""
+    frames = {}
+    for experiment in results.experiments.values():
+        initializers, name = experiment.initializers, f"{experiment.name}_{{}}"
+        if experiment in results.standalone:
+            means = 100 * experiment.immediate.groupby(["scope", "size", "model"])["mrr_star"].mean().unstack("model")
+            for scope in ("all", "novel"):
+                rows = means.loc[scope] if scope in means.index.unique("scope") else means.head(0).droplevel("scope")
+                frames[f"immediate_{scope}{experiment.suffix}"] = rows.reset_index()
+            name = f"curves_{{}}{experiment.suffix}"
+        runs = experiment.curves[experiment.curves["model"] != JOINT]
+        for scope in ("all", "novel_heldout", "known", "known_closed"):
+            rows = runs[runs["scope"] == scope].groupby(["epoch", "model"])["mrr_star"].mean().unstack("model")
+            frames[name.format(scope)] = (100 * rows.reindex(columns=initializers)).reset_index()
+    return frames

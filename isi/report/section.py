@@ -19,7 +19,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import resources
+from importlib import import_module, resources
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -27,9 +27,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from isi.report import words
 from isi.report.data import Experiment, Results
 from isi.report.figures import Figure
-from isi.report.models import described, label
-from isi.report.tables import Table
-from isi.report.words import capitalized
+from isi.report.tables import ReportTable
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ class Content:
     #: for the template
     numbers: Mapping[str, Any] = field(default_factory=dict)
     #: the template names them without the suffix
-    shown: Sequence[Table | Figure] = ()
+    shown: Sequence[ReportTable | Figure] = ()
     #: opens a part of the section; for the template
     heading: str = ""
     #: behind names of tables and figures, and the title of the experiment behind theirs
@@ -62,7 +60,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Part:
+class FilledSection:
     """A section with something to show."""
 
     id: str
@@ -73,7 +71,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Section:
+class ReportSection:
     """A function of ``isi/report/sections``, whose template has the same name."""
 
     name: str
@@ -83,24 +81,27 @@ class Section:
     #: the part of the page that it belongs to
     group: str = ""
 
-    def part(self, results: Results) -> Part | None:
+    @classmethod
+    def of(cls, place: str, group: str = "") -> ReportSection:
+        """A section by its module and function; where the module has a ``TEXT``, that is its template."""
+        module_name, _, name = place.rpartition(".")
+        module = import_module(f"isi.report.sections.{module_name}")
+        return cls(name, getattr(module, name), getattr(module, "TEXT", None), group)
+
+    def filled(self, results: Results) -> FilledSection | None:
         """The section as the page shows it; None where it has nothing to show."""
+        template = _ENVIRONMENT.from_string(self.text) if self.text else _ENVIRONMENT.get_template(f"{self.name}.md.j2")
         title, flag, blocks = "", "", list[Block]()
         for number, content in enumerate(self.contents(results)):
-            numbers = {**content.numbers, "heading": content.heading, "first": number == 0}
-            for block in parsed(self.template.render(numbers), content):
+            text = template.render({**content.numbers, "heading": content.heading, "first": number == 0})
+            for block in parsed(text, content):
                 if block.kind == "section":
                     title, flag = block.title, block.text
                 elif block.kind == "list" and blocks and blocks[-1].kind == "list":
                     blocks[-1] = replace(block, items=[*blocks[-1].items, *block.items])
                 else:
                     blocks.append(block)
-        return Part(self.name.replace("_", "-"), title, flag == "open", blocks, self.group) if blocks else None
-
-    @property
-    def template(self) -> Any:
-        """Its template."""
-        return _ENVIRONMENT.from_string(self.text) if self.text else _ENVIRONMENT.get_template(f"{self.name}.md.j2")
+        return FilledSection(self.name.replace("_", "-"), title, flag == "open", blocks, self.group) if blocks else None
 
 
 def text_of(template: str) -> str:
@@ -108,15 +109,24 @@ def text_of(template: str) -> str:
     return resources.files("isi.report").joinpath("templates", template).read_text("utf-8")
 
 
-def of_each(experiments: Sequence[Experiment], content_of: Callable[[Experiment], Content | None]) -> Iterator[Content]:
+def of_each(experiments: Iterable[Experiment], content_of: Callable[[Experiment], Content | None]) -> Iterator[Content]:
     """The same of every experiment under its own names, with headings where there are several."""
-    for place, experiment in enumerate(experiments):
-        content = content_of(experiment)
-        if content is not None:
-            folded = " | folded" if place else ""
-            heading = f"## {capitalized(experiment.title)}{folded}" if len(experiments) > 1 else ""
-            title = experiment.title if experiment.suffix else ""
-            yield replace(content, heading=heading, suffix=experiment.suffix, title=title)
+    contents = [(one, content) for one in experiments if (content := content_of(one)) is not None]
+    for place, (experiment, content) in enumerate(contents):
+        heading = f"## {words.capitalized(experiment.title)}{' | folded' if place else ''}"
+        yield replace(content, heading=heading if len(contents) > 1 else "", suffix=experiment.suffix,
+                      title=experiment.title if experiment.suffix else "")  # fmt: skip
+
+
+def of_each_graph(
+    content_of: Callable[[Results, Experiment], Content | None],
+) -> Callable[[Results], Iterator[Content]]:
+    """A section that shows the same of every graph of its own, by what it shows of one."""
+
+    def contents(results: Results) -> Iterator[Content]:
+        return of_each(results.standalone, lambda experiment: content_of(results, experiment))
+
+    return contents
 
 
 def parsed(text: str, content: Content) -> Iterator[Block]:
@@ -126,23 +136,20 @@ def parsed(text: str, content: Content) -> Iterator[Block]:
         KeyError: where it names a table or a figure that the content lacks.
     """
     items: dict[Any, Any] = {**content.numbers, **{(type(item), item.name): item for item in content.shown}}
-    for part in re.split(r"\n\s*\n", text.strip()):
-        first, *others = part.strip().split("\n")
+    for part in filter(None, map(str.strip, re.split(r"\n\s*\n", text))):
+        first, *others = part.split("\n")
         mark, _, rest = first.partition(" ")
         title, _, flag = (text.strip() for text in rest.partition(" | "))
-        if not first:
-            continue
         if mark == "#":
             yield Block("section", flag, title=title)
         elif mark == "##":
             yield Block("heading", title=title, folded=flag == "folded")
         elif mark == "-":
-            yield Block(
-                "list", items=[" ".join(item.split()) for item in re.split(r"^- ", part, flags=re.MULTILINE)[1:]]
-            )
+            texts = re.split(r"^- ", part, flags=re.MULTILINE)[1:]
+            yield Block("list", items=[" ".join(text.split()) for text in texts])
         elif mark.startswith("@"):
             name, (title, _, flag) = title, flag.partition(" | ")
-            kind = {"@table": Table, "@figure": Figure}.get(mark)
+            kind = {"@table": ReportTable, "@figure": Figure}.get(mark)
             item = replace(items[kind, name], name=f"{name}{content.suffix}") if kind else items.get(name)
             if kind:
                 title += f" ({content.title})" if content.title else ""
@@ -156,8 +163,8 @@ _ENVIRONMENT = Environment(  # makes text, which the page escapes
     lstrip_blocks=True, autoescape=False,  # noqa: S701  # makes text, which the page escapes
 )  # fmt: skip
 _ENVIRONMENT.filters |= {
-    "joined": words.joined, "with_values": words.with_values, "listed_epochs": words.listed_epochs, "label": label,
-    "described": described, "capitalized": capitalized, "num": format,
-    "labels": lambda models: words.joined(map(label, models)),
+    "joined": words.joined, "with_values": words.with_values, "listed_epochs": words.listed_epochs,
+    "label": words.label, "described": words.described, "capitalized": words.capitalized, "num": format,
+    "labels": lambda models: words.joined(map(words.label, models)),
 }  # fmt: skip
 _ENVIRONMENT.globals["SCOPES"] = words.SCOPES

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from isi.random import stream
-from isi.report.models import isi, label
 from isi.report.stats import ratios
-from isi.report.tables import Column, Estimate, Table
+from isi.report.tables import Column, Estimate, ReportTable
+from isi.report.words import isi, label
 
 #: A difference is significant where its corrected p is below this.
 LEVEL = 0.05
@@ -68,21 +67,17 @@ def compare(measures: Mapping[str, pd.DataFrame], models: Sequence[str]) -> list
     return pairs
 
 
-def pairs_table(name: str, pairs: Sequence[Pair]) -> Table:
-    """Every pair with its interval and test."""
-    return Table.of(name, map(_row, pairs))
-
-
-def _row(pair: Pair) -> dict[Any, Any]:
-    points = pair.difference
-    same = np.isnan(points.p) and points.seeds  # no seed differs
-    return {
-        "measure": pair.measure, "first": label(pair.first), "second": label(pair.second),
-        Column("difference", form=signed): points,
-        Column("p", form=_p, any_size=True): "none" if same else points.p,
-        Column("p (Holm)", form=_p, any_size=True): "none" if same else pair.holm,
-        "seeds": points.seeds, "of these differ": points.differing,
-    }  # fmt: skip
+def pairs_table(name: str, pairs: Sequence[Pair]) -> ReportTable:
+    """Every pair with its interval and test; "none" stands for the p of a pair that no seed tells apart."""
+    columns = [Column(title, form=_p, any_size=True) for title in ("p", "p (Holm)")]
+    return ReportTable.of(name, [
+        {"measure": pair.measure, "first": label(pair.first), "second": label(pair.second),
+         Column("difference", form=signed): pair.difference}
+        | {column: "none" if np.isnan(pair.difference.p) and pair.difference.seeds else p
+           for column, p in zip(columns, (pair.difference.p, pair.holm), strict=True)}
+        | {"seeds": pair.difference.seeds, "of these differ": pair.difference.differing}
+        for pair in pairs
+    ])  # fmt: skip
 
 
 def signed(value: float) -> str:

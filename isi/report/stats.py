@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from isi.evaluation.convergence import epochs_to_convergence
 from isi.random import stream
-from isi.report.models import BASELINE, label
 from isi.report.tables import Column, Estimate
+from isi.report.words import BASELINE, HALVES, label
 
-HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity half", "mrr_star_relation": "relation half"}
 #: What tells the runs of one initializer apart.
 CELL = ["session", "size", "seed"]
-#: Where a query of scope novel has the novel entity (column ``novel`` of ``tables.ASKED``).
+#: Where a query of scope novel has the novel entity (column ``novel`` of ``QUERY_BREAKDOWN``).
 DIRECTIONS = {"given": "novel entity given", "answer": "novel entity is the answer"}
 RESAMPLES = 9_999
 #: Scope by scope, each model's value.
@@ -44,6 +44,16 @@ def by_scope(values: pd.Series, models: Sequence[str]) -> ByScope:
         str(scope): {model: float(values[scope, model]) for model in models if (scope, model) in values.index}
         for scope in values.index.unique("scope")
     }
+
+
+def means(rows: pd.DataFrame, column: str, by: str = "model", scale: float = 100) -> dict[str, float]:
+    """Mean of a column by group, without an interval."""
+    return {str(name): scale * float(value) for name, value in rows.groupby(by)[column].mean().items()}
+
+
+def values(estimates: Mapping[str, Estimate]) -> dict[str, float]:
+    """The means of estimates."""
+    return {name: estimate.mean for name, estimate in estimates.items()}
 
 
 def converged(
@@ -109,21 +119,42 @@ def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame
     return pd.concat([means, middle, never], axis=1)
 
 
-def halves_by_model(runs: pd.DataFrame, models: Sequence[str], scopes: Sequence[str]) -> dict[Column, list[object]]:
-    """Columns of mean MRR* in points with its entity and its relation half, scope by scope; a cell for each model."""
-    means = over_seeds(runs, ["scope", "model"], HALVES)
+def wide(frame: pd.DataFrame, rows: Sequence[tuple[Any, ...]], groups: Mapping[Any, str]) -> dict[Column, list[Any]]:
+    """Columns of a table, group by group.
+
+    Args:
+        frame: by group, and by what tells rows apart.
+        rows: keys of the rows, without the group.
+        groups: keys of the groups, and their titles.
+    """
     return {
-        Column(half, scope): [means[half].get((scope, model)) for model in models]
-        for scope in scopes
-        for half in HALVES.values()
-    }
+        Column(str(name), title): [frame[name].get((group, *row)) for row in rows]
+        for group, title in groups.items() for name in frame
+    }  # fmt: skip
 
 
-def in_order(frame: pd.DataFrame, by: Sequence[str], models: Sequence[str]) -> pd.DataFrame:
-    """Rows sorted by columns, the last of which is ``model``: in the models' order, with their labels."""
-    ordered = frame.assign(model=frame["model"].astype(pd.CategoricalDtype(list(models), ordered=True)))
-    ordered = ordered.sort_values(list(by)).astype({"model": str})
-    return ordered.assign(model=ordered["model"].map(label)).reset_index(drop=True)
+def halves(runs: pd.DataFrame, models: Sequence[str], *scopes: str) -> dict[Column, list[Any]]:
+    """Columns of mean MRR* in points with its entity and its relation half, scope by scope; a cell for each model."""
+    return wide(
+        over_seeds(runs, ["scope", "model"], HALVES),
+        [(model,) for model in models],
+        dict(zip(scopes, scopes, strict=True)),
+    )
+
+
+def ordered_rows(means: pd.DataFrame, models: Sequence[str], **orders: Sequence[Any]) -> pd.DataFrame:
+    """Groups as rows of a table, sorted level by level: models by their order and under their labels.
+
+    Args:
+        means: by group; one level is ``model``.
+        orders: of other levels, where that is not ascending; values that an order lacks are left out.
+    """
+    orders = {name: sorted(means.index.unique(name)) for name in means.index.names} | orders | {"model": models}
+    places = [[order.index(key) if key in order else -1 for key in means.index.get_level_values(name)]
+              for name, order in ((name, list(orders[name])) for name in means.index.names)]  # fmt: skip
+    kept = [place for place in np.lexsort(places[::-1]) if min(levels[place] for levels in places) >= 0]
+    frame = means.iloc[kept].reset_index()
+    return frame.assign(model=frame["model"].map(label))
 
 
 def cells_of(rows: pd.DataFrame, models: Sequence[str], scope: str, column: str) -> pd.DataFrame:
@@ -152,6 +183,12 @@ def over_seeds(rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str]
         values = scale * ratios(totals[column].to_numpy(float), np.where(count > 0, count, np.nan))
         found[name] = [Estimate(*value) for value in values.tolist()]
     return pd.DataFrame(found, index=totals.index)
+
+
+def by_model(rows: pd.DataFrame, column: str, models: Sequence[str], scale: float = 100.0) -> dict[str, Estimate]:
+    """Mean of a column for each model that has any, in the models' order, with intervals over seeds."""
+    found = over_seeds(rows, ["model"], {column: "mean"}, scale)["mean"]
+    return {model: found[model] for model in models if model in found.index}
 
 
 def ratios(over: np.ndarray, under: np.ndarray) -> np.ndarray:

@@ -12,8 +12,7 @@ import pandas as pd
 
 #: Decimals of what is in points of MRR*, in epochs or in per cent; digits of numbers of any size.
 DECIMALS, DIGITS = 2, 4
-#: The bounds of an interval stand in columns of their own in files, with these behind the name.
-LOW, HIGH = " low", " high"
+Form = Callable[[float], str]
 
 
 @dataclass(frozen=True)
@@ -34,9 +33,6 @@ class Estimate:
         return self.mean, self.low, self.high
 
 
-Cell = Estimate | float | str | None
-
-
 @dataclass(frozen=True)
 class Column:
     """What a column holds, and how it is written."""
@@ -47,7 +43,7 @@ class Column:
     #: how the page calls it, where neither its name nor ``words.WORDS`` does
     title: str = field(default="", compare=False)
     #: how numbers are shown; otherwise with one decimal, or none where all are whole
-    form: Callable[[float], str] | None = field(default=None, compare=False)
+    form: Form | None = field(default=None, compare=False)
     #: what the page shows in place of a text
     words: Mapping[str, str] = field(default_factory=dict, compare=False)
     #: whether files keep digits of its numbers, and not decimals
@@ -60,49 +56,48 @@ class Column:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
-    """Rows of cells under typed columns."""
+class ReportTable:
+    """Rows of cells under typed columns; a cell is an estimate, a number, a text or null."""
 
     name: str
     columns: Sequence[Column]
-    rows: Sequence[Sequence[Cell]]
+    rows: Sequence[Sequence[Any]]
 
     @classmethod
-    def of(cls, name: str, rows: pd.DataFrame | Iterable[Mapping[Any, Any]]) -> Table:
-        """A table of rows that map columns to cells, or of a frame whose labels are columns; text is a plain column."""
-        frame = rows if isinstance(rows, pd.DataFrame) else pd.DataFrame(list(rows))
-        columns = [Column(label) if isinstance(label, str) else label for label in frame.columns]
+    def of(cls, name: str, rows: pd.DataFrame | Mapping[Any, Any] | Iterable[Mapping[Any, Any]]) -> ReportTable:
+        """A table of a frame or of a mapping whose labels are columns, or of rows; text is a plain column."""
+        frame = rows if isinstance(rows, pd.DataFrame) else pd.DataFrame(rows if isinstance(rows, dict) else list(rows))
+        columns = [label if isinstance(label, Column) else Column(str(label)) for label in frame.columns]
         return cls(name, columns, frame.astype(object).to_numpy().tolist())
 
-    def column_cells(self, place: int) -> list[Cell]:
-        """The cells of one column."""
-        return [row[place] for row in self.rows]
+    @property
+    def cells(self) -> list[tuple[Column, list[Any]]]:
+        """The columns with their cells."""
+        return [(column, [row[place] for row in self.rows]) for place, column in enumerate(self.columns)]
 
     @property
     def frame(self) -> pd.DataFrame:
         """As files have it: the mean and the bounds of estimates in three columns."""
-        found: dict[str, list[Any]] = {}
-        for place, column in enumerate(self.columns):
-            cells = self.column_cells(place)
+        values: dict[str, list[Any]] = {}
+        for column, cells in self.cells:
             if any(isinstance(cell, Estimate) for cell in cells):
-                parts = [_numbers(cell) for cell in cells]
-                ends = zip(*parts, strict=True)
-                found |= {column.header + end: list(values) for end, values in zip(("", LOW, HIGH), ends, strict=True)}
+                parts = zip(*map(_numbers, cells), strict=True)
+                values |= {f"{column.header}{end}": list(part)
+                           for end, part in zip(("", " low", " high"), parts, strict=True)}  # fmt: skip
             else:
-                found[column.header] = cells
-        return pd.DataFrame(found)
+                values[column.header] = cells
+        return pd.DataFrame(values)
 
-    def is_text(self, place: int) -> bool:
-        """Whether a column holds text; one with a form of its own holds numbers."""
-        return self.columns[place].form is None and any(isinstance(cell, str) for cell in self.column_cells(place))
+    @property
+    def is_text(self) -> list[bool]:
+        """Of each column, whether it holds text; one with a form of its own holds numbers."""
+        return [column.form is None and any(isinstance(cell, str) for cell in cells) for column, cells in self.cells]
 
     @property
     def texts(self) -> list[list[tuple[str, str]]]:
         """Of each row, the cells as people read them: the value, and its interval in brackets."""
-        columns = []
-        for place, column in enumerate(self.columns):
-            form = column.form or _plain(self.column_cells(place))
-            columns.append([_shown(cell, form) for cell in self.column_cells(place)])
+        columns = [[_shown(cell, form) for cell in cells] for column, cells in self.cells
+                   for form in [column.form or _plain(cells)]]  # fmt: skip
         return [list(row) for row in zip(*columns, strict=True)]
 
     @property
@@ -114,7 +109,7 @@ class Table:
     @property
     def files(self) -> dict[str, str]:
         """The table as CSV, Markdown and LaTeX."""
-        sides = ["left" if self.is_text(place) else "right" for place in range(len(self.columns))]
+        sides = ["left" if text else "right" for text in self.is_text]
         markdown = self.shown.to_markdown(index=False, disable_numparse=True, colalign=sides if self.rows else None)
         latex = self.shown.replace("–", "--").style.hide(axis="index").format(escape="latex")
         latex = latex.format_index(escape="latex", axis=1)
@@ -137,25 +132,24 @@ def number(value: Any, any_size: bool = False) -> Any:
 
 def csv(frame: pd.DataFrame, any_size: Sequence[str] = ()) -> str:
     """A frame as CSV; the columns named in ``any_size`` keep digits, others decimals."""
-    kept = frame.apply(lambda column: column.map(lambda value: number(value, column.name in any_size)))
-    text: str = kept.to_csv(index=False, float_format="%.10g", lineterminator="\n")
+    rounded = frame.apply(lambda column: column.map(lambda value: number(value, column.name in any_size)))
+    text: str = rounded.to_csv(index=False, float_format="%.10g", lineterminator="\n")
     return text
 
 
-def _numbers(cell: Cell) -> tuple[float, float, float]:
+def _numbers(cell: Any) -> tuple[float, float, float]:
     if isinstance(cell, Estimate):
         return cell.parts
     return (cell if isinstance(cell, float | int) else nan, nan, nan)
 
 
-def _plain(cells: Iterable[Cell]) -> Callable[[float], str]:
-    numbers = [_numbers(cell) for cell in cells]
-    parts = np.array(numbers, dtype=float).round(3) % 1
+def _plain(cells: Iterable[Any]) -> Form:
+    parts = np.array([_numbers(cell) for cell in cells], dtype=float).round(3) % 1
     digits = 0 if (np.isnan(parts) | (parts == 0)).all() else 1
     return lambda value: f"{round(value, digits) + 0.0:,.{digits}f}"  # no -0.0
 
 
-def _shown(cell: Cell, form: Callable[[float], str]) -> tuple[str, str]:
+def _shown(cell: Any, form: Form) -> tuple[str, str]:
     if isinstance(cell, str):
         return cell, ""
     mean, low, high = _numbers(cell)

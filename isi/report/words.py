@@ -1,13 +1,22 @@
-"""What the page calls scopes and columns, and lists of models with their numbers for its sentences."""
+"""What the report calls things: labels, roles and colours of models, names of scopes, and lists within sentences."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import nan
+from typing import Any
 
-from isi.report.models import label
-from isi.report.tables import Estimate
+from isi.initializers.api import INITIALIZERS, Registered, Role
+from isi.report.tables import Column, Estimate
 
+JOINT = "joint"
+#: Θ⁰ trained on without any insertion.
+FINETUNE_ONLY = "finetune_only"
+#: Label, colour and line of models that are no initializers.
+_OTHERS = {JOINT: ("Joint", "#000000", "--"), FINETUNE_ONLY: ("Nothing inserted", "#8c2d04", ":")}
+#: Gains are over the paper's own baseline.
+BASELINE = "xavier"
+#: Of initializers that register no colour.
+_SPARE = ("#cc79a7", "#56b4e9", "#f0e442", "#8c564b")
 #: The queries of each scope.
 SCOPES = {
     "all": "all queries",
@@ -16,6 +25,9 @@ SCOPES = {
     "known": "earlier knowledge",
     "known_closed": "earlier knowledge, known candidates only",
 }
+#: MRR* and its halves, and headers of files; where the page has other words, ``WORDS`` has them.
+HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity half", "mrr_star_relation": "relation half"}
+SCOPE = Column("scope", words=SCOPES)
 #: Headers of files that the page spells out.
 WORDS = SCOPES | {
     "entity half": "entity prediction",
@@ -35,6 +47,58 @@ WORDS = SCOPES | {
 }
 
 
+def _registered(initializer: str) -> Registered:
+    return INITIALIZERS.get(initializer, f"initializers.{initializer}")
+
+
+def label(model: str) -> str:
+    """The name of a model where people read.
+
+    Raises:
+        InputError: where no module registers an initializer of this name.
+    """
+    return _OTHERS[model][0] if model in _OTHERS else _registered(model).label
+
+
+def described(initializer: str) -> str:
+    """What an initializer is, as it says itself; its label alone where it does not."""
+    return _registered(initializer).description or f"{label(initializer)}."
+
+
+def of_role(models: Iterable[str], *roles: Role) -> list[str]:
+    """Those of the initializers that have one of the roles, in their order."""
+    return [name for name in models if name not in _OTHERS and _registered(name).role in roles]
+
+
+def isi(models: Iterable[str]) -> list[str]:
+    """The initializers that the paper proposes."""
+    return of_role(models, "isi")
+
+
+def controls(models: Iterable[str]) -> list[str]:
+    """Initializers that have a part of what ISI has beside meaning."""
+    return of_role(models, "control")
+
+
+def contenders(models: Iterable[str]) -> list[str]:
+    """Those under test: all initializers but controls."""
+    return of_role(models, "paper", "isi", "baseline", "own")
+
+
+def line_style(model: str, models: Sequence[str]) -> dict[str, Any]:
+    """Colour, label and dashes of a model's line; ``models``: all in the report, which share out the spare colours."""
+    if model in _OTHERS:
+        return dict(zip(("label", "color", "ls"), _OTHERS[model], strict=True))
+    uncoloured = [name for name in models if name not in _OTHERS and _registered(name).colour is None]
+    colour = _registered(model).colour or _SPARE[uncoloured.index(model) % len(_SPARE)]
+    return {"label": label(model), "color": colour, "ls": (0, (3, 1.5)) if controls([model]) else "-"}
+
+
+def colour(model: str, models: Sequence[str]) -> str:
+    """The colour of a model in every figure."""
+    return str(line_style(model, models)["color"])
+
+
 def joined(parts: Iterable[str]) -> str:
     """One, two and three; "none" where there is nothing."""
     *first, last = list(parts) or ["none"]
@@ -51,19 +115,16 @@ def with_values(
 
 def listed_epochs(epochs: Mapping[str, float], unconverged: Mapping[str, float], models: Sequence[str]) -> str:
     """Each model with its epochs to convergence, and the share of its runs that never converge (per cent)."""
-
-    def never(model: str) -> str:
-        return f" ({unconverged[model]:.0f} % of runs never converge)" if unconverged.get(model) else ""
-
-    return joined(f"{label(model)} {epochs[model]:.1f}{never(model)}" for model in models if model in epochs)
-
-
-def mean_of(values: Mapping[str, float], models: Iterable[str]) -> float:
-    """The mean over those of the models that have a value; null without any."""
-    numbers = [values[model] for model in models if model in values]
-    return sum(numbers) / len(numbers) if numbers else nan
+    never = {model: f" ({share:.0f} % of runs never converge)" for model, share in unconverged.items() if share}
+    return joined(f"{label(model)} {epochs[model]:.1f}{never.get(model, '')}" for model in models if model in epochs)
 
 
 def capitalized(text: str) -> str:
     """The same with a capital first letter."""
     return text[:1].upper() + text[1:]
+
+
+def in_order(values: Iterable[str], first: Sequence[str]) -> list[str]:
+    """Values in a given order, the others behind it as they come."""
+    present = list(values)
+    return [value for value in first if value in present] + [value for value in present if value not in first]

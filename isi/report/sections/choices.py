@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import isnan, nan
+from math import nan
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
 from isi.evaluation.convergence import SCOPES as CONVERGENCE_SCOPES
 from isi.models.model import MODELS
 from isi.report.data import Analysis, Results
-from isi.report.figures import Figure, legend, means_and_bounds, panels
-from isi.report.models import colour, label
+from isi.report.figures import Figure, legend, line_over_seeds, panels
 from isi.report.section import Content
-from isi.report.stats import HALVES, over_seeds
-from isi.report.tables import Column, Table
+from isi.report.stats import over_seeds
+from isi.report.tables import Column, ReportTable
+from isi.report.words import HALVES, colour, label
 
 #: Indicator set sizes by who chose them and initializer.
 Chosen = Mapping[str, Mapping[str, int]]
@@ -39,32 +38,33 @@ def indicators(results: Results) -> Iterator[Content]:
     if results.sweep is None:
         return
     sweep, models = results.params.sweep, list(results.params.sweep.initializers)
-    runs, cells = measured(results.sweep)
-    means = sweep_means(results.sweep, models)
+    runs, epochs = _measured(results.sweep)
+    means = means_of(runs, epochs, models)
     chosen = chosen_sizes(means, results.params.initializers, results.paper["indicators"])
-    late = 100.0 * (cells["epochs"] > 0)
-    shares = cells.assign(value=late.where(cells["scope"] == "all", cells["epochs"]))
+    late = 100.0 * (epochs["epochs"] > 0)
+    shares = epochs.assign(value=late.where(epochs["scope"] == "all", epochs["epochs"]))
     immediate = (("all", "all queries", "MRR* minus that with this run's k (points)"), ("novel", "novel entities", ""))
-    epochs = (("all", "all queries: not immediately", "share of runs (%)"),
-              ("novel_heldout", "novel entities, held-out triples", "epochs to convergence"))  # fmt: skip
+    later = (("all", "all queries: not immediately", "share of runs (%)"),
+             ("novel_heldout", "novel entities, held-out triples", "epochs to convergence"))  # fmt: skip
     frame = means.reset_index()
-    frame["model"] = frame["model"].map(label)
+    frame = frame.assign(model=frame["model"].map(label)).rename(columns={"model": "initializer", "k": "indicators"})
     yield Content({"chosen": chosen, "models": models, "sweep": sweep, "most": results.params.finetuning.max_epochs}, [
-        Figure("figure2a_immediate_sensitivity", drawn(relative(runs, chosen["this run"]), models, chosen, immediate)),
-        Figure("figure2b_convergence_sensitivity", drawn(shares, models, chosen, epochs, lowest=0)),
+        Figure("figure2a_immediate_sensitivity", _by_size(_relative(runs, chosen["this run"]), models, chosen,
+                                                          immediate)),
+        Figure("figure2b_convergence_sensitivity", _by_size(shares, models, chosen, later, lowest=0)),
         indicator_sizes(means, chosen),
-        Table.of("sensitivity", frame.rename(columns={"model": "initializer", "k": "indicators"})),
+        ReportTable.of("sensitivity", frame),
     ])  # fmt: skip
 
 
-def measured(sweep: Analysis[pd.DataFrame]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs right after insertion, and epochs to convergence, of each initializer, indicator set size and cell."""
+def _measured(sweep: Analysis[pd.DataFrame]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Runs right after insertion, and epochs to convergence, by initializer, indicator set size and seed."""
     runs = sweep.result
     return runs[runs["epoch"] == 0], sweep.experiment.converged(runs, ["model", "k"])
 
 
-def relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFrame:
-    """Runs with MRR* (points) minus that of the same initializer and cell with its reference size, as ``value``.
+def _relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFrame:
+    """Runs with MRR* (points) minus that of the same initializer and seed with its reference size, as ``value``.
 
     A size that was not swept is replaced by the nearest that was.
     """
@@ -73,25 +73,23 @@ def relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFr
         swept = runs["k"].unique()
         k = swept[np.abs(swept - reference.get(str(model), swept.min())).argmin()]
         parts.append(runs.join(runs[runs["k"] == k].set_index(cell)["mrr_star"].rename("base"), on=cell))
-    found = pd.concat(parts, ignore_index=True)
-    return found.assign(value=100 * (found["mrr_star"] - found["base"]))
+    rows = pd.concat(parts, ignore_index=True)
+    return rows.assign(value=100 * (rows["mrr_star"] - rows["base"]))
 
 
 def sweep_means(sweep: Analysis[pd.DataFrame], models: Sequence[str]) -> pd.DataFrame:
     """Means over seeds by model and k, models in their order; columns for scope and measure."""
-    return means_of(*measured(sweep), models)
+    return means_of(*_measured(sweep), models)
 
 
-def means_of(immediate: pd.DataFrame, cells: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
+def means_of(immediate: pd.DataFrame, epochs: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
     """The same of runs right after insertion and epochs to convergence, with columns model and k."""
-    mrr_star = 100 * immediate.groupby(["model", "k", "scope"])["mrr_star"].mean().unstack("scope")
-    mrr_star = mrr_star.reindex(columns=("all", "novel"))
-    groups = cells.groupby(["model", "k", "scope"])
-    epochs = groups["epochs"].mean().unstack("scope").reindex(columns=CONVERGENCE_SCOPES)
-    never = 100 * (1 - groups["converged"].mean()).unstack("scope").reindex(columns=CONVERGENCE_SCOPES)
-    columns = {Column("MRR*", scope): mrr_star[scope] for scope in ("all", "novel")}
+    by = ["model", "k", "scope"]
+    mrr_star, groups = 100 * immediate.groupby(by)["mrr_star"].mean().unstack("scope"), epochs.groupby(by)
+    means, never = groups["epochs"].mean().unstack("scope"), 100 * (1 - groups["converged"].mean()).unstack("scope")
+    columns = {Column("MRR*", scope): mrr_star.get(scope) for scope in ("all", "novel")}
     for scope in CONVERGENCE_SCOPES:
-        columns |= {Column("epochs", scope): epochs[scope], Column("unconverged %", scope): never[scope]}
+        columns |= {Column("epochs", scope): means.get(scope), Column("unconverged %", scope): never.get(scope)}
     frame = pd.DataFrame(columns, index=mrr_star.index, dtype=float)
     return frame.loc[[model for model in models if model in frame.index]]
 
@@ -106,7 +104,7 @@ def chosen_sizes(
         options: of each initializer in this run.
         paper: the paper's sizes.
     """
-    models = _models(means)
+    models = means.index.unique("model")
     ours = {model: int(options[model]["k"]) for model in models if "k" in options.get(model, {})}
     theirs = {model: paper[model] for model in models if model in paper}
     return {"this run": ours, "paper": theirs, "picked by the rule": picked_sizes(means)}
@@ -116,13 +114,13 @@ def picked_sizes(means: pd.DataFrame) -> dict[str, int]:
     """What the paper's rule picks for each initializer, from queries about novel entities."""
     mrr_star, epochs = means[Column("MRR*", "novel")] / 100, means[Column("epochs", "novel_heldout")]
     return {model: select_size(mrr_star[model].index.tolist(), mrr_star[model].tolist(), epochs[model].tolist())
-            for model in _models(means)}  # fmt: skip
+            for model in means.index.unique("model")}  # fmt: skip
 
 
 def best_sizes(means: pd.DataFrame) -> dict[str, int]:
     """The size of the best immediate MRR* over all queries, for each initializer."""
     mrr_star = means[Column("MRR*", "all")].dropna()
-    return {model: int(mrr_star[model].idxmax()) for model in _models(means) if model in mrr_star.index}
+    return {model: int(mrr_star[model].idxmax()) for model in mrr_star.index.unique("model")}
 
 
 def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequence[float]) -> int:
@@ -155,11 +153,7 @@ def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequenc
     return sizes[picked]
 
 
-def _models(means: pd.DataFrame) -> list[str]:
-    return list(dict.fromkeys(means.index.get_level_values("model")))
-
-
-def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> Table:
+def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> ReportTable:
     """The indicator set size that the paper's rule picks, beside those of this run and of the paper."""
     rows = []
     for model, size in chosen["picked by the rule"].items():
@@ -169,14 +163,14 @@ def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> Table:
             | {Column("MRR*", "picked"): mrr_star[size], Column("epochs", "picked"): epochs[size],
                "best MRR*": mrr_star.max(), "best at": mrr_star.idxmax() if mrr_star.notna().any() else None}
         )  # fmt: skip
-    return Table.of("indicator_sizes", rows)
+    return ReportTable.of("indicator_sizes", rows)
 
 
-def drawn(
+def _by_size(
     rows: pd.DataFrame, models: Sequence[str], chosen: Chosen, shown: Sequence[tuple[str, str, str]],
     lowest: float | None = None,
 ) -> Canvas:  # fmt: skip
-    """Means and intervals of ``value`` by k, with the sizes that were chosen.
+    """Means and intervals of ``value`` by k, with the sizes that were chosen; those beyond a line have no mark.
 
     Args:
         shown: scope, title and label of the y-axis of each panel.
@@ -184,28 +178,21 @@ def drawn(
     canvas, axes = panels(len(shown))
     for panel, (scope, title, ylabel) in zip(axes, shown, strict=True):
         for model in models:
-            values = rows[(rows["model"] == model) & (rows["scope"] == scope)]
-            if len(values):
-                line, color = over_seeds(values, ["k"], {"value": "value"}, scale=1)["value"], colour(model, models)
-                mean, low, high = means_and_bounds(line)
-                panel.plot(line.index, mean, color=color, label=label(model), lw=1.4)
-                panel.fill_between(line.index, low, high, color=color, alpha=0.15, lw=0)
-                _mark(panel, line.index, mean, color, {who: sizes.get(model) for who, sizes in chosen.items()})
+            of_model = rows[(rows["model"] == model) & (rows["scope"] == scope)]
+            if len(of_model):
+                (sizes, mean, low, high), color = line_over_seeds(of_model, "k", "value", 1), colour(model, models)
+                panel.plot(sizes, mean, color=color, label=label(model), lw=1.4)
+                panel.fill_between(sizes, low, high, color=color, alpha=0.15, lw=0)
+                for who, (marker, fill, mark) in _MARKS.items():
+                    if (k := chosen[who].get(model)) is not None:
+                        height = np.interp(k, sizes, mean, left=np.nan, right=np.nan)
+                        panel.plot(k, height, color=color, ls="", marker=marker, fillstyle=fill, ms=mark, clip_on=False)
         panel.set(title=title, xlabel="indicators k", ylabel=ylabel)
         panel.set_ylim(bottom=lowest)
-    for who, (marker, fill, size) in _MARKS.items():
-        axes[-1].plot([], [], color="#555555", ls="", marker=marker, fillstyle=fill, ms=size, label=who)
+    for who, (marker, fill, mark) in _MARKS.items():
+        axes[-1].plot([], [], color="#555555", ls="", marker=marker, fillstyle=fill, ms=mark, label=who)
     legend(canvas, axes)
     return canvas
-
-
-def _mark(axes: Axes, sizes: pd.Index, means: np.ndarray, color: str, chosen: Mapping[str, int | None]) -> None:
-    """Mark the sizes that were chosen on the line of means; those beyond it have no mark."""
-    for who, k in chosen.items():
-        if k is not None:
-            marker, fill, size = _MARKS[who]
-            height = np.interp(k, sizes, means, left=np.nan, right=np.nan)
-            axes.plot(k, height, color=color, ls="", marker=marker, fillstyle=fill, ms=size, clip_on=False)
 
 
 def cross_validation(results: Results) -> Iterator[Content]:
@@ -214,78 +201,75 @@ def cross_validation(results: Results) -> Iterator[Content]:
         return
     rows, settings = results.cross_validation.result, [setting.model_dump() for setting in results.params.settings]
     choice, paper = settings[0], results.paper["training"]
-    numbers = {"folds": results.params.cross_validation.folds, "paper": paper, "choice": choice}
-    if of_setting(rows, choice).empty:
-        yield Content(numbers | {"points": None})
+    numbers = {"folds": results.params.cross_validation.folds, "paper": paper, "choice": choice, "points": None}
+    if _of_setting(rows, choice).empty:
+        yield Content(numbers)
         return
     means = rows.groupby(list(choice), sort=False)["mrr_star"].mean().mul(100).reset_index()
     top = means.iloc[int(means["mrr_star"].to_numpy().argmax())]
-    best_setting = {name: top[name] for name in choice}
-    points = (of_setting(means, choice)["mrr_star"].iloc[0], top["mrr_star"])
-    numbers |= {"points": points, "best": best_setting, "within": within(rows, choice, best_setting)}
+    numbers["best"] = {name: top[name] for name in choice}
+    numbers["points"] = (_of_setting(means, choice)["mrr_star"].iloc[0], top["mrr_star"])
+    numbers["within"] = _within(rows, choice, numbers["best"])
     yield Content(numbers, [cross_validation_table(rows, settings, paper)])
 
 
-def cross_validation_table(rows: pd.DataFrame, settings: Sequence[Setting], paper: Setting) -> Table:
+def cross_validation_table(rows: pd.DataFrame, settings: Sequence[Setting], paper: Setting) -> ReportTable:
     """Mean and deviation of MRR* over folds for each setting, the choice of this run first.
 
     Args:
-        rows: ``tables.CROSS_VALIDATION``.
+        rows: ``CROSS_VALIDATION``.
         paper: the paper's choice.
     """
     lines, choice = [], settings[0]
     for setting in settings:
-        folds = of_setting(rows, setting)
+        folds = _of_setting(rows, setting)
         means = 100 * folds[list(HALVES)].mean()
         choosers = (("this run", setting == choice), ("paper", setting == paper))
-        significant = "" if setting == choice else "no" if within(rows, choice, setting) else "yes"
         lines.append(
             {name.replace("_", " "): f"{value:g}" for name, value in setting.items()}
             | {"MRR*": means["mrr_star"], "std": 100 * folds["mrr_star"].std(ddof=1)}
             | {"entity half": means["mrr_star_entity"], "relation half": means["mrr_star_relation"]}
             | {"best epoch": folds["epoch"].mean(),
-               Column("from the choice", form="{:+.1f}".format): lead(rows, choice, setting),
-               "beyond the folds' deviation": significant,
+               Column("from the choice", form="{:+.1f}".format): _lead(rows, choice, setting),
+               "beyond the folds' deviation":
+                   "" if setting == choice else "no" if _within(rows, choice, setting) else "yes",
                "choice of": ", ".join(who for who, chose in choosers if chose)}
         )  # fmt: skip
-    return Table.of("cross_validation", lines)
+    return ReportTable.of("cross_validation", lines)
 
 
-def lead(rows: pd.DataFrame, choice: Setting, other: Setting) -> float:
+def _lead(rows: pd.DataFrame, choice: Setting, other: Setting) -> float:
     """How far the mean of a setting is above that of the choice, in points."""
-    first, second = (of_setting(rows, setting)["mrr_star"].mean() for setting in (other, choice))
+    first, second = (_of_setting(rows, setting)["mrr_star"].mean() for setting in (other, choice))
     return float(100 * (first - second))
 
 
-def within(rows: pd.DataFrame, choice: Setting, other: Setting) -> bool:
+def _within(rows: pd.DataFrame, choice: Setting, other: Setting) -> bool:
     """Whether that is less than the folds of either deviate (standard deviation over folds)."""
-    spread = max(of_setting(rows, setting)["mrr_star"].std(ddof=1) for setting in (choice, other))
-    return bool(abs(lead(rows, choice, other)) < 100 * spread)
+    spread = max(_of_setting(rows, setting)["mrr_star"].std(ddof=1) for setting in (choice, other))
+    return bool(abs(_lead(rows, choice, other)) < 100 * spread)
 
 
-def of_setting(rows: pd.DataFrame, setting: Setting) -> pd.DataFrame:
+def _of_setting(rows: pd.DataFrame, setting: Setting) -> pd.DataFrame:
     """The folds of one setting."""
     return rows[(rows[list(setting)] == pd.Series(setting)).all(axis=1)]
 
 
-def best(rows: pd.DataFrame, choice: Setting, factor: str) -> float:
-    """The best value of one factor, the others as chosen; the choice where it did as well; NaN of no folds."""
-    others = of_setting(rows, {name: value for name, value in choice.items() if name != factor})
-    if others.empty:
-        return nan
+def best(rows: pd.DataFrame, choice: Setting, factor: str) -> tuple[float, str]:
+    """The best value of one factor, the others as chosen, and how far it is above the choice where it is another.
+
+    The choice where it did as well; NaN of no folds.
+    """
+    others = _of_setting(rows, {name: value for name, value in choice.items() if name != factor})
+    if others["mrr_star"].isna().all():
+        return nan, ""
     means = others.groupby(factor)["mrr_star"].mean()
     top = means.index.to_numpy()[means.to_numpy() == means.max()]
-    return float(choice[factor] if choice[factor] in top else top[0])
-
-
-def note(rows: pd.DataFrame, choice: Setting, factor: str) -> str:
-    """On the best value of one factor, where it is not the choice: how far it is above it."""
-    value = best(rows, choice, factor)
-    if isnan(value) or value == choice[factor]:
-        return ""
-    other = {**choice, factor: value}
-    less = ", less than the folds deviate" if within(rows, choice, other) else ""
-    return f"{lead(rows, choice, other):+.1f} points from the choice of this run{less}"
+    if choice[factor] in top:
+        return float(choice[factor]), ""
+    other = {**choice, factor: float(top[0])}
+    less = ", less than the folds deviate" if _within(rows, choice, other) else ""
+    return other[factor], f"{_lead(rows, choice, other):+.1f} points from the choice of this run{less}"
 
 
 def embedding_models(results: Results) -> Iterator[Content]:
@@ -297,33 +281,33 @@ def embedding_models(results: Results) -> Iterator[Content]:
     means = 100 * rows.groupby("family")["mrr_star"].mean().sort_values(ascending=False, kind="stable")
     numbers = {
         "title": results.embedding_models.experiment.title, "seeds": settings.seeds,
-        "main": class_name(results.params.embedding.model),
-        "means": {class_name(str(name)): value for name, value in means.items()},
+        "main": _class_name(results.params.embedding.model),
+        "means": {_class_name(str(name)): value for name, value in means.items()},
     }  # fmt: skip
     yield Content(numbers, [embedding_table(rows, options)])
 
 
-def class_name(model: str) -> str:
+def _class_name(model: str) -> str:
     """What people call an embedding model."""
     return MODELS.get(model, f"models.{model}").__name__
 
 
-def embedding_table(rows: pd.DataFrame, options: Mapping[str, Mapping[str, Any]]) -> Table:
+def embedding_table(rows: pd.DataFrame, options: Mapping[str, Mapping[str, Any]]) -> ReportTable:
     """Measures of each embedding model over seeds, with the options that were chosen for it.
 
     Args:
-        rows: ``tables.FAMILIES``, with a column ``family``.
+        rows: ``MODEL_COMPARISON``, with a column ``family``.
         options: by model.
     """
-    found = over_seeds(rows, ["family"], {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"})
-    return Table.of("embedding_models", [
-        {"embedding": class_name(name), **found.loc[name], "epochs": rows.loc[rows["family"] == name, "epochs"].mean()}
-        | {option.replace("_", " "): _shown(value) for option, value in values.items()}
-        for name, values in options.items() if name in found.index
+    means = over_seeds(rows, ["family"], {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"})
+    return ReportTable.of("embedding_models", [
+        {"embedding": _class_name(name), **means.loc[name], "epochs": rows.loc[rows["family"] == name, "epochs"].mean()}
+        | {option.replace("_", " "): _written(value) for option, value in values.items()}
+        for name, values in options.items() if name in means.index
     ])  # fmt: skip
 
 
-def _shown(value: object) -> str:
+def _written(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -11,8 +11,8 @@ import pandas as pd
 from isi.analyses.single_insertions import HIDDEN, SHOWN, SINGLE_ANSWERS, THETA0, TRUE, ExplorerParams
 from isi.errors import InputError
 from isi.report.data import Experiment, Results
-from isi.report.models import JOINT, colour, label
 from isi.report.section import Content
+from isi.report.words import JOINT, colour, label
 
 #: The tables of ``singles.TABLES``, by name.
 Tables = Mapping[str, pd.DataFrame]

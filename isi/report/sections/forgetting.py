@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from itertools import product
 from math import nan
 from typing import Any
 
@@ -11,23 +12,18 @@ from matplotlib.figure import Figure as Canvas
 
 from isi.report.data import Experiment, Results
 from isi.report.figures import Figure, by_epoch
-from isi.report.models import BASELINE, FINETUNE_ONLY, JOINT, contenders, isi, label
-from isi.report.section import Content, of_each
-from isi.report.sections.immediate import SCOPE
+from isi.report.section import Content, of_each_graph
 from isi.report.significance import LEVEL, Pair, compare, pairs_table
-from isi.report.stats import CELL, HALVES, cells_of, mrr_star, over_seeds
-from isi.report.tables import Column, Table
+from isi.report.stats import CELL, cells_of, mrr_star, over_seeds
+from isi.report.tables import Column, ReportTable
+from isi.report.words import BASELINE, FINETUNE_ONLY, HALVES, JOINT, SCOPE, contenders, isi, label
 from isi.report.words import SCOPES as TITLES
 
 SCOPES = ("known", "known_closed")
 
 
-def forgetting(results: Results) -> Iterator[Content]:
-    """The same of every graph."""
-    return of_each(results.standalone, lambda experiment: of_experiment(results, experiment))
-
-
-def of_experiment(results: Results, experiment: Experiment) -> Content:
+@of_each_graph
+def forgetting(results: Results, experiment: Experiment) -> Content:
     """What is lost right after insertion, and by epoch at the size whose curves are drawn."""
     means, size = mrr_star(experiment.immediate, experiment.initializers), experiment.curve_size
     known, closed = (means.get(scope, {}) for scope in SCOPES)
@@ -56,14 +52,13 @@ def with_finetune_only(results: Results, experiment: Experiment) -> pd.DataFrame
 
 
 def since_before(runs: pd.DataFrame) -> pd.DataFrame:
-    """Runs about known entities, minus what Θ⁰ had in the same cell before anything was inserted.
+    """Runs about known entities, minus what Θ⁰ had in the same session before anything was inserted.
 
     That is MRR* in known_closed right after insertion, the same for all but the joint model.
     """
     shown = runs[runs["scope"].isin(SCOPES)]
-    start = shown[
-        (shown["scope"] == "known_closed") & (shown["epoch"] == 0) & ~shown["model"].isin([JOINT, FINETUNE_ONLY])
-    ]
+    inserted = ~shown["model"].isin([JOINT, FINETUNE_ONLY])
+    start = shown[(shown["scope"] == "known_closed") & (shown["epoch"] == 0) & inserted]
     before = start.drop_duplicates(CELL).set_index(CELL)["mrr_star"].rename("before")
     both = shown.join(before, on=CELL)
     return both.assign(mrr_star=both["mrr_star"] - both["before"]).drop(columns="before")
@@ -81,13 +76,13 @@ def at_the_end(runs: pd.DataFrame) -> dict[str, list[Pair]]:
     last = runs[runs["epoch"] == epoch]
     ran = list(dict.fromkeys(last["model"]))
     models = [*contenders(name for name in ran if name not in (JOINT, FINETUNE_ONLY)), *({FINETUNE_ONLY} & set(ran))]
-    found = {}
+    pairs = {}
     for scope in SCOPES:
         queried = set(last.loc[last["scope"] == scope, "model"])
-        there = [model for model in models if model in queried]
-        cells = 100 * cells_of(last, there, scope, "mrr_star")
-        found[scope] = compare({f"{TITLES[scope]}, epoch {epoch}": cells}, there)
-    return found
+        compared = [model for model in models if model in queried]
+        measure = {f"{TITLES[scope]}, epoch {epoch}": 100 * cells_of(last, compared, scope, "mrr_star")}
+        pairs[scope] = compare(measure, compared)
+    return pairs
 
 
 def against(pairs: Sequence[Pair], model: str) -> dict[str, Pair]:
@@ -98,21 +93,20 @@ def against(pairs: Sequence[Pair], model: str) -> dict[str, Pair]:
 def ended(pairs: Mapping[str, Sequence[Pair]]) -> list[tuple[str, str, list[Pair]]]:
     """Interference and forgetting at the end, ISI against Xavier and against nothing inserted: scope, model, pairs."""
     shown = (("known_closed", BASELINE), ("known", BASELINE), ("known_closed", FINETUNE_ONLY))
-    found = [(scope, model, list(against(pairs[scope], model).values())) for scope, model in shown]
-    return [line for line in found if line[2]]
+    lines = [(scope, model, list(against(pairs[scope], model).values())) for scope, model in shown]
+    return [line for line in lines if line[2]]
 
 
-def by_scope(runs: pd.DataFrame, models: Sequence[str]) -> Table:
+def by_scope(runs: pd.DataFrame, models: Sequence[str]) -> ReportTable:
     """Known against known_closed: interference against forgetting, in runs of one size."""
-    rows = []
-    for model in models:
-        for scope in SCOPES:
-            shown = runs[(runs["model"] == model) & (runs["scope"] == scope)]
-            if len(shown):
-                lowest = 100 * shown.groupby("epoch")["mrr_star"].mean().min()
-                row: dict[Any, Any] = {"model": label(model), SCOPE: scope, "lowest MRR*": lowest}
-                for when, epoch in (("immediately", shown["epoch"].min()), ("at the end", shown["epoch"].max())):
-                    means = over_seeds(shown[shown["epoch"] == epoch], ["epoch"], HALVES).iloc[0]
-                    row |= {Column(half, when): means[half] for half in HALVES.values()}
-                rows.append(row)
-    return Table.of("forgetting", rows)
+    groups, rows = dict(list(runs.groupby(["model", "scope"]))), []
+    for model, scope in product(models, SCOPES):
+        if (model, scope) in groups:
+            shown = groups[model, scope]
+            lowest = 100 * shown.groupby("epoch")["mrr_star"].mean().min()
+            row: dict[Any, Any] = {"model": label(model), SCOPE: scope, "lowest MRR*": lowest}
+            for when, epoch in (("immediately", shown["epoch"].min()), ("at the end", shown["epoch"].max())):
+                means = over_seeds(shown[shown["epoch"] == epoch], ["epoch"], HALVES).iloc[0]
+                row |= {Column(half, when): means[half] for half in HALVES.values()}
+            rows.append(row)
+    return ReportTable.of("forgetting", rows)

@@ -1,35 +1,97 @@
-"""The parts of ISI's gain over Xavier: the centre of what is known, the entity's kind, and meaning beyond both."""
+"""Whether a difference is significant, in pairs; and the parts of ISI's gain over Xavier: centre, kind and meaning."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import groupby, product
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from isi.report import models as of
-from isi.report.data import Results
-from isi.report.models import BASELINE, isi, label
-from isi.report.section import Content, of_each
-from isi.report.sections.immediate import SCOPE
-from isi.report.significance import Difference, by_seed, difference, signed
-from isi.report.stats import HALVES, cells_of, ratios
-from isi.report.tables import Column, Estimate, Table
-from isi.report.words import WORDS, joined
+from isi.report.data import Experiment, Results
+from isi.report.section import Content, of_each_graph
+from isi.report.significance import (
+    LEVEL,
+    Difference,
+    Pair,
+    by_seed,
+    compare,
+    difference,
+    pairs_table,
+    signed,
+    smallest_p,
+)  # fmt: skip
+from isi.report.stats import cells_of, ratios
+from isi.report.tables import Column, Estimate, ReportTable
+from isi.report.words import BASELINE, HALVES, SCOPE, SCOPES, WORDS, isi, joined, label
+from isi.report.words import controls as controls_of
 
-SCOPES = ("all", "novel")
+#: How many pairs that do not differ significantly a sentence names.
+_NAMED = 6
 #: Points of MRR* that are shown as 0.0.
 ZERO = 0.05
 #: What each of these has that the one before it (at first, Xavier) has not; an initializer of ISI has the last.
 _MEAN = "mean"
 _STEPS = (("centre", _MEAN), ("kind", "kind_mean"))
-_LAST = "meaning"
 WHOLE = "all of it"
 #: An initializer of ISI and the control that differs from it in one thing.
 _TWINS = (("words", "es", "es_permuted"), ("words within a kind", "es", "es_permuted_kinds"))
+
+
+@of_each_graph
+def differences(results: Results, experiment: Experiment) -> Content | None:
+    """Pairs that differ, ISI against the others, every pair; nothing where no graph has anything to compare."""
+    if all(len(one.initializers) < 2 for one in results.standalone):
+        return None
+    measured = measures(experiment.immediate, experiment.convergence, experiment.initializers)
+    pairs = compare(measured, experiment.initializers)
+    numbers = {"seeds": experiment.settings.sessions.seeds, "level": LEVEL, "counts": counts(pairs)}
+    shown = [differences_isi(pairs, list(measured), experiment.initializers), pairs_table("differences", pairs)]
+    return Content(numbers, shown)
+
+
+def measures(
+    immediate: pd.DataFrame, convergence: pd.DataFrame, initializers: Sequence[str]
+) -> dict[str, pd.DataFrame]:
+    """The headline measures by session, size, seed and initializer: MRR* in points, epochs; null without queries."""
+    titled = [(f"immediate MRR*, {SCOPES[scope]}", 100, immediate, scope, "mrr_star") for scope in ("all", "novel")]
+    titled += [(f"immediate entity prediction, {SCOPES['novel']}", 100, immediate, "novel", "mrr_star_entity")]
+    titled += [(f"epochs to convergence, {SCOPES[scope]}", 1, convergence, scope, "epochs")
+               for scope in ("all", "novel_heldout")]  # fmt: skip
+    return {title: scale * cells_of(rows, initializers, scope, column) for title, scale, rows, scope, column in titled}
+
+
+def differences_isi(pairs: Sequence[Pair], measures: Sequence[str], initializers: Sequence[str]) -> ReportTable:
+    """ISI's initializers against every other, a column a measure."""
+    methods = isi(initializers)
+    texts: dict[tuple[str, str], dict[str, str | None]] = {}
+    for pair in pairs:
+        if pair.first in methods and pair.second not in methods:
+            sign = "" if pair.significant else " n.s."
+            text = "none" if np.isnan(pair.difference.p) else f"{pair.difference:+.2f}{sign}"
+            row = texts.setdefault((pair.first, pair.second), dict.fromkeys(measures))
+            row[pair.measure] = text if pair.difference.seeds else None
+    order = sorted(texts, key=lambda names: initializers.index(names[0]))
+    rows = [{"ISI": label(first), "against": label(second), **texts[first, second]} for first, second in order]
+    return ReportTable.of("differences_isi", rows)
+
+
+def counts(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
+    """For each measure with queries, how many pairs differ significantly, and which do not where they are few."""
+    lines = []
+    for measure, group in groupby((pair for pair in pairs if pair.difference.seeds), key=lambda pair: pair.measure):
+        of_measure = list(group)
+        same = [pair for pair in of_measure if not pair.significant]
+        differing = max(pair.difference.differing for pair in of_measure)
+        none_can = len(same) == len(of_measure) and len(of_measure) * smallest_p(differing) >= LEVEL
+        lines.append({
+            "measure": measure, "number": len(of_measure), "significant": len(of_measure) - len(same),
+            "too_few_seeds": differing if none_can else None,
+            "same": same if len(same) <= _NAMED and not none_can else [],
+        })  # fmt: skip
+    return lines
 
 
 @dataclass(frozen=True)
@@ -46,57 +108,56 @@ class Gain:
     points: Difference
 
 
-def controls(results: Results) -> Iterator[Content]:
-    """The same of every graph, with a description of each control; nothing where no control was run."""
-    names = list(dict.fromkeys(name for one in results.standalone for name in of.controls(one.initializers)))
-    if names:
-        yield from of_each(results.standalone, lambda one: of_runs(one.immediate, one.initializers, names))
-
-
-def of_runs(immediate: pd.DataFrame, initializers: Sequence[str], controls: Sequence[str]) -> Content:
-    """Parts and shares of the gain."""
+@of_each_graph
+def controls(results: Results, experiment: Experiment) -> Content | None:
+    """Parts and shares of the gain, with a description of each control; nothing where no control was run."""
+    names = list(dict.fromkeys(name for one in results.standalone for name in controls_of(one.initializers)))
+    if not names:
+        return None
+    immediate, initializers = experiment.immediate, experiment.initializers
     gains, shares = parts(immediate, initializers), shares_of_the_gain(immediate, initializers)
     rows: dict[tuple[str, str, str, str], dict[Any, Any]] = {}
     for gain in gains:
         head = {SCOPE: gain.scope, "part": gain.part, "what has it": label(gain.first), "minus": label(gain.second)}
         row = rows.setdefault((gain.scope, gain.part, gain.first, gain.second), head)
         row[Column(HALVES[gain.half], form=signed)] = gain.points
-    found = {(one.scope, one.half): one.points for one in gains if (one.first, one.second) == (_MEAN, BASELINE)}
-    centre = [found.get(("novel", half)) for half in HALVES]
+    of_centre = {one.half: one.points for one in gains
+                 if (one.scope, one.first, one.second) == ("novel", _MEAN, BASELINE)}  # fmt: skip
     numbers = {
-        "names": controls, "shares": shares, "mean": _MEAN, "centre": centre if all(centre) else None,
+        "names": names, "shares": shares, "mean": _MEAN,
+        "centre": [of_centre[half] for half in HALVES] if len(of_centre) == len(HALVES) else None,
         "sentences": [
             (scope, method, [composition(gains, scope, half, method) for half in HALVES])
-            for scope in SCOPES for method in isi(initializers) if any(gain.scope == scope for gain in gains)
+            for scope in ("all", "novel") for method in isi(initializers) if any(gain.scope == scope for gain in gains)
         ],
     }  # fmt: skip
-    return Content(numbers, [Table.of("parts_of_the_gain", rows.values()), Table.of("shares_of_the_gain", shares)])
+    return Content(numbers, [ReportTable.of("parts_of_the_gain", rows.values()),
+                             ReportTable.of("shares_of_the_gain", shares)])  # fmt: skip
 
 
 def steps(method: str, models: Sequence[str]) -> list[tuple[str, str, str]]:
     """From Xavier to one of ISI over the controls that were run: the part, who has it, and who has it not yet."""
-    found, names, before = [], [], BASELINE
-    for name, model in (*_STEPS, (_LAST, method)):
+    path, names, before = [], [], BASELINE
+    for name, model in (*_STEPS, ("meaning", method)):
         names.append(name)
         if model in models:
-            found.append((joined(names), model, before))
+            path.append((joined(names), model, before))
             names, before = [], model
-    return found
+    return path
 
 
 def parts(immediate: pd.DataFrame, models: Sequence[str]) -> list[Gain]:
     """Every step towards each initializer of ISI, its whole gain, and its twins, scope by scope and half by half."""
-    found = []
     pairs = [step for method in isi(models) for step in steps(method, models)]
     pairs += [(WHOLE, method, BASELINE) for method in isi(models)]
     pairs = [pair for pair in dict.fromkeys([*pairs, *_TWINS]) if {*pair[1:]} <= set(models)]  # Xavier may lack
-    for scope, half in product(SCOPES, HALVES):
+    gains = []
+    for scope, half in product(("all", "novel"), HALVES):
         cells = 100 * cells_of(immediate, models, scope, half)
-        for part, first, second in pairs:
-            points = difference(by_seed(cells[first], cells[second]))
-            if points.seeds:
-                found.append(Gain(scope, half, part, first, second, points))
-    return found
+        differences = [difference(by_seed(cells[first], cells[second])) for _, first, second in pairs]
+        gains += [Gain(scope, half, *pair, points)
+                  for pair, points in zip(pairs, differences, strict=True) if points.seeds]  # fmt: skip
+    return gains
 
 
 def shares_of_the_gain(immediate: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, Any]]:
@@ -105,19 +166,17 @@ def shares_of_the_gain(immediate: pd.DataFrame, models: Sequence[str]) -> list[d
     No share where ISI gains nothing.
     """
     rows = []
-    for scope, half in product(SCOPES if BASELINE in models else (), HALVES):
+    for scope, half in product(("all", "novel") if BASELINE in models else (), HALVES):
         cells = 100 * cells_of(immediate, models, scope, half)
-        for method, control in product(isi(models), of.controls(models)):
+        for method, control in product(isi(models), controls_of(models)):
             three = cells[[BASELINE, method, control]].dropna()
             gain, other = (by_seed(three[name], three[BASELINE]) for name in (method, control))
             if len(gain):
-                share = Estimate(np.nan)
-                if gain.mean() >= ZERO:
-                    share = Estimate(*(100 * ratios(other[None], gain[None])[0]).tolist())
+                share = 100 * ratios(other[None], gain[None])[0] if gain.mean() >= ZERO else [np.nan]
                 rows.append({
                     SCOPE: scope, Column("of", words=WORDS): HALVES[half], "ISI": label(method),
                     "gain over Xavier": difference(gain), "control": label(control),
-                    "control's gain": difference(other), "share %": share,
+                    "control's gain": difference(other), "share %": Estimate(*map(float, share)),
                     "rest": difference(by_seed(three[method], three[control])),
                 })  # fmt: skip
     return rows
@@ -125,14 +184,14 @@ def shares_of_the_gain(immediate: pd.DataFrame, models: Sequence[str]) -> list[d
 
 def composition(gains: Sequence[Gain], scope: str, half: str, method: str) -> dict[str, Any] | None:
     """One gain over Xavier and its parts, with their shares where each adds to it; None where nothing compares."""
-    own = [gain for gain in gains if (gain.scope, gain.half) == (scope, half)]
-    whole = next(
-        (gain.points for gain in own if (gain.first, gain.second, gain.part) == (method, BASELINE, WHOLE)), None
-    )
-    models = sorted({name for gain in own for name in (gain.first, gain.second)})
-    made = [gain for step in steps(method, models) for gain in own if (gain.part, gain.first, gain.second) == step]
-    if whole is None or not made:
+    here = [gain for gain in gains if (gain.scope, gain.half) == (scope, half)]
+    models = sorted({name for gain in here for name in (gain.first, gain.second)})
+    whole, *made = [[gain for gain in here if (gain.part, gain.first, gain.second) == step]
+                    for step in ((WHOLE, method, BASELINE), *steps(method, models))]  # fmt: skip
+    of_steps = [gain for matching in made for gain in matching]
+    if not whole or not of_steps:
         return None
-    shared = whole.mean >= ZERO and min(gain.points.mean for gain in made) >= 0
-    percent = [100 * gain.points.mean / whole.mean if shared else None for gain in made]
-    return {"gain": whole.mean, "parts": list(zip(made, percent, strict=True)), "last": made[-1].points}
+    points = whole[0].points.mean
+    shared = points >= ZERO and min(gain.points.mean for gain in of_steps) >= 0
+    percent = [100 * gain.points.mean / points if shared else None for gain in of_steps]
+    return {"gain": points, "parts": list(zip(of_steps, percent, strict=True)), "last": of_steps[-1].points}

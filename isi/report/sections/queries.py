@@ -1,20 +1,22 @@
-"""MRR* by kind of query: the novel entity given or its answer, by relation, and under two filters."""
+"""MRR* by kind of query (the novel entity given or its answer, by relation, under two filters), and Table 3 (6.3)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import pandas as pd
 
-from isi.report.data import Experiment, Results
+from isi.report.data import Analysis, Experiment, Results
 from isi.report.figures import Figure, by_size
-from isi.report.models import JOINT, contenders, label
 from isi.report.section import Content, of_each
-from isi.report.sections.immediate import SCOPE
-from isi.report.stats import DIRECTIONS, HALVES, by_direction, combined
-from isi.report.tables import Column, Estimate, Table
-from isi.report.variants import by_model
+from isi.report.stats import DIRECTIONS, by_direction, by_model, combined, means, over_seeds, values
+from isi.report.tables import Column, Estimate, ReportTable
+from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, contenders, controls, isi, joined, label
 
+#: Answers that are shown and counted.
+TOP = 4
 _PLACES = {"given": "given", "answer": "answer", "both": "both", "any": "any or none"}
 _FILTERS = {"learned": "scope's filter", "true": "all true"}
 _CELL = ("model", "size", "seed")
@@ -23,66 +25,59 @@ _PAIR = ["scope", "relation", "hidden", "novel"]
 
 def query_breakdown(results: Results) -> Iterator[Content]:
     """The same of every experiment with a breakdown."""
-    rows = {name: one.queries for name, one in results.query_breakdown.items() if not one.queries.empty}
-    broken_down = [experiment for name, experiment in results.experiments.items() if name in rows]
-    return of_each(broken_down, lambda experiment: of_experiment(experiment, rows[experiment.name]))
+    rows = {name: tables.queries for name, tables in results.query_breakdown.items() if not tables.queries.empty}
+    experiments = [experiment for name, experiment in results.experiments.items() if name in rows]
+    return of_each(experiments, lambda experiment: _breakdown(experiment, rows[experiment.name]))
 
 
-def of_experiment(experiment: Experiment, rows: pd.DataFrame) -> Content:
-    """Both directions, relations and directions, and both filters; ``rows``: ``tables.ASKED``."""
-    models, cells = experiment.models, by_direction(rows, _CELL)
-    given = directions(rows, models)
+def _breakdown(experiment: Experiment, rows: pd.DataFrame) -> Content:
+    """Both directions, relations and directions, and both filters."""
+    models, given = experiment.models, directions(rows, experiment.models)
     pairs, by_filter = by_relation(rows), filters(rows)
-    everything = pairs[pairs["scope"] == "all"]
-    joint = everything.dropna(subset=JOINT).sort_values(JOINT) if JOINT in pairs else everything.head(0)
+    joint = pairs[pairs["scope"] == "all"]
+    joint = joint.dropna(subset=JOINT).sort_values(JOINT) if JOINT in pairs else joint.head(0)
     everyone = by_filter["mrr_star"].unstack("filter").reindex(columns=list(_FILTERS)).reset_index("scope")
-    immediate = everyone[everyone["scope"] == "all"]
+    everyone = everyone[everyone["scope"] == "all"]
     numbers = {
-        "leaders": {direction: leader(means) for direction, means in given.items()},
-        "joint": {direction: means[JOINT].mean if JOINT in means else None for direction, means in given.items()},
+        "leaders": {direction: leader(estimates) for direction, estimates in given.items()},
+        "joint": {direction: values(estimates).get(JOINT) for direction, estimates in given.items()},
         "extremes": joint.iloc[[0, -1]][["query", JOINT]].to_numpy().tolist() if len(joint) else [],
-        "learned": immediate["learned"].dropna().to_dict(), "all_true": immediate["true"].dropna().to_dict(),
+        "learned": everyone["learned"].dropna().to_dict(), "all_true": everyone["true"].dropna().to_dict(),
         "models": [*contenders(experiment.initializers), JOINT],
     }  # fmt: skip
-    canvas = by_size(cells, models, list(DIRECTIONS), ["mrr_star_entity"], len(experiment.entities))
+    canvas = by_size(by_direction(rows, _CELL), models, list(DIRECTIONS), ["mrr_star_entity"], len(experiment.entities))
     for axes, title in zip(canvas.axes, DIRECTIONS.values(), strict=True):
         axes.set(title=title, ylabel="MRR* (points)")
     columns = {model: label(model) for model in models if model in pairs}
-    shown: list[Table | Figure] = [
-        Table.of("directions", [
-            {"model": label(model), **{title: given[name].get(model) for name, title in DIRECTIONS.items()}}
-            for model in models
-        ]),
-        Figure("directions", canvas),
-        Table.of("by_relation", pairs[["scope", "query", "novel entity", "queries", *columns]].rename(
-            columns=columns | {"scope": SCOPE})),
-        Table.of("filters", [
-            {SCOPE: scope, "model": label(model)}
-            | {Column(title, half): by_filter[column].get((scope, model, name))
-               for column, half in HALVES.items() for name, title in _FILTERS.items()}
-            for scope in ("all", "novel") for model in models
-        ]),
-    ]  # fmt: skip
-    return Content(numbers, shown)
+    pairs = pairs[["scope", "query", "novel entity", "queries", *columns]].rename(columns=columns | {"scope": SCOPE})
+    tables: dict[str, Any] = {
+        "directions": [{"model": label(model), **{title: given[name].get(model) for name, title in DIRECTIONS.items()}}
+                       for model in models],
+        "by_relation": pairs,
+        "filters": [{SCOPE: scope, "model": label(model)}
+                    | {Column(title, half): by_filter[column].get((scope, model, name))
+                       for column, half in HALVES.items() for name, title in _FILTERS.items()}
+                    for scope in ("all", "novel") for model in models],
+    }  # fmt: skip
+    shown = [ReportTable.of(name, table) for name, table in tables.items()]
+    return Content(numbers, [*shown, Figure("directions", canvas)])
 
 
 def directions(rows: pd.DataFrame, models: Sequence[str]) -> dict[str, dict[str, Estimate]]:
     """Entity prediction about novel entities by direction and model: means over sizes and seeds in points."""
-    cells = by_direction(rows, _CELL)
-    return {name: by_model(cells[cells["scope"] == name], "mrr_star_entity", models) for name in DIRECTIONS}
+    queries = by_direction(rows, _CELL)
+    return {name: by_model(queries[queries["scope"] == name], "mrr_star_entity", models) for name in DIRECTIONS}
 
 
-def leader(means: Mapping[str, Estimate]) -> tuple[str, float, dict[str, float]] | None:
+def leader(estimates: Mapping[str, Estimate]) -> tuple[str, float, dict[str, float]] | None:
     """The best initializer, its mean, and the means of those under test; None where none has any."""
-    values = {name: estimate.mean for name, estimate in means.items() if name != JOINT and not pd.isna(estimate.mean)}
-    if not values:
-        return None
-    best = max(values, key=lambda name: values[name])
-    return best, values[best], {name: values[name] for name in contenders(values)}
+    present = {name: mean for name, mean in values(estimates).items() if name != JOINT and not pd.isna(mean)}
+    best = max(present, key=lambda name: present[name], default=None)
+    return None if best is None else (best, present[best], {name: present[name] for name in contenders(present)})
 
 
 def by_relation(rows: pd.DataFrame) -> pd.DataFrame:
-    """Entity queries by relation and direction: means over cells in points, a column a model, with their number.
+    """Entity queries by relation and direction: means over sizes and seeds in points, a column a model, with a number.
 
     Those of scope novel stand first, by where the novel entity is; both then by relation and direction.
     """
@@ -90,18 +85,129 @@ def by_relation(rows: pd.DataFrame) -> pd.DataFrame:
     rows = rows.assign(novel=rows["novel"].where(rows["scope"] == "novel", "any"))
     means = 100 * combined(rows, [*_PAIR, *_CELL]).groupby([*_PAIR, "model"])["mrr_star_entity"].mean()
     queries = rows.groupby([*_PAIR, "model"])["queries"].sum().groupby(_PAIR).first()
-    frame = means.unstack("model").assign(queries=queries).sort_index(key=_ordered).reset_index()
-    query = [{"head": f"(?, {relation}, t)", "tail": f"(h, {relation}, ?)"}[hidden]
+    orders = {"scope": ["novel", "all"], "novel": list(_PLACES)}
+    frame = means.unstack("model").assign(queries=queries)
+    frame = frame.sort_index(key=lambda level: level.map(orders[level.name].index) if level.name in orders else level)
+    frame = frame.reset_index()
+    query = [f"(?, {relation}, t)" if hidden == "head" else f"(h, {relation}, ?)"
              for relation, hidden in zip(frame["relation"], frame["hidden"], strict=True)]  # fmt: skip
     return frame.assign(query=query, **{"novel entity": frame["novel"].map(_PLACES)})
 
 
-def _ordered(level: pd.Index) -> pd.Index:
-    places = {"scope": ["novel", "all"], "novel": list(_PLACES)}.get(str(level.name))
-    return level.map(places.index) if places else level
-
-
 def filters(rows: pd.DataFrame) -> pd.DataFrame:
-    """MRR* with its halves under each filter: means over cells in points, by scope, model and filter."""
-    cells = combined(rows[rows["scope"].isin(["all", "novel"])], ["scope", "filter", *_CELL])
-    return 100 * cells.groupby(["scope", "model", "filter"])[list(HALVES)].mean()
+    """MRR* with its halves under each filter: means over sizes and seeds in points, by scope, model and filter."""
+    queries = combined(rows[rows["scope"].isin(["all", "novel"])], ["scope", "filter", *_CELL])
+    return 100 * queries.groupby(["scope", "model", "filter"])[list(HALVES)].mean()
+
+
+@dataclass(frozen=True)
+class Answers:
+    """The ranked answers to (entity, relation, ?) of one experiment."""
+
+    #: ``AFFORDANCES``, with a column ``model``
+    ranks: pd.DataFrame
+    #: by id
+    entities: pd.DataFrame
+    relation: str
+    #: kinds of the relation's tails: answers of other kinds are wrong
+    kinds: Sequence[str]
+    #: source of the entities that every repeat has: those that are shown as answers
+    source: str
+
+    @property
+    def plural(self) -> str:
+        """The kinds in words: affordances."""
+        return joined(f"{kind}s" for kind in self.kinds)
+
+    def repeats(self, entity: str) -> int:
+        """How many repeats inserted an entity."""
+        return int(self._about(entity)["seed"].nunique())
+
+    def _about(self, entity: str) -> pd.DataFrame:
+        return self.ranks[self.ranks["entity"].isin(self.entities.index[self.entities["entity"] == entity])]
+
+    def top(self, model: str, entity: str) -> list[tuple[str, str]]:
+        """The answers of lowest mean rank over the repeats that inserted an entity, each with its kind."""
+        ranks = self._about(entity)
+        known = ranks[(ranks["model"] == model) & (ranks["answer"].map(self.entities["source"]) == self.source)]
+        best = known.groupby("answer")["rank"].mean().sort_values(kind="stable").index[:TOP]
+        return [(str(answer), str(kind)) for answer, kind in self.entities.loc[best, ["entity", "kind"]].to_numpy()]
+
+    def judged(self, model: str, entities: Sequence[str], afforded: Mapping[str, Sequence[str]]) -> dict[str, int]:
+        """How many of the answers about some entities are of the relation's kinds, and how many are wrong.
+
+        Args:
+            afforded: what is plausible, by entity; where all are judged, also how many are that, and unlikely.
+        """
+        tops = [(entity, *answer) for entity in entities for answer in self.top(model, entity)]
+        hits = [(entity, answer) for entity, answer, kind in tops if kind in self.kinds]
+        counts = {"affordances": len(hits), "wrong": len(tops) - len(hits)}
+        if all(entity in afforded for entity in entities):
+            counts["plausible"] = sum(answer in afforded[entity] for entity, answer in hits)
+            counts["unlikely"] = len(hits) - counts["plausible"]
+        return counts
+
+    @property
+    def hits(self) -> pd.DataFrame:
+        """The highest-ranked answers of all inserted entities, and whether they are of the relation's kinds."""
+        rows = self.ranks[self.ranks["rank"] <= TOP]
+        return rows.assign(hit=rows["answer"].map(self.entities["kind"]).isin(self.kinds))
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Of the highest-ranked answers of all inserted entities, how many are of these kinds, in per cent."""
+        return means(self.hits, "hit")
+
+
+def affordances(results: Results) -> Iterator[Content]:
+    """Table 3: what can be done with entities right after insertion, as the embedding ranks it."""
+    if results.affordances is None:
+        return
+    settings, experiment = results.params.affordances, results.affordances.experiment
+    answers, initializers = answers_of(results.affordances, settings.relation), experiment.initializers
+    first = [*isi(initializers), *([BASELINE] if BASELINE in initializers else [])]
+    others = [name for name in initializers if name not in first]
+    numbers = {
+        "answers": answers, "top": TOP, "source": results.source_title(answers.source), "others": others,
+        "tested": contenders(initializers), "controls": controls(initializers),
+        "inserted": int((experiment.novel["session"] == 1).sum()),
+        "number": int(answers.entities["kind"].isin(answers.kinds).sum()),
+    }  # fmt: skip
+    yield Content(numbers, [
+        ReportTable.of("table3_affordances", ranked(answers, settings.entities, first)),
+        ReportTable.of("table3_others", ranked(answers, settings.entities, others)),
+        affordance_shares(answers, initializers),
+    ])  # fmt: skip
+
+
+def answers_of(analysis: Analysis[pd.DataFrame], relation: str) -> Answers:
+    """The answers of the analysis; ``relation``: of its queries."""
+    experiment = analysis.experiment
+    tails = experiment.triples.loc[experiment.triples["relation"] == relation, "tail"]
+    kind_of = experiment.entities.set_index("entity")["kind"]
+    kinds = sorted(kind_of[tails.unique()].unique())
+    return Answers(analysis.result, experiment.entities, relation, kinds, experiment.settings.graph.source)
+
+
+def ranked(answers: Answers, entities: Sequence[str], models: Sequence[str]) -> list[dict[str, Any]]:
+    """The first answers about some entities, a column an initializer; those of another kind are marked."""
+    marks = {
+        (entity, model): [f"{'' if kind in answers.kinds else '× '}{answer} ({kind})"
+                          for answer, kind in answers.top(model, entity)] + TOP * ["–"]
+        for entity in entities for model in models
+    }  # fmt: skip
+    return [
+        {"entity": f"{entity} (n = {answers.repeats(entity)})", "": f"{place + 1}."}
+        | {label(model): marks[entity, model][place] for model in models}
+        for entity in entities for place in range(TOP)
+    ]  # fmt: skip
+
+
+def affordance_shares(answers: Answers, initializers: Sequence[str]) -> ReportTable:
+    """How often the highest-ranked answers are of the relation's kinds, over everything that was inserted."""
+    hits, titles = answers.hits, (f"top {TOP}: {answers.plural} %", f"first: {joined(answers.kinds)} %")
+    shares = [over_seeds(rows, ["model"], {"hit": "hit"})["hit"] for rows in (hits, hits[hits["rank"] == 1])]
+    return ReportTable.of("affordance_shares", [
+        {"initializer": label(name), **{title: share.get(name) for title, share in zip(titles, shares, strict=True)}}
+        for name in initializers
+    ])  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,39 +11,34 @@ import pandas as pd
 
 from isi.report import glossary
 from isi.report.data import Experiment, Results
-from isi.report.models import label
 from isi.report.section import Content, of_each
-from isi.report.sections.graphs import relations_by_kind
-from isi.report.sections.immediate import in_order_of
-from isi.report.stats import HALVES
-from isi.report.tables import Column, Table
-from isi.report.words import SCOPES
+from isi.report.sections.variants import relations_by_kind
+from isi.report.tables import Column, ReportTable
+from isi.report.words import HALVES, SCOPES, in_order, label
 
 _TRIPLE = ["source", "head", "relation", "tail", "count"]
 
 
 def guide(results: Results) -> Iterator[Content]:
     """A drawing of what is done, then words."""
-    yield Content({"words": glossary.of_the_page(), "initializers": glossary.models(results)})
+    yield Content({"words": glossary.of_the_page(), "initializers": glossary.of_models(results)})
 
 
 def graph(results: Results) -> Iterator[Content]:
     """Each graph of its own, then the training on all."""
-    yield from of_each(results.standalone, lambda experiment: of_graph(results, experiment))
-    shown = training({name: (one.theta0_log, one.joint_log) for name, one in results.experiments.items()},
-                     {name: one.used for name, one in results.query_breakdown.items()}, results.titles)  # fmt: skip
-    yield Content({"of_all": True, "several": len(results.standalone) > 1}, [shown])
+    yield from of_each(results.standalone, lambda experiment: _of_graph(results, experiment))
+    yield Content({"of_all": True, "several": len(results.standalone) > 1}, [_training(results)])
 
 
-def of_graph(results: Results, experiment: Experiment) -> Content:
+def _of_graph(results: Results, experiment: Experiment) -> Content:
     """Table 1, where the source has scenes, the size of the graph, and what relation prediction is on it."""
     paper, entities, triples = results.paper["graph"], experiment.entities, experiment.triples
     observations = results.observed[experiment.settings.graph.source].observations
     has_scenes = bool(observations["scene"].notna().any())
-    kinds = in_order_of(entities["kind"].unique(), results.vocabulary["kinds"])
+    kinds = in_order(entities["kind"].unique(), results.vocabulary["kinds"])
     ours = {"observations": int(triples["count"].sum()), "unique_triples": len(triples), "entities": len(entities),
             **{f"{kind} entities": int((entities["kind"] == kind).sum()) for kind in kinds}}  # fmt: skip
-    shown = [Table.of("graph_totals", [
+    shown = [ReportTable.of("graph_totals", [
         {"": name.replace("_", " "), "this run": number, "paper": paper.get(name)} for name, number in ours.items()
     ])]  # fmt: skip
     if has_scenes:
@@ -57,58 +52,52 @@ def of_graph(results: Results, experiment: Experiment) -> Content:
     return Content(numbers, shown)
 
 
-def table1(observations: pd.DataFrame, paper: Mapping[str, Mapping[str, float]], words: Mapping[str, str]) -> Table:
+def table1(
+    observations: pd.DataFrame, paper: Mapping[str, Mapping[str, float]], words: Mapping[str, str]
+) -> ReportTable:
     """Table 1: the median counts of one environment, by room type, beside the paper's.
 
     Args:
-        observations: ``tables.OBSERVATIONS``, of scenes.
+        observations: ``OBSERVATIONS``, of scenes.
         paper: the paper's numbers, by room.
         words: what the paper calls relations.
     """
     rows = observations[observations["scene"].notna()]
-    relations = in_order_of(sorted(rows["relation"].unique()), list(words))
-    counts = pd.DataFrame(
-        {words.get(name, name): rows[rows["relation"] == name].groupby("scene").size() for name in relations}
-    ).fillna(0)
+    counts = rows.groupby(["scene", "relation"]).size().unstack(fill_value=0)
+    counts = counts[in_order(counts.columns, list(words))].rename(columns=words)
     counts["object types"] = rows.groupby("scene")["head"].nunique()
     rooms = rows.groupby("scene")["room"].first()
     lines: dict[str, dict[str, float]] = {}
-    for room in [*in_order_of(sorted(rooms.dropna().unique()), list(paper)), "all"]:
-        of_room = counts if room == "all" else counts[rooms.reindex(counts.index) == room]
+    for room in [*in_order(sorted(rooms.dropna().unique()), list(paper)), "all"]:
+        of_room = counts if room == "all" else counts[rooms == room]
         lines[room] = {}
         for name, value in (of_room.median().to_dict() | {"rooms": len(of_room)}).items():
             theirs = "entities" if name == "object types" else str(name)
             lines[room] |= {str(name): value, f"{theirs} (paper)": paper.get(room, {}).get(theirs, np.nan)}
     frame = pd.DataFrame(lines).T.rename_axis("room").reset_index()
-    return Table.of("table1_graph_statistics", frame.dropna(axis=1, how="all"))
+    return ReportTable.of("table1_graph_statistics", frame.dropna(axis=1, how="all"))
 
 
-def training(
-    logs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], used: Mapping[str, pd.DataFrame], titles: Mapping[str, str]
-) -> Table:
-    """How long Θ⁰ and the joint model trained, what validation MRR* they reached, and the coordinates in use.
-
-    Args:
-        logs: ``tables.TRAINING_LOG`` of both, by experiment.
-        used: ``tables.USED`` of the joint model, by experiment.
-    """
+def _training(results: Results) -> ReportTable:
+    """How long Θ⁰ and the joint model trained, what validation MRR* they reached, and the coordinates in use."""
     rows = []
-    for experiment, both in logs.items():
-        for name, log in zip(("theta0", "joint"), both, strict=True):
+    for experiment in results.experiments.values():
+        breakdown = results.query_breakdown.get(experiment.name)
+        for name, log in (("theta0", experiment.theta0_log), ("joint", experiment.joint_log)):
             epochs = log.groupby(["size", "seed"])["epoch"].max()
             best = log[log["kept"]].groupby(["size", "seed"]).last()
             rows.append(
-                {Column("experiment", words=titles): experiment, "model": name, "trained": len(epochs)}
+                {Column("experiment", words=results.titles): experiment.name, "model": name, "trained": len(epochs)}
                 | {"epochs": epochs.mean(), "best epoch": best["epoch"].mean()}
                 | {f"validation {shown}": 100 * best[column].mean() for column, shown in HALVES.items()}
                 | {"std": 100 * best["mrr_star"].std(ddof=1)}
-                | (in_use(used[experiment]) if name == "joint" and experiment in used else {})
+                | (in_use(breakdown.used) if name == "joint" and breakdown else {})
             )
-    return Table.of("training", rows)
+    return ReportTable.of("training", rows)
 
 
 def in_use(used: pd.DataFrame) -> dict[str, float]:
-    """Scalars and blocks that any relation uses, in per cent; ``tables.USED``."""
+    """Scalars and blocks that any relation uses, in per cent; ``USED_COORDINATES``."""
     sums = used[used["relation"].isna()].groupby("part")[["used", "of"]].sum()
     return {f"{part} in use %": 100 * float(row["used"] / row["of"]) for part, row in sums.iterrows()}
 
@@ -119,7 +108,7 @@ def definitions(results: Results) -> Iterator[Content]:
     graphs = [(one.entities, one.triples) for one in results.experiments.values()]
     words = results.params.words
     frame, number = leaks(graphs, meaning)
-    table = Table.of(
+    table = ReportTable.of(
         "definition_leaks", frame.rename(columns={"defined": "defined end", "definition": "its definition"})
     )
     counts = frame["defined"].value_counts()
@@ -134,7 +123,7 @@ def leaks(
     """Triples of which the definition of one end names the other, and the number of all unique triples.
 
     Args:
-        graphs: ``tables.ENTITIES`` and ``tables.TRIPLES`` of each experiment; triples that several have count once.
+        graphs: ``ENTITIES`` and ``TRIPLES`` of each experiment; triples that several have count once.
         definitions: by phrase.
     """
     parts = []
@@ -171,36 +160,24 @@ def run(results: Results) -> Iterator[Content]:
         "listings": results.run, **results.run,
         "uncovered": dict.fromkeys(coverage.loc[coverage["served_by"].isna(), "entity"], ""),
     }  # fmt: skip
+    left_out = pd.DataFrame({Column(name, title=one.title): _left_out(one) for name, one in experiments.items()})
     yield Content(numbers, [
-        left_out(experiments),
-        ties({name: one.ties for name, one in experiments.items()},
-             {name: one.models for name, one in experiments.items()}, results.titles),
-        fallbacks({name: one.inserted for name, one in experiments.items()}, results.titles),
+        ReportTable.of("left_out", left_out.rename_axis("").reset_index()), ties(experiments), fallbacks(experiments),
     ])  # fmt: skip
 
 
-def left_out(experiments: Mapping[str, Experiment]) -> Table:
-    """What had no queries, or took no part: counted."""
-    counts = pd.DataFrame({
-        Column(name, title=experiment.title): _left_out(experiment) for name, experiment in experiments.items()
-    })  # fmt: skip
-    return Table.of("left_out", counts.rename_axis("").reset_index())
-
-
 def _left_out(experiment: Experiment) -> dict[str, int]:
+    """What had no queries, or took no part: counted."""
     sets = experiment.immediate[experiment.immediate["model"] == experiment.initializers[0]]
     empty = sets[sets["queries"] == 0].groupby("scope").size()
     with_triples = experiment.insert_triples[["size", "seed", "entity"]].drop_duplicates()
-    counts = {
-        f"sets without queries: {SCOPES[scope]}": int(empty.get(scope, 0)) for scope in sorted(set(sets["scope"]))
-    }
-    return counts | {
+    return {
+        **{f"sets without queries: {SCOPES[scope]}": int(empty.get(scope, 0)) for scope in sorted(set(sets["scope"]))},
         "entities without a word vector": int(experiment.coverage["served_by"].isna().sum()),
         "inserted entities without insert triples": len(experiment.novel) - len(with_triples),
         "known entities without training triples, over all sets": orphans(
-            experiment.entities, experiment.triples, experiment.splits, experiment.novel
-        ),
-    }
+            experiment.entities, experiment.triples, experiment.splits, experiment.novel),
+    }  # fmt: skip
 
 
 def orphans(entities: pd.DataFrame, triples: pd.DataFrame, splits: pd.DataFrame, novel: pd.DataFrame) -> int:
@@ -217,33 +194,25 @@ def orphans(entities: pd.DataFrame, triples: pd.DataFrame, splits: pd.DataFrame,
     return lost
 
 
-def ties(counted: Mapping[str, pd.DataFrame], models: Mapping[str, Sequence[str]], titles: Mapping[str, str]) -> Table:
-    """Rivals whose score is tied with the answer's, right after insertion: they count half in a rank.
-
-    Args:
-        counted: ``tables.TIES`` with a column ``model``, by experiment.
-        models: of each experiment, in their order.
-    """
-    rows = []
-    for name, frame in counted.items():
-        counts = frame.groupby(["model", "scope"])["ties"].sum()
-        rows += [
-            {Column("experiment", words=titles): name, "model": label(model)}
-            | {scope: int(counts.get((model, scope), 0)) for scope in ("all", "novel")}
-            for model in models[name]
-        ]
-    return Table.of("ties", rows)
+def ties(experiments: Mapping[str, Experiment]) -> ReportTable:
+    """Rivals whose score is tied with the answer's, right after insertion: they count half in a rank."""
+    titles = {name: experiment.title for name, experiment in experiments.items()}
+    counts = {name: one.ties.groupby(["model", "scope"])["ties"].sum() for name, one in experiments.items()}
+    return ReportTable.of("ties", [
+        {Column("experiment", words=titles): name, "model": label(model)}
+        | {scope: int(counts[name].get((model, scope), 0)) for scope in ("all", "novel")}
+        for name, experiment in experiments.items() for model in experiment.models
+    ])  # fmt: skip
 
 
-def fallbacks(inserted: Mapping[str, pd.DataFrame], titles: Mapping[str, str]) -> Table:
-    """How often each initializer lacked what it needs, and what it fell back to; ``tables.INSERTED``, by experiment."""
-    counts: dict[str, dict[Any, int]] = {
-        name: frame.groupby(["model", "fallback"], dropna=True).size().to_dict() for name, frame in inserted.items()
-    }
-    return Table.of("fallbacks", [
-        {Column("experiment", words=titles): name, "initializer": label(str(model)), "fell back to": fallback,
+def fallbacks(experiments: Mapping[str, Experiment]) -> ReportTable:
+    """How often each initializer lacked what it needs, and what it fell back to."""
+    titles = {name: experiment.title for name, experiment in experiments.items()}
+    return ReportTable.of("fallbacks", [
+        {Column("experiment", words=titles): name, "initializer": label(model), "fell back to": fallback,
          "inserted entities": number}
-        for name, of_experiment in counts.items() for (model, fallback), number in of_experiment.items()
+        for name, experiment in experiments.items()
+        for (model, fallback), number in experiment.inserted.groupby(["model", "fallback"]).size().to_dict().items()
     ])  # fmt: skip
 
 

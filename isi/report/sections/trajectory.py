@@ -12,11 +12,11 @@ from matplotlib.patheffects import withStroke
 
 from isi.report.data import Results
 from isi.report.figures import Figure, legend, panels
-from isi.report.models import colour, isi, label
 from isi.report.section import Content
-from isi.report.tables import Table
+from isi.report.tables import ReportTable
+from isi.report.words import colour, isi, label
 
-#: The way of one entity (see ``tracing.Trace``), by name.
+#: The way of one entity (``TRAJECTORY``), by name.
 Traces = Mapping[str, np.ndarray]
 
 
@@ -39,7 +39,7 @@ def trajectory(results: Results) -> Iterator[Content]:
         "name": str(names[int(traces["entity"][0])]),
         "away": np.linalg.norm(vectors - vectors.mean(0), axis=1).mean(),
     }  # fmt: skip
-    yield Content(numbers, [Figure("figure1_trajectory", drawn(traces, names)), Table.of("trajectory", rows)])
+    yield Content(numbers, [Figure("figure1_trajectory", drawn(traces, names)), ReportTable.of("trajectory", rows)])
 
 
 def known_vectors(traces: Traces) -> np.ndarray:
