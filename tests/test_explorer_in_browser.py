@@ -11,9 +11,9 @@ import pytest
 
 from isi.analyses import single_insertions
 from isi.analyses.single_insertions import SHOWN, TABLES
-from isi.report import contents, page
+from isi.report import page
 from isi.report.data import Analysis, Experiment
-from isi.report.models import label
+from isi.report.words import label
 from isi.tables import io
 from tests.browser import Opened, opened
 from tests.reports import small_results
@@ -50,7 +50,7 @@ def report(shown: Shown, tmp_path_factory: pytest.TempPathFactory) -> Path:
     entities = pd.DataFrame({"entity": NAMES, "kind": "object"})
     experiment: Experiment = replace(results.experiments["home"], entities=entities)
     folder = tmp_path_factory.mktemp("report")
-    section = next(section for section in contents.SECTIONS if section.name == "explorer")
+    section = next(section for section in page.SECTIONS if section.name == "explorer")
     found = replace(results, explorer=Analysis(experiment, shown))
     page.write(folder, found, [section])
     return folder / "index.html"

@@ -7,9 +7,8 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from isi.report.data import BreakdownTables, Results
-from isi.report.sections import graphs
-from isi.report.variants import OtherGraph
+from isi.report.data import BreakdownTables, OtherGraph, Results
+from isi.report.sections import variants
 from tests.reports import shown, small_results
 from tests.variants import ENTITIES, TRIPLES, Given, queries_of, runs_of, variant
 
@@ -27,7 +26,7 @@ GIVEN = {"xavier": [0.1, 0.3], "es": [0.5, 0.6], "kind_mean": [0.5, 0.7], "ers":
 
 
 def test_sizes_and_how_far_the_kind_of_a_tail_determines_the_relation_by_hand() -> None:
-    assert graphs.sizes({"lab": (ENTITIES, TRIPLES)}) == [
+    assert variants.sizes({"lab": (ENTITIES, TRIPLES)}) == [
         {"graph": "lab", "observations": 10, "unique triples": 4, "relations": 3, "entities": 4,
          "kinds": "2 object, 1 room, 1 affordance", "predicted by kind %": pytest.approx(75)}
     ]  # fmt: skip
@@ -35,7 +34,7 @@ def test_sizes_and_how_far_the_kind_of_a_tail_determines_the_relation_by_hand() 
 
 def test_graphs_share_entities_of_the_same_phrase() -> None:
     other = ENTITIES[:2].assign(entity=["cup", "mug"], phrase=["cupboard", "tumbler"])
-    rows = graphs.shared({"lab": (ENTITIES, TRIPLES), "shop": (other, TRIPLES)})
+    rows = variants.shared({"lab": (ENTITIES, TRIPLES), "shop": (other, TRIPLES)})
     assert [(row["lab"], row["shop"]) for row in rows] == [(4, 1), (1, 2)]
 
 

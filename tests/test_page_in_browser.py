@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import pandas as pd
 import pytest
 
-from isi.report import contents, page
-from isi.report.section import Content, Section
-from isi.report.tables import Table
+from isi.report import page
+from isi.report.section import Content, ReportSection
+from isi.report.tables import ReportTable
 from tests.browser import Opened, opened
 from tests.reports import small_results
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 #: A table whose order by number is not that of its text, with what is not there and thousands among it.
 FRAME = pd.DataFrame({"name": ["b", "a", "c", "d"], "points": [9.0, 1234.0, None, -20.0]})
 TEXT = "# Plain\n\n@table plain_table | Plain table\nOf four rows."
-PLAIN = Section("plain", lambda _: [Content(shown=[Table.of("plain_table", FRAME)])], TEXT)
+PLAIN = ReportSection("plain", lambda _: [Content(shown=[ReportTable.of("plain_table", FRAME)])], TEXT)
 
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A whole report of a few invented runs, and a part with a plain table."""
     folder = tmp_path_factory.mktemp("report")
-    page.write(folder, small_results(["home", "away", "moved"]), (*contents.SECTIONS, PLAIN))
+    page.write(folder, small_results(["home", "away", "moved"]), (*page.SECTIONS, PLAIN))
     return folder / "index.html"
 
 

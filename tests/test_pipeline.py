@@ -511,7 +511,7 @@ def test_things_of_ones_own_go_from_their_files_to_the_report(tmp_path: Path) ->
         ("stages", "count_triples", "stage"),
     ):  # fmt: skip
         (tmp_path / folder / f"{name}.py").write_text(documented.code(f"own {own}"), encoding="utf-8")
-    contents = tmp_path / "isi/report/contents.py"
+    contents = tmp_path / "isi/report/page.py"
     listed = contents.read_text(encoding="utf-8")
     assert listed.count('"run.run")') == 1
     contents.write_text(listed.replace('"run.run")', '"query_counts.query_counts", "run.run")'), encoding="utf-8")

@@ -13,10 +13,9 @@ from matplotlib.colors import to_hex
 
 from isi.evaluation.convergence import epochs_to_convergence
 from isi.report import figures, stats
-from isi.report.models import colour, label
 from isi.report.sections import choices, convergence, forgetting, run, trajectory
-from isi.report.tables import Column, Estimate, Table, csv, number
-from isi.report.words import joined, listed_epochs, with_values
+from isi.report.tables import Column, Estimate, ReportTable, csv, number
+from isi.report.words import colour, joined, label, listed_epochs, with_values
 from tests.reports import INITIALIZERS, runs, small_params
 
 
@@ -100,15 +99,15 @@ def test_definitions_name_what_they_say_in_regular_inflections(text: str, phrase
 
 def test_numbers_are_shown_as_people_read_them() -> None:
     frame = pd.DataFrame({"whole": [1.0, np.nan, 1234.0], "part": [0.05, 1.25, 12.0], "text": ["a", "b", "c"]})
-    shown = Table.of("name", frame).shown
+    shown = ReportTable.of("name", frame).shown
     assert shown["whole"].tolist() == ["1", "–", "1,234"]
     assert shown["part"].tolist() == ["0.1", "1.2", "12.0"]
     assert shown["text"].tolist() == ["a", "b", "c"]
-    assert Table.of("name", pd.DataFrame({"x": [-0.01, 1.5]})).shown["x"].tolist() == ["0.0", "1.5"]
+    assert ReportTable.of("name", pd.DataFrame({"x": [-0.01, 1.5]})).shown["x"].tolist() == ["0.0", "1.5"]
 
 
 def test_an_estimate_is_one_cell_for_people_and_three_columns_in_files() -> None:
-    table = Table.of("name", [
+    table = ReportTable.of("name", [
         {"model": "a", Column("x", "all"): Estimate(1, 0.5, 2), Column("n", form="{:+.2f}".format): -0.01},
         {"model": "b", Column("x", "all"): Estimate(2), Column("n", form="{:+.2f}".format): 3.0},
     ])  # fmt: skip
@@ -122,7 +121,7 @@ def test_an_estimate_is_one_cell_for_people_and_three_columns_in_files() -> None
 
 
 def test_a_table_without_rows_can_be_written() -> None:
-    assert all(isinstance(text, str) for text in Table.of("name", []).files.values())
+    assert all(isinstance(text, str) for text in ReportTable.of("name", []).files.values())
 
 
 def test_numbers_of_files_have_two_decimals_or_four_digits() -> None:
@@ -191,8 +190,8 @@ def test_cross_validation_marks_the_choices_and_gives_the_spread_over_folds() ->
     sure = [row | {"mrr_star": 0.9 + 0.01 * row["fold"]} if row["learning_rate"] == 0.2 else row for row in rows]
     told = choices.cross_validation_table(pd.DataFrame(sure), settings, paper).frame
     assert told.loc[told["learning rate"] == "0.2", "beyond the folds' deviation"].tolist() == ["yes"]
-    assert choices.note(pd.DataFrame(rows), settings[0], "learning_rate").endswith(
-        "from the choice of this run, less than the folds deviate"
+    assert choices.best(pd.DataFrame(rows), settings[0], "learning_rate")[1] == (
+        "+10.0 points from the choice of this run, less than the folds deviate"
     )
 
 
@@ -203,9 +202,9 @@ def test_the_best_value_of_a_factor_has_the_others_as_chosen() -> None:
     table = table.sort_values(["dimension", "ratio", "learning_rate", "weight_decay"])
     table.loc[table["dimension"] == 40, "mrr_star"] = [0.9, 0.4]
     table.loc[table["learning_rate"] == 0.2, "mrr_star"] = [0.6, 0.6]
-    assert choices.best(table, choice, "dimension") == 40
-    assert choices.best(table, choice, "learning_rate") == 0.2
-    assert choices.best(table, choice, "ratio") == choice["ratio"]  # equals: the choice, which is first
+    assert choices.best(table, choice, "dimension")[0] == 40
+    assert choices.best(table, choice, "learning_rate")[0] == 0.2
+    assert choices.best(table, choice, "ratio") == (choice["ratio"], "")  # equals: the choice, which is first
 
 
 def test_embedding_models_stand_with_the_options_that_were_chosen_for_them() -> None:

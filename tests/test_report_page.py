@@ -17,16 +17,14 @@ from markupsafe import Markup
 
 from isi.experiment.insert import FullCurves
 from isi.initializers.api import INITIALIZERS, Registered
-from isi.report import contents, page
+from isi.report import page
 from isi.report.data import Results
 from isi.report.figures import Figure
-from isi.report.metrics import metrics, plots
-from isi.report.models import colour, contenders, controls, described, label
-from isi.report.section import Content, Part, Section
-from isi.report.sections.immediate import in_order_of
+from isi.report.page import SECTIONS, VERDICT, metrics, plots
+from isi.report.section import Content, FilledSection, ReportSection
 from isi.report.sections.run import table1
-from isi.report.tables import Table
-from isi.report.verdict import VERDICT
+from isi.report.tables import ReportTable
+from isi.report.words import colour, contenders, controls, described, in_order, label
 from tests.reports import GRAPHS, ROOT, paper, small_results
 from tests.reports import INITIALIZERS as SHIPPED
 
@@ -41,25 +39,25 @@ def results_of(experiments: tuple[str, ...] = tuple(GRAPHS), analyses: bool = Tr
 
 
 @cache
-def parts_of(results: Results) -> list[Part]:
+def parts_of(results: Results) -> list[FilledSection]:
     """Every section that has something to show."""
-    return [part for section in contents.SECTIONS if (part := section.part(results))]
+    return [part for section in SECTIONS if (part := section.filled(results))]
 
 
-def names(results: Results, kind: type[Table] | type[Figure]) -> list[str]:
+def names(results: Results, kind: type[ReportTable] | type[Figure]) -> list[str]:
     return [
         block.content.name for part in parts_of(results) for block in part.blocks if isinstance(block.content, kind)
     ]
 
 
-def table_of(results: Results, name: str) -> Table:
+def table_of(results: Results, name: str) -> ReportTable:
     (found,) = (block.content for part in parts_of(results) for block in part.blocks
-                if isinstance(block.content, Table) and block.content.name == name)  # fmt: skip
+                if isinstance(block.content, ReportTable) and block.content.name == name)  # fmt: skip
     return found
 
 
 def rendered(results: Results) -> str:
-    verdict = VERDICT.part(results)
+    verdict = VERDICT.filled(results)
     figures = dict.fromkeys([*names(results, Figure), "verdict"], Markup("<svg></svg>"))
     return page.html(parts_of(results), verdict, figures, results)
 
@@ -75,7 +73,7 @@ def test_any_experiments_and_analyses_make_a_whole_page(experiments: tuple[str, 
     found = re.findall(r'id="([^"]+)"', text)
     assert len(set(found)) == len(found)
     assert set(re.findall(r'href="#([^"]+)"', text)) <= set(found)
-    for kind in (Table, Figure):
+    for kind in (ReportTable, Figure):
         assert len(set(names(results, kind))) == len(names(results, kind))
     assert json.loads(json.dumps(metrics(results)))["immediate_mrr_star"]["all"].keys() == {*SHIPPED, "joint"}
     assert "nan" not in re.sub(r"<[^>]*>", " ", text).lower().split()
@@ -83,7 +81,7 @@ def test_any_experiments_and_analyses_make_a_whole_page(experiments: tuple[str, 
 
 def test_the_first_graph_has_plain_names_and_others_bear_their_own() -> None:
     everything = results_of()
-    figures, tables = names(everything, Figure), names(everything, Table)
+    figures, tables = names(everything, Figure), names(everything, ReportTable)
     of_each = ["figure3a_immediate", "figure3b_curves", "forgetting"]
     assert [name for name in figures if name.startswith(tuple(of_each))] == [
         f"{name}{suffix}" for name in of_each for suffix in ("", "_away")
@@ -199,11 +197,15 @@ def test_a_section_without_contents_is_left_out_and_one_more_is_one_more(tmp_pat
     results = results_of(("away",), False)
 
     def one(found: Results) -> Iterator[Content]:
-        yield Content({"number": len(found.experiments)}, [Table.of("own_table", [{"a": 1}, {"a": 2}])])
+        yield Content({"number": len(found.experiments)}, [ReportTable.of("own_table", [{"a": 1}, {"a": 2}])])
 
     (tmp_path / "tables").mkdir()
     (tmp_path / "tables/of_an_earlier_run.csv").touch()
-    sections = (Section("none", lambda _: [], OWN), Section("one", one, OWN), contents.section("immediate.immediate"))
+    sections = (
+        ReportSection("none", lambda _: [], OWN),
+        ReportSection("one", one, OWN),
+        ReportSection.of("immediate.immediate"),
+    )
     page.write(tmp_path, results, sections)
     text = (tmp_path / "index.html").read_text("utf-8")
     assert '<section id="one"><details class="part" open><summary><h3>One</h3></summary>' in text
@@ -224,9 +226,9 @@ def test_a_section_without_contents_is_left_out_and_one_more_is_one_more(tmp_pat
 
 def test_every_table_and_figure_of_a_section_has_its_place_in_the_template() -> None:
     results = results_of()
-    for section in contents.SECTIONS:
+    for section in SECTIONS:
         made = {f"{item.name}{content.suffix}" for content in section.contents(results) for item in content.shown}
-        part = section.part(results)
+        part = section.filled(results)
         placed = {block.content.name for block in part.blocks if block.kind in ("table", "figure")} if part else set()
         assert {name.removesuffix("_away") for name in made - placed} <= {"sessions"}, section.name
 
@@ -234,7 +236,7 @@ def test_every_table_and_figure_of_a_section_has_its_place_in_the_template() -> 
 def test_equal_results_make_equal_bytes(tmp_path: Path) -> None:
     for folder in ("one", "other"):
         page.write(
-            tmp_path / folder, small_results(["home"], studies=False), (contents.section("immediate.immediate"),)
+            tmp_path / folder, small_results(["home"], studies=False), (ReportSection.of("immediate.immediate"),)
         )
     one, other = ({path.relative_to(tmp_path / folder): path.read_bytes() for path in (tmp_path / folder).rglob("*.*")}
                   for folder in ("one", "other"))  # fmt: skip
@@ -248,7 +250,7 @@ def test_without_a_followed_size_there_is_no_curve_and_the_page_says_so() -> Non
     unfollowed = results.params.model_copy(update={"experiments": {"home": how}})
     home = replace(results.experiments["home"], params=unfollowed)
     other = replace(results, params=unfollowed, experiments={"home": home})
-    assert "forgetting" not in names(other, Table)
+    assert "forgetting" not in names(other, ReportTable)
     assert "figure3b_curves" not in names(other, Figure)
     text = rendered(other)
     assert text.count("No set size with full learning curves was inserted") == 2
@@ -257,7 +259,7 @@ def test_without_a_followed_size_there_is_no_curve_and_the_page_says_so() -> Non
 def test_several_sessions_stand_apart_and_each_converges_against_its_own_joint_model() -> None:
     results = results_of(("home",), False)
     runs = results.experiments["home"].runs
-    assert "sessions" not in names(results, Table)
+    assert "sessions" not in names(results, ReportTable)
     sessions = results.params.experiments["home"].sessions.model_copy(update={"steps": 2})
     how = results.params.experiments["home"].model_copy(update={"sessions": sessions})
     two = results.params.model_copy(update={"experiments": {"home": how}})
@@ -268,7 +270,7 @@ def test_several_sessions_stand_apart_and_each_converges_against_its_own_joint_m
     alone = results.experiments["home"].convergence.drop(columns="session")
     pd.testing.assert_frame_equal(first, alone)
     other = replace(results, params=two, experiments={"home": home})
-    assert "sessions" in names(other, Table)
+    assert "sessions" in names(other, ReportTable)
     rendered(other)
 
 
@@ -300,7 +302,7 @@ def test_table_1_has_the_rooms_and_relations_of_its_source() -> None:
 
 
 def test_values_come_in_their_order_and_others_behind() -> None:
-    assert in_order_of(["x", "room", "a", "object"], ["object", "room", "material"]) == ["object", "room", "x", "a"]
+    assert in_order(["x", "room", "a", "object"], ["object", "room", "material"]) == ["object", "room", "x", "a"]
 
 
 def test_what_ships_is_known_by_its_label_and_described_by_its_module() -> None:
@@ -328,7 +330,7 @@ def test_the_report_names_no_experiment_and_no_source() -> None:
     found = [(path.name, place[1]) for path in files for place in named.finditer(path.read_text("utf-8"))]
     assert {name for _, name in found} <= {"transfer"}
     assert {path for path, _ in found} <= {
-        "contents.py",
+        "page.py",
         "paper.py",
         "transfer.py",
         "paper_values.py",

@@ -7,7 +7,7 @@ import re
 import matplotlib as mpl
 import numpy as np
 
-from isi.report import figures, svg
+from isi.report import figures
 from tests.reports import runs
 
 
@@ -22,7 +22,7 @@ def drawn(title: str = "a < b") -> mpl.figure.Figure:
 
 
 def inline(name: str) -> str:
-    return svg.inline(figures.rendered(drawn(), "svg").decode(), name)
+    return figures.inline(figures.rendered(drawn(), "svg").decode(), name)
 
 
 def test_figures_share_no_ids_and_what_they_refer_to_is_there() -> None:
@@ -43,16 +43,16 @@ def test_a_figure_has_no_style_of_its_own_for_the_page_and_its_text_is_text() ->
 def test_all_colours_are_variables_that_change_sides_where_it_is_dark() -> None:
     text = inline("f0")
     assert not re.search(r"[:\"] ?#[0-9a-f]{6}", text)
-    dark = svg.colours([text])
+    dark = figures.colours([text])
     assert dark["000000"] == "#e6e8eb"
     assert {"0072b2", "b0b0b0", "ffffff"} <= set(dark)
     paper = (21, 24, 28)
     for name in ("0072b2", "b2182b", "8c2d04", "e69f00"):
-        shown = svg.dark(name)
+        shown = figures.dark(name)
         parts = tuple(int(shown[place : place + 2], 16) for place in (1, 3, 5))
-        lighter, darker = (svg.luminance(colour) + 0.05 for colour in (parts, paper))
+        lighter, darker = (figures.luminance(colour) + 0.05 for colour in (parts, paper))
         assert lighter / darker >= 4.4
-    assert svg.dark("e69f00") == "#e69f00"  # which stands out as it is
+    assert figures.dark("e69f00") == "#e69f00"  # which stands out as it is
 
 
 def test_a_figure_is_described_in_its_own_numbers() -> None:
@@ -64,7 +64,7 @@ def test_a_figure_is_described_in_its_own_numbers() -> None:
 
 def test_coordinates_are_rounded_and_texts_are_not() -> None:
     text = '<path d="M 1.23456 -2.00001" /><text x="3.14159">0.12345</text>'
-    assert svg.rounded(text) == '<path d="M 1.23 -2.00" /><text x="3.14">0.12345</text>'
+    assert figures.rounded(text) == '<path d="M 1.23 -2.00" /><text x="3.14">0.12345</text>'
 
 
 def test_noise_of_another_processor_changes_no_figure() -> None:

@@ -8,21 +8,24 @@ from pathlib import Path
 import pytest
 
 from isi.errors import InputError
-from isi.report import data, glossary, page, verdict
+from isi.report import data, glossary, page
 from isi.report.figures import in_words
 from isi.report.glossary import Marker, Term
 from isi.report.section import Block
-from isi.report.tables import Column, Table
+from isi.report.sections import immediate
+from isi.report.tables import Column, ReportTable
 from isi.report.words import SCOPES
 from tests.reports import small_results
 
 
 def test_headers_and_cells_are_words_on_the_page() -> None:
     scope = Column("scope", words=SCOPES)
-    table = Table.of("t", [{scope: "known", Column("entity half", "all"): 1, Column("away", title="the graph"): 2}])
+    table = ReportTable.of(
+        "t", [{scope: "known", Column("entity half", "all"): 1, Column("away", title="the graph"): 2}]
+    )
     assert [page.header(column) for column in table.columns] == ["queries", "entity prediction", "the graph"]
     assert page.column_groups(table) == [("", 1), ("all queries", 1), ("", 1)]
-    assert page.column_groups(Table.of("t", [{"a": 1}])) == []
+    assert page.column_groups(ReportTable.of("t", [{"a": 1}])) == []
     assert table.columns[0].words["known"] == "earlier knowledge"
 
 
@@ -42,7 +45,7 @@ def test_a_word_is_marked_where_it_first_stands_in_a_part_and_only_as_a_word() -
 
 def test_every_word_has_a_place_of_its_own_and_every_initializer_is_explained() -> None:
     results = small_results(["home"])
-    words = glossary.terms(results)
+    words = [*glossary.of_the_page(), *glossary.of_models(results)]
     ids = [term.id for term in words]
     assert len(set(ids)) == len(ids)
     assert all(one.isascii() for one in ids)
@@ -68,11 +71,11 @@ def test_contents_stand_under_their_headings() -> None:
 
 def test_the_verdict_is_in_numbers_of_the_first_graph() -> None:
     results = small_results(["home", "away"])
-    part, home = verdict.VERDICT.part(results), results.experiments["home"]
+    part, home = page.VERDICT.filled(results), results.experiments["home"]
     assert part
     sentences, figure = part.blocks
     assert len(sentences.items) == 3  # neither the kind's centre nor any initializer beyond the paper was run
-    given = {model: estimate.mean for model, estimate in verdict.novel_entity_given(results, home).items()}
+    given = {model: estimate.mean for model, estimate in immediate.novel_entity_given(results, home).items()}
     best = max(("es", "rs", "ers"), key=lambda name: given[name])
     assert f"has {given[best]:.1f} in entity prediction, Xavier {given['xavier']:.1f}" in sentences.items[1]
     now = 100 * home.immediate[home.immediate["scope"] == "all"].groupby("model")["mrr_star"].mean()
@@ -88,7 +91,7 @@ def test_those_that_gain_do_so_with_an_interval_above_zero() -> None:
         runs = home.runs.copy()
         for model in ("xavier", "es", "rs", "ers"):
             runs.loc[start & (runs["model"] == model), "mrr_star"] = 0.5 + points.get(model, 0)
-        return verdict.better_than_baseline(replace(home, runs=runs))
+        return immediate.better_than_baseline(replace(home, runs=runs))
 
     assert gained(es=0.2, rs=0.2, ers=0.2) == ["es", "rs", "ers"]
     assert gained(es=0.2, ers=-0.1) == ["es"]
@@ -96,10 +99,10 @@ def test_those_that_gain_do_so_with_an_interval_above_zero() -> None:
 
 
 def test_there_is_no_verdict_where_there_is_nothing_to_compare() -> None:
-    assert verdict.VERDICT.part(small_results(["moved"])) is None
+    assert page.VERDICT.filled(small_results(["moved"])) is None
     home = small_results(["home"])
     alone = replace(home.experiments["home"], initializers=["xavier", "iu"])
-    assert verdict.VERDICT.part(replace(home, experiments={"home": alone})) is None
+    assert page.VERDICT.filled(replace(home, experiments={"home": alone})) is None
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, Phase, example, given, settings
 from hypothesis import strategies as st
 
 from isi.errors import InputError
-from isi.report import contents, data, page, paper_values
+from isi.report import data, page, paper_values
 from isi.report.sections import explorer
 from isi.tables import paths
 from tests.reports import INITIALIZERS, ROOT, part_of, shown, small_results
@@ -34,7 +34,7 @@ def words(folder: Path) -> str:
 
 def written(folder: Path, found: data.Results) -> Path:
     """A report of it, which has no number that is none."""
-    page.write(folder, found, contents.SECTIONS)
+    page.write(folder, found, page.SECTIONS)
     assert not {"nan", "inf", "nan.0"} & set(re.findall(r"[\w.]+", words(folder)))
     assert not re.search(r"NaN|Infinity", (folder / "metrics.json").read_text("utf-8"))
     return folder
@@ -121,7 +121,7 @@ def test_noise_of_another_processor_changes_nothing_but_what_lies_between_two_ro
     plain = small_results(["home"])
     folders = [tmp_path / name for name in ("plain", "little", "more")]
     for folder, size in zip(folders, (0, 1e-9, 1e-6), strict=True):
-        page.write(folder, noisy(plain, size), contents.SECTIONS)
+        page.write(folder, noisy(plain, size), page.SECTIONS)
     first, little, more = (lines(folder) for folder in folders)
     assert little == first
     assert first.keys() == more.keys()
@@ -153,7 +153,7 @@ def test_the_papers_values_are_refused_in_one_line_where_it_is_broken(
     path = tmp_path / f"{name}.yaml"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(InputError) as refused:
-        (paper_values.read if name == "values" else paper_values.read_vocabulary)(path)
+        paper_values.read(path, paper_values.VALUES if name == "values" else paper_values.VOCABULARY)
     assert str(path) in str(refused.value)
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
@@ -186,7 +186,7 @@ def test_any_part_of_the_papers_values_may_be_missing(tmp_path: Path) -> None:
         less = {**whole, key: {**whole[key], within: None} if within else None}
         path.write_text(yaml.safe_dump(less), "utf-8")
         read = paper_values.read(path)
-        assert read.keys() == paper_values.VALUES.keys()
+        assert read.keys() == paper_values.VALUES().model_dump().keys()
         if not within:
             for section in ("paper", "graph", "convergence"):
                 assert part_of(section, replace(plain, paper=read))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from isi.graph.graph import MinedSource
-from isi.report.sections import immediate, paper, run, transfer
-from isi.report.sections.immediate import Answers
-from tests.reports import runs
+from isi.report.sections import paper, queries, run, transfer
+from isi.report.sections.queries import Answers
+from tests.reports import runs, small_results
 
 KINDS = ["object", "affordance", "affordance", "room", "object"]
 ENTITIES = pd.DataFrame(
@@ -48,28 +50,21 @@ def test_the_drop_resamples_both_scopes_together() -> None:
     assert transfer.drops(runs(rows))["es"].parts == pytest.approx((50, 50, 50))
 
 
-def test_knowledge_at_the_end_is_that_of_the_last_epoch() -> None:
-    rows = runs([("es", "known_closed", 10, seed, epoch, (epoch + seed) / 10) for seed in (0, 1) for epoch in (0, 5)]
-                + [("es", "known", 10, 0, 5, 0.9)])  # fmt: skip
-    assert transfer.known_closed_at_the_end(rows, 5) == pytest.approx({"es": 55})
-    assert transfer.known_closed_at_the_end(rows, 6) == {}
-
-
 def test_what_was_mined_goes_on_to_what_was_inserted() -> None:
     seen = pd.DataFrame([("fan", "kitchen", 4), ("shelf", "kitchen", 5), ("bin", "kitchen", 1)],
                         columns=["head", "tail", "count"]).assign(relation="atLocation")  # fmt: skip
     kinds = pd.DataFrame({"entity": ["fan", "shelf", "bin", "kitchen"], "kind": ["object"] * 3 + ["room"]})
     triples = pd.DataFrame([("fan", "atLocation", "kitchen", "shop"), ("shelf", "hasAffordance", "open", "home")],
                            columns=["head", "relation", "tail", "source"])  # fmt: skip
-    added = transfer.Added(ENTITIES, triples, MinedSource("shop", seen, kinds))
-    table = transfer.mined("moved", {"instances": 12}, added, "the home", 3, 10)
+    added = (ENTITIES, triples, MinedSource("shop", seen, kinds), "the home", 3, 10)
+    table = transfer.mined("moved", {"instances": 12}, *added)
     assert table.name == "moved_mined"
     assert dict(table.frame.itertuples(index=False, name=None)) == {
         "instances": 12, "of these, of objects that the home has not": 5, "kinds of such objects": 2,
         "of these, with at least 3 observations": 1, "drawn as candidates": 1, "unique triples of the candidates": 1,
         "inserted in a repeat": 10,
     }  # fmt: skip
-    uncounted = transfer.mined("moved", {}, added, "the home", 3, 10).frame
+    uncounted = transfer.mined("moved", {}, *added).frame
     assert uncounted.iloc[0, 0] == "instances of objects that the home has not"
 
 
@@ -91,8 +86,8 @@ def test_answers_go_by_mean_rank_over_repeats_and_those_that_are_no_affordance_a
         "affordances": 2, "wrong": 2, "plausible": 1, "unlikely": 1,
     }  # fmt: skip
     assert found.judged("es", ["fan"], {}) == {"affordances": 2, "wrong": 2}
-    assert [row["entity"] for row in immediate.ranked(found, ["fan"], ["es"])] == ["fan (n = 2)"] * 4
-    assert [row["ES"] for row in immediate.ranked(found, ["fan", "stove"], ["es"])] == [
+    assert [row["entity"] for row in queries.ranked(found, ["fan"], ["es"])] == ["fan (n = 2)"] * 4
+    assert [row["ES"] for row in queries.ranked(found, ["fan", "stove"], ["es"])] == [
         "open (affordance)", "push (affordance)", "× shelf (object)", "× kitchen (room)",
         *["–"] * 4]  # fmt: skip
 
@@ -102,7 +97,7 @@ def test_shares_count_affordances_among_the_first_four_of_every_inserted_entity(
         ranked("es", 0, [1, 0, 2, 3, 4]), ranked("es", 3, [0, 3, 4, 2, 1]), ranked("rs", 0, [1, 2, 4, 0, 3])
     )
     assert found.shares == pytest.approx({"es": 100 * 3 / 8, "rs": 50})
-    frame = immediate.affordance_shares(found, ["es", "rs", "iu"]).frame.set_index("initializer")
+    frame = queries.affordance_shares(found, ["es", "rs", "iu"]).frame.set_index("initializer")
     assert frame["top 4: affordances %"].dropna().to_dict() == pytest.approx({"ES": 37.5, "RS": 50})
     assert frame["first: affordance %"].dropna().to_dict() == {"ES": 50, "RS": 100}
 
@@ -140,8 +135,10 @@ def test_numbers_of_all_sizes_are_shown_in_one_column(value: float, text: str) -
 
 def test_fallbacks_and_ties_are_counted_by_experiment() -> None:
     inserted = pd.DataFrame({"model": ["es", "es", "rs", "rs"], "fallback": ["rs", None, "centroid", "centroid"]})
-    table = run.fallbacks({"home": inserted, "away": inserted.assign(fallback=np.nan)}, {})
-    assert table.frame.to_numpy().tolist() == [["home", "ES", "rs", 1], ["home", "RS", "centroid", 2]]
     ties = pd.DataFrame({"model": ["es", "es", "joint"], "scope": ["all", "all", "novel"], "ties": [2, 3, 4]})
-    found = run.ties({"home": ties}, {"home": ["es", "joint"]}, {}).frame
-    assert found.to_numpy().tolist() == [["home", "ES", 5, 0], ["home", "Joint", 0, 4]]
+    results = small_results(["home", "away"], studies=False)
+    home = replace(results.experiments["home"], initializers=["es"], inserted=inserted, ties=ties)
+    away = replace(results.experiments["away"], inserted=inserted.assign(fallback=np.nan))
+    table = run.fallbacks({"home": home, "away": away})
+    assert table.frame.to_numpy().tolist() == [["home", "ES", "rs", 1], ["home", "RS", "centroid", 2]]
+    assert run.ties({"home": home}).frame.to_numpy().tolist() == [["home", "ES", 5, 0], ["home", "Joint", 0, 4]]

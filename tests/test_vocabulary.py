@@ -23,10 +23,6 @@ WHOLE = {
 }  # fmt: skip
 
 
-#: Classes that the pipeline and the report each have: a section of params or of the page, a table on disk or shown.
-SHARED = {"Section", "Table"}
-
-
 def names(path: Path) -> Iterator[str]:
     """Of a module: its own, its folder's, and those of its classes and functions."""
     yield from (path.stem, path.parent.name)
@@ -63,7 +59,7 @@ def test_no_two_classes_have_the_same_name() -> None:
     twice = []
     for path in sorted((ROOT / "isi").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ClassDef) and node.name not in SHARED:
+            if isinstance(node, ast.ClassDef):
                 twice += [(node.name, path, seen[node.name])] if node.name in seen else []
                 seen[node.name] = path
     assert not twice

@@ -44,7 +44,6 @@ class Experiment:
     #: behind names of tables and figures; none for the first experiment
     suffix: str
     params: Params
-    #: of the experiment
     initializers: list[str]
     entities: pd.DataFrame
     triples: pd.DataFrame
@@ -54,9 +53,8 @@ class Experiment:
     insert_triples: pd.DataFrame
     theta0_log: pd.DataFrame
     joint_log: pd.DataFrame
-    #: ``RUNS`` of every initializer and of the joint model, with a column ``model``
+    #: of every initializer, runs and ties of the joint model, too: with a column ``model``
     runs: pd.DataFrame
-    #: ``INSERTED`` and ``TIES``, likewise
     inserted: pd.DataFrame
     ties: pd.DataFrame
 
@@ -142,15 +140,10 @@ class VariantRuns:
         runs = self.runs
         return runs[(runs["experiment"] == experiment) & (runs["scope"] == scope) & (runs["epoch"] == 0)]
 
-    @cached_property
-    def given_queries(self) -> pd.DataFrame:
-        """The entity half of the queries that give the novel entity, by experiment, model, size and seed."""
-        queries = by_direction(self.queries, ["experiment", "model", "size", "seed"])
-        return queries[queries["scope"] == "given"].drop(columns="scope").reset_index(drop=True)
-
     def given_in(self, experiment: str) -> pd.DataFrame:
-        """The same in one experiment."""
-        return self.given_queries[self.given_queries["experiment"] == experiment]
+        """The entity half of the queries that give the novel entity, by model, size and seed."""
+        queries = by_direction(self.queries[self.queries["experiment"] == experiment], ["model", "size", "seed"])
+        return queries[queries["scope"] == "given"]
 
     def max_epochs(self, params: Params) -> int:
         """Epochs of fine-tuning, at most."""
@@ -200,10 +193,8 @@ class Analysis(Generic[T]):
 class BreakdownTables:
     """MRR* of all models of an experiment by kind of query, right after insertion, and the joint model's make-up."""
 
-    #: ``QUERY_BREAKDOWN``
-    queries: pd.DataFrame
-    #: ``USED_COORDINATES``
-    used: pd.DataFrame
+    queries: pd.DataFrame  # ``QUERY_BREAKDOWN``
+    used: pd.DataFrame  # ``USED_COORDINATES``
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,37 +202,31 @@ class Results:
     """The experiments that were run and the analyses of them; what was not run is None."""
 
     params: Params
-    #: params, versions and hashes, by title: mappings of names to values
+    #: params, versions and hashes, by title
     run: Mapping[str, Mapping[str, Any]]
     #: the paper's numbers, and what it calls things (``paper_values``)
     paper: Mapping[str, Any]
     vocabulary: Mapping[str, Any]
-    #: columns phrase and definition
     definitions: pd.DataFrame
-    #: by name, in the order of the params
     experiments: Mapping[str, Experiment]
     #: by source: its observations, and what mining it left (``MINED``)
     observed: Mapping[str, MinedSource]
     mined: Mapping[str, pd.DataFrame]
-    #: by experiment
+    #: by experiment; finetune_only: Θ⁰ trained on without any insertion
     query_breakdown: Mapping[str, BreakdownTables] = field(default_factory=dict)
-    #: by experiment, ``FINETUNE_ONLY``: Θ⁰ trained on without any insertion
     finetune_only: Mapping[str, pd.DataFrame] = field(default_factory=dict)
-    #: of the second pipeline, by name; empty where it has not run
+    #: of the second pipeline
     variants: Mapping[str, VariantRuns] = field(default_factory=dict)
     other_graphs: Mapping[str, OtherGraph] = field(default_factory=dict)
-    #: ``AFFORDANCES`` with the initializer as ``model``
     affordances: Analysis[pd.DataFrame] | None = None
-    #: ``INDICATOR_SWEEP`` and ``RATE_SWEEP`` of each initializer, with a column ``model``
+    #: with the initializer as ``model``, like affordances
     sweep: Analysis[pd.DataFrame] | None = None
     rate_sweep: Analysis[pd.DataFrame] | None = None
-    #: ``CROSS_VALIDATION``
     cross_validation: Analysis[pd.DataFrame] | None = None
     #: ``MODEL_COMPARISON`` of each embedding model, with a column ``family``
     embedding_models: Analysis[pd.DataFrame] | None = None
-    #: tensors of one novel entity (``TRAJECTORY``), by name
+    #: tensors and tables by name
     trajectory: Analysis[Mapping[str, np.ndarray]] | None = None
-    #: the tables of single insertions, by name (``single_insertions.TABLES``)
     explorer: Analysis[Mapping[str, pd.DataFrame]] | None = None
 
     @property
@@ -285,8 +270,8 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         observed={name: MinedSource(name, OBSERVATIONS.read_text(source=name), KINDS.read_text(source=name))
                   for name in sources},
         mined={name: MINED.read_text(source=name) for name in sources},
-        query_breakdown={name: BreakdownTables(QUERY_BREAKDOWN.read_text(experiment=name),
-                                              USED_COORDINATES.read_text(experiment=name))
+        query_breakdown={name: BreakdownTables(*(table.read_text(experiment=name)
+                                                for table in (QUERY_BREAKDOWN, USED_COORDINATES)))
                          for name in params.query_breakdown.experiments},
         variants=read_variants(experiments, params), other_graphs=_other_graphs(params),
         finetune_only={name: FINETUNE_ONLY.read_text(experiment=name) for name in params.finetune_only.experiments},
@@ -309,18 +294,16 @@ def read_variants(experiments: Collection[str], params: Params) -> dict[str, Var
 
 
 def _other_graphs(params: Params) -> dict[str, OtherGraph]:
-    return {
-        name: OtherGraph(
-            GRAPH_ENTITIES.read_text(graph=name), GRAPH_TRIPLES.read_text(graph=name),
-            VariantRuns(graph.variant(name), GRAPH_RUNS.read_text(graph=name), GRAPH_QUERIES.read_text(graph=name)),
-        )
-        for name, graph in load_beyond(params).graphs.items() if GRAPH_QUERIES.path(graph=name).exists()
-    }  # fmt: skip
+    graphs = {name: graph.variant(name) for name, graph in load_beyond(params).graphs.items()
+              if GRAPH_QUERIES.path(graph=name).exists()}  # fmt: skip
+    tables = (GRAPH_ENTITIES, GRAPH_TRIPLES, GRAPH_RUNS, GRAPH_QUERIES)
+    frames = {name: [table.read_text(graph=name) for table in tables] for name in graphs}
+    return {name: OtherGraph(entities, triples, VariantRuns(graphs[name], runs, queries))
+            for name, (entities, triples, runs, queries) in frames.items()}  # fmt: skip
 
 
 def _experiment(params: Params, name: str) -> Experiment:
-    initializers = params.initializers_of(name)
-    models = [*initializers, JOINT]
+    models = [*(initializers := params.initializers_of(name)), JOINT]
     tables = {"entities": ENTITIES, "triples": TRIPLES, "coverage": COVERAGE, "splits": SPLITS, "novel": NOVEL,
               "insert_triples": INSERT_TRIPLES}  # fmt: skip
     return Experiment(
@@ -335,27 +318,23 @@ def _experiment(params: Params, name: str) -> Experiment:
 def _analyses(params: Params, experiments: Mapping[str, Experiment]) -> dict[str, Analysis[Any]]:
     """The analyses that were run, by the names that ``Results`` has for them: each of the first experiment listed."""
     sweep, rates, models = params.sweep, params.rate_sweep, params.compare_models
+    traced = ["entity", "known", "theta0", *(f"{model}.{part}" for model in TRACED for part in ("path", "indicators"))]
     readers: dict[str, tuple[list[str], Callable[[str], Any]]] = {
-        "affordances": (params.affordances.experiments, lambda name: AFFORDANCES.read_text(experiment=name).rename(
-            columns={"initializer": "model"})),
+        "affordances": (params.affordances.experiments,
+                        lambda name: AFFORDANCES.read_text(experiment=name).rename(columns={"initializer": "model"})),
         "sweep": (sweep.experiments, lambda name: _of_each(INDICATOR_SWEEP, name, sweep.initializers, "initializer")),
         "rate_sweep": (rates.experiments, lambda name: _of_each(RATE_SWEEP, name, rates.initializers, "initializer")),
-        "cross_validation": (params.cross_validation.experiments, lambda name: CROSS_VALIDATION.read_text(
-            experiment=name)),
-        "embedding_models": (models.experiments, lambda name: _of_each(
-            MODEL_COMPARISON, name, models.models, column="family")),
-        "trajectory": (params.trajectory.experiments, _trajectory),
+        "cross_validation": (params.cross_validation.experiments,
+                             lambda name: CROSS_VALIDATION.read_text(experiment=name)),
+        "embedding_models": (models.experiments,
+                             lambda name: _of_each(MODEL_COMPARISON, name, models.models, column="family")),
+        "trajectory": (params.trajectory.experiments, lambda name: {
+            part: tensor.numpy() for part, tensor in TRAJECTORY.read(traced, experiment=name).items()}),
         "explorer": (params.explorer.experiments, lambda name: {
             part: table.read_text(experiment=name) for part, (table, _) in single_insertions.TABLES.items()}),
     }  # fmt: skip
     return {name: Analysis(experiments[listed[0]], reader(listed[0]))
             for name, (listed, reader) in readers.items() if listed}  # fmt: skip
-
-
-def _trajectory(experiment: str) -> Mapping[str, np.ndarray]:
-    of_each = [f"{model}.{part}" for model in TRACED for part in ("path", "indicators")]
-    tensors = TRAJECTORY.read(["entity", "known", "theta0", *of_each], experiment=experiment)
-    return {name: tensor.numpy() for name, tensor in tensors.items()}
 
 
 def _of_each(

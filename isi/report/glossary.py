@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Any
 
 from markupsafe import Markup, escape
 
@@ -42,7 +43,7 @@ def of_the_page() -> list[Term]:
 
 def of_models(results: Results) -> list[Term]:
     """Every initializer that was run, as it describes itself, and the joint model."""
-    runs = [*results.experiments.values(), *results.variants.values()]
+    runs: list[Any] = [*results.experiments.values(), *results.variants.values()]
     titles = {name: label(name) for one in runs for name in one.initializers}
     meanings = {name: described(name).removeprefix(title).lstrip(",: ") for name, title in titles.items()}
     terms = [

@@ -119,7 +119,7 @@ def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame
     return pd.concat([means, middle, never], axis=1)
 
 
-def wide(frame: pd.DataFrame, rows: Sequence[tuple[Any, ...]], groups: Mapping[Any, str]) -> dict[Column, list[Any]]:
+def wide(frame: pd.DataFrame, rows: Sequence[tuple[Any, ...]], groups: Mapping[Any, str]) -> dict[Any, list[Any]]:
     """Columns of a table, group by group.
 
     Args:
@@ -133,7 +133,7 @@ def wide(frame: pd.DataFrame, rows: Sequence[tuple[Any, ...]], groups: Mapping[A
     }  # fmt: skip
 
 
-def halves(runs: pd.DataFrame, models: Sequence[str], *scopes: str) -> dict[Column, list[Any]]:
+def halves(runs: pd.DataFrame, models: Sequence[str], *scopes: str) -> dict[Any, list[Any]]:
     """Columns of mean MRR* in points with its entity and its relation half, scope by scope; a cell for each model."""
     return wide(
         over_seeds(runs, ["scope", "model"], HALVES),
@@ -149,9 +149,10 @@ def ordered_rows(means: pd.DataFrame, models: Sequence[str], **orders: Sequence[
         means: by group; one level is ``model``.
         orders: of other levels, where that is not ascending; values that an order lacks are left out.
     """
-    orders = {name: sorted(means.index.unique(name)) for name in means.index.names} | orders | {"model": models}
-    places = [[order.index(key) if key in order else -1 for key in means.index.get_level_values(name)]
-              for name, order in ((name, list(orders[name])) for name in means.index.names)]  # fmt: skip
+    places = []
+    for name in map(str, means.index.names):
+        order = list(models if name == "model" else orders.get(name, sorted(means.index.unique(name))))
+        places.append([order.index(key) if key in order else -1 for key in means.index.get_level_values(name)])
     kept = [place for place in np.lexsort(places[::-1]) if min(levels[place] for levels in places) >= 0]
     frame = means.iloc[kept].reset_index()
     return frame.assign(model=frame["model"].map(label))

@@ -66,12 +66,15 @@ class ReportTable:
     @classmethod
     def of(cls, name: str, rows: pd.DataFrame | Mapping[Any, Any] | Iterable[Mapping[Any, Any]]) -> ReportTable:
         """A table of a frame or of a mapping whose labels are columns, or of rows; text is a plain column."""
-        frame = rows if isinstance(rows, pd.DataFrame) else pd.DataFrame(rows if isinstance(rows, dict) else list(rows))
-        columns = [label if isinstance(label, Column) else Column(str(label)) for label in frame.columns]
+        if isinstance(rows, Mapping):
+            rows = pd.DataFrame(dict(zip(rows, column, strict=True)) for column in zip(*rows.values(), strict=True))
+        frame = rows if isinstance(rows, pd.DataFrame) else pd.DataFrame(list(rows))
+        labels: list[Any] = list(frame.columns)
+        columns = [label if isinstance(label, Column) else Column(label) for label in labels]
         return cls(name, columns, frame.astype(object).to_numpy().tolist())
 
     @property
-    def cells(self) -> list[tuple[Column, list[Any]]]:
+    def by_column(self) -> list[tuple[Column, list[Any]]]:
         """The columns with their cells."""
         return [(column, [row[place] for row in self.rows]) for place, column in enumerate(self.columns)]
 
@@ -79,7 +82,7 @@ class ReportTable:
     def frame(self) -> pd.DataFrame:
         """As files have it: the mean and the bounds of estimates in three columns."""
         values: dict[str, list[Any]] = {}
-        for column, cells in self.cells:
+        for column, cells in self.by_column:
             if any(isinstance(cell, Estimate) for cell in cells):
                 parts = zip(*map(_numbers, cells), strict=True)
                 values |= {f"{column.header}{end}": list(part)
@@ -91,12 +94,14 @@ class ReportTable:
     @property
     def is_text(self) -> list[bool]:
         """Of each column, whether it holds text; one with a form of its own holds numbers."""
-        return [column.form is None and any(isinstance(cell, str) for cell in cells) for column, cells in self.cells]
+        return [
+            column.form is None and any(isinstance(cell, str) for cell in cells) for column, cells in self.by_column
+        ]
 
     @property
     def texts(self) -> list[list[tuple[str, str]]]:
         """Of each row, the cells as people read them: the value, and its interval in brackets."""
-        columns = [[_shown(cell, form) for cell in cells] for column, cells in self.cells
+        columns = [[_shown(cell, form) for cell in cells] for column, cells in self.by_column
                    for form in [column.form or _plain(cells)]]  # fmt: skip
         return [list(row) for row in zip(*columns, strict=True)]
 

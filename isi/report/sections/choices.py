@@ -49,7 +49,7 @@ def indicators(results: Results) -> Iterator[Content]:
     frame = means.reset_index()
     frame = frame.assign(model=frame["model"].map(label)).rename(columns={"model": "initializer", "k": "indicators"})
     yield Content({"chosen": chosen, "models": models, "sweep": sweep, "most": results.params.finetuning.max_epochs}, [
-        Figure("figure2a_immediate_sensitivity", _by_size(_relative(runs, chosen["this run"]), models, chosen,
+        Figure("figure2a_immediate_sensitivity", _by_size(relative(runs, chosen["this run"]), models, chosen,
                                                           immediate)),
         Figure("figure2b_convergence_sensitivity", _by_size(shares, models, chosen, later, lowest=0)),
         indicator_sizes(means, chosen),
@@ -63,7 +63,7 @@ def _measured(sweep: Analysis[pd.DataFrame]) -> tuple[pd.DataFrame, pd.DataFrame
     return runs[runs["epoch"] == 0], sweep.experiment.converged(runs, ["model", "k"])
 
 
-def _relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFrame:
+def relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFrame:
     """Runs with MRR* (points) minus that of the same initializer and seed with its reference size, as ``value``.
 
     A size that was not swept is replaced by the nearest that was.

@@ -62,7 +62,7 @@ def best_epochs(runs: pd.DataFrame, initializers: Sequence[str]) -> list[tuple[A
         by_epoch = 100 * heldout[heldout["model"] == model].pivot_table("mrr_star", "epoch", "seed")
         if len(by_epoch):
             means = by_epoch.mean(axis=1)
-            best, last = int(by_epoch.index[means.to_numpy().argmax()]), int(by_epoch.index.max())
+            best, last = int(by_epoch.index.to_numpy()[means.to_numpy().argmax()]), int(by_epoch.index.max())
             change = difference((by_epoch.loc[last] - by_epoch.loc[best]).dropna().to_numpy())
             lines.append((model, means[best], best, means[last], last, change))
     return lines
@@ -74,12 +74,10 @@ def table2(
     """Table 2: epochs to convergence over all sizes, beside the paper's."""
     summary = epochs_summary(epochs, ["scope", "model"])[["mean", "std", "median", "unconverged %"]]
     groups = dict(zip(CONVERGENCE_SCOPES, CONVERGENCE_SCOPES, strict=True))
-    theirs = {Column(title, "paper"): [paper.get(model, {}).get(column) for model in initializers]
+    theirs: dict[Any, list[Any]] = {Column(title, "paper"): [paper.get(model, {}).get(column) for model in initializers]
               for column, title in (("mean", "mean"), ("deviation", "std"))}  # fmt: skip
-    rows = [(model,) for model in initializers]
-    return ReportTable.of(
-        name, {"initializer": list(map(label, initializers)), **wide(summary, rows, groups), **theirs}
-    )
+    ours = wide(summary, [(model,) for model in initializers], groups)
+    return ReportTable.of(name, {"initializer": list(map(label, initializers))} | ours | theirs)
 
 
 def _by_size(epochs: pd.DataFrame, initializers: Sequence[str]) -> ReportTable:
@@ -101,10 +99,8 @@ def by_rate(epochs: pd.DataFrame, initializers: Sequence[str]) -> ReportTable:
     summary["unconverged %"] = 100 * (1 - groups["converged"].mean())
     rows = [(scope, model) for scope in CONVERGENCE_SCOPES if scope in set(epochs["scope"]) for model in initializers]
     titles = {factor: f"×{factor:g}" for factor in sorted(epochs["factor"].unique())}
-    return ReportTable.of("convergence_by_rate", {
-        SCOPE: [scope for scope, _ in rows], "initializer": [label(model) for _, model in rows],
-        **wide(summary, rows, titles),
-    })  # fmt: skip
+    keys: dict[Any, list[Any]] = {SCOPE: [scope for scope, _ in rows], "initializer": [label(row[1]) for row in rows]}
+    return ReportTable.of("convergence_by_rate", keys | wide(summary, rows, titles))
 
 
 def orders(epochs: pd.DataFrame, initializers: Sequence[str], scope: str) -> dict[float, str]:

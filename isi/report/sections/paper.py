@@ -243,10 +243,10 @@ def full_curves(results: Results, name: str, runs: VariantRuns, experiment: str)
 def _of_main(results: Results, first: Experiment) -> Iterator[Line]:
     """The main runs as they are, at their largest size, by their entity half, and with another filter."""
     size, largest = first.curve_size, max(first.settings.sessions.sizes)
-    yield f"this run, {size} novel entities", *_at_size(first, size)
+    yield (f"this run, {size} novel entities", *_at_size(first, size))
     if largest != size:
         share = 100 * largest / len(first.entities)
-        yield f"{largest} novel entities, {share:.0f} % of all", *_at_size(first, largest)
+        yield (f"{largest} novel entities, {share:.0f} % of all", *_at_size(first, largest))
     yield "entity prediction alone", _at_size(first, size, "mrr_star_entity")[0], {}
     breakdown = results.query_breakdown.get(first.name)
     if breakdown is not None:
@@ -265,10 +265,12 @@ def of_variants(results: Results, variants: Mapping[str, VariantRuns]) -> Iterat
             yield title, stats.means(runs.immediate(experiment, "all"), "mrr_star"), later
     for one in results.standalone[1:]:
         if size := one.curve_size:
-            yield f"{one.title}, {size} novel entities", *_at_size(one, size)
+            yield (f"{one.title}, {size} novel entities", *_at_size(one, size))
 
 
-def _at_size(experiment: Experiment, size: int | None, column: str = "mrr_star") -> tuple[dict[str, float], ...]:
+def _at_size(
+    experiment: Experiment, size: int | None, column: str = "mrr_star"
+) -> tuple[Mapping[str, float], Mapping[str, float]]:
     """Means over all queries of one size: right after insertion, and epochs to convergence."""
     now, later = (rows[(rows["size"] == size) & (rows["scope"] == "all")]
                   for rows in (experiment.immediate, experiment.convergence))  # fmt: skip

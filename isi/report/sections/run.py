@@ -212,7 +212,8 @@ def fallbacks(experiments: Mapping[str, Experiment]) -> ReportTable:
         {Column("experiment", words=titles): name, "initializer": label(model), "fell back to": fallback,
          "inserted entities": number}
         for name, experiment in experiments.items()
-        for (model, fallback), number in experiment.inserted.groupby(["model", "fallback"]).size().to_dict().items()
+        for model, fallback, number in (
+            experiment.inserted.groupby(["model", "fallback"]).size().reset_index().to_numpy())
     ])  # fmt: skip
 
 

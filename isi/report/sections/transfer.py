@@ -107,13 +107,14 @@ def _immediate(experiment: Experiment, paper: Mapping[str, Mapping[str, float]])
     theirs = {key: [numbers.get(model) for model in models] for key, numbers in paper.items()}
     summary = epochs_summary(experiment.convergence, ["scope", "model"]).drop(columns="std")
     titles = {scope: f"epochs, {scope}" for scope in ("all", "novel_heldout")}
-    return ReportTable.of(f"{experiment.name}_immediate", {
+    columns: dict[Any, list[Any]] = {
         "model": list(map(label, models)),
         **halves(runs, models, "all"), Column("paper", "all"): theirs["all_queries"],
         **halves(runs, models, "novel"), Column("paper", "novel"): theirs["novel_queries"],
         "drop %": [dropped.get(model) for model in models], Column("paper", "drop %"): theirs["drop"],
         **wide(summary, [(model,) for model in models], titles), Column("paper", "epochs"): theirs["epochs"],
-    })  # fmt: skip
+    }  # fmt: skip
+    return ReportTable.of(f"{experiment.name}_immediate", columns)
 
 
 def drops(runs: pd.DataFrame) -> dict[str, Estimate]:
