@@ -204,7 +204,6 @@ class Results:
     params: Params
     #: params, versions and hashes, by title
     run: Mapping[str, Mapping[str, Any]]
-    #: the paper's numbers, and what it calls things (``paper_values``)
     paper: Mapping[str, Any]
     vocabulary: Mapping[str, Any]
     definitions: pd.DataFrame
