@@ -14,17 +14,13 @@ from pydantic import Field, model_validator
 from isi import config
 from isi.analyses import variants
 from isi.analyses.affordances import Affordances
-from isi.analyses.cross_validation import CrossValidation, Setting
-from isi.analyses.final_model import FinalModel
-from isi.analyses.finetune_only import FinetuneOnly
+from isi.analyses.finetuning import FinetuneOnly, RateSweep, Sweep
 from isi.analyses.hidden_entities import Hidden
-from isi.analyses.model_comparison import ModelComparison
-from isi.analyses.other_graphs import GraphExperiment
+from isi.analyses.joint_models import CrossValidation, FinalModel, ModelComparison, Setting
 from isi.analyses.query_breakdown import QueryBreakdown
 from isi.analyses.single_insertions import SHOWN, ExplorerParams
-from isi.analyses.sweep import RateSweep, Sweep
 from isi.analyses.trajectory import TRACED, Trajectories
-from isi.analyses.variants import Variant
+from isi.analyses.variants import GraphExperiment, Variant
 from isi.config import Name, Names, Section, Seed, Study, distinct
 from isi.errors import InputError, at, meant
 from isi.experiment.insert import Convergence, FullCurves, InitializerList, is_listed

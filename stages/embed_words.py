@@ -3,8 +3,8 @@
 import torch
 
 from isi.errors import at
-from isi.graph.tables import COVERAGE, ENTITIES, WORD_VECTORS
-from isi.graph.words import load_vectors, look_up
+from isi.graph.graph import ENTITIES
+from isi.graph.words import COVERAGE, WORD_VECTORS, load_vectors, look_up
 from isi.stage import StageContext, stage
 from isi.tables import paths
 

@@ -3,14 +3,20 @@
 import pandas as pd
 import pyarrow as pa
 
-from isi.analyses.other_graphs import GRAPH_QUERIES, GRAPH_RUNS, GraphExperiment
-from isi.analyses.variants import changed, results
+from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, GraphExperiment, changed, results
 from isi.errors import InputError, at
 from isi.experiment.store import Store
-from isi.graph import graph as building
-from isi.graph.graph import GraphTables, MinedSource, build_graph
-from isi.graph.sampling import session_tables
-from isi.graph.tables import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES
+from isi.graph.graph import (
+    ENTITIES,
+    GRAPH_ENTITIES,
+    GRAPH_TRIPLES,
+    TRIPLES,
+    GraphTables,
+    MinedSource,
+    build_graph,
+    build_tables,
+)
+from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS, session_tables
 from isi.graph.words import load_vectors, look_up
 from isi.sources import Source
 from isi.sources.tables import OBSERVATIONS
@@ -23,7 +29,7 @@ def explore(context: StageContext, graph: str) -> None:
     """Run an experiment on a graph of its own: mine, draw sessions, train, insert, and fine-tune until convergence."""
     key, settings, params = f"graphs.{graph}", context.beyond.graphs[graph], context.params
     with at(paths.BEYOND_PARAMS, key):
-        tables = building.build_tables(observed(graph, settings, params.seed, f"{key}.source"), settings.min_count)
+        tables = build_tables(mined(graph, settings, params.seed, f"{key}.source"), settings.min_count)
         if tables.triples.empty:
             raise InputError("", "source", f"expected triples that are observed {settings.min_count} times")
         store = in_memory(context, graph, tables, settings, f"{key}.sessions")
@@ -34,7 +40,7 @@ def explore(context: StageContext, graph: str) -> None:
     GRAPH_QUERIES.write(answers, context.stage, graph=graph)
 
 
-def observed(graph: str, settings: GraphExperiment, root: int, key: str) -> MinedSource:
+def mined(graph: str, settings: GraphExperiment, root: int, key: str) -> MinedSource:
     """What the source observes."""
     source = Source(settings.source, key, root)
     parts = pa.concat_tables([OBSERVATIONS.schema.empty_table(), *source.tables()]).unify_dictionaries()
@@ -48,14 +54,12 @@ def in_memory(context: StageContext, graph: str, tables: GraphTables, settings: 
     """The graph with its word vectors and its sessions."""
     entities, triples, params = tables.entities, tables.triples, context.params
     words = look_up(load_vectors(settings.words), list(entities["phrase"]))
-    drawn = session_tables(
-        build_graph(entities, triples), entities, settings.sessions, params.sessions, params.seed, key
-    )
-    total, missing = triples["count"].sum(), words.served_by.count(None)
-    print(f"{len(entities)} entities, {len(triples):,} unique triples of {total:,} observations")
-    print(f"{len(entities) - missing} of {len(entities)} entities have a word vector")
-    held = {ENTITIES: entities, TRIPLES: triples, SPLITS: drawn.splits, NOVEL: drawn.novel}
-    return Store(graph, held | {INSERT_TRIPLES: drawn.insert_triples}, words.vectors)
+    ids = build_graph(entities, triples)
+    drawn = session_tables(ids, entities, settings.sessions, params.sessions, params.seed, key)
+    missing = words.served_by.count(None)
+    print(tables, f"{len(entities) - missing} of {len(entities)} entities have a word vector", sep="\n")
+    sessions = {SPLITS: drawn.splits, NOVEL: drawn.novel, INSERT_TRIPLES: drawn.insert_triples}
+    return Store(graph, {ENTITIES: entities, TRIPLES: triples, **sessions}, words.vectors)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Fine-tune Θ⁰ on what it knows, with nothing inserted, and measure that after every epoch."""
 
-from isi.analyses import finetune_only as analysis
-from isi.analyses.finetune_only import FINETUNE_ONLY, FinetuneOnlyTask
+from isi.analyses import finetuning
+from isi.analyses.finetuning import FINETUNE_ONLY
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
 from isi.experiment.train import model_of
@@ -18,11 +18,11 @@ def finetune_only(context: StageContext, experiment: str) -> None:
     params, store, model = context.params, Store(experiment), model_of(context.params)
     sizes = params.experiments[experiment].full_curves.sizes
     tasks = [
-        FinetuneOnlyTask(points, store.theta0(points, model), params.seed, params.negatives, params.finetuning)
+        (points, store.theta0(points, model), params.seed, params.negatives, params.finetuning)
         for points in store.grid(stack_height(params.compute))
         if points.size in sizes
     ]
-    runs = run(analysis.finetune_only, tasks, params.compute, f"{experiment}, nothing inserted")
+    runs = run(finetuning.finetune_only, tasks, params.compute, f"{experiment}, nothing inserted")
     FINETUNE_ONLY.write(concat(runs, FINETUNE_ONLY), context.stage, experiment=experiment)
 
 

@@ -2,10 +2,9 @@
 
 import torch
 
-from isi.experiment.insert import insert_config, insert_stack, insertion_tasks, is_listed
+from isi.experiment.insert import insert_config, insert_stack, insert_tasks, is_listed
 from isi.experiment.runner import run, stack_height
-from isi.experiment.store import Store, write_runs
-from isi.experiment.tables import INITIAL_VECTORS, INSERTED, RUNS, TIES
+from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, TIES, Store, write_runs
 from isi.stage import StageContext, stage
 from isi.tables.table import concat
 
@@ -21,19 +20,19 @@ def insert(context: StageContext, experiment: str, initializer: str) -> None:
     config = insert_config(params, initializer, entry.full_curves.sizes_of(initializer))
     if initializer in entry.immediate_only:
         config = config.training(max_epochs=0)
-    listed = is_listed(entry.initializers, initializer)
-    tasks = insertion_tasks(store, params, config, store.grid(stack_height(params.compute)) if listed else [])
-    results = run(insert_stack, tasks, params.compute, f"{experiment}, {initializer}")
+    grid = store.grid(stack_height(params.compute)) if is_listed(entry.initializers, initializer) else []
+    results = run(
+        insert_stack, insert_tasks(store, params, grid, config), params.compute, f"{experiment}, {initializer}"
+    )
     vectors: dict[str, list[torch.Tensor]] = {}
-    for task, result in zip(tasks, results, strict=True):
-        vectors.setdefault(f"size={task.points.size:02d}", []).append(torch.from_numpy(result.vectors))
+    for points, result in zip(grid, results, strict=True):
+        vectors.setdefault(f"size={points.size:02d}", []).append(torch.from_numpy(result.vectors))
     tensors = {name: torch.cat(parts) for name, parts in vectors.items()}
-    runs = concat((result.runs for result in results), RUNS, TIES)
     inserted = concat((result.entities for result in results), INSERTED)
     inserted["kind"] = inserted["entity"].map(store.entities()["kind"].astype(str))
     INITIAL_VECTORS.write(tensors, context.stage, experiment=experiment, initializer=initializer)
     INSERTED.write(inserted, context.stage, experiment=experiment, initializer=initializer)
-    write_runs(runs, context.stage, experiment, initializer)
+    write_runs(concat((result.runs for result in results), RUNS, TIES), context.stage, experiment, initializer)
 
 
 if __name__ == "__main__":

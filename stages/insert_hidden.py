@@ -1,6 +1,5 @@
 """Hide entities of a graph from PyKEEN's training, and insert them."""
 
-import json
 import sys
 from importlib.util import find_spec
 
@@ -13,12 +12,11 @@ if find_spec("pykeen") is None:
 
 from pykeen.datasets import get_dataset
 
-from isi.analyses.hidden_entities import HIDDEN_ENTITIES, mean_seconds, seconds_path
-from isi.analyses.hidden_in_pykeen import HidingTask, hidden_in
+from isi.analyses.hidden_entities import HIDDEN_ENTITIES, seconds_path
+from isi.analyses.hidden_in_pykeen import hidden_in
 from isi.experiment.grid import GridPoints
 from isi.experiment.runner import run
-from isi.graph.graph import Graph, build_graph
-from isi.graph.tables import GRAPH_ENTITIES, GRAPH_TRIPLES
+from isi.graph.graph import GRAPH_ENTITIES, GRAPH_TRIPLES, Graph, build_graph
 from isi.graph.words import load_vectors, look_up
 from isi.stage import StageContext, stage
 from isi.tables import io
@@ -30,12 +28,15 @@ def insert_hidden(context: StageContext, graph: str) -> None:
     settings, params = context.beyond.hidden[graph], context.params
     triples, phrases = of_package(graph) if settings.source == "pykeen" else of_pipeline(graph)
     words = None if settings.words is None else look_up(load_vectors(settings.words), phrases).vectors
-    none = np.zeros((1, 0, 0), dtype=np.int64)
-    grid = [GridPoints(graph, triples, 0, [seed], none[0], none) for seed in range(settings.seeds)]
-    tasks = [HidingTask(points, words, settings, f"hidden.{graph}", params.seed) for points in grid]
+    splits = np.zeros((1, len(triples.triples)), dtype=np.int8)
+    tasks = [
+        (GridPoints.without_insertion(graph, triples, [seed], splits), words, settings, f"hidden.{graph}", params.seed)
+        for seed in range(settings.seeds)
+    ]
     answers, seconds = zip(*run(hidden_in, tasks, params.compute, f"hidden, {graph}"), strict=True)
     HIDDEN_ENTITIES.write(pd.concat(answers, ignore_index=True), context.stage, graph=graph)
-    means = json.dumps(mean_seconds(pd.concat(seconds)), indent=1)
+    by_method = pd.concat(seconds).astype({"told": "Int64"}).groupby(["method", "told"], dropna=False, sort=False)
+    means = by_method["seconds"].mean().round(3).reset_index().to_json(orient="records", indent=1)
     io.atomically(seconds_path(graph), lambda path: path.write_text(f"{means}\n", encoding="utf-8"))
 
 

@@ -1,12 +1,10 @@
 """Insert novel entities with indicator sets of several sizes, by one initializer, until convergence."""
 
-from dataclasses import replace
-
 import pandas as pd
 
-from isi.analyses.sweep import INDICATOR_SWEEP
+from isi.analyses.finetuning import INDICATOR_SWEEP
 from isi.errors import InputError
-from isi.experiment.insert import insert_config, insert_stack, insertion_tasks
+from isi.experiment.insert import insert_config, insert_stack, insert_tasks
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
 from isi.stage import StageContext, stage
@@ -22,11 +20,10 @@ def sweep_indicators(context: StageContext, experiment: str, initializer: str) -
     if not sizes:
         raise InputError(paths.PARAMS, "sweep.k", f"expected a size up to sweep.initializers.{initializer}.candidates")
     grid = store.grid(stack_height(params.compute), sweep.size, sweep.seeds)
-    config = insert_config(params, initializer, options={**options, "k": sizes[0]})
-    first = insertion_tasks(store, params, config, grid)
-    tasks = [replace(task, config=replace(config, options={**options, "k": k})) for k in sizes for task in first]
+    configs = [insert_config(params, initializer, options={**options, "k": k}) for k in sizes]
+    tasks = [task for config in configs for task in insert_tasks(store, params, grid, config)]
     results = run(insert_stack, tasks, params.compute, f"indicator sets, {initializer}")
-    runs = (result.runs.assign(k=task.config.options["k"]) for task, result in zip(tasks, results, strict=True))
+    runs = (result.runs.assign(k=task[-1].options["k"]) for task, result in zip(tasks, results, strict=True))
     INDICATOR_SWEEP.write(pd.concat(runs), context.stage, experiment=experiment, initializer=initializer)
 
 

@@ -1,25 +1,28 @@
 """Insert novel entities with one initializer again, fine-tuned until convergence at other rates."""
 
-from isi.analyses.sweep import RATE_SWEEP
-from isi.experiment.insert import insert_config, insert_stack, insertion_tasks
+import pandas as pd
+
+from isi.analyses.finetuning import RATE_SWEEP
+from isi.experiment.insert import insert_config, insert_stack, insert_tasks
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
 from isi.stage import StageContext, stage
-from isi.tables.table import concat
 
 
 @stage
 def sweep_rates(context: StageContext, experiment: str, initializer: str) -> None:
     """Insert novel entities with one initializer again, fine-tuned until convergence at other rates."""
     params, store, config = context.params, Store(experiment), insert_config(context.params, initializer)
-    grid, tasks, factors = store.grid(stack_height(params.compute), params.rate_sweep.size), [], list[float]()
-    for factor in params.rate_sweep.factors:
-        at_rate = config.training(learning_rate=factor * config.optimizer.learning_rate)
-        tasks += insertion_tasks(store, params, at_rate, grid)
-        factors += [factor] * len(grid)
+    grid, rate = store.grid(stack_height(params.compute), params.rate_sweep.size), config.optimizer.learning_rate
+    factors = [factor for factor in params.rate_sweep.factors for _ in grid]
+    tasks = [
+        task
+        for factor in params.rate_sweep.factors
+        for task in insert_tasks(store, params, grid, config.training(learning_rate=factor * rate))
+    ]
     results = run(insert_stack, tasks, params.compute, f"rates, {initializer}")
     runs = (result.runs.assign(factor=factor) for factor, result in zip(factors, results, strict=True))
-    RATE_SWEEP.write(concat(runs, RATE_SWEEP), context.stage, experiment=experiment, initializer=initializer)
+    RATE_SWEEP.write(pd.concat(runs), context.stage, experiment=experiment, initializer=initializer)
 
 
 if __name__ == "__main__":

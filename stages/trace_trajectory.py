@@ -3,11 +3,12 @@
 import torch
 
 from isi.analyses import trajectory as analysis
-from isi.analyses.trajectory import TRACED, TRAJECTORY, TrajectoryTask, place_of_interest
+from isi.analyses.trajectory import TRACED, TRAJECTORY, place_of_interest
 from isi.errors import InputError
-from isi.experiment.insert import insert_config, insertion_tasks
+from isi.experiment.insert import insert_config
 from isi.experiment.runner import run
 from isi.experiment.store import Store
+from isi.experiment.train import model_of
 from isi.stage import StageContext, stage
 from isi.tables import paths
 
@@ -20,25 +21,21 @@ def trace_trajectory(context: StageContext, experiment: str) -> None:
     if points is None:
         expected = f"expected one of the seeds of {experiment}, got {settings.seed}"
         raise InputError(paths.PARAMS, "trajectory.seed", expected)
-    inserted = []
-    for name in TRACED:
-        inserted += insertion_tasks(
-            store, params, insert_config(params, name).training(max_epochs=settings.epochs), [points]
-        )
-    place = place_of_interest(inserted[0], store.entities()["kind"], settings.kind)
+    theta0, words = store.theta0(points, model_of(params)), store.words()
+    place = place_of_interest(points, theta0, words, store.entities()["kind"], settings.kind)
     if place is None:
         expected = f"expected a seed with a novel {settings.kind} that has a word vector and insert triples"
         raise InputError(paths.PARAMS, "trajectory.seed", expected)
-    tasks = [TrajectoryTask(**vars(task), place=place) for task in inserted]
-    traces = run(analysis.trace_trajectory, tasks, params.compute, "trajectory")
+    configs = [insert_config(params, name).training(max_epochs=settings.epochs) for name in TRACED]
+    tasks = [(points, theta0, words, config, place) for config in configs]
     tensors = {
         "entity": torch.from_numpy(points.novel[0, 0, place : place + 1]),
         "known": points.session(0).entities[0],
-        "theta0": torch.from_numpy(inserted[0].theta0.entity[0]),
+        "theta0": torch.from_numpy(theta0.entity[0]),
     }
-    for name, trace in zip(TRACED, traces, strict=True):
-        tensors[f"{name}.path"] = torch.from_numpy(trace.path)
-        tensors[f"{name}.indicators"] = torch.from_numpy(trace.indicators)
+    traces = run(analysis.trace_trajectory, tasks, params.compute, "trajectory")
+    for name, (path, indicators) in zip(TRACED, traces, strict=True):
+        tensors |= {f"{name}.path": torch.from_numpy(path), f"{name}.indicators": torch.from_numpy(indicators)}
     TRAJECTORY.write(tensors, context.stage, experiment=experiment)
 
 

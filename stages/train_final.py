@@ -1,12 +1,11 @@
 """Train an embedding of all of an experiment's graph, which commands of ``isi`` insert into."""
 
-from isi.analyses.final_model import final_task, usual_epochs
-from isi.analyses.final_model import train_final as train
+from isi.analyses import joint_models
 from isi.bundle.folder import write
 from isi.bundle.manifest import MODEL, Bundle, Manifest, WordSource
+from isi.experiment.grid import JOINT_MODEL
 from isi.experiment.runner import run
-from isi.experiment.store import Store
-from isi.experiment.tables import TRAINING_LOG
+from isi.experiment.store import TRAINING_LOG, Store
 from isi.experiment.train import train_config
 from isi.stage import StageContext, stage
 from isi.tables import paths
@@ -21,14 +20,14 @@ def train_final(context: StageContext, experiment: str) -> None:
     """
     params, store = context.params, Store(experiment)
     entities, graph, words = as_text(store.entities()), store.graph(), params.words
-    log = TRAINING_LOG.read(experiment=experiment, model="joint")
-    task = final_task(experiment, graph, train_config(params), usual_epochs(log))
-    (trained,) = run(train, [task], params.compute, f"{experiment}, final model")
+    epochs = joint_models.usual_epochs(TRAINING_LOG.read(experiment=experiment, model=JOINT_MODEL))
+    tasks = [(joint_models.whole_graph(experiment, graph), train_config(params), epochs)]
+    (trained,) = run(joint_models.train_final, tasks, params.compute, f"{experiment}, final model")
     of_package = MODEL if words.shipped and words.text != "glove" else None
     model, options = params.embedding.model, params.models[params.embedding.model]
     sections = ("words", "embedding", "negatives", "training")
     settings = {name: getattr(params, name).model_dump(exclude_unset=True) for name in sections}
-    made = {"experiment": experiment, "epochs": task.epochs,
+    made = {"experiment": experiment, "epochs": epochs,
             "params": {"seed": params.seed, f"models.{model}": options, **settings}}  # fmt: skip
     source = WordSource(source=words.source, text=words.text, model=of_package)
     manifest = Manifest(model_name=model, model_options=options, words=source, inserted=[], made=made)

@@ -8,8 +8,10 @@ from pathlib import Path
 import pandas as pd
 import torch
 
-from isi.experiment.tables import RUNS, THETA0
-from isi.graph.tables import ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES, WORD_VECTORS
+from isi.experiment.store import RUNS, THETA0
+from isi.graph.graph import ENTITIES, TRIPLES
+from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
+from isi.graph.words import WORD_VECTORS
 from isi.sources.tables import KINDS, OBSERVATIONS
 from isi.tables.table import Table, as_text
 from tests.example_tables import Change

@@ -12,15 +12,15 @@ import pyarrow.parquet as pq
 import torch
 
 from isi.analyses.affordances import AFFORDANCES
-from isi.analyses.cross_validation import CROSS_VALIDATION
 from isi.analyses.hidden_entities import HIDDEN_ENTITIES
-from isi.analyses.model_comparison import MODEL_COMPARISON
+from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
 from isi.analyses.query_breakdown import QUERY_BREAKDOWN, USED_COORDINATES
 from isi.analyses.single_insertions import SINGLE_ANSWERS, SINGLE_INDICATORS, SINGLE_INSERTIONS, SINGLE_PLACES
-from isi.analyses.sweep import INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS
-from isi.experiment.tables import INSERTED, RUNS, TIES, TRAINING_LOG
-from isi.graph.tables import COVERAGE, ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES
+from isi.experiment.store import INSERTED, RUNS, TIES, TRAINING_LOG
+from isi.graph.graph import ENTITIES, TRIPLES
+from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
+from isi.graph.words import COVERAGE
 from isi.sources.tables import KINDS, MINED, OBSERVATIONS
 from isi.tables.table import Table
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,14 +17,9 @@ from isi.process import one_line, tie_to_parent
 WORKERS = 2
 
 
-@dataclass(frozen=True)
-class Sleep:
-    points: GridPoints
-
-
-def sleep(task: Sleep) -> None:
+def sleep(points: GridPoints) -> None:
     """Note this process in the folder that the task's experiment is named after, and sleep."""
-    Path(task.points.experiment, str(os.getpid())).touch()
+    Path(points.experiment, str(os.getpid())).touch()
     time.sleep(300)
 
 
@@ -38,6 +32,6 @@ def main(folder: str) -> None:
 def _sleep(folder: str) -> None:
     nothing = torch.zeros(0, dtype=torch.int64)
     graph = Graph([], [], torch.zeros((0, 3), dtype=torch.int64), nothing, nothing)
-    splits, nobody = np.zeros((1, 0), dtype=np.int8), np.zeros((1, 1, 0), dtype=np.int64)
-    tasks = [Sleep(GridPoints(folder, graph, 1, [seed], splits, nobody)) for seed in range(WORKERS)]
+    splits = np.zeros((1, 0), dtype=np.int8)
+    tasks = [(GridPoints.without_insertion(folder, graph, [seed], splits),) for seed in range(WORKERS)]
     run(sleep, tasks, Compute(workers=WORKERS, stack=1), "sleeping")

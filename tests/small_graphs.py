@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -62,24 +63,28 @@ def random_embedding(
     return Embedding(entity, torch.randn(models, relations, model.width(dimension), generator=generator), model)
 
 
-def points_of(graph: Graph, size: int, seeds: Sequence[int], root: int = 0, steps: int = 1) -> GridPoints:
-    """Cells as the pipeline draws them, with a fifth of the triples each for validation and test."""
+def points_of(
+    graph: Graph, size: int, seeds: Sequence[int], root: int = 0, steps: int = 1, fraction: float = 0.5
+) -> GridPoints:
+    """Grid points as the pipeline draws them, with a fifth of the triples each for validation and test."""
     splits = np.stack([split(graph, root, seed, 0.2, 0.2) for seed in seeds])
     everyone = np.arange(len(graph.entities))
     novel = np.stack([sample_novel(everyone, root, size, seed, steps) for seed in seeds])
-    return GridPoints("home", graph, size, list(seeds), splits, novel)
+    points = GridPoints("home", graph, size, list(seeds), splits, novel)
+    return replace(points, insert_triples=insert_triples_of(points, root, fraction))
 
 
-def insert_triples_of(points: GridPoints, session: int = 1, root: int = 0, fraction: float = 0.5) -> np.ndarray:
-    """(model, place in ``novel``, triple) of what is told in a session, as a step is told it; shape (I, 3)."""
+def insert_triples_of(points: GridPoints, root: int = 0, fraction: float = 0.5) -> np.ndarray:
+    """(session, model, place in ``novel``, triple) of the insert triples, as they are drawn; shape (I, 4)."""
     rows = [
-        (model, points.novel[model, session - 1].tolist().index(entity), triple)
+        (session, model, points.novel[model, session - 1].tolist().index(entity), triple)
+        for session in range(1, points.sessions + 1)
         for model, seed in enumerate(points.seeds)
         for entity, triple in sample_insert_triples(
             points.graph, points.splits[model], points.novel[model], session, root, seed, fraction
         )
     ]
-    return np.array(rows, dtype=np.int64).reshape(-1, 3)
+    return np.array(rows, dtype=np.int64).reshape(-1, 4)
 
 
 def dense(relation: Tensor) -> Tensor:

@@ -10,11 +10,11 @@ import pandas as pd
 from isi.config import Option
 from isi.evaluation.convergence import SCOPES as CONVERGING
 from isi.experiment.grid import GridPoints, StackedVectors
-from isi.experiment.insert import InsertConfig, InsertTask, TaskResult
-from isi.experiment.train import TrainConfig, TrainResult, TrainTask, as_tensors, train_stack
+from isi.experiment.insert import InsertConfig, InsertResult, InsertTask
+from isi.experiment.train import TrainConfig, TrainResult, train_stack
 from isi.training.batches import Negatives
 from isi.training.trainer import Optimizer, Training
-from tests.small_graphs import ANALOGY, insert_triples_of, points_of, random_graph
+from tests.small_graphs import ANALOGY, points_of, random_graph
 
 ENTITIES, RELATIONS, SIZE, SEEDS = 14, 3, 2, [0, 1, 2, 3]
 GRAPH = random_graph(ENTITIES, RELATIONS, 90)
@@ -51,51 +51,46 @@ def stacks(height: int, steps: int = 1) -> list[GridPoints]:
     return [points_of(GRAPH, SIZE, SEEDS[first : first + height], steps=steps) for first in firsts]
 
 
-def training_tasks(height: int, config: TrainConfig = LEARNING, steps: int = 1) -> list[TrainTask]:
-    return [TrainTask(points, config) for points in stacks(height, steps)]
-
-
-def joint_training_tasks(height: int, config: TrainConfig = LEARNING) -> list[TrainTask]:
-    return [TrainTask(points.all_known, config) for points in stacks(height)]
+def training_tasks(
+    height: int, config: TrainConfig = LEARNING, steps: int = 1
+) -> list[tuple[GridPoints, TrainConfig, int]]:
+    return [(points, config, 0) for points in stacks(height, steps)]
 
 
 def theta0(config: TrainConfig = LEARNING, steps: int = 1) -> StackedVectors:
-    (trained,) = (train_stack(task) for task in training_tasks(len(SEEDS), config, steps))
-    return StackedVectors(config.model, trained.entity, trained.relation)
+    (points,) = stacks(len(SEEDS), steps)
+    return train_stack(points, config).theta
 
 
-def all_insert_triples(points: GridPoints) -> np.ndarray:
-    """(session, model, place in ``novel``, triple); shape (I, 4)."""
-    sessions = range(1, points.sessions + 1)
-    return np.concatenate([np.insert(insert_triples_of(points, session), 0, session, axis=1) for session in sessions])
+def some_models(theta: StackedVectors, models: slice | list[int]) -> StackedVectors:
+    """Some embeddings of a stack."""
+    return StackedVectors(theta.model, theta.entity[models], theta.relation[models])
 
 
 def insert_tasks(
-    height: int,
-    name: str,
-    trained: StackedVectors,
-    words: np.ndarray = WORDS,
-    steps: int = 1,
+    height: int, name: str, trained: StackedVectors, words: np.ndarray = WORDS, steps: int = 1,
     full_curves: Sequence[int] = (),
-) -> list[InsertTask]:
+) -> list[InsertTask]:  # fmt: skip
     config = InsertConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, full_curves)
     tasks = []
     for number, points in enumerate(stacks(height, steps)):
-        rows = slice(number * height, (number + 1) * height)
-        vectors = StackedVectors(trained.model, trained.entity[rows], trained.relation[rows])
-        joint = {(n, scope): JOINT[rows].copy() for n in range(1, steps + 1) for scope in CONVERGING}
-        tasks.append(InsertTask(points, vectors, all_insert_triples(points), words, joint, config))
+        models = slice(number * height, (number + 1) * height)
+        joint = {(session, scope): JOINT[models].copy() for session in range(1, steps + 1) for scope in CONVERGING}
+        tasks.append((points, some_models(trained, models), words, joint, config))
     return tasks
 
 
-def trained_bytes(learned: list[TrainResult]) -> dict[str, bytes]:
-    """All that learning gave, in the order of seeds and epochs; floats in CSV are whole."""
-    tensors = as_tensors(training_tasks(len(SEEDS) // len(learned)), learned)
-    log = pd.concat([result.log for result in learned]).sort_values(["seed", "epoch"])
-    return {name: tensor.numpy().tobytes() for name, tensor in tensors.items()} | {"log": csv(log)}
+def trained_bytes(trained: list[TrainResult]) -> dict[str, bytes]:
+    """All that training gave, in the order of seeds and epochs; floats in CSV are whole."""
+    tensors = {
+        "entity": [result.theta.entity for result in trained], "relation": [result.theta.relation for result in trained],
+        "known": [result.known for result in trained],
+    }  # fmt: skip
+    log = pd.concat([result.log for result in trained]).sort_values(["seed", "epoch"])
+    return {name: np.concatenate(parts).tobytes() for name, parts in tensors.items()} | {"log": csv(log)}
 
 
-def inserted_bytes(inserted: list[TaskResult]) -> dict[str, bytes]:
+def inserted_bytes(inserted: list[InsertResult]) -> dict[str, bytes]:
     """All that insertion gave, in the order of seeds, sessions, epochs and scopes."""
     runs = pd.concat([result.runs for result in inserted]).sort_values(["seed", "session", "epoch", "scope"])
     entities = pd.concat([result.entities for result in inserted]).sort_values(["seed", "session", "entity"])

@@ -20,8 +20,10 @@ import pytest
 import torch
 import yaml
 
-from isi.experiment.tables import INITIAL_VECTORS, INSERTED, RUNS, TIES
-from isi.graph.tables import COVERAGE, ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES, WORD_VECTORS
+from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, TIES
+from isi.graph.graph import ENTITIES, TRIPLES
+from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
+from isi.graph.words import COVERAGE, WORD_VECTORS
 from isi.sources.tables import KINDS as KIND_TABLE
 from isi.sources.tables import MINED, OBSERVATIONS
 from isi.tables import io, paths

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.numpy import load_file
 
-from isi.analyses.final_model import final_task, train_final, usual_epochs
+from isi.analyses.joint_models import final_task, train_final, usual_epochs
 from isi.bundle.folder import read, write
 from isi.bundle.manifest import Bundle, InsertionRecord
 from isi.errors import InputError

@@ -17,8 +17,10 @@ import yaml
 from isi import config
 from isi.__main__ import main
 from isi.cli._checking import catalogue, check_data
-from isi.experiment.tables import INITIAL_VECTORS, INSERTED, RUNS, THETA0
-from isi.graph.tables import COVERAGE, ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS
+from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, THETA0
+from isi.graph.graph import ENTITIES
+from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
+from isi.graph.words import COVERAGE
 from isi.params import load
 from isi.sources.tables import KINDS
 from isi.tables import paths

@@ -11,16 +11,16 @@ from isi.evaluation.query_sets import novel_query_set
 from isi.evaluation.ranking import closeness, evaluate
 from isi.experiment.grid import GridPoints
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
-from isi.initializers.api import INITIALIZERS, NovelEntities, options_of
+from isi.initializers.api import INITIALIZERS, options_of
 from tests.small_graphs import points_of, random_embedding, random_graph
-from tools.choose_initializers import about, compared, hide, insert_triples_of, settings_of, shown, table_of
+from tools.choose_initializers import about, compared, hide, settings_of, shown, table_of
 
 ENTITIES, RELATIONS = 20, 3
 
 
 def hidden(draw: int = 0) -> tuple[GridPoints, GridPoints]:
     points = points_of(random_graph(ENTITIES, RELATIONS, 140), 3, [0, 1, 2])
-    return points, hide(points, 4, draw, 0)
+    return points, hide(points, 4, draw, 0, 0.5)
 
 
 def test_known_entities_are_hidden_and_neither_novel_ones_nor_test_triples_have_a_part() -> None:
@@ -40,7 +40,7 @@ def test_known_entities_are_hidden_and_neither_novel_ones_nor_test_triples_have_
 
 def test_half_of_the_training_triples_of_hidden_entities_is_told() -> None:
     _, pseudo = hidden()
-    told = insert_triples_of(pseudo, 0, 0, 0.5)
+    told = pseudo.insert_triples
     for session, model, place, triple in told.tolist():
         head, _, tail = pseudo.graph.triples[triple].tolist()
         assert session == 1
@@ -56,9 +56,7 @@ def test_half_of_the_training_triples_of_hidden_entities_is_told() -> None:
 
 def test_half_of_the_queries_for_entities_are_about_the_novel_one() -> None:
     _, pseudo = hidden()
-    told = insert_triples_of(pseudo, 0, 0, 0.5)
-    told_mask = NovelEntities(pseudo.novel_in(1), torch.as_tensor(told[:, 1:]), torch.zeros(ENTITIES, 2)).mask(140)
-    queries = novel_query_set(pseudo.session(1), pseudo.novel_in(1), told_mask)["novel"]
+    queries = novel_query_set(pseudo.session(1), pseudo.novel_in(1), pseudo.insert_mask(1))["novel"]
     some = about(queries, pseudo.novel_in(1))
     theta = random_embedding(3, ENTITIES, RELATIONS, 8)
     found = evaluate(theta, {"about": some})["about"].measures[:, 1]

@@ -12,10 +12,9 @@ import pandas as pd
 import pytest
 import yaml
 
-from isi.analyses.other_graphs import GRAPH_QUERIES, GRAPH_RUNS
-from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS
+from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VARIANT_RUNS
 from isi.errors import InputError
-from isi.graph.tables import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES
+from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES
 from isi.params import load as load_params
 from isi.params import load_beyond
 from isi.tables import paths

@@ -17,7 +17,7 @@ from rdflib import RDF, RDFS, Graph, Literal, URIRef
 
 from isi.__main__ import main
 from isi.cli.export_formats import FORMATS
-from isi.experiment.tables import JOINT
+from isi.experiment.store import JOINT
 from isi.graph import tables
 from isi.tables import paths
 from tests.observing import TRIPLE, observe

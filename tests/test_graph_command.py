@@ -14,8 +14,7 @@ from isi.__main__ import main
 from isi.cli._reading import guess, read, together
 from isi.cli.graph import described
 from isi.config import read as read_params
-from isi.graph.graph import build_graph, build_tables
-from isi.graph.tables import ENTITIES, TRIPLES
+from isi.graph.graph import ENTITIES, TRIPLES, build_graph, build_tables
 from isi.sources.recordings import FORMAT, locate
 from isi.tables import paths
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 import torch
 
-from isi.analyses.finetune_only import FinetuneOnlyTask, finetune_only
+from isi.analyses.finetuning import FinetuneOnlyTask, finetune_only
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insert import insert_stack
 from isi.models.stack import Embedding

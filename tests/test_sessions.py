@@ -21,8 +21,9 @@ from hypothesis import strategies as st
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints
 from isi.experiment.store import Store
-from isi.graph.graph import Graph
+from isi.graph.graph import ENTITIES, TRIPLES, Graph
 from isi.graph.sampling import (
+    SPLITS,
     SessionsOf,
     Shares,
     check_held_out,
@@ -35,7 +36,6 @@ from isi.graph.sampling import (
     triples_without,
 )
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Timeline, session_of
-from isi.graph.tables import ENTITIES, SPLITS, TRIPLES
 from isi.random import stream
 from isi.tables import paths
 from stages.make_sessions import make_sessions

@@ -18,8 +18,8 @@ import torch
 
 from isi.analyses.variants import VARIANT_RUNS
 from isi.errors import LONGEST, InputError, cut, meant, short
-from isi.experiment.tables import INITIAL_VECTORS, INSERTED, THETA0
-from isi.graph.tables import TRIPLES
+from isi.experiment.store import INITIAL_VECTORS, INSERTED, THETA0
+from isi.graph.graph import TRIPLES
 from isi.stage import missing
 from isi.tables import paths
 from tests.test_bad_input import KINDS, OBSERVED, graph, observed, outputs, workspace

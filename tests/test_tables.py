@@ -14,8 +14,9 @@ import torch
 from safetensors import safe_open
 
 from isi.errors import InputError
-from isi.experiment.tables import RUNS, TIES
-from isi.graph.tables import ENTITIES, NOVEL, SPLITS, TRIPLES
+from isi.experiment.store import RUNS, TIES
+from isi.graph.graph import ENTITIES, TRIPLES
+from isi.graph.sampling import NOVEL, SPLITS
 from isi.sources.tables import KINDS, OBSERVATIONS
 from isi.tables import io
 from isi.tables.table import Table, concat

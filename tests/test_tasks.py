@@ -19,9 +19,8 @@ from isi.experiment.insert import (
     is_listed,
     joint_targets,
 )
-from isi.experiment.store import Store
-from isi.experiment.tables import RUNS
-from isi.graph.tables import INSERT_TRIPLES
+from isi.experiment.store import RUNS, Store
+from isi.graph.sampling import INSERT_TRIPLES
 from isi.params import load
 from isi.tables import paths
 from tests import small

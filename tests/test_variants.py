@@ -20,7 +20,7 @@ from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, Variant, Varian
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insert import InsertConfig, InsertTask, insert_stack
-from isi.experiment.tables import JOINT, THETA0
+from isi.experiment.store import JOINT, THETA0
 from isi.experiment.train import (
     EvaluationTask,
     TrainConfig,
@@ -29,8 +29,10 @@ from isi.experiment.train import (
     evaluate_stack,
     train_stack,
 )
+from isi.graph.graph import ENTITIES, TRIPLES
+from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.sessions import SPLITS as SPLIT_NAMES
-from isi.graph.tables import ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES, WORD_VECTORS
+from isi.graph.words import WORD_VECTORS
 from isi.params import load as load_params
 from isi.params import load_beyond
 from isi.tables import io, paths

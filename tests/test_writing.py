@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from isi.errors import InputError
-from isi.graph.tables import ENTITIES, TRIPLES
+from isi.graph.graph import ENTITIES, TRIPLES
 from isi.tables import io
 from tests.test_bad_input import KINDS, OBSERVED, leave, observed, outputs, workspace, write
 

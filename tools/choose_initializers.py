@@ -9,7 +9,7 @@ neither has a test triple, but for the counts that true ranks come from. Writes 
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -19,14 +19,13 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi.evaluation.convergence import SCOPES
 from isi.evaluation.query_sets import novel_query_set
 from isi.evaluation.ranking import Queries, evaluate
-from isi.experiment.grid import GridPoints, StackedVectors
-from isi.experiment.insert import InsertTask, insert_config, with_vectors
+from isi.experiment.grid import GridPoints, StackedVectors, no_triples
+from isi.experiment.insert import init_context, with_vectors
 from isi.experiment.runner import run
 from isi.experiment.store import Store
-from isi.experiment.train import TrainTask, train_config, train_stack
+from isi.experiment.train import train_config, train_stack
 from isi.graph.sampling import sample_insert_triples
 from isi.graph.sessions import OUT, TRAIN, VALID, membership
 from isi.initializers.api import INITIALIZERS, options_of
@@ -37,25 +36,22 @@ FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 Setting = tuple[str, dict[str, Any]]
 
 
-@dataclass(frozen=True)
-class ChoosingTask(InsertTask):
-    """Insert the hidden entities of grid points with each setting, and measure immediately."""
+def measured(
+    points: GridPoints, theta0: StackedVectors, words: np.ndarray, root: int, settings: list[Setting]
+) -> np.ndarray:
+    """MRR* in scope novel, and of its queries for entities those about a novel one; shape (settings, M, 2).
 
-    settings: list[Setting] = field(default_factory=list)
-
-
-def measured(task: ChoosingTask) -> np.ndarray:
-    """MRR* in scope novel, and of its queries for entities those about a novel one; shape (settings, M, 2)."""
-    theta0, novel = task.theta0.stack, task.points.novel_in(1)
-    context, mask = task.context(theta0, 1), task.novel_entities(1).mask(len(task.points.graph.triples))
-    queries = novel_query_set(task.points.session(1), novel, mask)["novel"]
-    asked = {"novel": queries, "about": about(queries, novel)}
-    found = []
-    for name, options in task.settings:
+    The hidden entities of grid points are inserted with each setting, and measured immediately.
+    """
+    theta, novel = theta0.stack, points.novel_in(1)
+    context = init_context(points, theta, words, root)
+    queries = novel_query_set(points.session(1), novel, points.insert_mask(1))["novel"]
+    query_sets, measures = {"novel": queries, "about": about(queries, novel)}, []
+    for name, options in settings:
         vectors = INITIALIZERS.get(name, name).initialize(context, options).vectors
-        results = evaluate(with_vectors(theta0, novel, vectors), asked)
-        found.append([results["novel"].measures[:, 0].numpy(), results["about"].measures[:, 1].numpy()])
-    return np.array(found).transpose(0, 2, 1)
+        results = evaluate(with_vectors(theta, novel, vectors), query_sets)
+        measures.append([results["novel"].measures[:, 0].numpy(), results["about"].measures[:, 1].numpy()])
+    return np.array(measures).transpose(0, 2, 1)
 
 
 def about(queries: Queries, novel: Tensor) -> Queries:
@@ -66,7 +62,7 @@ def about(queries: Queries, novel: Tensor) -> Queries:
     return replace(queries, rows=replace(rows, entity_weight=shares))
 
 
-def hide(points: GridPoints, number: int, draw: int, root: int) -> GridPoints:
+def hide(points: GridPoints, number: int, draw: int, root: int, fraction: float) -> GridPoints:
     """Grid points where some entities that D⁰ has trained on are novel in place of their own; no test triples."""
     before = points.session(0)
     splits = before.splits.masked_fill(~before.members(TRAIN, VALID), OUT).numpy()
@@ -74,7 +70,8 @@ def hide(points: GridPoints, number: int, draw: int, root: int) -> GridPoints:
         np.sort(stream(root, "hidden", seed, draw).choice(np.flatnonzero(own), number, replace=False))
         for seed, own in zip(points.seeds, before.trained().numpy(), strict=True)
     ]
-    return replace(points, size=number, splits=splits, novel=np.stack(novel)[:, None])
+    hidden = replace(points, size=number, splits=splits, novel=np.stack(novel)[:, None], insert_triples=no_triples())
+    return replace(hidden, insert_triples=insert_triples_of(hidden, root, draw, fraction))
 
 
 def insert_triples_of(points: GridPoints, root: int, draw: int, fraction: float) -> np.ndarray:
@@ -87,25 +84,19 @@ def insert_triples_of(points: GridPoints, root: int, draw: int, fraction: float)
     return np.array(rows, dtype=np.int64)
 
 
-def tasks_of(params: Params, experiment: str, asked: argparse.Namespace, settings: list[Setting]) -> list[ChoosingTask]:
+def tasks_of(
+    params: Params, experiment: str, asked: argparse.Namespace, settings: list[Setting]
+) -> list[tuple[GridPoints, StackedVectors, np.ndarray, int, list[Setting]]]:
     """Draws of hidden entities at every grid point of a size, and embeddings that were learned without them."""
-    store, config, chosen = Store(experiment), insert_config(params, "xavier"), train_config(params)
-    words, fraction = store.words(), params.sessions.insert_fraction
+    store, chosen, fraction = Store(experiment), train_config(params), params.sessions.insert_fraction
+    words = store.words()
     drawn = [
-        (hide(own, asked.hidden, draw, params.seed), draw)
-        for own in store.grid(asked.stack, asked.size, asked.seeds)
+        hide(points, asked.hidden, draw, params.seed, fraction)
+        for points in store.grid(asked.stack, asked.size, asked.seeds)
         for draw in range(asked.draws)
     ]
-    learned = run(
-        train_stack, [TrainTask(points, chosen) for points, _ in drawn], params.compute, f"{experiment}: theta"
-    )
-    tasks = []
-    for (points, draw), theta in zip(drawn, learned, strict=True):
-        nowhere = {(1, scope): np.full(len(points.seeds), np.nan) for scope in SCOPES}
-        insert_triples = insert_triples_of(points, params.seed, draw, fraction)
-        vectors = StackedVectors(chosen.model, theta.entity, theta.relation)
-        tasks.append(ChoosingTask(points, vectors, insert_triples, words, nowhere, config, settings))
-    return tasks
+    trained = run(train_stack, [(points, chosen) for points in drawn], params.compute, f"{experiment}: theta")
+    return [(points, result.theta, words, params.seed, settings) for points, result in zip(drawn, trained, strict=True)]
 
 
 def compared() -> list[str]:

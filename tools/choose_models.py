@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from isi.experiment.grid import GridPoints
 from isi.experiment.runner import run
 from isi.experiment.store import Store
-from isi.experiment.train import TrainConfig, TrainTask, train_config, train_stack
+from isi.experiment.train import TrainConfig, train_config, train_stack
 from isi.models.model import make_model
 from isi.params import Params, load
 
@@ -40,9 +41,9 @@ def learning_of(params: Params, name: str, setting: dict[str, float | bool]) -> 
     return train_config(params, model, params.training.model_copy(update=rates))
 
 
-def best_valid(task: TrainTask) -> float:
+def best_valid(points: GridPoints, config: TrainConfig) -> float:
     """Best validation MRR* of the joint models, averaged."""
-    return float(train_stack(task).log.groupby("seed")["mrr_star"].max().mean())
+    return float(train_stack(points, config).log.groupby("seed")["mrr_star"].max().mean())
 
 
 def main() -> None:
@@ -61,7 +62,7 @@ def main() -> None:
     for name in asked.models or params.models:
         for setting in settings_of(params, name, asked):
             rows.append({"model": name, **setting})
-            tasks.append(TrainTask(joint, learning_of(params, name, setting)))
+            tasks.append((joint, learning_of(params, name, setting)))
     found = 100 * np.array(run(best_valid, tasks, params.compute, "models"))
     table = pd.DataFrame(rows).assign(**{"validation MRR*": found.round(2)})
     shown = table.sort_values(["model", "validation MRR*"], ascending=[True, False]).astype(object).fillna("–")

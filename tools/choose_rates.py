@@ -7,50 +7,45 @@ averaged over the paper's initializers and over epochs, which favours none by na
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 import pandas as pd
 from torch import Tensor
 
-from isi.evaluation.convergence import SCOPES
 from isi.evaluation.query_sets import validation
 from isi.evaluation.ranking import evaluate
-from isi.experiment.grid import StackedVectors
-from isi.experiment.insert import InsertTask, finetune, initialize, insert_config, with_vectors
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.insert import InsertConfig, finetune, initialize, insert_config, with_vectors
 from isi.experiment.runner import run
 from isi.experiment.store import Store
-from isi.experiment.train import TrainConfig, TrainTask, train_config, train_stack
+from isi.experiment.train import TrainConfig, train_config, train_stack
 from isi.initializers.api import INITIALIZERS
 from isi.models.stack import Embedding
 from isi.params import Params, load
 from isi.training.trainer import never_stop
 
-
-@dataclass(frozen=True)
-class TuningTask(InsertTask):
-    """Fine-tune with given settings and look at validation MRR* every ``every`` epochs."""
-
-    every: int = 10
+#: Epochs between two looks at validation MRR*.
+EVERY = 10
 
 
-def fine_tune(task: TuningTask) -> float:
+def fine_tune(points: GridPoints, theta0: StackedVectors, words: np.ndarray, config: InsertConfig) -> float:
     """Mean validation MRR* of an initializer's Θ¹ over models and epochs."""
-    theta0, valid, looks = task.theta0.stack, validation(task.points.session(1)), []
+    theta, valid, looks = theta0.stack, validation(points.session(1)), []
 
     def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
-        if epoch and epoch % task.every == 0:
+        if epoch and epoch % EVERY == 0:
             looks.append(evaluate(embedding, valid)["valid"].measures[:, 0].numpy())
         return never_stop(epoch, embedding, models)
 
-    finetune(task, with_vectors(theta0, task.points.novel_in(1), initialize(task, theta0, 1).vectors), 1, watch)
+    initial = initialize(points, theta, words, config)
+    finetune(points, with_vectors(theta, points.novel_in(1), initial.vectors), config, watch)
     return float(np.mean(looks))
 
 
-def best_valid(task: TrainTask) -> np.ndarray:
+def best_valid(points: GridPoints, config: TrainConfig) -> np.ndarray:
     """Best validation MRR* of each joint model."""
-    return train_stack(task).log.groupby("seed")["mrr_star"].max().to_numpy()
+    return train_stack(points, config).log.groupby("seed")["mrr_star"].max().to_numpy()
 
 
 def training_at(params: Params, batch: int, rate: float) -> TrainConfig:
@@ -75,21 +70,18 @@ def main() -> None:
 
     grid = list(product(given.batches, given.training))
     joint = [points.all_known for points in single]
-    tasks = [TrainTask(points, training_at(params, batch, rate)) for batch, rate in grid for points in joint]
+    tasks = [(points, training_at(params, batch, rate)) for batch, rate in grid for points in joint]
     looks = np.concatenate(run(best_valid, tasks, params.compute, "training"))
     show("training", grid, looks.reshape(len(grid), -1).mean(1))
 
     chosen = train_config(params)
-    theta0 = run(train_stack, [TrainTask(points, chosen) for points in single], params.compute, "theta0")
-    table, words = store.insert_triples(), store.words()
-    grid = list(product(given.batches, given.finetuning))
+    theta0 = run(train_stack, [(points, chosen) for points in single], params.compute, "theta0")
+    words, grid = store.words(), list(product(given.batches, given.finetuning))
     names = [name for name in params.initializers if INITIALIZERS.get(name, name).role in ("paper", "isi")]
-    tuned = []
-    for (batch, rate), (points, learned), name in product(grid, zip(single, theta0, strict=True), names):
-        nowhere = {(1, scope): np.full(len(points.seeds), np.nan) for scope in SCOPES}
-        vectors = StackedVectors(chosen.model, learned.entity, learned.relation)
-        config = insert_config(params, name).training(batch_size=batch, learning_rate=rate)
-        tuned.append(TuningTask(points, vectors, store.insert_triples_of(points, table), words, nowhere, config))
+    tuned = [
+        (points, trained.theta, words, insert_config(params, name).training(batch_size=batch, learning_rate=rate))
+        for (batch, rate), (points, trained), name in product(grid, zip(single, theta0, strict=True), names)
+    ]
     means = np.reshape(run(fine_tune, tuned, params.compute, "fine-tuning"), (len(grid), -1)).mean(1)
     show("fine-tuning", grid, means)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Self
 
 import numpy as np
@@ -39,31 +38,25 @@ class Affordances(Study):
         return self
 
 
-@dataclass(frozen=True)
-class RankingTask:
-    """Rank the answers for the novel entities of the first session as they were inserted into Θ⁰."""
+def rank_answers(
+    points: GridPoints, theta0: StackedVectors, initializer: str, vectors: np.ndarray, relation: int
+) -> pd.DataFrame:
+    """Rank of every entity of D¹ as an answer for each novel entity of the first session (``AFFORDANCES``).
 
-    points: GridPoints
-    theta0: StackedVectors
-    #: shape: (M, n, d)
-    vectors: np.ndarray
-    #: id
-    relation: int
-
-
-def ranks(task: RankingTask) -> pd.DataFrame:
-    """Rank of every entity of D¹ as an answer for each novel entity (``AFFORDANCES`` without the initializer)."""
-    points, session, novel = task.points, task.points.session(1), task.points.novel_in(1)
-    embedding = with_vectors(task.theta0.stack, novel, torch.as_tensor(task.vectors))
-    scores = embedding.score_tails(novel, torch.full_like(novel, task.relation))
+    Args:
+        vectors: of the novel entities, as the initializer inserted them; shape (M, n, d).
+        relation: id.
+    """
+    session, novel = points.session(1), points.novel_in(1)
+    embedding = with_vectors(theta0.stack, novel, torch.as_tensor(vectors))
+    scores = embedding.score_tails(novel, torch.full_like(novel, relation))
     rank = ranks_of(scores, session.entities[:, None]).cpu().numpy()
     model, place, answer = rank.nonzero()
     columns = {"seed": np.array(points.seeds)[model], "entity": points.novel[model, 0, place], "answer": answer}
-    return pd.DataFrame(columns | {"rank": rank[model, place, answer]})
+    return pd.DataFrame(columns | {"rank": rank[model, place, answer]}).assign(initializer=initializer)
 
 
 def ranks_of(scores: Tensor, candidates: Tensor) -> Tensor:
-    """Rank of each candidate in its row, from 1, ties to the lower id; 0 for who is none; shapes (M, n, E)."""
+    """Rank of each candidate in its row, from 1, ties to the lower id; 0 for who is none; shapes (..., E)."""
     order = scores.masked_fill(~candidates, -torch.inf).sort(dim=-1, descending=True, stable=True).indices
-    rank = torch.empty_like(order).scatter_(-1, order, torch.arange(1, order.shape[-1] + 1).expand_as(order))
-    return rank * candidates
+    return (order.argsort(-1) + 1) * candidates

@@ -1,13 +1,12 @@
-"""Entities that are hidden from an embedding that another trainer makes: which, what is told of them, what is asked."""
+"""Entities that are hidden from an embedding that another trainer makes: which, their insert triples, their queries."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-import pandas as pd
 from pydantic import Field
 
 from isi.config import Count, Fraction, Name, Positive, Section
@@ -83,57 +82,48 @@ class Hidden(Section):
 
 
 @dataclass(frozen=True)
-class HiddenTask:
-    """Known entities, then hidden ones: a graph whose ids are dealt anew."""
+class HiddenSplit:
+    """A graph whose ids are dealt anew, known entities before hidden ones; triples are of shape (…, 3)."""
 
     #: of known and hidden entities, in the graph's own ids; shape (E,)
     order: np.ndarray
     known: int
-    #: among known entities; shape (K, 3)
+    #: among known entities
     triples: np.ndarray
-    #: of hidden ones, with a known end, each entity's in the order of telling; shape (I, 3)
+    #: of hidden ones, with a known end: by entity, in random order, to insert from and to query
     rest: np.ndarray
-    #: of hidden ones, with a known end; shape (Q, 3)
-    asked: np.ndarray
-    #: all of the graph; shape (T, 3)
+    queries: np.ndarray
+    #: all of the graph
     true: np.ndarray
 
     def insert_triples(self, number: int | None) -> np.ndarray:
         """The first so many triples of each hidden entity, or all; shape (I', 3)."""
-        place = np.arange(len(self.rest)) - np.searchsorted(
-            _hidden_ends(self.rest, self.known), _hidden_ends(self.rest, self.known)
-        )
-        return self.rest if number is None else self.rest[place < number]
+        return self.rest if number is None else self.rest[_places(self.rest, self.known)[0] < number]
 
 
-def measure_hidden(triples: np.ndarray, entities: int, how: Hidden, key: str, root: int, seed: int) -> HiddenTask:
-    """Draw entities to hide, and what of their triples is told and asked.
-
-    Entities are tried in a random order. One is hidden where all hidden ones keep enough triples with a known end, and
-    all others, and all relations, a triple among known entities.
+def hide(triples: np.ndarray, entities: int, settings: Hidden, key: str, root: int, seed: int) -> HiddenSplit:
+    """Draw entities to hide, and which of their triples are inserted from and queried.
 
     Args:
-        triples: unique ones of the graph; shape (T, 3).
-        key: where ``how`` stands in params.
+        triples: of the graph; shape (T, 3).
+        key: where the settings stand in params.
 
     Raises:
         InputError: where not so many can be hidden.
     """
     rng = stream(root, "hidden from another trainer", seed)
-    hidden = _drawn(triples, entities, max(1, round(how.fraction * entities)), how.fewest, rng)
+    hidden = _draw(triples, entities, max(1, round(settings.fraction * entities)), settings.fewest, rng)
     if hidden is None:
         raise InputError(paths.BEYOND_PARAMS, f"{key}.fraction", "expected a share that leaves enough triples")
-    order = np.concatenate([np.flatnonzero(~hidden), np.flatnonzero(hidden)])
+    order, known = np.argsort(hidden, kind="stable"), int((~hidden).sum())
     renamed = triples.copy()
     renamed[:, [HEAD, TAIL]] = np.argsort(order)[triples[:, [HEAD, TAIL]]]
-    known = int((~hidden).sum())
     ends = (renamed[:, [HEAD, TAIL]] >= known).sum(1)
-    own = rng.permutation(renamed[ends == 1])
-    own = own[np.argsort(_hidden_ends(own, known), kind="stable")]
-    first = np.searchsorted(_hidden_ends(own, known), _hidden_ends(own, known))
-    place, number = np.arange(len(own)) - first, np.bincount(first)[first]
-    is_asked = place < np.maximum(1, (how.queries * number).astype(int))
-    return HiddenTask(order, known, renamed[ends == 0], own[~is_asked], own[is_asked], renamed)
+    rest = rng.permutation(renamed[ends == 1])
+    rest = rest[np.argsort(_hidden_ends(rest, known), kind="stable")]
+    place, number = _places(rest, known)
+    is_query = place < np.maximum(1, (settings.queries * number).astype(int))
+    return HiddenSplit(order, known, renamed[ends == 0], rest[~is_query], rest[is_query], renamed)
 
 
 def _hidden_ends(triples: np.ndarray, known: int) -> np.ndarray:
@@ -141,31 +131,28 @@ def _hidden_ends(triples: np.ndarray, known: int) -> np.ndarray:
     return np.where(triples[:, HEAD] >= known, triples[:, HEAD], triples[:, TAIL])
 
 
-def _drawn(triples: np.ndarray, entities: int, number: int, fewest: int, rng: np.random.Generator) -> np.ndarray | None:
-    """Which entities are hidden; shape (E,), bool. Null where there are too few to hide."""
+def _places(triples: np.ndarray, known: int) -> tuple[np.ndarray, np.ndarray]:
+    """Place of each triple among those of its hidden end, which stand together, and how many these are."""
+    _, first, inverse, number = np.unique(
+        _hidden_ends(triples, known), return_index=True, return_inverse=True, return_counts=True
+    )
+    return np.arange(len(triples)) - first[inverse], number[inverse]
+
+
+def _draw(triples: np.ndarray, entities: int, number: int, fewest: int, rng: np.random.Generator) -> np.ndarray | None:
+    """Which entities are hidden, shape (E,), bool; null where there are too few to hide.
+
+    Hidden ones have enough triples with a known end, and all other entities and relations a triple of known ones.
+    """
     hidden = np.zeros(entities, dtype=bool)
     for entity in rng.permutation(entities):
         hidden[entity] = True
-        hidden[entity] = _sound(triples, hidden, fewest)
+        ends = hidden[triples[:, [HEAD, TAIL]]].sum(1)
+        inner, outer = triples[ends == 0], triples[ends == 1]
+        per_entity = np.bincount(outer[:, [HEAD, TAIL]].flatten(), minlength=entities)
+        learnable = np.isin(np.flatnonzero(~hidden), inner[:, [HEAD, TAIL]]).all()
+        has_relations = np.isin(triples[:, RELATION], inner[:, RELATION]).all()
+        hidden[entity] = learnable and has_relations and per_entity[hidden].min() >= fewest
         if hidden.sum() == number:
             return hidden
     return None
-
-
-def _sound(triples: np.ndarray, hidden: np.ndarray, fewest: int) -> bool:
-    """Whether hidden entities have enough triples with a known end, and all else a triple among known ones."""
-    ends = hidden[triples[:, [HEAD, TAIL]]]
-    inner, outer = triples[~ends.any(1)], triples[ends.sum(1) == 1]
-    number = np.bincount(outer[:, [HEAD, TAIL]].flatten(), minlength=len(hidden))
-    left = np.isin(np.flatnonzero(~hidden), inner[:, [HEAD, TAIL]]).all()
-    return bool(left and number[hidden].min() >= fewest and np.isin(triples[:, RELATION], inner[:, RELATION]).all())
-
-
-def mean_seconds(seconds: pd.DataFrame) -> list[dict[str, Any]]:
-    """Means over seeds of what each method took, as a list of rows."""
-    means = seconds.groupby(["method", "told"], dropna=False, sort=False)["seconds"].mean().round(3).reset_index()
-    told = [None if pd.isna(number) else int(number) for number in means["told"]]
-    return [
-        {"method": method, "told": number, "seconds": mean}
-        for method, number, mean in zip(means["method"], told, means["seconds"], strict=True)
-    ]

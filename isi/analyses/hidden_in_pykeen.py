@@ -24,7 +24,7 @@ from pykeen.triples import TriplesFactory
 from torch import Tensor
 from torch.optim import Adam
 
-from isi.analyses.hidden_entities import Hidden, HiddenTask, HiddenTraining, measure_hidden
+from isi.analyses.hidden_entities import Hidden, HiddenSplit, HiddenTraining, hide
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import HEAD
 from isi.insertion.fit_new import fit_new
@@ -39,36 +39,23 @@ BATCH = 256
 
 
 @dataclass(frozen=True)
-class HidingTask:
-    """Hide entities of a graph with one seed, and insert them by every method."""
-
-    #: whose graph is hidden in; it has one seed and no splits of its own
-    points: GridPoints
-    #: of the entities; shape (E, w)
-    words: np.ndarray | None
-    how: Hidden
-    key: str
-    root: int
-
-
-@dataclass(frozen=True)
 class Case:
-    """A model of known entities, and what is told of hidden ones."""
+    """A model of known entities, and the insert triples of hidden ones."""
 
     model: Model
-    hiding: HiddenTask
+    split: HiddenSplit
     train: TriplesFactory
     valid: TriplesFactory
-    told: np.ndarray
+    insert_triples: np.ndarray
     names: list[str]
     words: np.ndarray | None
-    how: Hidden
+    settings: Hidden
     seed: int
 
     @property
     def larger(self) -> TriplesFactory:
-        """What is known and told."""
-        triples = torch.cat([self.train.mapped_triples, torch.from_numpy(self.told)])
+        """Training triples and insert triples."""
+        triples = torch.cat([self.train.mapped_triples, torch.from_numpy(self.insert_triples)])
         return factory_of(triples, self.names, self.train.relation_to_id)
 
 
@@ -76,44 +63,52 @@ class Case:
 Method = Callable[[Case], tuple[Model, Inserted | None]]
 
 
-def hidden_in(task: HidingTask) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """What each method answers (``tables.HIDDEN``), and its seconds of processor time: method, initializer, told."""
+def hidden_in(
+    points: GridPoints, words: np.ndarray | None, settings: Hidden, key: str, root: int
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """What each method answers (``HIDDEN_ENTITIES``), and its seconds of processor time: method, told, seconds.
+
+    Args:
+        points: whose graph entities are hidden in, with one seed and no splits of its own.
+        words: of the entities; shape (E, w).
+        key: where the settings stand in params.
+    """
     for name in ("pykeen", "torch_max_mem"):
         logging.getLogger(name).setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", "'pin_memory' argument", UserWarning)
     gc.freeze()  # PyKEEN collects garbage after every epoch
-    graph, (seed,) = task.points.graph, task.points.seeds
-    hiding = measure_hidden(graph.triples.numpy(), len(graph.entities), task.how, task.key, task.root, seed)
-    names = [graph.entities[row] for row in hiding.order]
+    graph, (seed,) = points.graph, points.seeds
+    split = hide(graph.triples.numpy(), len(graph.entities), settings, key, root, seed)
+    names = [graph.entities[row] for row in split.order]
     relations = {name: row for row, name in enumerate(graph.relations)}
-    known = factory_of(torch.from_numpy(hiding.triples), names[: hiding.known], relations)
-    train, valid = known.split([1 - task.how.training.valid, task.how.training.valid], random_state=seed)
+    known = factory_of(torch.from_numpy(split.triples), names[: split.known], relations)
+    train, valid = known.split([1 - settings.training.valid, settings.training.valid], random_state=seed)
     start = time.process_time()
-    model = trained(train, valid, task.how.training, seed)
+    model = trained(train, valid, settings.training, seed)
     answers, seconds = list[dict[str, Any]](), [{"method": "known", "seconds": time.process_time() - start}]
-    words = None if task.words is None else task.words[hiding.order]
-    for told in task.how.max_insert_triples:
-        case = Case(model, hiding, train, valid, hiding.insert_triples(told), names, words, task.how, seed)
-        for name, method in methods(task.how, told).items():
+    case = Case(
+        model, split, train, valid, split.rest, names, None if words is None else words[split.order], settings, seed
+    )
+    for number in settings.max_insert_triples:
+        for name, method in methods(settings, number).items():
             start = time.process_time()
-            made, done = method(case)
-            same = {"method": name, "initializer": done and done.initializer, "told": told}
-            seconds.append(same | {"seconds": time.process_time() - start})
-            answers += [same | measure for measure in measured(made, hiding, valid.mapped_triples.numpy())]
-    number = len(hiding.order) - hiding.known
-    return pd.DataFrame(answers).assign(seed=seed, entities=number), pd.DataFrame(seconds)
+            larger, result = method(replace(case, insert_triples=split.insert_triples(number)))
+            row = {"method": name, "initializer": result and result.initializer, "told": number}
+            seconds.append(row | {"seconds": time.process_time() - start})
+            answers += [row | measures for measures in measured(larger, split, valid.mapped_triples.numpy())]
+    return pd.DataFrame(answers).assign(seed=seed, entities=len(names) - split.known), pd.DataFrame(seconds)
 
 
-def methods(how: Hidden, told: int | None) -> dict[str, Method]:
-    """By name: what puts hidden entities into a model that knows the others. Retraining is told all, or not done."""
+def methods(settings: Hidden, number: int | None) -> dict[str, Method]:
+    """By name: what puts hidden entities into a model of the others. Retraining takes all insert triples only."""
     return {
         "insert": put,
-        **{name: partial(put, initializer=name) for name in how.initializers},
+        **{name: partial(put, initializer=name) for name in settings.initializers},
         "own": partial(put, own=True),
         "insert_new_rows": partial(put, new_rows=True),
         "own_new_rows": partial(put, own=True, new_rows=True),
         "own_all_rows": partial(put, own=True, all_rows=True),
-        **({"retrained": retrained} if told is None else {}),
+        **({"retrained": retrained} if number is None else {}),
     }
 
 
@@ -121,29 +116,34 @@ def put(
     case: Case, initializer: str | None = None, own: bool = False, new_rows: bool = False, all_rows: bool = False
 ) -> tuple[Model, Inserted | None]:
     """Insert, by an initializer or as PyKEEN itself begins a row; then train the new rows, or all, if asked."""
-    known = case.hiding.known
-    done = inserted(
-        case.model, case.train, case.told, new=case.names[known:], words=case.words,
+    known, settings = case.split.known, case.settings
+    result = inserted(
+        case.model, case.train, case.insert_triples, new=case.names[known:], words=case.words,
         initializer="mean" if own else initializer, seed=case.seed,
     )  # fmt: skip
-    entities = done.entities
+    entities = result.entities
     if own:
-        fresh = read_model(untrained(case.larger, case.how.training, case.seed), case.larger.mapped_triples, None)
+        fresh = read_model(untrained(case.larger, settings.training, case.seed), case.larger.mapped_triples, None)
         entities = np.concatenate([entities[:known], fresh.entity[0, known:].numpy()])
     if new_rows:
         entities, _ = fit_new(
-            entities, done.relations, case.told, new=len(done.new), model=done.model, epochs=case.how.epochs,
-            seed=case.seed,
+            entities, result.relations, case.insert_triples, new=len(result.new), model=result.model,
+            epochs=settings.epochs, seed=case.seed,
         )  # fmt: skip
-    model, _ = enlarge(case.model, case.train, replace(done, entities=entities))
+    model, _ = enlarge(case.model, case.train, replace(result, entities=entities))
     if all_rows:
-        further(model, case.larger, case.how, case.seed)
-    return model, None if own else done
+        torch.manual_seed(case.seed)
+        loop(model.train(), case.larger, settings.training).train(
+            case.larger, settings.epochs, settings.training.batch_size, use_tqdm=False, pin_memory=False,
+            continue_training=True,
+        )  # fmt: skip
+        model.eval()
+    return model, None if own else result
 
 
 def retrained(case: Case) -> tuple[Model, None]:
-    """A model of everything that is known and told, from nothing."""
-    return trained(case.larger, case.valid, case.how.training, case.seed), None
+    """A model of all training and insert triples, from nothing."""
+    return trained(case.larger, case.valid, case.settings.training, case.seed), None
 
 
 def factory_of(triples: Tensor, names: list[str], relations: Mapping[str, int]) -> TriplesFactory:
@@ -151,73 +151,60 @@ def factory_of(triples: Tensor, names: list[str], relations: Mapping[str, int]) 
     return TriplesFactory(triples, {name: row for row, name in enumerate(names)}, relations)
 
 
-def untrained(factory: TriplesFactory, how: HiddenTraining, seed: int) -> Model:
+def untrained(factory: TriplesFactory, settings: HiddenTraining, seed: int) -> Model:
     """A model before it learns."""
     torch.manual_seed(seed)
-    return ComplEx(triples_factory=factory, embedding_dim=how.dimension, random_seed=seed, regularizer=None)
+    return ComplEx(triples_factory=factory, embedding_dim=settings.dimension, random_seed=seed, regularizer=None)
 
 
-def trained(factory: TriplesFactory, valid: TriplesFactory, how: HiddenTraining, seed: int) -> Model:
+def trained(factory: TriplesFactory, valid: TriplesFactory, settings: HiddenTraining, seed: int) -> Model:
     """A model as it was when it answered validation triples best."""
-    model = untrained(factory, how, seed)
+    model = untrained(factory, settings, seed)
     with TemporaryDirectory() as folder:
         stopper = EarlyStopper(
-            model, RankBasedEvaluator(), factory, valid, evaluation_batch_size=BATCH, frequency=how.frequency,
-            patience=how.patience, metric="mrr", relative_delta=0.0, best_model_path=Path(folder, "best.pt"),
+            model, RankBasedEvaluator(), factory, valid, evaluation_batch_size=BATCH, frequency=settings.frequency,
+            patience=settings.patience, metric="mrr", relative_delta=0.0, best_model_path=Path(folder, "best.pt"),
         )  # fmt: skip
-        loop(model, factory, how).train(
-            factory, how.max_epochs, how.batch_size, stopper=stopper, use_tqdm=False, pin_memory=False
+        loop(model, factory, settings).train(
+            factory, settings.max_epochs, settings.batch_size, stopper=stopper, use_tqdm=False, pin_memory=False
         )
     return model.eval()
 
 
-def further(model: Model, factory: TriplesFactory, how: Hidden, seed: int) -> None:
-    """Train all rows of a model on what is known and told."""
-    torch.manual_seed(seed)
-    loop(model.train(), factory, how.training).train(
-        factory, how.epochs, how.training.batch_size, use_tqdm=False, pin_memory=False, continue_training=True
-    )
-    model.eval()
-
-
-def loop(model: Model, factory: TriplesFactory, how: HiddenTraining) -> SLCWATrainingLoop:
+def loop(model: Model, factory: TriplesFactory, settings: HiddenTraining) -> SLCWATrainingLoop:
     """PyKEEN's training against wrong triples, with an optimizer that lets it go on where a model is trained."""
     return SLCWATrainingLoop(
-        model=model, triples_factory=factory, optimizer=warm(Adam(model.parameters(), lr=how.learning_rate)),
-        negative_sampler_kwargs={"num_negs_per_pos": how.negatives},
+        model=model, triples_factory=factory, optimizer=warm(Adam(model.parameters(), lr=settings.learning_rate)),
+        negative_sampler_kwargs={"num_negs_per_pos": settings.negatives},
     )  # fmt: skip
 
 
-def measured(model: Model, hiding: HiddenTask, valid: np.ndarray) -> Iterator[dict[str, Any]]:
+def measured(model: Model, split: HiddenSplit, valid: np.ndarray) -> Iterator[dict[str, Any]]:
     """How right answers rank among all entities, less other true answers; ties are halved.
 
     Args:
         valid: triples of known entities that were not trained on; shape (V, 3).
     """
-    by_head = hiding.asked[:, HEAD] >= hiding.known
-    of_heads, of_tails = hiding.asked[by_head], hiding.asked[~by_head]
-    asked: dict[str, list[tuple[Slot, np.ndarray]]] = {
+    by_head = split.queries[:, HEAD] >= split.known
+    of_heads, of_tails = split.queries[by_head], split.queries[~by_head]
+    queries: dict[str, list[tuple[Slot, np.ndarray]]] = {
         "known": [("tail", of_heads), ("head", of_tails)],
         "hidden": [("head", of_heads), ("tail", of_tails)],
         "earlier": [("head", valid), ("tail", valid)],
     }
-    for name, parts in asked.items():
-        found = np.array([_ranked(model, triples, hiding, slot) for slot, triples in parts if len(triples)])
-        queries, mrr, hits = found.T
-        number = queries.sum()
-        yield {
-            "asked": name,
-            "queries": int(number),
-            "mrr": mrr @ queries / number,
-            "hits_at_10": hits @ queries / number,
-        }
+    for name, parts in queries.items():
+        ranked = [(len(triples), *_ranked(model, triples, split, slot)) for slot, triples in parts if len(triples)]
+        number, mrr, hits = np.array(ranked).T
+        total = number.sum()
+        yield {"asked": name, "queries": int(total), "mrr": mrr @ number / total, "hits_at_10": hits @ number / total}
 
 
-def _ranked(model: Model, asked: np.ndarray, hiding: HiddenTask, slot: Slot) -> tuple[int, float, float]:
-    """How many triples there are, mean reciprocal rank of what is in a slot, and Hits@10."""
+def _ranked(model: Model, triples: np.ndarray, split: HiddenSplit, slot: Slot) -> tuple[float, float]:
+    """Mean reciprocal rank of what is in a slot, and Hits@10."""
     results = RankBasedEvaluator().evaluate(
-        model, torch.from_numpy(asked), targets=(slot,), additional_filter_triples=torch.from_numpy(hiding.true),
+        model, torch.from_numpy(triples), targets=(slot,), additional_filter_triples=torch.from_numpy(split.true),
         batch_size=BATCH, use_tqdm=False,
     )  # fmt: skip
-    find = results.get_metric
-    return len(asked), find(f"{slot}.realistic.inverse_harmonic_mean_rank"), find(f"{slot}.realistic.hits_at_10")
+    measures = "inverse_harmonic_mean_rank", "hits_at_10"
+    mrr, hits = (results.get_metric(f"{slot}.realistic.{measure}") for measure in measures)
+    return mrr, hits

@@ -1,9 +1,8 @@
-"""What every model answers right after insertion, by what is asked: the slot, the relation, the novel entity's part."""
+"""What every model answers right after insertion, by kind of query: the slot, the relation, the novel entity's part."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -13,24 +12,21 @@ from torch import Tensor
 
 from isi.config import Study
 from isi.evaluation.query_sets import epoch_query_sets, novel_query_set
-from isi.evaluation.ranking import Queries, RankedQueries, Ranks, make_queries, observations, rank_queries
+from isi.evaluation.ranking import Queries, RankedQueries, make_queries, observations, rank_queries
 from isi.experiment.grid import JOINT_MODEL, GridPoints, StackedVectors
 from isi.experiment.insert import with_vectors
-from isi.experiment.tables import SCOPES, SESSION_CHECKS, SIZE_AND_SEED
-from isi.graph.sessions import TEST, TRAIN, VALID, Session, membership
+from isi.experiment.store import SCOPES, SESSION_CHECKS, SIZE_AND_SEED
+from isi.graph.sessions import TEST, TRAIN, VALID, membership
 from isi.models.bilinear import BlockModel
 from isi.models.model import Model
-from isi.models.stack import Embedding
 from isi.tables.rules import at_least, not_above, one_of, within
 from isi.tables.table import INT, LONG, NAME, REAL, Table, concat
 
 #: Where a query has a novel entity, by 1 for among what is given and 2 for as the answer.
-NOVEL = ("none", "given", "answer", "both")
+NOVEL_AT = ("none", "given", "answer", "both")
 #: Magnitude above which a coordinate of a relation counts as used.
 USED = 1e-3
-
-#: Name of a scope, and of a filter: ``learned``, the scope's own, or ``true``, all true triples.
-QueryCounts = tuple[str, str]
+GROUP = ["place", "relation", "hidden", "novel"]
 
 
 def breakdown_table(template: str, by: Mapping[str, pa.DataType] | None = None) -> Table:
@@ -46,7 +42,7 @@ def breakdown_table(template: str, by: Mapping[str, pa.DataType] | None = None) 
          "observations": LONG},
         key=[*(by or {}), "size", "seed", "session", "model", "scope", "filter", "relation", "hidden", "novel"],
         checks=[*SESSION_CHECKS, *one_of("scope", SCOPES), *one_of("filter", ("learned", "true")),
-                *one_of("hidden", ("head", "relation", "tail")), *one_of("novel", NOVEL),
+                *one_of("hidden", ("head", "relation", "tail")), *one_of("novel", NOVEL_AT),
                 *at_least(1, "queries", "observations"), *within(0, 1, "mrr_star", "mrr")],
     )  # fmt: skip
 
@@ -67,89 +63,61 @@ class QueryBreakdown(Study):
     """``query_breakdown`` in params."""
 
 
-@dataclass(frozen=True)
-class QueryBreakdownTask:
-    """Ask every model of a stack of grid points, as the first session inserted its entities."""
+def break_down(
+    points: GridPoints, theta0: StackedVectors, joint: StackedVectors, inserted: Mapping[str, np.ndarray]
+) -> pd.DataFrame:
+    """Means over the queries of each group (``QUERY_BREAKDOWN``), of each initializer and of the joint model.
 
-    points: GridPoints
-    theta0: StackedVectors
-    joint: StackedVectors
-    #: by initializer; shapes: (M, n, d)
-    inserted: Mapping[str, np.ndarray]
-    #: (session, model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 4)
-    insert_triples: np.ndarray
-
-
-def break_down(task: QueryBreakdownTask) -> pd.DataFrame:
-    """Means over the queries of each group (``QUERY_BREAKDOWN``), model by model."""
-    points, session, novel = task.points, task.points.session(1), task.points.novel_in(1)
+    Args:
+        inserted: vectors of the novel entities of the first session, by initializer; shapes (M, n, d).
+    """
+    session, novel = points.session(1), points.novel_in(1)
     is_novel = membership(novel, len(points.graph.entities))
-    scopes = query_sets_with_filters(session, novel, points.insert_triples_in(1, task.insert_triples))
-    groups = pd.concat(
-        means(queries).assign(model=name, scope=scope, filter=which)
-        for name, embedding in _models(task, novel)
-        for together in scopes
-        for (scope, which), queries in every_query(embedding, together, is_novel).items()
-    )
-    place, relation = groups["place"].to_numpy(), groups["relation"].to_numpy()
-    return groups.assign(
+    models = {name: with_vectors(theta0.stack, novel, torch.as_tensor(own)) for name, own in inserted.items()}
+    groups = []
+    for name, embedding in {**models, JOINT_MODEL: joint.stack}.items():
+        for query_sets in query_sets_with_filters(points):
+            parts: dict[tuple[str, str], list[pd.DataFrame]] = {key: [] for key in query_sets}
+            for piece in rank_queries(embedding, query_sets):
+                for key, ranked in piece.items():
+                    parts[key].append(query_terms(ranked, is_novel))
+            for (scope, which), frames in parts.items():
+                by_group = pd.concat(frames).groupby(GROUP)
+                means = by_group.mean().assign(queries=by_group.size()).reset_index()
+                groups.append(means.assign(model=name, scope=scope, filter=which))
+    table = pd.concat(groups)
+    place, relation = table["place"].to_numpy(), table["relation"].to_numpy()
+    return table.assign(
         size=points.size,
         seed=np.array(points.seeds)[place],
         session=1,
         relation=np.array(points.graph.relations)[relation],
-        novel=np.array(NOVEL)[groups["novel"]],
+        novel=np.array(NOVEL_AT)[table["novel"]],
         observations=observations(session).cpu().numpy()[place, relation],
     )
 
 
-def _models(task: QueryBreakdownTask, novel: Tensor) -> Iterator[tuple[str, Embedding]]:
-    for name, vectors in task.inserted.items():
-        yield name, with_vectors(task.theta0.stack, novel, torch.as_tensor(vectors))
-    yield JOINT_MODEL, task.joint.stack
-
-
-def query_sets_with_filters(session: Session, novel: Tensor, told: Tensor) -> list[dict[QueryCounts, Queries]]:
-    """The queries of scopes all, novel_heldout and novel with either filter; those of one mapping share their rows.
-
-    Args:
-        session: D¹.
-        novel: shape (M, n).
-        told: the insert triples; shape (M, T), bool.
-    """
-    followed, true = epoch_query_sets(session, novel), session.members(TRAIN, VALID, TEST)
-    shared = {name: followed[name] for name in ("all", "novel_heldout")}, novel_query_set(session, novel, told)
+def query_sets_with_filters(points: GridPoints) -> list[dict[tuple[str, str], Queries]]:
+    """Scopes all, novel_heldout and novel of the first session with either filter; those of one mapping share rows."""
+    session, novel = points.session(1), points.novel_in(1)
+    epochs, true = epoch_query_sets(session, novel), session.members(TRAIN, VALID, TEST)
+    heldout = {name: epochs[name] for name in ("all", "novel_heldout")}
     return [
         {(name, "learned"): queries for name, queries in scopes.items()}
         | {(name, "true"): make_queries(session, queries.triples, queries.queried, true, queries.candidates)
            for name, queries in scopes.items()}
-        for scopes in shared
+        for scopes in (heldout, novel_query_set(session, novel, points.insert_mask(1)))
     ]  # fmt: skip
 
 
-def every_query(
-    embedding: Embedding, scopes: Mapping[QueryCounts, Queries], is_novel: Tensor
-) -> dict[QueryCounts, pd.DataFrame]:
-    """The queries of scopes that share their rows, one a row (see ``by_query``)."""
-    parts: dict[QueryCounts, list[pd.DataFrame]] = {key: [] for key in scopes}
-    for piece in rank_queries(embedding, scopes):
-        for key, answered in piece.items():
-            parts[key].append(by_query(answered, is_novel))
-    return {key: pd.concat(frames) for key, frames in parts.items()}
-
-
-def by_query(answered: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
+def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
     """A row for each query: its model's place in the stack, the relation's id, what is hidden, its terms.
 
     Args:
         is_novel: shape (M, E), bool.
     """
-    rows, number = answered.rows, answered.rows.head.shape[1]
+    rows, number = ranked.rows, ranked.rows.head.shape[1]
     head, tail = (is_novel.gather(1, ends).long() for ends in (rows.head, rows.tail))
-    asked = (
-        ("head", _sliced(answered.entity, slice(number)), tail + 2 * head),
-        ("tail", _sliced(answered.entity, slice(number, None)), head + 2 * tail),
-        ("relation", answered.relations, head | tail),
-    )
     model, query = (rows.relation_weight > 0).nonzero(as_tuple=True)  # but for padding
 
     def column(values: Tensor) -> np.ndarray:
@@ -158,24 +126,19 @@ def by_query(answered: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
     return pd.concat(
         pd.DataFrame({
             "place": model.cpu().numpy(), "relation": column(rows.relation), "hidden": hidden, "novel": column(novel),
-            "mrr_star": column(terms.closeness.double()), "mrr": column(1 / terms.rank.double()),
+            "mrr_star": column(terms.closeness[:, queries].double()),
+            "mrr": column(1 / terms.rank[:, queries].double()),
         })
-        for hidden, terms, novel in asked
+        for hidden, terms, queries, novel in (
+            ("head", ranked.entity, slice(number), tail + 2 * head),
+            ("tail", ranked.entity, slice(number, None), head + 2 * tail),
+            ("relation", ranked.relations, slice(None), head | tail),
+        )
     )  # fmt: skip
 
 
-def _sliced(terms: Ranks, queries: slice) -> Ranks:
-    return Ranks(*(values[:, queries] for values in (terms.closeness, terms.rank, terms.tied)))
-
-
-def means(queries: pd.DataFrame) -> pd.DataFrame:
-    """Mean terms of the queries of each group, and how many they are."""
-    groups = queries.groupby(["place", "relation", "hidden", "novel"])
-    return groups.mean().assign(queries=groups.size()).reset_index()
-
-
-def used(family: Model, relation: np.ndarray, seeds: Sequence[int], names: Sequence[str]) -> pd.DataFrame:
-    """Coordinates that the relations of joint models use (``USED_COORDINATES``); none of families without blocks.
+def used_coordinates(model: Model, relation: np.ndarray, seeds: Sequence[int], names: Sequence[str]) -> pd.DataFrame:
+    """Coordinates that the relations of joint models use (``USED_COORDINATES``); none of models without blocks.
 
     Args:
         relation: shape (M, R, w).
@@ -183,14 +146,10 @@ def used(family: Model, relation: np.ndarray, seeds: Sequence[int], names: Seque
         names: of the relations.
     """
     parts = []
-    if isinstance(family, BlockModel):
-        for part, magnitude in family.magnitudes(torch.as_tensor(relation)).items():
-            uses = magnitude > USED  # (M, R, parts)
-            counts = torch.cat([uses.sum(-1), uses.any(1).sum(-1, keepdim=True)], 1)
-            every = pd.MultiIndex.from_product([seeds, [*names, None]], names=["seed", "relation"])
-            frame = every.to_frame(index=False).assign(
-                model=JOINT_MODEL, part=part, used=counts.flatten().cpu().numpy()
-            )
-            parts.append(frame.assign(of=uses.shape[-1]))
-    found = concat(parts, USED_COORDINATES)
-    return found[found["of"] > 0]
+    for part, magnitude in model.magnitudes(torch.as_tensor(relation)).items() if isinstance(model, BlockModel) else ():
+        uses = magnitude > USED  # (M, R, parts)
+        counts = torch.cat([uses.sum(-1), uses.any(1).sum(-1, keepdim=True)], 1)
+        every = pd.MultiIndex.from_product([seeds, [*names, None]], names=["seed", "relation"]).to_frame(index=False)
+        parts.append(every.assign(model=JOINT_MODEL, part=part, used=counts.flatten().numpy(), of=uses.shape[-1]))
+    table = concat(parts, USED_COORDINATES)
+    return table[table["of"] > 0]

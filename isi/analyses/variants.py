@@ -1,36 +1,26 @@
-"""An experiment again under other conditions: other params, other words, or less that is told of novel entities."""
+"""An experiment again under other conditions: other params, words, fewer insert triples, or a graph of its own."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, cast
 
 import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from isi.analyses.query_breakdown import QueryBreakdownTask, break_down, breakdown_table
+from isi.analyses.query_breakdown import break_down, breakdown_table
 from isi.config import Count, Name, Option, Section, check
 from isi.errors import InputError
 from isi.experiment.grid import JOINT_MODEL, GridPoints, StackedVectors
-from isi.experiment.insert import InsertConfig, InsertTask, insert_config, insert_stack, joint_targets
+from isi.experiment.insert import InsertConfig, insert_config, insert_stack, joint_targets
 from isi.experiment.runner import run, stack_height
-from isi.experiment.store import Store
-from isi.experiment.tables import runs_table
-from isi.experiment.train import (
-    EvaluationTask,
-    TrainConfig,
-    TrainTask,
-    evaluate_stack,
-    joint_tasks,
-    model_of,
-    train_config,
-    train_stack,
-)
-from isi.graph.sampling import later_key
-from isi.graph.words import load_vectors, look_up
+from isi.experiment.store import Store, runs_table
+from isi.experiment.train import TrainConfig, evaluate_stack, joint_tasks, model_of, train_config, train_stack
+from isi.graph.sampling import SessionsOf, later_key
+from isi.graph.words import Words, load_vectors, look_up
 from isi.random import stream
 from isi.tables.table import NAME
 
@@ -40,6 +30,9 @@ if TYPE_CHECKING:
 #: Runs of each model of experiments under other conditions, the joint model's among them, and its queries at epoch 0.
 VARIANT_RUNS = runs_table("data/beyond/{variant}.parquet", {"experiment": NAME, "model": NAME})
 VARIANT_QUERIES = breakdown_table("data/beyond/{variant}.queries.parquet", {"experiment": NAME})
+#: The same of the experiment of a graph.
+GRAPH_RUNS = replace(VARIANT_RUNS, template="data/beyond/graphs/{graph}/runs.parquet")
+GRAPH_QUERIES = replace(VARIANT_QUERIES, template="data/beyond/graphs/{graph}/queries.parquet")
 
 #: Sections of params that decide what Θ⁰ and the joint model are: a variant that changes one trains its own.
 LEARNED = ("embedding", "models", "negatives", "training")
@@ -79,9 +72,38 @@ class Variant(Section):
         return self.trained or any(key.partition(".")[0] in LEARNED for key in self.changes)
 
     @property
-    def speaks(self) -> bool:
+    def changes_words(self) -> bool:
         """Whether it has word vectors of its own."""
         return any(key.partition(".")[0] == "words" for key in self.changes)
+
+
+class OneSize(SessionsOf):
+    """Sessions of one size."""
+
+    sizes: Annotated[list[Count], Field(min_length=1, max_length=1)]
+
+
+class GraphExperiment(Section):
+    """An entry of ``graphs`` in the params of the second pipeline: an experiment on a graph of its own."""
+
+    #: what people read
+    title: str
+    #: a reader and its settings, as under ``sources``
+    source: dict[str, Any]
+    #: unique triples observed less often are dropped
+    min_count: Count = 1
+    words: Words
+    sessions: OneSize
+    initializers: Annotated[list[Name], Field(min_length=1)]
+    #: values of params.yaml, by dotted key
+    changes: Annotated[dict[str, Any], Field(default_factory=dict)]
+
+    def variant(self, name: str) -> Variant:
+        """How it is run: like a variant that trains all that it needs."""
+        return Variant(
+            title=self.title, group="graphs", experiments=[name], initializers=self.initializers,
+            size=self.sessions.sizes[0], seeds=self.sessions.seeds, options={}, changes=self.changes, trained=True,
+        )  # fmt: skip
 
 
 def changed(params: Params, changes: Mapping[str, Any]) -> Params:
@@ -108,101 +130,73 @@ def changed(params: Params, changes: Mapping[str, Any]) -> Params:
     return params
 
 
-def results(params: Params, study: Variant, stores: Sequence[Store], shown: str) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs of a variant, and what its models answer at once (``VARIANT_RUNS`` and ``VARIANT_QUERIES``).
+def results(params: Params, variant: Variant, stores: Sequence[Store], name: str) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Runs of a variant, and what its models answer immediately (``VARIANT_RUNS`` and ``VARIANT_QUERIES``).
 
     Args:
         params: with the variant's changes.
         stores: of its experiments.
-        shown: beside the progress bar.
+        name: beside the progress bar.
     """
-    runs, asked = [], []
+    runs, answers = list[pd.DataFrame](), list[pd.DataFrame]()
     for store in stores:
-        about = f"{shown}, {store.experiment}" if len(stores) > 1 else shown
-        for each, answered in run(repeat, tasks(params, study, store), params.compute, about):
-            runs.append(each.assign(experiment=store.experiment))
-            asked.append(answered.assign(experiment=store.experiment))
+        about = f"{name}, {store.experiment}" if len(stores) > 1 else name
+        for parts in run(run_variant, tasks(params, variant, store), params.compute, about):
+            for frames, part in zip((runs, answers), parts, strict=True):
+                frames.append(part.assign(experiment=store.experiment))
     ordered = pd.concat(runs).sort_values(["experiment", "model", "size", "seed", "session", "epoch", "scope"])
-    return ordered, pd.concat(asked).sort_values(["experiment", "size", "seed"], kind="stable")
+    return ordered, pd.concat(answers).sort_values(["experiment", "size", "seed"], kind="stable")
 
 
-def tasks(params: Params, study: Variant, store: Store) -> list[VariantTask]:
+#: Θ⁰ and the joint model of each session.
+Models = tuple[StackedVectors, list[StackedVectors]]
+#: Arguments of ``run_variant``.
+VariantTask = tuple[GridPoints, Models | TrainConfig, np.ndarray, Mapping[str, InsertConfig], int | None]
+
+
+def tasks(params: Params, variant: Variant, store: Store) -> list[VariantTask]:
     """A variant of one experiment, over its grid."""
-    model, table, words = model_of(params), store.insert_triples(), words_of(params, study, store)
-    configs = {name: config_of(params, study, name) for name in study.initializers}
-    variant_tasks = []
-    for points in store.grid(stack_height(params.compute), study.size, study.seeds):
-        joint = [store.joint(points, model, n) for n in range(1, points.sessions + 1)] if not study.trains else []
-        start = train_config(params) if study.trains else (store.theta0(points, model), joint)
-        insert_triples = store.insert_triples_of(points, table)
-        fewer = at_most(insert_triples, study.max_insert_triples, points, params.seed)
-        variant_tasks.append(VariantTask(points, start, insert_triples, fewer, words, configs))
-    return variant_tasks
+    model, configs, phrases = model_of(params), dict[str, InsertConfig](), list(store.entities()["phrase"])
+    words = look_up(load_vectors(params.words), phrases).vectors if variant.changes_words else store.words()
+    for name in variant.initializers:
+        full_curves = [variant.size] if variant.full_curves else []
+        config = insert_config(params, name, full_curves, variant.options.get(name))
+        configs[name] = config if variant.finetuned else config.training(max_epochs=0)
+    start = train_config(params) if variant.trains else None
+    return [
+        (points, start or (store.theta0(points, model), store.joint_models(points, model)), words, configs,
+         variant.max_insert_triples)
+        for points in store.grid(stack_height(params.compute), variant.size, variant.seeds)
+    ]  # fmt: skip
 
 
-def config_of(params: Params, study: Variant, initializer: str) -> InsertConfig:
-    """How a variant inserts with one initializer, with options of its own or those of the main runs."""
-    full_curves = [study.size] if study.full_curves else []
-    config = insert_config(params, initializer, full_curves, study.options.get(initializer))
-    return config if study.finetuned else config.training(max_epochs=0)
-
-
-def words_of(params: Params, study: Variant, store: Store) -> np.ndarray:
-    """Word vectors of the entities: the main runs', or the variant's own."""
-    if not study.speaks:
-        return store.words()
-    return look_up(load_vectors(params.words), list(store.entities()["phrase"])).vectors
-
-
-@dataclass(frozen=True)
-class VariantTask:
-    """Insert into embeddings of a stack of grid points with every initializer, beside the joint models."""
-
-    points: GridPoints
-    #: Θ⁰ and the joint model of each session, or how to train them
-    start: tuple[StackedVectors, list[StackedVectors]] | TrainConfig
-    #: the insert triples, and those that initializers see; (session, model, place in ``novel``, triple), in this order
-    insert_triples: np.ndarray
-    seen: np.ndarray
-    #: shape: (E, w)
-    words: np.ndarray
-    #: by initializer
-    configs: Mapping[str, InsertConfig]
-
-
-def repeat(task: VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs of every model, and what it answers right after insertion (without the experiment).
+def run_variant(*task: *VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Runs of every model at grid points, and what it answers right after insertion (without the experiment).
 
     Queries are the same whatever an initializer sees: triples with a novel entity that are no insert triples.
     """
-    points = task.points
-    theta0, joint = _trained(points, task.start) if isinstance(task.start, TrainConfig) else task.start
-    measured = evaluate_stack(EvaluationTask(points, joint, task.insert_triples))
-    targets = joint_targets(measured, points)
-    results = {
-        name: insert_stack(InsertTask(points, theta0, task.seen, task.words, targets, config))
-        for name, config in task.configs.items()
-    }
-    first = {name: result.vectors[:, : points.size] for name, result in results.items()}
-    runs = [measured.assign(model=JOINT_MODEL), *(result.runs.assign(model=name) for name, result in results.items())]
-    return pd.concat(runs), break_down(QueryBreakdownTask(points, theta0, joint[0], first, task.insert_triples))
+    points, start, words, configs, most = task
+    theta0, joint = train_models(points, start) if isinstance(start, TrainConfig) else start
+    measured = evaluate_stack(points, joint)
+    targets, runs, inserted = joint_targets(measured, points), [measured.assign(model=JOINT_MODEL)], {}
+    for name, config in configs.items():
+        seen = replace(points, insert_triples=at_most(points, most, config.root))
+        result = insert_stack(seen, theta0, words, targets, config)
+        runs.append(result.runs.assign(model=name))
+        inserted[name] = result.vectors[:, : points.size]
+    return pd.concat(runs), break_down(points, theta0, joint[0], inserted)
 
 
-def _trained(points: GridPoints, config: TrainConfig) -> tuple[StackedVectors, list[StackedVectors]]:
+def train_models(points: GridPoints, config: TrainConfig) -> Models:
+    """Θ⁰ and the joint models of grid points."""
     last, *earlier = joint_tasks([points], config)
-    theta0, *joint = (
-        StackedVectors(config.model, result.entity, result.relation)
-        for result in map(train_stack, (TrainTask(points, config), *earlier, last))
-    )
+    theta0, *joint = (train_stack(*task).theta for task in ((points, config, 0), *earlier, last))
     return theta0, joint
 
 
-def at_most(triples: np.ndarray, most: int | None, points: GridPoints, root: int) -> np.ndarray:
-    """At most so many insert triples of each novel entity, drawn at random; the fewer are part of the more.
-
-    Args:
-        triples: (session, model, place in ``novel``, triple), in this order; shape: (I, 4).
-    """
+def at_most(points: GridPoints, most: int | None, root: int) -> np.ndarray:
+    """At most so many insert triples of each novel entity, drawn at random; the fewer are part of the more; (I, 4)."""
+    triples = points.insert_triples
     if most is None:
         return triples
     slots, number = np.unique(triples[:, :3], axis=0, return_counts=True)

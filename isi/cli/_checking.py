@@ -17,14 +17,14 @@ import isi.analyses
 import isi.sources.tables
 from isi.bundle import folder as bundles
 from isi.errors import InputError
-from isi.experiment import agreement
 from isi.experiment.insert import joint_targets
-from isi.experiment.store import Store
-from isi.experiment.tables import INITIAL_VECTORS, JOINT, RUNS, THETA0
+from isi.experiment.store import INITIAL_VECTORS, JOINT, RUNS, THETA0, Store
 from isi.experiment.train import model_of
-from isi.graph.tables import COVERAGE, ENTITIES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES, WORD_VECTORS
+from isi.graph.graph import ENTITIES, TRIPLES
+from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
+from isi.graph.words import COVERAGE, WORD_VECTORS
 from isi.stage import makers
-from isi.tables import io, paths
+from isi.tables import agreement, io, paths
 from isi.tables.table import DataFile, Table, declared
 
 if TYPE_CHECKING:

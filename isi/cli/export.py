@@ -87,7 +87,7 @@ def of_experiment(experiment: str, most: int, seed: int | None, labels: bool) ->
     from isi.cli.export_formats import GraphExport
     from isi.cli.predictions import NO_PREDICTIONS, by_joint_model
     from isi.experiment.store import Store
-    from isi.graph.tables import ENTITIES, TRIPLES
+    from isi.graph.graph import ENTITIES, TRIPLES
     from isi.tables.table import as_text
 
     files, has_model = _files(experiment)
@@ -140,7 +140,7 @@ def _check_names(files: tuple[Path, Path], entities: pd.DataFrame, triples: pd.D
 
 def _files(experiment: str) -> tuple[tuple[Path, Path], bool]:
     """Entities and triples of an experiment, or of a graph of the second pipeline, and whether it is the former."""
-    from isi.graph.tables import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES
+    from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES
 
     first = ENTITIES.path(experiment=experiment), TRIPLES.path(experiment=experiment)
     second = GRAPH_ENTITIES.path(graph=experiment), GRAPH_TRIPLES.path(graph=experiment)

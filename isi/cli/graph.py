@@ -15,8 +15,7 @@ from isi.cli._reading import read, together
 from isi.cli.app import FROM_ONE, Settings, settings
 from isi.config import Seed, check
 from isi.errors import InputError, unwritable
-from isi.graph.graph import GraphTables, build_tables
-from isi.graph.tables import ENTITIES, TRIPLES
+from isi.graph.graph import ENTITIES, TRIPLES, GraphTables, build_tables
 from isi.tables import paths
 
 #: Names that are listed, at most.

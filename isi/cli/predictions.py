@@ -13,8 +13,7 @@ from torch import Tensor
 from isi.bundle.query import OpenBundle
 from isi.config import check, value_of
 from isi.errors import InputError
-from isi.experiment.store import Store
-from isi.experiment.tables import JOINT
+from isi.experiment.store import JOINT, Store
 from isi.graph.graph import HEAD, RELATION, TAIL, Graph
 from isi.models.model import EmbeddingParams, make_model
 from isi.models.stack import Embedding

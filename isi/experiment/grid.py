@@ -1,12 +1,11 @@
-"""The grid of insertions: a grid point is a size and a seed; a task of a worker has a stack of them, of one size.
+"""The grid of insertions: a grid point is a size and a seed; a worker's task has a stack of them, of one size.
 
-A task carries plain values and arrays and depends on nothing else, so that results are the same
-wherever tasks run.
+It carries plain values and arrays and depends on nothing else, so that results are the same wherever tasks run.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -23,6 +22,11 @@ NO_INSERTION = 0
 JOINT_MODEL = "joint"
 
 
+def no_triples() -> np.ndarray:
+    """Insert triples of grid points that have none."""
+    return np.empty((0, 4), dtype=np.int64)
+
+
 @dataclass(frozen=True)
 class GridPoints:
     """Grid points of one size, over one graph."""
@@ -35,6 +39,8 @@ class GridPoints:
     splits: np.ndarray
     #: ids of the novel entities, by the session that inserts them; shape: (M, S, size)
     novel: np.ndarray
+    #: (session, model, place in ``novel``, triple), in this order; shape: (I, 4)
+    insert_triples: np.ndarray = field(default_factory=no_triples)
 
     @classmethod
     def without_insertion(cls, experiment: str, graph: Graph, seeds: list[int], splits: np.ndarray) -> GridPoints:
@@ -52,7 +58,7 @@ class GridPoints:
     @property
     def all_known(self) -> GridPoints:
         """The same seeds with nothing to insert: D⁰ is what D of the last session is."""
-        return replace(self, size=NO_INSERTION, novel=self.novel[:, :0])
+        return replace(self, size=NO_INSERTION, novel=self.novel[:, :0], insert_triples=no_triples())
 
     def keys(self, *more: int) -> Tensor:
         """Size, seed and more numbers of each model, as keys of its random streams; shape: (M, 2 + more)."""
@@ -72,19 +78,18 @@ class GridPoints:
         """Prefix of the tensors of a session's joint models: those of the last session are of all sizes."""
         return "" if session == self.sessions else f"size={self.size:02d}.session={session}."
 
-    def novel_in(self, number: int) -> Tensor:
+    def novel_in(self, session: int) -> Tensor:
         """Ids of the entities that a session inserts, from 1; shape: (M, size)."""
-        return torch.as_tensor(self.novel[:, number - 1])
+        return torch.as_tensor(self.novel[:, session - 1])
 
-    def insert_triples_in(self, number: int, insert_triples: np.ndarray) -> Tensor:
-        """The insert triples of a session as a mask, (M, T).
+    def insert_triples_in(self, session: int) -> np.ndarray:
+        """(model, place in ``novel``, triple) of the insert triples of a session; shape: (I, 3)."""
+        return self.insert_triples[self.insert_triples[:, 0] == session, 1:]
 
-        Args:
-            insert_triples: (session, model, place in ``novel``, triple); shape (I, 4).
-        """
-        rows = insert_triples[insert_triples[:, 0] == number]
-        mask = torch.zeros(self.splits.shape, dtype=torch.bool)
-        mask[rows[:, 1], rows[:, 3]] = True
+    def insert_mask(self, session: int) -> Tensor:
+        """The insert triples of a session as a mask; shape: (M, T)."""
+        mask, rows = torch.zeros(self.splits.shape, dtype=torch.bool), self.insert_triples_in(session)
+        mask[rows[:, 0], rows[:, 2]] = True
         return mask
 
 
@@ -96,6 +101,11 @@ class StackedVectors:
     #: shapes: (M, E, d), (M, R, w)
     entity: np.ndarray
     relation: np.ndarray
+
+    @classmethod
+    def of(cls, embedding: Embedding) -> StackedVectors:
+        """An embedding that a task has trained, on the CPU."""
+        return cls(embedding.model, embedding.entity.cpu().numpy(), embedding.relation.cpu().numpy())
 
     @property
     def stack(self) -> Embedding:

@@ -1,4 +1,4 @@
-"""Where tasks run: on processes of this machine, or on a Dask cluster."""
+"""Where the tasks of a stage run: on processes of this machine, or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Annotated, Any, Literal, Protocol, Self, TypeVar
+from typing import Annotated, Literal, Self, TypeVar, TypeVarTuple
 
 import torch
 from pydantic import Field, model_validator
@@ -24,15 +24,8 @@ from isi.process import serve
 from isi.tables import paths
 from isi.training.batches import DENSE_LIMIT
 
-
-class HasPoints(Protocol):
-    """A task: a data class with the points that it is about, and all else that it needs."""
-
-    @property
-    def points(self) -> GridPoints: ...
-
-
-Task = TypeVar("Task", bound=HasPoints)
+#: What a task has behind its grid points, and what it gives.
+Arguments = TypeVarTuple("Arguments")
 Done = TypeVar("Done")
 
 
@@ -62,20 +55,23 @@ class TaskError(Exception):
     """A task failed: names its points and the cause."""
 
 
-def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Compute, name: str) -> list[Done]:
-    """Run tasks where ``compute`` says; results come in the order of the tasks.
+def run(
+    function: Callable[[GridPoints, *Arguments], Done], tasks: Sequence[tuple[GridPoints, *Arguments]],
+    compute: Compute, name: str,
+) -> list[Done]:  # fmt: skip
+    """Call a function with the arguments of each task, where ``compute`` says; results come in the order of the tasks.
 
     Raises:
         TaskError: as soon as one task fails; the others are given up.
         InputError: where there is no such engine, scheduler or device, memory does not do, or a model diverges.
     """
     engine = _dask if compute.engine == "dask" else _processes
-    models = sum(len(task.points.seeds) for task in tasks)
+    models = sum(len(points.seeds) for points, *_ in tasks)
     with engine(compute) as executor:
-        futures = {executor.submit(run_task, function, task, compute.device): task for task in tasks}
+        futures = {executor.submit(run_task, function, task, compute.device): task[0] for task in tasks}
         with tqdm(total=models, desc=name, unit="model", disable=None) as bar:  # it starts a thread: workers come first
             for future in as_completed(futures):
-                task = futures[future]
+                points = futures[future]
                 try:
                     future.result()
                 except (InputError, CancelledError):  # no task's own failure
@@ -84,19 +80,17 @@ def run(function: Callable[[Task], Done], tasks: Sequence[Task], compute: Comput
                     died = "a worker process was killed, perhaps for want of memory: try fewer, or a lower stack"
                     raise InputError(paths.PARAMS, "compute.workers", died) from error
                 except Exception as error:
-                    if _lacks_memory(error):
-                        much = f"not enough memory for {task.points} and what runs beside: try less"
+                    if isinstance(error, MemoryError | torch.OutOfMemoryError) or "can't allocate memory" in str(error):
+                        much = f"not enough memory for {points} and what runs beside: try less"
                         raise InputError(paths.PARAMS, "compute.stack", much) from error
-                    raise TaskError(f"{task.points}: {type(error).__name__}: {error}") from error
-                bar.update(len(task.points.seeds))
+                    raise TaskError(f"{points}: {type(error).__name__}: {error}") from error
+                bar.update(len(points.seeds))
     return [future.result() for future in futures]
 
 
-def _lacks_memory(error: Exception) -> bool:
-    return isinstance(error, MemoryError | torch.OutOfMemoryError) or "can't allocate memory" in str(error)
-
-
-def run_task(function: Callable[[Task], Done], task: Task, device: str) -> Done:
+def run_task(
+    function: Callable[[GridPoints, *Arguments], Done], task: tuple[GridPoints, *Arguments], device: str
+) -> Done:
     """Run a task on one thread, and without denormal numbers (slow, and far below what a rank can tell).
 
     Both are set in the thread that runs the task, which is the engine's choice, and never reset: tasks
@@ -108,16 +102,15 @@ def run_task(function: Callable[[Task], Done], task: Task, device: str) -> Done:
     """
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
-    found = device_of(device)
+    points, target = task[0], device_of(device)
     try:
-        if found.type == "cpu":
-            return function(task)
-        with found:
-            whole: Any = task
-            return function(replace(whole, points=replace(task.points, graph=task.points.graph.on(found))))
+        if target.type == "cpu":
+            return function(*task)
+        with target:
+            return function(replace(points, graph=points.graph.on(target)), *task[1:])
     except NotFinite as error:
-        seeds = [task.points.seeds[place] for place in error.models]
-        raise InputError(paths.PARAMS, str(replace(task.points, seeds=seeds)), error.message) from error
+        seeds = [points.seeds[place] for place in error.models]
+        raise InputError(paths.PARAMS, str(replace(points, seeds=seeds)), error.message) from error
 
 
 def device_of(name: str) -> torch.device:
@@ -158,11 +151,9 @@ def _processes(compute: Compute) -> Iterator[Executor]:
 
 
 def _workers(compute: Compute) -> int:
-    return available_cores() if compute.workers == "all" else compute.workers
-
-
-def available_cores() -> int:
-    """The cores that this process may use, which can be fewer than the machine has."""
+    """A number, or the cores that this process may use, which can be fewer than the machine has."""
+    if compute.workers != "all":
+        return compute.workers
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

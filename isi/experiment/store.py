@@ -1,31 +1,108 @@
-"""The store: tables and tensors of one experiment, checked against each other, as arrays that tasks take."""
+"""The files of an experiment: what is trained, inserted and measured, and a store that reads them for tasks."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
 from isi.errors import InputError
-from isi.experiment import agreement
+from isi.evaluation.ranking import MEASURES
 from isi.experiment.grid import GridPoints, StackedVectors
-from isi.experiment.tables import INITIAL_VECTORS, JOINT, RUNS, THETA0, TIES
-from isi.graph.graph import Graph, build_graph
-from isi.graph.sessions import OUT, SPLITS, Session
-from isi.graph.tables import ENTITIES, INSERT_TRIPLES, NOVEL, TRIPLES, WORD_VECTORS
-from isi.graph.tables import SPLITS as SPLIT_TABLE
+from isi.graph.graph import ENTITIES, TRIPLES, Graph, build_graph
+from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
+from isi.graph.sessions import OUT, SPLIT_NAMES
+from isi.graph.words import WORD_VECTORS
 from isi.models.model import Model
-from isi.tables.table import DataFile, Table, TensorFile
+from isi.tables import agreement
+from isi.tables.rules import Rule, at_least, mean_of, measured, named, one_of, within
+from isi.tables.table import BOOL, INT, NAME, REAL, DataFile, Table, TensorFile
+
+SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
+#: What an initializer falls back to where it lacks what it needs.
+FALLBACK_NAMES = ("es", "rs", "centroid")
+
+MEASURE_COLUMNS = dict.fromkeys(MEASURES, REAL)
+#: MRR* is the mean of its halves.
+HALVES = mean_of(*MEASURES[:3])
+#: Point of the grid.
+SIZE_AND_SEED = {"size": INT, "seed": INT}
+SESSION_CHECKS = [*at_least(1, "size"), *at_least(0, "seed"), *at_least(1, "session")]
+
+
+def runs_table(template: str, by: Mapping[str, pa.DataType] | None = None, checks: Sequence[Rule] = ()) -> Table:
+    """Measures of models, epoch by epoch.
+
+    Args:
+        template: of the path.
+        by: columns that distinguish the runs of one grid point.
+        checks: of these columns.
+    """
+    return Table(
+        template,
+        {**(by or {}), **SIZE_AND_SEED, "epoch": INT, "scope": NAME, **MEASURE_COLUMNS, "queries": INT, "session": INT},
+        key=[*(by or {}), "size", "seed", "session", "epoch", "scope"],
+        ordered=True,
+        checks=[*checks, *SESSION_CHECKS, *at_least(0, "epoch"), *one_of("scope", SCOPES),
+                *measured(MEASURES, "queries"), *HALVES],
+        nullable=MEASURES,
+    )  # fmt: skip
+
+
+#: Tensors ``entity`` (S, E, d), ``relation`` (S, R, d), ``known`` (S, E) and ``seed`` (S); zeros for novel entities.
+THETA0 = TensorFile("data/embeddings/{experiment}/theta0/size={size:02d}.safetensors")
+#: The same tensors; ``known``: entities of the seed's D¹.
+JOINT = TensorFile("data/embeddings/{experiment}/joint.safetensors")
+#: Validation of a model, Θ⁰ or joint, as training evaluates it. The joint model has size 0.
+TRAINING_LOG = Table(
+    "data/embeddings/{experiment}/{model}.log.parquet",
+    {**SIZE_AND_SEED, "epoch": INT, **MEASURE_COLUMNS, "kept": BOOL},
+    key=["size", "seed", "epoch"],
+    ordered=True,
+    checks=[*at_least(0, "size", "seed"), *at_least(1, "epoch"), *within(0, 1, *MEASURES), *HALVES],
+    nullable=MEASURES,  # of a model without validation triples
+)
+#: Of each initializer, and of the joint model. ``queries`` counts triples, of each of which all three slots are hidden.
+RUNS = runs_table("data/runs/{experiment}/{model}.parquet")
+#: Vectors of the novel entities before training: tensors ``size=NN``, shape (S, n, d), in the order of ``NOVEL``.
+INITIAL_VECTORS = TensorFile("data/runs/{experiment}/{initializer}.safetensors")
+#: One row per inserted entity: measures of its own queries of scope ``novel`` at epoch 0, and what it fell back to.
+INSERTED = Table(
+    "data/runs/{experiment}/{initializer}.inserted.parquet",
+    {**SIZE_AND_SEED, "entity": INT, "kind": NAME, "fallback": NAME, **MEASURE_COLUMNS, "queries": INT, "ties": INT,
+     "session": INT},
+    key=["size", "seed", "session", "entity"],
+    ordered=True,
+    checks=[*SESSION_CHECKS, *at_least(0, "entity", "ties"), *named("kind"), *one_of("fallback", FALLBACK_NAMES),
+            *measured(MEASURES, "queries"), *HALVES],
+    nullable=["fallback", *MEASURES],
+    entity_ids=["entity"],
+)  # fmt: skip
+#: Candidates whose score is tied with the answer's, at epoch 0.
+TIES = Table(
+    "data/runs/{experiment}/{model}.ties.parquet",
+    {**SIZE_AND_SEED, "scope": NAME, "ties": INT, "session": INT},
+    key=["size", "seed", "session", "scope"],
+    ordered=True,
+    checks=[*SESSION_CHECKS, *at_least(0, "ties"), *one_of("scope", SCOPES)],
+)
+
+
+def write_runs(runs: pd.DataFrame, stage: str, experiment: str, model: str) -> None:
+    """Write the measures of a model at every epoch, and its ties at epoch 0."""
+    TIES.write(runs[runs["epoch"] == 0], stage, experiment=experiment, model=model)
+    RUNS.write(runs, stage, experiment=experiment, model=model)
 
 
 @dataclass(frozen=True)
 class Store:
     """Reads the files of one experiment, each table once.
 
-    A file that does not agree with another one (``isi.experiment.agreement``) is refused as an ``InputError``.
+    A file that does not agree with another one (``isi.tables.agreement``) is refused as an ``InputError``.
     """
 
     experiment: str
@@ -43,14 +120,8 @@ class Store:
     def entities(self) -> pd.DataFrame:
         return self.table(ENTITIES)
 
-    def triples(self) -> pd.DataFrame:
-        return self.table(TRIPLES)
-
-    def novel(self) -> pd.DataFrame:
-        return self.table(NOVEL)
-
     def graph(self) -> Graph:
-        return build_graph(self.entities(), self.triples(), self._path(TRIPLES))
+        return build_graph(self.entities(), self.table(TRIPLES), self._path(TRIPLES))
 
     def words(self) -> np.ndarray:
         """Word vectors of the entities; shape: (E, w)."""
@@ -63,9 +134,9 @@ class Store:
 
     def splits(self) -> dict[int, np.ndarray]:
         """Split of each unique triple, by seed, OUT where it has none; shapes: (T,), int8."""
-        table, triples = self.table(SPLIT_TABLE), len(self.triples())
-        agreement.ids_below(self._path(SPLIT_TABLE), table, "triple", triples, "graph's triples")
-        codes = table["split"].astype(str).map({name: number for number, name in enumerate(SPLITS)})
+        table, triples = self.table(SPLITS), len(self.table(TRIPLES))
+        agreement.ids_below(self._path(SPLITS), table, "triple", triples, "graph's triples")
+        codes = table["split"].astype(str).map({name: number for number, name in enumerate(SPLIT_NAMES)})
         splits = {seed: np.full(triples, OUT, dtype=np.int8) for seed in sorted(table["seed"].unique().tolist())}
         for seed, rows in table.assign(code=codes.astype(np.int8)).groupby("seed"):
             splits[seed][rows["triple"]] = rows["code"]
@@ -74,29 +145,75 @@ class Store:
     def insert_triples(self) -> pd.DataFrame:
         given, graph, path = self.table(INSERT_TRIPLES), self.graph(), self._path(INSERT_TRIPLES)
         agreement.ids_below(path, given, "triple", len(graph.triples), "graph's triples")
-        agreement.insert_triples_fit(path, given, self.novel(), graph)
-        agreement.insert_triples_train(path, given, self.splits())
+        agreement.insert_triples_fit(path, given, self.table(NOVEL), self.splits(), graph)
         return given
+
+    def grid(self, stack: int, size: int | None = None, seeds: int | None = None) -> list[GridPoints]:
+        """Every point of the grid, in stacks of at most ``stack`` seeds of one size.
+
+        Args:
+            size: only of this size.
+            seeds: only of the first so many seeds.
+        """
+        graph, splits, novel, path = self.graph(), self.splits(), self.table(NOVEL), self._path(NOVEL)
+        agreement.ids_below(path, novel, "entity", len(graph.entities), "graph's entities")
+        agreement.novel_sets_are_whole(path, novel, list(splits))
+        sources = self.entities()["source"].to_numpy(str)
+        agreement.splits_are_whole(self._path(SPLITS), splits, SPLIT_NAMES, graph, sources, novel)
+        chosen = novel if size is None else novel[novel["size"] == size]
+        if seeds is not None:
+            chosen = chosen[chosen["seed"] < seeds]
+        if chosen.empty:
+            raise InputError(path, "column 'size'", f"expected a set of {size} novel entities: see sessions in params")
+        given, grid = self.insert_triples(), []
+        for number in sorted(set(chosen["size"].tolist())):
+            of_size = chosen[chosen["size"] == number]
+            every = of_size["seed"].unique().tolist()
+            for part in (every[first : first + stack] for first in range(0, len(every), stack)):
+                rows = of_size[of_size["seed"].isin(part)]
+                drawn = rows["entity"].to_numpy(np.int64).reshape(len(part), -1, number)
+                rows = rows.assign(
+                    model=rows["seed"].map(part.index), place=rows.groupby(["seed", "session"]).cumcount()
+                )
+                joined = given.merge(rows, on=["size", "seed", "session", "entity"])
+                triples = joined[["session", "model", "place", "triple"]].to_numpy(np.int64)
+                triples, codes = triples[np.lexsort(triples.T[::-1])], np.stack([splits[seed] for seed in part])
+                grid.append(GridPoints(self.experiment, graph, number, part, codes, drawn, triples))
+        return grid
+
+    @property
+    def _seeds(self) -> list[int]:
+        """Of the sessions of every size."""
+        return sorted(self.table(NOVEL)["seed"].unique().tolist())
 
     def theta0(self, points: GridPoints, model: Model) -> StackedVectors:
         """Θ⁰ of a stack of grid points."""
-        return self._embedding(THETA0, points, model, points.session(0))
+        return self._embedding(THETA0, points, model, 0, "")
 
     def joint(self, points: GridPoints, model: Model, session: int = 1) -> StackedVectors:
         """The joint models of a session of a stack of grid points."""
-        return self._embedding(JOINT, points, model, points.session(session), points.joint_prefix(session))
+        return self._embedding(JOINT, points, model, session, points.joint_prefix(session))
+
+    def joint_models(self, points: GridPoints, model: Model) -> list[StackedVectors]:
+        """The joint models of every session of a stack of grid points."""
+        return [self.joint(points, model, session) for session in range(1, points.sessions + 1)]
 
     def _embedding(
-        self, file: TensorFile, points: GridPoints, model: Model, session: Session, prefix: str = ""
+        self, file: TensorFile, points: GridPoints, model: Model, number: int, prefix: str
     ) -> StackedVectors:
-        path = self._path(file, size=points.size)
+        """The models of a session of a stack of grid points, with the shapes of graph and model."""
+        path, session = self._path(file, size=points.size), points.session(number)
         names = [f"{prefix}{name}" for name in ("entity", "relation", "known", "seed")]
-        entity, relation, known, seed = self._arrays(file, *names, size=points.size)
-        agreement.seeds_are(path, seed, self._seeds, entity, relation, known)
-        rows = np.flatnonzero(np.isin(seed, points.seeds))
-        theta = StackedVectors(model, entity[rows], relation[rows])
-        agreement.vectors_fit(path, theta, known[rows], session)
-        return theta
+        *tensors, seed = self._arrays(file, *names, size=points.size)
+        agreement.seeds_are(path, seed, self._seeds, *tensors)
+        entity, relation, known = (tensor[np.isin(seed, points.seeds)] for tensor in tensors)
+        (models, entities), dimension = session.entities.shape, entity.shape[-1]
+        width = len(points.graph.relations), model.width(dimension)
+        agreement.has_shape(path, "entity", entity, (models, entities, dimension))
+        agreement.has_shape(path, "relation", relation, (models, *width))
+        agreement.has_shape(path, "known", known, (models, entities), np.bool_)
+        agreement.known_are(path, known, session.entities.numpy(), entity)
+        return StackedVectors(model, entity, relation)
 
     def initial_vectors(self, initializer: str, points: GridPoints) -> np.ndarray:
         """What an initializer inserted in the first session of a stack of grid points; shape (M, size, d)."""
@@ -111,51 +228,3 @@ class Store:
 
     def _arrays(self, file: TensorFile, *tensors: str, **names: str | int) -> list[np.ndarray]:
         return [tensor.numpy() for tensor in file.read(tensors, experiment=self.experiment, **names).values()]
-
-    @cached_property
-    def _seeds(self) -> list[int]:
-        """Of the sessions of every size."""
-        return sorted(self.novel()["seed"].unique().tolist())
-
-    def grid(self, stack: int, size: int | None = None, seeds: int | None = None) -> list[GridPoints]:
-        """Every point of the grid, in stacks of at most ``stack`` seeds of one size.
-
-        Args:
-            size: only of this size.
-            seeds: only of the first so many seeds.
-        """
-        graph, splits, novel, path = self.graph(), self.splits(), self.novel(), self._path(NOVEL)
-        agreement.ids_below(path, novel, "entity", len(graph.entities), "graph's entities")
-        agreement.novel_sets_are_whole(path, novel, splits)
-        sources = self.entities()["source"].to_numpy(str)
-        agreement.splits_are_whole(self._path(SPLIT_TABLE), splits, graph, sources, novel)
-        chosen = novel if size is None else novel[novel["size"] == size]
-        if seeds is not None:
-            chosen = chosen[chosen["seed"] < seeds]
-        if chosen.empty:
-            raise InputError(path, "column 'size'", f"expected a set of {size} novel entities: see sessions in params")
-        points = []
-        for number in sorted(chosen["size"].unique().tolist()):
-            rows = chosen[chosen["size"] == number]
-            drawn_in = rows["seed"].unique().tolist()
-            drawn = rows["entity"].to_numpy(np.int64).reshape(len(drawn_in), -1, number)
-            for first in range(0, len(drawn_in), stack):
-                part = drawn_in[first : first + stack]
-                codes = np.stack([splits[seed] for seed in part])
-                points.append(GridPoints(self.experiment, graph, number, part, codes, drawn[first : first + stack]))
-        return points
-
-    def insert_triples_of(self, points: GridPoints, table: pd.DataFrame) -> np.ndarray:
-        """(session, model, place in ``novel``, triple) of the insert triples of a stack; shape (I, 4)."""
-        given = table[(table["size"] == points.size) & table["seed"].isin(points.seeds)]
-        model = given["seed"].map({seed: number for number, seed in enumerate(points.seeds)}).to_numpy(np.int64)
-        session = given["session"].to_numpy(np.int64)
-        place = (points.novel[model, session - 1] == given["entity"].to_numpy()[:, None]).argmax(1)
-        rows = np.stack([session, model, place, given["triple"].to_numpy(np.int64)], 1)
-        return rows[np.lexsort(rows.T[::-1])]
-
-
-def write_runs(runs: pd.DataFrame, stage: str, experiment: str, model: str) -> None:
-    """Write the measures of a model at every epoch, and its ties at epoch 0."""
-    TIES.write(runs[runs["epoch"] == 0], stage, experiment=experiment, model=model)
-    RUNS.write(runs, stage, experiment=experiment, model=model)

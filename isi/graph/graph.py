@@ -21,8 +21,25 @@ from isi.config import Count, Name, Section, distinct
 from isi.errors import InputError
 from isi.random import stream
 from isi.tables import paths
-from isi.tables.rules import MOST_OBSERVED, place_of
+from isi.tables.rules import MOST_OBSERVED, counted, in_blocks, named, place_of
+from isi.tables.table import INT, NAME, TEXT, Table
 
+#: Row numbers are ids, here and of triples; rows of one source stand together, first those that others extend.
+ENTITIES = Table(
+    "data/graph/{experiment}/entities.parquet",
+    {"entity": TEXT, "kind": NAME, "source": NAME, "phrase": TEXT},
+    key=["entity"],
+    checks=[*named("entity", "kind", "source", "phrase"), *in_blocks("source", "entity")],
+)
+TRIPLES = Table(
+    "data/graph/{experiment}/triples.parquet",
+    {"head": NAME, "relation": NAME, "tail": NAME, "count": INT, "source": NAME},
+    key=["head", "relation", "tail"],
+    checks=[*named("head", "relation", "tail", "source"), *counted(), *in_blocks("source", "head", "relation", "tail")],
+)
+#: The same of a graph of the second pipeline.
+GRAPH_ENTITIES = replace(ENTITIES, template="data/beyond/graphs/{graph}/entities.parquet")
+GRAPH_TRIPLES = replace(TRIPLES, template="data/beyond/graphs/{graph}/triples.parquet")
 #: Columns of ``Graph.triples``.
 HEAD, RELATION, TAIL = range(3)
 
@@ -72,13 +89,13 @@ class Graph:
     @cached_property
     def _by_other_slots(self) -> dict[int, tuple[Tensor, Tensor, Tensor]]:
         """For each slot: a number for the other two of each triple, the triples in its order, and it in order."""
-        found = {}
+        sorted_by_slot = {}
         for slot in (HEAD, RELATION, TAIL):
-            one, other = (self.triples[:, place] for place in (HEAD, RELATION, TAIL) if place != slot)
-            key = one * max(len(self.entities), len(self.relations)) + other
+            first, second = (self.triples[:, place] for place in (HEAD, RELATION, TAIL) if place != slot)
+            key = first * max(len(self.entities), len(self.relations)) + second
             order = torch.argsort(key, stable=True)
-            found[slot] = (key, order, key[order])
-        return found
+            sorted_by_slot[slot] = (key, order, key[order])
+        return sorted_by_slot
 
 
 def _from_arrays(entities: list[str], relations: list[str], *arrays: np.ndarray) -> Graph:
@@ -136,7 +153,7 @@ class GraphOf(Section):
 
 @dataclass(frozen=True)
 class MinedSource:
-    """What a source observed (``tables.OBSERVATIONS``), and what kinds its entities are of (``tables.KINDS``)."""
+    """What a source observed (``OBSERVATIONS``), and what kinds its entities are of (``KINDS``)."""
 
     source: str
     observations: pd.DataFrame
@@ -144,48 +161,42 @@ class MinedSource:
     #: that has the observations, for messages
     file: Path | None = None
 
+    def mistake(self, place: str, message: str) -> InputError:
+        """A mistake in what the source observed."""
+        return InputError(self.file or self.source, place, message)
+
 
 @dataclass(frozen=True)
 class GraphTables:
-    """A graph as it is stored: ``tables.ENTITIES`` and ``tables.TRIPLES``."""
+    """A graph as it is stored: ``ENTITIES`` and ``TRIPLES``."""
 
     entities: pd.DataFrame
     triples: pd.DataFrame
 
+    def __str__(self) -> str:
+        total = self.triples["count"].sum()
+        return f"{len(self.entities)} entities, {len(self.triples):,} unique triples of {total:,} observations"
+
 
 def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
-    """The graph of a source; an entity whose triples were all dropped is none of its."""
-    triples = count_triples(seen.observations, seen.source, min_count)
-    return GraphTables(entities_of(triples, seen), triples)
-
-
-def count_triples(observations: pd.DataFrame, source: str, min_count: int = 1) -> pd.DataFrame:
-    """Unique triples with their counts, in alphabetical order (``tables.TRIPLES``).
+    """The graph of a source: unique triples with their counts, in alphabetical order, and their entities.
 
     Raises:
-        InputError: where there are more observations than a table may count.
+        InputError: where there are more observations than a table may count, or an entity has no kind.
     """
-    if observations["count"].sum() > MOST_OBSERVED:
-        raise InputError(source, "observations", f"expected {MOST_OBSERVED:,} at most, altogether")
+    if seen.observations["count"].sum() > MOST_OBSERVED:
+        raise InputError(seen.source, "observations", f"expected {MOST_OBSERVED:,} at most, altogether")
     key = ["head", "relation", "tail"]
-    plain = observations.astype(dict.fromkeys(key, str))
+    plain = seen.observations.astype(dict.fromkeys(key, str))
     counts = plain.groupby(key, sort=True, observed=True)["count"].sum().reset_index()
-    kept = counts[counts["count"] >= min_count].reset_index(drop=True)
-    return kept.assign(source=source).astype({"count": "int32"})
-
-
-def entities_of(triples: pd.DataFrame, seen: MinedSource) -> pd.DataFrame:
-    """Entities of the triples, in alphabetical order (``tables.ENTITIES``).
-
-    Raises:
-        InputError: where the source gave one no kind.
-    """
+    triples = counts[counts["count"] >= min_count].reset_index(drop=True)
     names = set(triples["head"]) | set(triples["tail"])
-    missing = names - set(seen.kinds["entity"])
-    if missing:
-        raise InputError(seen.file or seen.source, "", f"expected the kind of {min(missing)!r}")
-    named = seen.kinds[seen.kinds["entity"].isin(names)].sort_values("entity")
-    return named.assign(source=seen.source).reset_index(drop=True)
+    if missing := names - set(seen.kinds["entity"]):
+        raise seen.mistake("", f"expected the kind of {min(missing)!r}")
+    entities = seen.kinds[seen.kinds["entity"].isin(names)].sort_values("entity").reset_index(drop=True)
+    return GraphTables(
+        entities.assign(source=seen.source), triples.assign(source=seen.source).astype({"count": "int32"})
+    )
 
 
 def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:
@@ -199,12 +210,12 @@ def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:
     for tail in sorted(set(seen.observations["tail"].astype(str)) - set(totals.index)):
         if here.get(tail) != there.get(tail):
             expected = "the graph that this source is to extend has no such entity"
-            raise InputError(seen.file or seen.source, f"{there.get(tail)} {tail!r}", expected)
+            raise seen.mistake(f"{there.get(tail)} {tail!r}", expected)
     return totals[[here.get(name) is None or here[name] != there.get(name) for name in totals.index]]
 
 
 def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFrame, minimum: int) -> pd.Series[int]:
-    """Those with at least a minimum of observations.
+    """New entities with at least a minimum of observations.
 
     Raises:
         InputError: where one bears the name of an entity of another kind.
@@ -214,30 +225,30 @@ def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFram
     for name in enough.index:
         if name in here:
             also = f"is also a name in the graph, of kind {here[name]}; give it another one in its source"
-            raise InputError(seen.file or seen.source, f"{there.get(name)} {name!r}", also)
+            raise seen.mistake(f"{there.get(name)} {name!r}", also)
     return enough
 
 
-def sample_candidates(enough: pd.Series[int], how: Extension, key: str, root: int) -> list[str]:
+def sample_candidates(enough: pd.Series[int], settings: Extension, key: str, root: int) -> list[str]:
     """Draw entities at random (all where there are fewer), some of them always; in alphabetical order.
 
     Args:
         enough: by name, those that can be drawn.
-        how: how many, and which always.
-        key: where that stands in params.
+        key: where the settings stand in params.
         root: of every random stream.
 
     Raises:
         InputError: where one that must be there cannot be drawn.
     """
-    for name in how.always:
+    for name in settings.always:
         if name not in enough.index:
-            which = f"that the graph lacks, observed {how.min_observations} times or more"
-            raise InputError(paths.PARAMS, f"{key}.always", f"{name!r}: expected an entity of {how.source} {which}")
-    others = [str(name) for name in enough.index if name not in how.always]
-    free = min(how.candidates - len(how.always), len(others))
+            which = f"that the graph lacks, observed {settings.min_observations} times or more"
+            expected = f"{name!r}: expected an entity of {settings.source} {which}"
+            raise InputError(paths.PARAMS, f"{key}.always", expected)
+    others = [str(name) for name in enough.index if name not in settings.always]
+    free = min(settings.candidates - len(settings.always), len(others))
     drawn = stream(root, "transfer candidates").choice(len(others), free, replace=False)
-    return sorted([*how.always, *(others[place] for place in drawn)])
+    return sorted([*settings.always, *(others[place] for place in drawn)])
 
 
 def extend(home: GraphTables, seen: MinedSource, added: Collection[str]) -> GraphTables:
@@ -248,12 +259,11 @@ def extend(home: GraphTables, seen: MinedSource, added: Collection[str]) -> Grap
         seen: by the other source; what it observed of entities that are neither the graph's nor added is left out.
         added: heads that the graph lacks.
     """
-    joined = {*home.entities["entity"], *added}
-    observed = seen.observations
-    more = count_triples(observed[observed["head"].isin(added) & observed["tail"].isin(joined)], seen.source)
-    named = entities_of(more, seen)
-    new = named[~named["entity"].isin(home.entities["entity"])]
-    return GraphTables(_behind(home.entities, new), _behind(home.triples, more))
+    joined, observed = {*home.entities["entity"], *added}, seen.observations
+    of_added = observed[observed["head"].isin(added) & observed["tail"].isin(joined)]
+    more = build_tables(replace(seen, observations=of_added))
+    new = more.entities[~more.entities["entity"].isin(home.entities["entity"])]
+    return GraphTables(_behind(home.entities, new), _behind(home.triples, more.triples))
 
 
 def _kinds(entities: pd.DataFrame) -> dict[str, str]:

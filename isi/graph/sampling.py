@@ -1,13 +1,10 @@
-"""Drawing sessions: splits, folds, novel (OOKB) entities and insert triples (sections 5.2 and 5.3).
-
-The sessions of a graph as tables: who has which split, who is novel, what is told.
-"""
+"""The sessions of a graph as random draws: splits, folds, novel (OOKB) entities, insert triples (sections 5.2, 5.3)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -17,14 +14,38 @@ from pydantic import Field, model_validator
 from isi.config import Count, Fraction, Names, Section, distinct
 from isi.errors import InputError
 from isi.graph.graph import Graph
-from isi.graph.sessions import SPLITS, TEST, TRAIN, VALID
-from isi.graph.tables import INSERT_TRIPLES, NOVEL
+from isi.graph.sessions import SPLIT_NAMES, TEST, TRAIN, VALID
 from isi.random import stream
 from isi.tables import paths
+from isi.tables.rules import at_least, one_of, unique
+from isi.tables.table import INT, NAME, Table
+
+SPLITS = Table(
+    "data/sessions/{experiment}/splits.parquet",
+    {"seed": INT, "triple": INT, "split": NAME},
+    key=["seed", "triple"],
+    ordered=True,
+    checks=[*at_least(0, "seed", "triple"), *one_of("split", SPLIT_NAMES)],
+)
+#: ``session``: in which the entity is inserted, from 1; Θ⁰ is trained in session 0.
+NOVEL = Table(
+    "data/sessions/{experiment}/novel.parquet",
+    {"size": INT, "seed": INT, "entity": INT, "session": INT},
+    key=["size", "seed", "session", "entity"],
+    ordered=True,
+    checks=[*at_least(1, "size", "session"), *at_least(0, "seed", "entity"), *unique("size", "seed", "entity")],
+)
+INSERT_TRIPLES = Table(
+    "data/sessions/{experiment}/insert_triples.parquet",
+    {"size": INT, "seed": INT, "entity": INT, "triple": INT, "session": INT},
+    key=["size", "seed", "session", "entity", "triple"],
+    ordered=True,
+    checks=[*at_least(1, "size", "session"), *at_least(0, "seed", "entity", "triple")],
+)
 
 
 class Shares(Section):
-    """``sessions`` in params: what every experiment holds out, and tells."""
+    """``sessions`` in params: what every experiment holds out, and gives of novel entities."""
 
     valid: Fraction
     test: Fraction
@@ -52,64 +73,6 @@ class SessionsOf(Section):
         if self.novel == "added" and len(self.sizes) > 1:
             raise ValueError("sizes: one alone where novel is added, since a seed's triples depend on who is drawn")
         return self
-
-
-@dataclass(frozen=True)
-class SampledSessions:
-    """The learning sessions of one size and seed."""
-
-    size: int
-    seed: int
-    #: unique triples that take part, and their splits; shapes: (T',)
-    triples: np.ndarray
-    splits: np.ndarray
-    #: ids, by the session that inserts them; shape: (steps, size)
-    novel: np.ndarray
-    #: (session, entity, triple), sessions counted from 1
-    insert_triples: list[tuple[int, int, int]]
-
-
-def novel_candidates(how: SessionsOf, kinds: np.ndarray, added: np.ndarray) -> np.ndarray:
-    """Ids of the entities that may be novel.
-
-    Args:
-        kinds: of all entities; shape (E,).
-        added: ids of those of another source.
-    """
-    if how.novel == "any":
-        return np.arange(len(kinds))
-    if how.novel == "added":
-        return added
-    return np.flatnonzero(np.isin(kinds, how.novel))
-
-
-def sample_sessions(
-    graph: Graph, candidates: np.ndarray, replaceable: np.ndarray, how: SessionsOf, shares: Shares, root: int
-) -> Iterator[SampledSessions]:
-    """Draw the sessions of every size and seed.
-
-    Args:
-        candidates: who may be novel; ids.
-        replaceable: those of them that take no part where they are not drawn; ids.
-
-    Raises:
-        InputError: where there are too few candidates, or a split would hold out less than its share.
-    """
-    for size in sorted(how.sizes):
-        for seed in range(how.seeds):
-            novel = sample_novel(candidates, root, size, seed, how.steps)
-            triples = triples_without(graph, np.setdiff1d(replaceable, novel))
-            part = graph.part(triples)
-            splits = split(part, root, seed, shares.valid, shares.test)
-            check_held_out(splits, shares.valid, shares.test)
-            pairs = [
-                (session, entity, int(triples[triple]))
-                for session in range(1, how.steps + 1)
-                for entity, triple in sample_insert_triples(
-                    part, splits, novel, session, root, seed, shares.insert_fraction
-                )
-            ]
-            yield SampledSessions(size, seed, triples, splits, novel, pairs)
 
 
 def split(graph: Graph, root: int, seed: int, valid: float, test: float) -> np.ndarray:
@@ -143,8 +106,8 @@ def folds(graph: Graph, root: int, number: int) -> np.ndarray:
     Every entity and relation appears in the train of every fold; the triples that see to it are in no fold.
     """
     splits = np.full((number, len(graph.triples)), TRAIN, dtype=np.int8)
-    for own, fold in zip(splits, np.array_split(_free(graph, stream(root, "folds")), number), strict=True):
-        own[fold] = VALID
+    for row, fold in zip(splits, np.array_split(_free(graph, stream(root, "folds")), number), strict=True):
+        row[fold] = VALID
     return splits
 
 
@@ -164,11 +127,6 @@ def sample_novel(candidates: np.ndarray, root: int, size: int, seed: int, steps:
     return np.sort(candidates[drawn.reshape(steps, size)], axis=1)
 
 
-def triples_without(graph: Graph, entities: np.ndarray) -> np.ndarray:
-    """Ids of the unique triples that have none of the entities as an end; shape (T',)."""
-    return np.flatnonzero(~np.isin(graph.triples[:, [0, 2]].numpy(), entities).any(1))
-
-
 def sample_insert_triples(
     graph: Graph, splits: np.ndarray, novel: np.ndarray, session: int, root: int, seed: int, fraction: float
 ) -> list[tuple[int, int]]:
@@ -180,15 +138,15 @@ def sample_insert_triples(
         novel: of all sessions; shape (steps, size).
         session: from 1; the first one's random stream does not name it.
     """
-    triples, own_novel = graph.triples.numpy(), novel[session - 1]
+    triples, inserted = graph.triples.numpy(), novel[session - 1]
     heads, tails = (np.isin(triples[:, slot], novel[session - 1 :]) for slot in (0, 2))
     usable = (splits == TRAIN) & (heads ^ tails)
-    rng = stream(root, "insert triples", len(own_novel), seed, *later_key(session))
+    rng = stream(root, "insert triples", len(inserted), seed, *later_key(session))
     pairs: list[tuple[int, int]] = []
-    for entity in own_novel:
-        own = np.flatnonzero(usable & ((triples[:, 0] == entity) | (triples[:, 2] == entity)))
-        count = max(1, math.floor(fraction * len(own))) if len(own) else 0
-        pairs.extend((int(entity), int(triple)) for triple in np.sort(rng.choice(own, count, replace=False)))
+    for entity in inserted:
+        of_entity = np.flatnonzero(usable & (triples[:, [0, 2]] == entity).any(1))
+        count = max(1, math.floor(fraction * len(of_entity))) if len(of_entity) else 0
+        pairs.extend((int(entity), int(triple)) for triple in np.sort(rng.choice(of_entity, count, replace=False)))
     return pairs
 
 
@@ -199,7 +157,7 @@ def later_key(session: int) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class SessionTables:
-    """The sessions of an experiment: ``tables.SPLITS``, ``tables.NOVEL`` and ``tables.INSERT_TRIPLES``."""
+    """The sessions of an experiment: ``SPLITS``, ``NOVEL`` and ``INSERT_TRIPLES``."""
 
     splits: pd.DataFrame
     novel: pd.DataFrame
@@ -211,38 +169,40 @@ def session_tables(
 ) -> SessionTables:
     """The sessions of a graph, drawn for every size and seed.
 
-    D of the last session is all that is not replaceable, and who is drawn; the triples of the others have no split.
+    D of the last session is all of the graph, but of added entities those alone that are drawn; the triples of the
+    others have no split.
 
     Args:
-        entities: of the graph (``tables.ENTITIES``).
+        entities: of the graph (``ENTITIES``).
         root: of every random stream.
         key: where ``how`` stands in params.
 
     Raises:
-        InputError: where there are too few that may be novel, or there is no triple.
+        InputError: where there are too few that may be novel, there is no triple, or a split would hold out less than
+            its share.
     """
     if not len(graph.triples):
         raise InputError(paths.PARAMS, key, "expected a graph with triples")
     added = np.flatnonzero(entities["source"].astype(str) != str(entities["source"].iloc[0]))
-    candidates = novel_candidates(how, entities["kind"].to_numpy(str), added)
+    candidates = {"any": np.arange(len(entities)), "added": added}.get(str(how.novel))
+    if candidates is None:
+        candidates = np.flatnonzero(entities["kind"].isin(how.novel))
     if how.steps * max(how.sizes) > len(candidates) - (how.novel != "added"):
         few = f"expected fewer novel entities than the {len(candidates)} that may be novel"
         raise InputError(paths.PARAMS, f"{key}.sizes", few)
-    drawn = list(sample_sessions(graph, candidates, added if how.novel == "added" else added[:0], how, shares, root))
-    splits = pd.concat(
-        pd.DataFrame({"seed": one.seed, "triple": one.triples, "split": np.array(SPLITS)[one.splits]})
-        for one in drawn
-        if one.size == drawn[0].size  # once for each seed
-    )
-    novel = [
-        (one.size, one.seed, entity, session)
-        for one in drawn
-        for session, entities_of in enumerate(one.novel, 1)
-        for entity in entities_of
-    ]
-    told = [(o.size, o.seed, entity, triple, session) for o in drawn for session, entity, triple in o.insert_triples]
-    return SessionTables(
-        splits,
-        pd.DataFrame(novel, columns=list(NOVEL.columns)),
-        pd.DataFrame(told, columns=list(INSERT_TRIPLES.columns)),
-    )
+    splits, novel, given = list[pd.DataFrame](), list[tuple[int, ...]](), list[tuple[int, ...]]()
+    for size, seed in product(sorted(how.sizes), range(how.seeds)):
+        drawn = sample_novel(candidates, root, size, seed, how.steps)
+        absent = np.setdiff1d(added, drawn) if how.novel == "added" else added[:0]
+        triples = np.flatnonzero(~np.isin(graph.triples[:, [0, 2]].numpy(), absent).any(1))
+        part = graph.part(triples)
+        codes = split(part, root, seed, shares.valid, shares.test)
+        check_held_out(codes, shares.valid, shares.test)
+        if size == min(how.sizes):  # once for each seed
+            splits.append(pd.DataFrame({"seed": seed, "triple": triples, "split": np.array(SPLIT_NAMES)[codes]}))
+        for session, inserted in enumerate(drawn, 1):
+            novel += [(size, seed, entity, session) for entity in inserted]
+            pairs = sample_insert_triples(part, codes, drawn, session, root, seed, shares.insert_fraction)
+            given += [(size, seed, entity, int(triples[triple]), session) for entity, triple in pairs]
+    tables = pd.DataFrame(novel, columns=list(NOVEL.columns)), pd.DataFrame(given, columns=list(INSERT_TRIPLES.columns))
+    return SessionTables(pd.concat(splits), *tables)

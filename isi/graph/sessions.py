@@ -11,7 +11,7 @@ from isi.graph.graph import Graph
 
 #: Split of a triple in a session; ``OUT`` where it takes no part.
 OUT, TRAIN, VALID, TEST = -1, 0, 1, 2
-SPLITS = ("train", "valid", "test")
+SPLIT_NAMES = ("train", "valid", "test")
 #: Arrival of what takes part in no session.
 NEVER = 2**31 - 1
 

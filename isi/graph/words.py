@@ -7,25 +7,37 @@ import hashlib
 import logging
 import re
 from array import array
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Literal
+from typing import IO, TYPE_CHECKING, Literal
 
 import numpy as np
-from gensim.models import KeyedVectors
-from smart_open import open as open_any
 
 from isi.config import Section, Sha256
-from isi.errors import InputError, cut, short
+from isi.errors import InputError, at, cut, short
 from isi.tables import paths
+from isi.tables.table import TEXT, Table, TensorFile
+
+if TYPE_CHECKING:
+    from gensim.models import KeyedVectors  # elsewhere where it is used, since it takes seconds to import
+
+#: Tensor ``vectors``, shape (E, w), float32; zeros where an entity has no word vector.
+WORD_VECTORS = TensorFile("data/words/{experiment}/vectors.safetensors")
+#: Which phrase or words of it have vectors.
+COVERAGE = Table(
+    "data/words/{experiment}/coverage.parquet",
+    {"entity": TEXT, "phrase": TEXT, "served_by": TEXT},
+    key=["entity"],
+    nullable=["served_by"],
+)
 
 #: What numbers of vectors lie within; those of word2vec and GloVe are below a hundred.
 LARGEST = 1e6
 #: The most numbers of a vector, and characters of a token.
 WIDEST, LONGEST = 100_000, 1_000
 #: Bytes of a line of text, and those that are read of binary vectors at once, at most.
-LINE = CHUNK = 2**21
+CHUNK = 2**21
 
 
 class Words(Section):
@@ -74,12 +86,13 @@ def load_vectors(given: Words) -> KeyedVectors:
     if given.shipped:
         return read_vectors(paths.shipped_vectors(given.text))
     path = Path(given.source)
-    try:
-        there = path.is_file()
-    except OSError as error:
-        raise InputError(short(given.source), "", f"expected a file of word vectors ({error.strerror})") from error
-    if there:
-        check_sha256(path, given.sha256)
+    with at(short(given.source)):
+        is_file = path.is_file()
+    if is_file:
+        with at(path), path.open("rb") as file:
+            got = given.sha256 and hashlib.file_digest(file, "sha256").hexdigest()
+        if got != given.sha256:
+            raise InputError(path, "", f"expected {given.sha256} as its sha256, got {got}")
         return read_vectors(path)
     if path.suffix or len(path.parts) > 1:
         raise InputError(path, "", "expected a file of word vectors, but there is no such file")
@@ -90,26 +103,13 @@ def load_vectors(given: Words) -> KeyedVectors:
 
     logging.getLogger("gensim").setLevel(logging.ERROR)
     try:
-        found = gensim.downloader.load(given.source)
+        downloaded = gensim.downloader.load(given.source)
     except Exception as error:  # gensim lets every fault of the network and of its index through as it is
         expected = f"neither a file nor a gensim download that can be reached ({type(error).__name__})"
         raise InputError(given.source, "", expected) from error
-    if not isinstance(found, KeyedVectors):
+    if not hasattr(downloaded, "key_to_index"):
         raise InputError(given.source, "", "a gensim download, but holds no word vectors")
-    return found
-
-
-def check_sha256(path: Path, expected: str | None) -> None:
-    """Refuse a file that hashes to something else than expected, if anything is."""
-    if expected is None:
-        return
-    try:
-        with path.open("rb") as file:
-            got = hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})") from error
-    if got != expected:
-        raise InputError(path, "", f"expected {expected} as its sha256, got {got}")
+    return downloaded
 
 
 def read_vectors(path: Path) -> KeyedVectors:
@@ -121,75 +121,86 @@ def read_vectors(path: Path) -> KeyedVectors:
     Raises:
         InputError: naming the line or the vector that is broken.
     """
+    from gensim.models import KeyedVectors
+
+    rows, numbers = dict[str, int](), bytearray()
     try:
-        header, binary = _form(path)
-        with open_any(path, "rb") as file:
-            found = _of_bytes(path, file, *header) if header and binary else _of_lines(path, file, header)
+        with at(path):
+            for place, token, values in _entries(path):
+                with at("", place):
+                    name = token.decode()
+                if not 0 < len(name) <= LONGEST:
+                    raise InputError("", place, f"expected a token of 1 to {LONGEST:,} characters, got {short(name)}")
+                if name not in rows:
+                    rows[name] = len(rows)
+                    numbers += values
     except InputError:
         raise
-    except FileNotFoundError as error:
-        raise InputError(path, "", "expected a file of word vectors, but there is no such file") from error
     except Exception as error:  # each kind of compression has faults of its own
         raise InputError(path, "", f"expected word vectors in word2vec or GloVe format ({cut(str(error))})") from error
-    if not found.tokens:
+    if not rows:
         raise InputError(path, "", "expected word vectors in word2vec or GloVe format, got none")
-    vectors = np.frombuffer(found.numbers, dtype="<f4").reshape(len(found.tokens), -1)
-    largest = np.maximum(vectors.max(axis=1), -vectors.min(axis=1))
-    broken = np.flatnonzero(~(largest <= LARGEST))  # what is no number, too
+    words = KeyedVectors(len(numbers) // 4 // len(rows))
+    words.index_to_key, words.key_to_index = list(rows), rows
+    words.vectors = np.frombuffer(numbers, dtype="<f4").reshape(len(rows), -1)
+    broken = np.flatnonzero(~(np.abs(words.vectors).max(axis=1) <= LARGEST))  # what is no number, too
     if len(broken):
-        expected = f"expected numbers within {LARGEST:,.0f}, got {largest[broken[0]]:g}"
-        raise InputError(path, f"vector of {short(found.tokens[broken[0]])}", expected)
-    words = KeyedVectors(vectors.shape[1])
-    words.index_to_key, words.vectors = found.tokens, vectors
-    words.key_to_index = {token: row for row, token in enumerate(found.tokens)}
+        place = f"vector of {short(words.index_to_key[broken[0]])}"
+        raise InputError(path, place, f"expected numbers within {LARGEST:,.0f}")
     return words
 
 
-@dataclass
-class _VectorsFound:
-    """Tokens, each once, and the numbers of their vectors, behind each other in float32 (little endian)."""
-
-    path: Path
-    tokens: list[str] = field(default_factory=list)
-    numbers: bytearray = field(default_factory=bytearray)
-    seen: set[str] = field(default_factory=set)
-
-    def add(self, place: str, token: bytes, numbers: bytes) -> None:
-        try:
-            name = token.decode("utf-8")
-        except UnicodeDecodeError as error:
-            raise InputError(self.path, place, f"expected a token in UTF-8 ({error})") from error
-        if not name or len(name) > LONGEST:
-            raise InputError(self.path, place, f"expected a token of 1 to {LONGEST:,} characters, got {short(name)}")
-        if name not in self.seen:
-            self.seen.add(name)
-            self.tokens.append(name)
-            self.numbers += numbers
+#: Where a vector stands, its token, and its numbers in float32 (little endian).
+Entry = tuple[str, bytes, bytes]
 
 
-def _form(path: Path) -> tuple[tuple[int, int] | None, bool]:
-    """The header (count, dimension), if there is one, and whether vectors are binary."""
+def _entries(path: Path) -> Iterator[Entry]:
+    from smart_open import open as open_any
+
     with open_any(path, "rb") as file:
-        first, second = file.readline(LINE), file.read(4096)
-    found = re.fullmatch(rb"([0-9]{1,9})[ \t]+([0-9]{1,9})\s*", first.removeprefix(codecs.BOM_UTF8))
-    if not found:
-        return None, False
-    count, dimension = (int(number) for number in found.groups())
-    if not 0 < dimension <= WIDEST:
-        raise InputError(path, "line 1", f"expected a dimension from 1 to {WIDEST:,}, got {dimension}")
-    return (count, dimension), not _is_text(second)
+        header, start = file.readline(CHUNK), file.read(4096)
+    sizes = re.fullmatch(rb"([0-9]{1,9})[ \t]+([0-9]{1,9})\s*", header.removeprefix(codecs.BOM_UTF8))
+    count, dimension = map(int, sizes.groups()) if sizes else (0, 0)
+    if sizes and not 0 < dimension <= WIDEST:
+        raise InputError("", "line 1", f"expected a dimension from 1 to {WIDEST:,}, got {dimension}")
+    number = 0
+    with open_any(path, "rb") as file:
+        if sizes:
+            file.readline(CHUNK)
+        is_binary = sizes and not _is_text(start)
+        entries = _of_bytes(file, dimension) if is_binary else _of_lines(file, dimension, 2 if sizes else 1)
+        for entry in entries:
+            number += 1
+            yield entry
+    if sizes and number != count:
+        raise InputError("", "line 1", f"promises {count} vectors, but the file has {number}")
 
 
 def _is_text(start: bytes) -> bool:
-    """Whether the bytes after a header are text: vectors in binary hold bytes that no text does."""
-    if any(byte < 32 and byte not in b"\t\n\r" for byte in start):
-        return False
+    """Whether the bytes behind a header are text: vectors in binary hold bytes that no text does."""
     try:
         codecs.getincrementaldecoder("utf-8")().decode(start)
     except UnicodeDecodeError:
-        line = start.split(b"\n")[0]
-        return b" " in line and all(_is_number(field) for field in line.split()[1:])
-    return True
+        return False
+    return not re.search(rb"[^\t\n\r\x20-\xff]", start)
+
+
+def _of_lines(file: IO[bytes], dimension: int, first: int) -> Iterator[Entry]:
+    """Of text: a line for each token, with its numbers behind it (0 as dimension: as many as the first line has)."""
+    for number, line in enumerate(iter(lambda: file.readline(CHUNK), b""), first):
+        place, text = f"line {number}", line.removeprefix(codecs.BOM_UTF8 if number == 1 else b"").rstrip(b" \t\r\n")
+        if not text:
+            continue
+        dimension = dimension or text.count(b" ")
+        token, *values = text.rsplit(b" ", dimension)  # tokens of GloVe may have spaces, as `. . .` has
+        behind = token.split(b" ")[1:]
+        if len(values) != max(1, dimension) or not all(behind) or any(map(_is_number, behind)):
+            raise InputError("", place, f"expected a token and {dimension or 'its'} numbers")
+        if not all(map(_is_number, values)):
+            raise InputError("", place, f"expected a token and numbers, got {short(text[len(token) :])}")
+        if not line.endswith(b"\n"):
+            raise InputError("", place, "is cut short: expected a line end behind the last vector")
+        yield place, token, array("f", map(float, values)).tobytes()
 
 
 def _is_number(text: bytes) -> bool:
@@ -197,50 +208,19 @@ def _is_number(text: bytes) -> bool:
         float(text)
     except ValueError:
         return False
-    return True
+    return b"_" not in text  # Python takes 1_0 for ten
 
 
-def _of_lines(path: Path, file: IO[bytes], header: tuple[int, int] | None) -> _VectorsFound:
-    """Of text: a line for each token, with its numbers behind it."""
-    found, dimension, count, last = _VectorsFound(path), header[1] if header else None, 0, (0, b"\n")
-    for number, line in enumerate(iter(lambda: file.readline(LINE), b""), 1):
-        if not line.strip() or (header and number == 1):
-            continue
-        text = line.removeprefix(codecs.BOM_UTF8 if number == 1 else b"").rstrip(b" \t\r\n")
-        pieces = text.split(b" ")
-        dimension, count, last = dimension or len(pieces) - 1, count + 1, (number, line)
-        behind = max(1, len(pieces) - dimension)  # tokens of GloVe may have spaces, as `. . .` has
-        token, values = b" ".join(pieces[:behind]), pieces[behind:]
-        try:
-            numbers = array("f", map(float, values))
-            if b"_" in text[len(token) :]:
-                raise ValueError("Python takes 1_0 for ten")
-        except ValueError as error:
-            raise InputError(path, f"line {number}", f"expected a token and numbers ({str(error)[:80]})") from error
-        if len(values) != dimension or not values or any(not one or _is_number(one) for one in pieces[1:behind]):
-            expected = f"expected a token and {dimension or 'its'} numbers, got {len(pieces) - 1} of them"
-            raise InputError(path, f"line {number}", expected)
-        found.add(f"line {number}", token, numbers.tobytes())
-    if header and count != header[0]:
-        raise InputError(path, "line 1", f"promises {header[0]} vectors, but the file has {count}")
-    if not last[1].endswith(b"\n"):
-        raise InputError(path, f"line {last[0]}", "is cut short: expected a line end behind the last vector")
-    return found
-
-
-def _of_bytes(path: Path, file: IO[bytes], count: int, dimension: int) -> _VectorsFound:
+def _of_bytes(file: IO[bytes], dimension: int) -> Iterator[Entry]:
     """Of bytes: each token, a space, and its numbers; perhaps a line end."""
-    file.readline(LINE)
-    found, size, chunk, start = _VectorsFound(path), 4 * dimension, b"", 0
-    for number in range(1, count + 1):
-        while (end := chunk.find(b" ", start)) < 0 or len(chunk) < end + 1 + size:
-            more = file.read(CHUNK)
-            if not more or len(chunk) - start > CHUNK:
-                expected = f"expected {count} vectors of {dimension} numbers, as line 1 says; this one is not whole"
-                raise InputError(path, f"vector {number}", expected)
-            chunk, start = chunk[start:] + more, 0
-        found.add(f"vector {number}", chunk[start:end].lstrip(b"\n"), chunk[end + 1 : end + 1 + size])
-        start = end + 1 + size
-    if (chunk[start:] + file.read(CHUNK)).strip(b"\r\n"):
-        raise InputError(path, "line 1", f"{count} vectors of dimension {dimension} do not fill the file")
-    return found
+    number, rest = 1, b""
+    for more in iter(lambda: file.read(CHUNK), b""):
+        chunk, start = rest + more, 0
+        while (end := chunk.find(b" ", start)) >= 0 and len(chunk) > end + 4 * dimension:
+            yield f"vector {number}", chunk[start:end].lstrip(b"\n"), chunk[end + 1 : end + 1 + 4 * dimension]
+            number, start = number + 1, end + 1 + 4 * dimension
+        rest = chunk[start:]
+        if len(rest) > CHUNK:
+            break
+    if rest.strip(b"\r\n"):
+        raise InputError("", f"vector {number}", f"is not whole: expected {dimension} numbers, as line 1 says")

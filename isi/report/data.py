@@ -13,18 +13,16 @@ import pandas as pd
 
 from isi.analyses import single_insertions
 from isi.analyses.affordances import AFFORDANCES
-from isi.analyses.cross_validation import CROSS_VALIDATION
-from isi.analyses.finetune_only import FINETUNE_ONLY
-from isi.analyses.model_comparison import MODEL_COMPARISON
-from isi.analyses.other_graphs import GRAPH_QUERIES, GRAPH_RUNS
+from isi.analyses.finetuning import FINETUNE_ONLY
+from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
 from isi.analyses.query_breakdown import QUERY_BREAKDOWN, USED_COORDINATES
-from isi.analyses.sweep import INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.trajectory import TRACED, TRAJECTORY
-from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, Variant
+from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VARIANT_RUNS, Variant
 from isi.experiment.insert import is_listed
-from isi.experiment.tables import INSERTED, RUNS, TIES, TRAINING_LOG
-from isi.graph.graph import MinedSource
-from isi.graph.tables import COVERAGE, ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, INSERT_TRIPLES, NOVEL, SPLITS, TRIPLES
+from isi.experiment.store import INSERTED, RUNS, TIES, TRAINING_LOG
+from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES, MinedSource
+from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
+from isi.graph.words import COVERAGE
 from isi.params import ExperimentOf, Params, load_beyond
 from isi.report import paper_values
 from isi.report.stats import by_direction, by_model, converged

@@ -20,8 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from isi.cli import _reading
-from isi.graph.graph import MinedSource, build_tables
-from isi.graph.tables import TRIPLES
+from isi.graph.graph import TRIPLES, MinedSource, build_tables
 from isi.graph.words import look_up, read_vectors
 from isi.sources import Source, procthor_houses, triples_with_ids
 from isi.sources.names import name_fault

@@ -1,15 +1,21 @@
-"""What is varied around the main experiment: the size of the indicator set (section 5.3), the fine-tuning rate."""
+"""Fine-tuning under other settings: other sizes of the indicator set, other rates, and with nothing inserted."""
 
 from __future__ import annotations
 
 from typing import Annotated, Self
 
+import pandas as pd
 from pydantic import Field, model_validator
 
 from isi.config import Count, Name, Option, Positive, Study, distinct
-from isi.experiment.tables import runs_table
+from isi.evaluation.query_sets import epoch_query_sets
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.store import runs_table
+from isi.experiment.train import run_rows
 from isi.tables.rules import at_least
 from isi.tables.table import INT, REAL
+from isi.training.batches import Negatives, training_data
+from isi.training.trainer import ConvergenceWatch, Optimizer, train
 
 #: Runs with ``k`` indicators, and at ``factor`` times the fine-tuning rate.
 INDICATOR_SWEEP = runs_table(
@@ -18,6 +24,9 @@ INDICATOR_SWEEP = runs_table(
 RATE_SWEEP = runs_table(
     "data/analyses/rate_sweep/{experiment}/{initializer}.parquet", {"factor": REAL}, at_least(0, "factor")
 )
+FINETUNE_ONLY = runs_table("data/analyses/finetune_only/{experiment}.parquet")
+#: The scope whose queries are the same before and after insertion.
+SCOPE = "known_closed"
 
 
 class Sweep(Study):
@@ -48,3 +57,22 @@ class RateSweep(Study):
         if 1 in self.factors or not distinct(self.factors):
             raise ValueError("factors must not repeat, nor be 1, which is the main experiment")
         return self
+
+
+class FinetuneOnly(Study):
+    """``finetune_only`` in params."""
+
+
+def finetune_only(
+    points: GridPoints, theta0: StackedVectors, root: int, negatives: Negatives, optimizer: Optimizer
+) -> pd.DataFrame:
+    """Measures of earlier knowledge before Θ⁰ is trained on with its D⁰, and after every epoch (``FINETUNE_ONLY``).
+
+    Batches and negatives come from the random streams of fine-tuning, so that runs with insertion differ by what
+    was inserted.
+    """
+    queries = {SCOPE: epoch_query_sets(points.session(1), points.novel_in(1))[SCOPE]}
+    watch = ConvergenceWatch(queries, {}, full_curves=True)
+    data = training_data(points.session(0), "fine-tuning", points.keys(), negatives.head_pool)
+    train(theta0.stack, data, negatives, optimizer, root, watch)
+    return pd.concat(run_rows(points, 1, look.epoch, look.models, look.results) for look in watch.epochs)

@@ -1,0 +1,162 @@
+"""Joint models trained otherwise: with other settings, by other scoring functions, on all triples of a graph."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from statistics import median_low
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+import pandas as pd
+import torch
+from pydantic import Field
+
+from isi.config import Count, Name, NotNegative, Positive, Section, Study
+from isi.errors import InputError
+from isi.evaluation.query_sets import epoch_query_sets
+from isi.evaluation.ranking import MEASURES, evaluate
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.store import HALVES, MEASURE_COLUMNS
+from isi.experiment.train import TrainConfig, TrainResult, measure_columns, train_stack, training_start
+from isi.graph.graph import Graph
+from isi.graph.sampling import folds
+from isi.graph.sessions import TRAIN, VALID
+from isi.tables import paths
+from isi.tables.rules import at_least, measured, within
+from isi.tables.table import INT, REAL, Table
+from isi.training.trainer import train
+
+#: The best evaluation of each setting on each held-out fold (section 5.3).
+CROSS_VALIDATION = Table(
+    "data/analyses/cross_validation/{experiment}.parquet",
+    {"dimension": INT, "ratio": INT, "learning_rate": REAL, "weight_decay": REAL, "fold": INT, **MEASURE_COLUMNS,
+     "epoch": INT},
+    key=["dimension", "ratio", "learning_rate", "weight_decay", "fold"],
+    ordered=True,
+    checks=[*at_least(1, "dimension", "ratio", "epoch"), *at_least(0, "learning_rate", "weight_decay", "fold"),
+            *within(0, 1, *MEASURES), *HALVES],
+)  # fmt: skip
+#: Measures of the joint models of one scoring function.
+MODEL_COMPARISON = Table(
+    "data/analyses/models/{experiment}/{model}.parquet",
+    {"seed": INT, "epochs": INT, **MEASURE_COLUMNS, "valid_mrr_star": REAL, "queries": INT},
+    key=["seed"],
+    checks=[*at_least(0, "seed"), *at_least(1, "epochs"), *within(0, 1, "valid_mrr_star"),
+            *measured(MEASURES, "queries"), *HALVES],
+    nullable=MEASURES,
+)  # fmt: skip
+
+
+class Setting(Section):
+    """What cross-validation compares."""
+
+    dimension: Count
+    ratio: Count
+    learning_rate: Positive
+    weight_decay: NotNegative
+
+
+class CrossValidation(Study):
+    """``cross_validation`` in params: the values that each factor takes beside the choice."""
+
+    folds: Annotated[int, Field(ge=2)]
+    dimension: list[Count]
+    ratio: list[Count]
+    learning_rate: list[Positive]
+    weight_decay: list[NotNegative]
+
+    def settings(self, choice: Setting) -> list[Setting]:
+        """The choice, then the choice with one factor at a time changed to each value listed."""
+        changes = [{factor: value} for factor in Setting.model_fields for value in getattr(self, factor)]
+        return list(dict.fromkeys([choice, *(choice.model_copy(update=change) for change in changes)]))
+
+
+class ModelTraining(Section):
+    """How the joint model of an embedding model is trained."""
+
+    learning_rate: Positive
+    weight_decay: NotNegative
+
+
+class ModelComparison(Study):
+    """``compare_models`` in params."""
+
+    renamed: ClassVar = {"families": "models"}
+    seeds: Count
+    models: dict[Name, ModelTraining]
+
+
+class FinalModel(Study):
+    """``final_model`` in params."""
+
+
+def fold_points(experiment: str, graph: Graph, root: int, number: int, stack: int) -> list[GridPoints]:
+    """The folds in stacks of at most ``stack``, each held out in one; their numbers are the points' seeds.
+
+    Raises:
+        InputError: where a fold would be empty.
+    """
+    splits = folds(graph, root, number)
+    if not (splits == VALID).any(1).all():
+        expected = "expected no more folds than triples that may leave train (some must stay, for every entity)"
+        raise InputError(paths.PARAMS, "cross_validation.folds", expected)
+    numbers = [list(range(first, min(first + stack, number))) for first in range(0, number, stack)]
+    return [GridPoints.without_insertion(experiment, graph, part, splits[part]) for part in numbers]
+
+
+def changed_config(choice: TrainConfig, setting: Setting) -> TrainConfig:
+    """The choice with another setting."""
+    training = {"learning_rate": setting.learning_rate, "weight_decay": setting.weight_decay}
+    return replace(
+        choice,
+        dimension=setting.dimension,
+        negatives=choice.negatives.model_copy(update={"ratio": setting.ratio}),
+        training=choice.training.model_copy(update=training),
+    )
+
+
+def best_validations(trained: TrainResult, setting: Setting) -> pd.DataFrame:
+    """The best validation on each held-out fold (``CROSS_VALIDATION``)."""
+    best = trained.log[trained.log["kept"]].groupby("seed").last().rename_axis("fold").reset_index()
+    return best.assign(**setting.model_dump())
+
+
+def compare(points: GridPoints, config: TrainConfig) -> pd.DataFrame:
+    """Measures of joint models over all test triples, their epochs, and the validation MRR* (``MODEL_COMPARISON``)."""
+    trained, no_novel = train_stack(points, config), torch.empty(len(points.seeds), 0, dtype=torch.int64)
+    result = evaluate(trained.theta.stack, epoch_query_sets(points.last_session, no_novel))["all"]
+    epochs = trained.log.groupby("seed")["epoch"].max().reindex(points.seeds)
+    best = trained.log[trained.log["kept"]].groupby("seed")["mrr_star"].last().reindex(points.seeds)
+    columns: dict[str, Any] = {
+        "seed": points.seeds,
+        "epochs": epochs.to_numpy(np.int32),
+        "valid_mrr_star": best.to_numpy(float),
+    }
+    return measure_columns(result).assign(**columns)
+
+
+def usual_epochs(log: pd.DataFrame) -> int:
+    """The median of the epochs after which joint models were kept (the lower one of two), by validation MRR*.
+
+    Args:
+        log: ``TRAINING_LOG``.
+
+    Raises:
+        InputError: where none was kept.
+    """
+    kept = log[log["kept"]].groupby("seed")["epoch"].max()
+    if kept.empty:
+        raise InputError("joint.log.parquet", "column 'kept'", "expected an epoch that was kept")
+    return int(median_low(kept.tolist()))
+
+
+def whole_graph(experiment: str, graph: Graph) -> GridPoints:
+    """A graph of which all trains; random streams are those of the joint model of seed 0."""
+    splits = np.full((1, len(graph.triples)), TRAIN, dtype=np.int8)
+    return GridPoints.without_insertion(experiment, graph, [0], splits)
+
+
+def train_final(points: GridPoints, config: TrainConfig, epochs: int) -> StackedVectors:
+    """The embedding of all triples of a graph after a number of epochs, to insert into: nothing stops it earlier."""
+    optimizer = config.training.model_copy(update={"max_epochs": epochs})
+    return StackedVectors.of(train(*training_start(points, config), config.negatives, optimizer, config.root))

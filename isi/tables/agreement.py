@@ -1,0 +1,144 @@
+"""What the tables and tensors of one experiment must agree on: ids, splits, novel entities, insert triples, shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from isi.errors import InputError, short
+from isi.tables.rules import place_of
+
+if TYPE_CHECKING:
+    from isi.graph.graph import Graph
+
+#: Codes of splits, and of a triple that takes no part (``isi.graph.sessions``).
+OUT, TRAIN = -1, 0
+ENDS = [0, 2]
+
+
+def refuse(path: Path, table: pd.DataFrame, wrong: np.ndarray, columns: Sequence[str], expected: str) -> None:
+    """Name the first row that is wrong, if one is."""
+    if wrong.any():
+        raise InputError(path, place_of(table, int(wrong.argmax()), columns), expected)
+
+
+def ids_below(path: Path, table: pd.DataFrame, column: str, number: int, of: str) -> None:
+    """Ids are those of the graph."""
+    refuse(path, table, table[column].to_numpy() >= number, [column], f"expected ids below {number}, the {of}")
+
+
+def rows_are_entities(path: Path, table: pd.DataFrame, entities: pd.DataFrame) -> None:
+    """A table about entities has them in the graph's order."""
+    if len(table) != len(entities):
+        raise InputError(path, "", f"expected {len(entities)} rows, the entities of the graph, got {len(table)}")
+    differs = table["entity"].to_numpy(str) != entities["entity"].to_numpy(str)
+    refuse(path, table, differs, ["entity"], "expected the entities of the graph, in its order")
+
+
+def splits_are_whole(
+    path: Path, splits: Mapping[int, np.ndarray], names: Sequence[str], graph: Graph, sources: np.ndarray,
+    novel: pd.DataFrame,
+) -> None:  # fmt: skip
+    """Every triple has a split, but those of entities that another source adds and the seed does not draw.
+
+    Each split has triples, and each entity and relation with triples has one to train on.
+
+    Args:
+        splits: of each triple, by seed, places in ``names``; shapes: (T,).
+        sources: of the entities; shape: (E,).
+        novel: ``NOVEL``.
+    """
+    triples = graph.triples.numpy()
+    for seed, split in splits.items():
+        absent = np.setdiff1d(np.flatnonzero(sources != sources[0]), novel.loc[novel["seed"] == seed, "entity"])
+        takes_part = ~np.isin(triples[:, ENDS], absent).any(1)
+        wrong = np.flatnonzero(np.asarray(takes_part != (split != OUT)))
+        if len(wrong):
+            has = "has no split" if takes_part[wrong[0]] else "has a split"
+            expected = "expected one of each triple, but of added entities that the seed does not draw"
+            raise InputError(path, f"seed {seed}, triple {wrong[0]}", f"{has}: {expected}")
+        for code, name in enumerate(names):
+            if not (split == code).any():
+                raise InputError(path, f"seed {seed}", f"expected triples in {name}, as in every split")
+        for slots, named in ((ENDS, graph.entities), ([1], graph.relations)):
+            untrained = np.setdiff1d(triples[split != OUT][:, slots], triples[split == TRAIN][:, slots])
+            if len(untrained):
+                expected = f"expected a triple of {named[untrained[0]]!r} in train, as of every entity and relation"
+                raise InputError(path, f"seed {seed}", expected)
+
+
+def novel_sets_are_whole(path: Path, novel: pd.DataFrame, seeds: Sequence[int]) -> None:
+    """Every session has as many entities as its size; each size has the same seeds, which have splits, and sessions."""
+    if novel.empty:
+        raise InputError(path, "", "expected at least one set of novel entities")
+    columns = ["size", "seed", "session"]
+    drawn = novel.groupby(columns)["entity"].transform("size").to_numpy()
+    expected = "expected as many rows of each size, seed and session as the size"
+    refuse(path, novel, drawn != novel["size"].to_numpy(), columns, expected)
+    sets = novel["size"].nunique() * novel["seed"].nunique() * novel["session"].max()
+    if len(novel[columns].drop_duplicates()) != sets:
+        raise InputError(path, "", "expected the same seeds, and the same sessions from 1 on, of every size")
+    if not set(novel["seed"]) <= set(seeds):
+        raise InputError(path, "column 'seed'", "expected seeds that have splits")
+
+
+def insert_triples_fit(
+    path: Path, given: pd.DataFrame, novel: pd.DataFrame, splits: Mapping[int, np.ndarray], graph: Graph
+) -> None:
+    """Insert triples train, and are of an entity that their session inserts; their other end is known by then.
+
+    Args:
+        given: ``INSERT_TRIPLES``.
+        novel: ``NOVEL``.
+        splits: of each triple, by seed; shapes: (T,).
+    """
+    point = ["size", "seed"]
+    inserted_in = novel.set_index([*point, "entity"])["session"]
+
+    def session_of(entities: np.ndarray) -> np.ndarray:
+        """In which each is inserted, at the grid point of its row; 0: it is known from the start."""
+        index = pd.MultiIndex.from_arrays([given["size"], given["seed"], entities])
+        return inserted_in.reindex(index, fill_value=0).to_numpy()
+
+    entity, session, triple = (given[name].to_numpy(np.int64) for name in ("entity", "session", "triple"))
+    ends, none = graph.triples.numpy()[triple][:, ENDS], np.full(len(graph.triples), OUT)
+    split = [splits.get(seed, none)[row] for seed, row in zip(given["seed"], triple, strict=True)]
+    for wrong, expected in (
+        (session_of(entity) != session, "expected an entity that the session inserts"),
+        ((ends == entity[:, None]).sum(1) != 1, "expected the entity at one end of the triple"),
+        (session_of(ends.sum(1) - entity) >= session, "expected the other end to be known by then"),
+        (np.array(split) != TRAIN, "expected a triple of the seed's train split"),
+    ):
+        refuse(path, given, wrong, [*point, "entity", "triple"], expected)
+
+
+def seeds_are(path: Path, seed: np.ndarray, expected: Sequence[int], *tensors: np.ndarray) -> None:
+    """Models are of the sessions' seeds, in their order, and each tensor has a row for each."""
+    if seed.tolist() != list(expected):
+        raise InputError(path, "tensor 'seed'", f"expected the sessions' seeds, {short(expected)}, got {short(seed)}")
+    if any(tensor.shape[:1] != seed.shape for tensor in tensors):
+        raise InputError(path, "", f"expected {len(seed)} rows in every tensor, one for each seed")
+
+
+def known_are(path: Path, known: np.ndarray, expected: np.ndarray, entity: np.ndarray) -> None:
+    """Embeddings know the entities of their session and no others, whose rows are zero; shapes (M, E) and (M, E, d)."""
+    for name, wrong, says in (
+        ("known", known != expected, "expected the entities of the session, and no novel entity"),
+        ("entity", entity.any(-1) & ~known, "expected zeros for an entity that is not known"),
+    ):
+        if wrong.any():
+            model, row = np.argwhere(wrong)[0].tolist()
+            raise InputError(path, f"tensor {name!r}, model {model} of these seeds, entity {row}", says)
+
+
+def has_shape(
+    path: Path, name: str, tensor: np.ndarray, shape: tuple[int, ...], kind: type[np.generic] = np.float32
+) -> None:
+    """A tensor has the shape that graph, sessions and model give it."""
+    if tensor.shape != shape or tensor.dtype != kind:
+        got = f"{tensor.dtype} of shape {list(tensor.shape)}"
+        raise InputError(path, f"tensor {name!r}", f"expected {kind.__name__} of shape {list(shape)}, got {got}")
