@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import torch
 
 from isi.analyses.affordances import AFFORDANCES
+from isi.analyses.finetuning import INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.hidden_entities import HIDDEN_ENTITIES
 from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
 from isi.analyses.query_breakdown import QUERY_BREAKDOWN, USED_COORDINATES

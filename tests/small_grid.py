@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from isi.analyses.single_insertions import SHOWN, ExplorerParams, first_seeds
 from isi.config import Option
 from isi.evaluation.convergence import SCOPES as CONVERGING
 from isi.experiment.grid import GridPoints, StackedVectors
@@ -83,7 +84,8 @@ def insert_tasks(
 def trained_bytes(trained: list[TrainResult]) -> dict[str, bytes]:
     """All that training gave, in the order of seeds and epochs; floats in CSV are whole."""
     tensors = {
-        "entity": [result.theta.entity for result in trained], "relation": [result.theta.relation for result in trained],
+        "entity": [result.theta.entity for result in trained],
+        "relation": [result.theta.relation for result in trained],
         "known": [result.known for result in trained],
     }  # fmt: skip
     log = pd.concat([result.log for result in trained]).sort_values(["seed", "epoch"])
@@ -96,6 +98,27 @@ def inserted_bytes(inserted: list[InsertResult]) -> dict[str, bytes]:
     entities = pd.concat([result.entities for result in inserted]).sort_values(["seed", "session", "entity"])
     vectors = np.concatenate([result.vectors for result in inserted])
     return {"vectors": vectors.tobytes(), "runs": csv(runs), "entities": csv(entities)}
+
+
+#: What of single insertions is shown.
+EXPLORER = ExplorerParams(
+    experiments=["home"], size=2, epochs=OPTIMIZER.max_epochs, best="soft_hybrid", indicators=4, answers=3
+)
+SOFT = InsertConfig("soft_hybrid", {"word_weight": 3.0, "relation_weight": 5.0}, 0, SAMPLED, OPTIMIZER, MARGIN)
+
+
+def explorer_task(
+    height: int = 4, number: int = 0, configs: int = 5
+) -> tuple[GridPoints, StackedVectors, StackedVectors, np.ndarray, list[InsertConfig], dict[int, int], ExplorerParams]:
+    """Single insertions of all novel entities, each in the first seed that has it."""
+    trained, (stack,), points = theta0(), stacks(4), stacks(height)[number]
+    models = slice(number * height, (number + 1) * height)
+    joint = some_models(train_stack(stack.all_known, LEARNING).theta, models)
+    shown = [insert_tasks(height, name, trained)[number][-1] for name in SHOWN]
+    novel = [(2, seed, entity, 1) for seed, row in zip(stack.seeds, stack.novel[:, 0], strict=True)
+             for entity in row.tolist()]  # fmt: skip
+    seeds = first_seeds(pd.DataFrame(novel, columns=["size", "seed", "entity", "session"]), 2)
+    return points, some_models(trained, models), joint, WORDS, [*shown, SOFT][:configs], seeds, EXPLORER
 
 
 def csv(table: pd.DataFrame) -> bytes:

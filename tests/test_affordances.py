@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from isi.analyses.affordances import RankingTask, ranks, ranks_of
+from isi.analyses.affordances import rank_answers, ranks_of
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.graph.sessions import OUT, TEST, TRAIN
 from tests.small_graphs import graph_of, random_embedding
@@ -36,7 +36,7 @@ def test_ranks_follow_the_scores_of_each_answer_one_by_one() -> None:
     score = {e: float(theta0.model.score(table[5], theta0.relation[0, 1], table[e])) for e in candidates}
     expected = {e: 1 + sum(score[other] > score[e] for other in candidates) for e in candidates}
     for points in (POINTS, LATER):  # ranked after the first session, whoever comes later
-        found = ranks(RankingTask(points, before, vectors.numpy(), relation=1))
+        found = rank_answers(points, before, "es", vectors.numpy(), relation=1)
         assert dict(zip(found["answer"], found["rank"], strict=True)) == expected
         assert set(found["seed"]) == {3}
         assert set(found["entity"]) == {5}

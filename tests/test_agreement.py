@@ -10,7 +10,7 @@ import pytest
 
 from isi.errors import InputError
 from isi.graph.graph import Graph
-from isi.graph.sessions import OUT, SPLITS, TEST, TRAIN, VALID
+from isi.graph.sessions import OUT, SPLIT_NAMES, TEST, TRAIN, VALID
 from isi.tables import agreement
 from tests.small_graphs import graph_of
 
@@ -34,14 +34,20 @@ def split(*codes: int) -> dict[int, np.ndarray]:
     return {0: np.array(codes, dtype=np.int8)}
 
 
+def splits_are_whole(
+    splits: dict[int, np.ndarray], graph: Graph = GRAPH, sources: np.ndarray = HOME, drawn: pd.DataFrame | None = None
+) -> None:
+    agreement.splits_are_whole(FILE, splits, SPLIT_NAMES, graph, sources, novel() if drawn is None else drawn)
+
+
 def refused(says: str) -> pytest.RaisesExc[InputError]:
     return pytest.raises(InputError, match=rf"^data/a\.parquet: {says}")
 
 
 def test_every_triple_of_the_graph_has_a_split() -> None:
-    agreement.splits_are_whole(FILE, split(0, 1, 2, 0, 0, 0), GRAPH, HOME, novel())
+    splits_are_whole(split(0, 1, 2, 0, 0, 0))
     with refused("seed 0, triple 2: has no split"):
-        agreement.splits_are_whole(FILE, split(0, 1, OUT, 0, 0, OUT), GRAPH, HOME, novel())
+        splits_are_whole(split(0, 1, OUT, 0, 0, OUT))
 
 
 def test_triples_of_added_entities_have_a_split_where_they_are_drawn_and_nowhere_else() -> None:
@@ -58,11 +64,11 @@ def test_triples_of_added_entities_have_a_split_where_they_are_drawn_and_nowhere
             whole[ids[int(name[1]), int(name[2])]] = code
         return {0: whole}
 
-    agreement.splits_are_whole(FILE, of(), graph, sources, drawn)
+    splits_are_whole(of(), graph, sources, drawn)
     with refused(rf"seed 0, triple {ids[1, 2]}: has a split"):
-        agreement.splits_are_whole(FILE, of(e12=TRAIN), graph, sources, drawn)
+        splits_are_whole(of(e12=TRAIN), graph, sources, drawn)
     with refused(rf"seed 0, triple {ids[0, 3]}: has no split"):
-        agreement.splits_are_whole(FILE, of(e03=OUT), graph, sources, drawn)
+        splits_are_whole(of(e03=OUT), graph, sources, drawn)
 
 
 @pytest.mark.parametrize(
@@ -75,28 +81,28 @@ def test_triples_of_added_entities_have_a_split_where_they_are_drawn_and_nowhere
 def test_every_entity_and_relation_that_takes_part_has_a_training_triple(
     codes: tuple[int, ...], untrained: str
 ) -> None:
-    agreement.splits_are_whole(FILE, split(TRAIN, VALID, TRAIN, TEST, TRAIN, TRAIN), GRAPH, HOME, novel())
+    splits_are_whole(split(TRAIN, VALID, TRAIN, TEST, TRAIN, TRAIN))
     with refused(f"seed 0: expected a triple of '{untrained}' in train"):
-        agreement.splits_are_whole(FILE, split(*codes), GRAPH, HOME, novel())
+        splits_are_whole(split(*codes))
 
 
 @pytest.mark.parametrize("missing", [TRAIN, VALID, TEST])
 def test_every_seed_has_triples_in_every_split(missing: int) -> None:
     others = [code for code in (TRAIN, VALID, TEST) if code != missing]
-    with refused(f"seed 0: expected triples in {SPLITS[missing]}"):
-        agreement.splits_are_whole(FILE, split(*others, *[others[0]] * 4), GRAPH, HOME, novel())
+    with refused(f"seed 0: expected triples in {SPLIT_NAMES[missing]}"):
+        splits_are_whole(split(*others, *[others[0]] * 4))
 
 
 def test_sets_are_as_large_as_their_size_and_sizes_have_the_same_grid_points() -> None:
     whole = [(1, 0, 3, 1), (1, 0, 2, 2), (2, 0, 0, 1), (2, 0, 1, 1), (2, 0, 2, 2), (2, 0, 3, 2)]
-    splits = {seed: np.zeros(6) for seed in (0, 1)}
+    splits = [0, 1]
     agreement.novel_sets_are_whole(FILE, novel(*whole), splits)
     with refused("expected at least one set of novel entities"):
         agreement.novel_sets_are_whole(FILE, novel(), splits)
     with refused(r"row 4 \(size 2, seed 0, session 2\): expected as many rows"):
         agreement.novel_sets_are_whole(FILE, novel(*whole[:-1]), splits)
     with refused(r"column 'seed': expected seeds that have splits"):
-        agreement.novel_sets_are_whole(FILE, novel(*whole), {1: np.zeros(6)})
+        agreement.novel_sets_are_whole(FILE, novel(*whole), [1])
     for rows in (whole[:-2], whole[1:], [*whole, (2, 1, 0, 1), (2, 1, 1, 1)]):
         with refused("expected the same seeds, and the same sessions"):
             agreement.novel_sets_are_whole(FILE, novel(*rows), splits)
@@ -104,8 +110,10 @@ def test_sets_are_as_large_as_their_size_and_sizes_have_the_same_grid_points() -
 
 def test_an_insert_triple_has_an_entity_that_is_inserted_and_another_that_is_known_by_then() -> None:
     drawn = novel((1, 0, 0, 1), (1, 0, 2, 2))
-    agreement.insert_triples_fit(FILE, given((1, 0, 0, 0, 1), (1, 0, 2, 4, 2)), drawn, GRAPH)  # 0 is known by then
-    agreement.insert_triples_fit(FILE, given(), drawn, GRAPH)
+    agreement.insert_triples_fit(
+        FILE, given((1, 0, 0, 0, 1), (1, 0, 2, 4, 2)), drawn, split(*[TRAIN] * 6), GRAPH
+    )  # 0 is known by then
+    agreement.insert_triples_fit(FILE, given(), drawn, split(*[TRAIN] * 6), GRAPH)
     for row, says in (
         ((1, 0, 1, 0, 1), "expected an entity that the session inserts"),  # who is known
         ((1, 0, 0, 0, 2), "expected an entity that the session inserts"),  # in another session
@@ -115,22 +123,22 @@ def test_an_insert_triple_has_an_entity_that_is_inserted_and_another_that_is_kno
     ):
         shown = f"size {row[0]}, seed {row[1]}, entity {row[2]}, triple {row[3]}"
         with refused(rf"row 0 \({shown}\): {says}"):
-            agreement.insert_triples_fit(FILE, given(row), drawn, GRAPH)
+            agreement.insert_triples_fit(FILE, given(row), drawn, split(*[TRAIN] * 6), GRAPH)
 
 
 def test_a_triple_with_the_same_entity_at_both_ends_is_no_insert_triple() -> None:
     with refused(r".*expected the entity at one end"):
-        agreement.insert_triples_fit(FILE, given((1, 0, 1, 5, 1)), novel((1, 0, 1, 1)), GRAPH)
+        agreement.insert_triples_fit(FILE, given((1, 0, 1, 5, 1)), novel((1, 0, 1, 1)), split(*[TRAIN] * 6), GRAPH)
 
 
 @pytest.mark.parametrize("code", [VALID, TEST, OUT])
 def test_insert_triples_are_training_triples(code: int) -> None:
-    rows = given((1, 0, 0, 0, 1), (1, 0, 0, 3, 1))
-    agreement.insert_triples_train(FILE, rows, split(TRAIN, 0, 0, TRAIN))
-    with refused(r"row 1 \(size 1, seed 0, triple 3\): expected a triple of the seed's train split"):
-        agreement.insert_triples_train(FILE, rows, split(TRAIN, 0, 0, code))
+    rows, drawn = given((1, 0, 0, 0, 1), (1, 0, 0, 3, 1)), novel((1, 0, 0, 1))
+    agreement.insert_triples_fit(FILE, rows, drawn, split(TRAIN, 0, 0, TRAIN, 0, 0), GRAPH)
+    with refused(r"row 1 \(size 1, seed 0, entity 0, triple 3\): expected a triple of the seed's train split"):
+        agreement.insert_triples_fit(FILE, rows, drawn, split(TRAIN, 0, 0, code, 0, 0), GRAPH)
     with refused("row 0"):
-        agreement.insert_triples_train(FILE, rows.assign(seed=7), split(TRAIN, 0, 0, TRAIN))
+        agreement.insert_triples_fit(FILE, rows, drawn, {7: np.zeros(6)}, GRAPH)
 
 
 def test_rows_about_entities_are_in_the_order_of_the_graph() -> None:

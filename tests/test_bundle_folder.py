@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.numpy import load_file
 
-from isi.analyses.joint_models import final_task, train_final, usual_epochs
+from isi.analyses.joint_models import train_final, usual_epochs, whole_graph
 from isi.bundle.folder import read, write
 from isi.bundle.manifest import Bundle, InsertionRecord
 from isi.errors import InputError
@@ -145,10 +145,10 @@ def test_the_usual_epochs_are_the_lower_median_of_the_last_that_were_kept() -> N
 
 def test_all_triples_are_learned_in_as_many_epochs() -> None:
     graph, how = random_graph(12, 2, 40), LEARNING
-    task = final_task("home", graph, how, 3)
-    learned, again = train_final(task), train_final(task)
+    points = whole_graph("home", graph)
+    learned, again = (train_final(points, how, 3) for _ in range(2))
     assert learned.entity.tobytes() == again.entity.tobytes()
-    session, keys = task.points.last_session, torch.tensor([[0, 0]])
+    session, keys = points.last_session, torch.tensor([[0, 0]])
     assert (session.splits == 0).all()
     state = start(uniform(session.entities, 2, how.model, how.dimension, how.init_range, how.root, keys))
     data = training_data(session, "training", keys, how.negatives.head_pool)

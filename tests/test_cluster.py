@@ -22,9 +22,10 @@ import yaml
 
 from isi.errors import InputError
 from isi.experiment import runner
+from isi.experiment.grid import GridPoints
 from isi.experiment.insert import insert_stack
 from isi.experiment.runner import Compute, TaskError, run
-from isi.experiment.train import TrainResult, TrainTask, train_stack
+from isi.experiment.train import TrainConfig, TrainResult, train_stack
 from isi.tables import paths
 from tests.small_grid import insert_tasks, inserted_bytes, theta0, trained_bytes, training_tasks
 
@@ -83,21 +84,21 @@ def compute(request: pytest.FixtureRequest) -> Compute:
     return PROCESSES if request.param == "processes" else request.getfixturevalue("cluster").compute
 
 
-def state(_: TrainTask) -> tuple[int, float]:
+def state(*_: object) -> tuple[int, float]:
     """Threads of torch, and what becomes of a denormal number."""
     return torch.get_num_threads(), (torch.tensor([1e-40]) * 1).item()
 
 
-def fail(task: TrainTask) -> None:
-    if task.points.seeds == [2]:
+def fail(points: GridPoints, *_: object) -> None:
+    if points.seeds == [2]:
         raise ValueError("no such indicator")
 
 
-def noted(folder: Path, task: TrainTask) -> TrainResult:
-    """Learn, having noted which process does it."""
-    (folder / f"{os.getpid()} {task.points.seeds[0]}").touch()
+def noted(folder: Path, points: GridPoints, config: TrainConfig, session: int) -> TrainResult:
+    """Train, having noted which process does it."""
+    (folder / f"{os.getpid()} {points.seeds[0]}").touch()
     time.sleep(0.5)
-    return train_stack(task)
+    return train_stack(points, config, session)
 
 
 def test_a_task_runs_on_one_thread_without_denormal_numbers(compute: Compute) -> None:

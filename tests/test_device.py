@@ -11,17 +11,25 @@ import pytest
 import torch
 
 from isi.analyses.single_insertions import TABLES, single_insertions
-from isi.analyses.trajectory import TrajectoryTask, trace_trajectory
+from isi.analyses.trajectory import trace_trajectory
 from isi.errors import InputError
 from isi.experiment import runner
 from isi.experiment.insert import insert_stack
 from isi.experiment.runner import Compute
-from isi.experiment.train import EvaluationTask, evaluate_stack, train_stack
+from isi.experiment.train import evaluate_stack, train_stack
 from isi.models.model import MODELS, make_model
 from isi.training import batches
 from tests.pretend import DEVICE, Pretend
-from tests.small_grid import FAMILY_OPTIONS, INITIALIZERS, LEARNING, insert_tasks, theta0, training_tasks
-from tests.test_singles import singles_task
+from tests.small_grid import (
+    FAMILY_OPTIONS,
+    INITIALIZERS,
+    LEARNING,
+    explorer_task,
+    insert_tasks,
+    stacks,
+    theta0,
+    training_tasks,
+)
 
 TRAINED = theta0(steps=2)
 
@@ -56,11 +64,10 @@ def test_training_on_another_device_is_training(name: str, mode: str, monkeypatc
         monkeypatch.setattr(batches, "DENSE_LIMIT", 0)
     negatives = LEARNING.negatives.model_copy(update={"mode": "expected" if mode == "expected" else "sampled"})
     family = make_model(name, FAMILY_OPTIONS.get(name, {}), f"models.{name}")
-    (task,) = training_tasks(4, replace(LEARNING, model=family, negatives=negatives))
-    for points in (task.points, task.points.all_known):
-        whole = replace(task, points=points)
-        there, here = (runner.run_task(train_stack, whole, device) for device in ("cuda", "cpu"))
-        assert np.array_equal(there.entity, here.entity)
+    config, (grid,) = replace(LEARNING, model=family, negatives=negatives), stacks(4)
+    for points in (grid, grid.all_known):
+        there, here = (runner.run_task(train_stack, (points, config), device) for device in ("cuda", "cpu"))
+        assert np.array_equal(there.theta.entity, here.theta.entity)
         pd.testing.assert_frame_equal(there.log, here.log)
 
 
@@ -75,29 +82,28 @@ def test_inserting_on_another_device_is_inserting(name: str) -> None:
 
 
 @pytest.mark.usefixtures("pretend")
-def test_judging_on_another_device_is_judging() -> None:
-    (task,) = insert_tasks(4, "es", TRAINED, steps=2)
-    judged = EvaluationTask(task.points, [task.theta0, task.theta0], task.insert_triples)
-    there, here = (runner.run_task(evaluate_stack, judged, device) for device in ("cuda", "cpu"))
+def test_measuring_on_another_device_is_measuring() -> None:
+    (points,) = stacks(4, steps=2)
+    task = points, [TRAINED, TRAINED]
+    there, here = (runner.run_task(evaluate_stack, task, device) for device in ("cuda", "cpu"))
     pd.testing.assert_frame_equal(there, here)
 
 
 @pytest.mark.usefixtures("pretend")
 def test_tracing_on_another_device_is_tracing() -> None:
-    task = insert_tasks(1, "es", TRAINED, steps=2)[0]
-    there, here = (
-        runner.run_task(trace_trajectory, TrajectoryTask(**vars(task), place=1), device) for device in ("cuda", "cpu")
-    )
-    assert np.array_equal(there.path, here.path)
-    assert np.array_equal(there.indicators, here.indicators)
+    points, trained, words, _, config = insert_tasks(1, "es", TRAINED, steps=2)[0]
+    task = points, trained, words, config, 1
+    for there, here in zip(
+        *(runner.run_task(trace_trajectory, task, device) for device in ("cuda", "cpu")), strict=True
+    ):
+        assert np.array_equal(there, here)
 
 
 @pytest.mark.usefixtures("pretend")
-def test_singling_out_on_another_device_is_singling_out() -> None:
-    task = singles_task()
-    there, here = (runner.run_task(single_insertions, task, device) for device in ("cuda", "cpu"))
-    for what in TABLES:
-        pd.testing.assert_frame_equal(getattr(there, what), getattr(here, what))
+def test_single_insertions_on_another_device_are_single_insertions() -> None:
+    there, here = (runner.run_task(single_insertions, explorer_task(), device) for device in ("cuda", "cpu"))
+    for name in TABLES:
+        pd.testing.assert_frame_equal(there[name], here[name])
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")

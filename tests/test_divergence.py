@@ -15,7 +15,7 @@ from isi.config import Option
 from isi.errors import InputError
 from isi.experiment.insert import insert_stack
 from isi.experiment.runner import Compute, run
-from isi.experiment.train import TrainTask, train_stack
+from isi.experiment.train import train_stack
 from isi.models.stack import LARGEST, Embedding, NotFinite, check_finite
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, start, train
@@ -93,10 +93,10 @@ def test_adagrads_sums_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_grid_names_the_cells_that_diverged(workers: int) -> None:
     how = replace(LEARNING, training=LEARNING.training.model_copy(update={"learning_rate": 1e30}))
-    tasks: list[TrainTask] = training_tasks(2, how)
+    tasks = training_tasks(2, how)
     with pytest.raises(InputError) as ended:
         run(train_stack, tasks, Compute(workers=workers, stack=2), "learning")
-    assert any(f": {task.points}: diverged in epoch 1 (" in str(ended.value) for task in tasks), str(ended.value)
+    assert any(f": {points}: diverged in epoch 1 (" in str(ended.value) for points, *_ in tasks), str(ended.value)
 
 
 def test_insertion_of_vectors_that_are_none_names_its_cells() -> None:
@@ -114,8 +114,8 @@ def test_insertion_by_the_covariance_of_vectors_that_do_not_differ_names_its_cel
                                                  np.float32(0), trained.entity))  # fmt: skip
     options: dict[str, Option] = {"strength": 0.5, "ratio": 3}
     tasks = [
-        replace(task, config=replace(task.config, initializer="map_mean", options=options))
-        for task in insert_tasks(2, "mean", collapsed)
+        (*rest, replace(config, initializer="map_mean", options=options))
+        for *rest, config in insert_tasks(2, "mean", collapsed)
     ]
     with pytest.raises(InputError, match=r"params\.yaml: .*seeds 1: known vectors that do not differ .*: turn"):
         run(insert_stack, tasks, Compute(workers=1, stack=2), "insertion")

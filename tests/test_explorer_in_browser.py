@@ -17,7 +17,7 @@ from isi.report.words import label
 from isi.tables import io
 from tests.browser import Opened, opened
 from tests.reports import small_results
-from tests.test_singles import HOW, singles_task
+from tests.small_grid import EXPLORER, explorer_task
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator
@@ -35,9 +35,9 @@ Shown = dict[str, pd.DataFrame]
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory: pytest.TempPathFactory) -> Shown:
     folder, found = tmp_path_factory.mktemp("explorer"), {}
-    done = single_insertions.single_insertions(singles_task())
+    done = single_insertions.single_insertions(*explorer_task())
     for what, (schema, order) in TABLES.items():
-        frame = getattr(done, what).sort_values(order, kind="stable")
+        frame = done[what].sort_values(order, kind="stable")
         schema.write_file(folder / what, frame, "single_insertions")
         found[what] = io.read_text(folder / what, schema)
     return found
@@ -46,7 +46,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Shown:
 @pytest.fixture(scope="module")
 def report(shown: Shown, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page whose explorer shows insertions into a small graph."""
-    results = small_results(["home"], explorer={"experiments": [], **HOW.model_dump()})
+    results = small_results(["home"], explorer={"experiments": [], **EXPLORER.model_dump()})
     entities = pd.DataFrame({"entity": NAMES, "kind": "object"})
     experiment: Experiment = replace(results.experiments["home"], entities=entities)
     folder = tmp_path_factory.mktemp("report")
@@ -78,13 +78,13 @@ def query_of(shown: Shown, entity: int, model: str, epoch: int, relation: str, h
 
 def expected(rows: pd.DataFrame) -> list[str]:
     """The lines that a list of answers has."""
-    first = rows[rows["rank"] <= HOW.answers]
+    first = rows[rows["rank"] <= EXPLORER.answers]
     return [f"✓ {NAMES[answer]} {MARKS[true]}" if isinstance(true, str) else NAMES[answer]
             for answer, true in zip(first["answer"], first["true"], strict=True)]  # fmt: skip
 
 
 def further(rows: pd.DataFrame) -> list[str]:
-    true = rows[(rows["rank"] > HOW.answers) & rows["true"].notna()]
+    true = rows[(rows["rank"] > EXPLORER.answers) & rows["true"].notna()]
     return [f"{rank} {NAMES[answer]} ({MARKS[mark]})"
             for rank, answer, mark in zip(true["rank"], true["answer"], true["true"], strict=True)]  # fmt: skip
 
@@ -134,7 +134,7 @@ def test_what_is_shown_of_an_entity_is_what_the_tables_hold(
             assert found.page.locator("#explorer-told").inner_text().startswith(f"Inserted by seed {seed}.")
             for folded in found.page.locator("#explorer-answers summary").all():
                 folded.click()
-            steps = [(model, 0), (model, HOW.epochs), ("joint", 0)]
+            steps = [(model, 0), (model, EXPLORER.epochs), ("joint", 0)]
             asked = shown["answers"][shown["answers"]["entity"] == entity]
             queries = list(asked.groupby(["relation", "hidden"]).groups)
             drawn = found.page.locator(".ex-query")

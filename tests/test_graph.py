@@ -10,9 +10,9 @@ import pytest
 import torch
 
 from isi.errors import InputError
-from isi.graph import graph, tables
+from isi.graph import graph
 
-#: As ``tables.TRIPLES``.
+#: As the table of triples.
 TRIPLES = pd.DataFrame(
     [("cabinet", "atLocation", "kitchen", 1), ("mug", "atLocation", "cabinet", 1), ("mug", "atLocation", "kitchen", 5),
      ("mug", "hasAffordance", "fill", 1), ("mug", "hasMaterial", "wood", 1)],
@@ -52,10 +52,10 @@ def test_tables_read_from_parquet_give_the_same_graph(tiny: graph.Graph, tmp_pat
     entities = pd.DataFrame({"entity": tiny.entities, "kind": KINDS, "source": "x", "phrase": tiny.entities})
     entities = entities.sort_values("entity", ignore_index=True)
     tiny = graph.build_graph(entities, TRIPLES)
-    tables.ENTITIES.write_file(tmp_path / "entities", entities, made)
-    tables.TRIPLES.write_file(tmp_path / "triples", TRIPLES, made)
+    graph.ENTITIES.write_file(tmp_path / "entities", entities, made)
+    graph.TRIPLES.write_file(tmp_path / "triples", TRIPLES, made)
     read = graph.build_graph(
-        tables.ENTITIES.read_file(tmp_path / "entities"), tables.TRIPLES.read_file(tmp_path / "triples")
+        graph.ENTITIES.read_file(tmp_path / "entities"), graph.TRIPLES.read_file(tmp_path / "triples")
     )
     assert (read.entities, read.relations) == (tiny.entities, tiny.relations)
     assert torch.equal(read.triples, tiny.triples)

@@ -12,7 +12,7 @@ import yaml
 
 from isi.analyses.hidden_entities import HIDDEN_ENTITIES, seconds_path
 from isi.tables import paths
-from tests.test_hidden import ENTRY
+from tests.hidden_ring import ENTRY
 from tools import hidden
 
 #: Method, told, and mean reciprocal ranks of known ends by two seeds.

@@ -12,8 +12,7 @@ from isi.initializers.controls import dealt_words, standard_normal
 from isi.initializers.paper import xavier
 from isi.training.batches import sample_batch, sample_epoch, shuffle_into_batches, training_data
 from tests.init_contexts import four_novel
-from tests.small_graphs import points_of, random_graph
-from tests.test_sessions import generator
+from tests.small_graphs import generator, points_of, random_graph
 
 #: As ``generator`` has it.
 ROOT = 0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shutil
 import sys
-import zlib
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -23,23 +22,20 @@ from isi.experiment.grid import GridPoints
 from isi.experiment.store import Store
 from isi.graph.graph import ENTITIES, TRIPLES, Graph
 from isi.graph.sampling import (
+    NOVEL,
     SPLITS,
-    SessionsOf,
-    Shares,
     check_held_out,
     folds,
     later_key,
     sample_insert_triples,
     sample_novel,
-    sample_sessions,
     split,
-    triples_without,
 )
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Timeline, session_of
 from isi.random import stream
 from isi.tables import paths
 from stages.make_sessions import make_sessions
-from tests.small_graphs import as_stored, graph_of, insert_triples_of, points_of, random_graph
+from tests.small_graphs import as_stored, generator, graph_of, points_of, random_graph
 
 GRAPHS = st.builds(random_graph, st.integers(4, 9), st.integers(1, 3), st.integers(9, 40), seed=st.integers(0, 10_000))
 SEEDS = st.integers(0, 10_000)
@@ -193,11 +189,6 @@ def drawn_novel(entities: int, root: int, size: int, seed: int) -> np.ndarray:
     return novel
 
 
-def generator(purpose: str, *key: int) -> np.random.Generator:
-    """Numpy's own, as seeded for a purpose with root 0."""
-    return np.random.default_rng(np.random.SeedSequence([0, zlib.crc32(purpose.encode()), *key]))
-
-
 def test_novel_sets_depend_on_root_size_and_seed_alone() -> None:
     first = drawn_novel(40, 0, 5, 7)
     stream(0, "novel", 5, 8).random(100)
@@ -285,33 +276,10 @@ def test_entities_of_triples_without_a_split_take_no_part() -> None:
     assert points.session(0).entities.tolist() == [[True, True, True, True, False, False, False]]
 
 
-def test_untouched_are_the_triples_that_have_none_of_the_entities() -> None:
-    assert triples_without(ADDED, np.array([4, 6])).tolist() == [0, 1, 2, 4, 5]
-    assert triples_without(ADDED, np.array([], dtype=int)).tolist() == list(range(7))
-
-
 def test_a_part_of_a_graph_keeps_the_ids_of_entities() -> None:
     part = ADDED.part(np.array([1, 4]))
     assert (part.triples.tolist(), part.counts.tolist()) == ([[1, 0, 2], [5, 0, 1]], [1, 6])
     assert part.entities == ADDED.entities
-
-
-def test_who_is_replaceable_and_not_drawn_takes_no_part() -> None:
-    graph, added = random_graph(14, 2, 120), np.arange(8, 14)
-    how = SessionsOf(novel="added", sizes=[2], seeds=3, steps=2)
-    drawn = list(sample_sessions(graph, added, added, how, Shares(valid=0.1, test=0.1, insert_fraction=0.5), 0))
-    assert [(one.size, one.seed) for one in drawn] == [(2, 0), (2, 1), (2, 2)]
-    assert len({one.novel.tobytes() for one in drawn}) == 3
-    for one in drawn:
-        there = set(range(8)) | set(one.novel.ravel().tolist())
-        own = [number for number, (h, _, t) in enumerate(graph.triples.tolist()) if {h, t} <= there]
-        assert one.triples.tolist() == own
-        assert [int((one.splits == part).sum()) for part in (VALID, TEST)] == [round(0.1 * len(own))] * 2
-        train = set(one.triples[one.splits == TRAIN].tolist())
-        assert {triple for _, _, triple in one.insert_triples} <= train
-        for session, entity, triple in one.insert_triples:
-            assert entity in one.novel[session - 1]
-            assert entity in graph.triples[triple, [0, 2]].tolist()
 
 
 # The stage
@@ -343,17 +311,14 @@ def make(folder: Path, monkeypatch: pytest.MonkeyPatch, graph: Graph, how: dict[
 def test_cells_are_read_as_they_were_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
     graph = as_stored(random_graph(13, 2, 90))
     store = make(tmp_path, monkeypatch, graph, {"novel": "any", "sizes": [3, 1], "seeds": 3, "steps": steps})
-    found, told = store.grid(2), store.insert_triples()
-    assert [(points.size, points.seeds) for points in found] == [(1, [0, 1]), (1, [2]), (3, [0, 1]), (3, [2])]
-    for points in found:
+    grid = store.grid(2)
+    assert [(points.size, points.seeds) for points in grid] == [(1, [0, 1]), (1, [2]), (3, [0, 1]), (3, [2])]
+    for points in grid:
         drawn = points_of(graph, points.size, points.seeds, steps=steps)
         assert torch.equal(points.graph.triples, graph.triples)
-        assert (points.novel == drawn.novel).all()
-        assert (points.splits == drawn.splits).all()
-        rows = store.insert_triples_of(points, told)
-        for session in range(1, steps + 1):
-            assert (rows[rows[:, 0] == session, 1:] == insert_triples_of(drawn, session)).all()
-        assert set(rows[:, 0]) == set(range(1, steps + 1))
+        for name in ("novel", "splits", "insert_triples"):
+            np.testing.assert_array_equal(getattr(points, name), getattr(drawn, name))
+        assert set(points.insert_triples[:, 0]) == set(range(1, steps + 1))
     (only,) = store.grid(5, size=3, seeds=2)
     assert (only.size, only.seeds) == (3, [0, 1])
 
@@ -362,7 +327,7 @@ def test_a_list_of_kinds_as_novel_draws_of_these_kinds_alone(tmp_path: Path, mon
     kinds = np.array(["object", "room", "material"] * 4)
     how = {"novel": ["room", "material"], "sizes": [2], "seeds": 20}
     store = make(tmp_path, monkeypatch, as_stored(random_graph(12, 2, 90)), how, kind=kinds)
-    drawn = store.novel()["entity"]
+    drawn = store.table(NOVEL)["entity"]
     assert set(drawn) == set(np.flatnonzero(kinds != "object").tolist())
     assert set(store.splits()) == set(range(20))
     assert all((splits != OUT).all() for splits in store.splits().values())  # who is not drawn is known

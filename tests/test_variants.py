@@ -5,7 +5,8 @@ from __future__ import annotations
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,29 +16,32 @@ import pytest
 import torch
 import yaml
 
-from isi.analyses.query_breakdown import QueryBreakdownTask, break_down
-from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, Variant, VariantTask, at_most, changed, repeat
-from isi.errors import InputError
-from isi.experiment.grid import GridPoints, StackedVectors
-from isi.experiment.insert import InsertConfig, InsertTask, insert_stack
-from isi.experiment.store import JOINT, THETA0
-from isi.experiment.train import (
-    EvaluationTask,
-    TrainConfig,
-    TrainResult,
-    TrainTask,
-    evaluate_stack,
-    train_stack,
+from isi.analyses.query_breakdown import break_down
+from isi.analyses.variants import (
+    VARIANT_QUERIES,
+    VARIANT_RUNS,
+    Models,
+    Variant,
+    VariantTask,
+    at_most,
+    changed,
+    run_variant,
+    train_models,
 )
+from isi.errors import InputError
+from isi.experiment.grid import no_triples
+from isi.experiment.insert import InsertConfig, insert_stack
+from isi.experiment.store import JOINT, THETA0
+from isi.experiment.train import TrainConfig, evaluate_stack
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
-from isi.graph.sessions import SPLITS as SPLIT_NAMES
+from isi.graph.sessions import SPLIT_NAMES
 from isi.graph.words import WORD_VECTORS
 from isi.params import load as load_params
 from isi.params import load_beyond
 from isi.tables import io, paths
 from stages.vary import vary
-from tests.small_graphs import as_stored, insert_triples_of, points_of
+from tests.small_graphs import as_stored, points_of
 from tests.small_grid import GRAPH as DRAWN
 from tests.small_grid import INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
 
@@ -45,13 +49,6 @@ ROOT = Path(__file__).parent.parent
 MADE = "an_earlier_stage"
 GRAPH = as_stored(DRAWN)
 NAMES = ("xavier", "es", "rs")
-
-
-def told_of(points: GridPoints) -> np.ndarray:
-    """All insert triples, as a store gives them."""
-    sessions = range(1, points.sessions + 1)
-    rows = [np.insert(insert_triples_of(points, session), 0, session, axis=1) for session in sessions]
-    return np.unique(np.concatenate(rows), axis=0)
 
 
 def rows_of(triples: np.ndarray) -> list[tuple[int, ...]]:
@@ -64,51 +61,49 @@ def rows_of(triples: np.ndarray) -> list[tuple[int, ...]]:
 @pytest.mark.parametrize("steps", [1, 2])
 def test_so_many_of_each_entity_are_told_and_the_fewer_are_part_of_the_more(steps: int) -> None:
     points = points_of(GRAPH, 2, SEEDS, steps=steps)
-    told = told_of(points)
+    told = points.insert_triples
     number = Counter(row[:3] for row in rows_of(told))
     assert max(number.values()) > 3
     fewer: set[tuple[int, ...]] = set()
     for most in range(6):
-        found = rows_of(at_most(told, most, points, 0))
+        found = rows_of(at_most(points, most, 0))
         assert Counter(row[:3] for row in found) == Counter({slot: min(most, n) for slot, n in number.items()})
         assert found == [row for row in rows_of(told) if row in set(found)]  # in their order
         assert fewer <= set(found)
         fewer = set(found)
-    assert rows_of(at_most(told, None, points, 0)) == rows_of(told)
+    assert rows_of(at_most(points, None, 0)) == rows_of(told)
 
 
 def test_none_are_told_of_those_who_have_none() -> None:
-    nothing = np.empty((0, 4), dtype=np.int64)
+    points = points_of(GRAPH, 2, SEEDS)
     for most in (0, 3, None):
-        assert at_most(nothing, most, points_of(GRAPH, 2, SEEDS), 0).shape == (0, 4)
+        assert at_most(replace(points, insert_triples=no_triples()), most, 0).shape == (0, 4)
 
 
 def test_what_is_told_is_drawn_anew_for_each_entity_and_root() -> None:
     points = points_of(GRAPH, 2, SEEDS)
-    told = told_of(points)
-    one, other = (rows_of(at_most(told, 1, points, root)) for root in (0, 1))
+    told = points.insert_triples
+    one, other = (rows_of(at_most(points, 1, root)) for root in (0, 1))
     first = {row[:3]: row for row in reversed(rows_of(told))}
     assert one != other
     assert 0 < sum(row != first[row[:3]] for row in one) < len(one)  # neither always nor never the first
 
 
 def test_each_session_draws_what_is_told_for_itself() -> None:
-    points = points_of(GRAPH, 1, [0], steps=2)
-    told = np.array([(session, 0, 0, triple) for session in (1, 2) for triple in range(12)])
-    first, second = (
-        {row[3] for row in rows_of(at_most(told, 6, points, 0)) if row[0] == session} for session in (1, 2)
-    )
+    rows = np.array([(session, 0, 0, triple) for session in (1, 2) for triple in range(12)])
+    points = replace(points_of(GRAPH, 1, [0], steps=2), insert_triples=rows)
+    first, second = ({row[3] for row in rows_of(at_most(points, 6, 0)) if row[0] == session} for session in (1, 2))
     assert len(first) == len(second) == 6
     assert first != second
 
 
 def test_the_same_is_told_of_an_entity_whatever_stands_beside_its_cell() -> None:
     points = points_of(GRAPH, 2, SEEDS, steps=2)
-    together = [(row[0], SEEDS[row[1]], *row[2:]) for row in rows_of(at_most(told_of(points), 2, points, 0))]
+    together = [(row[0], SEEDS[row[1]], *row[2:]) for row in rows_of(at_most(points, 2, 0))]
     alone = []
     for seed in SEEDS:
         own = points_of(GRAPH, 2, [seed], steps=2)
-        alone += [(row[0], seed, *row[2:]) for row in rows_of(at_most(told_of(own), 2, own, 0))]
+        alone += [(row[0], seed, *row[2:]) for row in rows_of(at_most(own, 2, 0))]
     assert sorted(together) == sorted(alone)
 
 
@@ -139,7 +134,7 @@ VARIANT: dict[str, Any] = {
 
 
 @pytest.mark.parametrize(
-    ("keys", "trains", "speaks"),
+    ("keys", "trains", "changes_words"),
     [
         ([], False, False),
         (["finetuning.learning_rate", "convergence.margin", "initializers.es.k"], False, False),
@@ -152,33 +147,24 @@ VARIANT: dict[str, Any] = {
         (["training_log.own", "wordless.own"], False, False),
     ],
 )
-def test_a_variant_trains_and_speaks_where_it_changes_what_that_depends_on(
-    keys: list[str], trains: bool, speaks: bool
+def test_a_variant_trains_and_looks_words_up_where_it_changes_what_that_depends_on(
+    keys: list[str], trains: bool, changes_words: bool
 ) -> None:
     variant = Variant(**VARIANT, changes=dict.fromkeys(keys, 1))
-    assert (variant.trains, variant.speaks) == (trains, speaks)
+    assert (variant.trains, variant.changes_words) == (trains, changes_words)
 
 
 # The runs
 
 
-def learned(seeds: Sequence[int] = SEEDS, size: int = 2) -> tuple[StackedVectors, list[StackedVectors]]:
-    """Θ⁰ and the joint models, as the first pipeline trains and keeps them."""
-    points = points_of(GRAPH, size, seeds)
-    joint = train_stack(TrainTask(points.all_known, LEARNING))
-    return vectors(train_stack(TrainTask(points, LEARNING))), [vectors(joint)]
+def stored(size: int = 2) -> Models:
+    """Θ⁰ and the joint models, as the first pipeline trains them."""
+    return train_models(points_of(GRAPH, size, SEEDS), LEARNING)
 
 
-def vectors(of: TrainResult) -> StackedVectors:
-    return StackedVectors(LEARNING.model, of.entity, of.relation)
-
-
-def task(
-    start: tuple[StackedVectors, list[StackedVectors]] | TrainConfig, most: int | None = None, size: int = 2
-) -> VariantTask:
-    points = points_of(GRAPH, size, SEEDS)
+def task(start: Models | TrainConfig, most: int | None = None, size: int = 2) -> VariantTask:
     configs = {name: InsertConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN) for name in NAMES}
-    return VariantTask(points, start, told_of(points), at_most(told_of(points), most, points, 0), WORDS, configs)
+    return points_of(GRAPH, size, SEEDS), start, WORDS, configs, most
 
 
 def of_model(frame: pd.DataFrame, model: str) -> pd.DataFrame:
@@ -186,45 +172,41 @@ def of_model(frame: pd.DataFrame, model: str) -> pd.DataFrame:
 
 
 def test_from_stored_embeddings_the_runs_are_those_of_the_first_pipeline() -> None:
-    theta0, joint = learned()
-    asked_for = task((theta0, joint))
-    points, told = asked_for.points, asked_for.insert_triples
-    runs, asked = repeat(asked_for)
-    judged = evaluate_stack(EvaluationTask(points, joint, told))
-    target = {(1, scope): judged[judged["scope"] == scope].set_index("seed")["mrr_star"].loc[SEEDS].to_numpy(copy=True)
-              for scope in ("all", "novel_heldout")}  # fmt: skip
-    inserted = {name: insert_stack(InsertTask(points, theta0, told, WORDS, target, config))
-                for name, config in asked_for.configs.items()}  # fmt: skip
+    theta0, joint = stored()
+    points, *_, configs, _ = variant_task = task((theta0, joint))
+    runs, answers = run_variant(*variant_task)
+    measured = evaluate_stack(points, joint)
+    target = {(1, scope): measured[measured["scope"] == scope].set_index("seed")["mrr_star"].loc[SEEDS].to_numpy(
+        copy=True) for scope in ("all", "novel_heldout")}  # fmt: skip
+    inserted = {name: insert_stack(points, theta0, WORDS, target, config) for name, config in configs.items()}
     assert set(runs["model"]) == {*NAMES, "joint"}
-    pd.testing.assert_frame_equal(of_model(runs, "joint"), judged.reset_index(drop=True))
-    for name, one in inserted.items():
-        pd.testing.assert_frame_equal(of_model(runs, name), one.runs.reset_index(drop=True))
-    same = break_down(
-        QueryBreakdownTask(points, theta0, joint[0], {name: one.vectors for name, one in inserted.items()}, told)
-    )
-    pd.testing.assert_frame_equal(asked.reset_index(drop=True), same.reset_index(drop=True))
+    pd.testing.assert_frame_equal(of_model(runs, "joint"), measured.reset_index(drop=True))
+    for name, result in inserted.items():
+        pd.testing.assert_frame_equal(of_model(runs, name), result.runs.reset_index(drop=True))
+    same = break_down(points, theta0, joint[0], {name: result.vectors for name, result in inserted.items()})
+    pd.testing.assert_frame_equal(answers.reset_index(drop=True), same.reset_index(drop=True))
 
 
 def test_embeddings_of_its_own_are_those_that_the_first_pipeline_would_train() -> None:
-    for trained, stored in zip(repeat(task(LEARNING)), repeat(task(learned())), strict=True):
-        pd.testing.assert_frame_equal(trained, stored)
+    for trained, read in zip(run_variant(*task(LEARNING)), run_variant(*task(stored())), strict=True):
+        pd.testing.assert_frame_equal(trained, read)
 
 
 def test_the_joint_model_is_the_same_whatever_the_size() -> None:
-    own = [of_model(repeat(task(LEARNING, size=size))[0], "joint") for size in (1, 2)]
+    own = [of_model(run_variant(*task(LEARNING, size=size))[0], "joint") for size in (1, 2)]
     one, two = (rows[rows["scope"] == "all"].set_index("seed") for rows in own)
     assert one["mrr_star"].tolist() == two["mrr_star"].tolist()
 
 
-def test_the_same_is_asked_whatever_was_told() -> None:
-    start = learned()
-    everything, nothing, one = (repeat(task(start, most)) for most in (None, 0, 1))
+def test_queries_are_the_same_whatever_the_number_of_insert_triples() -> None:
+    start = stored()
+    everything, nothing, one = (run_variant(*task(start, most)) for most in (None, 0, 1))
     groups = ["model", "seed", "scope", "filter", "relation", "hidden", "novel", "queries", "observations"]
-    for runs, asked in (nothing, one):
-        pd.testing.assert_frame_equal(asked[groups], everything[1][groups])
+    for runs, answers in (nothing, one):
+        pd.testing.assert_frame_equal(answers[groups], everything[1][groups])
         for model in ("xavier", "es", "joint"):  # who do not look at insert triples
-            pd.testing.assert_frame_equal(of_model(asked, model), of_model(everything[1], model))
-        assert not np.allclose(of_model(asked, "rs")["mrr_star"], of_model(everything[1], "rs")["mrr_star"])
+            pd.testing.assert_frame_equal(of_model(answers, model), of_model(everything[1], model))
+        assert not np.allclose(of_model(answers, "rs")["mrr_star"], of_model(everything[1], "rs")["mrr_star"])
         pd.testing.assert_frame_equal(of_model(runs, "joint"), of_model(everything[0], "joint"))
 
 
@@ -318,7 +300,7 @@ def home(workspace: Path) -> Path:
     novel = [(size, seed, entity, 1) for size, points in drawn.items()
              for seed, ((*ids,),) in zip(SEEDS, points.novel.tolist(), strict=True) for entity in ids]  # fmt: skip
     told = [(size, SEEDS[model], points.novel[model, 0, place], triple, 1) for size, points in drawn.items()
-            for model, place, triple in insert_triples_of(points).tolist()]  # fmt: skip
+            for _, model, place, triple in points.insert_triples.tolist()]  # fmt: skip
     for path, frame, schema in (
         (ENTITIES.path(experiment="home"), entities, ENTITIES), (TRIPLES.path(experiment="home"), triples, TRIPLES),
         (SPLITS.path(experiment="home"), pd.DataFrame(splits, columns=["seed", "triple", "split"]), SPLITS),
@@ -333,7 +315,7 @@ def home(workspace: Path) -> Path:
         (drawn[2].session(0), drawn[2].last_session),
         (THETA0.path(experiment="home", size=2), JOINT.path(experiment="home")),
     )
-    theta0, (joint,) = learned()
+    theta0, (joint,) = stored()
     for path, one, session in zip(at, (theta0, joint), sessions, strict=True):
         stack = {"entity": one.stack.entity, "relation": one.stack.relation, "known": session.entities,
                  "seed": torch.tensor(SEEDS)}  # fmt: skip

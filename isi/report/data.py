@@ -13,7 +13,7 @@ import pandas as pd
 
 from isi.analyses import single_insertions
 from isi.analyses.affordances import AFFORDANCES
-from isi.analyses.finetuning import FINETUNE_ONLY
+from isi.analyses.finetuning import FINETUNE_ONLY, INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
 from isi.analyses.query_breakdown import QUERY_BREAKDOWN, USED_COORDINATES
 from isi.analyses.trajectory import TRACED, TRAJECTORY

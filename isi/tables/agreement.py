@@ -55,10 +55,10 @@ def splits_are_whole(
     triples = graph.triples.numpy()
     for seed, split in splits.items():
         absent = np.setdiff1d(np.flatnonzero(sources != sources[0]), novel.loc[novel["seed"] == seed, "entity"])
-        takes_part = ~np.isin(triples[:, ENDS], absent).any(1)
-        wrong = np.flatnonzero(np.asarray(takes_part != (split != OUT)))
+        takes_part = ~np.isin(triples[:, ENDS], absent).any(axis=1)
+        wrong = np.flatnonzero(takes_part != (split != OUT))
         if len(wrong):
-            has = "has no split" if takes_part[wrong[0]] else "has a split"
+            has = "has no split" if split[wrong[0]] == OUT else "has a split"
             expected = "expected one of each triple, but of added entities that the seed does not draw"
             raise InputError(path, f"seed {seed}, triple {wrong[0]}", f"{has}: {expected}")
         for code, name in enumerate(names):

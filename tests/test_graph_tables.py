@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from isi.config import check
 from isi.errors import InputError
-from isi.graph import graph as building
-from isi.graph import tables
-from isi.graph.graph import Extension, GraphOf, GraphTables, MinedSource
+from isi.graph import graph as graphs
+from isi.graph.graph import Extension, GraphOf, GraphTables, MinedSource, build_tables
 from isi.tables.table import Table
 
 #: (head, relation, tail, how many observations), in the order in which they were seen.
@@ -33,7 +32,7 @@ def observations(seen: list[tuple[str, str, str, int]] = SEEN) -> pd.DataFrame:
 
 
 def kinds_of(**kinds: str) -> pd.DataFrame:
-    """As ``tables.KINDS``."""
+    """As the table of kinds."""
     names = list(kinds)
     return pd.DataFrame({"entity": names, "kind": list(kinds.values()), "phrase": [f"a {name}" for name in names]})
 
@@ -46,8 +45,12 @@ def rows(table: pd.DataFrame, schema: Table) -> list[tuple[object, ...]]:
     return list(table[list(schema.columns)].itertuples(index=False, name=None))
 
 
+def triples_of(seen: pd.DataFrame, min_count: int = 1) -> pd.DataFrame:
+    return build_tables(MinedSource("home", seen, KINDS), min_count).triples
+
+
 def test_observations_of_a_triple_add_up() -> None:
-    assert rows(building.count_triples(observations(), "home"), tables.TRIPLES) == [
+    assert rows(triples_of(observations()), graphs.TRIPLES) == [
         ("cabinet", "atLocation", "kitchen", 1, "home"),
         ("mug", "atLocation", "cabinet", 1, "home"),
         ("mug", "atLocation", "kitchen", 5, "home"),
@@ -59,26 +62,26 @@ def test_observations_of_a_triple_add_up() -> None:
 def test_columns_with_categories_count_like_plain_ones() -> None:
     encoded = observations().astype({"head": "category", "relation": "category", "tail": "category"})
     encoded = encoded[encoded["head"] == "mug"]  # leaves a category without rows
-    triples = building.count_triples(encoded, "home")
+    triples = triples_of(encoded)
     assert len(triples) == 4
     assert triples["count"].sum() == 8
 
 
 @pytest.mark.parametrize(("min_count", "kept"), [(1, 5), (2, 1), (5, 1), (6, 0)])
 def test_triples_below_the_minimum_count_are_dropped_and_those_at_it_stay(min_count: int, kept: int) -> None:
-    triples = building.count_triples(observations(), "home", min_count)
+    triples = triples_of(observations(), min_count)
     assert len(triples) == kept
     assert triples.index.tolist() == list(range(kept))
 
 
 def test_an_entity_whose_triples_were_all_dropped_is_gone() -> None:
-    graph = building.build_tables(MinedSource("home", observations(), KINDS), 2)
+    graph = build_tables(MinedSource("home", observations(), KINDS), 2)
     assert graph.entities["entity"].tolist() == ["kitchen", "mug"]
 
 
 def test_entities_are_in_alphabetical_order_with_the_kinds_and_phrases_of_their_source() -> None:
-    graph = building.build_tables(MinedSource("home", observations(), KINDS))
-    assert rows(graph.entities, tables.ENTITIES) == [
+    graph = build_tables(MinedSource("home", observations(), KINDS))
+    assert rows(graph.entities, graphs.ENTITIES) == [
         ("cabinet", "object", "home", "a cabinet"),
         ("fill", "affordance", "home", "a fill"),
         ("kitchen", "room", "home", "a kitchen"),
@@ -90,14 +93,14 @@ def test_entities_are_in_alphabetical_order_with_the_kinds_and_phrases_of_their_
 def test_relations_and_kinds_may_have_any_name_and_an_entity_be_head_and_tail() -> None:
     seen = MinedSource("zoo", observations([("cat", "eats", "bird", 2), ("bird", "fears", "cat", 1)]),
                 kinds_of(cat="animal", bird="animal"))  # fmt: skip
-    graph = building.build_tables(seen)
+    graph = build_tables(seen)
     assert list(graph.entities["kind"]) == ["animal", "animal"]
     assert list(graph.triples["relation"]) == ["fears", "eats"]
 
 
 def test_an_entity_without_a_kind_is_refused() -> None:
     with pytest.raises(InputError, match=r"home.*'wood'"):
-        building.build_tables(MinedSource("home", observations(), KINDS[KINDS["entity"] != "wood"]))
+        build_tables(MinedSource("home", observations(), KINDS[KINDS["entity"] != "wood"]))
 
 
 # Extended
@@ -127,36 +130,36 @@ SHOP = seen_elsewhere(
 
 
 def test_heads_that_the_graph_lacks_are_counted_over_their_triples() -> None:
-    new = building.new_entities(SHOP, ENTITIES)
+    new = graphs.new_entities(SHOP, ENTITIES)
     assert new.to_dict() == {"fan": 6, "purse": 5, "stove": 6}
-    assert building.frequent(new, SHOP, ENTITIES, 6).to_dict() == {"fan": 6, "stove": 6}
-    assert list(building.frequent(new, SHOP, ENTITIES, 5).index) == ["fan", "purse", "stove"]
+    assert graphs.frequent(new, SHOP, ENTITIES, 6).to_dict() == {"fan": 6, "stove": 6}
+    assert list(graphs.frequent(new, SHOP, ENTITIES, 5).index) == ["fan", "purse", "stove"]
 
 
 @pytest.mark.parametrize(("name", "kind"), [("wood", "material"), ("open", "affordance"), ("bedroom", "room")])
 def test_an_object_is_not_merged_with_an_entity_of_another_kind(name: str, kind: str) -> None:
     seen = seen_elsewhere((name, "kitchen", 6))
-    new = building.new_entities(seen, ENTITIES)
-    assert building.frequent(new, seen, ENTITIES, 7).empty
+    new = graphs.new_entities(seen, ENTITIES)
+    assert graphs.frequent(new, seen, ENTITIES, 7).empty
     with pytest.raises(InputError, match=rf"shop: object '{name}': .* {kind}.*source"):
-        building.frequent(new, seen, ENTITIES, 6)
+        graphs.frequent(new, seen, ENTITIES, 6)
 
 
 @pytest.mark.parametrize("room", ["bathroom", "lamp"])
 def test_a_room_that_the_graph_lacks_is_refused(room: str) -> None:
     with pytest.raises(InputError, match=rf"shop: room '{room}'"):
-        building.new_entities(seen_elsewhere(("fan", room, 6)), ENTITIES)
+        graphs.new_entities(seen_elsewhere(("fan", room, 6)), ENTITIES)
 
 
 def test_new_entities_and_their_triples_come_behind_those_of_the_graph() -> None:
     encoded = TRIPLES.astype({"head": "category", "relation": "category", "tail": "category", "source": "category"})
-    extended = building.extend(GraphTables(ENTITIES, encoded), SHOP, ["fan", "stove"])
+    extended = graphs.extend(GraphTables(ENTITIES, encoded), SHOP, ["fan", "stove"])
     pd.testing.assert_frame_equal(extended.entities.iloc[: len(ENTITIES)], ENTITIES, check_dtype=False)
-    assert rows(extended.entities.iloc[len(ENTITIES) :], tables.ENTITIES) == [
+    assert rows(extended.entities.iloc[len(ENTITIES) :], graphs.ENTITIES) == [
         ("fan", "object", "shop", "a fan"),
         ("stove", "object", "shop", "a stove"),
     ]
-    assert rows(extended.triples, tables.TRIPLES) == [
+    assert rows(extended.triples, graphs.TRIPLES) == [
         ("lamp", "atLocation", "kitchen", 2, "home"),  # none of the nine that the other source saw
         ("lamp", "hasMaterial", "wood", 3, "home"),
         ("fan", "atLocation", "bedroom", 4, "shop"),
@@ -168,10 +171,10 @@ def test_new_entities_and_their_triples_come_behind_those_of_the_graph() -> None
 def test_a_triple_between_two_newcomers_joins_when_both_do() -> None:
     between = [("fan", "standsOn", "stove", 6), ("stove", "standsOn", "fan", 6), ("fan", "atLocation", "kitchen", 1)]
     seen = MinedSource("shop", observations(between), kinds_of(fan="object", stove="object", kitchen="room"))
-    assert list(building.new_entities(seen, ENTITIES).index) == ["fan", "stove"]
+    assert list(graphs.new_entities(seen, ENTITIES).index) == ["fan", "stove"]
     home = GraphTables(ENTITIES, TRIPLES)
     alone, both = (
-        building.extend(home, seen, added).triples.iloc[len(TRIPLES) :] for added in (["fan"], ["fan", "stove"])
+        graphs.extend(home, seen, added).triples.iloc[len(TRIPLES) :] for added in (["fan"], ["fan", "stove"])
     )
     assert list(alone["tail"]) == ["kitchen"]
     assert list(both["tail"]) == ["kitchen", "stove", "fan"]
@@ -192,17 +195,17 @@ def test_as_many_as_there_are_or_are_asked_for_are_drawn_and_some_always(
 ) -> None:
     always = data.draw(st.lists(st.sampled_from(names), unique=True, max_size=number))
     enough = pd.Series(6, index=sorted(names))
-    drawn = building.sample_candidates(enough, extension(number, *always), "key", root)
+    drawn = graphs.sample_candidates(enough, extension(number, *always), "key", root)
     assert len(drawn) == min(number, len(names))
     assert set(always) <= set(drawn) <= set(names)
     assert all(one < other for one, other in pairwise(drawn))
-    assert drawn == building.sample_candidates(enough, extension(number, *always[::-1]), "key", root)
+    assert drawn == graphs.sample_candidates(enough, extension(number, *always[::-1]), "key", root)
 
 
 def test_every_entity_is_as_likely_to_be_drawn() -> None:
     enough = pd.Series(6, index=sorted(LETTERS))
     times = Counter(
-        name for root in range(400) for name in building.sample_candidates(enough, extension(3, "fan"), "key", root)
+        name for root in range(400) for name in graphs.sample_candidates(enough, extension(3, "fan"), "key", root)
     )
     assert times.pop("fan") == 400
     assert set(times) == set(LETTERS) - {"fan"}
@@ -213,7 +216,7 @@ def test_an_entity_that_cannot_be_drawn_is_refused_by_its_param() -> None:
     with pytest.raises(
         InputError, match=r"^params\.yaml: experiments\.x\.graph\.extend\.always: 'bottle': .*shop.* 6 "
     ):
-        building.sample_candidates(pd.Series(6, index=LETTERS), extension(3, "bottle"), "experiments.x.graph.extend", 0)
+        graphs.sample_candidates(pd.Series(6, index=LETTERS), extension(3, "bottle"), "experiments.x.graph.extend", 0)
 
 
 @pytest.mark.parametrize("always", [["fan", "stove"], ["fan", "fan"]])

@@ -53,13 +53,19 @@ def test_all_added_may_be_novel_at_once_and_one_known_entity_is_enough_otherwise
 
 
 def test_added_are_those_of_another_source_than_the_first_and_take_no_part_where_they_are_not_drawn() -> None:
-    found = sessions(novel="added")
-    assert set(found.novel["entity"]) == ADDED
+    tables = sessions(novel="added", steps=2)
+    assert set(tables.novel["entity"]) == ADDED
     ends = GRAPH.triples[:, [0, 2]].numpy()
-    for seed, own in found.splits.groupby("seed"):
-        drawn = set(found.novel.loc[found.novel["seed"] == seed, "entity"])
-        absent = list(ADDED - drawn)
-        assert own["triple"].tolist() == np.flatnonzero(~np.isin(ends, absent).any(1)).tolist()
+    for seed, rows in tables.splits.groupby("seed"):
+        novel = tables.novel[tables.novel["seed"] == seed]
+        absent = list(ADDED - set(novel["entity"]))
+        assert rows["triple"].tolist() == np.flatnonzero(~np.isin(ends, absent).any(1)).tolist()
+        number = rows["split"].value_counts()
+        assert number["valid"] == number["test"] == round(0.1 * len(rows))
+        given = tables.insert_triples[tables.insert_triples["seed"] == seed]
+        assert set(given["triple"]) <= set(rows.loc[rows["split"] == "train", "triple"])
+        assert (ends[given["triple"]] == given["entity"].to_numpy()[:, None]).any(1).all()
+        assert len(given.merge(novel, on=["entity", "session"])) == len(given)
 
 
 def test_all_take_part_where_others_than_the_added_are_novel() -> None:

@@ -13,7 +13,7 @@ import pytest
 import torch
 import yaml
 
-from isi.analyses.hidden_entities import HIDDEN_ENTITIES, Hidden, HiddenTask, measure_hidden, seconds_path
+from isi.analyses.hidden_entities import HIDDEN_ENTITIES, Hidden, HiddenSplit, hide, seconds_path
 from isi.config import check
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints
@@ -21,12 +21,9 @@ from isi.graph.graph import Graph
 from isi.params import load as load_params
 from isi.params import load_beyond
 from isi.tables import paths
+from tests.hidden_ring import ENTRY
 
 ROOT = Path(__file__).parent.parent
-TRAINING = {"dimension": 4, "batch_size": 64, "learning_rate": 0.05, "negatives": 2, "valid": 0.1, "max_epochs": 4,
-            "frequency": 2, "patience": 1}  # fmt: skip
-ENTRY = {"title": "Ring", "source": "pykeen", "words": None, "seeds": 1, "fraction": 0.1, "fewest": 4, "queries": 0.25,
-         "max_insert_triples": [1, 3, None], "initializers": ["mean"], "training": TRAINING, "epochs": 3}  # fmt: skip
 ENTITIES, RELATIONS = 30, 3
 
 
@@ -43,8 +40,8 @@ def triples() -> np.ndarray:
     return np.array(sorted(ring | drawn))
 
 
-def hidden(triples: np.ndarray, seed: int = 0, **changed: Any) -> HiddenTask:
-    return measure_hidden(triples, ENTITIES, how(**changed), "hidden.ring", 0, seed)
+def hidden(triples: np.ndarray, seed: int = 0, **changed: Any) -> HiddenSplit:
+    return hide(triples, ENTITIES, how(**changed), "hidden.ring", 0, seed)
 
 
 def as_set(triples: np.ndarray) -> set[tuple[int, ...]]:
@@ -59,7 +56,7 @@ def test_triples_are_known_told_or_asked_or_between_hidden_entities(triples: np.
     back = found.true.copy()
     back[:, [0, 2]] = found.order[found.true[:, [0, 2]]]
     assert np.array_equal(back, triples)
-    parts = [as_set(part) for part in (found.triples, found.rest, found.asked)]
+    parts = [as_set(part) for part in (found.triples, found.rest, found.queries)]
     both = as_set(found.true[(found.true[:, [0, 2]] >= found.known).all(1)])
     assert sum(map(len, parts)) + len(both) == len(triples)
     assert set().union(*parts, both) == as_set(found.true)
@@ -67,7 +64,7 @@ def test_triples_are_known_told_or_asked_or_between_hidden_entities(triples: np.
     assert {*found.triples[:, [0, 2]].flatten()} == {*range(27)}
     assert {*found.triples[:, 1]} == {*range(RELATIONS)}
     for row in range(27, ENTITIES):
-        told, asked = ((part[:, [0, 2]] == row).any(1).sum() for part in (found.rest, found.asked))
+        told, asked = ((part[:, [0, 2]] == row).any(1).sum() for part in (found.rest, found.queries))
         assert told + asked >= 4
         assert asked == max(1, (told + asked) // 4)
 
@@ -114,12 +111,10 @@ def points(triples: np.ndarray) -> GridPoints:
 
 def test_each_method_answers_and_what_knows_the_same_knows_the_same(points: GridPoints) -> None:
     pytest.importorskip("pykeen")
-    from isi.analyses.hidden_in_pykeen import HidingTask, hidden_in
+    from isi.analyses.hidden_in_pykeen import hidden_in
 
     words = np.random.default_rng(1).standard_normal((ENTITIES, 5)).astype(np.float32)
-    task = HidingTask(points, words, how(), "hidden.ring", 0)
-    answers, seconds = hidden_in(task)
-    again, _ = hidden_in(task)
+    (answers, seconds), (again, _) = (hidden_in(points, words, how(), "hidden.ring", 0) for _ in range(2))
     assert answers.equals(again)
     first = ["insert", "mean", "own", "insert_new_rows", "own_new_rows", "own_all_rows"]
     for told in (1.0, 3.0, None):
@@ -141,7 +136,7 @@ def test_ranks_are_those_among_all_entities_less_other_true_answers(triples: np.
     factory = factory_of(torch.from_numpy(found.true), [f"e{row}" for row in range(ENTITIES)], {"a": 0, "b": 1, "c": 2})
     model = untrained(factory, how().training, 3).eval()
     true, valid = as_set(found.true), found.triples[::5]
-    for head, relation, tail in np.concatenate([found.asked, valid]).tolist():
+    for head, relation, tail in np.concatenate([found.queries, valid]).tolist():
         for slot in (0, 2):
             rivals = np.array([[head, relation, tail]] * ENTITIES)
             rivals[:, slot] = range(ENTITIES)

@@ -12,13 +12,7 @@ import pytest
 
 from isi.errors import InputError
 from isi.evaluation.convergence import SCOPES
-from isi.experiment.insert import (
-    FullCurves,
-    insert_config,
-    insertion_tasks,
-    is_listed,
-    joint_targets,
-)
+from isi.experiment.insert import FullCurves, insert_config, insert_tasks, is_listed, joint_targets
 from isi.experiment.store import RUNS, Store
 from isi.graph.sampling import INSERT_TRIPLES
 from isi.params import load
@@ -101,20 +95,17 @@ def _made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 @pytest.mark.usefixtures("_made")
 def test_tasks_are_made_of_what_the_experiment_has_for_their_cells() -> None:
     store, config = Store(NAME), insert_config(PARAMS, "es")
-    points = store.grid(1)
-    tasks = insertion_tasks(store, PARAMS, config, points)
-    assert [task.points for task in tasks] == points
-    told, joint = (
-        pd.read_parquet(path)
-        for path in (INSERT_TRIPLES.path(experiment=NAME), RUNS.path(experiment=NAME, model="joint"))
-    )
-    for task in tasks:
-        (seed,), size = task.points.seeds, task.points.size
-        assert task.config is config
-        own = told[(told["size"] == size) & (told["seed"] == seed)]
-        assert task.insert_triples[:, 3].tolist() == own["triple"].tolist()
-        np.testing.assert_array_equal(task.words, store.words())
-        rows = joint[(joint["size"] == size) & (joint["seed"] == seed) & (joint["epoch"] == 0)].set_index("scope")
-        for (_, scope), values in task.joint.items():
-            np.testing.assert_array_equal(values, [rows.loc[scope, "mrr_star"]])
-        np.testing.assert_array_equal(task.theta0.entity, store.theta0(task.points, task.theta0.model).entity)
+    grid = store.grid(1)
+    tasks = insert_tasks(store, PARAMS, grid, config)
+    assert [points for points, *_ in tasks] == grid
+    given, runs = INSERT_TRIPLES.read(experiment=NAME), RUNS.read(experiment=NAME, model="joint")
+    for points, theta0, words, joint, same in tasks:
+        (seed,), size = points.seeds, points.size
+        assert same is config
+        rows = given[(given["size"] == size) & (given["seed"] == seed)]
+        assert points.insert_triples[:, 3].tolist() == rows["triple"].tolist()
+        np.testing.assert_array_equal(words, store.words())
+        measured = runs[(runs["size"] == size) & (runs["seed"] == seed) & (runs["epoch"] == 0)].set_index("scope")
+        for (_, scope), values in joint.items():
+            np.testing.assert_array_equal(values, [measured.loc[scope, "mrr_star"]])
+        np.testing.assert_array_equal(theta0.entity, store.theta0(points, theta0.model).entity)

@@ -1,8 +1,7 @@
-"""What is asked, in parts: each group by hand, and all of them together as the measures of their scope."""
+"""Queries by kind: each group by hand, and all of them together as the measures of their scope."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,49 +9,40 @@ import pandas as pd
 import pytest
 import torch
 
-from isi.analyses.query_breakdown import QueryBreakdownTask, break_down, query_sets_with_filters, used
+from isi.analyses.query_breakdown import break_down, query_sets_with_filters, used_coordinates
 from isi.evaluation.ranking import MEASURES, evaluate
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insert import with_vectors
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.models.model import make_model
-from isi.models.stack import Embedding
 from isi.report.stats import combined
-from tests.small_graphs import ANALOGY, graph_of, insert_triples_of, points_of, random_embedding, random_graph
+from tests.small_graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
 
-CELL = ["model", "size", "seed", "scope", "filter"]
-
-
-def task_of(points: GridPoints, models: Mapping[str, Embedding]) -> QueryBreakdownTask:
-    """Of embeddings as the joint model or, by their novel vectors, as initializers in the joint model's place."""
-    joint = StackedVectors(ANALOGY, models["joint"].entity.numpy(), models["joint"].relation.numpy())
-    novel = points.novel_in(1)
-    inserted = {name: one.entity[torch.arange(len(novel))[:, None], novel].numpy()
-                for name, one in models.items() if name != "joint"}  # fmt: skip
-    told = insert_triples_of(points)
-    return QueryBreakdownTask(points, joint, joint, inserted, np.insert(told, 0, 1, axis=1))
+POINT = ["model", "size", "seed", "scope", "filter"]
 
 
-def random_task(stack: list[int]) -> QueryBreakdownTask:
-    points = points_of(random_graph(12, 3, 90), 2, stack)
-    every = {name: random_embedding(3, 12, 3, 8, seed=seed) for seed, name in enumerate(("joint", "es", "rs"))}
-    own = {name: Embedding(one.entity[stack], one.relation[stack], ANALOGY) for name, one in every.items()}
-    return task_of(points, own)
+def random_task(seeds: list[int]) -> tuple[GridPoints, StackedVectors, StackedVectors, dict[str, np.ndarray]]:
+    """Random embeddings as the joint model or, by their novel vectors, as initializers in the joint model's place."""
+    points = points_of(random_graph(12, 3, 90), 2, seeds)
+    joint, *others = (random_embedding(3, 12, 3, 8, seed=seed) for seed in range(3))
+    theta = StackedVectors(ANALOGY, joint.entity[seeds].numpy(), joint.relation[seeds].numpy())
+    rows = torch.arange(len(seeds))[:, None], points.novel_in(1)
+    inserted = {name: other.entity[seeds][rows].numpy() for name, other in zip(("es", "rs"), others, strict=True)}
+    return points, theta, theta, inserted
 
 
 def test_groups_put_together_are_the_measures_of_their_scope() -> None:
-    task = random_task([0, 1, 2])
-    novel, session = task.points.novel_in(1), task.points.session(1)
-    found = combined(break_down(task), CELL).set_index(CELL)
-    plain = combined(break_down(task).assign(mrr_star=lambda rows: rows["mrr"]), CELL).set_index(CELL)
-    models = {name: with_vectors(task.theta0.stack, novel, torch.as_tensor(own)) for name, own in task.inserted.items()}
-    models["joint"] = task.joint.stack
+    points, theta0, joint, inserted = task = random_task([0, 1, 2])
+    rows, novel = break_down(*task), points.novel_in(1)
+    found = combined(rows, POINT).set_index(POINT)
+    plain = combined(rows.assign(mrr_star=rows["mrr"]), POINT).set_index(POINT)
+    models = {name: with_vectors(theta0.stack, novel, torch.as_tensor(own)) for name, own in inserted.items()}
     compared = 0
-    for scopes in query_sets_with_filters(session, novel, task.points.insert_triples_in(1, task.insert_triples)):
-        for name, embedding in models.items():
+    for scopes in query_sets_with_filters(points):
+        for name, embedding in {**models, "joint": joint.stack}.items():
             for (scope, which), queries in scopes.items():
                 measures = evaluate(embedding, {"own": queries})["own"].measures
-                for seed, expected in zip(task.points.seeds, measures.tolist(), strict=True):
+                for seed, expected in zip(points.seeds, measures.tolist(), strict=True):
                     own = found.loc[name, 2, seed, scope, which]
                     assert own[list(MEASURES[:3])].tolist() == pytest.approx(expected[:3], abs=1e-6)
                     assert plain.loc[name, 2, seed, scope, which]["mrr_star"] == pytest.approx(expected[3], abs=1e-6)
@@ -61,7 +51,7 @@ def test_groups_put_together_are_the_measures_of_their_scope() -> None:
 
 
 def test_without_any_true_triple_among_the_candidates_the_true_rank_is_one() -> None:
-    rows = break_down(random_task([0, 1, 2]))
+    rows = break_down(*random_task([0, 1, 2]))
     true, learned = (rows[rows["filter"] == which] for which in ("true", "learned"))
     assert true["mrr_star"].tolist() == pytest.approx(true["mrr"].tolist())
     assert (learned["mrr_star"] - learned["mrr"]).abs().max() > 0.1
@@ -69,10 +59,10 @@ def test_without_any_true_triple_among_the_candidates_the_true_rank_is_one() -> 
 
 
 def test_a_cells_groups_are_the_same_whatever_stands_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    together = break_down(random_task([0, 1, 2]))
-    alone = pd.concat([break_down(random_task([seed])) for seed in (0, 1, 2)])
+    together = break_down(*random_task([0, 1, 2]))
+    alone = pd.concat([break_down(*random_task([seed])) for seed in (0, 1, 2)])
     monkeypatch.setattr("isi.evaluation.ranking.BUDGET", 2 * 3 * 12 * 3)  # three queries at a time
-    pieces = break_down(random_task([0, 1, 2]))
+    pieces = break_down(*random_task([0, 1, 2]))
     for other, exact in ((alone, True), (pieces, False)):
         one, two = (rows.drop(columns="place").sort_values("seed", kind="stable").reset_index(drop=True)
                     for rows in (together, other))  # fmt: skip
@@ -85,12 +75,12 @@ SPLITS = np.array([[TRAIN, VALID, TRAIN, TEST, TRAIN, TEST]], dtype=np.int8)
 
 
 def test_groups_by_hand() -> None:
-    points = GridPoints("home", GRAPH, 1, [7], SPLITS, np.array([[[3]]]))
+    given = np.array([[1, 0, 0, 2]])  # (3, 0, 0)
+    points = GridPoints("home", GRAPH, 1, [7], SPLITS, np.array([[[3]]]), given)
     entity = torch.tensor([[[1.0, 0, 0, 0], [2.0, 0, 0, 0], [3.0, 0, 0, 0], [4.0, 0, 0, 0], [5.0, 0, 0, 0]]])
     relation = torch.tensor([[[1.0, 0, 0, 0], [0.5, 0, 0, 0]]])
     joint = StackedVectors(ANALOGY, entity.numpy(), relation.numpy())
-    task = QueryBreakdownTask(points, joint, joint, {}, np.array([[1, 0, 0, 2]]))  # (3, 0, 0) is told
-    rows = break_down(task)
+    rows = break_down(points, joint, joint, {})
     assert set(rows["model"]) == {"joint"}
     assert set(rows["seed"]) == {7}
     own = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned")]
@@ -112,8 +102,8 @@ def test_groups_by_hand() -> None:
         ("relation 0", "relation", "given"): (1, pytest.approx(1), 8),
         ("relation 1", "relation", "given"): (1, pytest.approx(1 / 2), 7),
     }
-    later = replace(points, novel=np.array([[[2]]]))
-    all_of_it = break_down(replace(task, points=later, insert_triples=np.empty((0, 4), dtype=np.int64)))
+    later = replace(points, novel=np.array([[[2]]]), insert_triples=given[:0])
+    all_of_it = break_down(later, joint, joint, {})
     of_all = all_of_it[(all_of_it["scope"] == "all") & (all_of_it["filter"] == "learned")]
     assert set(of_all["novel"]) == {"none"}  # neither test triple has entity 2
     assert of_all["queries"].sum() == 2 * 3
@@ -124,7 +114,7 @@ def test_both_ends_are_novel() -> None:
     joint = StackedVectors(
         ANALOGY, random_embedding(1, 5, 2, 4).entity.numpy(), random_embedding(1, 1, 2, 4).relation.numpy()
     )
-    rows = break_down(QueryBreakdownTask(points, joint, joint, {}, np.empty((0, 4), dtype=np.int64)))
+    rows = break_down(points, joint, joint, {})
     own = rows[(rows["scope"] == "novel_heldout") & (rows["filter"] == "true")].set_index(["relation", "hidden"])
     assert own.loc[[("relation 1", "head"), ("relation 1", "tail")], "novel"].tolist() == ["both", "both"]
     assert own.loc[("relation 1", "relation"), "novel"] == "given"
@@ -135,16 +125,16 @@ def test_coordinates_above_a_thousandth_are_in_use() -> None:
     # four scalars, then x and y of two blocks, of two relations
     relation = np.array([[[0.5, -0.002, 0.0005, 0, 0.0008, 0, -0.0008, 0],
                           [0.5, 0, 0.0, 0, 0.0, 0.3, 0.0, 0]]], dtype=np.float32)  # fmt: skip
-    found = used(ANALOGY, relation, [5], ["on", "in"])
+    found = used_coordinates(ANALOGY, relation, [5], ["on", "in"])
     assert found.set_index("part").loc["scalars", ["relation", "used", "of"]].fillna("any").to_numpy().tolist() == [
         ["on", 2, 4], ["in", 1, 4], ["any", 2, 4],
     ]  # fmt: skip
     assert found.set_index("part").loc["blocks", "used"].tolist() == [1, 1, 2]  # sqrt(2) · 0.0008 is above
     assert set(found["seed"]) == {5}
-    distmult = used(make_model("distmult", {}, ""), relation, [5], ["on", "in"])
+    distmult = used_coordinates(make_model("distmult", {}, ""), relation, [5], ["on", "in"])
     assert set(distmult["part"]) == {"scalars"}
     transe = make_model("transe", {"margin": 1.0, "squared": True}, "")
-    assert used(transe, relation, [5], ["on", "in"]).empty
+    assert used_coordinates(transe, relation, [5], ["on", "in"]).empty
 
 
 def rows_of(*groups: tuple[str, str, int, float, int]) -> pd.DataFrame:

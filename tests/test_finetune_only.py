@@ -9,23 +9,23 @@ import pandas as pd
 import pytest
 import torch
 
-from isi.analyses.finetuning import FinetuneOnlyTask, finetune_only
+from isi.analyses.finetuning import finetune_only
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.insert import insert_stack
 from isi.models.stack import Embedding
 from isi.training import trainer
 from tests.small_graphs import points_of
-from tests.small_grid import GRAPH, OPTIMIZER, SAMPLED, SEEDS, SIZE, insert_tasks, theta0
+from tests.small_grid import GRAPH, OPTIMIZER, SAMPLED, SEEDS, SIZE, insert_tasks, some_models, theta0
 
 MEASURES = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "queries"]
 
 
-def task(points: GridPoints, trained: StackedVectors) -> FinetuneOnlyTask:
-    return FinetuneOnlyTask(points, trained, 0, SAMPLED, OPTIMIZER)
+def finetuned(points: GridPoints, trained: StackedVectors) -> pd.DataFrame:
+    return finetune_only(points, trained, 0, SAMPLED, OPTIMIZER)
 
 
 def test_earlier_knowledge_has_a_row_for_each_seed_and_epoch() -> None:
-    runs = finetune_only(task(points_of(GRAPH, SIZE, SEEDS), theta0()))
+    runs = finetuned(points_of(GRAPH, SIZE, SEEDS), theta0())
     found = sorted(runs[["seed", "epoch"]].itertuples(index=False, name=None))
     assert found == list(product(SEEDS, range(OPTIMIZER.max_epochs + 1)))
     assert set(runs["scope"]) == {"known_closed"}
@@ -36,9 +36,9 @@ def test_earlier_knowledge_has_a_row_for_each_seed_and_epoch() -> None:
 
 def test_before_training_it_is_what_every_insertion_starts_from() -> None:
     trained = theta0()
-    runs = finetune_only(task(points_of(GRAPH, SIZE, SEEDS), trained)).query("epoch == 0").set_index("seed")
+    runs = finetuned(points_of(GRAPH, SIZE, SEEDS), trained).query("epoch == 0").set_index("seed")
     (inserting,) = insert_tasks(len(SEEDS), "es", trained)
-    inserted = insert_stack(inserting).runs.query("epoch == 0 and scope == 'known_closed'").set_index("seed")
+    inserted = insert_stack(*inserting).runs.query("epoch == 0 and scope == 'known_closed'").set_index("seed")
     pd.testing.assert_frame_equal(runs[MEASURES], inserted[MEASURES], check_exact=True)
 
 
@@ -49,9 +49,9 @@ def test_known_entities_move_and_novel_ones_never_do(monkeypatch: pytest.MonkeyP
         ended.append(trainer.train(*arguments))  # type: ignore[arg-type]
         return ended[-1]
 
-    monkeypatch.setattr("isi.analyses.finetune_only.train", recorded)
+    monkeypatch.setattr("isi.analyses.finetuning.train", recorded)
     points, trained = points_of(GRAPH, SIZE, SEEDS), theta0()
-    finetune_only(task(points, trained))
+    finetuned(points, trained)
     (after,), before = ended, trained.stack
     still = (after.entity == before.entity).all(-1)
     for model, novel in enumerate(points.novel[:, 0].tolist()):
@@ -61,9 +61,8 @@ def test_known_entities_move_and_novel_ones_never_do(monkeypatch: pytest.MonkeyP
 
 def test_a_cell_learns_the_same_whatever_stands_beside_it() -> None:
     trained = theta0()
-    together = finetune_only(task(points_of(GRAPH, SIZE, SEEDS), trained)).sort_values(["seed", "epoch"])
+    together = finetuned(points_of(GRAPH, SIZE, SEEDS), trained).sort_values(["seed", "epoch"])
     for model, seed in enumerate(SEEDS):
-        own = StackedVectors(trained.model, *(table[[model]] for table in (trained.entity, trained.relation)))
-        alone = finetune_only(task(points_of(GRAPH, SIZE, [seed]), own))
+        alone = finetuned(points_of(GRAPH, SIZE, [seed]), some_models(trained, [model]))
         expected = together[together["seed"] == seed]
         assert np.array_equal(alone[MEASURES].to_numpy(), expected[MEASURES].to_numpy())

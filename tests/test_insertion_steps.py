@@ -1,0 +1,117 @@
+"""One session of incremental learning: what is measured immediately, and on what it is fine-tuned."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from isi.errors import InputError
+from isi.evaluation.convergence import SCOPES
+from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.insert import (
+    InsertConfig,
+    SessionResult,
+    finetune,
+    init_context,
+    initialize,
+    insert_sessions,
+    with_vectors,
+)
+from isi.graph.sessions import TEST, TRAIN, VALID
+from isi.initializers.api import NovelEntities
+from isi.models.stack import Embedding
+from isi.training import trainer
+from isi.training.batches import Negatives, training_data
+from isi.training.trainer import Optimizer, never_stop
+from tests.worlds import NOVEL, points_at, world
+
+NEGATIVES = Negatives(mode="sampled", ratio=2, head_pool="unseen")
+OPTIMIZER = Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=3)
+#: Insertion by ES into random vectors, fine-tuned for all epochs.
+CONFIG = InsertConfig("es", {"k": 3}, 0, NEGATIVES, OPTIMIZER, 0.0, [NOVEL.shape[1]])
+WORLD = world()
+POINTS: GridPoints = replace(
+    points_at(WORLD.graph, WORLD.splits), insert_triples=np.insert(WORLD.insert_triples, 0, 1, axis=1)
+)
+
+
+def inserted(config: InsertConfig = CONFIG) -> SessionResult:
+    joint = {(1, scope): np.full(2, np.nan) for scope in SCOPES}
+    (result,) = insert_sessions(POINTS, StackedVectors.of(WORLD.theta0), WORLD.words, joint, config)
+    return result
+
+
+def test_the_mask_is_of_each_models_own_insert_triples() -> None:
+    rows = np.array([[1, 0, 0, 1], [1, 0, 2, 4], [1, 1, 1, 0], [2, 0, 0, 3]])
+    points = replace(POINTS, splits=np.zeros((2, 6), dtype=np.int8), insert_triples=rows)
+    expected = [[False, True, False, False, True, False], [True] + [False] * 5]
+    given = NovelEntities(points.novel_in(1), torch.as_tensor(points.insert_triples_in(1)), torch.zeros(1, 1))
+    assert points.insert_mask(1).tolist() == given.mask(6).tolist() == expected
+
+
+def test_immediate_queries_are_of_triples_with_a_novel_entity_that_are_no_insert_triples() -> None:
+    """Measures count triples, of each of which all three slots are hidden."""
+    result, triples = inserted(), WORLD.graph.triples.tolist()
+    runs = result.runs[result.runs["scope"] == "novel"].set_index("seed")["queries"]
+    by_entity = result.entities.set_index(["seed", "entity"])["queries"]
+    for model, seed in enumerate(POINTS.seeds):
+        novel = set(NOVEL[model].tolist())
+        given = {triple for of, _, triple in WORLD.insert_triples.tolist() if of == model}
+        queried = [
+            (head, tail)
+            for triple, (head, _, tail) in enumerate(triples)
+            if WORLD.splits[model, triple] in (TRAIN, VALID, TEST) and triple not in given and {head, tail} & novel
+        ]  # fmt: skip
+        assert given
+        assert runs[seed] == len(queried)
+        for entity in NOVEL[model].tolist():
+            assert by_entity[seed, entity] == sum(entity in ends for ends in queried)
+
+
+def test_the_insert_triples_of_each_are_packed_to_the_left() -> None:
+    context = init_context(POINTS, WORLD.theta0, WORLD.words, 0)
+    rows = {(model, place): [] for model in range(2) for place in range(3)}  # type: ignore[var-annotated]
+    for model, place, triple in WORLD.insert_triples.tolist():
+        head, relation, tail = WORLD.graph.triples[triple].tolist()
+        is_tail = tail == NOVEL[model, place]
+        rows[model, place].append((head if is_tail else tail, relation, is_tail))
+    longest = max(map(len, rows.values()))
+    assert longest > 1
+    for (model, place), expected in rows.items():
+        padded = [*((*row, True) for row in expected), *[(0, 0, False, False)] * (longest - len(expected))]
+        tables = (context.other, context.relation, context.novel_is_tail, context.observed)
+        assert list(zip(*(table[model, place].tolist() for table in tables), strict=True)) == padded
+    nothing = replace(POINTS, insert_triples=POINTS.insert_triples[:0])
+    assert init_context(nothing, WORLD.theta0, WORLD.words, 0).observed.tolist() == [[[False]] * 3] * 2
+
+
+def trained(purpose: str, pool: str) -> Embedding:
+    """The same by the parts that it is made of."""
+    data = training_data(POINTS.session(1), purpose, POINTS.keys(), pool, torch.as_tensor(NOVEL))
+    return trainer.train(WORLD.theta0, data, NEGATIVES, OPTIMIZER, 0, never_stop)
+
+
+@pytest.mark.parametrize("pool", ["all", "unseen"])
+def test_fine_tuning_draws_for_its_own_purpose_from_the_pool_that_params_name(pool: str) -> None:
+    config = replace(CONFIG, negatives=NEGATIVES.model_copy(update={"head_pool": pool}))
+    finetuned = finetune(POINTS, WORLD.theta0, config, never_stop).entity
+    other = {"all": "unseen", "unseen": "all"}[pool]
+    assert torch.equal(finetuned, trained("fine-tuning", pool).entity)
+    assert not torch.equal(finetuned, trained("fine-tuning", other).entity)
+    assert not torch.equal(finetuned, trained("training", pool).entity)
+
+
+def test_where_new_rows_go_first_they_are_those_of_the_session() -> None:
+    result = inserted(CONFIG.training(new_rows_first=3))
+    before = with_vectors(WORLD.theta0, torch.as_tensor(NOVEL), result.initial.vectors).entity
+    moved = (result.theta.entity != before).any(-1).numpy()
+    for model in range(2):
+        assert set(np.flatnonzero(moved[model])) == set(NOVEL[model])
+
+
+def test_an_initializer_that_there_is_not_is_named_by_its_key() -> None:
+    with pytest.raises(InputError, match=r"^params\.yaml: initializers\.rz: "):
+        initialize(POINTS, WORLD.theta0, WORLD.words, replace(CONFIG, initializer="rz"))
