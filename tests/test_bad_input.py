@@ -1,17 +1,12 @@
-"""Stages run as a user runs them, on a user's mistakes; and what is left of a stage that was killed."""
+"""Stages run as a user runs them, on a user's mistakes."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
-import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
 from contextlib import chdir
-from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -28,7 +23,6 @@ from isi.sources.tables import KINDS as KIND_TABLE
 from isi.sources.tables import MINED, OBSERVATIONS
 from isi.tables import io, paths
 from isi.tables.table import Table, concat
-from tests import sleepers
 from tools.workspace import change
 
 ROOT = Path(__file__).parent.parent
@@ -359,73 +353,3 @@ def test_a_stage_explains_itself_without_running(workspace: Path) -> None:
     assert ended.returncode == 0
     assert "python -m stages.insert" in ended.stdout
     assert "experiment initializer" in ended.stdout
-
-
-# Killed
-
-STAGE = "import sys; from tests import sleepers; sleepers.main(sys.argv[1])"
-#: Starts a stage, as DVC does, tells its process id, and waits for it.
-PARENT = (
-    "import subprocess, sys\n"
-    "stage = subprocess.Popen([sys.executable, '-c', *sys.argv[1:]])\n"
-    "print(stage.pid, flush=True)\n"
-    "stage.wait()"
-)
-
-linux_only = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-
-
-def session(leader: int) -> dict[int, str]:
-    """Living processes of the session that a process leads: id and command."""
-    found = {}
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                state, _, _, of = (entry / "stat").read_text().rpartition(")")[2].split()[:4]
-                command = (entry / "cmdline").read_text().replace("\0", " ")
-            except OSError:  # it ended while we looked
-                continue
-            if int(of) == leader and state not in "ZX":
-                found[int(entry.name)] = command
-    return found
-
-
-def wait_until(done: Callable[[], bool], seconds: float) -> bool:
-    """Whether a condition comes true in time."""
-    deadline = time.monotonic() + seconds
-    while not done():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.05)
-    return True
-
-
-@dataclass(frozen=True)
-class Started:
-    """A stage whose workers are all asleep at their tasks, in a session that its parent leads."""
-
-    parent: int
-    stage: int
-    workers: set[int]
-
-
-@pytest.fixture
-def started(tmp_path: Path) -> Iterator[Started]:
-    command = [sys.executable, "-c", PARENT, STAGE, str(tmp_path)]
-    with subprocess.Popen(command, cwd=ROOT, start_new_session=True, stdout=subprocess.PIPE) as parent:
-        assert parent.stdout
-        try:
-            stage = int(parent.stdout.readline())
-            assert wait_until(lambda: len(list(tmp_path.iterdir())) == sleepers.WORKERS, 60)
-            yield Started(parent.pid, stage, {int(path.name) for path in tmp_path.iterdir()})
-        finally:
-            for process in session(parent.pid):
-                os.kill(process, signal.SIGKILL)
-
-
-@linux_only
-@pytest.mark.parametrize("killed", ["parent", "stage"])
-def test_no_process_of_a_stage_outlives_it_or_its_parent(started: Started, killed: str) -> None:
-    assert {started.parent, started.stage} | started.workers <= session(started.parent).keys()
-    os.kill(getattr(started, killed), signal.SIGKILL)
-    assert wait_until(lambda: not session(started.parent), 10), session(started.parent)

@@ -18,7 +18,7 @@ from isi.config import Option
 from isi.errors import InputError
 from isi.initializers import map as evidence
 from isi.initializers.api import FALLBACKS, InitContext, InitResult
-from isi.initializers.controls import DEAD, alive, dealt_words, standard_normal
+from isi.initializers.paper import DEAD, alive, dealt_words, standard_normal
 from isi.initializers.similarity import mean_relational_score
 from isi.models.model import Model, make_model
 from isi.models.stack import NotFinite
@@ -34,12 +34,12 @@ DISTANCES: list[tuple[str, dict[str, Option]]] = [
 MAP = {"strength": 0.5, "ratio": 3}
 
 
-def family(name: str, **options: Option) -> Model:
+def model_named(name: str, **options: Option) -> Model:
     return make_model(name, options, f"models.{name}")
 
 
-def fallbacks(found: InitResult) -> list[str | None]:
-    return [FALLBACKS[code] for code in found.fallback[0].tolist()]
+def fallbacks(result: InitResult) -> list[str | None]:
+    return [FALLBACKS[code] for code in result.fallback[0].tolist()]
 
 
 def mean_of(of: InitContext, *entities: int) -> Tensor:
@@ -51,46 +51,46 @@ KNOWN = (1, 2, 3, 4, 6, 7, 8, 10)
 
 def test_kind_mean_is_the_centroid_of_the_known_of_the_kind() -> None:
     of = four_novel()
-    found = insert("kind_mean", of)
+    result = insert("kind_mean", of)
     expected = [mean_of(of, 1, 2, 3), mean_of(of, 4, 6, 7), mean_of(of, 8), mean_of(of, 10)]
-    torch.testing.assert_close(found.vectors[0], torch.stack(expected))
-    assert fallbacks(found) == [None] * 4
+    torch.testing.assert_close(result.vectors[0], torch.stack(expected))
+    assert fallbacks(result) == [None] * 4
     alone = replace(of, kinds=torch.where(torch.arange(ENTITIES) == 5, 7, of.kinds))
-    found = insert("kind_mean", alone)
-    assert fallbacks(found) == [None, "centroid", None, None]
-    torch.testing.assert_close(found.vectors[0, 1], mean_of(of, *KNOWN))
+    result = insert("kind_mean", alone)
+    assert fallbacks(result) == [None, "centroid", None, None]
+    torch.testing.assert_close(result.vectors[0, 1], mean_of(of, *KNOWN))
 
 
-def test_words_are_dealt_out_within_kinds() -> None:
+def test_words_are_permuted_within_kinds() -> None:
     of = four_novel()
     keys = torch.tensor([[5, seed] for seed in range(400)])
     many = replace(of, novel=of.novel.expand(400, -1), keys=keys)
-    dealt = dealt_words(many, "es_permuted_kinds", many.kinds)
-    assert (of.kinds[dealt] == of.kinds).all()
-    assert (dealt.sort(1).values == torch.arange(ENTITIES)).all()
-    assert (dealt[:, [10, 11]] == torch.tensor([10, 11])).all()  # the one cannot swap with the other, which has none
+    permuted = dealt_words(many, "es_permuted_kinds", many.kinds)
+    assert (of.kinds[permuted] == of.kinds).all()
+    assert (permuted.sort(1).values == torch.arange(ENTITIES)).all()
+    assert (permuted[:, [10, 11]] == torch.tensor([10, 11])).all()  # the one cannot swap with the other, which has none
     for entity in range(4):
-        shares = (dealt[:, entity, None] == torch.arange(4)).float().mean(0)
+        shares = (permuted[:, entity, None] == torch.arange(4)).float().mean(0)
         assert (shares - 0.25).abs().max() < 5 * (0.25 * 0.75 / 400) ** 0.5
-    assert not torch.equal(dealt, dealt_words(replace(many, root=1), "es_permuted_kinds", many.kinds))
+    assert not torch.equal(permuted, dealt_words(replace(many, root=1), "es_permuted_kinds", many.kinds))
 
 
-def test_es_permuted_within_kinds_is_es_with_the_words_dealt() -> None:
+def test_es_permuted_within_kinds_is_es_with_permuted_words() -> None:
     of = four_novel()
-    (dealt,) = dealt_words(of, "es_permuted_kinds", of.kinds)
+    (permuted,) = dealt_words(of, "es_permuted_kinds", of.kinds)
     for k in (1, 3):
-        found = insert("es_permuted_kinds", of, k=k)
-        expected = insert("es", replace(of, words=of.words[dealt]), k=k)
-        assert torch.equal(found.vectors, expected.vectors)
-        assert torch.equal(found.fallback, expected.fallback)
+        result = insert("es_permuted_kinds", of, k=k)
+        expected = insert("es", replace(of, words=of.words[permuted]), k=k)
+        assert torch.equal(result.vectors, expected.vectors)
+        assert torch.equal(result.fallback, expected.fallback)
 
 
 def test_neighbour_mean_counts_an_end_as_often_as_it_is_named() -> None:
     of = four_novel()
-    found = insert("neighbour_mean", of)
+    result = insert("neighbour_mean", of)
     expected = [mean_of(of, 1, 2, 3, 4), mean_of(of, 7), mean_of(of, *KNOWN), mean_of(of, 2, 6)]
-    torch.testing.assert_close(found.vectors[0], torch.stack(expected))
-    assert fallbacks(found) == [None, None, "centroid", None]
+    torch.testing.assert_close(result.vectors[0], torch.stack(expected))
+    assert fallbacks(result) == [None, None, "centroid", None]
     twice = insertion(of.theta0, [0], [[(1, 0, False), (1, 2, False), (4, 1, True)]], of.words, of.kinds.tolist())
     expected_mean = (2 * of.theta0.entity[0, 1] + of.theta0.entity[0, 4]) / 3
     torch.testing.assert_close(insert("neighbour_mean", twice).vectors[0, 0], expected_mean)
@@ -99,13 +99,13 @@ def test_neighbour_mean_counts_an_end_as_often_as_it_is_named() -> None:
 def test_er_avg_takes_known_ends_through_their_relations() -> None:
     of = four_novel()
     entity, maps = of.theta0.entity[0], [dense(row) for row in of.theta0.relation[0]]
-    found = insert("er_avg", of)
+    result = insert("er_avg", of)
     as_head = maps[0] @ entity[1] + maps[0] @ entity[2] + maps[2] @ entity[3]  # W t
-    torch.testing.assert_close(found.vectors[0, 0], (as_head + entity[4] @ maps[1]) / 4)
-    torch.testing.assert_close(found.vectors[0, 1], entity[7] @ maps[1])
-    torch.testing.assert_close(found.vectors[0, 2], mean_of(of, *KNOWN))
-    assert fallbacks(found) == [None, None, "centroid", None]
-    step = four_novel(family("transe", margin=1.0, squared=True))
+    torch.testing.assert_close(result.vectors[0, 0], (as_head + entity[4] @ maps[1]) / 4)
+    torch.testing.assert_close(result.vectors[0, 1], entity[7] @ maps[1])
+    torch.testing.assert_close(result.vectors[0, 2], mean_of(of, *KNOWN))
+    assert fallbacks(result) == [None, None, "centroid", None]
+    step = four_novel(model_named("transe", margin=1.0, squared=True))
     entity, relation = step.theta0.entity[0], step.theta0.relation[0]
     mean = (entity[1] - relation[0] + entity[2] - relation[0] + entity[3] - relation[2] + entity[4] + relation[1]) / 4
     torch.testing.assert_close(insert("er_avg", step).vectors[0, 0], mean)
@@ -115,18 +115,18 @@ def test_class_noise_is_the_kind_mean_and_its_deviation() -> None:
     of = four_novel()
     centre, drawn = insert("kind_mean", of), standard_normal(of)
     assert torch.equal(insert("class_noise", of, fraction=0.0).vectors, centre.vectors)
-    found = insert("class_noise", of, fraction=0.5)
+    result = insert("class_noise", of, fraction=0.5)
     deviation = of.theta0.entity[0, [1, 2, 3]].numpy().std(0)
     expected = centre.vectors[0, 0].numpy() + 0.5 * deviation * drawn[0, 0].numpy()
-    np.testing.assert_allclose(found.vectors[0, 0], expected, atol=1e-5)
-    assert torch.equal(found.vectors[0, 2], centre.vectors[0, 2])  # of a kind with one known entity
+    np.testing.assert_allclose(result.vectors[0, 0], expected, atol=1e-5)
+    assert torch.equal(result.vectors[0, 2], centre.vectors[0, 2])  # of a kind with one known entity
     other = insert("class_noise", replace(of, keys=of.keys + 1), fraction=0.5)
-    assert (other.vectors[0, 0] != found.vectors[0, 0]).all()
+    assert (other.vectors[0, 0] != result.vectors[0, 0]).all()
 
 
 def test_projection_is_ridge_regression_on_unit_word_vectors() -> None:
     of = four_novel()
-    found = insert("projection", of, penalty=0.7)
+    result = insert("projection", of, penalty=0.7)
     words = of.words.double().numpy()
     words /= np.maximum(np.linalg.norm(words, axis=1, keepdims=True), 1e-12)
     entity, known = of.theta0.entity[0].double().numpy(), list(KNOWN)
@@ -134,9 +134,9 @@ def test_projection_is_ridge_regression_on_unit_word_vectors() -> None:
     rows = np.concatenate([inputs, np.sqrt(0.7) * np.eye(6)]), np.concatenate([outputs, np.zeros((6, DIMENSION))])
     slopes = np.linalg.lstsq(*rows, rcond=None)[0]
     expected = entity[known].mean(0) + (words[[0, 5, 9]] - words[known].mean(0)) @ slopes
-    np.testing.assert_allclose(found.vectors[0, :3], expected, atol=1e-5)
-    assert fallbacks(found) == [None, None, None, "centroid"]
-    torch.testing.assert_close(found.vectors[0, 3], mean_of(of, *KNOWN))
+    np.testing.assert_allclose(result.vectors[0, :3], expected, atol=1e-5)
+    assert fallbacks(result) == [None, None, None, "centroid"]
+    torch.testing.assert_close(result.vectors[0, 3], mean_of(of, *KNOWN))
     far = insert("projection", of, penalty=1e9).vectors[0, :3]
     torch.testing.assert_close(far, mean_of(of, *KNOWN).expand(3, -1), atol=1e-5, rtol=0)
 
@@ -155,10 +155,10 @@ def test_the_mean_relational_score_is_a_mean_over_the_relations_seen() -> None:
     there, back = entity[4] @ maps[1], [entity[1] @ torch.linalg.inv(maps[0]), entity[2] @ torch.linalg.inv(maps[0])]
     alphas = [(back[0] + back[1]) / 2, there, entity[3] @ torch.linalg.inv(maps[2])]
     expected = torch.stack([cosine_similarity(alpha, entity) for alpha in alphas]).mean(0)
-    found = mean_relational_score(of)[0]
-    torch.testing.assert_close(found[0], expected, atol=1e-5, rtol=1e-4)
-    torch.testing.assert_close(found[1], cosine_similarity(entity[7] @ maps[1], entity), atol=1e-5, rtol=1e-4)
-    assert (found[2] == 0).all()
+    result = mean_relational_score(of)[0]
+    torch.testing.assert_close(result[0], expected, atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(result[1], cosine_similarity(entity[7] @ maps[1], entity), atol=1e-5, rtol=1e-4)
+    assert (result[2] == 0).all()
 
 
 def test_the_soft_hybrid_with_one_weight_is_that_similarity_alone() -> None:
@@ -199,13 +199,13 @@ def test_without_words_triples_or_eligible_entities_it_is_the_centroid(name: str
     bare = replace(of, words=torch.zeros_like(of.words), observed=torch.zeros_like(of.observed))
     contexts = [bare] + [replace(of, eligible=torch.zeros_like(of.eligible))] * name.startswith("soft")
     for context in contexts:
-        found = insert(name, context, **options)
-        assert fallbacks(found) == ["centroid"] * 4
-        torch.testing.assert_close(found.vectors[0], mean_of(of, *KNOWN).expand(4, -1))
+        result = insert(name, context, **options)
+        assert fallbacks(result) == ["centroid"] * 4
+        torch.testing.assert_close(result.vectors[0], mean_of(of, *KNOWN).expand(4, -1))
 
 
 def test_dead_coordinates_take_no_part_in_rs() -> None:
-    of = four_novel(family("distmult"))
+    of = four_novel(model_named("distmult"))
     assert torch.equal(insert("rs_alive", of, k=3).vectors, insert("rs", of, k=3).vectors)
     relation = of.theta0.relation.clone()
     relation[0, 0, 3] = DEAD / 2  # its inverse is all that counts of what the relation says
@@ -224,16 +224,16 @@ def test_dead_blocks_are_dead_in_both_coordinates_and_translations_and_rotations
     theta0 = random_embedding(1, 3, 2, DIMENSION)
     theta0.relation[0, 1, [4, 6]] = DEAD / 3  # a block's x and y: its places are 4 and 6
     assert (~alive(theta0)).nonzero().tolist() == [[0, 1, 4], [0, 1, 6]]
-    theta0 = random_embedding(1, 3, 2, DIMENSION, model=family("distmult"))
+    theta0 = random_embedding(1, 3, 2, DIMENSION, model=model_named("distmult"))
     theta0.relation[0, 1, 4] = DEAD  # just alive
     assert alive(theta0).all()
     for name, options in DISTANCES:
         with pytest.raises(InputError, match="linear"):
-            insert("ridge", four_novel(family(name, **options)), **MAP)
-        assert alive(random_embedding(1, 3, 2, DIMENSION, model=family(name, **options))).all()
+            insert("ridge", four_novel(model_named(name, **options)), **MAP)
+        assert alive(random_embedding(1, 3, 2, DIMENSION, model=model_named(name, **options))).all()
 
 
-def test_what_is_told_lies_in_cells_and_brings_its_negatives() -> None:
+def test_insert_triples_lie_in_cells_and_bring_negatives() -> None:
     of = four_novel()
     positive = evidence.insert_triple_table(of)
     cells = [(0, 0, 0, 1), (0, 0, 0, 2), (0, 0, 2, 3), (0, 1, 1, 4), (1, 1, 1, 7), (3, 0, 1, 2), (3, 1, 1, 6)]
@@ -257,7 +257,7 @@ def test_what_is_told_lies_in_cells_and_brings_its_negatives() -> None:
 
 @pytest.mark.parametrize("name", LINEAR)
 def test_anchors_are_what_a_novel_vector_is_multiplied_with(name: str) -> None:
-    theta0 = random_embedding(2, 5, 3, 8, model=family(name))
+    theta0 = random_embedding(2, 5, 3, 8, model=model_named(name))
     assert theta0.model.linear
     at = torch.randn(2, 1, 8, generator=torch.Generator().manual_seed(3))
     cells = (at @ evidence.cell_anchors(theta0).mT)[:, 0].view(2, 2, 3, 5)
@@ -302,20 +302,20 @@ def plain_objective(
 
 @pytest.mark.parametrize("name", LINEAR)
 def test_map_is_what_a_general_minimizer_finds(name: str) -> None:
-    of = four_novel(family(name))
-    found = insert("map_mean", of, **MAP)
+    of = four_novel(model_named(name))
+    result = insert("map_mean", of, **MAP)
     mean = mean_of(of, *KNOWN).double().numpy()
     for place in (0, 1, 3):
         plain = plain_objective(of, place, mean, 3, 0.5)
         best = scipy.optimize.minimize(plain, mean, method="BFGS", options={"gtol": 1e-7})
-        np.testing.assert_allclose(found.vectors[0, place], best.x, atol=2e-4)
-        assert plain(found.vectors[0, place].double().numpy()) <= best.fun + 1e-6
+        np.testing.assert_allclose(result.vectors[0, place], best.x, atol=2e-4)
+        assert plain(result.vectors[0, place].double().numpy()) <= best.fun + 1e-6
 
 
-def gradient_at(of: InitContext, found: InitResult, prior: InitResult) -> Tensor:
+def gradient_at(of: InitContext, result: InitResult, prior: InitResult) -> Tensor:
     """Of the objective by autograd; shape (M, n, d)."""
     known = evidence.evidence(of, prior.vectors, 0.5, 3)
-    at = found.vectors.double().requires_grad_()
+    at = result.vectors.double().requires_grad_()
     return torch.autograd.grad(evidence.objective(known, evidence._double(of.theta0), at).sum(), at)[0]
 
 
@@ -326,7 +326,7 @@ PRIORS: list[tuple[str, str, dict[str, Option]]] = [
 
 
 @pytest.mark.parametrize(("name", "prior", "options"), PRIORS)
-def test_map_is_its_prior_where_that_is_strong_or_nothing_is_told(
+def test_map_is_its_prior_where_that_is_strong_or_there_is_no_insert_triple(
     name: str, prior: str, options: dict[str, Option]
 ) -> None:
     of = four_novel()
@@ -344,18 +344,18 @@ def test_map_is_its_prior_where_that_is_strong_or_nothing_is_told(
 
 @pytest.mark.parametrize(("name", "options"), DISTANCES)
 def test_map_of_a_distance_gains_on_its_prior_and_leaves_little_gradient(name: str, options: dict[str, Option]) -> None:
-    of = four_novel(family(name, **options))
-    around, found = insert("mean", of), insert("map_mean", of, **MAP)
+    of = four_novel(model_named(name, **options))
+    around, result = insert("mean", of), insert("map_mean", of, **MAP)
     known, theta0 = evidence.evidence(of, around.vectors, 0.5, 3), evidence._double(of.theta0)
-    before, after = (evidence.objective(known, theta0, one.vectors.double())[0] for one in (around, found))
+    before, after = (evidence.objective(known, theta0, one.vectors.double())[0] for one in (around, result))
     assert (after[[0, 1, 3]] < before[[0, 1, 3]]).all()
-    assert torch.equal(found.vectors[0, 2], around.vectors[0, 2])
-    assert gradient_at(of, found, around).abs().max() < 0.05 * gradient_at(of, around, around).abs().max()
+    assert torch.equal(result.vectors[0, 2], around.vectors[0, 2])
+    assert gradient_at(of, result, around).abs().max() < 0.05 * gradient_at(of, around, around).abs().max()
 
 
 def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
     """With a strong prior about a parabola, on which n times the way to its lowest point is too far from n = 2 on."""
-    of = four_novel(family("distmult"))
+    of = four_novel(model_named("distmult"))
     theta0 = replace(of.theta0, entity=of.theta0.entity.double(), relation=of.theta0.relation.double())
     known = evidence.evidence(of, insert("mean", of).vectors, 1000, 3)
     step, _ = evidence.newton(known, theta0, known.mean, evidence.cell_anchors(theta0))
@@ -375,7 +375,7 @@ def test_products_of_cells_are_the_same_in_parts_of_a_budget(monkeypatch: pytest
 
 def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows() -> None:
     of = four_novel()
-    found = insert("ridge", of, strength=0.4, ratio=3)
+    result = insert("ridge", of, strength=0.4, ratio=3)
     mean, theta0 = mean_of(of, *KNOWN).double().numpy(), evidence._double(of.theta0)
     sigma = evidence.covariance(of)[0].numpy()
     positive = evidence.insert_triple_table(of)
@@ -390,8 +390,8 @@ def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows() -> Non
                 rows.append(scale * (vector @ matrix if end else matrix @ vector).numpy()[None])
                 values.append(np.array([scale * value]))
         expected = np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0]
-        np.testing.assert_allclose(found.vectors[0, place], expected, atol=1e-4)
-    assert fallbacks(found) == [None, None, "centroid", None]
+        np.testing.assert_allclose(result.vectors[0, place], expected, atol=1e-4)
+    assert fallbacks(result) == [None, None, "centroid", None]
 
 
 @given(st.integers(0, 1000))
@@ -400,15 +400,15 @@ def test_the_covariance_is_that_of_the_known_shrunk_to_a_sphere(seed: int) -> No
     of = four_novel(seed=seed)
     known = of.theta0.entity[0, list(KNOWN)].double().numpy()
     plain = np.cov(known.T, bias=True)
-    found = evidence.covariance(of)[0].numpy()
-    assert np.trace(found) == pytest.approx(np.trace(plain))
-    away = found - (1 - evidence.SHRINKAGE) * plain
+    result = evidence.covariance(of)[0].numpy()
+    assert np.trace(result) == pytest.approx(np.trace(plain))
+    away = result - (1 - evidence.SHRINKAGE) * plain
     np.testing.assert_allclose(away, np.eye(DIMENSION) * away[0, 0], atol=1e-12)
-    assert np.linalg.eigvalsh(found).min() > 0
+    assert np.linalg.eigvalsh(result).min() > 0
 
 
 @pytest.mark.parametrize("name", ["map_mean", "ridge"])
-def test_known_vectors_that_do_not_differ_are_told_by_their_models(name: str) -> None:
+def test_known_vectors_that_do_not_differ_name_their_models(name: str) -> None:
     of = stacked(4)
     same = torch.isin(torch.arange(4), torch.tensor([1, 3]))[:, None, None]
     with pytest.raises(NotFinite) as failed:

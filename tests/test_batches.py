@@ -1,4 +1,4 @@
-"""Observations dealt into batches, and their corruptions."""
+"""Observations in batches, and their corruptions."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ def sampled(data: TrainingData, ratio: int, root: int, epoch: int) -> Tensor:
     return count_negatives(data, lists)[:, None]
 
 
-def dealt_counts(data: TrainingData, root: int, epoch: int, size: int) -> Tensor:
+def batch_counts(data: TrainingData, root: int, epoch: int, size: int) -> Tensor:
     """How often each triple stands in each batch; shape (M, B, T)."""
-    dealt = shuffle_into_batches(data, root, epoch, size)
+    batched = shuffle_into_batches(data, root, epoch, size)
     return torch.stack([torch.stack([torch.bincount(torch.as_tensor(one, dtype=torch.int64),
-                        minlength=data.counts.shape[1]) for one in batch]) for batch in dealt], 1)  # fmt: skip
+                        minlength=data.counts.shape[1]) for one in batch]) for batch in batched], 1)  # fmt: skip
 
 
 def small_points() -> GridPoints:
@@ -69,7 +69,7 @@ def test_expected_negatives_by_hand() -> None:
     torch.testing.assert_close(found, expected)
 
 
-def test_heads_come_from_everyone_where_asked_or_where_the_pool_is_empty() -> None:
+def test_heads_come_from_everyone_by_choice_or_where_the_pool_is_empty() -> None:
     everyone = torch.tensor([1.0, 1, 1, 0])
     assert torch.equal(one_triple("all").head_pool, everyone.expand(1, 2, 4))
     unseen = one_triple("unseen").head_pool[0]
@@ -113,9 +113,9 @@ def test_sampled_negatives_are_ratio_times_positives_of_each_kind() -> None:
 def test_sampled_negatives_stay_in_the_session_and_with_their_batch() -> None:
     points = small_points()
     data = training_data(points.session(0), "test", points.keys(), "unseen")
-    for number, dealt in enumerate(shuffle_into_batches(data, 0, 1, 30)):
-        drawn = count_negatives(data, sample_batch(data, dealt, 3, 0, 1, number))
-        assert drawn.sum((1, 2, 3)).tolist() == [9 * len(one) for one in dealt]
+    for number, batched in enumerate(shuffle_into_batches(data, 0, 1, 30)):
+        drawn = count_negatives(data, sample_batch(data, batched, 3, 0, 1, number))
+        assert drawn.sum((1, 2, 3)).tolist() == [9 * len(one) for one in batched]
         for model in range(4):
             outside = ~data.session.entities[model]
             assert drawn[model][..., outside, :].sum() == 0
@@ -158,10 +158,10 @@ def test_negatives_are_keyed_by_model_purpose_and_epoch() -> None:
 def test_batches_hold_each_observation_once_and_are_even(size: int) -> None:
     points = small_points()
     data = training_data(points.session(0), "test", points.keys(), "all")
-    dealt = dealt_counts(data, 0, 1, size)
-    assert torch.equal(dealt.sum(1), data.counts)
+    batched = batch_counts(data, 0, 1, size)
+    assert torch.equal(batched.sum(1), data.counts)
     for model in range(4):
-        lengths = dealt[model].sum(1)
+        lengths = batched[model].sum(1)
         used = lengths[lengths > 0]
         assert used.max() <= size
         assert used.max() - used.min() <= 1
@@ -172,14 +172,14 @@ def test_batches_hold_each_observation_once_and_are_even(size: int) -> None:
 def test_batches_are_keyed_by_model_and_epoch() -> None:
     points = small_points()
     data = training_data(points.session(0), "test", points.keys(), "all")
-    dealt = dealt_counts(data, 0, 1, 10)
-    assert torch.equal(dealt, dealt_counts(data, 0, 1, 10))
-    assert not torch.equal(dealt, dealt_counts(data, 0, 2, 10))
-    assert not torch.equal(dealt, dealt_counts(data, 1, 1, 10))
+    batched = batch_counts(data, 0, 1, 10)
+    assert torch.equal(batched, batch_counts(data, 0, 1, 10))
+    assert not torch.equal(batched, batch_counts(data, 0, 2, 10))
+    assert not torch.equal(batched, batch_counts(data, 1, 1, 10))
     other = replace(data, keys=data.keys + torch.tensor([1, 0]))
-    assert not torch.equal(dealt, dealt_counts(other, 0, 1, 10))
-    alone = dealt_counts(select(data, torch.tensor([3])), 0, 1, 10)
-    assert torch.equal(dealt[3:, : alone.shape[1]], alone)
+    assert not torch.equal(batched, batch_counts(other, 0, 1, 10))
+    alone = batch_counts(select(data, torch.tensor([3])), 0, 1, 10)
+    assert torch.equal(batched[3:, : alone.shape[1]], alone)
 
 
 def test_data_count_training_observations_alone() -> None:

@@ -33,20 +33,20 @@ def test_it_is_the_first_epoch_within_the_margin(mrr_star: list[float], epochs: 
     assert (row["epochs"], row["converged"], row["queries"]) == (epochs, converged, 4)
 
 
-def test_it_is_asked_of_the_joint_model_of_the_same_scope_size_and_seed() -> None:
+def test_it_is_measured_by_the_joint_model_of_the_same_scope_size_and_seed() -> None:
     joint: list[Row] = [
         ("joint", scope, size, seed, 0, value)
         for scope, size, seed, value in (
             ("all", 1, 0, 0.7), ("all", 1, 1, 0.9), ("all", 2, 0, 0.9), ("novel_heldout", 1, 0, 0.9)
         )
     ]  # fmt: skip
-    cells = [row[1:4] for row in joint]
-    tried: list[Row] = [("es", *cell, epoch, value) for cell in cells for epoch, value in ((0, 0.6), (1, 0.65))]
+    points = [row[1:4] for row in joint]
+    tried: list[Row] = [("es", *point, epoch, value) for point in points for epoch, value in ((0, 0.6), (1, 0.65))]
     epochs = found([*joint, *tried], ["model"]).set_index(["scope", "size", "seed"])["epochs"]
-    assert epochs.to_dict() == {cell: 1 if cell == ("all", 1, 0) else 150 for cell in cells}
+    assert epochs.to_dict() == {point: 1 if point == ("all", 1, 0) else 150 for point in points}
 
 
-def test_runs_are_told_apart_as_asked() -> None:
+def test_runs_are_grouped_by_the_given_columns() -> None:
     tried: list[Row] = [("es", "all", 1, 0, 2, 0.7), ("rs", "all", 1, 0, 5, 0.7)]
     rows: list[Row] = [("joint", "all", 1, 0, 0, 0.7), *tried]
     assert found(rows, ["model"]).set_index("model")["epochs"].to_dict() == {"es": 2, "rs": 5}
@@ -54,14 +54,14 @@ def test_runs_are_told_apart_as_asked() -> None:
 
 def test_cells_without_queries_take_no_part() -> None:
     scope = "novel_heldout"
-    cells = found(
+    points = found(
         [
             ("joint", scope, 1, 0, 0, np.nan), ("joint", scope, 1, 1, 0, 0.5),
             ("es", scope, 1, 0, 0, np.nan), ("es", scope, 1, 1, 0, 0.5),
         ],
         ["model"],
     )  # fmt: skip
-    assert cells["seed"].tolist() == [1]
+    assert points["seed"].tolist() == [1]
 
 
 def test_scopes_that_do_not_ask_for_it_are_left_out() -> None:

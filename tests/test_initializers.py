@@ -25,7 +25,7 @@ from isi.initializers.api import (
     options_of,
     without_weights,
 )
-from isi.initializers.controls import dealt_words
+from isi.initializers.paper import dealt_words
 from isi.models.stack import select
 from isi.tables import paths
 from tests.init_contexts import initialize as insert
@@ -127,16 +127,16 @@ def best(score: dict[int, float], k: int) -> list[int]:
 
 def agree(of: World, name: str, **options: int) -> set[str | None]:
     """See that an initializer gives what the plain loop does; what it fell back to, over all novel entities."""
-    found = insert(name, seen(of), **options)
+    result = insert(name, seen(of), **options)
     fallbacks = set()
     for model in range(len(NOVEL)):
         for place in range(NOVEL.shape[1]):
             plain = Plain(of, model, place)
             indicators, fallback = plain.expected(name, **options)
-            np.testing.assert_allclose(found.vectors[model, place].numpy(), plain.mean(indicators), atol=1e-5)
-            assert found.indicators is not None
-            assert found.indicators[model, place].nonzero().flatten().tolist() == sorted(indicators)
-            assert FALLBACKS[found.fallback[model, place]] == fallback
+            np.testing.assert_allclose(result.vectors[model, place].numpy(), plain.mean(indicators), atol=1e-5)
+            assert result.indicators is not None
+            assert result.indicators[model, place].nonzero().flatten().tolist() == sorted(indicators)
+            assert FALLBACKS[result.fallback[model, place]] == fallback
             fallbacks.add(fallback)
     return fallbacks
 
@@ -299,19 +299,19 @@ def test_es_permuted_is_the_plain_es_under_the_permuted_words() -> None:
     given = seen(of)
     dealt, fallbacks = dealt_words(given, "es_permuted", torch.zeros_like(given.kinds)).numpy(), set()
     for k in (1, 3, 8, 40):
-        found = insert("es_permuted", given, k=k)
-        assert found.indicators is not None
+        result = insert("es_permuted", given, k=k)
+        assert result.indicators is not None
         for model in range(2):
             permuted = replace(of, words=of.words[dealt[model]])
             for place in range(3):
                 indicators, fallback = Plain(permuted, model, place).expected("es", k)
-                assert found.indicators[model, place].nonzero().flatten().tolist() == sorted(indicators)
-                assert FALLBACKS[found.fallback[model, place]] == fallback
+                assert result.indicators[model, place].nonzero().flatten().tolist() == sorted(indicators)
+                assert FALLBACKS[result.fallback[model, place]] == fallback
                 fallbacks.add(fallback)
     assert fallbacks == {None, "rs"}  # 9 has no word vector, and is dealt none
 
 
-def test_words_are_dealt_out_among_those_that_have_one_by_model() -> None:
+def test_words_are_permuted_by_model_among_entities_that_have_one() -> None:
     given = insertion()
     keys = torch.tensor([[size, seed] for size in range(20) for seed in range(50)])
     many = replace(given, novel=given.novel[:1].expand(len(keys), -1), keys=keys)
@@ -329,7 +329,7 @@ def test_words_are_dealt_out_among_those_that_have_one_by_model() -> None:
 
 
 @pytest.fixture
-def _of_ones_own() -> Iterator[None]:
+def _registered_here() -> Iterator[None]:
     """What a test registers goes with it."""
     before = INITIALIZERS._registered.keys() | {module.name for module in iter_modules(initializers.__path__)}
     yield
@@ -337,8 +337,8 @@ def _of_ones_own() -> Iterator[None]:
         del INITIALIZERS._registered[name]
 
 
-@pytest.mark.usefixtures("_of_ones_own")
-def test_options_come_from_the_signature_and_a_name_is_the_label_of_ones_own() -> None:
+@pytest.mark.usefixtures("_registered_here")
+def test_options_come_from_the_signature_and_a_name_is_the_label_registered_here() -> None:
     @initializer("constant")
     def constant(insertion: InitContext, at: float, times: Count = 2) -> InitResult:
         return without_weights(torch.full((*insertion.novel.shape, DIMENSION), at * times))
@@ -364,7 +364,7 @@ def test_the_params_list_all_that_ship_with_their_options() -> None:
 
 
 @pytest.mark.parametrize("name", EVERYONE)
-def test_weights_are_of_known_entities_and_make_the_vector_of_whoever_takes_a_mean(name: str) -> None:
+def test_weights_are_of_known_entities_and_make_the_vector_of_those_that_take_a_mean(name: str) -> None:
     given = insertion()
     result = initial(name, given)
     assert (result.indicators is not None) == (name in CENTROIDS)

@@ -290,7 +290,7 @@ def test_an_impossible_dimension_is_refused_by_name(name: str, dimension: int) -
 
 
 @pytest.mark.parametrize(
-    ("name", "options", "said"),
+    ("name", "options", "expected"),
     [
         ("transe", {"squared": True}, "key.margin: Field required"),
         ("transe", {"margin": -1.0, "squared": False}, "key.margin: Input should be greater than 0"),
@@ -299,6 +299,6 @@ def test_an_impossible_dimension_is_refused_by_name(name: str, dimension: int) -
         ("hole", {}, "key: expected one of analogy, complex, distmult, rotate, str"),
     ],
 )
-def test_options_are_checked_by_name(name: str, options: dict[str, object], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_options_are_checked_by_name(name: str, options: dict[str, object], expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
         make_model(name, options, "key")

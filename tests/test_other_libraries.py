@@ -1,4 +1,4 @@
-"""Tables of TorchKGE's models score by our families what they score there."""
+"""Tables of TorchKGE's models score by our models what they score there."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def tables(model: Any) -> list[np.ndarray]:
         (ComplExModel(DIMENSION, ENTITIES, RELATIONS), "complex", {}),
     ],
 )
-def test_torchkges_tables_score_by_our_families_what_they_score_there(
+def test_torchkges_tables_score_by_our_models_what_they_score_there(
     trained: Any, model: str, options: dict[str, Any]
 ) -> None:
     done = isi.insert(*tables(trained), [(0, 0, ENTITIES)], new=1, model=model, model_options=options)

@@ -8,8 +8,7 @@ import torch
 
 from isi.graph.sampling import folds, split
 from isi.graph.sessions import TEST, TRAIN, VALID
-from isi.initializers.controls import dealt_words, standard_normal
-from isi.initializers.paper import xavier
+from isi.initializers.paper import dealt_words, standard_normal, xavier
 from isi.training.batches import sample_batch, sample_epoch, shuffle_into_batches, training_data
 from tests.init_contexts import four_novel
 from tests.small_graphs import generator, points_of, random_graph
@@ -65,16 +64,16 @@ def test_xavier_is_drawn_for_its_own() -> None:
 
 
 @pytest.mark.parametrize("within", ["es_permuted", "es_permuted_kinds"])
-def test_words_are_dealt_for_the_purpose_of_each_control(within: str) -> None:
+def test_words_are_permuted_for_the_purpose_of_each_control(within: str) -> None:
     of, rng = four_novel(), generator(within, 2, 0)
     groups = torch.zeros_like(of.kinds) if within == "es_permuted" else of.kinds
-    dealt = np.arange(len(of.words))
+    batched = np.arange(len(of.words))
     for group in sorted(set(groups.tolist())):
         wordy = [entity for entity in range(len(of.words)) if groups[entity] == group and of.words[entity].any()]
-        dealt[wordy] = np.array(wordy)[rng.permutation(len(wordy))]
+        batched[wordy] = np.array(wordy)[rng.permutation(len(wordy))]
     groups = of.kinds if within.endswith("kinds") else torch.zeros_like(of.kinds)
     found = dealt_words(of, within, groups)
-    assert found[0].tolist() == dealt.tolist()
+    assert found[0].tolist() == batched.tolist()
 
 
 def shuffled(model: int, epoch: int) -> np.ndarray:
@@ -85,11 +84,11 @@ def shuffled(model: int, epoch: int) -> np.ndarray:
     return observations
 
 
-def test_batches_are_dealt_from_a_stream_of_model_and_epoch() -> None:
+def test_batches_are_drawn_from_a_stream_of_model_and_epoch() -> None:
     for epoch in (1, 2):
-        dealt = shuffle_into_batches(DATA, ROOT, epoch, 20)
+        batched = shuffle_into_batches(DATA, ROOT, epoch, 20)
         for model in range(2):
-            assert np.concatenate([batch[model] for batch in dealt]).tolist() == shuffled(model, epoch).tolist()
+            assert np.concatenate([batch[model] for batch in batched]).tolist() == shuffled(model, epoch).tolist()
 
 
 @pytest.mark.parametrize(("purpose", "number"), [("negatives", (3, 1)), ("negatives in turn", (3,))])
@@ -101,12 +100,12 @@ def test_negatives_are_drawn_from_a_stream_of_their_own(purpose: str, number: tu
         positives = [one.triples for one in drawn]
         tails = [one.replacements[0] for one in drawn]
     else:
-        dealt = shuffle_into_batches(DATA, ROOT, epoch, 10**6)[0]
-        lists = sample_batch(DATA, dealt, ratio, ROOT, *number)
+        batched = shuffle_into_batches(DATA, ROOT, epoch, 10**6)[0]
+        lists = sample_batch(DATA, batched, ratio, ROOT, *number)
         own = [lists.triples.model == model for model in range(2)]
-        positives = [DATA.session.graph.triples[dealt[model]] for model in range(2)]
+        positives = [DATA.session.graph.triples[batched[model]] for model in range(2)]
         tails = [
-            lists.triples.tail[own[model] & (lists.positive == 0)][: ratio * len(dealt[model])].view(-1, ratio)
+            lists.triples.tail[own[model] & (lists.positive == 0)][: ratio * len(batched[model])].view(-1, ratio)
             for model in range(2)
         ]
     for model in range(2):

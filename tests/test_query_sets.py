@@ -80,10 +80,10 @@ class World:
 
 
 def brute_force(
-    world: World, model: int, asked: set[Triple], filtered: set[Triple], candidates: set[int]
+    world: World, model: int, queried: set[Triple], filtered: set[Triple], candidates: set[int]
 ) -> tuple[list[float], int]:
     """MRR*, entity half, relation half and MRR, and the number of tied rivals."""
-    if not asked:
+    if not queried:
         return [math.nan] * 4, 0
     score = world.score(model)
     ties = 0
@@ -106,7 +106,7 @@ def brute_force(
 
     by_relation: dict[int, list[tuple[float, float]]] = {}
     relation_queries = []
-    for h, r, t in asked:
+    for h, r, t in queried:
         heads, tails = [(e, r, t) for e in candidates], [(h, r, e) for e in candidates]
         by_relation.setdefault(r, []).extend([terms((h, r, t), heads), terms((h, r, t), tails)])
         relation_queries.append(terms((h, r, t), [(h, other, t) for other in range(world.relations)]))
@@ -166,15 +166,15 @@ def worlds(draw: st.DrawFn) -> World:
 def check(world: World, result: Result, expected: Callable[[int], tuple[set[Triple], set[Triple], set[int]]]) -> None:
     """A result is what brute force finds of (queries, filter, candidates) of each model."""
     for model in range(len(world.splits)):
-        asked, filtered, candidates = expected(model)
-        measures, ties = brute_force(world, model, asked, filtered, candidates)
+        queried, filtered, candidates = expected(model)
+        measures, ties = brute_force(world, model, queried, filtered, candidates)
         assert result.measures[model].tolist() == pytest.approx(measures, abs=1e-6, nan_ok=True)
-        assert int(result.queries[model]) == len(asked)
+        assert int(result.queries[model]) == len(queried)
         assert int(result.ties[model]) == ties
 
 
 @given(worlds())
-def test_scopes_followed_through_training_are_those_of_brute_force(world: World) -> None:
+def test_query_sets_through_training_are_those_of_brute_force(world: World) -> None:
     queries = epoch_query_sets(world.session, torch.tensor(world.novel))
     results = evaluate(world.embedding, queries)
     assert set(results) == {"all", "known", "known_closed", "novel_heldout"}
@@ -195,9 +195,9 @@ def test_each_novel_entity_has_its_own_queries_of_novel_scope(world: World) -> N
     for place, queries in enumerate(entity_query_sets(session, novel, inserted)):
 
         def own(model: int, place: int = place) -> tuple[set[Triple], set[Triple], set[int]]:
-            asked, filtered, candidates = scopes(world, model)["novel"]
+            queried, filtered, candidates = scopes(world, model)["novel"]
             entity = world.novel[model][place]
-            return {t for t in asked if entity in (t[0], t[2])}, filtered, candidates
+            return {t for t in queried if entity in (t[0], t[2])}, filtered, candidates
 
         check(world, evaluate(world.embedding, {"own": queries})["own"], own)
 
@@ -217,7 +217,7 @@ def test_validation_of_d0_leaves_novel_entities_out() -> None:
     entity, relation = torch.tensor([[[0.0], [1.0], [2.0], [9.0]]]), torch.tensor([[[1.0]]])
     products = Embedding(entity, relation, make_model("distmult", {}, "models.distmult"))
     result = evaluate(products, validation(session))["valid"]
-    # (0, 0, 2) alone is asked. All tails score 0: 0 ties, 1 is filtered, 3 is no candidate, so R_P = 1 + 1/2.
+    # (0, 0, 2) alone is queried. All tails score 0: 0 ties, 1 is filtered, 3 is no candidate, so R_P = 1 + 1/2.
     # Heads of 2 score 0, 2, 4: R_P = 3. R_G = 1 for both.
     assert result.queries.tolist() == [1]
     assert result.measures[0, 1].item() == pytest.approx((1 / 1.5 + 1 / 3) / 2)

@@ -21,14 +21,14 @@ NONE: frozenset[Triple] = frozenset()
 def measure(
     counts: Mapping[Triple, int],
     embedding: Embedding,
-    asked: Collection[Triple],
+    answers: Collection[Triple],
     filtered: Collection[Triple] = NONE,
     candidates: Collection[int] | None = None,
 ) -> list[float]:
     """MRR*, its entity and relation halves, and MRR of the first model, of chosen queries."""
     _, entities, _ = embedding.entity.shape
     session = session_of(graph_of(counts, entities, embedding.relation.shape[1]), torch.zeros(1, len(counts)))
-    queried, left_out = (torch.tensor([[triple in chosen for triple in counts]]) for chosen in (asked, filtered))
+    queried, left_out = (torch.tensor([[triple in chosen for triple in counts]]) for chosen in (answers, filtered))
     may_answer = torch.tensor([[candidates is None or entity in candidates for entity in range(entities)]])
     queries = make_queries(session, padded_ids(queried), queried, left_out, may_answer)
     return evaluate(embedding, {"own": queries})["own"].measures[0].tolist()
@@ -77,7 +77,7 @@ CASES = {
     "equal counts": Case(tail=1, head=1 / 4, tail_rank=1 / 3, head_rank=1 / 4, counts=(((0, 0, 2), 3),)),
     # tail: R_G = 1, R_P = 2; head: R_P = 3
     "fewer candidates": Case(tail=1 / 2, head=1 / 3, tail_rank=1 / 2, head_rank=1 / 3, candidates=(0, 2, 3)),
-    # the answers are no candidates: tail R_G = 1 = R_P beside nobody, head R_P = 1
+    # the answers are no candidates: tail R_G = 1 = R_P without competitors, head R_P = 1
     "answer always stays": Case(tail=1, head=1, tail_rank=1, head_rank=1, candidates=()),
 }
 
@@ -138,8 +138,8 @@ def test_all_zero_embedding_scores_as_chance_and_not_above() -> None:
     graph, guesses = random_graph(30, 3, 150), 200
     points = points_of(graph, 1, [0])
     queries = validation(points.last_session)
-    nothing = Embedding(torch.zeros(1, 30, 8), torch.zeros(1, 3, 8), ANALOGY)
-    zero = evaluate(nothing, queries)["valid"].measures[0]
+    zero_vectors = Embedding(torch.zeros(1, 30, 8), torch.zeros(1, 3, 8), ANALOGY)
+    zero = evaluate(zero_vectors, queries)["valid"].measures[0]
     guessed = random_embedding(guesses, 30, 3, 8)
     points = points_of(graph, 1, [0] * guesses)
     chance = evaluate(guessed, validation(points.last_session))["valid"].measures.mean(0)
@@ -148,7 +148,7 @@ def test_all_zero_embedding_scores_as_chance_and_not_above() -> None:
     assert chance[1] < 0.25
 
 
-def test_queries_asked_in_pieces_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_queries_ranked_in_pieces_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     points = points_of(random_graph(13, 3, 300), 2, [0, 1])
     embedding, novel = random_embedding(2, 13, 3, 8), points.novel_in(1)
     whole = evaluate(embedding, epoch_query_sets(points.last_session, novel))
@@ -164,8 +164,8 @@ def test_queries_asked_in_pieces_give_the_same(monkeypatch: pytest.MonkeyPatch) 
 def test_a_diverged_embedding_scores_as_one_that_knows_nothing(value: float) -> None:
     points = points_of(random_graph(13, 3, 80), 2, [0, 1])
     queries = validation(points.last_session)
-    lost, nothing = (
+    lost, zero_vectors = (
         Embedding(torch.full((2, 13, 8), value), torch.full((2, 3, 8), value), ANALOGY) for value in (value, 0.0)
     )
-    found, expected = (evaluate(embedding, queries)["valid"] for embedding in (lost, nothing))
+    found, expected = (evaluate(embedding, queries)["valid"] for embedding in (lost, zero_vectors))
     assert torch.equal(found.measures, expected.measures)

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,10 +16,7 @@ import yaml
 
 from tests import sleepers
 from tests.environment import ENVIRONMENT
-from tests.test_bad_input import session, wait_until, workspace
 from tools import workspace as workspaces
-
-__all__ = ["workspace"]  # a fixture
 
 ROOT = Path(__file__).parent.parent
 SLEEP = "import sys; from tests import sleepers; sleepers.main(sys.argv[1])"
@@ -37,13 +35,43 @@ def half(temporary):
 with one_line("writer"):
     atomically(Path("table"), half)
 """
-#: Holds a name until it is killed.
-
+#: Starts a stage, as DVC does, says its process id, and waits for it.
+PARENT = """
+import subprocess, sys
+stage = subprocess.Popen([sys.executable, "-c", *sys.argv[1:]])
+print(stage.pid, flush=True)
+stage.wait()
+"""
 #: And this code.
 WITH_CODE = ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 SIGNALS = pytest.mark.parametrize(("signalled", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+
+
+def session(leader: int) -> dict[int, str]:
+    """Living processes of the session that a process leads: id and command."""
+    processes = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                state, _, _, of = (entry / "stat").read_text().rpartition(")")[2].split()[:4]
+                command = (entry / "cmdline").read_text().replace("\0", " ")
+            except OSError:  # it ended meanwhile
+                continue
+            if int(of) == leader and state not in "ZX":
+                processes[int(entry.name)] = command
+    return processes
+
+
+def wait_until(done: Callable[[], bool], seconds: float) -> bool:
+    """Whether a condition comes true in time."""
+    deadline = time.monotonic() + seconds
+    while not done():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.05)
+    return True
 
 
 @contextmanager
@@ -96,6 +124,16 @@ def test_a_stage_whose_worker_is_killed_says_so_in_one_line(tmp_path: Path) -> N
         assert err.startswith("sleepers: params.yaml: compute.workers: a worker process was killed")
 
 
+@pytest.mark.parametrize("killed", ["parent", "stage"])
+def test_no_process_of_a_stage_outlives_it_or_its_parent(tmp_path: Path, killed: str) -> None:
+    with running([sys.executable, "-c", PARENT, SLEEP, "."], tmp_path, asleep(tmp_path)) as parent:
+        assert parent.stdout
+        stage, workers = int(parent.stdout.readline()), {int(p.name) for p in tmp_path.iterdir() if p.name.isdigit()}
+        assert {parent.pid, stage} | workers <= session(parent.pid).keys()
+        os.kill(parent.pid if killed == "parent" else stage, signal.SIGKILL)
+        assert wait_until(lambda: not session(parent.pid), 10), session(parent.pid)
+
+
 @SIGNALS
 def test_a_stage_that_is_stopped_while_it_writes_leaves_the_earlier_output_and_nothing_else(
     tmp_path: Path, signalled: signal.Signals, status: int
@@ -109,13 +147,13 @@ def test_a_stage_that_is_stopped_while_it_writes_leaves_the_earlier_output_and_n
     assert (tmp_path / "table").read_bytes() == b"the last good one"
 
 
-def test_a_stage_that_is_stopped_while_it_starts_ends_in_one_line(workspace: Path) -> None:
+def test_a_stage_that_is_stopped_while_it_starts_ends_in_one_line(tmp_path: Path) -> None:
     def importing() -> bool:
         return "libtorch" in Path(f"/proc/{started[0]}/maps").read_text()
 
     started: list[int] = []
     command = [sys.executable, "-m", "stages.train_theta0", "ai2thor"]
-    with running(command, workspace, lambda: bool(started) or True) as stage:
+    with running(command, tmp_path, lambda: bool(started) or True) as stage:
         started.append(stage.pid)
         assert wait_until(importing, 30)
         stage.send_signal(signal.SIGINT)
@@ -153,7 +191,7 @@ def test_ctrl_c_on_dvc_shows_no_traceback_and_leaves_no_process(pipeline: Path) 
         assert not session(dvc.pid)
 
 
-def test_dvc_that_is_told_to_end_takes_its_stage_along(pipeline: Path) -> None:
+def test_dvc_that_is_terminated_takes_its_stage_along(pipeline: Path) -> None:
     with running(DVC, pipeline, asleep(pipeline / "asleep")) as dvc:
         dvc.terminate()
         _, err = dvc.communicate(timeout=30)

@@ -113,9 +113,9 @@ def test_weight_decay_acts_on_all_rows_of_the_session() -> None:
     session = session_of(graph, torch.tensor([[TRAIN, OUT]], dtype=torch.int8))
     state = start(random_embedding(1, 4, 2, 8))
     before = state.embedding.entity.clone()
-    nothing = Embedding(torch.zeros(1, 4, 8), torch.zeros(1, 2, 8), ANALOGY)
+    zero = Embedding(torch.zeros(1, 4, 8), torch.zeros(1, 2, 8), ANALOGY)
     settings = Optimizer(batch_size=1, learning_rate=1e-4, weight_decay=0.5, max_epochs=1)
-    adagrad(state, nothing, torch.tensor([1]), ~session.entities, settings)
+    adagrad(state, zero, torch.tensor([1]), ~session.entities, settings)
     assert (state.embedding.entity.abs() < before.abs()).all()
 
 
@@ -130,44 +130,50 @@ def fitted(seeds: list[int], settings: Training = FITTING) -> tuple[Embedding, l
     return train_until_best(start_of(points, 0.01), data, SAMPLED, settings, 0)
 
 
-def looks_of(model: int, looks: list[ValidationResult]) -> list[tuple[int, float, bool]]:
-    """Epoch, MRR* and whether it was kept, of one model."""
+def validations_of(model: int, validations: list[ValidationResult]) -> list[tuple[int, float, bool]]:
+    """Epoch, MRR* and whether it was is_best, of one model."""
     rows = []
-    for look in looks:
-        for place in torch.nonzero(look.models == model).flatten().tolist():
-            rows.append((look.epoch, look.measures[place, 0].item(), bool(look.is_best[place])))
+    for one in validations:
+        for place in torch.nonzero(one.models == model).flatten().tolist():
+            rows.append(
+                (
+                    one.epoch,
+                    one.measures[place, 0].item(),
+                    bool(one.is_best[place]),
+                )
+            )
     return rows
 
 
 def test_fit_keeps_the_best_and_respects_patience() -> None:
-    best, looks = fitted([0, 1, 2, 3])
+    best, validations = fitted([0, 1, 2, 3])
     points = small_points()
     reached = evaluate(best, validation(points.session(0)))["valid"].measures[:, 0]
     lengths = set()
     for model in range(4):
-        rows = looks_of(model, looks)
+        rows = validations_of(model, validations)
         scores = [score for _, score, _ in rows]
         assert [epoch for epoch, _, _ in rows] == [2 * (number + 1) for number in range(len(rows))]
-        assert [kept for _, _, kept in rows] == [s > max([-1, *scores[:n]]) for n, s in enumerate(scores)]
+        assert [is_best for _, _, is_best in rows] == [s > max([-1, *scores[:n]]) for n, s in enumerate(scores)]
         assert reached[model].item() == max(scores)
         since_best = len(scores) - 1 - scores.index(max(scores))
         assert since_best == FITTING.patience or rows[-1][0] == FITTING.max_epochs
-        gaps = np.diff([n for n, (_, _, kept) in enumerate(rows) if kept])
+        gaps = np.diff([n for n, (_, _, is_best) in enumerate(rows) if is_best])
         assert (gaps <= FITTING.patience).all()
         lengths.add(len(rows))
-    assert len(lengths) > 1  # or nobody left the stack early
+    assert len(lengths) > 1  # or no model left the stack early
 
 
 def test_fit_looks_at_the_last_epoch_too() -> None:
     settings = FITTING.model_copy(update={"max_epochs": 5, "evaluate_every": 3})
-    _, looks = fitted([0], settings)
-    assert [look.epoch for look in looks] == [3, 5]
+    _, validations = fitted([0], settings)
+    assert [one.epoch for one in validations] == [3, 5]
 
 
 def test_a_plateau_is_no_better_one() -> None:
-    _, looks = fitted([0], FITTING.model_copy(update={"learning_rate": 1e-12}))
-    assert len({score for _, score, _ in looks_of(0, looks)}) == 1
-    assert [kept for _, _, kept in looks_of(0, looks)] == [True, *[False] * FITTING.patience]
+    _, validations = fitted([0], FITTING.model_copy(update={"learning_rate": 1e-12}))
+    assert len({score for _, score, _ in validations_of(0, validations)}) == 1
+    assert [is_best for _, _, is_best in validations_of(0, validations)] == [True, *[False] * FITTING.patience]
 
 
 @pytest.fixture(params=["tables", "lists"])
@@ -179,25 +185,25 @@ def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Non
 
 @pytest.mark.usefixtures("form")
 def test_fit_in_a_stack_is_fit_alone() -> None:
-    together, looks = fitted([0, 1, 2, 3])
+    together, validations = fitted([0, 1, 2, 3])
     for model in range(4):
         alone, own = fitted([model])
         assert same(select(together, torch.tensor([model])), alone)
-        assert looks_of(model, looks) == looks_of(0, own)
+        assert validations_of(model, validations) == validations_of(0, own)
 
 
-def tuned(seeds: list[int], targets: dict[str, Tensor], to_the_end: bool = False) -> list[EpochMeasures]:
+def tuned(seeds: list[int], targets: dict[str, Tensor], full_curves: bool = False) -> list[EpochMeasures]:
     points = small_points(seeds)
-    watch = ConvergenceWatch(epoch_query_sets(points.last_session, points.novel_in(1)), targets, to_the_end)
+    watch = ConvergenceWatch(epoch_query_sets(points.last_session, points.novel_in(1)), targets, full_curves)
     data = training_data(points.last_session, "test", points.keys(), "unseen")
     train(start_of(points), data, SAMPLED, TUNING, 0, watch)
     return watch.epochs
 
 
-def series(followed: list[EpochMeasures], model: int, scope: str) -> list[list[float]]:
+def series(curves: list[EpochMeasures], model: int, scope: str) -> list[list[float]]:
     """Measures of one model by epoch."""
     found = []
-    for step in followed:
+    for step in curves:
         for place in torch.nonzero(step.models == model).flatten().tolist():
             found.append(step.results[scope].measures[place].tolist())
     return found
@@ -205,11 +211,11 @@ def series(followed: list[EpochMeasures], model: int, scope: str) -> list[list[f
 
 def test_fine_tuning_stops_for_each_model_once_it_has_converged_everywhere() -> None:
     nowhere = {"all": torch.full((4,), torch.nan), "novel_heldout": torch.full((4,), torch.nan)}
-    full = tuned([0, 1, 2, 3], nowhere, to_the_end=True)
+    full = tuned([0, 1, 2, 3], nowhere, full_curves=True)
     assert [step.epoch for step in full] == list(range(TUNING.max_epochs + 1))
     assert all(len(step.models) == 4 for step in full)
     every = {scope: [[row[0] for row in series(full, model, scope)] for model in range(4)] for scope in nowhere}
-    # model 0 is there at once, 1 is not asked, 2 never gets there, 3 does on its way in both scopes
+    # model 0 is there at once, 1 has no target, 2 never gets there, 3 does on its way in both scopes
     late = [max(every[scope][3][1:]) for scope in ("all", "novel_heldout")]
     targets = {
         "all": torch.tensor([-1.0, torch.nan, 2.0, late[0]], dtype=torch.float64),
@@ -219,10 +225,10 @@ def test_fine_tuning_stops_for_each_model_once_it_has_converged_everywhere() -> 
         next(epoch for epoch, value in enumerate(every[scope][3]) if value >= target)
         for scope, target in zip(("all", "novel_heldout"), late, strict=True)
     )
-    followed = tuned([0, 1, 2, 3], targets)
+    curves = tuned([0, 1, 2, 3], targets)
     for model, epochs in enumerate([0, 0, TUNING.max_epochs, last]):
         for scope in targets:
-            assert [row[0] for row in series(followed, model, scope)] == every[scope][model][: epochs + 1]
+            assert [row[0] for row in series(curves, model, scope)] == every[scope][model][: epochs + 1]
 
 
 @pytest.mark.usefixtures("form")

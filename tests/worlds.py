@@ -57,8 +57,8 @@ def points_at(graph: Graph, splits: np.ndarray) -> GridPoints:
 def seen(of: World) -> InitContext:
     """What initializers are shown of it."""
     points = points_at(of.graph, of.splits)
-    told = NovelEntities(torch.as_tensor(NOVEL), torch.as_tensor(of.insert_triples), torch.as_tensor(of.words))
-    return context_of(of.theta0, points.session(0), told, 0, points.keys())
+    given = NovelEntities(torch.as_tensor(NOVEL), torch.as_tensor(of.insert_triples), torch.as_tensor(of.words))
+    return context_of(of.theta0, points.session(0), given, 0, points.keys())
 
 
 def insertion() -> InitContext:

@@ -11,7 +11,7 @@ from torch.nn.functional import normalize
 
 from isi.config import NotNegative, Positive
 from isi.initializers.api import NONE, InitContext, InitResult, initializer
-from isi.initializers.controls import standard_normal
+from isi.initializers.paper import standard_normal
 from isi.initializers.similarity import (
     Weigh,
     cell_anchors,

@@ -1,20 +1,35 @@
-"""The initializers that the paper compares: Xavier, IU, and the three of ISI: ES, RS and ERS (sections 4 and 5.3)."""
+"""The initializers that the paper compares, Xavier, IU and the three of ISI (sections 4 and 5.3), and their controls.
+
+A control has a part of what ISI has, such as its centre or its spread, without the meaning.
+"""
 
 from __future__ import annotations
 
 import torch
 from numpy.random import Generator
+from torch import Tensor
+from torch.linalg import vector_norm
 
 from isi.config import Count
-from isi.initializers.api import InitContext, InitResult, initializer, without_weights
+from isi.initializers.api import NONE, InitContext, InitResult, initializer, without_weights
 from isi.initializers.similarity import (
+    centroid,
     centroid_of_first,
+    cosines,
+    everyone_known,
     nearest_by_both,
     nearest_by_words,
     relational_score,
+    resultants,
+    same_kind,
     top_k,
     word_similarity,
 )
+from isi.models.stack import Embedding
+from isi.random import stream
+
+#: A map that stretches a coordinate by less is dead there: ``inverse`` would blow up what is left of it.
+DEAD = 1e-3
 
 
 @initializer(
@@ -67,3 +82,117 @@ def relational_similarity(context: InitContext, k: Count) -> InitResult:
 def hybrid_similarity(context: InitContext, k: Count, candidates: Count) -> InitResult:
     """RS among the best of ES, as many as ``candidates`` (equation 6)."""
     return nearest_by_both(context, k, candidates)
+
+
+@initializer(
+    "mean", label="Mean", role="control", colour="#a08a5b", cost="entities", grid={},
+    description="Mean: the centroid of all known entities, without a choice of indicators (a control).",
+)  # fmt: skip
+def mean(context: InitContext) -> InitResult:
+    """Centroid of all known entities (equation 1)."""
+    return centroid(context, everyone_known(context), torch.full(context.novel.shape, NONE))
+
+
+@initializer(
+    "kind_mean", label="Kind mean", role="control", colour="#6f8f5b", cost="entities", grid={},
+    description="Kind mean: the centroid of the known entities of the same kind, what the kind alone is worth "
+    "(a control).",
+)  # fmt: skip
+def kind_mean(context: InitContext) -> InitResult:
+    """Centroid of the known entities of the novel one's kind; of all known where there is none."""
+    return centroid_of_first(context, nothing=lambda: same_kind(context))
+
+
+@initializer(
+    "gaussian", label="Gaussian", role="control", colour="#a58fbf", cost="entities",
+    description="Gaussian: random vectors with the centre and the spread of the known ones, without meaning "
+    "(a control).",
+)  # fmt: skip
+def gaussian(context: InitContext) -> InitResult:
+    """Normal with the mean and the deviation of each coordinate over the known vectors."""
+    centre, deviation = known_moments(context)
+    return without_weights(centre + deviation * standard_normal(context))
+
+
+@initializer(
+    "gaussian_centred", label="Centred Gaussian", role="control", colour="#c79aa6", cost="entities",
+    description="Centred Gaussian: random vectors around zero with the spread of the known ones (a control).",
+)  # fmt: skip
+def gaussian_centred(context: InitContext) -> InitResult:
+    """The draws of ``gaussian`` around zero: the centre is the only difference between the two."""
+    _, deviation = known_moments(context)
+    return without_weights(deviation * standard_normal(context))
+
+
+def standard_normal(context: InitContext) -> Tensor:
+    """The same draws for whichever initializer scales them; shape (M, n, d)."""
+    return context.draw("gaussian", Generator.standard_normal)
+
+
+def known_moments(context: InitContext) -> tuple[Tensor, Tensor]:
+    """Mean and standard deviation of each coordinate over the known vectors; shapes (M, 1, d)."""
+    known = context.known[..., None].to(context.theta0.entity.dtype)
+    number = known.sum(1, keepdim=True)
+    centre = (known * context.theta0.entity).sum(1, keepdim=True) / number
+    variance = (known * (context.theta0.entity - centre) ** 2).sum(1, keepdim=True) / number
+    return centre, variance.sqrt()
+
+
+@initializer(
+    "es_permuted", label="Permuted ES", role="control", colour="#8db4cf", cost="pairs", needs=("words",),
+    defaults={"k": 8},
+    description="Permuted ES: centroids as ES takes them, after word vectors have been dealt out anew (a control).",
+)  # fmt: skip
+def permuted_entity_similarity(context: InitContext, k: Count) -> InitResult:
+    """ES with the word vectors dealt out anew among the entities that have one."""
+    return _es_of_dealt(context, dealt_words(context, "es_permuted", torch.zeros_like(context.kinds)), k)
+
+
+@initializer(
+    "es_permuted_kinds", label="ES permuted within kinds", role="control", colour="#5f7f96", cost="pairs",
+    needs=("words",), defaults={"k": 8},
+    description="ES permuted within kinds: the same, but word vectors stay within a kind of entity (a control).",
+)  # fmt: skip
+def permuted_within_kinds(context: InitContext, k: Count) -> InitResult:
+    """ES with the word vectors dealt out anew among the entities of a kind that have one."""
+    return _es_of_dealt(context, dealt_words(context, "es_permuted_kinds", context.kinds), k)
+
+
+def _es_of_dealt(context: InitContext, dealt: Tensor, k: int) -> InitResult:
+    """ES, each entity with the word vector of the entity that it is dealt, (M, E)."""
+    similarity = cosines(context.words)[dealt.gather(1, context.novel)]
+    return nearest_by_words(context, similarity.gather(-1, dealt[:, None].expand_as(similarity)), k)
+
+
+def dealt_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
+    """Whose word vector each entity is dealt, in each model, among its group, (E,); shape (M, E)."""
+    wordy = (context.words != 0).any(-1)
+    members = [(wordy & (groups == group)).nonzero().flatten() for group in torch.unique(groups)]
+    dealt = torch.arange(len(context.words)).repeat(len(context.novel), 1)
+    for model, key in enumerate(context.keys.tolist()):
+        rng = stream(context.root, purpose, *key)
+        for group in members:
+            dealt[model, group] = group[torch.as_tensor(rng.permutation(len(group)))]
+    return dealt
+
+
+@initializer(
+    "rs_alive", label="RS, alive coordinates", role="control", colour="#7fb8a4", cost="entities",
+    needs=("insert_triples", "inverse"), defaults={"k": 18},
+    description="RS without dead coordinates: where a relation's map is close to zero, a coordinate takes no part "
+    "(a control).",
+)  # fmt: skip
+def relational_similarity_alive(context: InitContext, k: Count) -> InitResult:
+    """RS from α that are zero in the coordinates in which their relation's map is dead."""
+    models = torch.arange(len(context.novel))[:, None, None]
+    alpha = resultants(context) * alive(context.theta0)[models, context.relation]
+    chosen = top_k(relational_score(context, alpha), context.eligible[:, None], k)
+    return centroid_of_first(context, triples=lambda: chosen)
+
+
+def alive(theta0: Embedding) -> Tensor:
+    """Whether the map of each relation stretches each coordinate to at least ``DEAD``; shape (M, R, d), bool."""
+    relation, axes = theta0.relation[:, :, None], torch.eye(theta0.entity.shape[-1])
+    taken = theta0.model.transform(axes, relation) - theta0.model.transform(torch.zeros_like(axes), relation)
+    stretch: Tensor = vector_norm(taken, dim=-1)
+    return stretch >= DEAD
