@@ -1,8 +1,7 @@
 """Train an embedding of all of an experiment's graph, which commands of ``isi`` insert into."""
 
 from isi.analyses import joint_models
-from isi.bundle.folder import write
-from isi.bundle.manifest import MODEL, Bundle, Manifest, WordSource
+from isi.bundle.folder import MODEL, Bundle, Manifest, WordSource, write
 from isi.experiment.grid import JOINT_MODEL
 from isi.experiment.runner import run
 from isi.experiment.store import TRAINING_LOG, Store

@@ -20,7 +20,7 @@ from pykeen.training import SLCWATrainingLoop
 from pykeen.triples import CoreTriplesFactory, TriplesFactory
 from torch.optim import SGD, Adam
 
-from isi.pykeen.models import InteractionModel, read_model
+from isi.pykeen import InteractionModel, read_model
 
 #: Models of each way to be read, with what they are made with.
 CLOSED: list[tuple[str, dict[str, Any]]] = [

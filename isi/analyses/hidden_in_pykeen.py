@@ -27,10 +27,9 @@ from torch.optim import Adam
 from isi.analyses.hidden_entities import Hidden, HiddenSplit, HiddenTraining, hide
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import HEAD
-from isi.insertion.fit_new import fit_new
+from isi.insertion.api import fit_new
 from isi.insertion.result import Inserted
-from isi.pykeen import enlarge, inserted, warm
-from isi.pykeen.models import read_model
+from isi.pykeen import enlarge, inserted, read_model, warm
 
 Model = ERModel[Any, Any, Any]
 Slot = Literal["head", "tail"]

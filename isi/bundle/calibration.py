@@ -1,4 +1,4 @@
-"""Calibrated probabilities of answers: scores made comparable between queries.
+"""Ranked answers to a query, each with a calibrated probability: scores made comparable between queries.
 
 The probability of an answer is the share of known answers among those of equal score (Platt 1999): a logistic curve of
 the score, one for each relation and slot. For a known entity it goes through all answers about entities that stand in
@@ -11,16 +11,17 @@ The remaining vectors were trained beside the hidden entities, which makes these
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.functional import softplus
 
-from isi.bundle.insert_entity import InsertedEntity, without_entities
-from isi.bundle.query import OpenBundle
+from isi.bundle.insert import InsertedEntity
+from isi.bundle.query import OpenBundle, Query
 from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion.api import insert
@@ -34,6 +35,54 @@ MOST_UNKNOWN = 2**14
 STEPS, GAIN = 50, 1e-10
 #: Hidden entities, at least; the share of all that are hidden together is 1 / ONE_IN; right answers that make a curve.
 LEAST_HIDDEN, ONE_IN, LEAST_RIGHT = 32, 10, 5
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A predicted answer."""
+
+    entity: str
+    #: from 1, among the candidates
+    rank: int
+    score: float
+    #: calibrated probability; null where too little is known
+    probability: float | None
+    #: share of the other candidates that score lower, from 0 to 1
+    percentile: float
+    known: bool
+    #: the indicators that are known to have this answer; null where there are no indicators
+    shared_by: list[str] | None
+
+
+def answer(
+    opened: OpenBundle, query: Query, most: int, held_out: HeldOutCalibration | None = None,
+    indicators: Collection[int] | None = None,
+) -> list[Answer]:  # fmt: skip
+    """The best answers, best first; of equal scores, the entity of lower id goes first.
+
+    Args:
+        most: answers, at most.
+        held_out: of an inserted entity, which calibrates queries about it.
+        indicators: ids of entities whose known answers are compared.
+    """
+    relation, slot, names = query.relation, query.slot, opened.entity_names
+    entities, scores = opened.ranked(query)
+    shown = scores[:most]
+    lower = torch.searchsorted(scores.flip(0), shown).tolist()
+    is_inserted = held_out is not None and query.given == held_out.inserted.entity
+    curve = held_out.curve(relation, slot) if held_out and is_inserted else fit_curve(opened, relation, slot)
+    probabilities = [None] * len(shown) if curve is None else curve(shown).tolist()
+    columns = entities[:most].tolist(), shown.tolist(), probabilities, lower
+    return [
+        Answer(
+            names[entity], rank, score, probability, below / max(1, len(scores) - 1),
+            entity in opened.known_answers(query),
+            None if indicators is None else [
+                names[row] for row in indicators if entity in opened.known_answers(Query(row, relation, slot))
+            ],
+        )
+        for rank, (entity, score, probability, below) in enumerate(zip(*columns, strict=True), 1)
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -52,12 +101,12 @@ def fit_curve(opened: OpenBundle, relation: int, slot: int) -> PlattCurve | None
     given = opened.in_slot(relation, HEAD if slot == TAIL else TAIL)
     if not given:
         return None
-    most = max(1, min(MOST_ENTITIES, MOST_ANSWERS // len(opened.bundle.entities)))
+    most = max(1, min(MOST_ENTITIES, MOST_ANSWERS // len(opened.entities)))
     sample, candidates = given[:: -(-len(given) // most)], opened.candidates(relation, slot)
     scores = opened.scores(torch.tensor(sample), relation, slot).double()
     known = torch.zeros(scores.shape, dtype=torch.bool)
     for row, entity in enumerate(sample):
-        known[row, sorted(opened.answers[entity, relation, slot])] = True
+        known[row, sorted(opened.known_answers(Query(entity, relation, slot)))] = True
     return fit_platt(scores[:, candidates].flatten(), known[:, candidates].flatten())
 
 
@@ -71,7 +120,7 @@ def fit_platt(scores: Tensor, known: Tensor) -> PlattCurve:
     number, every = len(unknown), -(-len(unknown) // MOST_UNKNOWN) or 1
     unknown = unknown[every // 2 :: every]
     inputs = torch.cat([right, unknown])
-    target = torch.full((len(right) + len(unknown),), 1 / (number + 2)).double()
+    target = torch.full((len(inputs),), 1 / (number + 2)).double()
     target[: len(right)] = (len(right) + 1) / (len(right) + 2)
     weight = torch.full_like(target, number / max(1, len(unknown)))
     weight[: len(right)] = 1.0
@@ -85,25 +134,25 @@ def fit_platt(scores: Tensor, known: Tensor) -> PlattCurve:
 
 def _logistic_regression(inputs: Tensor, target: Tensor, weight: Tensor) -> Tensor:
     """Coefficients by Newton's method, a step halved until the loss falls; shapes (N, 2), (N,), (N,), result (2,)."""
+
+    def loss_of(coefficients: Tensor) -> float:
+        score = inputs @ coefficients
+        return (weight * (softplus(score) - target * score)).sum().item()
+
     coefficients = torch.zeros(2, dtype=torch.float64)
-    loss = _loss(inputs, target, weight, coefficients)
+    loss = loss_of(coefficients)
     for _ in range(STEPS):
         likely = torch.sigmoid(inputs @ coefficients)
         gradient = inputs.T @ (weight * (likely - target))
         hessian = (inputs * (weight * likely * (1 - likely))[:, None]).T @ inputs
         hessian = hessian + 1e-9 * torch.eye(2, dtype=coefficients.dtype)
         step, share = torch.linalg.solve(hessian, gradient), 1.0
-        while (after := _loss(inputs, target, weight, coefficients - share * step)) > loss and share > GAIN:
+        while (after := loss_of(coefficients - share * step)) > loss and share > GAIN:
             share /= 2
         coefficients, gain, loss = coefficients - share * step, loss - after, after
         if gain <= GAIN * abs(loss):
             break
     return coefficients
-
-
-def _loss(inputs: Tensor, target: Tensor, weight: Tensor, coefficients: Tensor) -> float:
-    score = inputs @ coefficients
-    return (weight * (torch.nn.functional.softplus(score) - target * score)).sum().item()
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,12 +161,8 @@ class HeldOutEntity:
 
     entity: int
     vector: Tensor
-    #: its insert triples as (relation, slot of the other end, other end)
-    insert_triples: set[tuple[int, int, int]]
-
-    def others(self, relation: int, slot: int) -> set[int]:
-        """The other ends of insert triples of a relation."""
-        return {other for of, where, other in self.insert_triples if (of, where) == (relation, slot)}
+    #: ids, shape: (I, 3)
+    insert_triples: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,58 +174,48 @@ class HeldOutCalibration:
     @cached_property
     def known(self) -> OpenBundle:
         """The bundle before the insertion."""
-        return without_entities(self.inserted.opened, np.arange(self.inserted.entity))
+        return self.inserted.opened.part(np.arange(self.inserted.entity))
 
     @cached_property
     def held_out(self) -> list[HeldOutEntity]:
         """Known entities as they would have been inserted."""
-        known, rng = self.known, stream(0, "rehearsal")
-        degree = np.bincount(known.bundle.triples[:, [HEAD, TAIL]].flatten(), minlength=len(known.bundle.entities))
+        rng, words, known = stream(0, "rehearsal"), self._words, self.known
+        degree = np.bincount(known.triples[:, [HEAD, TAIL]].flatten(), minlength=len(known.entities))
         suitable = degree > len(self.inserted.result.insert_triples)
-        if self._words is not None:
-            suitable &= self._words.any(1)
+        if words is not None:
+            suitable &= words.any(1)
         number = max(LEAST_HIDDEN, min(MOST_ENTITIES, MOST_ANSWERS // len(degree)))
         chosen = rng.permutation(np.flatnonzero(suitable))[:number]
         parts = -(-len(chosen) // max(1, len(degree) // ONE_IN))
-        return [entity for part in range(parts) for entity in self._inserted(chosen[part::parts], rng)]
+        return [entity for part in range(parts) for entity in self._hide(chosen[part::parts], rng)]
 
     @property
     def _words(self) -> np.ndarray | None:
         """Word vectors of the known entities, if the inserted entity has one; shape (E, v)."""
-        words, entity = self.inserted.opened.bundle.words, self.inserted.entity
+        words, entity = self.inserted.opened.words, self.inserted.entity
         return None if words is None or not words[entity].any() else words[:entity]
 
-    def _inserted(self, hidden: np.ndarray, rng: np.random.Generator) -> Iterator[HeldOutEntity]:
-        """Entities that are hidden together, inserted into the embedding of the others."""
-        bundle, result = self.known.bundle, self.inserted.result
-        rest = np.setdiff1d(np.arange(len(bundle.entities)), hidden)
+    def _hide(self, hidden: np.ndarray, rng: np.random.Generator) -> Iterator[HeldOutEntity]:
+        """Entities that are hidden together, each inserted from as many triples with known ends as the inserted one."""
+        known, result, words = self.known, self.inserted.result, self._words
+        rest = np.setdiff1d(np.arange(len(known.entities)), hidden)
         order = np.concatenate([rest, hidden])
-        new_id = np.empty(len(bundle.entities), dtype=np.int64)
-        new_id[order] = np.arange(len(order))
-        triples_of = {row: self._insert_triples(row, hidden, rng) for row in hidden.tolist()}
-        triples = np.concatenate([np.zeros((0, 3), np.int64), *triples_of.values()])
-        triples[:, [HEAD, TAIL]] = new_id[triples[:, [HEAD, TAIL]]]
+        triples, given = known.triples[np.isin(known.triples[:, [HEAD, TAIL]], hidden).sum(1) == 1], []
+        for row in hidden:
+            touching = triples[(triples[:, [HEAD, TAIL]] == row).any(1)]
+            given.append(touching[np.sort(rng.permutation(len(touching))[: len(result.insert_triples)])])
+        triples = np.concatenate(given)
+        triples[:, [HEAD, TAIL]] = np.argsort(order)[triples[:, [HEAD, TAIL]]]
         try:
             again = insert(
-                bundle.entities[rest], bundle.relations, triples, new=len(hidden), model=self.known.model,
-                known_triples=without_entities(self.known, rest).bundle.triples,
-                words=None if self._words is None else self._words[order],
-                kinds=[bundle.kinds[row] for row in order], initializer=result.initializer, options=result.options,
+                known.entities[rest], known.relations, triples, new=len(hidden), model=known.model,
+                known_triples=known.part(rest).triples, words=None if words is None else words[order],
+                kinds=[known.kinds[row] for row in order], initializer=result.initializer, options=result.options,
             )  # fmt: skip
         except InputError:  # too few entities are left
             return
-        for row, vector in zip(hidden.tolist(), again.entities[len(rest) :], strict=True):
-            ends = {(r, TAIL, t) if h == row else (r, HEAD, h) for h, r, t in triples_of[row].tolist()}
-            yield HeldOutEntity(row, torch.from_numpy(vector.astype(np.float32)), ends)
-
-    def _insert_triples(self, entity: int, hidden: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """As many triples of an entity with known ends as the inserted entity had; shape (I, 3)."""
-        triples = self.known.bundle.triples
-        triples = triples[(triples[:, HEAD] == entity) ^ (triples[:, TAIL] == entity)]
-        others = np.where(triples[:, HEAD] == entity, triples[:, TAIL], triples[:, HEAD])
-        triples = triples[~np.isin(others, hidden)]
-        chosen: np.ndarray = triples[np.sort(rng.permutation(len(triples))[: len(self.inserted.result.insert_triples)])]
-        return chosen
+        for row, insert_triples, vector in zip(hidden.tolist(), given, again.entities[len(rest) :], strict=True):
+            yield HeldOutEntity(row, torch.from_numpy(vector.astype(np.float32)), insert_triples)
 
     def curve(self, relation: int, slot: int) -> PlattCurve | None:
         """The curve of a relation and slot; of all relations where too few answers are right; null if still too few."""
@@ -189,7 +224,7 @@ class HeldOutCalibration:
     @cached_property
     def _shared(self) -> PlattCurve | None:
         """The curve of all relations and slots."""
-        relations = sorted(set(self.known.bundle.triples[:, RELATION].tolist()))
+        relations = sorted(set(self.known.triples[:, RELATION].tolist()))
         return self._fit([(relation, slot) for relation in relations for slot in (HEAD, TAIL)])
 
     def _fit(self, slots: Sequence[tuple[int, int]]) -> PlattCurve | None:
@@ -202,14 +237,15 @@ class HeldOutCalibration:
 
     def _answers(self, relation: int, slot: int) -> Iterator[tuple[Tensor, Tensor]]:
         """Scores of answers without insert triples, and which are right, of each held-out entity that has some."""
-        theta, candidates = self.known.embedding, self.known.candidates(relation, slot)
+        theta, candidates, end = self.known.embedding, self.known.candidates(relation, slot), HEAD + TAIL - slot
         row = theta.relation[:, relation][:, None]
         score = theta.model.score_tails if slot == TAIL else theta.model.score_heads
         for held_out in self.held_out:
-            right = self.known.answers.get((held_out.entity, relation, slot))
-            if right is None:
+            right = self.known.known_answers(Query(held_out.entity, relation, slot))
+            if not right:
                 continue
             scores = score(held_out.vector[None, None], row, theta.entity)[0, 0].double()
-            left_out = torch.tensor(sorted(held_out.others(relation, slot) | {held_out.entity}))
-            answers = candidates[~torch.isin(candidates, left_out)]
+            given = held_out.insert_triples
+            given = given[(given[:, RELATION] == relation) & (given[:, end] == held_out.entity), slot]
+            answers = candidates[~torch.isin(candidates, torch.tensor([held_out.entity, *given]))]
             yield scores[answers], torch.isin(answers, torch.tensor(sorted(right)))

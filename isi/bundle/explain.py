@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 import torch
 from torch.nn.functional import cosine_similarity
 
-from isi.bundle.indicators import Indicator
-from isi.bundle.insert_entity import InsertedEntity, NewEntity, before, insert_entity, without_entities
-from isi.bundle.manifest import InsertionRecord
+from isi.bundle.folder import InsertionRecord
+from isi.bundle.insert import Indicator, NewEntity, before, insert_entity
 from isi.bundle.query import OpenBundle, Query
 from isi.errors import InputError
-
-LeftOut = Literal["fact", "words", "indicator"]
 
 
 @dataclass(frozen=True)
@@ -34,21 +30,17 @@ class Change:
 class Ablation:
     """An insertion without one piece of what was given."""
 
-    left_out: LeftOut
+    #: fact, words, indicator
+    left_out: str
     #: the triple as text, the phrase, or the indicator
     what: str
     #: null where nothing is left to insert it by
-    initializer: str | None
+    initializer: str | None = None
     #: between this vector and the entity's; null where there is none
-    cosine: float | None
+    cosine: float | None = None
     #: distance between this vector and the entity's, over the length of the entity's
-    moved: float | None
-    changes: list[Change]
-
-
-def again(opened: OpenBundle, record: InsertionRecord) -> InsertedEntity:
-    """The same insertion once more."""
-    return insert_entity(*before(opened, record))
+    moved: float | None = None
+    changes: Sequence[Change] = ()
 
 
 def ablations(
@@ -62,44 +54,44 @@ def ablations(
         most: answers that are compared, at most.
     """
     known, new = before(opened, record)
-    entity = len(known.bundle.entities)
 
-    def ablation(left_out: LeftOut, what: str, known: OpenBundle, new: NewEntity) -> Ablation:
-        try:
-            other = insert_entity(known, new)
-        except InputError:
-            if new.insert_triples or new.vector is not None:
-                raise
-            return Ablation(left_out, what, None, None, None, [])
-        own, vector = (torch.from_numpy(row).double() for row in (opened.bundle.entities[entity], other.vector))
-        moved = (vector - own).norm() / own.norm().clamp(min=1e-12)
-        cosine = cosine_similarity(vector, own, dim=0).item()
-        changes = list(_changes(opened, entity, other.vector, queries, most))
-        return Ablation(left_out, what, other.result.initializer, cosine, moved.item(), changes)
+    def without(triples: list[tuple[str, str, str]]) -> NewEntity:
+        return replace(new, request=new.request.model_copy(update={"insert_triples": triples}))
 
-    for triple in record.insert_triples:
-        rest = [other for other in record.insert_triples if other != triple]
-        yield ablation("fact", " ".join(triple), known, replace(new, insert_triples=rest))
+    pieces = [
+        ("fact", " ".join(triple), known, without([other for other in record.insert_triples if other != triple]))
+        for triple in record.insert_triples
+    ]
     if new.vector is not None:
-        yield ablation("words", new.phrase, known, replace(new, vector=None))
+        pieces.append(("words", new.phrase, known, replace(new, vector=None)))
     for indicator in shown:
         rest = [triple for triple in record.insert_triples if indicator.entity not in (triple[0], triple[2])]
-        fewer = without_entities(known, np.delete(np.arange(entity), indicator.id))
-        yield ablation("indicator", indicator.entity, fewer, replace(new, insert_triples=rest))
+        fewer = known.part(np.delete(np.arange(len(known.entities)), indicator.id))
+        pieces.append(("indicator", indicator.entity, fewer, without(rest)))
+    for left_out, piece, fewer, given in pieces:
+        try:
+            other = insert_entity(fewer, given)
+        except InputError:
+            if given.request.insert_triples or given.vector is not None:
+                raise
+            yield Ablation(left_out, piece)
+            continue
+        entities = opened.entities.copy()
+        entities[len(known.entities)] = other.vector
+        own, vector = (torch.from_numpy(table[len(known.entities)]).double() for table in (opened.entities, entities))
+        moved = (vector - own).norm() / own.norm().clamp(min=1e-12)
+        changes = list(_changes(opened, replace(opened, entities=entities), queries, most))
+        cosine = cosine_similarity(vector, own, dim=0).item()
+        yield Ablation(left_out, piece, other.result.initializer, cosine, moved.item(), changes)
 
 
-def _changes(
-    opened: OpenBundle, entity: int, vector: np.ndarray, queries: Sequence[Query], most: int
-) -> Iterator[Change]:
-    """Queries whose best answers change with the entity's vector."""
-    entities = opened.bundle.entities.copy()
-    entities[entity] = vector
-    names, changed = opened.bundle.entity_names, OpenBundle(replace(opened.bundle, entities=entities), opened.model)
+def _changes(opened: OpenBundle, changed: OpenBundle, queries: Sequence[Query], most: int) -> Iterator[Change]:
+    """Queries whose best answers change."""
     for query in queries:
-        was, now = ([names[row] for row in one.ranked(query)[0][:most].tolist()] for one in (opened, changed))
+        was, now = (
+            [opened.entity_names[row] for row in bundle.ranked(query)[0][:most].tolist()]
+            for bundle in (opened, changed)
+        )
         if set(was) != set(now):
-            yield Change(
-                opened.named(query),
-                [name for name in was if name not in now],
-                [name for name in now if name not in was],
-            )
+            dropped, added = [name for name in was if name not in now], [name for name in now if name not in was]
+            yield Change(opened.named(query), dropped, added)

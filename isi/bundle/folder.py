@@ -1,8 +1,9 @@
-"""A bundle on disk: written whole or not at all, checked against itself when it is read.
+"""A bundle: an embedding as a folder, with names, known triples and a record of each insertion into it.
 
 ``embedding.json`` is the manifest, ``vectors.safetensors`` has the tensors (``entities``, ``relations`` and, if there
 are any, ``words``), ``entities.tsv`` names, kinds and phrases in the order of ids, ``relations.tsv`` names,
-``triples.tsv`` the known triples by name. Equal bundles are equal bytes.
+``triples.tsv`` the known triples by name. Equal bundles are equal bytes. A folder is checked against itself when it is
+read, and before it is written, whole or not at all.
 """
 
 from __future__ import annotations
@@ -12,111 +13,216 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import AfterValidator, ConfigDict, Field, model_validator
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
 
-from isi.bundle.manifest import Bundle, Manifest, ManifestFile, name_fault, text_fault
-from isi.config import check
-from isi.errors import InputError, unwritable
+from isi.config import Count, Name, Option, Section, Seed
+from isi.errors import InputError, at, unwritable
+from isi.models.finite import LARGEST
 
 MANIFEST, VECTORS = "embedding.json", "vectors.safetensors"
 ENTITIES, RELATIONS, TRIPLES = "entities.tsv", "relations.tsv", "triples.tsv"
-ENTITY_COLUMNS, RELATION_COLUMNS, TRIPLE_COLUMNS = (
-    ("entity", "kind", "phrase"),
-    ("relation",),
-    ("head", "relation", "tail"),
-)
+COLUMNS = {
+    ENTITIES: ("entity", "kind", "phrase"), RELATIONS: ("relation",), TRIPLES: ("head", "relation", "tail"),
+}  # fmt: skip
+#: The sentence model whose vectors ship with the product (all but ``glove``).
+MODEL = "all-MiniLM-L6-v2"
+#: What version 1 of the format calls some fields.
+KEYS = {
+    "model_name": "family", "model_options": "family_options", "insert_triples": "told",
+    "requested_initializer": "asked",
+}  # fmt: skip
+#: Categories of characters that break lines or cells, move a terminal's cursor, or are no text.
+CONTROL = frozenset({"Cc", "Cs", "Zl", "Zp"})
+
+
+def check_text(text: str) -> str:
+    """A text that may be printed or stand in a cell of a table.
+
+    Raises:
+        ValueError: where it may not.
+    """
+    if not text.isprintable() and any(unicodedata.category(character) in CONTROL for character in text):
+        raise ValueError(f"expected text without tabs, line breaks or other control characters, got {text[:80]!r}")
+    return text
+
+
+Text = Annotated[str, AfterValidator(check_text)]
+#: Head, relation and tail by name; a list in JSON.
+NamedTriple = Annotated[tuple[str, str, str], Field(strict=False)]
+
+
+class ManifestSection(Section):
+    """A part of ``embedding.json``."""
+
+    model_config = ConfigDict(alias_generator=lambda name: KEYS.get(name, name))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_key(cls, values: Any) -> Any:
+        return {KEYS.get(name, name): value for name, value in values.items()} if isinstance(values, dict) else values
+
+
+class WordSource(ManifestSection):
+    """Where word vectors come from, so that a new phrase can have one of the same kind."""
+
+    #: a file's name or path, ``shipped``, or a description
+    source: Text
+    #: what of an entity was embedded: definition, phrase, wordnet (phrases with a definition), glove (means of words)
+    text: Text
+    #: the sentence model that made them; null where it is unknown
+    model: Text | None
+
+
+class InsertionRequest(ManifestSection):
+    """What is given about a new entity, beside its kind and its words."""
+
+    entity: Text
+    insert_triples: list[NamedTriple]
+    definition: Text | None
+    #: null: the best for what is given
+    requested_initializer: Text | None
+    options: dict[str, Option]
+    seed: Seed
+
+
+class InsertionRecord(InsertionRequest):
+    """How an entity was inserted: enough to insert it again, and which initializer was used, and why."""
+
+    initializer: Text
+    why: Text
+    fallback: Text | None
+
+
+class Manifest(ManifestSection):
+    """What an embedding is."""
+
+    model_name: Name
+    model_options: dict[str, Option]
+    words: WordSource | None
+    #: how it was trained or where it was imported from, in its maker's terms
+    made: dict[str, Any]
+    #: of the last rows, in their order
+    inserted: list[InsertionRecord]
+
+
+class ManifestFile(Manifest):
+    """``embedding.json``: the manifest, the sizes, and the SHA-256 of each other file."""
+
+    format: Literal["isi embedding"]
+    version: Literal[1]
+    entities: Count
+    relations: Count
+    dimension: Count
+    triples: Seed
+    files: dict[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """An embedding and what is known about its entities."""
+
+    manifest: Manifest
+    #: float32 or float64; shapes: (E, d), (R, w)
+    entities: np.ndarray
+    relations: np.ndarray
+    entity_names: list[str]
+    #: empty where there is none
+    kinds: list[str]
+    #: what each is called in words
+    phrases: list[str]
+    relation_names: list[str]
+    #: ids; shape: (T, 3), int64
+    triples: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    #: zero where there is none; shape: (E, v), float32; null where no entity has one
+    words: np.ndarray | None = None
+
+    def insertions(self) -> Mapping[str, InsertionRecord]:
+        """Records by the name of the inserted entity."""
+        return {record.entity: record for record in self.manifest.inserted}
+
+    def named_triples(self) -> list[tuple[str, str, str]]:
+        """The known triples by name."""
+        names, labels = self.entity_names, self.relation_names
+        return [(names[head], labels[relation], names[tail]) for head, relation, tail in self.triples.tolist()]
 
 
 def write(folder: Path, bundle: Bundle) -> None:
     """Write a bundle as a folder, which replaces an earlier bundle at once: it is whole or it is not there.
 
     Raises:
-        InputError: where a name does not fit into a table, or the folder holds other files.
+        InputError: where a name does not fit into a table, or the folder holds other files, or an inserted entity that
+            the bundle lacks.
     """
-    files = _files(folder, bundle)
-    _refuse_to_replace(folder)
-    try:
-        with _replacing(folder) as temporary:
-            for name, content in files.items():
-                (temporary / name).write_bytes(content)
-    except OSError as error:
-        raise unwritable(folder, error) from error
-
-
-def _files(folder: Path, bundle: Bundle) -> dict[str, bytes]:
-    """The bytes of each file."""
-    from safetensors.numpy import save
-
-    for path, names in ((folder / ENTITIES, bundle.entity_names), (folder / RELATIONS, bundle.relation_names)):
-        distinct_names(path, names)
-    entities = zip(bundle.entity_names, bundle.kinds, bundle.phrases, strict=True)
-    names_by_slot = bundle.entity_names, bundle.relation_names, bundle.entity_names
-    triples = [
-        [names[row] for names, row in zip(names_by_slot, triple, strict=True)] for triple in bundle.triples.tolist()
-    ]
-    tensors = {"entities": bundle.entities, "relations": bundle.relations}
-    if bundle.words is not None:
-        tensors["words"] = bundle.words
-    files = {
-        VECTORS: save({name: np.ascontiguousarray(values) for name, values in tensors.items()}),
-        ENTITIES: _tsv(ENTITY_COLUMNS, entities),
-        RELATIONS: _tsv(RELATION_COLUMNS, ([name] for name in bundle.relation_names)),
-        TRIPLES: _tsv(TRIPLE_COLUMNS, triples),
-    }
-    _rows(folder / ENTITIES, files[ENTITIES], ENTITY_COLUMNS)  # kinds and phrases must fit into the table, too
+    tensors = {"entities": bundle.entities, "relations": bundle.relations, "words": bundle.words}
+    rows = {
+        ENTITIES: zip(bundle.entity_names, bundle.kinds, bundle.phrases, strict=True),
+        RELATIONS: [(name,) for name in bundle.relation_names], TRIPLES: bundle.named_triples(),
+    }  # fmt: skip
+    files = {VECTORS: save({name: np.ascontiguousarray(table) for name, table in tensors.items() if table is not None})}
+    for name, table in rows.items():
+        files[name] = "".join("\t".join(row) + "\n" for row in (COLUMNS[name], *table)).encode()
     manifest = {"format": "isi embedding", "version": 1} | bundle.manifest.model_dump(by_alias=True) | {
         "entities": len(bundle.entities), "relations": len(bundle.relations), "dimension": bundle.entities.shape[1],
         "triples": len(bundle.triples), "files": {name: _sha256(content) for name, content in files.items()},
     }  # fmt: skip
     text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
-    return files | {MANIFEST: f"{text}\n".encode()}
+    files[MANIFEST] = f"{text}\n".encode()
+    _checked(folder, files)
+    refuse_to_replace(folder, bundle.entity_names)
+    temporary, old = (folder.with_name(f".{folder.name}.{os.getpid()}.{end}") for end in ("tmp", "old.tmp"))
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        for path in list(folder.parent.iterdir()):
+            if re.fullmatch(rf"\.{re.escape(folder.name)}\.\d+(\.old)?\.tmp", path.name):  # of one that was killed
+                shutil.rmtree(path)
+        temporary.mkdir()
+        for name, content in files.items():
+            (temporary / name).write_bytes(content)
+        if folder.exists():
+            folder.rename(old)
+        temporary.rename(folder)
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    finally:
+        for path in (temporary, old):
+            shutil.rmtree(path, ignore_errors=True)
 
 
-def _tsv(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> bytes:
-    return "".join("\t".join(row) + "\n" for row in [columns, *rows]).encode()
+def refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
+    """Refuse a folder with files that are no bundle's, or with an inserted entity that is not among these names.
+
+    Raises:
+        InputError: naming what would be lost.
+    """
+    with at(folder):
+        if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+            raise InputError("", "", "not a folder: choose a new name, or the folder of a bundle")
+        for name in sorted(path.name for path in folder.iterdir()) if folder.exists() else ():
+            if name not in (MANIFEST, VECTORS, *COLUMNS):
+                raise InputError("", name, "not a file of a bundle: expected an empty folder or a bundle alone")
+        if not (folder / MANIFEST).exists():
+            return
+        try:
+            inserted = [record["entity"] for record in json.loads((folder / MANIFEST).read_bytes())["inserted"]]
+        except (ValueError, LookupError, TypeError, RecursionError) as error:
+            expected = "already holds a bundle that cannot be read; choose another folder"
+            raise InputError("", "", expected) from error
+        if lost := ", ".join(str(name) for name in inserted if name not in names):
+            expected = f"already holds a bundle with {lost}: add to it with --embedding, or choose another folder"
+            raise InputError("", "", expected)
 
 
 def _sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
-
-
-def _refuse_to_replace(folder: Path) -> None:
-    """Refuse a folder that holds other files than those of a bundle.
-
-    Raises:
-        InputError: naming what is there.
-    """
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise InputError(folder, "", "not a folder: choose a new name, or the folder of a bundle")
-    names = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
-    for name in names:
-        if name not in (MANIFEST, VECTORS, ENTITIES, RELATIONS, TRIPLES):
-            raise InputError(folder, name, "not a file of a bundle: expected an empty folder or a bundle alone")
-
-
-@contextmanager
-def _replacing(folder: Path) -> Iterator[Path]:
-    """A temporary folder that replaces a folder at the end, and is removed if the work fails."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    stale = re.compile(rf"\.{re.escape(folder.name)}\.\d+(\.old)?\.tmp")  # of a process that was killed
-    for path in [path for path in folder.parent.iterdir() if stale.fullmatch(path.name)]:
-        shutil.rmtree(path)
-    temporary = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
-    old = folder.with_name(f".{folder.name}.{os.getpid()}.old.tmp")
-    temporary.mkdir()
-    try:
-        yield temporary
-        if folder.exists():
-            folder.rename(old)
-        temporary.rename(folder)
-    finally:
-        for path in (temporary, old):
-            shutil.rmtree(path, ignore_errors=True)
 
 
 def read(folder: Path) -> Bundle:
@@ -125,85 +231,67 @@ def read(folder: Path) -> Bundle:
     Raises:
         InputError: naming the file and the place that is missing or broken, or does not fit the others.
     """
-    manifest = _manifest(folder / MANIFEST)
-    contents = {name: _content(folder / name) for name in (VECTORS, ENTITIES, RELATIONS, TRIPLES)}
-    tensors = _tensors(folder / VECTORS, contents[VECTORS], manifest)
-    columns = list(zip(*_rows(folder / ENTITIES, contents[ENTITIES], ENTITY_COLUMNS), strict=True))
-    names, kinds, phrases = map(list, columns or ([], [], []))
-    relations = [name for (name,) in _rows(folder / RELATIONS, contents[RELATIONS], RELATION_COLUMNS)]
-    entity_ids, relation_ids = distinct_names(folder / ENTITIES, names), distinct_names(folder / RELATIONS, relations)
-    _check_rows(folder / ENTITIES, names, manifest.entities)
-    _check_rows(folder / RELATIONS, relations, manifest.relations)
-    rows = _rows(folder / TRIPLES, contents[TRIPLES], TRIPLE_COLUMNS)
+    files = {}
+    for name in (MANIFEST, VECTORS, *COLUMNS):
+        with at(folder / name if folder.is_dir() else folder):
+            files[name] = (folder / name).read_bytes()
+    return _checked(folder, files)
+
+
+def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
+    """The bundle of the bytes of its files."""
+    with at(folder / MANIFEST):
+        manifest = ManifestFile.model_validate_json(files[MANIFEST])
+    entities, relations, rows = (_rows(folder / name, files[name], COLUMNS[name]) for name in COLUMNS)
+    names, kinds, phrases = (list(column) for column in zip(*entities, strict=True)) if entities else ([], [], [])
+    labels = [name for (name,) in relations]
+    entity_ids, relation_ids = ids_of(folder / ENTITIES, names), ids_of(folder / RELATIONS, labels)
     triples = triple_ids(folder / TRIPLES, rows, entity_ids, relation_ids, first=2)
-    _check_rows(folder / TRIPLES, rows, manifest.triples)
-    _check_inserted(folder / MANIFEST, manifest, names, relation_ids)
-    for name, content in contents.items():
-        if manifest.files.get(name) != _sha256(content):
+    tensors = _tensors(folder / VECTORS, files[VECTORS], {"entities": names, "relations": labels, "words": names})
+    numbers = {"entities": len(names), "relations": len(labels), "triples": len(triples),
+               "dimension": tensors["entities"].shape[1]}  # fmt: skip
+    with at(folder / MANIFEST):
+        for key, number in numbers.items():
+            if getattr(manifest, key) != number:
+                raise InputError("", key, f"expected {number}, as the other files have, got {getattr(manifest, key)}")
+        if [record.entity for record in manifest.inserted] != names[len(names) - len(manifest.inserted) :]:
+            raise InputError("", "inserted", "expected the entities of the last rows, in their order")
+        for number, record in enumerate(manifest.inserted):
+            for head, relation, tail in record.insert_triples:
+                if not {head, tail} <= set(names) or relation not in labels or record.entity not in (head, tail):
+                    expected = f"expected known names, one of them {record.entity!r:.80}"
+                    raise InputError("", f"inserted.{number}.told", expected)
+    for name in (VECTORS, *COLUMNS):
+        if manifest.files.get(name) != _sha256(files[name]):
             raise InputError(folder / name, "", f"was changed: its SHA-256 is not the one in {MANIFEST}")
     about = Manifest(**{name: getattr(manifest, name) for name in Manifest.model_fields})
     return Bundle(
-        about,
-        tensors["entities"],
-        tensors["relations"],
-        names,
-        kinds,
-        phrases,
-        relations,
-        triples,
-        tensors.get("words"),
+        about, tensors["entities"], tensors["relations"], names, kinds, phrases, labels, triples, tensors.get("words")
     )
 
 
-def _check_rows(path: Path, rows: Sequence[object], expected: int) -> None:
-    if len(rows) != expected:
-        raise InputError(path, "", f"expected {expected} rows, as {MANIFEST} says, got {len(rows)}")
-
-
-def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})") from error
-
-
-def _manifest(path: Path) -> ManifestFile:
-    if not path.parent.is_dir():
-        raise InputError(path.parent, "", "no such folder: expected the folder of an embedding")
-    try:
-        raw = json.loads(_content(path))
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, "", f"expected JSON ({error})") from error
-    for key, expected in (("format", "isi embedding"), ("version", 1)):
-        value = raw.get(key) if isinstance(raw, dict) else None
-        if value != expected:
-            raise InputError(path, key, f"expected {expected!r}, got {value!r:.80}")
-    return check(raw, ManifestFile, "", path)
-
-
 def _rows(path: Path, content: bytes, columns: Sequence[str]) -> list[list[str]]:
-    """Rows of a table without its header; nothing is quoted, so a name holds no tab and no line break.
+    """Rows of a table without its header; nothing is quoted, so a name holds no tab and no line break."""
+    with at(path):
+        rows = [line.split("\t") for line in content.decode().removesuffix("\n").split("\n")]
+    for number, row in enumerate(rows, 1):
+        with at(path, f"line {number}"):
+            if row != list(columns) if number == 1 else len(row) != len(columns):
+                raise InputError("", "", f"expected the columns {', '.join(columns)}, got {' '.join(row)[:80]!r}")
+            for cell in row:
+                check_cell(cell)
+    return rows[1:]
 
-    Raises:
-        InputError: naming the line that is broken.
-    """
+
+def check_cell(text: str) -> None:
+    """Refuse control characters in a cell or a name, as an ``InputError``."""
     try:
-        text = content.decode("utf-8")
-    except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise InputError(path, f"line {line}", "expected UTF-8 text") from error
-    header, *rows = [line.split("\t") for line in text.removesuffix("\n").split("\n")]
-    if header != list(columns):
-        raise InputError(path, "line 1", f"expected the columns {', '.join(columns)}, got {' '.join(header)[:80]!r}")
-    for number, row in enumerate(rows, 2):
-        if len(row) != len(columns):
-            raise InputError(path, f"line {number}", f"expected {len(columns)} columns, got {len(row)}")
-        if fault := next(filter(None, map(text_fault, row)), None):
-            raise InputError(path, f"line {number}", fault)
-    return rows
+        check_text(text)
+    except ValueError as error:
+        raise InputError("", "", str(error)) from error
 
 
-def distinct_names(path: Path, names: Sequence[str], first: int = 2) -> dict[str, int]:
+def ids_of(path: Path, names: Sequence[str], first: int = 2) -> dict[str, int]:
     """Ids by name.
 
     Args:
@@ -214,9 +302,10 @@ def distinct_names(path: Path, names: Sequence[str], first: int = 2) -> dict[str
     """
     ids: dict[str, int] = {}
     for row, name in enumerate(names):
-        repeated = f"expected names that do not repeat, got {name!r:.80}" if ids.setdefault(name, row) != row else None
-        if fault := name_fault(name) or repeated:
-            raise InputError(path, f"line {row + first}", fault)
+        with at(path, f"line {row + first}"):
+            check_cell(name)
+            if not name.strip() or ids.setdefault(name, row) != row:
+                raise InputError("", "", f"expected a name that does not repeat, got {name!r:.80}")
     return ids
 
 
@@ -231,53 +320,38 @@ def triple_ids(
     Raises:
         InputError: naming the line of a name that no row of the embedding has.
     """
-    ids = []
-    for line, row in enumerate(rows, first):
-        for slot, name, known in zip(TRIPLE_COLUMNS, row, (entities, relations, entities), strict=True):
+    triples = list(rows)
+    for line, row in enumerate(triples, first):
+        for slot, name, known in zip(COLUMNS[TRIPLES], row, (entities, relations, entities), strict=True):
             if name not in known:
                 raise InputError(path, f"line {line}", f"expected a known name as {slot}, got {name!r:.80}")
-            ids.append(known[name])
+    ids = [(entities[head], relations[relation], entities[tail]) for head, relation, tail in triples]
     return np.array(ids, dtype=np.int64).reshape(-1, 3)
 
 
-def _tensors(path: Path, content: bytes, manifest: ManifestFile) -> dict[str, np.ndarray]:
-    """The tensors, of the shapes that the manifest says, and finite."""
-    from safetensors import SafetensorError
-    from safetensors.numpy import load
-
+def _tensors(path: Path, content: bytes, names: Mapping[str, Sequence[str]]) -> dict[str, np.ndarray]:
+    """The tensors, with a row for each name, and sound numbers."""
     try:
         tensors: dict[str, np.ndarray] = load(content)
     except (SafetensorError, KeyError, TypeError, ValueError, OverflowError, MemoryError) as error:
         raise InputError(path, "", f"expected a safetensors file ({error})") from error
-    shapes: dict[str, tuple[int, Any]] = {
-        "entities": (manifest.entities, manifest.dimension), "relations": (manifest.relations, None),
-        "words": (manifest.entities, None),
-    }  # fmt: skip
-    if extra := set(tensors) - set(shapes):
-        raise InputError(path, f"tensor {min(extra)!r:.80}", "expected no tensor of this name")
-    for name, (rows, width) in shapes.items():
-        place, values = f"tensor {name!r}", tensors.get(name)
-        if values is None:
-            if name == "words":
-                continue
-            raise InputError(path, place, "missing")
-        fits = values.ndim == 2 and len(values) == rows and width in (None, values.shape[1]) and values.size
-        if not fits or values.dtype not in (np.float32, np.float64):
-            expected = f"expected float32 or float64 of shape ({rows}, {width or 'any'})"
-            raise InputError(path, place, f"{expected}, got {values.dtype} {values.shape}")
-        if not (finite := np.isfinite(values).all(1)).all():
-            raise InputError(path, f"{place}: row {finite.argmin()}", "expected finite numbers, got NaN or infinity")
+    for name in {"entities", "relations"} | tensors.keys():
+        with at(path, f"tensor {name!r:.80}"):
+            if name not in names or name not in tensors:
+                raise InputError("", "", "missing" if name in names else "expected no tensor of this name")
+            check_numbers(tensors[name], len(names[name]))
     return tensors
 
 
-def _check_inserted(path: Path, manifest: Manifest, names: list[str], relations: Mapping[str, int]) -> None:
-    """Check that inserted entities have the last rows, and insert triples are of known names."""
-    inserted = [record.entity for record in manifest.inserted]
-    if inserted != names[len(names) - len(inserted) :]:
-        raise InputError(path, "inserted", "expected the entities of the last rows, in their order")
-    entities = set(names)
-    for number, record in enumerate(manifest.inserted):
-        for head, relation, tail in record.insert_triples:
-            if not {head, tail} <= entities or relation not in relations or record.entity not in (head, tail):
-                place = f"inserted.{number}.told"
-                raise InputError(path, place, f"expected known names, one of them {record.entity!r:.80}")
+def check_numbers(table: np.ndarray, rows: int) -> None:
+    """Refuse a table that has other rows, or numbers of which a score would overflow in single precision.
+
+    Raises:
+        InputError: naming the row.
+    """
+    if table.ndim != 2 or len(table) != rows or not table.size or table.dtype not in (np.float32, np.float64):
+        raise InputError("", "", f"expected float32 or float64 of shape ({rows}, any), got {table.dtype} {table.shape}")
+    largest = np.abs(table).max(1)
+    if not (sound := largest <= LARGEST).all():  # NaN is not
+        row = int(sound.argmin())
+        raise InputError("", f"row {row}", f"expected finite numbers up to {LARGEST:g}, got {largest[row]:.3g}")

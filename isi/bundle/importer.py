@@ -1,33 +1,54 @@
-"""Embeddings that other tools have trained, as bundles: names, triples and tensors of PyKEEN, OpenKE or plain lists."""
+"""Embeddings that other tools have trained, as bundles: names, triples and tensors of PyKEEN, OpenKE or plain files.
+
+Tensors are NumPy's, safetensors, JSON, and PyTorch's as far as they hold tensors alone: no pickle is run.
+"""
 
 from __future__ import annotations
 
-import csv
-import gzip
 import hashlib
+import json
+import pickle
+import warnings
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import torch
 
-from isi.bundle.folder import distinct_names, triple_ids
-from isi.bundle.import_tensors import tables
-from isi.bundle.manifest import Bundle, Manifest
-from isi.bundle.names import plain
+from isi.bundle.folder import Bundle, Manifest, check_numbers, ids_of, triple_ids
+from isi.bundle.query import plain
 from isi.config import Option
-from isi.errors import InputError
-from isi.insertion.arguments import checked_model, stack_of_one, table
+from isi.errors import InputError, at, cut
+from isi.insertion.arguments import argument, checked_model, stack_of_one, table
 from isi.insertion.choose import margin_of
-from isi.models.model import MODELS
+from isi.models.model import MODELS, Model
 from isi.models.stack import Embedding
 from isi.sources.triples_with_ids import read_id_names, read_ids
 
 #: PyKEEN's folder and OpenKE's files; files of names, one a line, where there is neither.
 PYKEEN, ENTITY2ID, RELATION2ID, TRAIN2ID = "training_triples", "entity2id.txt", "relation2id.txt", "train2id.txt"
 ENTITY_NAMES, RELATION_NAMES, TRIPLES = "entities.txt", "relations.txt", "triples.tsv"
+#: Suffixes of files of tensors.
+FORMS = (".npy", ".npz", ".safetensors", ".json", ".pt", ".pth")
+#: What tools call the tables of entities and relations; of two, the halves of complex vectors: real, then imaginary.
+NAMES = {
+    "entities": [
+        ("entities",), ("entity",), ("ent_emb",), ("ent_embeddings.weight",), ("ent_emb.weight",),
+        ("ent_re_embeddings.weight", "ent_im_embeddings.weight"), ("re_ent_emb.weight", "im_ent_emb.weight"),
+    ],
+    "relations": [
+        ("relations",), ("relation",), ("rel_emb",), ("rel_embeddings.weight",), ("rel_emb.weight",),
+        ("rel_re_embeddings.weight", "rel_im_embeddings.weight"), ("re_rel_emb.weight", "im_rel_emb.weight"),
+    ],
+}  # fmt: skip
+#: What PyKEEN calls them: rows of complex numbers have real and imaginary parts in turn.
+OF_PYKEEN = ("entity_representations.0._embeddings.weight", "relation_representations.0._embeddings.weight")
+#: Under which keys checkpoints hold a state dict.
+WITHIN = ("state_dict", "model_state_dict")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,51 +63,28 @@ class Labels:
     triples: np.ndarray
 
 
-def of_tensors(
-    tensors: Mapping[str, np.ndarray], labels: Labels, model: str, options: Mapping[str, Option], files: Sequence[Path]
-) -> Bundle:
-    """A bundle of tensors and labels.
+def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files: Sequence[Path]) -> Bundle:
+    """A bundle of labels and files of tensors.
 
     A distance model without a margin gets one halfway between the mean scores of known and of corrupted triples.
 
     Raises:
-        InputError: naming the argument, or the first of ``files``, that does not fit the others.
+        InputError: naming the argument of ``isi.insert``, or the file, that is wrong or does not fit the others.
     """
-    entities, relations = tables(tensors, model, files[0])
-    fields = getattr(MODELS.get(model, "--family"), "__dataclass_fields__", {})
+    tensors = {name: values for file in files for name, values in read_tensors(file).items()}
+    with argument("model"):
+        fields = getattr(MODELS.get(model, "model"), "__dataclass_fields__", {})
+    with at(files[0]):
+        entities, relations = _tables(tensors, model)
     options = ({"squared": False} if "squared" in fields else {}) | dict(options)
     if "margin" in fields and "margin" not in options:
-        options |= {"margin": _margin(model, options, entities, relations, labels.triples, files[0])}
-    return as_bundle(model, options, entities, relations, labels, files)
-
-
-def as_bundle(
-    model: str, options: Mapping[str, Option], entities: np.ndarray, relations: np.ndarray, labels: Labels,
-    files: Sequence[Path],
-) -> Bundle:  # fmt: skip
-    """Tables and labels as a bundle, checked against each other and against the model.
-
-    Raises:
-        InputError: where they do not fit.
-    """
-    table(entities, "entities")
-    table(relations, "relations", checked_model(model, options, entities.shape[1]).width(entities.shape[1]))
-    for values, names, what in ((entities, labels.entities, "entities"), (relations, labels.relations, "relations")):
-        if len(values) != len(names):
-            raise InputError(files[0], what, f"expected a row for each of {len(names)} names, got {len(values)}")
-    options = {key: vars(checked_model(model, options, entities.shape[1]))[key] for key in options}
-    made = {"imported": labels.form, "files": {path.name: _sha256(path) for path in files}}
-    manifest = Manifest(model_name=model, model_options=options, words=None, made=made, inserted=[])
-    phrases = [plain(name) for name in labels.entities]
-    triples = np.unique(labels.triples, axis=0) if len(labels.triples) else labels.triples
-    return Bundle(
-        manifest, entities, relations, labels.entities, [""] * len(phrases), phrases, labels.relations, triples
-    )
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        if not len(labels.triples):
+            raise InputError("--set", "margin", "expected margin=NUMBER: without known triples it cannot be estimated")
+        without = checked_model(model, {**options, "margin": 1.0}, entities.shape[1])  # with which it is measured
+        _check_tables(files[0], entities, relations, labels, without)
+        embedding = stack_of_one(entities, relations, without)
+        options["margin"] = max(1.0 + margin_of(embedding, torch.from_numpy(labels.triples), None), 1e-6)
+    return _as_bundle(model, options, entities, relations, labels, files)
 
 
 def of_pykeen_model(embedding: Embedding, labels: Labels, path: Path) -> Bundle:
@@ -100,100 +98,194 @@ def of_pykeen_model(embedding: Embedding, labels: Labels, path: Path) -> Bundle:
     if name is None:
         expected = "expected TransE, DistMult, ComplEx or RotatE: isi.pykeen.insert takes other models"
         raise InputError(path, "", expected)
-    return as_bundle(name, vars(model), embedding.entity[0].numpy(), embedding.relation[0].numpy(), labels, [path])
+    return _as_bundle(name, vars(model), embedding.entity[0].numpy(), embedding.relation[0].numpy(), labels, [path])
 
 
-def _margin(
-    model: str, options: Mapping[str, Option], entities: np.ndarray, relations: np.ndarray, triples: np.ndarray,
-    path: Path,
-) -> float:  # fmt: skip
-    """The margin that puts 0 halfway between known and corrupted triples; it is measured with a margin of 1."""
-    if not len(triples):
-        raise InputError("--set", "margin", "expected margin=NUMBER: without known triples it cannot be estimated")
-    distance = checked_model(model, {**options, "margin": 1.0}, entities.shape[1])
-    rows = table(relations, "relations", distance.width(entities.shape[1]))
-    embedding = stack_of_one(table(entities, "entities"), rows, distance)
-    if (triples >= [len(entities), len(relations), len(entities)]).any():
-        expected = f"expected rows for all names, got {len(entities)} entities and {len(relations)} relations"
-        raise InputError(path, "", expected)
-    return max(1.0 + margin_of(embedding, torch.from_numpy(triples), None), 1e-6)
+def _as_bundle(
+    name: str, options: Mapping[str, Option], entities: np.ndarray, relations: np.ndarray, labels: Labels,
+    files: Sequence[Path],
+) -> Bundle:  # fmt: skip
+    model = checked_model(name, options, entities.shape[1])
+    _check_tables(files[0], entities, relations, labels, model)
+    made = {"imported": labels.form, "files": {path.name: _sha256(path) for path in files}}
+    used = {key: vars(model)[key] for key in options}
+    manifest = Manifest(model_name=name, model_options=used, words=None, made=made, inserted=[])
+    triples = np.unique(labels.triples, axis=0) if len(labels.triples) else labels.triples
+    kinds, phrases = [""] * len(entities), [plain(name) for name in labels.entities]
+    return Bundle(manifest, entities, relations, labels.entities, kinds, phrases, labels.relations, triples)
+
+
+def _check_tables(path: Path, entities: np.ndarray, relations: np.ndarray, labels: Labels, model: Model) -> None:
+    with at(path, "entities"):
+        check_numbers(entities, len(labels.entities))
+    with at(path, "relations"):
+        check_numbers(relations, len(labels.relations))
+        table(relations, "relations", model.width(entities.shape[1]))
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def read_tensors(path: Path) -> dict[str, np.ndarray]:
+    """The tables of a file, by name; that of ``.npy`` has the file's name.
+
+    Raises:
+        InputError: where the file is missing, broken, or of another form, or would run code when it is read.
+    """
+    if path.suffix not in FORMS or not path.is_file():
+        raise InputError(path, "", f"no such file of tensors: expected one of {', '.join(FORMS)}")
+    try:
+        if path.suffix == ".npy":
+            return {path.stem: np.load(path, allow_pickle=False)}
+        if path.suffix == ".npz":
+            with np.load(path, allow_pickle=False) as arrays:
+                return dict(arrays)
+        if path.suffix == ".json":  # as OpenKE writes it
+            tables = json.loads(path.read_bytes())
+            return {name: np.array(rows, np.float32) for name, rows in tables.items() if isinstance(rows, list)}
+        return {name: _array(tensor) for name, tensor in _state(path).items() if isinstance(tensor, torch.Tensor)}
+    except Exception as error:  # a broken file makes NumPy and PyTorch raise many types
+        message = cut(" ".join(str(error).split()), 120) or type(error).__name__
+        raise InputError(path, "", f"expected tensors by name ({message})") from error
+
+
+def _state(path: Path) -> Mapping[str, Any]:
+    """A state dict, read without running what a pickle may hold."""
+    if path.suffix == ".safetensors":
+        from safetensors.torch import load_file
+
+        return load_file(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            state: Any = torch.load(path, map_location="cpu", weights_only=True)
+    except (pickle.UnpicklingError, RuntimeError) as error:
+        raise ValueError("as torch.save(model.state_dict(), FILE) writes them; other pickles are not read") from error
+    while isinstance(state, Mapping) and (key := next((name for name in WITHIN if name in state), None)):
+        state = state[key]
+    if not isinstance(state, Mapping):
+        raise ValueError(f"a state dict, got {type(state).__name__}")
+    return state
+
+
+def _array(tensor: torch.Tensor) -> np.ndarray:
+    """A tensor as an array; NumPy has no half precision of every kind."""
+    whole = tensor.detach().cpu()
+    array: np.ndarray = (whole.float() if whole.dtype.itemsize < 4 and whole.is_floating_point() else whole).numpy()
+    return array
+
+
+def _tables(tensors: Mapping[str, np.ndarray], model: str) -> tuple[np.ndarray, np.ndarray]:
+    """The tables of entities and of relations as this project has them: real halves before imaginary ones; of RotatE,
+    relations as angles."""
+    if all(name in tensors for name in OF_PYKEEN):
+        found = [_table(tensors, name) for name in OF_PYKEEN]
+        if model in ("complex", "rotate"):
+            found = [_as_complex(values) for values in found]
+    else:
+        found = []
+        for slot, names in NAMES.items():
+            present = [parts for parts in names if all(part in tensors for part in parts)]
+            if len(present) != 1:
+                listed = ", ".join(sorted(tensors)[:8]) or "none"
+                raise InputError("", "", f"expected one tensor {slot!r}, or a name of other tools, got {listed:.200}")
+            halves = [_table(tensors, part) for part in present[0]]
+            if len({half.shape for half in halves}) > 1:
+                raise InputError("", present[0][1], f"expected the shape of {present[0][0]}")
+            found.append(np.concatenate(halves, axis=1))
+    entities, relations = found
+    if model == "rotate" and np.iscomplexobj(relations):
+        relations = np.angle(relations)
+    return _real(entities), _real(relations)
+
+
+def _table(tensors: Mapping[str, np.ndarray], name: str) -> np.ndarray:
+    values = tensors[name]
+    if values.ndim != 2 or values.dtype.kind not in "biufc":
+        raise InputError("", name, f"expected a table of numbers, got {values.dtype} of shape {values.shape}")
+    return values
+
+
+def _as_complex(table: np.ndarray) -> np.ndarray:
+    """Numbers whose real and imaginary parts stand in turn, as complex ones; shape (E, 2d), result (E, d)."""
+    if table.shape[1] % 2:
+        raise InputError("", "", f"expected real and imaginary parts in turn, got rows of {table.shape[1]} numbers")
+    numbers: np.ndarray = table[:, ::2] + 1j * table[:, 1::2]
+    return numbers
+
+
+def _real(table: np.ndarray) -> np.ndarray:
+    """Floats, real halves before imaginary ones; shape (E, d) of complex numbers, result (E, 2d)."""
+    whole = np.concatenate([table.real, table.imag], axis=1) if np.iscomplexobj(table) else table
+    return np.ascontiguousarray(whole, np.float64 if whole.dtype == np.float64 else np.float32)
 
 
 def read_labels(folder: Path) -> Labels:
     """Names and known triples of a folder of PyKEEN's, of OpenKE's, or with lists of names.
 
+    PyKEEN's pickle of metadata is not read. Without a file of triples in the others, there are none.
+
     Raises:
         InputError: where it is none of these, or a file is missing or broken.
     """
     if (folder / PYKEEN).is_dir():
-        return _pykeen_labels(folder / PYKEEN)
+        entities, relations = (
+            _pykeen_names(folder / PYKEEN / f"{slot}_to_id.tsv.gz") for slot in ("entity", "relation")
+        )
+        path = folder / PYKEEN / "numeric_triples.tsv.gz"
+        most = [len(entities), len(relations), len(entities)]
+        triples = _pykeen_table(path, ["head", "relation", "tail"], np.int64).to_numpy()
+        for row in np.flatnonzero(((triples < 0) | (triples >= most)).any(1))[:1]:
+            raise InputError(path, f"line {row + 2}", f"expected ids below {most}")
+        return Labels("PyKEEN", entities, relations, triples)
     if (folder / ENTITY2ID).exists():
-        return _openke_labels(folder)
-    if (folder / ENTITY_NAMES).exists():
-        return _listed_labels(folder)
-    raise InputError(folder, "", f"expected a folder with {PYKEEN}, {ENTITY2ID} or {ENTITY_NAMES}")
+        entities, relations = read_id_names(folder / ENTITY2ID), read_id_names(folder / RELATION2ID)
+        path, form = folder / TRAIN2ID, "entity2id"
+        rows: list[Any] = list(read_ids(folder, [TRAIN2ID])) if path.exists() else []
+    elif (folder / ENTITY_NAMES).exists():
+        entities, relations = (
+            [name for (name,) in _cells(folder / file, 1)] for file in (ENTITY_NAMES, RELATION_NAMES)
+        )
+        path, form = folder / TRIPLES, "arrays"
+        rows = _cells(path, 3) if path.exists() else []
+    else:
+        raise InputError(folder, "", f"expected a folder with {PYKEEN}, {ENTITY2ID} or {ENTITY_NAMES}")
+    entity_ids, relation_ids = (
+        ids_of(folder / ENTITY_NAMES, entities, 1),
+        ids_of(folder / RELATION_NAMES, relations, 1),
+    )
+    return Labels(form, entities, relations, triple_ids(path, rows, entity_ids, relation_ids))
 
 
-def _pykeen_labels(folder: Path) -> Labels:
-    """PyKEEN's tables of labels and training triples; its pickle of metadata is not read."""
-    names = []
-    for what in ("entity", "relation"):
-        path = folder / f"{what}_to_id.tsv.gz"
-        rows = _pykeen_table(path, ["id", "label"])
-        by_id: dict[str, str] = dict(rows)
-        if set(by_id) != {str(number) for number in range(len(rows))}:
-            raise InputError(path, "", f"expected the ids from 0 to {len(rows) - 1}")
-        names.append([by_id[str(number)] for number in range(len(rows))])
-        distinct_names(path, names[-1])
-    entities, relations = names
-    path = folder / "numeric_triples.tsv.gz"
-    expected = f"expected ids of {len(entities)} entities, {len(relations)} relations"
+def _pykeen_names(path: Path) -> list[str]:
+    rows = _pykeen_table(path, ["id", "label"], str).sort_values(
+        "id", key=lambda ids: pd.to_numeric(ids, errors="coerce")
+    )
+    if rows["id"].tolist() != [str(number) for number in range(len(rows))]:
+        raise InputError(path, "", f"expected the ids from 0 to {len(rows) - 1}")
+    ids_of(path, names := rows["label"].tolist())
+    return names
+
+
+def _pykeen_table(path: Path, columns: list[str], kind: type) -> pd.DataFrame:
+    expected = f"expected a compressed table of {', '.join(columns)}"
     try:
-        triples = np.array(_pykeen_table(path, ["head", "relation", "tail"]), dtype=np.int64).reshape(-1, 3)
-    except (ValueError, OverflowError) as error:
-        raise InputError(path, "", expected) from error
-    wrong = ((triples < 0) | (triples >= [len(entities), len(relations), len(entities)])).any(1)
-    if wrong.any():
-        raise InputError(path, f"line {wrong.argmax() + 2}", expected)
-    return Labels("PyKEEN", entities, relations, triples)
+        frame = pd.read_csv(path, sep="\t", dtype=kind, keep_default_na=False)
+    except (OSError, EOFError, zlib.error, ValueError, OverflowError) as error:
+        raise InputError(path, "", f"{expected} ({cut(str(error), 120)})") from error
+    if list(frame) != columns or not isinstance(frame.index, pd.RangeIndex):
+        raise InputError(path, "line 1", expected)
+    return frame
 
 
-def _pykeen_table(path: Path, columns: list[str]) -> list[list[str]]:
-    try:
-        with gzip.open(path, "rt", encoding="utf-8", newline="") as file:
-            header, *rows = csv.reader(file, delimiter="\t")
-    except (OSError, EOFError, zlib.error, UnicodeDecodeError, csv.Error, ValueError) as error:
-        raise InputError(path, "", f"expected a compressed table of {', '.join(columns)} ({error})") from error
-    if header != columns or any(len(row) != len(columns) for row in rows):
-        raise InputError(path, "line 1", f"expected the columns {', '.join(columns)}")
-    return rows
-
-
-def _openke_labels(folder: Path) -> Labels:
-    """OpenKE's names and training triples; without ``train2id.txt``, no triples."""
-    entities, relations = read_id_names(folder / ENTITY2ID), read_id_names(folder / RELATION2ID)
-    triples = list(read_ids(folder, [TRAIN2ID])) if (folder / TRAIN2ID).exists() else []
-    entity_ids, relation_ids = ({name: row for row, name in enumerate(names)} for names in (entities, relations))
-    return Labels("entity2id", entities, relations, triple_ids(folder / TRAIN2ID, triples, entity_ids, relation_ids))
-
-
-def _listed_labels(folder: Path) -> Labels:
-    """Names, one a line in the order of rows, and triples as tab-separated names, if there is such a file."""
-    entities, relations = _lines(folder / ENTITY_NAMES), _lines(folder / RELATION_NAMES)
-    entity_ids = distinct_names(folder / ENTITY_NAMES, entities, first=1)
-    relation_ids = distinct_names(folder / RELATION_NAMES, relations, first=1)
-    path = folder / TRIPLES
-    lines = _lines(path) if path.exists() else []
-    rows = [line.split("\t") for line in lines if lines != [""]]
+def _cells(path: Path, columns: int) -> list[list[str]]:
+    """Rows of a text file of so many columns, separated by tabs."""
+    with at(path):
+        lines = path.read_text(encoding="utf-8-sig").removesuffix("\n").split("\n")
+    rows = [line.removesuffix("\r").split("\t") for line in lines if lines != [""]]
     for number, row in enumerate(rows, 1):
-        if len(row) != 3:
-            raise InputError(path, f"line {number}", f"expected head, relation and tail, got {len(row)} columns")
-    return Labels("arrays", entities, relations, triple_ids(path, rows, entity_ids, relation_ids))
-
-
-def _lines(path: Path) -> list[str]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, "", f"expected text, a name a line ({error})") from error
-    return [line.removesuffix("\r") for line in text.removesuffix("\n").split("\n")]
+        if len(row) != columns:
+            raise InputError(path, f"line {number}", f"expected {columns} columns, got {len(row)}")
+    return rows

@@ -1,22 +1,23 @@
-"""A bundle that is open for queries: scores, known answers, candidates, nearest entities, fitting queries."""
+"""A bundle that is open for queries: names as they are typed, scores, known answers, candidates, nearest entities."""
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from isi.bundle.folder import MANIFEST, VECTORS
-from isi.bundle.manifest import Bundle, text_fault
-from isi.bundle.names import find
-from isi.errors import InputError
+from isi.bundle.folder import MANIFEST, VECTORS, Bundle, read
+from isi.errors import InputError, at
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion.arguments import checked_model, stack_of_one, table
 from isi.models.model import Model
@@ -26,6 +27,8 @@ from isi.models.stack import LARGEST, Embedding
 ENOUGH = 0.1
 #: Queries of one entity, at most.
 MOST_QUERIES = 24
+#: Names that are suggested, at most, and that are listed where none is similar.
+SUGGESTED, LISTED = 3, 8
 
 
 @dataclass(frozen=True)
@@ -38,41 +41,38 @@ class Query:
 
 
 @dataclass(frozen=True, eq=False)
-class OpenBundle:
+class OpenBundle(Bundle):
     """A bundle with its scoring function."""
 
-    bundle: Bundle
-    model: Model
+    @cached_property
+    def model(self) -> Model:
+        return checked_model(self.manifest.model_name, self.manifest.model_options, self.entities.shape[1])
 
     @cached_property
     def embedding(self) -> Embedding:
         """As a stack of one, in single precision."""
-        return stack_of_one(self.bundle.entities, self.bundle.relations, self.model)
+        relations = table(self.relations, "relations", self.model.width(self.entities.shape[1]))
+        return stack_of_one(self.entities, relations, self.model)
 
     @cached_property
     def entity_ids(self) -> dict[str, int]:
-        return {name: row for row, name in enumerate(self.bundle.entity_names)}
+        return {name: row for row, name in enumerate(self.entity_names)}
 
     @cached_property
     def relation_ids(self) -> dict[str, int]:
-        return {name: row for row, name in enumerate(self.bundle.relation_names)}
-
-    def entity(self, text: str, place: str) -> int:
-        """The id of an entity as a user types it."""
-        return find(text, self.entity_ids, place, "an entity of this embedding")
-
-    def relation(self, text: str, place: str) -> int:
-        """The id of a relation as a user types it."""
-        return find(text, self.relation_ids, place, "a relation of this embedding")
+        return {name: row for row, name in enumerate(self.relation_names)}
 
     @cached_property
     def answers(self) -> dict[tuple[int, int, int], set[int]]:
         """Known answers by (given entity, relation, slot of the answer)."""
         answers: dict[tuple[int, int, int], set[int]] = defaultdict(set)
-        for head, relation, tail in self.bundle.triples.tolist():
+        for head, relation, tail in self.triples.tolist():
             answers[head, relation, TAIL].add(tail)
             answers[tail, relation, HEAD].add(head)
         return dict(answers)
+
+    def known_answers(self, query: Query) -> set[int]:
+        return self.answers.get((query.given, query.relation, query.slot), set())
 
     def scores(self, given: Tensor, relation: int, slot: int) -> Tensor:
         """Scores of all entities in a slot, for each given entity; shapes (Q,), result (Q, E)."""
@@ -81,20 +81,27 @@ class OpenBundle:
             return self.embedding.score_tails(given[None], relations)[0]
         return self.embedding.score_heads(relations, given[None])[0]
 
+    def in_slot(self, relation: int, slot: int) -> list[int]:
+        """Entities that known triples of a relation have in a slot, by id."""
+        triples = self.triples[self.triples[:, RELATION] == relation]
+        return sorted(set(triples[:, slot].tolist()))
+
     def candidates(self, relation: int, slot: int) -> Tensor:
         """Entities of the kinds that known triples of the relation have in the slot, or of no kind; ids.
 
         All entities, where no known triple has one with a kind there.
         """
-        kinds = {self.bundle.kinds[row] for row in self.in_slot(relation, slot)} - {""}
-        if not kinds:
-            return torch.arange(len(self.bundle.entities))
-        return torch.tensor([row for row, kind in enumerate(self.bundle.kinds) if not kind or kind in kinds])
+        kinds = {self.kinds[row] for row in self.in_slot(relation, slot)} - {""}
+        return torch.tensor([row for row, kind in enumerate(self.kinds) if not (kind and kinds) or kind in kinds])
 
-    def in_slot(self, relation: int, slot: int) -> list[int]:
-        """Entities that known triples of a relation have in a slot, by id."""
-        triples = self.bundle.triples[self.bundle.triples[:, RELATION] == relation]
-        return sorted(set(triples[:, slot].tolist()))
+    def ranked(self, query: Query) -> tuple[Tensor, Tensor]:
+        """The candidates, best first, and their scores; the given entity is one only where it is a known answer."""
+        candidates = self.candidates(query.relation, query.slot)
+        if query.given not in self.known_answers(query):
+            candidates = candidates[candidates != query.given]
+        scores = self.scores(torch.tensor([query.given]), query.relation, query.slot)[0, candidates]
+        best = scores.sort(descending=True, stable=True)
+        return candidates[best.indices], best.values
 
     def nearest(self, entity: int, number: int) -> list[tuple[int, float]]:
         """The entities of nearest vectors with their cosines, best first."""
@@ -104,19 +111,40 @@ class OpenBundle:
         shown = min(number, len(cosines) - 1)
         return list(zip(best.indices[:shown].tolist(), best.values[:shown].tolist(), strict=True))
 
-    def ranked(self, query: Query) -> tuple[Tensor, Tensor]:
-        """The candidates, best first, and their scores; the given entity is one only where it is a known answer."""
-        given, relation, slot = query.given, query.relation, query.slot
-        scores, candidates = self.scores(torch.tensor([given]), relation, slot)[0], self.candidates(relation, slot)
-        if given not in self.answers.get((given, relation, slot), ()):
-            candidates = candidates[candidates != given]
-        best = scores[candidates].sort(descending=True, stable=True)
-        return candidates[best.indices], best.values
-
     def named(self, query: Query, answer: str = "?") -> tuple[str, str, str]:
         """A query as a triple of names, with an answer or a question mark."""
-        given, relation = self.bundle.entity_names[query.given], self.bundle.relation_names[query.relation]
+        given, relation = self.entity_names[query.given], self.relation_names[query.relation]
         return (given, relation, answer) if query.slot == TAIL else (answer, relation, given)
+
+    def part(self, rows: np.ndarray) -> Self:
+        """The bundle of some entities alone, ids in their order, and of the triples between them."""
+        new_id = np.full(len(self.entities), -1)
+        new_id[rows] = np.arange(len(rows))
+        triples = self.triples.copy()
+        triples[:, [HEAD, TAIL]] = new_id[self.triples[:, [HEAD, TAIL]]]
+        names, kinds, phrases = (
+            [texts[row] for row in rows] for texts in (self.entity_names, self.kinds, self.phrases)
+        )
+        inserted = [record for record in self.manifest.inserted if record.entity in set(names)]
+        return replace(
+            self, manifest=self.manifest.model_copy(update={"inserted": inserted}), entities=self.entities[rows],
+            entity_names=names, kinds=kinds, phrases=phrases, triples=triples[(triples >= 0).all(1)],
+            words=None if self.words is None else self.words[rows],
+        )  # fmt: skip
+
+
+def open_bundle(folder: Path) -> OpenBundle:
+    """The bundle of a folder, ready for queries.
+
+    Raises:
+        InputError: where it is broken, its model is unknown, or its tables are not of that model.
+    """
+    opened = OpenBundle(**vars(read(folder)))
+    with at(folder / MANIFEST, "family"):
+        opened.model  # noqa: B018  # which checks it
+    with at(folder / VECTORS):
+        opened.embedding  # noqa: B018
+    return opened
 
 
 def queries_of(
@@ -132,62 +160,55 @@ def queries_of(
             kind are.
         most: queries, at most.
     """
-    kinds = opened.bundle.kinds
-    by_kind = {row: 1.0 for row, kind in enumerate(kinds) if kind == kinds[entity]} if kinds[entity] else None
-    similar = indicators if by_kind is None else by_kind
-    enough = ENOUGH * sum(similar.values()) if by_kind is None else 0
+    kind, enough = opened.kinds[entity], 0.0
+    similar: Mapping[int, float] = {row: 1.0 for row, other in enumerate(opened.kinds) if other == kind}
+    if not kind:
+        similar, enough = indicators, ENOUGH * sum(indicators.values())
 
     def weight(query: Query) -> float:
-        if (entity, query.relation, query.slot) in opened.answers:
+        if opened.known_answers(query):
             return float("inf")
-        return sum(share for row, share in similar.items() if (row, query.relation, query.slot) in opened.answers)
+        slot = query.relation, query.slot
+        return sum(share for row, share in similar.items() if (row, *slot) in opened.answers)
 
-    queries = [
-        Query(entity, relation, slot) for relation in range(len(opened.bundle.relations)) for slot in (TAIL, HEAD)
-    ]
-    fit = [query for query in queries if weight(query) > enough] or queries
-    best = sorted(fit, key=weight, reverse=True)[:most]
+    relations = range(len(opened.relations))
+    queries = [Query(entity, relation, slot) for relation in relations for slot in (TAIL, HEAD)]
+    weights = {query: weight(query) for query in queries}
+    fit = [query for query in queries if weights[query] > enough] or queries
+    best = sorted(fit, key=lambda query: weights[query], reverse=True)[:most]
     return [query for query in fit if query in best]
 
 
-def open_bundle(bundle: Bundle, folder: Path) -> OpenBundle:
-    """A bundle, ready for queries.
+def plain(name: str) -> str:
+    """A name in lower-case words: ``hasAffordance`` and ``has_affordance`` are ``has affordance``."""
+    return re.sub(r"[\s_-]+", " ", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name)).strip().casefold()
+
+
+def same_name(first: str, second: str) -> bool:
+    """Whether two names differ in no more than case and gaps."""
+    return plain(first).replace(" ", "") == plain(second).replace(" ", "")
+
+
+def find(text: str, names: Collection[str], place: str, expected: str) -> str:
+    """The name that a user has typed, as written, else without regard to case and gaps (``turnOn`` is ``turn on``).
+
+    Args:
+        place: where it was typed.
+        expected: what it names.
 
     Raises:
-        InputError: where its model is unknown, its tables are not of that model, its numbers are too large, or a text
-            of its manifest has control characters.
+        InputError: where no name, or more than one, is the same.
     """
-    _check_texts(folder / MANIFEST, bundle)
-    check_numbers(folder / VECTORS, bundle)
-    manifest = bundle.manifest
-    try:
-        model = checked_model(manifest.model_name, manifest.model_options, bundle.entities.shape[1])
-    except InputError as error:
-        raise InputError(folder / MANIFEST, "family", ": ".join(error.args[1:]).removeprefix(": ")) from error
-    try:
-        table(bundle.relations, "relations", model.width(bundle.entities.shape[1]))
-    except InputError as error:
-        raise InputError(folder / VECTORS, "tensor 'relations'", error.args[2]) from error
-    return OpenBundle(bundle, model)
-
-
-def check_numbers(path: Path, bundle: Bundle) -> None:
-    """Refuse numbers so large that a score would overflow in single precision.
-
-    Raises:
-        InputError: naming the row, and ``path``, where they come from.
-    """
-    for name, rows in (("entities", bundle.entities), ("relations", bundle.relations)):
-        largest = np.abs(rows).max(1)
-        if largest.max() > LARGEST:
-            row = int(largest.argmax())
-            raise InputError(path, f"{name}: row {row}", f"expected numbers up to {LARGEST:g}, got {largest[row]:.3g}")
-
-
-def _check_texts(path: Path, bundle: Bundle) -> None:
-    """Refuse control characters in texts that are printed; names have none."""
-    sections = [(f"inserted.{number}", record) for number, record in enumerate(bundle.manifest.inserted)]
-    for place, section in [*sections, ("words", bundle.manifest.words)]:
-        for key, text in section.model_dump(by_alias=True).items() if section else ():
-            if isinstance(text, str) and (fault := text_fault(text)):
-                raise InputError(path, f"{place}.{key}", fault)
+    same = [text] if text in names else [name for name in names if same_name(name, text)]
+    if len(same) == 1:
+        return same[0]
+    wanted, by_plain = plain(text), {plain(name): name for name in names}
+    close = get_close_matches(wanted, by_plain, SUGGESTED) or [name for name in by_plain if wanted and wanted in name]
+    hint = ""
+    if same:
+        hint = f", written as {', '.join(map(repr, same[:LISTED]))}"
+    elif close:
+        hint = f" (did you mean {' or '.join(repr(by_plain[name]) for name in close[:SUGGESTED])}?)"
+    elif 0 < len(names) <= LISTED:
+        hint = f" (there are {', '.join(map(repr, names))})"
+    raise InputError(place, "", f"expected {expected}, got {text!r:.80}{hint}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -102,27 +102,55 @@ def main(argv: Sequence[str] | None = None) -> None:
             command(*arguments.args, **arguments.kwargs)
 
 
-def show(answer: Mapping[str, Any], as_json: bool, text: Callable[[Mapping[str, Any]], Iterable[str]]) -> None:
+def show(answer: Mapping[str, Any], as_json: bool = False) -> None:
     """Print an answer: as JSON in ASCII, or as lines of text."""
-    print(json.dumps(answer, indent=2, allow_nan=False) if as_json else "\n".join(text(answer)))
+    print(json.dumps(answer, indent=2, allow_nan=False) if as_json else "\n".join(lines(answer)))
+
+
+def lines(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
+    """An answer as text: a line for each key; mappings are indented, and a list of them is a table."""
+    for key, value in answer.items():
+        label, rows = f"{indent}{key.replace('_', ' ')}", value if isinstance(value, list) else []
+        if isinstance(value, Mapping) and value:
+            yield from (f"{label}:", *lines(value, indent + "  "))
+        elif rows and all(isinstance(row, Mapping) for row in rows):
+            yield f"{label}:"
+            if any(isinstance(cell, list) and cell[:1] and isinstance(cell[0], Mapping) for cell in rows[0].values()):
+                yield from (line for row in rows for line in lines(row, indent + "  "))
+            else:
+                yield from table(rows, indent + "  ")
+        else:
+            yield f"{label}: {text_of(value)}"
+
+
+def table(rows: Sequence[Mapping[str, Any]], indent: str) -> Iterator[str]:
+    """Lines of a table with a header, columns as wide as their cells; without columns that are empty."""
+    names = [name for name in rows[0] if any(row[name] not in (None, [], "") for row in rows)]
+    cells = [[name.replace("_", " ") for name in names], *([text_of(row[name]) for name in names] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    for row in cells:
+        filled = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        yield (indent + filled).rstrip()
+
+
+def text_of(value: Any) -> str:
+    """A value in a line of text: a tuple is a triple."""
+    if isinstance(value, tuple):
+        return " ".join(map(str, value))
+    if isinstance(value, list):
+        return ", ".join(map(text_of, value)) or "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "–" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 @contextmanager
-def flags(requested: str | None = None, /, **places: object) -> Iterator[None]:
-    """Errors of the library's arguments as errors of what they were given by on the command line.
-
-    Args:
-        requested: the initializer of the command line, whose options come by ``--set``.
-        places: flag or file, by argument.
-    """
+def flags(**places: object) -> Iterator[None]:
+    """Name what was typed, an option or a file, in mistakes of the library's arguments."""
     try:
         yield
     except InputError as error:
-        argument, within, expected = error.args
-        name = argument.removeprefix("argument ").strip("'")
-        if requested is not None and name == "initializer" and within not in ("", requested):
-            raise InputError(f"--set {within}", "", expected) from error
+        name = error.file.removeprefix("argument ").strip("'")
         if name not in places:
             raise
-        place = places[name]
-        raise InputError(place, ": ".join(filter(None, [name * isinstance(place, Path), within])), expected) from error
+        raise InputError(places[name], error.place, error.message) from error

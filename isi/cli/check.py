@@ -1,11 +1,39 @@
-"""``isi check``: check the tables and tensors under data/ against their rules and against each other."""
+"""``isi check``: tables and tensor files under data/, each by its columns and rules, and beside the others."""
 
 from __future__ import annotations
 
+import pkgutil
 import sys
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from importlib import import_module
+from itertools import product
+from pathlib import Path
 
-from isi.params import load
-from isi.tables import paths
+import pandas as pd
+
+import isi.analyses
+import isi.sources.tables
+from isi.bundle import folder as bundles
+from isi.errors import InputError
+from isi.experiment.grid import GridPoints
+from isi.experiment.insert import joint_targets
+from isi.experiment.store import INITIAL_VECTORS, JOINT, RUNS, THETA0, Store
+from isi.experiment.train import model_of
+from isi.graph.graph import ENTITIES, TRIPLES
+from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
+from isi.graph.words import COVERAGE, WORD_VECTORS
+from isi.models.model import Model
+from isi.params import Params, load
+from isi.stage import makers
+from isi.tables import agreement, io, paths
+from isi.tables.table import DataFile, Table, declared
+
+#: A file, what declares it, and the names in its path.
+Declared = tuple[Path, DataFile, Mapping[str, str]]
+#: Models of a stack, at most: all of a size.
+_ALL = 10**9
 
 
 def check() -> None:
@@ -14,11 +42,93 @@ def check() -> None:
     Raises:
         InputError: where there is no project here.
     """
-    from isi.cli._checking import check_data  # here, since it loads torch
-
     number, problems = check_data(load())
     print(*problems, sep="\n", end="\n" * bool(problems))
     nothing = "" if number else ": nothing has run (`dvc repro`)"
     print(f"{number:,} files under {paths.DATA}, {len(problems):,} problems{nothing}")
     if problems:
         sys.exit(1)
+
+
+def catalogue() -> list[DataFile]:
+    """Every table and tensor file of the product."""
+    for module in pkgutil.iter_modules(isi.analyses.__path__):
+        if "pykeen" not in module.name:  # which may not be installed
+            import_module(f"isi.analyses.{module.name}")
+    return declared()
+
+
+def check_data(params: Params) -> tuple[int, list[str]]:
+    """Check the files that runs of the pipelines write, each by itself and beside the others of its experiment.
+
+    Args:
+        params: of the first pipeline.
+
+    Returns:
+        how many files there are, and the problems, one line each.
+    """
+    problems, experiments = list[InputError](), defaultdict[str, list[Declared]](list)
+    data = (path for path in sorted(paths.DATA.rglob("*")) if path.is_file() and not path.is_relative_to(paths.RAW))
+    files = [path for path in data if any(makers(path))]
+    for path, file in product(files, catalogue()):
+        if (names := file.names_in(path)) is not None:
+            problems += _problem(partial(file.check_file, path))
+            experiments[names.get("experiment", "")].append((path, file, names))
+    for folder in sorted({path.parent for path in files if path.is_relative_to(paths.FINAL_MODELS)}):
+        problems += _problem(partial(bundles.read, folder))
+    for experiment, listed in experiments.items():
+        problems += _disagreements(Store(experiment), listed, params)
+    return len(files), list(dict.fromkeys(map(str, problems)))
+
+
+def _problem(check: Callable[[], object]) -> list[InputError]:
+    try:
+        check()
+    except InputError as error:
+        return [error]
+    return []
+
+
+def _disagreements(store: Store, listed: list[Declared], params: Params) -> Iterator[InputError]:
+    """What the files of one experiment do not agree on, as far as its stages have run."""
+    files = {file for _, file, _ in listed}
+    if not files >= {ENTITIES, TRIPLES}:
+        return
+    yield from _problem(store.graph)
+    stacks = list[GridPoints]()
+    if files >= {SPLITS, NOVEL, INSERT_TRIPLES}:
+        yield from _problem(store.insert_triples)
+        try:
+            stacks, model = store.grid(_ALL), model_of(params)
+        except InputError as error:
+            yield error
+    for path, file, names in listed:
+        if isinstance(file, Table):
+            yield from _problem(partial(_check_entities, store, path, file))
+        elif file is WORD_VECTORS:
+            yield from _problem(store.words)
+        for points in stacks:
+            yield from _problem(partial(_check_stack, store, path, file, names, points, model))
+
+
+def _check_entities(store: Store, path: Path, table: Table) -> None:
+    rows = table.read_file(path) if table.entity_ids or table is COVERAGE else pd.DataFrame()
+    if table is COVERAGE:
+        agreement.rows_are_entities(path, rows, store.entities())
+    for column in table.entity_ids:
+        agreement.ids_below(path, rows, column, len(store.entities()), "graph's entities")
+
+
+def _check_stack(
+    store: Store, path: Path, file: DataFile, names: Mapping[str, str], points: GridPoints, model: Model
+) -> None:
+    """Check what a file has of a stack of grid points."""
+    if file is THETA0 and int(names["size"]) == points.size:
+        store.theta0(points, model)
+    elif file is JOINT:
+        for session in range(1, points.sessions + 1):
+            store.joint(points, model, session)
+    elif file is RUNS and names["model"] == "joint":
+        joint_targets(RUNS.read_file(path), points)
+    elif file is INITIAL_VECTORS and f"size={points.size:02d}" in io.tensors_in(path):  # none where it is not listed
+        store.initial_vectors(names["initializer"], points)

@@ -2,26 +2,58 @@
 
 from __future__ import annotations
 
+import json
 import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Any, Literal
+from urllib.parse import quote
 
+import networkx as nx
+import numpy as np
+import pandas as pd
+import rdflib
+import torch
 from cyclopts import Parameter
+from rdflib import RDF, RDFS, Namespace, URIRef
+from torch import Tensor
 
 from isi import config
 from isi.cli.app import FROM_ZERO
+from isi.cli.entity import open_folder
+from isi.config import check, value_of
 from isi.errors import InputError, meant
+from isi.experiment.store import JOINT, Store
+from isi.graph.graph import (
+    ENTITIES,
+    GRAPH_ENTITIES,
+    GRAPH_TRIPLES,
+    HEAD,
+    RELATION,
+    TAIL,
+    TRIPLES,
+    Graph,
+)
+from isi.models.model import EmbeddingParams, make_model
+from isi.models.stack import Embedding
+from isi.sources.names import ENTITY, name_fault
 from isi.tables import paths
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from isi.cli.export_formats import GraphExport
+from isi.tables.io import atomically
+from isi.tables.table import as_text
 
 #: Of an experiment.
 NAME = re.compile(r"[a-z][a-z0-9_]*")
-FORMS = Literal["graphml", "jsonld", "property-csv", "pykeen-tsv", "turtle"]
+TRIPLE, PREDICTED = ["head", "relation", "tail"], ["head", "relation", "tail", "score", "rank"]
+#: Headers of Neo4j's importer, by column.
+HEADERS = {
+    "entity": ":ID", "phrase": "phrase", "kind": ":LABEL", "head": ":START_ID", "tail": ":END_ID", "relation": ":TYPE",
+    "count": "count:int", "score": "score:float", "rank": "rank:int",
+}  # fmt: skip
+#: Numbers in one score matrix, at most.
+BUDGET = 2**24
 
 
 def _check_name(_: object, name: str | None) -> None:
@@ -33,7 +65,9 @@ def export(
     experiment: Annotated[
         str | None, Parameter(validator=_check_name, help="whose graph was built, or a graph of the second pipeline")
     ] = None, *,
-    format: Annotated[FORMS, Parameter(help="of what is written")],
+    format: Annotated[
+        Literal["graphml", "jsonld", "property-csv", "pykeen-tsv", "turtle"], Parameter(help="of what is written")
+    ],
     out: Annotated[Path, Parameter(help="file to write; of property-csv, a folder")],
     embedding: Annotated[Path | None, Parameter(help="folder of a bundle, in place of an experiment")] = None,
     predictions: Annotated[
@@ -49,111 +83,235 @@ def export(
     Raises:
         InputError: where the experiment has no graph, or no joint model of this graph, or the output cannot be written.
     """
-    from isi.cli.export_formats import FORMATS
-    from isi.tables.io import atomically
-
     if out.suffix == ".gz":
         raise InputError(out, "", "expected another name: the output is not compressed")
-    if embedding is not None and experiment is None:
-        if seed is not None:
-            raise InputError("--seed", "", "expected an experiment, which has a model for each seed")
-        exported = of_bundle(embedding, predictions, labels)
-    elif experiment is not None and embedding is None:
-        exported = of_experiment(experiment, predictions, seed, labels)
-    else:
+    if (embedding is None) == (experiment is None):
         raise InputError("", "", "expected either EXPERIMENT or --embedding DIR")
-    files = FORMATS[format](exported, out)
-    for path, text in files.items():
+    if seed is not None and experiment is None:
+        raise InputError("--seed", "", "expected an experiment, which has a model for each seed")
+    exported = of_bundle(embedding, predictions) if embedding else of_experiment(str(experiment), predictions, seed)
+    files = FORMATS[format](exported, out, labels)
+    for path, content in files.items():
         try:
-            if text is None:
+            if content is None:
                 path.unlink(missing_ok=True)
             else:
-                atomically(path, partial(Path.write_text, data=text, encoding="utf-8", newline=""))
+                atomically(path, partial(Path.write_bytes, data=content.encode()))
         except OSError as error:
             raise InputError(path, "", f"cannot be written ({error.strerror})") from error
     more = f" and {len(exported.predictions):,} predictions" * bool(predictions)
-    written = ", ".join(str(path) for path, text in files.items() if text is not None)
+    written = ", ".join(str(path) for path, content in files.items() if content is not None)
     print(f"{len(exported.entities):,} entities, {len(exported.triples):,} triples{more}: {written}")
 
 
-def of_experiment(experiment: str, most: int, seed: int | None, labels: bool) -> GraphExport:
-    """The graph of an experiment, and predictions of its joint model.
+@dataclass(frozen=True)
+class GraphExport:
+    """What is exported; names are printable text."""
+
+    name: str
+    #: columns entity, kind, phrase
+    entities: pd.DataFrame
+    #: columns head, relation, tail, count
+    triples: pd.DataFrame
+    #: columns head, relation, tail, score, rank; no rows where none are asked for
+    predictions: pd.DataFrame
+
+
+def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
+    """The graph of an experiment or of the second pipeline, and predictions of the experiment's joint model.
 
     Args:
         most: predictions for each head and relation.
         seed: whose joint model predicts; the first where it is null.
-        labels: of entities, in RDF, too.
     """
-    from isi.cli.export_formats import GraphExport
-    from isi.cli.predictions import NO_PREDICTIONS, by_joint_model
-    from isi.experiment.store import Store
-    from isi.graph.graph import ENTITIES, TRIPLES
-    from isi.tables.table import as_text
-
-    files, has_model = _files(experiment)
-    if most and not has_model:
+    files = ENTITIES.path(experiment=experiment), TRIPLES.path(experiment=experiment)
+    second = GRAPH_ENTITIES.path(graph=experiment), GRAPH_TRIPLES.path(graph=experiment)
+    if not files[0].exists() and not second[0].exists():
+        experiments, graphs = (
+            list(config.read(path).get(key) or ())
+            for path, key in ((paths.PARAMS, "experiments"), (paths.BEYOND_PARAMS, "graphs"))
+        )
+        if experiment not in (known := experiments + graphs):
+            expected = f"expected one of {', '.join(known)}, got {experiment[:80]!r}{meant(experiment, known)}"
+            raise InputError("EXPERIMENT", "", expected)
+        files = files if experiment in experiments else second
+    elif not files[0].exists():
+        files = second
+    if most and files == second:
         expected = "expected an experiment of params.yaml: graphs of the second pipeline have no model"
         raise InputError("--predictions", experiment, expected)
     entities, triples = as_text(ENTITIES.read_file(files[0])), as_text(TRIPLES.read_file(files[1]))
-    _check_names(files, entities, triples)
-    predictions = NO_PREDICTIONS
-    if most:
-        predictions = by_joint_model(Store(experiment), config.read(paths.PARAMS), most, seed)
-    return GraphExport(experiment, entities, triples, predictions, labels)
+    check_names(files, entities, triples)
+    predictions = by_joint_model(Store(experiment), most, seed) if most else pd.DataFrame(columns=PREDICTED)
+    return GraphExport(experiment, entities, triples, predictions)
 
 
-def of_bundle(folder: Path, most: int, labels: bool) -> GraphExport:
-    """The known triples of a bundle, each with count 1, and predictions of its model. See ``of_experiment``."""
-    import pandas as pd
-
-    from isi.cli.entity import open_folder
-    from isi.cli.export_formats import TRIPLE, GraphExport
-    from isi.cli.predictions import NO_PREDICTIONS, by_bundle
-    from isi.sources.names import ENTITY
-
-    opened = open_folder(folder)
-    bundle, name = opened.bundle, folder.resolve().name
-    entities = pd.DataFrame({"entity": bundle.entity_names, "kind": bundle.kinds, "phrase": bundle.phrases})
+def of_bundle(folder: Path, most: int) -> GraphExport:
+    """The known triples of a bundle, each with count 1, and predictions of its model; see ``of_experiment``."""
+    opened, name = open_folder(folder), folder.resolve().name
+    entities = pd.DataFrame({"entity": opened.entity_names, "kind": opened.kinds, "phrase": opened.phrases})
     entities["kind"] = entities["kind"].replace("", ENTITY)
     entities["phrase"] = entities["phrase"].where(entities["phrase"] != "", entities["entity"])
-    names_by_slot = bundle.entity_names, bundle.relation_names, bundle.entity_names
-    columns = zip(TRIPLE, names_by_slot, bundle.triples.T.tolist(), strict=True)
-    triples = pd.DataFrame({column: [names[row] for row in ids] for column, names, ids in columns}).assign(count=1)
-    _check_names((folder / "entities.tsv", folder / "triples.tsv"), entities, triples)
-    predictions = by_bundle(opened, entities["kind"], most) if most else NO_PREDICTIONS
-    return GraphExport(name if NAME.fullmatch(name) else "embedding", entities, triples, predictions, labels)
+    triples = pd.DataFrame(opened.named_triples(), columns=TRIPLE).assign(count=1)
+    check_names((folder / "entities.tsv", folder / "triples.tsv"), entities, triples)
+    ids, kinds = torch.from_numpy(opened.triples), torch.from_numpy(pd.factorize(entities["kind"])[0].astype("int64"))
+    graph = Graph(opened.entity_names, opened.relation_names, ids, torch.ones(len(ids), dtype=torch.int64), kinds)
+    everyone = torch.ones(len(entities), dtype=torch.bool)
+    predictions = best_tails(graph, opened.embedding, everyone, most)
+    return GraphExport(name if NAME.fullmatch(name) else "embedding", entities, triples, predictions)
 
 
-def _check_names(files: tuple[Path, Path], entities: pd.DataFrame, triples: pd.DataFrame) -> None:
+def check_names(files: tuple[Path, Path], entities: pd.DataFrame, triples: pd.DataFrame) -> None:
     """Refuse names that other tools would not read.
 
     Raises:
         InputError: naming the file and the column.
     """
-    from isi.sources.names import name_fault
-
     columns = [(files[0], entities[column]) for column in ("entity", "kind", "phrase")]
     for path, names in [*columns, (files[1], triples["relation"])]:
-        if wrong := next(filter(None, map(name_fault, names.unique())), None):
-            raise InputError(path, f"column {names.name!r}", wrong)
+        if fault := next(filter(None, map(name_fault, names.unique())), None):
+            raise InputError(path, f"column {names.name!r}", fault)
 
 
-def _files(experiment: str) -> tuple[tuple[Path, Path], bool]:
-    """Entities and triples of an experiment, or of a graph of the second pipeline, and whether it is the former."""
-    from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES
+def by_joint_model(store: Store, most: int, seed: int | None) -> pd.DataFrame:
+    """Predictions of the joint model of a seed, the first one where it is null (see ``best_tails``).
 
-    first = ENTITIES.path(experiment=experiment), TRIPLES.path(experiment=experiment)
-    second = GRAPH_ENTITIES.path(graph=experiment), GRAPH_TRIPLES.path(graph=experiment)
-    if first[0].exists() or second[0].exists():
-        return (first, True) if first[0].exists() else (second, False)
-    experiments, graphs = _keys(paths.PARAMS, "experiments"), _keys(paths.BEYOND_PARAMS, "graphs")
-    if experiment not in (known := [*experiments, *graphs]):
-        expected = f"expected one of {', '.join(known)}, got {experiment[:80]!r}{meant(experiment, known)}"
-        raise InputError("EXPERIMENT", "", expected)
-    return (first, True) if experiment in experiments else (second, False)
+    Raises:
+        InputError: where there is no model, none of that seed, or it is not of this graph or model.
+    """
+    graph, path, values = store.graph(), JOINT.path(experiment=store.experiment), config.read(paths.PARAMS)
+    tensors = JOINT.read(["entity", "relation", "known", "seed"], experiment=store.experiment)
+    entity, relation, known, seeds = tensors.values()
+    if seed is not None and seed not in seeds.tolist():
+        raise InputError(path, f"seed {seed}", f"expected one of {', '.join(map(str, seeds.tolist()))}")
+    row = slice(place := 0 if seed is None else seeds.tolist().index(seed), place + 1)
+    params = check(values.get("embedding"), EmbeddingParams, "embedding")
+    model = make_model(params.model, value_of(values, f"models.{params.model}"), f"models.{params.model}")
+    expected = (len(graph.entities), len(graph.relations), model.width(entity.shape[-1]))
+    if (shape := (entity.shape[1], relation.shape[1], relation.shape[2])) != expected:
+        names = "entities, relations and numbers of a relation's row"
+        raise InputError(path, "", f"expected {names} {expected} as in the graph, got {shape}")
+    return best_tails(graph, Embedding(entity[row], relation[row], model), known[place], most)
 
 
-def _keys(path: Path, key: str) -> list[str]:
-    """Names under a key of params."""
-    values = config.read(path).get(key)
-    return list(values) if isinstance(values, dict) else []
+def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> pd.DataFrame:
+    """The best tails for each head and relation that do not make a triple of the graph: link prediction.
+
+    Heads of a relation are the entities of every kind that heads one of its triples. Ranks start at 1; of equal scores,
+    the entity of lower id goes first.
+
+    Args:
+        known: entities that the embedding knows; shape (E,), bool.
+        most: tails for each head and relation.
+
+    Returns:
+        columns head, relation, tail (names), score, rank.
+    """
+    names = np.array(graph.entities, dtype=object)
+
+    def parts(relation: int) -> Iterator[pd.DataFrame]:
+        triples = graph.triples[graph.triples[:, RELATION] == relation]
+        heads = torch.nonzero(torch.isin(graph.kinds, graph.kinds[triples[:, HEAD]]) & known)[:, 0]
+        for part in torch.split(heads, max(1, BUDGET // len(known))):
+            scores = embedding.score_tails(part[None], torch.full_like(part, relation)[None])[0]
+            present = triples[torch.isin(triples[:, HEAD], part)]
+            scores[:, ~known] = -torch.inf
+            scores[torch.searchsorted(part, present[:, HEAD].contiguous()), present[:, TAIL]] = -torch.inf
+            best = scores.sort(dim=-1, descending=True, stable=True)
+            values, tails = best.values[:, :most].numpy(), best.indices[:, :most].numpy()
+            row, place = np.nonzero(values > -np.inf)
+            columns = names[part[row]], graph.relations[relation], names[tails[row, place]]
+            yield pd.DataFrame(
+                dict(zip(PREDICTED, (*columns, values[row, place].astype(float), place + 1), strict=True))
+            )
+
+    tables = [table for relation in range(len(graph.relations)) for table in parts(relation) if most and len(table)]
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=PREDICTED)
+
+
+#: The text of files by path; null: an earlier file of that path is removed.
+Files = dict[Path, str | None]
+
+
+def graphml(export: GraphExport, path: Path, _labels: bool) -> Files:
+    """GraphML, for networkx, Gephi and yEd: an edge for each triple, and for each prediction, which has no count."""
+    graph = nx.MultiDiGraph(name=export.name)
+    for entity, kind, phrase in export.entities[["entity", "kind", "phrase"]].itertuples(index=False):
+        graph.add_node(entity, kind=kind, phrase=phrase)
+    for table, values in ((export.triples, ["count"]), (export.predictions, ["score", "rank"])):
+        for row in table.to_dict("records"):
+            attributes = {name: row[name] for name in ("relation", *values)}
+            graph.add_edge(row["head"], row["tail"], key=graph.number_of_edges(), **attributes)
+    content = BytesIO()
+    nx.write_graphml_xml(graph, content)
+    return {path: content.getvalue().decode()}
+
+
+def turtle(export: GraphExport, path: Path, labels: bool) -> Files:
+    """RDF in Turtle."""
+    return {path: rdf_of(export, labels).serialize(format="turtle")}
+
+
+def jsonld(export: GraphExport, path: Path, labels: bool) -> Files:
+    """RDF in JSON-LD, expanded; lists are sorted, which rdflib orders by hashes that differ between processes."""
+
+    def in_order(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: in_order(part) for key, part in value.items()}
+        if isinstance(value, list):
+            return sorted(map(in_order, value), key=lambda part: json.dumps(part, sort_keys=True))
+        return value
+
+    nodes = in_order(json.loads(rdf_of(export, labels).serialize(format="json-ld")))
+    return {path: json.dumps(nodes, indent=1, sort_keys=True, ensure_ascii=False) + "\n"}
+
+
+def rdf_of(export: GraphExport, labels: bool) -> rdflib.Graph:
+    """One RDF triple for each triple; a prediction is a reified statement (five triples), which asserts nothing."""
+    base, graph = Namespace(f"urn:isi:{export.name}:"), rdflib.Graph(bind_namespaces="none")
+    graph.bind("rdf", RDF)
+    for prefix in ("entity", "relation", "kind", "prediction"):
+        graph.bind(prefix, base[f"{prefix}:"])
+
+    def node(kind: str, name: object) -> URIRef:
+        return base[f"{kind}:{quote(str(name), safe='')}"]
+
+    for head, relation, tail in export.triples[TRIPLE].itertuples(index=False):
+        graph.add((node("entity", head), node("relation", relation), node("entity", tail)))
+    if labels:
+        graph.bind("rdfs", RDFS)
+        for entity, kind, phrase in export.entities[["entity", "kind", "phrase"]].itertuples(index=False):
+            graph.add((node("entity", entity), RDF.type, node("kind", kind)))
+            graph.add((node("entity", entity), RDFS.label, rdflib.Literal(phrase)))
+    for number, (head, relation, tail, score, rank) in enumerate(export.predictions.itertuples(index=False), 1):
+        for predicate, value in (
+            (RDF.subject, node("entity", head)), (RDF.predicate, node("relation", relation)),
+            (RDF.object, node("entity", tail)), (node("prediction", "score"), rdflib.Literal(score)),
+            (node("prediction", "rank"), rdflib.Literal(rank)),
+        ):  # fmt: skip
+            graph.add((node("prediction", number), predicate, value))
+    return graph
+
+
+def property_csv(export: GraphExport, path: Path, _labels: bool) -> Files:
+    """CSV for property graphs: a folder with ``nodes.csv``, ``edges.csv`` and, for predictions, ``predictions.csv``."""
+    tables = {"nodes": export.entities, "edges": export.triples, "predictions": export.predictions}
+    return {
+        path / f"{name}.csv": table[[column for column in HEADERS if column in table]].rename(columns=HEADERS)
+        .to_csv(index=False, lineterminator="\n") if name != "predictions" or len(table) else None
+        for name, table in tables.items()
+    }  # fmt: skip
+
+
+def pykeen_tsv(export: GraphExport, path: Path, _labels: bool) -> Files:
+    """TSV without a header, for PyKEEN's ``TriplesFactory.from_path``; predictions stand in a second file."""
+    tables = {path: export.triples[TRIPLE], path.with_name(f"{path.stem}.predictions{path.suffix}"): export.predictions}
+    return {
+        file: table.to_csv(sep="\t", header=False, index=False, lineterminator="\n") if len(table) else None
+        for file, table in tables.items()
+    }
+
+
+FORMATS: dict[str, Callable[[GraphExport, Path, bool], Files]] = {
+    "graphml": graphml, "jsonld": jsonld, "property-csv": property_csv, "pykeen-tsv": pykeen_tsv, "turtle": turtle
+}  # fmt: skip

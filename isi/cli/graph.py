@@ -1,9 +1,10 @@
-"""``isi graph``: a graph of scenes or triples of your own, and what is in it."""
+"""``isi graph``: a graph of scenes or triples of your own, by the reader that fits them, and what is in it."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,17 +12,24 @@ import pandas as pd
 from cyclopts import Parameter
 
 from isi import config
-from isi.cli._reading import read, together
-from isi.cli.app import FROM_ONE, Settings, settings
+from isi.cli.app import FROM_ONE, Settings, settings, show
 from isi.config import Seed, check
-from isi.errors import InputError, unwritable
-from isi.graph.graph import ENTITIES, TRIPLES, GraphTables, build_tables
+from isi.errors import InputError, meant, short
+from isi.graph.graph import ENTITIES, TRIPLES, GraphTables, MinedSource, build_graph, build_tables
+from isi.graph.sampling import Shares, split
+from isi.graph.sessions import TRAIN
+from isi.graph.words import Words, load_vectors, look_up
+from isi.sources import Source, all_readers
+from isi.sources.readers import UNREADABLE, open_text, parse_json, suffix_of
 from isi.tables import paths
 
 #: Names that are listed, at most.
 LISTED = 8
 #: How many splits are drawn to see how many triples they can hold out.
 SPLITS = 5
+#: Characters of JSON that are read to see which reader fits, at most.
+MOST = 2**26
+COLUMNS = ["head", "relation", "tail"]
 
 
 def graph(
@@ -44,73 +52,138 @@ def graph(
     tables = build_tables(together(readings), min_count)
     if tables.triples.empty:
         raise InputError(files[0], "", f"no triple was observed {min_count} times")
-    lines = list(described(tables, values))
+    described = describe(tables, values)
     if out:
-        _write(out, tables)
-    for file, reading in zip(files, readings, strict=True):
-        print(f"{file}: read as {reading.reader}")
-        print("".join(f"  {number:,} {step}\n" for step, number in reading.counts.items()), end="")
-    print(*lines, sep="\n")
+        ENTITIES.write_file(out / "entities.parquet", tables.entities, "isi graph")
+        TRIPLES.write_file(out / "triples.parquet", tables.triples, "isi graph")
+    read_as = {
+        str(file): {"reader": reading.reader, **reading.counts} for file, reading in zip(files, readings, strict=True)
+    }
+    show(read_as | described)
 
 
-def described(graph: GraphTables, values: dict[str, Any]) -> Iterator[str]:
-    """What is in a graph, line by line.
+@dataclass(frozen=True)
+class Reading:
+    """What a file was read as, what its reader counted, and what it observed, added up by triple."""
+
+    reader: str
+    counts: Counter[str]
+    seen: MinedSource
+
+
+def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) -> Reading:
+    """The observations of a file.
 
     Args:
-        graph: of at least one triple.
+        file: or folder, for a reader that reads one.
+        reader: of ``isi.sources``; guessed from the file where it is null.
+        given: settings of the reader beside the file.
+        seed: root of every random stream.
+
+    Raises:
+        InputError: where no reader is plain, it does not take these settings, or the file is broken.
+    """
+    known, name = all_readers(), reader or guess(file)
+    if name not in known:
+        expected = f"expected one of {', '.join(known)}, got {short(name)}{meant(name, known)}"
+        raise InputError("--reader", "", expected)
+    if known[name].path is None:
+        raise InputError(f"reader {name}", "", "expected one that reads a file")
+    slot = str(known[name].path).removesuffix("_")
+    for key in {"reader", slot} & set(given):
+        raise InputError("--set", key, "expected another setting: it is given")
+    try:
+        source = Source({"reader": name, **known[name].defaults, slot: str(file), **given}, "--set", seed)
+    except InputError as error:
+        raise (InputError("", *error.args[1:]) if error.file == str(paths.PARAMS) else error) from error
+    parts = [_added_up(part.select([*COLUMNS, "count"]).to_pandas()) for part in source.tables()]
+    return Reading(name, source.counts, MinedSource(file.name, _added_up(pd.concat(parts)), source.kinds))
+
+
+def _added_up(rows: pd.DataFrame) -> pd.DataFrame:
+    plain = rows.astype(dict.fromkeys(COLUMNS, str) | {"count": "int64"})
+    return plain.groupby(COLUMNS, sort=False)["count"].sum().reset_index()
+
+
+def together(readings: Sequence[Reading]) -> MinedSource:
+    """What several files observed, as one.
+
+    Raises:
+        InputError: where an entity has another kind in one of them than in another.
+    """
+    if len(readings) == 1:
+        return readings[0].seen
+    kind_of: dict[str, str] = {}
+    for seen in (reading.seen for reading in readings):
+        for name, kind in zip(seen.kinds["entity"], seen.kinds["kind"], strict=True):
+            if kind != (first := kind_of.setdefault(name, kind)):
+                raise InputError(seen.source, f"entity {name!r}", f"expected kind {first!r}, got {kind!r}")
+    kinds = pd.concat([reading.seen.kinds for reading in readings]).drop_duplicates("entity", ignore_index=True)
+    return MinedSource("files", pd.concat([reading.seen.observations for reading in readings]), kinds)
+
+
+def guess(file: Path) -> str:
+    """The reader of a file, by its name, and of JSON by its keys.
+
+    Raises:
+        InputError: where neither tells.
+    """
+    suffix, known = suffix_of(file), all_readers()
+    fitting = [name for name, reader in known.items() if suffix in reader.suffixes]
+    if not fitting and suffix in (".json", ".jsonl"):
+        value = _first(file)
+        fitting = [name for name, reader in known.items() if reader.reads_json(value)]
+    if not fitting:
+        expected = f"expected a file whose form is plain; else name its reader by --reader: {', '.join(known)}"
+        raise InputError(file, "", expected)
+    return fitting[0]
+
+
+def _first(file: Path) -> Any:
+    """What JSON Lines begin with, or else what JSON holds."""
+    try:
+        with open_text(file) as text:
+            line = text.readline(MOST)
+            try:
+                return parse_json(Any, line, file)
+            except InputError:
+                return parse_json(Any, line + text.read(MOST), file)
+    except UNREADABLE as error:
+        raise InputError(file, "", f"expected UTF-8 text ({error})") from error
+
+
+def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:
+    """What is in a graph.
+
+    Args:
+        tables: of at least one triple.
         values: of ``params.yaml``: its seed, its words and its shares of validation and test.
     """
-    entities, triples = graph.entities, graph.triples
-    total = triples["count"].sum()
-    yield f"{len(entities)} entities, {len(triples):,} unique triples of {total:,} observations"
-    yield "entities by kind"
-    of_kind = Counter(sorted(entities["kind"].astype(str))).most_common()
-    yield from (f"  {number:,} {kind}" for kind, number in of_kind)
-    yield "relations"
-    for relation, own in triples.groupby(triples["relation"].astype(str)):
-        yield f"  {relation}: {len(own):,} unique triples of {own['count'].sum():,} observations"
-    yield "words"
-    yield f"  {_number_of(_wordless(entities, values), entities)} have no word vector"
-    yield "too rare to split"
-    yield from (f"  {line}" for line in _rare(graph, values))
-
-
-def _wordless(entities: pd.DataFrame, values: dict[str, Any]) -> list[str]:
-    from isi.graph.words import Words, load_vectors, look_up  # here, since it loads gensim
-
-    found = look_up(load_vectors(check(values.get("words"), Words, "words")), list(entities["phrase"]))
-    return [name for name, served in zip(entities["entity"], found.served_by, strict=True) if served is None]
-
-
-def _rare(graph: GraphTables, values: dict[str, Any]) -> Iterator[str]:
-    from isi.graph.graph import build_graph  # here, since it loads torch
-    from isi.graph.sampling import Shares, split
-    from isi.graph.sessions import TRAIN
-
-    triples = graph.triples
+    entities, triples = tables.entities, tables.triples
+    served = look_up(load_vectors(check(values.get("words"), Words, "words")), list(entities["phrase"])).served_by
     pairs = triples[["head", "tail"]].astype(str)
     ends = pd.concat([pairs["head"], pairs.loc[pairs["head"] != pairs["tail"], "tail"]]).value_counts()
-    once = sorted(ends.index[ends == 1])
-    yield f"{_number_of(once, graph.entities)} have one triple: it stays in train, so that nothing is asked of them"
-    yield f"{(triples['count'] == 1).sum():,} of {len(triples):,} unique triples were observed once"
     shares, root = check(values.get("sessions"), Shares, "sessions"), check(values.get("seed"), Seed, "seed")
-    wanted = sum(max(1, round(share * len(triples))) for share in (shares.valid, shares.test))
-    built = build_graph(graph.entities, triples)
+    built = build_graph(entities, triples)
     draws = (split(built, root, seed, shares.valid, shares.test) for seed in range(SPLITS))
-    free = min(int((splits != TRAIN).sum()) for splits in draws)
-    verdict = "which it has" if wanted <= free else f"but only {free:,} can leave train: too few for sessions"
-    yield f"validation and test take {wanted:,} triples, {verdict}"
+    relations = triples.astype({"relation": str}).groupby("relation")["count"]
+    return {
+        "entities": len(entities), "unique_triples": len(triples), "observations": int(triples["count"].sum()),
+        "entities_by_kind": dict(Counter(sorted(entities["kind"].astype(str))).most_common()),
+        "relations": [
+            {"relation": relation, "unique_triples": len(counts), "observations": int(counts.sum())}
+            for relation, counts in relations
+        ],
+        "without_a_word_vector": _listed(entities.loc[pd.isna(pd.Series(served)), "entity"].tolist()),
+        "with_one_triple,_which_stays_in_train": _listed(sorted(ends.index[ends == 1])),
+        "triples_observed_once": int((triples["count"] == 1).sum()),
+        "triples_for_validation_and_test": sum(
+            max(1, round(share * len(triples))) for share in (shares.valid, shares.test)
+        ),
+        "triples_that_can_leave_train": min(int((splits != TRAIN).sum()) for splits in draws),
+    }  # fmt: skip
 
 
-def _number_of(names: Sequence[str], entities: pd.DataFrame) -> str:
+def _listed(names: Sequence[str]) -> str:
     more = [f"and {len(names) - LISTED:,} more"] * (len(names) > LISTED)
-    listed = f" ({', '.join([*names[:LISTED], *more])})" if names else ""
-    return f"{len(names):,} of {len(entities):,} entities{listed}"
-
-
-def _write(folder: Path, graph: GraphTables) -> None:
-    try:
-        ENTITIES.write_file(folder / "entities.parquet", graph.entities, "isi graph")
-        TRIPLES.write_file(folder / "triples.parquet", graph.triples, "isi graph")
-    except OSError as error:
-        raise unwritable(folder, error) from error
+    return f"{len(names):,}" + f" ({', '.join([*names[:LISTED], *more])})" * bool(names)

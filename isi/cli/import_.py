@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
+import torch
 from cyclopts import Parameter
 
+from isi.bundle.folder import Bundle, write
+from isi.bundle.importer import FORMS, Labels, of_pykeen_model, of_tensors, read_labels
 from isi.cli.app import Settings, check_out, flags, settings
-from isi.errors import InputError
-
-if TYPE_CHECKING:
-    from isi.bundle.importer import Labels
-    from isi.bundle.manifest import Bundle
+from isi.errors import InputError, at
+from isi.models.model import MODELS
 
 PICKLE = "trained_model.pkl"
 
@@ -53,20 +52,18 @@ def import_(
     Raises:
         InputError: where something is missing, broken, or does not fit together.
     """
-    from isi.bundle.folder import write
-    from isi.bundle.importer import read_labels
-    from isi.bundle.query import check_numbers
-    from isi.cli.entity import refuse_to_lose
-
     if trust_pickle and (model or set or tensors):
         raise InputError("--trust-pickle", "", "expected no --family, --set or --tensors: the pickle determines them")
     labels = read_labels(folder)
     if trust_pickle:
-        bundle = _of_pickle(folder / PICKLE, labels)
+        bundle = of_pickle(folder / PICKLE, labels)
     else:
-        bundle = _of_tensors(list(tensors) or _tensors_in(folder, labels.form), labels, model, settings(set))
-    check_numbers(folder, bundle)
-    refuse_to_lose(out, bundle.entity_names)
+        files = list(tensors) or tensors_in(folder, labels.form)
+        if model not in MODELS.names():
+            expected = f"expected how a triple is scored: {', '.join(MODELS.names())}; got {model}"
+            raise InputError("--family", "", expected)
+        with flags(model="--family", model_options="--set"):
+            bundle = of_tensors(labels, str(model), settings(set), files)
     write(out, bundle)
     manifest = bundle.manifest
     options = ", ".join(f"{key} {value}" for key, value in manifest.model_options.items())
@@ -76,58 +73,31 @@ def import_(
     )
 
 
-def _of_tensors(files: Sequence[Path], labels: Labels, model: str | None, options: dict[str, Any]) -> Bundle:
-    from isi.bundle.import_tensors import read_tensors
-    from isi.bundle.importer import of_tensors
-    from isi.models.model import MODELS
-
-    if model not in MODELS.names():
-        raise InputError("--family", "", f"expected how a triple is scored: {', '.join(MODELS.names())}; got {model}")
-    tensors = {name: values for file in files for name, values in read_tensors(file).items()}
-    with flags(model="--family", model_options="--set", entities=files[0], relations=files[0]):
-        return of_tensors(tensors, labels, model, options, files)
-
-
-def _tensors_in(folder: Path, form: str) -> Sequence[Path]:
+def tensors_in(folder: Path, form: str) -> list[Path]:
     """The files of tensors in a folder.
 
     Raises:
         InputError: where there are none.
     """
-    from isi.bundle.import_tensors import FORMS
-
     others = ("results.json", "metadata.json") if form == "PyKEEN" else ()
     files = sorted(path for path in folder.iterdir() if path.suffix in FORMS and path.name not in others)
-    if not files and (folder / PICKLE).exists():
-        expected = (
-            f"expected tensors: {PICKLE} is a pickle, which is read with --trust-pickle alone (see --help);"
-            " or torch.save(model.state_dict(), FILE), which --tensors FILE reads"
-        )
-        raise InputError(folder, "", expected)
     if not files:
-        raise InputError(folder, "", f"expected a file of tensors ({', '.join(FORMS)}), or --tensors FILE")
+        pickled = f" ({PICKLE} is a pickle, which is read with --trust-pickle alone)" * (folder / PICKLE).exists()
+        raise InputError(folder, "", f"expected a file of tensors{pickled}: {', '.join(FORMS)}, or --tensors FILE")
     return files
 
 
-def _of_pickle(path: Path, labels: Labels) -> Bundle:
+def of_pickle(path: Path, labels: Labels) -> Bundle:
     """A bundle of PyKEEN's model, unpickled."""
     if not path.is_file():
         raise InputError(path, "", "no such file: expected PyKEEN's pickle of a model")
     try:
-        from isi.pykeen.models import read_model
+        from isi.pykeen import read_model
     except ImportError as error:
         raise InputError(path, "", "needs PyKEEN to be read: pip install pykeen") from error
-    import torch
-
-    from isi.bundle.importer import of_pykeen_model
-
     try:
         model = torch.load(path, map_location="cpu", weights_only=False)  # as its user has asked for
     except Exception as error:  # whatever a pickle does
         raise InputError(path, "", f"expected a model of PyKEEN's ({type(error).__name__})") from error
-    try:
-        embedding = read_model(model, torch.from_numpy(labels.triples), None)
-    except InputError as error:
-        raise InputError(path, *error.args[1:]) from error
-    with flags(model=path, entities=path, relations=path):
-        return of_pykeen_model(embedding, labels, path)
+    with at(path), flags(model=path):
+        return of_pykeen_model(read_model(model, torch.from_numpy(labels.triples), None), labels, path)

@@ -1,91 +1,46 @@
-"""``isi.insert``: vectors for new entities in an embedding that is trained, and stays as it is."""
+"""``isi.insert``: vectors for new entities in an embedding that is trained; ``isi.fit_new``: training them further."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from isi.config import Seed, check
-from isi.errors import InputError
+from isi.errors import InputError, short
 from isi.graph.graph import HEAD, TAIL
 from isi.graph.sessions import OUT, TRAIN, Session
-from isi.initializers.api import FALLBACKS, INITIALIZERS, InitResult, NoRelationMap, NovelEntities, context_of
+from isi.initializers.api import FALLBACKS, InitContext, NoRelationMap, NovelEntities, context_of
 from isi.insertion.arguments import (
-    Arguments,
+    Source,
     Triple,
     all_names,
     argument,
     checked_arguments,
     graph_of,
     kinds_of,
-    renamed,
+    names_of,
+    refuse_old_names,
     stack_of_one,
     table,
+    word_table,
 )
-from isi.insertion.choose import Choice, Sizes, choose, most_together
+from isi.insertion.choose import choose
 from isi.insertion.result import Inserted
-from isi.insertion.words import Source, word_table
 from isi.models.model import Model
-from isi.models.stack import NotFinite
+from isi.models.stack import Embedding, NotFinite
+from isi.training.batches import Negatives, is_dense, training_data
+from isi.training.trainer import Optimizer, train
 
 #: Numbers in the table of weights that a result keeps, at most.
 MOST_WEIGHTS = 2**24
 
 
-@dataclass(frozen=True)
-class InsertionTask:
-    """An insertion: its arguments, checked."""
-
-    #: whose table of entities has a row of zeros for each new one
-    given: Arguments
-    #: word vectors of known and new entities, zero where there is none; shape: (E + n, w)
-    words: np.ndarray | None
-    kinds: np.ndarray
-    seed: int
-
-    @cached_property
-    def is_insert_triple(self) -> np.ndarray:
-        """Which triples have one new end, and a known one; shape (T,), bool."""
-        is_new: np.ndarray = self.given.triples[:, [HEAD, TAIL]] >= self.given.known
-        one_end: np.ndarray = is_new[:, 0] ^ is_new[:, 1]
-        return one_end
-
-    @cached_property
-    def insert_triples(self) -> np.ndarray:
-        triples: np.ndarray = self.given.triples[self.is_insert_triple]
-        return triples
-
-    @cached_property
-    def has_insert_triple(self) -> np.ndarray:
-        """Which new entities are an end of an insert triple; shape (n,), bool."""
-        is_end = np.zeros(len(self.given.entities), dtype=bool)
-        is_end[self.insert_triples[:, [HEAD, TAIL]]] = True
-        return is_end[self.given.known :]
-
-    @cached_property
-    def has_words(self) -> np.ndarray:
-        """Which new entities have a word vector; shape (n,), bool."""
-        nobody = np.zeros(len(self.has_insert_triple), dtype=bool)
-        return nobody if self.words is None else nobody | self.words[self.given.known :].any(1)
-
-    @property
-    def words_serve(self) -> bool:
-        """Whether a new entity and a known one have word vectors."""
-        return self.words is not None and bool(self.words[: self.given.known].any() and self.has_words.any())
-
-    def refused(self, entities: np.ndarray, expected: str) -> InputError:
-        """A mistake that names the first of some new entities, a mask of shape (n,)."""
-        name = self.given.names.of(self.given.known + int(np.argmax(entities)))
-        return InputError(f"new entity {name!r:.80}", "", expected)
-
-
-@renamed(family="model", family_options="model_options")
+@refuse_old_names
 def insert(
     entities: np.ndarray, relations: np.ndarray, triples: Sequence[Triple] | np.ndarray, *, new: int | Sequence[str],
     model: str | Model, model_options: Mapping[str, Any] | None = None,
@@ -122,43 +77,54 @@ def insert(
     Raises:
         InputError: naming the argument that is wrong, and what was expected.
     """
-    check(seed, Seed, "", Path("argument 'seed'"))
-    known = table(entities, "entities")
-    names = all_names(len(known), entity_names, new)
-    rows = np.concatenate([known, np.zeros((names.number - len(known), known.shape[1]), known.dtype)])
+    check(seed, Seed, "", "argument 'seed'")
+    rows = table(entities, "entities")
+    known, names = len(rows), all_names(len(rows), entity_names, new)
+    rows = np.concatenate([rows, np.zeros((names.number - known, rows.shape[1]), rows.dtype)])
     given = checked_arguments(
-        rows, relations, model, model_options, names, relation_names, len(known), triples, known_triples
+        rows, relations, model, model_options, names, relation_names, known, triples, known_triples
     )
-    task = InsertionTask(given, word_table(words, word_source, names), kinds_of(kinds, names), seed)
-    bare = ~(task.has_insert_triple | (task.has_words & task.words_serve))
+    vectors, kind_ids = word_table(words, word_source, names), kinds_of(kinds, names)
+    one_new_end = (given.triples[:, [HEAD, TAIL]] >= known).sum(1) == 1
+    insert_triples = given.triples[one_new_end]
+    has_triple = np.isin(np.arange(known, len(rows)), insert_triples[:, [HEAD, TAIL]])
+    has_words = np.zeros_like(has_triple) if vectors is None else vectors[known:].any(1)
+    words_serve = vectors is not None and bool(vectors[:known].any() and has_words.any())
+
+    def refusal(entities: np.ndarray, expected: str) -> InputError:
+        name = names.of(known + int(np.argmax(entities)))
+        return InputError(f"new entity {name!r:.80}", "", expected)
+
+    bare = ~(has_triple | (has_words & words_serve))
     if initializer is None and bare.any():
         expected = "expected a triple with a known entity, or a word vector, or an initializer that needs neither"
-        raise task.refused(bare, expected)
-    sizes = Sizes(len(rows), len(given.relations), rows.shape[1])
-    choice = choose(initializer, options, sizes, len(task.insert_triples) > 0, task.words_serve, given.model)
-    return _inserted(task, choice, most_together(choice.initializer, sizes, given.model.linear))
-
-
-def _inserted(task: InsertionTask, choice: Choice, together: int) -> Inserted:
-    given, name = task.given, choice.initializer
+        raise refusal(bare, expected)
+    sizes = len(rows), len(given.relations), rows.shape[1]
+    choice = choose(initializer, options, *sizes, len(insert_triples) > 0, words_serve, given.model)
+    name, theta0 = choice.registered.name, stack_of_one(rows, given.relations, given.model)
+    results = []
     try:
-        results = list(_results(task, choice, together))
+        for part in torch.split(torch.arange(known, len(rows)), choice.together):
+            context = what_is_seen(theta0, part, known, insert_triples, given.known_triples, vectors, kind_ids, seed)
+            with argument("initializer"):
+                results.append(choice.registered.initialize(context, choice.options))
     except NoRelationMap as error:
-        wordless = task.has_insert_triple & ~task.has_words
-        raise task.refused(wordless, f"expected a word vector, which {name} goes by") from error
+        raise refusal(has_triple & ~has_words, f"expected a word vector, which {name} goes by") from error
+    except NotFinite as error:
+        expected = f"expected known vectors that differ, whose covariance {name} goes by"
+        raise InputError("argument 'entities'", "", expected) from error
     with np.errstate(over="ignore"):
-        given.entities[given.known :] = torch.cat([result.vectors[0] for result in results]).numpy()
-    if not np.isfinite(given.entities[given.known :]).all():
+        rows[known:] = torch.cat([result.vectors[0] for result in results]).numpy()
+    if not np.isfinite(rows[known:]).all():
         expected = f"expected smaller numbers: of these, {name} makes NaN or infinity"
         raise InputError("argument 'entities'", "", expected)
-    weights = [result.weights[0, :, : given.known].float() for result in results if result.weights is not None]
-    few = len(weights) == len(results) and len(task.has_words) * given.known <= MOST_WEIGHTS
+    weights = [result.weights[0, :, :known].float() for result in results if result.weights is not None]
+    few = len(weights) == len(results) and (names.number - known) * known <= MOST_WEIGHTS
     masks = [result.indicators[0] for result in results if result.indicators is not None]
     return Inserted(
-        entities=given.entities, relations=given.relations, model=given.model,
-        entity_names=given.names.names, relation_names=given.relation_names.names,
-        new=list(range(given.known, len(given.entities))), insert_triples=task.insert_triples,
-        between=given.triples[~task.is_insert_triple], known_triples=given.known_triples,
+        entities=rows, relations=given.relations, model=given.model, entity_names=names.names,
+        relation_names=given.relation_names.names, new=list(range(known, len(rows))), insert_triples=insert_triples,
+        between=given.triples[~one_new_end], known_triples=given.known_triples,
         initializer=name, options=choice.options, why=choice.why,
         fallback=[FALLBACKS[code] for result in results for code in result.fallback[0].tolist()],
         weights=torch.cat(weights).numpy() if few else None,
@@ -166,28 +132,102 @@ def _inserted(task: InsertionTask, choice: Choice, together: int) -> Inserted:
     )  # fmt: skip
 
 
-def _results(task: InsertionTask, choice: Choice, together: int) -> Iterator[InitResult]:
-    """What the initializer gives, for so many new entities at a time."""
-    given, insert_triples = task.given, task.insert_triples
-    theta0 = stack_of_one(given.entities, given.relations, given.model)
-    graph = graph_of(np.concatenate([insert_triples, given.known_triples]), theta0, task.kinds)
+def what_is_seen(
+    theta0: Embedding, new: Tensor, known: int, insert_triples: np.ndarray, known_triples: np.ndarray,
+    words: np.ndarray | None, kinds: np.ndarray | None, seed: int,
+) -> InitContext:  # fmt: skip
+    """What an initializer sees of some new entities.
+
+    Args:
+        theta0: a stack of one.
+        new: ids, one after the other; shape (n,).
+        known: number of known entities, whose ids come first.
+        insert_triples: ids, shape (I, 3).
+        known_triples: ids, shape (K, 3); where there are none, which would say what was trained, every known entity may
+            be an indicator.
+        words: shape (E, w), float32.
+    """
+    graph = graph_of(np.concatenate([insert_triples, known_triples]), theta0, kinds)
     splits = torch.full((1, len(graph.triples)), TRAIN, dtype=torch.int8)
     splits[:, : len(insert_triples)] = OUT
-    session = Session(graph, torch.arange(len(given.entities))[None] < given.known, splits)
-    words = torch.zeros(len(given.entities), 1) if task.words is None else torch.from_numpy(task.words)
-    place = torch.from_numpy(insert_triples[:, [HEAD, TAIL]].max(1)) - given.known  # new ids are the larger
+    session = Session(graph, torch.arange(len(graph.entities))[None] < known, splits)
+    place = torch.from_numpy(insert_triples[:, [HEAD, TAIL]].max(1)) - new[0]  # new ids are the larger
     order = torch.argsort(place, stable=True)
-    registered = INITIALIZERS.get(choice.initializer, "initializer")
-    for part in torch.split(torch.arange(len(task.has_words)), together):
-        rows = order[(place[order] >= part[0]) & (place[order] <= part[-1])]
-        of_part = torch.stack([torch.zeros_like(rows), place[rows] - part[0], rows], 1)
-        novel = NovelEntities(part[None] + given.known, of_part, words)
-        context = context_of(theta0, session, novel, task.seed, part[None, :1])
-        if not len(given.known_triples):  # which would say what has been trained
-            context = replace(context, eligible=context.known)
-        try:
-            with argument("initializer"):
-                yield registered.initialize(context, choice.options)
-        except NotFinite as error:
-            expected = f"expected known vectors that differ, whose covariance {choice.initializer} goes by"
-            raise InputError("argument 'entities'", "", expected) from error
+    order = order[(place[order] >= 0) & (place[order] < len(new))]
+    triples = torch.stack([torch.zeros_like(order), place[order], order], 1)
+    vectors = torch.zeros(len(graph.entities), 1) if words is None else torch.from_numpy(words)
+    novel = NovelEntities(new[None], triples, vectors)
+    context = context_of(theta0, session, novel, seed, new[None, :1] - known)
+    return context if len(known_triples) else replace(context, eligible=context.known)
+
+
+@refuse_old_names
+def fit_new(
+    entities: np.ndarray, relations: np.ndarray, triples: Sequence[Triple] | np.ndarray, *, new: int,
+    model: str | Model, model_options: Mapping[str, Any] | None = None,
+    entity_names: Sequence[str] | None = None, relation_names: Sequence[str] | None = None,
+    known_triples: Sequence[Triple] | np.ndarray | None = None, epochs: int = 100, all_epochs: int = 0,
+    learning_rate: float = 0.04, weight_decay: float = 0.001, batch_size: int = 2048, ratio: int = 9, seed: int = 0,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Train the last rows of a table of entities, the others frozen; then, if so chosen, all rows.
+
+    Losses are logistic, negatives corrupted heads, tails and relations, and steps those of Adagrad, as in the pipeline.
+
+    Args:
+        entities: vectors of known entities, then of new ones, as ``insert`` gives them; shape (E + n, d).
+        relations: shape (R, w).
+        triples: of the new entities, with known ends or new ones.
+        new: how many the new entities are.
+        model: as for ``insert``, like ``model_options``.
+        entity_names: of known and new ones; as ``relation_names`` of relations.
+        known_triples: of the known entities, to learn from beside; without them all rows may not move.
+        epochs: in which the new rows alone move.
+        all_epochs: in which all rows of both tables move after that.
+        learning_rate: of Adagrad.
+        weight_decay: of every update.
+        batch_size: triples in one update.
+        ratio: corrupted heads, tails and relations each, to a triple.
+        seed: of batches and negatives.
+
+    Returns:
+        both tables. Without ``all_epochs`` the rows of relations and known entities are the bytes that were given.
+
+    Raises:
+        InputError: naming the argument that is wrong, and what was expected.
+    """
+    for name, value in (("seed", seed), ("epochs", epochs), ("all_epochs", all_epochs)):
+        check(value, Seed, "", f"argument {name!r}")
+    rows = table(entities, "entities")
+    if not isinstance(new, int | np.integer) or isinstance(new, bool) or not 0 < new < len(rows):
+        raise InputError("argument 'new'", "", f"expected a number from 1 to {len(rows) - 1}, got {short(new)}")
+    names, known = names_of("entity_names", len(rows), entity_names), len(rows) - int(new)
+    given = checked_arguments(
+        rows, relations, model, model_options, names, relation_names, known, triples, known_triples
+    )
+    for name, wrong, expected in (
+        ("triples", not len(given.triples), "expected triples, each with a new entity"),
+        ("epochs", epochs + all_epochs < 1, "expected at least one epoch"),
+        ("all_epochs", all_epochs > 0 and not len(given.known_triples),
+         "expected 'known_triples' too: all rows would forget what they know"),
+    ):  # fmt: skip
+        if wrong:
+            raise InputError(f"argument {name!r}", "", expected)
+    settings = {"batch_size": batch_size, "learning_rate": learning_rate, "weight_decay": weight_decay,
+                "new_rows_first": epochs, "max_epochs": epochs + all_epochs}  # fmt: skip
+    optimizer = check(settings, Optimizer, "", "fit_new")
+    theta = stack_of_one(given.entities, given.relations, given.model)
+    graph = graph_of(np.concatenate([given.triples, given.known_triples]), theta)
+    everyone = torch.ones(1, len(rows), dtype=torch.bool)
+    session = Session(graph, everyone, torch.full((1, len(graph.triples)), TRAIN, dtype=torch.int8))
+    mode = "expected" if is_dense(graph) else "sampled"
+    negatives = check({"mode": mode, "ratio": ratio, "head_pool": "unseen"}, Negatives, "", "fit_new")
+    novel, keys = torch.arange(known, len(rows))[None], torch.tensor([[len(rows), len(rows) - known]])
+    data = training_data(session, "fine-tuning", keys, negatives.head_pool, novel)
+    try:
+        trained = train(theta, data, negatives, optimizer, seed)
+    except NotFinite as error:
+        raise InputError("fit_new", "", error.message) from error
+    vectors = trained.entity[0].numpy().astype(rows.dtype)
+    if not all_epochs:
+        return np.concatenate([rows[:known], vectors[known:]]), given.relations.copy()
+    return vectors, trained.relation[0].numpy().astype(given.relations.dtype)

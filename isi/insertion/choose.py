@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from isi.errors import InputError, short
-from isi.initializers.api import INITIALIZERS, options_of
-from isi.insertion.arguments import argument, mapping
+from isi.initializers.api import INITIALIZERS, Registered, options_of
+from isi.insertion.arguments import argument, options_by_name
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
@@ -24,37 +24,29 @@ QUICK, MOST = 2**24, 2**28
 PAIRS = 2**29
 #: Numbers in a table of some new entities, at most.
 BUDGET = 2**24
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """How large an embedding is, with its new entities."""
-
-    entities: int
-    relations: int
-    dimension: int
-
-    @property
-    def possible_triples(self) -> int:
-        """Triples that a new entity might have, as head or as tail."""
-        return 2 * self.relations * self.entities
+#: Triples whose scores say the margin, at most.
+MARGIN_TRIPLES = 1000
 
 
 @dataclass(frozen=True)
 class Choice:
     """An initializer, its options, and why it was chosen."""
 
-    initializer: str
+    registered: Registered
     options: Mapping[str, Any]
     why: str
+    #: new entities that are initialized in one table, at most
+    together: int
 
 
 def choose(
-    initializer: str | None, options: Mapping[str, Any] | None, sizes: Sizes, triples: bool, words: bool, model: Model
-) -> Choice:
+    initializer: Any, options: Any, entities: int, relations: int, dimension: int, triples: bool, words: bool,
+    model: Model,
+) -> Choice:  # fmt: skip
     """The initializer of a name; without one, the best for what is known.
 
     Args:
+        entities: known and new ones.
         triples: whether a new entity has an insert triple.
         words: whether a new entity and a known one have word vectors.
 
@@ -62,43 +54,36 @@ def choose(
         InputError: where there is no such initializer, it takes other options, the embedding is too large for it, or
             the model lacks what it needs.
     """
-    given = mapping(options, "options")
-    if initializer is not None and not isinstance(initializer, str):
-        raise InputError("argument 'initializer'", "", f"expected a name, got {short(initializer)}")
-    name, why = best(sizes, triples, words, model) if initializer is None else (initializer, "as asked")
+    given, possible = options_by_name(options, "options"), 2 * relations * entities
     with argument("initializer"):
+        if not isinstance(initializer, str | None):
+            raise InputError("", "", f"expected a name, got {short(initializer)}")
+        small = possible * dimension <= QUICK
+        name, why = best(small, triples, words, model) if initializer is None else (initializer, "as asked")
         registered = INITIALIZERS.get(name, "initializer")
         checked = options_of(name, {**registered.defaults, **given}, "initializer")
         registered.check(model)
-        if registered.cost == "triples" and sizes.possible_triples * sizes.dimension > MOST:
-            looks = f"{name} looks at {sizes.possible_triples:,} triples that an entity might have"
+        if registered.cost == "triples" and possible * dimension > MOST:
+            looks = f"{name} looks at {possible:,} triples that an entity might have"
             raise InputError("", "", f"expected another one: {looks}")
-        if registered.cost == "pairs" and sizes.entities**2 > PAIRS:
-            compares = f"{name} compares the words of every two of {sizes.entities:,} entities"
+        if registered.cost == "pairs" and entities**2 > PAIRS:
+            compares = f"{name} compares the words of every two of {entities:,} entities"
             raise InputError("", "", f"expected another one: {compares}")
-    return Choice(name, checked, why)
+    numbers = max(entities, relations * dimension)  # of one new entity
+    if registered.cost == "triples":
+        numbers = possible if model.linear else possible * dimension
+    return Choice(registered, checked, why, max(1, BUDGET // numbers))
 
 
-def best(sizes: Sizes, triples: bool, words: bool, model: Model) -> tuple[str, str]:
-    """The name of the best initializer for what is known, and why it is taken."""
+def best(small: bool, triples: bool, words: bool, model: Model) -> tuple[str, str]:
+    """The name of the best initializer for what is known, and why it is taken; ``small``: whether MAP is quick."""
     lacking = {name for name, there in (("words", words), ("insert_triples", triples)) if not there}
-    small = sizes.possible_triples * sizes.dimension <= QUICK
     fitting = [INITIALIZERS.get(name, name) for name in BEST]
-    fitting = [one for one in fitting if not lacking & set(one.needs) and not one.misses(model)]
-    affordable = next(one for one in fitting if small or one.cost == "entities")
+    fitting = [registered for registered in fitting if not lacking & set(registered.needs)]
+    fitting = [registered for registered in fitting if not registered.misses(model)]
+    affordable = next(registered for registered in fitting if small or registered.cost == "entities")
     why = "the best for " + " and ".join(["words"] * words + ["triples"] * triples)
     return affordable.name, why if affordable is fitting[0] else f"{why} on a graph of this size"
-
-
-def most_together(initializer: str, sizes: Sizes, linear: bool) -> int:
-    """New entities in a table, at most; ``linear``: whether scores are linear in a vector."""
-    if INITIALIZERS.get(initializer, "initializer").cost != "triples":
-        return max(1, BUDGET // max(sizes.entities, sizes.relations * sizes.dimension))
-    return max(1, BUDGET // (sizes.possible_triples * (1 if linear else sizes.dimension)))
-
-
-#: Triples whose scores say the margin, at most.
-MARGIN_TRIPLES = 1000
 
 
 def margin_of(embedding: Embedding, triples: Tensor, margin: float | None) -> float:

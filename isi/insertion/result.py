@@ -1,11 +1,11 @@
-"""What ``isi.insert`` returns: the enlarged tables, and a report of each new entity."""
+"""What ``isi.insert`` returns: enlarged tables, a report of each new entity, interference with known answers."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,11 +14,15 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from isi.config import Count, Seed, check
-from isi.graph.graph import HEAD, TAIL
-from isi.insertion.arguments import Names, Triple, stack_of_one, triples_of
-from isi.insertion.interference import Interference, interference
+from isi.errors import InputError
+from isi.evaluation.ranking import compare, make_queries, padded_ids, rank_queries
+from isi.graph.graph import HEAD, RELATION, TAIL
+from isi.graph.sessions import TRAIN, Session
+from isi.insertion.arguments import Names, Triple, graph_of, stack_of_one, triples_of
 from isi.models.model import Model
 from isi.models.stack import Embedding
+from isi.models.stack import rows as rows_of
+from isi.random import stream
 
 #: Numbers in a table of cosines, at most.
 BUDGET = 2**24
@@ -47,6 +51,21 @@ class Entity:
     distance: float
     #: share of the known that lie nearer to the centre
     farther_than: float
+
+
+@dataclass(frozen=True)
+class Interference:
+    """What new entities do to known answers. A triple is two queries: for its head, and for its tail."""
+
+    queries: int
+    #: of each new entity, the share of queries in which it ranks above the known answer (½ where they are tied);
+    #: where an insert triple makes it an answer itself, it does not count
+    above: list[float]
+    #: filtered mean reciprocal rank and mean rank of the known answers, among known entities and among all
+    mrr_before: float
+    mrr_after: float
+    rank_before: float
+    rank_after: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,49 +117,26 @@ class Inserted:
         Raises:
             InputError: where that is no number.
         """
-        check(nearest, Seed, "", Path("argument 'nearest'"))
-        inserted, between = (_ends(triples, len(self.entities)) for triples in (self.insert_triples, self.between))
-        ids, cosines = self._nearest(min(nearest, self.known))
+        check(nearest, Seed, "", "argument 'nearest'")
+        of, vectors = self.names.of, self.embedding.entity[0]
+        inserted, between = (
+            Counter(end for head, _, tail in triples.tolist() for end in {head, tail})
+            for triples in (self.insert_triples, self.between)
+        )
+        known = normalize(vectors[: self.known], dim=-1)
+        parts = torch.split(vectors[self.known :], max(1, BUDGET // self.known))
+        best = [torch.topk(normalize(part, dim=-1) @ known.T, min(nearest, self.known)) for part in parts]
+        cosines, ids = (torch.cat([part[place] for part in best]).tolist() for place in (0, 1))
         distance, farther_than = self._from_cloud()
-        of = self.names.of
         return [
             Entity(
-                of(row), row, int(inserted[row]), int(between[row]), self.fallback[place],
+                of(row), row, inserted[row], between[row], self.fallback[place],
                 None if self.indicators is None else [of(indicator) for indicator in self.indicators[place]],
                 [(of(other), cosine) for other, cosine in zip(ids[place], cosines[place], strict=True)],
                 distance[place], farther_than[place],
             )
             for place, row in enumerate(self.new)
         ]  # fmt: skip
-
-    def interference(
-        self, triples: Sequence[Triple] | np.ndarray | None = None, most: int = 256, seed: int = 0
-    ) -> Interference:
-        """How often new entities rank above known answers, and what that does to their ranks.
-
-        Args:
-            triples: of known entities, held out or not; ``known_triples`` where there are none.
-            most: triples that are queried; drawn where there are more.
-            seed: of the draw.
-
-        Raises:
-            InputError: where there is none, or one is of an unknown entity or relation.
-        """
-        check(seed, Seed, "", Path("argument 'seed'"))
-        check(most, Count, "", Path("argument 'most'"))
-        labels = Names("relation_names", len(self.relations), self.relation_names)
-        queried = self.known_triples if triples is None else triples_of(triples, "triples", self.names, labels)
-        return interference(self.embedding, self.known, queried, self.insert_triples, self.known_triples, most, seed)
-
-    def _nearest(self, number: int) -> tuple[list[list[int]], list[list[float]]]:
-        vectors = self.embedding.entity[0]
-        known = normalize(vectors[: self.known], dim=-1)
-        ids, cosines = list[list[int]](), list[list[float]]()
-        for part in torch.split(vectors[self.known :], max(1, BUDGET // self.known)):
-            best = torch.topk(normalize(part, dim=-1) @ known.T, number)
-            ids += best.indices.tolist()
-            cosines += best.values.tolist()
-        return ids, cosines
 
     def _from_cloud(self) -> tuple[list[float], list[float]]:
         """Distances, and the shares of the known that lie nearer; without coordinates in which all are the same."""
@@ -155,9 +151,75 @@ class Inserted:
         usual, new = distance(known).sort().values, distance(vectors[self.known :])
         return new.tolist(), (torch.searchsorted(usual, new) / len(usual)).tolist()
 
+    def interference(
+        self, triples: Sequence[Triple] | np.ndarray | None = None, most: int = 256, seed: int = 0
+    ) -> Interference:
+        """How often new entities rank above known answers, and what that does to their ranks.
 
-def _ends(triples: np.ndarray, entities: int) -> np.ndarray:
-    """Of how many triples each entity is an end; shape (E,)."""
-    ends = triples[:, [HEAD, TAIL]]
-    twice = ends[:, 0] == ends[:, 1]
-    return np.bincount(ends.flatten(), minlength=entities) - np.bincount(ends[twice, 0], minlength=entities)
+        Args:
+            triples: of known entities, held out or not; ``known_triples`` where there are none.
+            most: triples that are queried; drawn where there are more.
+            seed: of the draw.
+
+        Raises:
+            InputError: where there is none, or one is of an unknown entity or relation.
+        """
+        check(seed, Seed, "", "argument 'seed'")
+        check(most, Count, "", "argument 'most'")
+        labels = Names("relation_names", len(self.relations), self.relation_names)
+        queried = self.known_triples if triples is None else triples_of(triples, "triples", self.names, labels)
+        if not len(queried) or (queried[:, [HEAD, TAIL]] >= self.known).any():
+            raise InputError("argument 'triples'", "", "expected triples of known entities, to ask about")
+        if len(queried) > most:
+            queried = queried[np.sort(stream(seed, "interference").permutation(len(queried))[:most])]
+        right = np.concatenate([queried, self.insert_triples, self.known_triples])
+        before, after = _ranks(self.embedding, queried, right, self.known)
+        above = ranked_above(self.embedding, self.known, *map(torch.from_numpy, (queried, self.insert_triples)))
+        return Interference(
+            2 * len(queried), above.tolist(),
+            (1 / before).mean().item(), (1 / after).mean().item(), before.mean().item(), after.mean().item(),
+        )  # fmt: skip
+
+
+def ranked_above(embedding: Embedding, known: int, queried: Tensor, insert_triples: Tensor) -> Tensor:
+    """Share of queries in which each new entity ranks above the answer; shapes (Q, 3), (I, 3), result (n,).
+
+    Where an insert triple puts the entity into the slot of the query, it does not count.
+    """
+    head, relation, tail = queried.T[:, None]  # (1, Q)
+    relations, new = rows_of(embedding.relation, relation), embedding.entity[:, known:]
+    model, heads, tails = embedding.model, rows_of(embedding.entity, head), rows_of(embedding.entity, tail)
+    answer = model.score(heads, relations, tails)[..., None]
+    total = torch.zeros(new.shape[1], dtype=torch.float64)
+    for scores, end, slot in (
+        (model.score_tails(heads, relations, new), HEAD, TAIL), (model.score_heads(tails, relations, new), TAIL, HEAD)
+    ):  # fmt: skip
+        above = compare(torch.cat([answer, scores], -1), torch.zeros_like(head))[0, :, 1:]
+        in_slot = insert_triples[insert_triples[:, slot] >= known]
+        same = (queried[:, None, [end, RELATION]] == in_slot[:, [end, RELATION]]).all(-1)
+        query, triple = same.nonzero(as_tuple=True)
+        above[query, in_slot[triple, slot] - known] = 0
+        total += above.double().sum(0)
+    return total / (2 * len(queried))
+
+
+def _ranks(embedding: Embedding, queried: np.ndarray, right: np.ndarray, known: int) -> tuple[Tensor, Tensor]:
+    """Filtered ranks of the answers among known entities and among all; shapes (2Q,).
+
+    Args:
+        right: triples, of which the queried ones come first; shape (T, 3).
+    """
+    triples, place = np.unique(right, axis=0, return_inverse=True)
+    graph, everyone = graph_of(triples, embedding), torch.ones(embedding.entity.shape[:2], dtype=torch.bool)
+    session = Session(graph, everyone, torch.full((1, len(triples)), TRAIN, dtype=torch.int8))
+    is_queried = torch.zeros(1, len(triples), dtype=torch.bool)
+    is_queried[:, torch.from_numpy(place.flatten()[: len(queried)])] = True
+    known_alone = torch.arange(everyone.shape[1])[None] < known
+    slots, filtered = padded_ids(is_queried), torch.ones_like(is_queried)
+    queries = {
+        name: make_queries(session, slots, is_queried, filtered, candidates)
+        for name, candidates in (("before", known_alone), ("after", everyone))
+    }
+    pieces = list(rank_queries(embedding, queries))
+    before, after = (torch.cat([piece[name].entity.rank[0] for piece in pieces]).double() for name in queries)
+    return before, after

@@ -1,0 +1,267 @@
+"""New entities for a model that PyKEEN has trained: ``isi.pykeen.insert(model, factory, triples)``.
+
+A model is read as an embedding of this project, ``isi.insert`` gives vectors, and copies of the model and of its
+factory take them. PyKEEN is an extra (``pip install '.[pykeen]'`` in the folder of isi), imported by this module alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from math import prod
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+import torch
+from pydantic import Field
+from torch import Tensor
+from torch.optim import Optimizer
+
+try:
+    from pykeen.models import ERModel
+    from pykeen.nn import modules
+    from pykeen.nn.representation import Embedding as Table
+    from pykeen.nn.representation import Representation
+    from pykeen.triples import CoreTriplesFactory, TriplesFactory
+except ModuleNotFoundError as error:
+    raise ImportError("isi.pykeen needs PyKEEN: pip install pykeen") from error
+
+from isi.config import check
+from isi.errors import InputError, short
+from isi.initializers.api import NoRelationMap
+from isi.insertion import api
+from isi.insertion.arguments import Source, Triple, argument, as_list
+from isi.insertion.choose import margin_of
+from isi.insertion.result import Inserted
+from isi.models.bilinear import ComplEx, DistMult
+from isi.models.distance import RotatE, TransE, TransEL1
+from isi.models.model import Model
+from isi.models.stack import Embedding
+
+__all__ = ["enlarge", "insert", "inserted", "warm"]
+
+PykeenModel = ERModel[Any, Any, Any]
+#: How far from 1 the length of a rotation may be.
+ROUNDING = 1e-3
+
+
+def insert(
+    model: PykeenModel, factory: CoreTriplesFactory, triples: Sequence[Triple] | np.ndarray | Tensor, **arguments: Any
+) -> tuple[PykeenModel, CoreTriplesFactory]:
+    """Put new entities into a trained model; its other vectors stay as they are.
+
+    Args:
+        model: with one vector for each entity. TransE (either norm, squared or not), DistMult, ComplEx and RotatE take
+            any initializer; others take those that need no inverse of a relation (mean, es, soft_es, map_mean, ...).
+        factory: that it was trained on.
+        triples: of the new entities; as labels where the factory has them, else as ids.
+        arguments: see ``inserted``.
+
+    Returns:
+        copies: a model with rows for the new entities behind those that it has, and a factory with their labels and
+        triples behind those that it has, ready for prediction, evaluation, further training and saving.
+
+    Raises:
+        InputError: naming the argument that is wrong, and what was expected.
+    """
+    return enlarge(model, factory, inserted(model, factory, triples, **arguments))
+
+
+def inserted(
+    model: PykeenModel, factory: CoreTriplesFactory, triples: Sequence[Triple] | np.ndarray | Tensor, *,
+    new: int | Sequence[str] | None = None, words: Any = None, word_source: Source | None = None, kinds: Any = None,
+    initializer: str | None = None, options: Mapping[str, Any] | None = None, margin: float | None = None,
+    seed: int = 0,
+) -> Inserted:  # fmt: skip
+    """The vectors of new entities and their report, as ``isi.insert`` gives them; see there for the arguments.
+
+    Args:
+        new: labels of the new entities, those that the triples bring where there are none; or how many they are, where
+            the factory has no labels.
+        margin: from which distance on a triple counts as wrong; read off the scores of the factory's triples where
+            there is none.
+    """
+    check(margin, Annotated[float, Field(allow_inf_nan=False)] | None, "", "argument 'margin'")  # type: ignore[arg-type]
+    with argument("triples"):
+        rows: Any = triples.cpu().numpy() if isinstance(triples, Tensor) else triples
+        rows = rows if isinstance(rows, np.ndarray) and rows.ndim else as_list(rows, object, "triples")
+    with argument("factory"):
+        if not isinstance(factory, CoreTriplesFactory):
+            raise InputError("", "", f"expected a triples factory of PyKEEN's, got {short(factory)}")
+        expected = f"{table_of(model).max_id} entities and {model.num_real_relations} relations"
+        if (got := f"{factory.num_entities} entities and {factory.real_num_relations} relations") != expected:
+            raise InputError("", "", f"expected {expected}, as the model has, got {got}")
+        labels: tuple[list[str] | None, list[str] | None] = None, None
+        if isinstance(factory, TriplesFactory):
+            entities = _by_id(factory.entity_to_id, factory.num_entities)
+            labels = entities, _by_id(factory.relation_to_id, factory.num_relations)
+    if new is None:
+        if not isinstance(factory, TriplesFactory):
+            raise InputError("argument 'new'", "", "expected how many entities are new: the factory has no labels")
+        whole = [tuple(triple) for triple in rows if hasattr(triple, "__len__") and len(triple) == 3]
+        ends = dict.fromkeys(end for head, _, tail in whole for end in (head, tail) if isinstance(end, str))
+        new = [str(end) for end in ends if end not in factory.entity_to_id]
+    embedding = read_model(model, factory.mapped_triples, margin)
+    return api.insert(
+        embedding.entity[0].numpy(), embedding.relation[0].numpy(), rows, new=new, model=embedding.model,
+        entity_names=labels[0], relation_names=labels[1], known_triples=factory.mapped_triples.numpy(), words=words,
+        word_source=word_source, kinds=kinds, initializer=initializer, options=options, seed=seed,
+    )  # fmt: skip
+
+
+def _by_id(ids: Mapping[str, int], number: int) -> list[str]:
+    """Labels in the order of ids."""
+    labels = {row: label for label, row in ids.items()}
+    if len(labels) != number:
+        raise InputError("", "", f"expected labels of all {number} rows, got {len(labels)}")
+    return [labels[row] for row in range(number)]
+
+
+def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> tuple[PykeenModel, CoreTriplesFactory]:
+    """Copies of a model and of its factory with what was inserted."""
+    larger = deepcopy(model)
+    larger.num_entities = len(done.entities)
+    table = table_of(larger)
+    values = Form(tuple(table.shape), table.is_complex).values(torch.from_numpy(done.entities[done.known :]))
+    if table.constrainer is not None:
+        values = table.constrainer(values)
+    if table.is_complex:
+        values = torch.view_as_real(values)
+    weight = table._embeddings.weight
+    new_rows = values.reshape(len(values), -1).to(weight)
+    weight.data, weight.grad = torch.cat([weight.data, new_rows]), None  # it stays, which regularizers may watch
+    table.max_id = table._embeddings.num_embeddings = len(weight)
+    new = torch.from_numpy(np.concatenate([done.insert_triples, done.between]))
+    triples, metadata = torch.cat([factory.mapped_triples, new]), dict(factory.metadata)
+    if not isinstance(factory, TriplesFactory):
+        return larger, CoreTriplesFactory(triples, len(weight), factory.real_num_relations, metadata=metadata)
+    labels = dict(factory.entity_to_id) | {str(done.names.of(row)): row for row in done.new}
+    return larger, TriplesFactory(triples, labels, factory.relation_to_id, metadata=metadata)
+
+
+def warm(optimizer: Optimizer) -> Optimizer:
+    """The same optimizer, made such that PyKEEN's ``train(..., continue_training=True)`` takes it.
+
+    Without ``continue_training``, PyKEEN's training loops begin with new random vectors, whatever a model knows; with
+    it, they ask for an optimizer that has been used.
+    """
+    for group in optimizer.param_groups:
+        for parameter in group["params"]:
+            optimizer.state[parameter]  # an entry, which is empty until the first step
+    return optimizer
+
+
+@dataclass(frozen=True)
+class Form:
+    """How a row of real numbers lies in a representation; complex ones are real halves, then imaginary ones."""
+
+    shape: tuple[int, ...]
+    is_complex: bool
+
+    @property
+    def size(self) -> int:
+        """Numbers in a row."""
+        return prod(self.shape) * (1 + self.is_complex)
+
+    def values(self, rows: Tensor) -> Tensor:
+        """Rows of shape (..., size) as values, (..., *shape)."""
+        if self.is_complex:
+            rows = torch.complex(*(half.contiguous() for half in rows.chunk(2, -1)))
+        return rows.reshape(*rows.shape[:-1], *self.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class InteractionModel(Model):
+    """f(h, r, t) = offset + the score of an interaction of PyKEEN's; the map of its relations is not known."""
+
+    interaction: modules.Interaction[Any, Any, Any]
+    entity: Form
+    relations: tuple[Form, ...]
+    offset: float
+    #: see ``isi.insert``
+    invertible: ClassVar[bool] = False
+
+    def width(self, dimension: int) -> int:  # noqa: ARG002
+        return sum(form.size for form in self.relations)
+
+    def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
+        sizes = [form.size for form in self.relations]
+        parts = torch.split(relation.double(), sizes, -1) if sizes else ()
+        values = tuple(form.values(part) for form, part in zip(self.relations, parts, strict=True))
+        first, last = (self.entity.values(vectors.double()) for vectors in (head, tail))
+        scores: Tensor = self.interaction(h=first, r=values[0] if len(values) == 1 else values, t=last)
+        return self.offset + scores.to(head.dtype)
+
+    def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
+        raise NoRelationMap
+
+    def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:  # noqa: ARG002
+        raise NoRelationMap
+
+
+def table_of(model: PykeenModel) -> Table:
+    """The table that a model's entities are the rows of.
+
+    Raises:
+        InputError: where there is none, or more than one.
+    """
+    parts = model.entity_representations if isinstance(model, ERModel) else []
+    if len(parts) != 1 or not isinstance(parts[0], Table):
+        raise InputError("argument 'model'", type(model).__name__, "expected a model with one vector for each entity")
+    return parts[0]
+
+
+def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Embedding:
+    """A model as a stack of one embedding.
+
+    Args:
+        triples: that it was trained on; their scores say the margin of distances where none is given.
+
+    Raises:
+        InputError: where it has several vectors per entity, or relations that are inverses of others.
+    """
+    form, entity = _read(table_of(model))
+    if model.use_inverse_triples:
+        raise InputError("argument 'model'", "", "expected a model that was trained without inverse triples")
+    relations = [_read(representation) for representation in model.relation_representations]
+    closed = _closed_form(model.interaction, [rows for _, rows in relations])
+    if closed:
+        make, rows = closed
+        without_margin = Embedding(entity[None].float(), rows[None].float(), make(0.0))
+        return replace(without_margin, model=make(margin_of(without_margin, triples, margin)))
+    interaction = deepcopy(model.interaction).cpu().double().eval().requires_grad_(False)
+    rows = torch.cat([rows for _, rows in relations], 1) if relations else torch.zeros(model.num_relations, 0)
+    scored = InteractionModel(interaction, form, tuple(form for form, _ in relations), 0.0)
+    scored = replace(scored, offset=margin_of(Embedding(entity[None], rows[None], scored), triples, margin))
+    return Embedding(entity[None].float(), rows[None].float(), scored)
+
+
+def _closed_form(
+    interaction: modules.Interaction[Any, Any, Any], relations: list[Tensor]
+) -> tuple[Callable[[float], Model], Tensor] | None:
+    """A model of our own for an interaction, by its margin, and its rows of relations; null where there is none."""
+    if type(interaction) is modules.DistMultInteraction:
+        return lambda _: DistMult(), relations[0]
+    if type(interaction) is modules.ComplExInteraction:
+        return lambda _: ComplEx(), relations[0]
+    if type(interaction) is modules.TransEInteraction and interaction.p == 2:
+        return lambda margin: TransE(margin, bool(interaction.power_norm)), relations[0]
+    if type(interaction) is modules.TransEInteraction and interaction.p == 1:
+        return TransEL1, relations[0]
+    if type(interaction) is modules.RotatEInteraction:
+        real, imaginary = relations[0].chunk(2, 1)
+        if (torch.hypot(real, imaginary) - 1).abs().max() < ROUNDING:
+            return lambda margin: RotatE(margin, False), torch.atan2(imaginary, real)
+    return None
+
+
+def _read(representation: Representation) -> tuple[Form, Tensor]:
+    """The form of a representation, and all its rows, (N, size); without dropout, after its normalizer."""
+    training = representation.training
+    with torch.no_grad():
+        values = representation.eval()().detach().cpu()
+    representation.train(training)
+    flat = values.flatten(1)
+    rows = torch.cat([flat.real, flat.imag], 1) if values.is_complex() else flat
+    return Form(tuple(representation.shape), values.is_complex()), rows
