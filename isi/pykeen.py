@@ -92,7 +92,9 @@ def inserted(
         expected = f"{table_of(model).max_id} entities and {model.num_real_relations} relations"
         if (got := f"{factory.num_entities} entities and {factory.real_num_relations} relations") != expected:
             raise InputError("", "", f"expected {expected}, as the model has, got {got}")
-        labels: tuple[list[str] | None, list[str] | None] = None, None
+    embedding = read_model(model, factory.mapped_triples, margin)
+    labels: tuple[list[str] | None, list[str] | None] = None, None
+    with argument("factory"):
         if isinstance(factory, TriplesFactory):
             entities = _by_id(factory.entity_to_id, factory.num_entities)
             labels = entities, _by_id(factory.relation_to_id, factory.num_relations)
@@ -102,7 +104,6 @@ def inserted(
         whole = [tuple(triple) for triple in rows if hasattr(triple, "__len__") and len(triple) == 3]
         ends = dict.fromkeys(end for head, _, tail in whole for end in (head, tail) if isinstance(end, str))
         new = [str(end) for end in ends if end not in factory.entity_to_id]
-    embedding = read_model(model, factory.mapped_triples, margin)
     return api.insert(
         embedding.entity[0].numpy(), embedding.relation[0].numpy(), rows, new=new, model=embedding.model,
         entity_names=labels[0], relation_names=labels[1], known_triples=factory.mapped_triples.numpy(), words=words,

@@ -12,7 +12,10 @@ from typing import Any
 import numpy as np
 
 from isi.bundle import folder
-from isi.bundle.manifest import MODEL, Bundle, Manifest, WordSource
+from isi.bundle.folder import MODEL, Bundle, InsertionRequest, Manifest, WordSource
+from isi.bundle.insert import NewEntity
+from isi.bundle.query import OpenBundle
+from tests.small_graphs import random_embedding, random_graph
 
 NAMES = ["kitchen", "bedroom", "kettle", "bed", "turn on", "lie on"]
 KINDS = ["room", "room", "object", "object", "affordance", "affordance"]
@@ -37,6 +40,34 @@ def small(**changed: Any) -> Bundle:
         "triples": np.array(TRIPLES), "words": np.array(WORDS, np.float32),
     }  # fmt: skip
     return Bundle(**{**given, **changed})
+
+
+def random_bundle(triples: int) -> Bundle:
+    """Of random vectors of 30 entities and two relations, with so many known triples."""
+    graph, stack = random_graph(30, 2, triples), random_embedding(1, 30, 2, 8)
+    names = [f"e{number}" for number in range(30)]
+    manifest = Manifest(model_name="analogy", model_options={}, words=None, made={}, inserted=[])
+    return Bundle(
+        manifest, stack.entity[0].numpy(), stack.relation[0].numpy(), names, [""] * 30, names, ["in", "on"],
+        graph.triples.numpy(), np.random.default_rng(0).standard_normal((30, 4)).astype(np.float32),
+    )  # fmt: skip
+
+
+def opened(bundle: Bundle | None = None, **changed: Any) -> OpenBundle:
+    """A bundle, the small one where none is given, ready for queries."""
+    return OpenBundle(**vars(bundle or small(**changed)))
+
+
+def new_entity(
+    name: str, triples: list[tuple[str, str, str]], vector: Any = None, kind: str = "", initializer: str | None = None,
+    options: dict[str, Any] | None = None,
+) -> NewEntity:  # fmt: skip
+    """What is given about a new entity."""
+    request = InsertionRequest(
+        entity=name, insert_triples=triples, definition=None, requested_initializer=initializer, options=options or {},
+        seed=0,
+    )  # fmt: skip
+    return NewEntity(request, kind, name, None if vector is None else np.array(vector, np.float32))
 
 
 def written(path: Path, bundle: Bundle | None = None) -> Path:

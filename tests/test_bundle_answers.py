@@ -14,74 +14,69 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import isi
-from isi.bundle.answers import answer
-from isi.bundle.calibration import fit_platt
-from isi.bundle.explain import ablations, again
-from isi.bundle.insert_entity import InsertedEntity, NewEntity, insert_entity, without_entities
-from isi.bundle.names import find, plain
-from isi.bundle.query import OpenBundle, Query, open_bundle, queries_of
+from isi.bundle.calibration import answer, fit_platt
+from isi.bundle.explain import ablations
+from isi.bundle.folder import InsertionRecord
+from isi.bundle.insert import InsertedEntity, NewEntity, before, insert_entity
+from isi.bundle.query import Query, find, open_bundle, plain, queries_of
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
-from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, WORDS, small
+from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, WORDS, new_entity, opened, small, written
 
 KITCHEN, BEDROOM, KETTLE, BED, TURN_ON, LIE_ON = range(6)
 AT, HAS = range(2)
 FACTS = [("stove", "atLocation", "kitchen"), ("stove", "hasAffordance", "turn on")]
 
 
-def model(**changed: Any) -> OpenBundle:
-    return open_bundle(small(**changed), Path("one"))
+def stove(**changed: Any) -> NewEntity:
+    given: dict[str, Any] = {"name": "stove", "kind": "object", "triples": FACTS, "vector": [0.6, 0.8, 0.0]}
+    return new_entity(**{**given, **changed})
 
 
-def news(**changed: Any) -> NewEntity:
-    vector = np.array([0.6, 0.8, 0.0], np.float32)
-    given: dict[str, Any] = {
-        "name": "stove", "phrase": "stove", "kind": "object", "insert_triples": FACTS, "definition": None,
-        "vector": vector, "initializer": None, "options": {}, "seed": 0,
-    }  # fmt: skip
-    return NewEntity(**{**given, **changed})
+def again(inserted: InsertedEntity, record: InsertionRecord) -> InsertedEntity:
+    return insert_entity(*before(inserted.opened, record))
 
 
 # Answers
 
 
 def test_answers_are_ranked_by_score_among_those_of_a_kind_that_can_answer() -> None:
-    found = answer(model(), Query(KETTLE, AT, TAIL), 5)  # rooms alone: 3 · 1 and 1 · 1
+    found = answer(opened(), Query(KETTLE, AT, TAIL), 5)  # rooms alone: 3 · 1 and 1 · 1
     assert [(one.entity, one.rank, one.score, one.percentile, one.known) for one in found] == [
         ("kitchen", 1, 3.0, 1.0, True), ("bedroom", 2, 1.0, 0.0, False),
     ]  # fmt: skip
 
 
 def test_heads_are_asked_for_too_and_who_has_an_answer_is_told() -> None:
-    found = answer(model(), Query(LIE_ON, HAS, HEAD), 5, indicators=[BED, KETTLE])
+    found = answer(opened(), Query(LIE_ON, HAS, HEAD), 5, indicators=[BED, KETTLE])
     assert [(one.entity, one.score, one.known) for one in found] == [("bed", 2.0, True), ("kettle", 0.0, False)]
-    found = answer(model(), Query(KETTLE, HAS, TAIL), 5, indicators=[BED, KETTLE])
+    found = answer(opened(), Query(KETTLE, HAS, TAIL), 5, indicators=[BED, KETTLE])
     assert [(one.entity, one.shared_by) for one in found] == [("turn on", ["kettle"]), ("lie on", ["bed"])]
 
 
 def test_without_kinds_everyone_answers_but_the_one_that_is_asked_about() -> None:
-    found = answer(model(kinds=[""] * 6), Query(KETTLE, AT, TAIL), 9)
+    found = answer(opened(kinds=[""] * 6), Query(KETTLE, AT, TAIL), 9)
     assert [(one.entity, one.score, one.percentile) for one in found] == [
         ("bed", 5.0, 1.0), ("kitchen", 3.0, 0.75), ("bedroom", 1.0, 0.5), ("turn on", 0.0, 0.0), ("lie on", 0.0, 0.0),
     ]  # fmt: skip
     looped = np.array([[KETTLE, AT, KETTLE]])
-    assert answer(model(kinds=[""] * 6, triples=looped), Query(KETTLE, AT, TAIL), 1)[0].entity == "kettle"
+    assert answer(opened(kinds=[""] * 6, triples=looped), Query(KETTLE, AT, TAIL), 1)[0].entity == "kettle"
 
 
 def test_without_known_triples_there_is_no_chance_but_still_a_share() -> None:
-    found = answer(model(triples=np.zeros((0, 3), np.int64)), Query(KETTLE, AT, TAIL), 2)
+    found = answer(opened(triples=np.zeros((0, 3), np.int64)), Query(KETTLE, AT, TAIL), 2)
     assert [(one.probability, one.percentile) for one in found] == [(None, 1.0), (None, 0.75)]
 
 
 def test_only_what_fits_is_asked() -> None:
-    assert queries_of(model(), KETTLE, {}) == [Query(KETTLE, AT, TAIL), Query(KETTLE, HAS, TAIL)]
-    assert queries_of(model(), KITCHEN, {BED: 1.0}) == [Query(KITCHEN, AT, HEAD)]  # as rooms do
-    no_kinds = model(kinds=[""] * 6)
+    assert queries_of(opened(), KETTLE, {}) == [Query(KETTLE, AT, TAIL), Query(KETTLE, HAS, TAIL)]
+    assert queries_of(opened(), KITCHEN, {BED: 1.0}) == [Query(KITCHEN, AT, HEAD)]  # as rooms do
+    no_kinds = opened(kinds=[""] * 6)
     assert queries_of(no_kinds, KITCHEN, {BED: 0.05, BEDROOM: 0.95}) == [Query(KITCHEN, AT, HEAD)]
     assert queries_of(no_kinds, KITCHEN, {BED: 0.15, BEDROOM: 0.85}) == [
         Query(KITCHEN, AT, TAIL), Query(KITCHEN, AT, HEAD), Query(KITCHEN, HAS, TAIL),
     ]  # fmt: skip
-    assert len(queries_of(model(triples=np.zeros((0, 3), np.int64)), KETTLE, {BED: 1.0})) == 4
+    assert len(queries_of(opened(triples=np.zeros((0, 3), np.int64)), KETTLE, {BED: 1.0})) == 4
 
 
 # Chances
@@ -133,66 +128,66 @@ def test_scores_that_tell_nothing_give_the_share_of_the_known() -> None:
 @pytest.mark.parametrize("told", ["both", "words", "triples"])
 @pytest.mark.parametrize("name", ["soft_hybrid", "soft_es", "soft_rs"])
 def test_weights_are_those_of_the_initializer(name: str, told: str) -> None:
-    changed = {"both": {}, "words": {"insert_triples": []}, "triples": {"vector": None}}[told]
-    given = model()
-    inserted = insert_entity(given, news(initializer=name, **changed))
+    changed = {"both": {}, "words": {"triples": []}, "triples": {"vector": None}}[told]
+    given = opened()
+    inserted = insert_entity(given, stove(initializer=name, **changed))
     assert inserted.result.weights is not None
     expected = torch.from_numpy(inserted.result.weights[0]) @ inserted.opened.embedding.entity[0, :-1]
     np.testing.assert_allclose(inserted.vector, expected.numpy(), rtol=1e-5, atol=1e-6)
 
 
 def test_indicators_are_shown_with_how_similar_they_are() -> None:
-    shown = insert_entity(model(), news(initializer="es", options={"k": 2})).indicators()
+    shown = insert_entity(opened(), stove(initializer="es", options={"k": 2})).indicators()
     assert {one.id: (one.weight, round(one.words or 0, 4)) for one in shown} == {
         BED: (0.5, 0.8),
         LIE_ON: (0.5, 0.64),
     }
-    stove = np.array(RELATIONS) * np.array(VECTORS)[[KITCHEN, TURN_ON]]  # where each fact puts it, as 1 / 1 = 1
+    places = np.array(RELATIONS) * np.array(VECTORS)[[KITCHEN, TURN_ON]]  # where each fact puts it, as 1 / 1 = 1
     for one in shown:
         vector = np.array(VECTORS[one.id])
-        cosines = stove @ vector / np.linalg.norm(vector)
+        cosines = places @ vector / np.linalg.norm(vector)
         assert one.relations == pytest.approx(cosines.mean())
-    shown = insert_entity(model(), news(insert_triples=[], initializer="es", options={"k": 1})).indicators()
+    shown = insert_entity(opened(), stove(triples=[], initializer="es", options={"k": 1})).indicators()
     assert [(one.id, one.weight, one.relations) for one in shown] == [(BED, 1.0, None)]
 
 
 def test_an_insertion_is_that_of_the_library_and_leaves_what_is_known() -> None:
-    given = model()
-    inserted = insert_entity(given, news())
+    given = opened()
+    inserted = insert_entity(given, stove())
     words = np.concatenate([np.array(WORDS, np.float32), [[0.6, 0.8, 0.0]]]).astype(np.float32)
     expected = isi.insert(
-        given.bundle.entities, given.bundle.relations, FACTS, new=["stove"], model="distmult", entity_names=NAMES,
-        relation_names=BETWEEN, known_triples=given.bundle.triples, words=words,
+        given.entities, given.relations, FACTS, new=["stove"], model="distmult", entity_names=NAMES,
+        relation_names=BETWEEN, known_triples=given.triples, words=words,
     )  # fmt: skip
-    assert inserted.opened.bundle.entities.tobytes() == expected.entities.tobytes()
-    assert inserted.opened.bundle.entities[:6].tobytes() == given.bundle.entities.tobytes()
-    assert inserted.opened.bundle.triples.tolist()[-2:] == [[6, AT, KITCHEN], [6, HAS, TURN_ON]]
+    assert inserted.opened.entities.tobytes() == expected.entities.tobytes()
+    assert inserted.opened.entities[:6].tobytes() == given.entities.tobytes()
+    assert inserted.opened.triples.tolist()[-2:] == [[6, AT, KITCHEN], [6, HAS, TURN_ON]]
     assert inserted.record.initializer == "map_soft_hybrid"
 
 
 def inserted_twice() -> InsertedEntity:
     """A stove, then a hob with a triple about the stove."""
-    first = insert_entity(model(), news())
+    first = insert_entity(opened(), stove())
     told = [("hob", "atLocation", "stove"), ("hob", "hasAffordance", "turn on")]
-    return insert_entity(first.opened, news(name="hob", phrase="hob", insert_triples=told, vector=None))
+    return insert_entity(first.opened, stove(name="hob", triples=told, vector=None))
 
 
 def test_an_insertion_is_done_again_whatever_came_after_it() -> None:
     inserted = inserted_twice()
-    for name, record in inserted.opened.bundle.insertions().items():
-        stored = inserted.opened.bundle.entities[inserted.opened.entity_ids[name]]
-        assert again(inserted.opened, record).vector.tobytes() == stored.tobytes()
+    for name, record in inserted.opened.insertions().items():
+        stored = inserted.opened.entities[inserted.opened.entity_ids[name]]
+        assert again(inserted, record).vector.tobytes() == stored.tobytes()
 
 
 def test_what_is_left_out_is_an_insertion_without_it() -> None:
     inserted = inserted_twice()
-    bundle, record = inserted.opened.bundle, inserted.opened.bundle.insertions()["stove"]
-    shown = again(inserted.opened, record).indicators()
+    record = inserted.opened.insertions()["stove"]
+    shown = again(inserted, record).indicators()
     queries = [Query(6, AT, TAIL)]
     found = list(ablations(inserted.opened, record, shown, queries, 1))
     assert [one.left_out for one in found] == ["fact", "fact", "words", *["indicator"] * len(shown)]
-    own = bundle.entities[6].astype(float)
-    fewer = insert_entity(model(), news(insert_triples=FACTS[1:])).vector.astype(float)
+    own = inserted.opened.entities[6].astype(float)
+    fewer = insert_entity(opened(), stove(triples=FACTS[1:])).vector.astype(float)
     assert found[0].cosine == pytest.approx(own @ fewer / math.sqrt((own @ own) * (fewer @ fewer)))
     assert found[0].moved == pytest.approx(np.linalg.norm(own - fewer) / np.linalg.norm(own))
     named = next(one for one in found if one.left_out == "indicator")
@@ -210,18 +205,18 @@ def test_what_is_left_out_is_an_insertion_without_it() -> None:
 
 
 def test_without_all_that_is_known_there_is_nothing() -> None:
-    inserted = insert_entity(model(), news(insert_triples=[]))
+    inserted = insert_entity(opened(), stove(triples=[]))
     record = inserted.record
     (found,) = ablations(inserted.opened, record, [], [], 1)
     assert (found.left_out, found.initializer, found.cosine) == ("words", None, None)
 
 
 def test_an_indicator_that_is_called_as_a_relation_takes_no_other_facts_with_it() -> None:
-    named = model(entity_names=[*NAMES[:-1], "hasAffordance"])
-    inserted = insert_entity(named, news())
+    named = opened(entity_names=[*NAMES[:-1], "hasAffordance"])
+    inserted = insert_entity(named, stove())
     shown = [replace(inserted.indicators()[0], id=LIE_ON, entity="hasAffordance")]
     *_, found = ablations(inserted.opened, inserted.record, shown, [], 1)
-    fewer = insert_entity(without_entities(named, np.arange(5)), news())  # which knows what its triples are of
+    fewer = insert_entity(named.part(np.arange(5)), stove())  # which knows what its triples are of
     own, vector = (one.vector.astype(float) for one in (inserted, fewer))
     assert found.what == "hasAffordance"
     assert found.moved == pytest.approx(np.linalg.norm(own - vector) / np.linalg.norm(own))
@@ -232,20 +227,18 @@ def test_an_indicator_that_is_called_as_a_relation_takes_no_other_facts_with_it(
 
 @pytest.mark.parametrize("text", ["turn on", "Turn On", "turnOn", "turn_on", "turn-on", "turnon", "TURN ON"])
 def test_names_are_found_without_regard_to_case_and_gaps(text: str) -> None:
-    assert find(text, {"turn off": 0, "turn on": 1}, "ENTITY", "an entity") == 1
+    assert find(text, ["turn off", "turn on"], "ENTITY", "an entity") == "turn on"
 
 
 def test_a_name_as_it_is_written_goes_first_and_none_is_guessed() -> None:
-    ids = {"Apple": 0, "apple": 1}
-    assert find("apple", ids, "", "") == 1
-    with pytest.raises(
-        InputError, match=r"^ENTITY: expected an entity as it is written: 'Apple', 'apple'; got 'APPLE'$"
-    ):
-        find("APPLE", ids, "ENTITY", "an entity")
+    names = ["Apple", "apple"]
+    assert find("apple", names, "", "") == "apple"
+    with pytest.raises(InputError, match=r"^ENTITY: expected an entity, got 'APPLE', written as 'Apple', 'apple'$"):
+        find("APPLE", names, "ENTITY", "an entity")
     with pytest.raises(InputError, match=r"^ENTITY: expected an entity, got 'aple' \(did you mean 'apple'\?\)$"):
-        find("aple", {"apple": 0, "pear": 1}, "ENTITY", "an entity")
+        find("aple", ["apple", "pear"], "ENTITY", "an entity")
     with pytest.raises(InputError, match=r"got 'zz' \(there are 'apple', 'pear'\)$"):
-        find("zz", {"apple": 0, "pear": 1}, "ENTITY", "an entity")
+        find("zz", ["apple", "pear"], "ENTITY", "an entity")
 
 
 @given(st.text())
@@ -259,15 +252,19 @@ def test_a_plain_name_is_plain(text: str) -> None:
 @pytest.mark.parametrize(
     ("change", "line"),
     [
-        ({"model_name": "holographic"}, r"^one/embedding\.json: family: expected one of "),
+        ({"model_name": "holographic"}, r"^one/embedding\.json: family: .*expected one of "),
         ({"model_name": "transe"}, r"^one/embedding\.json: family: .*margin"),
         (
             {"model_name": "rotate", "model_options": {"margin": 1.0, "squared": False}},
-            r"^one/vectors\.\w+: tensor 'rel.* 2",
+            r"^one/vectors\.\w+: .*rel.* 2",
         ),
     ],
 )
-def test_a_family_that_the_tables_are_not_of_is_refused(change: dict[str, Any], line: str) -> None:
-    bundle = small()
+def test_a_model_that_the_tables_are_not_of_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any], line: str
+) -> None:
+    manifest = small().manifest.model_copy(update=change)
+    monkeypatch.chdir(tmp_path)
+    written(Path("one"), small(manifest=manifest))
     with pytest.raises(InputError, match=line):
-        open_bundle(replace(bundle, manifest=bundle.manifest.model_copy(update=change)), Path("one"))
+        open_bundle(Path("one"))

@@ -16,7 +16,7 @@ import yaml
 
 from isi import config
 from isi.__main__ import main
-from isi.cli._checking import catalogue, check_data
+from isi.cli.check import catalogue, check_data
 from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, THETA0
 from isi.graph.graph import ENTITIES
 from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from isi.__main__ import main
-from isi.bundle.manifest import ManifestFile
+from isi.bundle.folder import ManifestFile
 from isi.cli.app import COMMANDS
 from isi.models.model import MODELS
 from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, files, written

@@ -16,7 +16,7 @@ import yaml
 from rdflib import RDF, RDFS, Graph, Literal, URIRef
 
 from isi.__main__ import main
-from isi.cli.export_formats import FORMATS
+from isi.cli.export import FORMATS
 from isi.experiment.store import JOINT
 from isi.graph import tables
 from isi.tables import paths

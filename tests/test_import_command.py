@@ -13,8 +13,7 @@ import torch
 from safetensors.numpy import save_file
 
 from isi.__main__ import main
-from isi.bundle.folder import read
-from isi.bundle.manifest import Bundle
+from isi.bundle.folder import Bundle, read
 from isi.bundle.query import OpenBundle, open_bundle
 from tests.small_bundle import BETWEEN, NAMES, RELATIONS, TRIPLES, VECTORS, files
 
@@ -27,7 +26,8 @@ def imported(*arguments: str) -> Bundle:
 
 
 def opened(*arguments: str) -> OpenBundle:
-    return open_bundle(imported(*arguments), Path("out"))
+    imported(*arguments)
+    return open_bundle(Path("out"))
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,6 @@ import pytest
 import torch
 
 from isi.__main__ import main
-from isi.bundle.folder import read
 from isi.bundle.query import OpenBundle, open_bundle
 from isi.graph.graph import HEAD, TAIL
 
@@ -20,7 +19,7 @@ from isi.graph.graph import HEAD, TAIL
 def opened(*arguments: str) -> OpenBundle:
     """What is imported, ready to be asked."""
     main(["import", *arguments, "--out", "out"])
-    return open_bundle(read(Path("out")), Path("out"))
+    return open_bundle(Path("out"))
 
 
 @pytest.fixture(autouse=True)
@@ -68,11 +67,11 @@ def test_a_model_of_pykeen_scores_the_same_by_its_state_dict_and_by_its_pickle(
     model, folder = saved(name)
     by_pickle = opened(str(folder), "--trust-pickle")
     by_state = opened(str(folder), "--family", *MODELS[name])
-    assert by_state.bundle.entities.tobytes() == by_pickle.bundle.entities.tobytes()
-    np.testing.assert_allclose(by_state.bundle.relations, by_pickle.bundle.relations, rtol=1e-6)
+    assert by_state.entities.tobytes() == by_pickle.entities.tobytes()
+    np.testing.assert_allclose(by_state.relations, by_pickle.relations, rtol=1e-6)
     assert vars(by_state.model) == pytest.approx(vars(by_pickle.model))
-    assert by_state.bundle.entity_names[0] == "brazil"
-    assert len(by_state.bundle.triples) == 1592
+    assert by_state.entity_names[0] == "brazil"
+    assert len(by_state.triples) == 1592
     margin = getattr(by_state.model, "margin", 0.0)
     for slot, theirs in ((TAIL, model.score_t), (HEAD, model.score_h)):
         given = torch.tensor([0, 3, 13])

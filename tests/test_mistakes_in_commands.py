@@ -75,7 +75,8 @@ def test_a_mistake_in_an_argument_names_it_in_one_line(name: str, case: Called) 
 def test_without_pykeen_the_message_says_how_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.startswith("isi.pykeen")]:
         monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "pykeen", None)
+    for name in ("pykeen", "pykeen.models"):
+        monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ImportError, match="pip install pykeen"):
         __import__("isi.pykeen")

@@ -20,13 +20,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, model_validator
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from isi.config import Count, Name, Option, Section, Seed
 from isi.errors import InputError, at, unwritable
-from isi.models.finite import LARGEST
+from isi.models.stack import LARGEST
 
 MANIFEST, VECTORS = "embedding.json", "vectors.safetensors"
 ENTITIES, RELATIONS, TRIPLES = "entities.tsv", "relations.tsv", "triples.tsv"
@@ -45,17 +45,14 @@ CONTROL = frozenset({"Cc", "Cs", "Zl", "Zp"})
 
 
 def check_text(text: str) -> str:
-    """A text that may be printed or stand in a cell of a table.
-
-    Raises:
-        ValueError: where it may not.
-    """
+    """A text that may be printed or stand in a cell of a table; else a ``ValueError``."""
     if not text.isprintable() and any(unicodedata.category(character) in CONTROL for character in text):
         raise ValueError(f"expected text without tabs, line breaks or other control characters, got {text[:80]!r}")
     return text
 
 
 Text = Annotated[str, AfterValidator(check_text)]
+TEXTS = TypeAdapter(list[Text])
 #: Head, relation and tail by name; a list in JSON.
 NamedTriple = Annotated[tuple[str, str, str], Field(strict=False)]
 
@@ -278,32 +275,20 @@ def _rows(path: Path, content: bytes, columns: Sequence[str]) -> list[list[str]]
         with at(path, f"line {number}"):
             if row != list(columns) if number == 1 else len(row) != len(columns):
                 raise InputError("", "", f"expected the columns {', '.join(columns)}, got {' '.join(row)[:80]!r}")
-            for cell in row:
-                check_cell(cell)
+            TEXTS.validate_python(row)
     return rows[1:]
 
 
-def check_cell(text: str) -> None:
-    """Refuse control characters in a cell or a name, as an ``InputError``."""
-    try:
-        check_text(text)
-    except ValueError as error:
-        raise InputError("", "", str(error)) from error
-
-
 def ids_of(path: Path, names: Sequence[str], first: int = 2) -> dict[str, int]:
-    """Ids by name.
+    """Ids by name; an ``InputError`` for one that is empty, has control characters or repeats names its line.
 
     Args:
         first: line of the first name.
-
-    Raises:
-        InputError: naming the line of a name that is empty, has control characters, or repeats.
     """
     ids: dict[str, int] = {}
     for row, name in enumerate(names):
         with at(path, f"line {row + first}"):
-            check_cell(name)
+            TEXTS.validate_python([name])
             if not name.strip() or ids.setdefault(name, row) != row:
                 raise InputError("", "", f"expected a name that does not repeat, got {name!r:.80}")
     return ids
@@ -312,20 +297,17 @@ def ids_of(path: Path, names: Sequence[str], first: int = 2) -> dict[str, int]:
 def triple_ids(
     path: Path, rows: Iterable[Sequence[str]], entities: Mapping[str, int], relations: Mapping[str, int], first: int = 1
 ) -> np.ndarray:
-    """Triples of names as ids; shape (T, 3), int64.
+    """Triples of names as ids, shape (T, 3), int64; an ``InputError`` for a name that is unknown names its line.
 
     Args:
         first: line of the first triple.
-
-    Raises:
-        InputError: naming the line of a name that no row of the embedding has.
     """
-    triples = list(rows)
-    for line, row in enumerate(triples, first):
+    ids = []
+    for line, row in enumerate(rows, first):
         for slot, name, known in zip(COLUMNS[TRIPLES], row, (entities, relations, entities), strict=True):
             if name not in known:
                 raise InputError(path, f"line {line}", f"expected a known name as {slot}, got {name!r:.80}")
-    ids = [(entities[head], relations[relation], entities[tail]) for head, relation, tail in triples]
+            ids.append(known[name])
     return np.array(ids, dtype=np.int64).reshape(-1, 3)
 
 
@@ -344,11 +326,7 @@ def _tensors(path: Path, content: bytes, names: Mapping[str, Sequence[str]]) -> 
 
 
 def check_numbers(table: np.ndarray, rows: int) -> None:
-    """Refuse a table that has other rows, or numbers of which a score would overflow in single precision.
-
-    Raises:
-        InputError: naming the row.
-    """
+    """Refuse a table of other rows, or with numbers of which a score would overflow in single precision."""
     if table.ndim != 2 or len(table) != rows or not table.size or table.dtype not in (np.float32, np.float64):
         raise InputError("", "", f"expected float32 or float64 of shape ({rows}, any), got {table.dtype} {table.shape}")
     largest = np.abs(table).max(1)

@@ -246,10 +246,10 @@ def read_labels(folder: Path) -> Labels:
         rows: list[Any] = list(read_ids(folder, [TRAIN2ID])) if path.exists() else []
     elif (folder / ENTITY_NAMES).exists():
         entities, relations = (
-            [name for (name,) in _cells(folder / file, 1)] for file in (ENTITY_NAMES, RELATION_NAMES)
+            [name for (name,) in _split_lines(folder / file, 1)] for file in (ENTITY_NAMES, RELATION_NAMES)
         )
         path, form = folder / TRIPLES, "arrays"
-        rows = _cells(path, 3) if path.exists() else []
+        rows = _split_lines(path, 3) if path.exists() else []
     else:
         raise InputError(folder, "", f"expected a folder with {PYKEEN}, {ENTITY2ID} or {ENTITY_NAMES}")
     entity_ids, relation_ids = (
@@ -280,7 +280,7 @@ def _pykeen_table(path: Path, columns: list[str], kind: type) -> pd.DataFrame:
     return frame
 
 
-def _cells(path: Path, columns: int) -> list[list[str]]:
+def _split_lines(path: Path, columns: int) -> list[list[str]]:
     """Rows of a text file of so many columns, separated by tabs."""
     with at(path):
         lines = path.read_text(encoding="utf-8-sig").removesuffix("\n").split("\n")

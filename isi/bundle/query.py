@@ -21,7 +21,7 @@ from isi.errors import InputError, at
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion.arguments import checked_model, stack_of_one, table
 from isi.models.model import Model
-from isi.models.stack import LARGEST, Embedding
+from isi.models.stack import Embedding
 
 #: Share of the similar entities that must stand in a slot for it to be queried.
 ENOUGH = 0.1

@@ -174,8 +174,8 @@ def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:
             {"relation": relation, "unique_triples": len(counts), "observations": int(counts.sum())}
             for relation, counts in relations
         ],
-        "without_a_word_vector": _listed(entities.loc[pd.isna(pd.Series(served)), "entity"].tolist()),
-        "with_one_triple,_which_stays_in_train": _listed(sorted(ends.index[ends == 1])),
+        "without_a_word_vector": _first_names(entities.loc[pd.isna(pd.Series(served)), "entity"].tolist()),
+        "with_one_triple,_which_stays_in_train": _first_names(sorted(ends.index[ends == 1])),
         "triples_observed_once": int((triples["count"] == 1).sum()),
         "triples_for_validation_and_test": sum(
             max(1, round(share * len(triples))) for share in (shares.valid, shares.test)
@@ -184,6 +184,6 @@ def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _listed(names: Sequence[str]) -> str:
+def _first_names(names: Sequence[str]) -> str:
     more = [f"and {len(names) - LISTED:,} more"] * (len(names) > LISTED)
     return f"{len(names):,}" + f" ({', '.join([*names[:LISTED], *more])})" * bool(names)

@@ -19,7 +19,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isi.cli import _reading
+from isi.cli.graph import read
 from isi.graph.graph import TRIPLES, MinedSource, build_tables
 from isi.graph.words import look_up, read_vectors
 from isi.sources import Source, procthor_houses, triples_with_ids
@@ -145,7 +145,7 @@ def _lawful(observations: pd.DataFrame, kinds: pd.DataFrame) -> str:
 
 def guessed(file: str) -> str:
     """Read a file as ``isi graph`` does, which tells its reader by what is in it."""
-    found = _reading.read(Path(file), None, {}, 0)
+    found = read(Path(file), None, {}, 0)
     graph = build_tables(found.seen)
     return f"{found.reader} {graph.triples.to_csv()} {graph.entities.to_csv()}"
 

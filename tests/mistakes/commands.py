@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from safetensors.numpy import save
 
 from tests.mistakes.calls import Typed, put
-from tests.small_bundle import NAMES, edit, small, written
+from tests.small_bundle import NAMES, edit, small, tamper, written
 
 FACT = "insert x --fact atLocation bed"
 LARGEST = "x" * 300
 
 
-def times(factor: float) -> Callable[[], object]:
-    """The embedding with larger vectors."""
-    return lambda: written(Path("home"), replace(small(), entities=small().entities * np.float32(factor)))
+def large() -> None:
+    """The embedding with vectors of which a score would overflow."""
+    tensors = {"entities": small().entities * np.float32(1e30), "relations": small().relations}
+    tamper(Path("home"), "vectors.safetensors", bytes(save(tensors)))
 
 
 def distances() -> None:
@@ -69,8 +70,9 @@ INSERT_CASES = [
     Typed("an initializer that the family does not serve", f"{FACT} --initializer ridge --embedding home",
           "--initializer|ridge", before=distances),
     Typed("an option that the initializer does not have", f"{FACT} --initializer rs --set kk=3 --embedding home",
-          "--set kk"),
-    Typed("a value that the option may not have", f"{FACT} --initializer rs --set k=0 --embedding home", "--set k"),
+          "--initializer|kk"),
+    Typed("a value that the option may not have", f"{FACT} --initializer rs --set k=0 --embedding home",
+          "--initializer: k"),
     Typed("no file of word vectors", "insert x --vectors none.txt --embedding home", "none.txt"),
     Typed("word vectors of other words", "insert x --vectors words.txt --embedding home", "words.txt",
           before=put(words__txt="mug 1 2\ncup 2 1\n")),
@@ -87,9 +89,9 @@ INSERT_CASES = [
     Typed("a folder with something else in it", f"{FACT} --embedding home --out home", "home|thesis.tex",
           before=lambda: Path("home/thesis.tex").write_text("all of it", encoding="utf-8")),
     Typed("a folder with an embedding that others were inserted into", f"{FACT} --embedding home --out other",
-          "--out|other", before=inserted_elsewhere),
+          "other", before=inserted_elsewhere),
     Typed("vectors that are too large to be inserted among", f"{FACT} --embedding home --out out",
-          "home/vectors.safetensors|entities", before=times(1e30)),
+          "home/vectors.safetensors|entities", before=large),
 ]  # fmt: skip
 
 ASK_CASES = [
@@ -101,7 +103,7 @@ ASK_CASES = [
     Typed("a number of answers that is none", "ask kettle atLocation --top 0 --embedding home", "--top",
           status=2),
     Typed("numbers of which a score would be none", "ask kettle atLocation --embedding home",
-          "home/vectors.safetensors|entities", before=times(1e30)),
+          "home/vectors.safetensors|entities", before=large),
 ]  # fmt: skip
 
 NEAREST_CASES = [

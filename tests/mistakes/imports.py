@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from isi.bundle.import_tensors import OF_PYKEEN
+from isi.bundle.importer import OF_PYKEEN
 from tests.mistakes.calls import Typed, packed
 from tests.mistakes.commands import inserted_elsewhere
 from tests.test_import_command import ENTITIES, LABELS, ids, lists
@@ -110,7 +110,7 @@ TYPED_CASES = [
           before=with_tables()),
     Typed("numbers of which a score would be none", TYPED, "mine|entities",
           before=with_tables(entities=np.full(ENTITIES.shape, 1e200))),
-    Typed("a folder with an embedding that others were inserted into", f"{TYPED[:-3]}other", "--out|other",
+    Typed("a folder with an embedding that others were inserted into", f"{TYPED[:-3]}other", "other",
           before=lambda: (with_tables()(), inserted_elsewhere())),
 ]  # fmt: skip
 
