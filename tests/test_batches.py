@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -11,7 +9,6 @@ from torch import Tensor
 
 from isi.experiment.grid import GridPoints
 from isi.graph.sessions import OUT, TRAIN, Session, session_of
-from isi.models.stack import select
 from isi.training.batches import (
     DenseBatch,
     ListBatch,
@@ -141,19 +138,6 @@ def test_many_negatives_on_one_triple_do_not_overflow() -> None:
     assert drawn[0, 0, 1, 0, 1].item() == 45_000
 
 
-def test_negatives_are_keyed_by_model_purpose_and_epoch() -> None:
-    points = small_points()
-    data = training_data(points.session(0), "test", points.keys(), "unseen")
-    drawn = {(root, epoch): sampled(data, 3, root, epoch) for root in (0, 1) for epoch in (1, 2)}
-    assert torch.equal(drawn[0, 1], sampled(data, 3, 0, 1))
-    assert not torch.equal(drawn[0, 1], drawn[0, 2])
-    assert not torch.equal(drawn[0, 1], drawn[1, 1])
-    other = replace(data, keys=data.keys + torch.tensor([1, 0]))
-    assert not torch.equal(drawn[0, 1], sampled(other, 3, 0, 1))
-    assert not torch.equal(drawn[0, 1], sampled(replace(data, purpose="other"), 3, 0, 1))
-    assert torch.equal(drawn[0, 1][2:3], sampled(select(data, torch.tensor([2])), 3, 0, 1))
-
-
 @pytest.mark.parametrize("size", [1, 7, 30, 10_000])
 def test_batches_hold_each_observation_once_and_are_even(size: int) -> None:
     points = small_points()
@@ -167,19 +151,6 @@ def test_batches_hold_each_observation_once_and_are_even(size: int) -> None:
         assert used.max() - used.min() <= 1
         assert len(used) == -(-int(data.counts[model].sum()) // size)
         assert (lengths[: len(used)] > 0).all()
-
-
-def test_batches_are_keyed_by_model_and_epoch() -> None:
-    points = small_points()
-    data = training_data(points.session(0), "test", points.keys(), "all")
-    batched = batch_counts(data, 0, 1, 10)
-    assert torch.equal(batched, batch_counts(data, 0, 1, 10))
-    assert not torch.equal(batched, batch_counts(data, 0, 2, 10))
-    assert not torch.equal(batched, batch_counts(data, 1, 1, 10))
-    other = replace(data, keys=data.keys + torch.tensor([1, 0]))
-    assert not torch.equal(batched, batch_counts(other, 0, 1, 10))
-    alone = batch_counts(select(data, torch.tensor([3])), 0, 1, 10)
-    assert torch.equal(batched[3:, : alone.shape[1]], alone)
 
 
 def test_data_count_training_observations_alone() -> None:

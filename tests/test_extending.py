@@ -20,7 +20,7 @@ from isi.models.stack import uniform
 from isi.sources import READERS, Source
 from tests.documented import code, params
 from tests.small_bundle import written
-from tests.worlds import insertion
+from tests.small_insertion import insertion
 
 
 @pytest.fixture

@@ -31,7 +31,7 @@ from isi.tables import paths
 from tests.init_contexts import initialize as insert
 from tests.init_contexts import stacked
 from tests.small_graphs import dense
-from tests.worlds import (
+from tests.small_insertion import (
     DIMENSION,
     ENTITIES,
     NOVEL,

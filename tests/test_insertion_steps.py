@@ -26,7 +26,7 @@ from isi.models.stack import Embedding
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, never_stop
-from tests.worlds import NOVEL, points_at, world
+from tests.small_insertion import NOVEL, points_at, world
 
 NEGATIVES = Negatives(mode="sampled", ratio=2, head_pool="unseen")
 OPTIMIZER = Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=3)
