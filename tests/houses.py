@@ -53,7 +53,7 @@ def main() -> None:
     recording = locate(settings["from_"])
     made = houses(list(read_recording(recording, settings["sha256"])), given.houses)
     source = source_of(mine(made, materials_of("suncg", 0), recording, Counter()))
-    rows = OBSERVATIONS.write_stream_file(given.table, source.tables(), "houses")
+    rows = OBSERVATIONS.write_parts(given.table, source.tables(), "houses")
     seconds = round(time.perf_counter() - start, 1)
     print(json.dumps({"observations": rows, "seconds": seconds, "peak_mib": peak_mib()}))
 

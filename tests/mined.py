@@ -22,7 +22,7 @@ def main() -> None:
     given = parser.parse_args()
     start = time.perf_counter()
     source = Source(given.settings, "sources.mined", 0)
-    rows = OBSERVATIONS.write_stream_file(given.table, source.tables(), "mined")
+    rows = OBSERVATIONS.write_parts(given.table, source.tables(), "mined")
     seconds = round(time.perf_counter() - start, 1)
     print(json.dumps({"observations": rows, "counts": source.counts, "seconds": seconds, "peak_mib": peak_mib()}))
 

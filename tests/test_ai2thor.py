@@ -327,7 +327,7 @@ BROKEN = [*MANY, Scene("House7777", 7777, "kitchen", [thing("Mug", 9, ["Shelf|3"
 def mine_to(path: Path, scenes: list[Scene], materials_of: MaterialsOf) -> bytes:
     """The bytes of the table of some scenes."""
     source = source_of(mine(scenes, materials_of, Path("recording.json"), Counter()))
-    OBSERVATIONS.write_stream_file(path, source.tables(), "mine")
+    OBSERVATIONS.write_parts(path, source.tables(), "mine")
     return path.read_bytes()
 
 

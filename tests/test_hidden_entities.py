@@ -133,7 +133,7 @@ def test_ranks_are_those_among_all_entities_less_other_true_answers(triples: np.
     from isi.analyses.hidden_in_pykeen import factory_of, measured, untrained
 
     found, asked = hidden(triples), {}
-    factory = factory_of(torch.from_numpy(found.true), [f"e{row}" for row in range(ENTITIES)], {"a": 0, "b": 1, "c": 2})
+    factory = factory_of(found.true, [f"e{row}" for row in range(ENTITIES)], ["a", "b", "c"])
     model = untrained(factory, how().training, 3).eval()
     true, valid = as_set(found.true), found.triples[::5]
     for head, relation, tail in np.concatenate([found.queries, valid]).tolist():

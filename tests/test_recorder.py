@@ -301,5 +301,5 @@ def test_mining_all_scenes_that_were_recorded_over_the_wire_gives_the_bytes_of_t
 def mine(path: Path, source: str) -> bytes:
     """The bytes of the table of a source of AI2-THOR's scenes, other settings being those of params."""
     given = {**RAW["sources"]["ai2thor"], "sha256": None, "from": source}
-    OBSERVATIONS.write_stream_file(path, Source(given, "sources.ai2thor", 0).tables(), "mine")
+    OBSERVATIONS.write_parts(path, Source(given, "sources.ai2thor", 0).tables(), "mine")
     return path.read_bytes()

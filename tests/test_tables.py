@@ -94,7 +94,7 @@ def part(*entities: str) -> pa.Table:
 
 def test_a_stream_is_one_row_group_a_part_and_reads_as_the_whole_would(tmp_path: Path) -> None:
     parts = [part("mug", "bed"), part("cup", "sofa", "fan"), part("tap")]
-    assert KINDS.write_stream_file(tmp_path / "t.parquet", iter(parts), MADE) == 6
+    assert KINDS.write_parts(tmp_path / "t.parquet", iter(parts), MADE) == 6
     file = pq.ParquetFile(tmp_path / "t.parquet")
     assert [file.metadata.row_group(place).num_rows for place in range(file.num_row_groups)] == [2, 3, 1]
     KINDS.write_file(tmp_path / "whole.parquet", pa.concat_tables(parts).to_pandas(), MADE)
@@ -104,13 +104,13 @@ def test_a_stream_is_one_row_group_a_part_and_reads_as_the_whole_would(tmp_path:
 
 
 def test_a_stream_of_nothing_is_an_empty_table(tmp_path: Path) -> None:
-    assert KINDS.write_stream_file(tmp_path / "t.parquet", [], MADE) == 0
+    assert KINDS.write_parts(tmp_path / "t.parquet", [], MADE) == 0
     assert list(KINDS.read_file(tmp_path / "t.parquet").columns) == list(KINDS.columns)
 
 
 def test_equal_streams_are_equal_bytes(tmp_path: Path) -> None:
     for name in ("1", "2"):
-        KINDS.write_stream_file(tmp_path / name, [part("mug"), part("bed")], MADE)
+        KINDS.write_parts(tmp_path / name, [part("mug"), part("bed")], MADE)
     assert (tmp_path / "1").read_bytes() == (tmp_path / "2").read_bytes()
 
 
@@ -282,7 +282,7 @@ def test_a_stream_that_breaks_off_leaves_the_old_table_and_nothing_else(tmp_path
 
     for last, refused in ((None, InputError), (pa.table({"entity": ["mug"]}), KeyError)):
         with pytest.raises(refused):
-            KINDS.write_stream_file(tmp_path / "t.parquet", parts(last), MADE)
+            KINDS.write_parts(tmp_path / "t.parquet", parts(last), MADE)
         assert (tmp_path / "t.parquet").read_bytes() == before
         assert names(tmp_path) == ["t.parquet"]
 

@@ -6,9 +6,8 @@ import gc
 import logging
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
@@ -21,7 +20,6 @@ from pykeen.models import ComplEx, ERModel
 from pykeen.stoppers import EarlyStopper
 from pykeen.training import SLCWATrainingLoop
 from pykeen.triples import TriplesFactory
-from torch import Tensor
 from torch.optim import Adam
 
 from isi.analyses.hidden_entities import Hidden, HiddenSplit, HiddenTraining, hide
@@ -35,31 +33,6 @@ Model = ERModel[Any, Any, Any]
 Slot = Literal["head", "tail"]
 #: Triples whose answers are ranked at once.
 BATCH = 256
-
-
-@dataclass(frozen=True)
-class Case:
-    """A model of known entities, and the insert triples of hidden ones."""
-
-    model: Model
-    split: HiddenSplit
-    train: TriplesFactory
-    valid: TriplesFactory
-    insert_triples: np.ndarray
-    names: list[str]
-    words: np.ndarray | None
-    settings: Hidden
-    seed: int
-
-    @property
-    def larger(self) -> TriplesFactory:
-        """Training triples and insert triples."""
-        triples = torch.cat([self.train.mapped_triples, torch.from_numpy(self.insert_triples)])
-        return factory_of(triples, self.names, self.train.relation_to_id)
-
-
-#: Gives a model with the hidden entities in it, and, if that began with an initializer, what was inserted.
-Method = Callable[[Case], tuple[Model, Inserted | None]]
 
 
 def hidden_in(
@@ -76,78 +49,94 @@ def hidden_in(
         logging.getLogger(name).setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", "'pin_memory' argument", UserWarning)
     gc.freeze()  # PyKEEN collects garbage after every epoch
-    graph, (seed,) = points.graph, points.seeds
+    graph, (seed,), training = points.graph, points.seeds, settings.training
     split = hide(graph.triples.numpy(), len(graph.entities), settings, key, root, seed)
     names = [graph.entities[row] for row in split.order]
-    relations = {name: row for row, name in enumerate(graph.relations)}
-    known = factory_of(torch.from_numpy(split.triples), names[: split.known], relations)
-    train, valid = known.split([1 - settings.training.valid, settings.training.valid], random_state=seed)
+    known = factory_of(split.triples, names[: split.known], graph.relations)
+    train, valid = known.split([1 - training.valid, training.valid], random_state=seed)
+    words = None if words is None else words[split.order]
     start = time.process_time()
-    model = trained(train, valid, settings.training, seed)
+    case = Case(trained(train, valid, training, seed), train, valid, names, graph.relations, words, settings, seed)
     answers, seconds = list[dict[str, Any]](), [{"method": "known", "seconds": time.process_time() - start}]
-    case = Case(
-        model, split, train, valid, split.rest, names, None if words is None else words[split.order], settings, seed
-    )
+    methods: dict[str, dict[str, Any]] = {
+        "insert": {},
+        **{name: {"initializer": name} for name in settings.initializers},
+        "own": {"own": True},
+        "insert_new_rows": {"new_rows": True},
+        "own_new_rows": {"own": True, "new_rows": True},
+        "own_all_rows": {"own": True, "all_rows": True},
+    }
     for number in settings.max_insert_triples:
-        for name, method in methods(settings, number).items():
+        retrained = {"retrained": {"retrain": True}} if number is None else {}
+        for name, options in {**methods, **retrained}.items():
             start = time.process_time()
-            larger, result = method(replace(case, insert_triples=split.insert_triples(number)))
+            model, result = case.enlarged(split.insert_triples(number), **options)
             row = {"method": name, "initializer": result and result.initializer, "told": number}
             seconds.append(row | {"seconds": time.process_time() - start})
-            answers += [row | measures for measures in measured(larger, split, valid.mapped_triples.numpy())]
+            answers += [row | measures for measures in measured(model, split, valid.mapped_triples.numpy())]
     return pd.DataFrame(answers).assign(seed=seed, entities=len(names) - split.known), pd.DataFrame(seconds)
 
 
-def methods(settings: Hidden, number: int | None) -> dict[str, Method]:
-    """By name: what puts hidden entities into a model of the others. Retraining takes all insert triples only."""
-    return {
-        "insert": put,
-        **{name: partial(put, initializer=name) for name in settings.initializers},
-        "own": partial(put, own=True),
-        "insert_new_rows": partial(put, new_rows=True),
-        "own_new_rows": partial(put, own=True, new_rows=True),
-        "own_all_rows": partial(put, own=True, all_rows=True),
-        **({"retrained": retrained} if number is None else {}),
-    }
+@dataclass(frozen=True)
+class Case:
+    """A model of known entities, and all that hidden ones are put into it with."""
 
+    model: Model
+    train: TriplesFactory
+    valid: TriplesFactory
+    #: of known entities, then of hidden ones
+    names: list[str]
+    relations: list[str]
+    words: np.ndarray | None
+    settings: Hidden
+    seed: int
 
-def put(
-    case: Case, initializer: str | None = None, own: bool = False, new_rows: bool = False, all_rows: bool = False
-) -> tuple[Model, Inserted | None]:
-    """Insert, by an initializer or as PyKEEN itself begins a row; then train the new rows, or all, if asked."""
-    known, settings = case.split.known, case.settings
-    result = inserted(
-        case.model, case.train, case.insert_triples, new=case.names[known:], words=case.words,
-        initializer="mean" if own else initializer, seed=case.seed,
-    )  # fmt: skip
-    entities = result.entities
-    if own:
-        fresh = read_model(untrained(case.larger, settings.training, case.seed), case.larger.mapped_triples, None)
-        entities = np.concatenate([entities[:known], fresh.entity[0, known:].numpy()])
-    if new_rows:
-        entities, _ = fit_new(
-            entities, result.relations, case.insert_triples, new=len(result.new), model=result.model,
-            epochs=settings.epochs, seed=case.seed,
+    def enlarged(
+        self, insert_triples: np.ndarray, initializer: str | None = None, own: bool = False, new_rows: bool = False,
+        all_rows: bool = False, retrain: bool = False,
+    ) -> tuple[Model, Inserted | None]:  # fmt: skip
+        """The model with the hidden entities in it, and, if that began with an initializer, what was inserted.
+
+        Args:
+            initializer: of ``isi.pykeen.insert``, null for its default.
+            own: begin rows as PyKEEN itself does.
+            new_rows: train the new rows after that.
+            all_rows: train all rows after that.
+            retrain: train a model of all triples from nothing.
+        """
+        known, training = self.train.num_entities, self.settings.training
+        triples = np.concatenate([self.train.mapped_triples.numpy(), insert_triples])
+        larger = factory_of(triples, self.names, self.relations)
+        if retrain:
+            return trained(larger, self.valid, training, self.seed), None
+        result = inserted(
+            self.model, self.train, insert_triples, new=self.names[known:], words=self.words,
+            initializer="mean" if own else initializer, seed=self.seed,
         )  # fmt: skip
-    model, _ = enlarge(case.model, case.train, replace(result, entities=entities))
-    if all_rows:
-        torch.manual_seed(case.seed)
-        loop(model.train(), case.larger, settings.training).train(
-            case.larger, settings.epochs, settings.training.batch_size, use_tqdm=False, pin_memory=False,
-            continue_training=True,
-        )  # fmt: skip
-        model.eval()
-    return model, None if own else result
+        entities = result.entities
+        if own:
+            fresh = read_model(untrained(larger, training, self.seed), larger.mapped_triples, None)
+            entities = np.concatenate([entities[:known], fresh.entity[0, known:].numpy()])
+        if new_rows:
+            entities, _ = fit_new(
+                entities, result.relations, insert_triples, new=len(result.new), model=result.model,
+                epochs=self.settings.epochs, seed=self.seed,
+            )  # fmt: skip
+        model, _ = enlarge(self.model, self.train, replace(result, entities=entities))
+        if all_rows:
+            torch.manual_seed(self.seed)
+            loop(model.train(), larger, training).train(
+                larger, self.settings.epochs, training.batch_size, use_tqdm=False, pin_memory=False,
+                continue_training=True,
+            )  # fmt: skip
+            model.eval()
+        return model, None if own else result
 
 
-def retrained(case: Case) -> tuple[Model, None]:
-    """A model of all training and insert triples, from nothing."""
-    return trained(case.larger, case.valid, case.settings.training, case.seed), None
-
-
-def factory_of(triples: Tensor, names: list[str], relations: Mapping[str, int]) -> TriplesFactory:
-    """Triples of entities that are numbered as they are listed."""
-    return TriplesFactory(triples, {name: row for row, name in enumerate(names)}, relations)
+def factory_of(triples: np.ndarray, entities: Sequence[str], relations: Sequence[str]) -> TriplesFactory:
+    """Triples of entities and relations that are numbered as they are listed."""
+    entity_ids, relation_ids = ({name: row for row, name in enumerate(names)} for names in (entities, relations))
+    return TriplesFactory(torch.from_numpy(triples), entity_ids, relation_ids)
 
 
 def untrained(factory: TriplesFactory, settings: HiddenTraining, seed: int) -> Model:
@@ -185,25 +174,21 @@ def measured(model: Model, split: HiddenSplit, valid: np.ndarray) -> Iterator[di
         valid: triples of known entities that were not trained on; shape (V, 3).
     """
     by_head = split.queries[:, HEAD] >= split.known
-    of_heads, of_tails = split.queries[by_head], split.queries[~by_head]
+    of_heads, of_tails, true = split.queries[by_head], split.queries[~by_head], torch.from_numpy(split.true)
     queries: dict[str, list[tuple[Slot, np.ndarray]]] = {
         "known": [("tail", of_heads), ("head", of_tails)],
         "hidden": [("head", of_heads), ("tail", of_tails)],
         "earlier": [("head", valid), ("tail", valid)],
     }
     for name, parts in queries.items():
-        ranked = [(len(triples), *_ranked(model, triples, split, slot)) for slot, triples in parts if len(triples)]
+        ranked = []
+        for slot, triples in ((slot, triples) for slot, triples in parts if len(triples)):
+            metric = RankBasedEvaluator().evaluate(
+                model, torch.from_numpy(triples), targets=(slot,), additional_filter_triples=true, batch_size=BATCH,
+                use_tqdm=False,
+            ).get_metric  # fmt: skip
+            measures = "inverse_harmonic_mean_rank", "hits_at_10"
+            ranked.append((len(triples), *(metric(f"{slot}.realistic.{measure}") for measure in measures)))
         number, mrr, hits = np.array(ranked).T
         total = number.sum()
         yield {"asked": name, "queries": int(total), "mrr": mrr @ number / total, "hits_at_10": hits @ number / total}
-
-
-def _ranked(model: Model, triples: np.ndarray, split: HiddenSplit, slot: Slot) -> tuple[float, float]:
-    """Mean reciprocal rank of what is in a slot, and Hits@10."""
-    results = RankBasedEvaluator().evaluate(
-        model, torch.from_numpy(triples), targets=(slot,), additional_filter_triples=torch.from_numpy(split.true),
-        batch_size=BATCH, use_tqdm=False,
-    )  # fmt: skip
-    measures = "inverse_harmonic_mean_rank", "hits_at_10"
-    mrr, hits = (results.get_metric(f"{slot}.realistic.{measure}") for measure in measures)
-    return mrr, hits

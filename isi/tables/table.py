@@ -127,22 +127,15 @@ class Table(DataFile):
 
     def write_file(self, path: Path, frame: pd.DataFrame, stage: str) -> None:
         """Like ``write``, of a file that may lie elsewhere."""
-        if self.ordered:
-            frame = frame.sort_values(list(self.key))
-        table = pa.Table.from_pandas(frame, schema=self.schema, preserve_index=False)
-        self.check(table.to_pandas(), path)
-        io.write_parquet(path, [table], self.schema, stage)
+        frame = frame.sort_values(list(self.key)) if self.ordered else frame
+        self.write_parts(path, [pa.Table.from_pandas(frame, schema=self.schema, preserve_index=False)], stage)
 
-    def write_stream(self, parts: Iterable[pa.Table], stage: str, **names: str | int) -> int:
-        """Like ``write``, of parts that come one by one: each is checked by itself, and is a row group of the file.
+    def write_parts(self, path: Path, parts: Iterable[pa.Table], stage: str) -> int:
+        """Like ``write_file``, of parts that come one by one: each is checked by itself, and is a row group.
 
         Returns:
-            how many rows it has.
+            how many rows the table has.
         """
-        return self.write_stream_file(self.path(**names), parts, stage)
-
-    def write_stream_file(self, path: Path, parts: Iterable[pa.Table], stage: str) -> int:
-        """Like ``write_stream``, of a file that may lie elsewhere."""
         rows = 0
 
         def checked() -> Iterator[pa.Table]:

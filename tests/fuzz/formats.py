@@ -123,7 +123,7 @@ def mined(section: dict[str, Any]) -> str:
     """Mine a source as its stage does; what it gives is lawful, or this is a fault of the reader."""
     triples_with_ids.shipped_names.cache_clear()
     source = Source(section, "sources.fuzz", 0)
-    OBSERVATIONS.write_stream_file(OUT[0], source.tables(), MADE)
+    OBSERVATIONS.write_parts(OUT[0], source.tables(), MADE)
     KINDS.write_file(OUT[1], source.kinds, MADE)
     seen = OBSERVATIONS.read_file(OUT[0]), KINDS.read_file(OUT[1])
     return _lawful(*seen) + repr(sorted(source.counts.items()))
