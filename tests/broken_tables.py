@@ -160,7 +160,7 @@ CASES: list[tuple[str, Table, Change, str]] = [
     ("MRR* null", RUNS, put("mrr_star", None), "null where 'queries' is 0"),
     ("an unknown scope", RUNS, put("scope", "some"), "'scope' among all, known"),
     ("epoch -1", RUNS, put("epoch", -1), "'epoch' from 0 on"),
-    ("no model of a seed", RUNS, lambda f: f[f["seed"] > 0], "a row of each of seeds"),
+    ("no model of a seed", RUNS, lambda f: f[f["seed"] > 0], "a row of seed"),
 ]  # fmt: skip
 
 

@@ -54,7 +54,7 @@ def test_a_cell_that_the_joint_models_lack_is_named(session: int, scope: str) ->
     cell = runs["size"].eq(2) & runs["session"].eq(session) & runs["scope"].eq(scope) & runs["epoch"].eq(0)
     with pytest.raises(InputError) as refused:
         joint_targets(runs[~(cell & runs["seed"].eq(6))], POINTS)
-    expected = "expected a row of each of seeds 4, 6 at epoch 0"
+    expected = "expected a row of seed 6 at epoch 0"
     where = f"size 2, session {session}, scope {scope}"
     assert refused.value.args == (str(RUNS.path(experiment=POINTS.experiment, model="joint")), where, expected)
 

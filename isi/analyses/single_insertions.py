@@ -17,14 +17,8 @@ from isi.experiment.insert import InsertConfig, finetune, init_context, initiali
 from isi.experiment.store import FALLBACK_NAMES
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.sessions import OUT, TRAIN
+from isi.initializers import similarity
 from isi.initializers.api import FALLBACKS, InitContext, InitResult
-from isi.initializers.similarity import (
-    has_insert_triples,
-    has_words,
-    mean_relational_score,
-    word_eligible,
-    word_similarity,
-)
 from isi.models.stack import Embedding
 from isi.tables.rules import at_least, finite, one_of, unique, within
 from isi.tables.table import INT, NAME, REAL, Table
@@ -177,11 +171,13 @@ def single_insertions(
 def indicator_rows(context: InitContext, initial: InitResult, weights: Tensor, shown: ShownEntities) -> pd.DataFrame:
     """Every entity that has a weight in the centre of a vector; weights of shape (M, n, E)."""
     k, indicator = (shown.pick(weights) > 0).nonzero(as_tuple=True)
-    without_word = ~(has_words(context)[..., None] & word_eligible(context))
+    without_word = ~(similarity.has_words(context)[..., None] & similarity.word_eligible(context))
     columns = {
         "weight": weights,
-        "by_words": word_similarity(context).masked_fill(without_word, torch.nan),
-        "by_relations": mean_relational_score(context).masked_fill(~has_insert_triples(context)[..., None], torch.nan),
+        "by_words": similarity.word_similarity(context).masked_fill(without_word, torch.nan),
+        "by_relations": similarity.mean_relational_score(context).masked_fill(
+            ~similarity.has_insert_triples(context)[..., None], torch.nan
+        ),
     }
     return pd.DataFrame({
         "entity": shown.entity[k].cpu().numpy(), "indicator": indicator.cpu().numpy(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -21,15 +22,8 @@ from isi.experiment.grid import JOINT_MODEL, GridPoints, StackedVectors
 from isi.experiment.store import RUNS, Store
 from isi.experiment.train import measure_columns, model_of, run_rows
 from isi.graph.sampling import later_key
-from isi.initializers.api import (
-    FALLBACKS,
-    INITIALIZERS,
-    InitContext,
-    InitResult,
-    NovelEntities,
-    context_of,
-    options_of,
-)
+from isi.initializers import api
+from isi.initializers.api import FALLBACKS, InitContext, InitResult
 from isi.models.stack import Embedding
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data
@@ -100,7 +94,7 @@ def insert_config(
     options = params.initializers[initializer] if options is None else options
     compile_ahead(model_of(params), params.finetuning.batch_size)
     return InsertConfig(
-        initializer, options_of(initializer, options, f"initializers.{initializer}"), params.seed, params.negatives,
+        initializer, api.options_of(initializer, options, f"initializers.{initializer}"), params.seed, params.negatives,
         params.finetuning, params.convergence.margin, full_curves,
     )  # fmt: skip
 
@@ -121,16 +115,15 @@ def joint_targets(joint: pd.DataFrame, points: GridPoints) -> JointTargets:
     Raises:
         InputError: where one of them was not measured.
     """
-    targets, immediate = {}, joint[(joint["size"] == points.size) & (joint["epoch"] == 0)]
-    for session in range(1, points.sessions + 1):
-        for scope in SCOPES:
-            rows = immediate[(immediate["scope"] == scope) & (immediate["session"] == session)]
-            by_seed = rows.set_index("seed")["mrr_star"]
-            if not set(points.seeds) <= set(by_seed.index):
-                expected = f"expected a row of each of seeds {', '.join(map(str, points.seeds))} at epoch 0"
-                where = f"size {points.size}, session {session}, scope {scope}"
-                raise InputError(RUNS.path(experiment=points.experiment, model=JOINT_MODEL), where, expected)
-            targets[session, scope] = by_seed.loc[points.seeds].to_numpy(np.float64, copy=True)
+    rows = joint[(joint["size"] == points.size) & (joint["epoch"] == 0)]
+    mrr_star = rows.set_index(["session", "scope", "seed"])["mrr_star"].to_dict()
+    targets = {}
+    for session, scope in product(range(1, points.sessions + 1), SCOPES):
+        if missing := [seed for seed in points.seeds if (session, scope, seed) not in mrr_star]:
+            where = f"size {points.size}, session {session}, scope {scope}"
+            expected = f"expected a row of seed {missing[0]} at epoch 0"
+            raise InputError(RUNS.path(experiment=points.experiment, model=JOINT_MODEL), where, expected)
+        targets[session, scope] = np.array([mrr_star[session, scope, seed] for seed in points.seeds])
     return targets
 
 
@@ -197,15 +190,15 @@ def initialize(
     points: GridPoints, theta: Embedding, words: np.ndarray, config: InsertConfig, session: int = 1
 ) -> InitResult:
     """Vectors of the novel entities of a session by the initializer (equation 8)."""
-    registered = INITIALIZERS.get(config.initializer, f"initializers.{config.initializer}")
+    registered = api.INITIALIZERS.get(config.initializer, f"initializers.{config.initializer}")
     return registered.initialize(init_context(points, theta, words, config.root, session), config.options)
 
 
 def init_context(points: GridPoints, theta: Embedding, words: np.ndarray, root: int, session: int = 1) -> InitContext:
     """What an initializer may see in a session that inserts into Θ."""
     rows, words_of = torch.as_tensor(points.insert_triples_in(session)), torch.as_tensor(words)
-    given = NovelEntities(points.novel_in(session), rows, words_of)
-    return context_of(theta, points.session(session - 1), given, root, points.keys(*later_key(session)))
+    given = api.NovelEntities(points.novel_in(session), rows, words_of)
+    return api.context_of(theta, points.session(session - 1), given, root, points.keys(*later_key(session)))
 
 
 def finetune(points: GridPoints, theta: Embedding, config: InsertConfig, watch: Watch, session: int = 1) -> Embedding:
