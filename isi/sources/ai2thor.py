@@ -67,8 +67,7 @@ def _reader_of(simulator: str, plans: Sequence[FloorPlans]) -> Callable[..., Ite
             sha256: what the file must hash to, if it is to be checked.
             materials: drawn as in SUNCG, or as the simulator reports them.
             broken: what becomes of containment that cannot be.
-            circular: likewise. The package's recording of iTHOR has fourteen such observations: cabinets that overlap,
-                and a counter top that lies in the plate on it.
+            circular: likewise. Fourteen observations of the package's iTHOR are such, of cabinets that overlap.
         """
         path = locate(from_, simulator)
         scenes = read_recording(path, sha256, plans)
@@ -132,18 +131,10 @@ def mine(
     broken: Broken = "error",
     circular: Circular = "keep",
 ) -> Iterator[Observation]:
-    """Observations of scenes, in their order; only one scene is held at once.
-
-    Args:
-        scenes: what to mine.
-        materials_of: materials of each object of a scene, in the order of the objects.
-        file: named in errors.
-        counts: grows by what is dropped.
-        broken: what becomes of containment that cannot be.
-        circular: likewise.
+    """Observations of scenes, one held at once; ``counts`` grows by what is dropped.
 
     Raises:
-        InputError: where an object lies where it cannot, and that is not to be dropped.
+        InputError: where an object lies where it cannot, and that is not to be dropped; names the file.
     """
     for scene in scenes:
         receptacles: dict[str, list[str]] = {thing["objectId"]: [] for thing in scene.objects}
@@ -230,9 +221,7 @@ def suncg_materials(shares: pd.DataFrame, root: int) -> MaterialsOf:
 def read_shares(shares: Path, categories: Path) -> pd.DataFrame:
     """Share of instances with each material: one row per object name, one column per material.
 
-    Args:
-        shares: CSV of ``concept,material,share`` (SUNCG categories).
-        categories: CSV of ``object,category``, which maps object names to those categories.
+    ``shares`` is a CSV of ``concept,material,share`` (SUNCG categories), ``categories`` one of ``object,category``.
 
     Raises:
         InputError: where a file is missing or broken, or maps to a category without shares.

@@ -37,11 +37,10 @@ Category = Literal["category_mapping_name", "mpcat40"]
 
 @dataclass(frozen=True)
 class Tally:
-    """Objects of one category in one region: an instance of a house, or a published count."""
+    """Objects of one category in one region, if any: an instance of a house, or a published count."""
 
     scene: str | None
     instance: str | None
-    #: type or label of the region, and category; null where the object is in none, or of none
     region: str | None
     category: str | None
     count: int
@@ -65,10 +64,8 @@ class Vocabulary(Section):
 def mp3d_tallies(mining: Mining, rooms: Rooms, vocabulary: str) -> Iterator[Observation]:
     """Observations of objects in rooms, from published tallies.
 
-    Args:
-        mining: counts what is left after each step.
-        rooms: room of each type of region; other regions are left out.
-        vocabulary: path of the file that says which categories are left out, and which have another name.
+    ``rooms`` has the room of each type of region; other regions are left out. ``vocabulary`` is the path of the file
+    that says which categories are left out, and which have another name.
     """
     return mine([read_tallies(paths.MP3D_TALLIES, rooms)], rooms, Path(vocabulary), mining.counts)
 
@@ -83,8 +80,8 @@ def mp3d_houses(
         mining: counts what is left after each step.
         folder: has the files ``*.house``, in it or in folders below.
         category: which of their two names objects go by.
-        rooms: room of each label of a region; other regions are left out.
-        vocabulary: path of the file that says which categories are left out, and which have another name.
+        rooms: room of each label of a region.
+        vocabulary: as of the published tallies.
     """
     return mine(_read_houses(Path(folder), CATEGORY_FIELD[category]), rooms, Path(vocabulary), mining.counts)
 
@@ -118,11 +115,7 @@ def _category_name(category: str) -> str:
 
 
 def read_tallies(path: Path, regions: Iterable[str]) -> list[Tally]:
-    """Published counts by region type, over all houses: a CSV of ``object,room,count``, which has all these regions.
-
-    Raises:
-        InputError: where the file is missing or broken, lists a pair twice, or lacks one of the regions.
-    """
+    """Published counts by region type: a CSV of ``object,room,count``; else, or without a region, InputError."""
     table = read_table(path, ["object", "room", "count"])
     table["object"] = table["object"].map(_category_name)
     check_names(table["object"], path)

@@ -44,11 +44,7 @@ Name = Annotated[str, AfterValidator(check_name)]
 
 
 def check_names(names: pd.Series[str], path: object) -> None:
-    """Check a column of names; its index, named ``line`` or ``row``, says where each of them stands in the file.
-
-    Raises:
-        InputError: for the first that is no name.
-    """
+    """InputError for the first of a column that is no name; its index, ``line`` or ``row``, says where it stands."""
     faults = {name: fault for name in names.unique() if (fault := name_fault(name))}
     if faults:
         place, name = next((place, name) for place, name in names.items() if name in faults)
@@ -84,11 +80,7 @@ HOUSEHOLD = {
 
 
 def household(triples: pd.DataFrame, rooms: Collection[str]) -> pd.DataFrame:
-    """Entities of a household in alphabetical order, with kind and phrase (``tables.KINDS``).
-
-    Args:
-        triples: unique triples; columns head, relation, tail.
-        rooms: names of rooms.
+    """Entities of unique triples of a household in alphabetical order, with kind and phrase (``tables.KINDS``).
 
     Raises:
         InputError: where a relation is none of a household, or a name would be of two kinds.

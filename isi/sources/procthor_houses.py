@@ -54,6 +54,10 @@ class Room(_Fields):
     floor: Annotated[list[Point], Field(alias="floorPolygon", min_length=3)]
 
 
+class _Metadata(_Fields):
+    version: Literal["0.0.1", "1.0.0"] = Field(alias="schema")
+
+
 class Item(_Fields):
     """An object, with those on or in it."""
 
@@ -63,39 +67,28 @@ class Item(_Fields):
     children: list[Item] | None = None
 
 
-class Metadata(_Fields):
-    """The version of a house's format."""
-
-    version: Literal["0.0.1", "1.0.0"] = Field(alias="schema")
-
-
 class House(_Fields):
-    """A house in the format of ProcTHOR-10K, with its objects as a forest."""
+    """A house in the format of ProcTHOR-10K, of either version, with its objects as a forest."""
 
     rooms: Annotated[list[Room], Field(min_length=1)]
     objects: list[Item] | None
-    metadata: Metadata | None = None
+    metadata: _Metadata | None = None
 
 
 class HouseObject(NamedTuple):
-    """An object of a house, out of the forest."""
+    """An object of a house, with the type of what it is on or in, and the id of the room that its own id names."""
 
     id: str
-    #: such as ``AlarmClock``
     type: str
     position: Point
-    #: type of what it is on or in
     parent: str | None
-    #: id of the room that its own id names, if it names one
     room: str | None
 
 
 class RecordedTypes(NamedTuple):
-    """What was recorded of the objects of each type, by its name (``entity_name``)."""
+    """By name of a type: what can be done with more than half of its recorded objects, and the materials of each."""
 
-    #: what can be done with more than half of them
     affordances: Mapping[str, Sequence[str]]
-    #: of each of them
     materials: Mapping[str, Sequence[list[str]]]
 
 
@@ -150,15 +143,10 @@ def recorded_types(scenes: Iterable[Scene]) -> RecordedTypes:
     for scene in scenes:
         for thing in scene.objects:
             objects.setdefault(entity_name(thing["objectType"]), []).append(thing)
-    affordances = {
-        name: [
-            action
-            for key, actions in AFFORDANCES.items()
-            if 2 * sum(bool(thing.get(key)) for thing in of_type) > len(of_type)
-            for action in actions
-        ]
-        for name, of_type in objects.items()
-    }
+    affordances: dict[str, list[str]] = {}
+    for name, of_type in objects.items():
+        most = [key for key in AFFORDANCES if 2 * sum(bool(thing.get(key)) for thing in of_type) > len(of_type)]
+        affordances[name] = [action for key in most for action in AFFORDANCES[key]]
     return RecordedTypes(affordances, {name: reported_materials(0, of_type) for name, of_type in objects.items()})
 
 
@@ -206,8 +194,7 @@ def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, li
     """The houses of a file by their lines, with their objects: JSON Lines, or one house where it is ``*.json``.
 
     Raises:
-        InputError: where the file is missing, empty, truncated, or hashes to something else; or where a line is no
-            house, two of its rooms have the same id, or the type of an object is not known.
+        InputError: where the file is broken or another, or a line is no house, or has an object of no known type.
     """
     types, line = asset_types(), 0
     for line, content in json_lines(path, sha256, LONGEST, "a house as JSON", whole=".json" in path.suffixes[-2:]):
@@ -257,11 +244,7 @@ class _Asset(BaseModel):
 
 
 def asset_types() -> dict[str, str]:
-    """The type of each asset of ProcTHOR's, from the data of the package ``procthor`` (which is never imported).
-
-    Raises:
-        InputError: where the package is not installed, or lacks its data.
-    """
+    """The type of each asset of ProcTHOR's, from the package ``procthor``; InputError where that is not installed."""
     content = "the assets of houses"
     path = packaged("procthor", "procthor/databases/asset-database.json", content)
     listed = parse_json(dict[str, list[_Asset]], read_text(path, content), path)

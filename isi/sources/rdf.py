@@ -45,9 +45,9 @@ def rdf(
     Args:
         mining: is given how entities are named, and counts the triples that are left out.
         path: of a file whose name ends in ``.nt`` or ``.ttl``, either with ``.gz`` behind it.
-        entities: path of a table of entities, as the source ``table`` has it; what it says goes before the file.
-        kinds: of entities without a type, by relation, as of the source ``table``.
-        household: the same; a room is what has the type ``room``, since no column tells rooms.
+        entities: path of a table of entities, as of the source ``table``; what it says goes before the file.
+        kinds: of entities without a type, by relation, as there.
+        household: as there; a room is what has the type ``room``, since no column tells rooms.
         names: what entities and relations go by: the ``local`` part of their IRI, or all of it.
 
     Raises:
@@ -137,7 +137,7 @@ def _read_triples(path: Path) -> Iterator[PlacedTriple]:
 
 
 class _Sink(DummySink):
-    """Holds the triples that the parser reads in a line."""
+    """Takes the triples that the parser reads in a line."""
 
     def __init__(self) -> None:
         self.triples: list[tuple[Node, Node, Node]] = []

@@ -50,11 +50,7 @@ def reading(path: Path, content: str) -> Iterator[None]:
 
 
 def packaged(package: str, path: str, content: str) -> Path:
-    """A file or folder of an installed package, which is never imported; ``content`` is what it has, for the error.
-
-    Raises:
-        InputError: where the package is not installed.
-    """
+    """A file or folder of a package that has ``content``, which is never imported; InputError where it is missing."""
     try:
         return Path(str(distribution(package).locate_file(path)))
     except PackageNotFoundError as error:
@@ -62,17 +58,12 @@ def packaged(package: str, path: str, content: str) -> Path:
 
 
 def check_sha256(path: Path, file: IO[bytes], expected: str | None) -> None:
-    """Check what an open file hashes to, if anything is expected, and go back to its start.
-
-    Raises:
-        InputError: where it is something else.
-    """
-    if expected is None:
-        return
-    got = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
-    if got != expected:
-        raise InputError(path, "", f"expected {expected} as its sha256, got {got}")
-    file.seek(0)
+    """Check what an open file hashes to, if anything is expected, and go back to its start; else InputError."""
+    if expected is not None:
+        got = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
+        if got != expected:
+            raise InputError(path, "", f"expected {expected} as its sha256, got {got}")
+        file.seek(0)
 
 
 def suffix_of(path: Path) -> str:
@@ -88,11 +79,7 @@ def open_text(path: Path) -> TextIO:
 
 
 def read_text(path: Path, content: str) -> str:
-    """All of a text file; ``content`` is what was expected there.
-
-    Raises:
-        InputError: where it is missing, no UTF-8, broken, or longer than ``MOST``.
-    """
+    """All of a text file; InputError where it is no ``content``: missing, no UTF-8, broken, or longer than ``MOST``."""
     with reading(path, f"{content} in UTF-8"), open_text(path) as file:
         text = file.read(MOST + 1)
     if len(text) > MOST:
@@ -103,14 +90,10 @@ def read_text(path: Path, content: str) -> str:
 def json_lines(
     path: Path, sha256: str | None, most: int, content: str, whole: bool = False
 ) -> Iterator[tuple[int, bytes]]:
-    """The lines of a file that are not blank, with their numbers from 1; the file is plain or compressed by gzip.
+    """The lines of a plain or compressed file that are not blank, with their numbers from 1.
 
-    Args:
-        path: of the file.
-        sha256: what the file must hash to, if it is to be checked.
-        most: bytes of a line, at most.
-        content: what was expected there, for errors.
-        whole: whether the file is one JSON value on any number of lines, which is given as its line 1.
+    A line has ``most`` bytes at most; ``whole`` takes the file as one line. ``sha256`` is what the file must hash to,
+    if it is to be checked, ``content`` what was expected there.
 
     Raises:
         InputError: where it is missing, truncated, hashes to something else, or has a line that is too long.
@@ -131,11 +114,7 @@ def json_lines(
 
 
 def parse_json(form: type[T], content: bytes | str, path: object, place: str = "") -> T:
-    """What JSON holds, in the form that it must have.
-
-    Raises:
-        InputError: where it is broken or of another form; names the place in it, after ``place``.
-    """
+    """What JSON holds; InputError where it is broken or of another form: names the place in it, behind ``place``."""
     text = content.removeprefix(b"\xef\xbb\xbf") if isinstance(content, bytes) else content
     with at(path, place):
         return TypeAdapter(form).validate_json(text, strict=True)
@@ -153,11 +132,8 @@ def read_table(
 ) -> pd.DataFrame:
     """A table of names that is read as a whole; its index has the numbers of lines (see ``read_batches``).
 
-    Args:
-        path: of the file.
-        columns: that it must have: of names, but for ``COUNT``.
-        keys: columns in which no two rows are alike.
-        optional: columns that it may have, and whose names may be empty; null: it may have any, which are skipped.
+    Its ``columns`` hold names, but for ``COUNT``; in those of a key no two rows are alike. The names of ``optional``
+    columns may be empty; where that is null, it may have any others, which are skipped.
 
     Raises:
         InputError: where the file is missing or broken, or a value is not what its column holds.
@@ -182,16 +158,10 @@ def read_batches(
 ) -> Iterator[pd.DataFrame]:
     """Rows of a file ``.csv`` or ``.tsv``, either with ``.gz`` behind it, or ``.parquet``, batch by batch.
 
-    Args:
-        path: of the file; text is UTF-8, its first line names the columns.
-        required: columns that it must have.
-        optional: columns that it may have.
-        others: whether it may have others, too, which are skipped.
-
     Yields:
-        the columns in the order of the arguments: text, empty where there is none, or ``COUNT`` as whole numbers;
-        without those optional ones that the file lacks. The index has the numbers of lines (blank ones not counted),
-        or of Parquet's rows from 1, and their unit as its name.
+        the required columns and those optional ones that it has (any others are skipped, or else refused): text, empty
+        where there is none, or ``COUNT`` as whole numbers. The index has the numbers of lines (blank ones not
+        counted), or of Parquet's rows from 1, and their unit as its name.
 
     Raises:
         InputError: where the file is missing or broken, has other columns, or a value of ``COUNT`` is no number.

@@ -50,11 +50,7 @@ class Recording:
     """Scenes on the disk, behind a header that is written with the first."""
 
     def __init__(self, path: Path, simulator: Mapping[str, Any]) -> None:
-        """Read which scenes there are, and cut off a last line that is not whole.
-
-        Args:
-            path: of the file; it may be missing.
-            simulator: what the header says of it.
+        """Read which scenes there are, if any, and cut off a last line that is not whole.
 
         Raises:
             InputError: where the file is no recording, or one of another simulator, or such a line cannot be cut off.
@@ -83,11 +79,7 @@ class Recording:
                 os.truncate(path, whole)
 
     def append(self, layout: Layout, objects: Iterable[SceneObject]) -> None:
-        """Add a scene: of each object what mining reads, as the simulator gave it; on the disk when this returns.
-
-        Raises:
-            InputError: where that cannot be written.
-        """
+        """Add a scene: of each object what mining reads; on the disk when this returns, or else InputError."""
         fields = [{key: thing[key] for key in recordings.FIELDS if key in thing} for thing in objects]
         scene = _member({"scene": layout.plan, "spawn": layout.spawn, "objects": fields})
         with _writing(self.path):
@@ -134,11 +126,7 @@ def _members(path: Path) -> Iterator[tuple[int, bytes]]:
 
 
 def header(settings: Recorder) -> dict[str, Any]:
-    """Which simulator a recording is of: a local build by its name and the first of its sha256, since names repeat.
-
-    Raises:
-        InputError: where a local build cannot be read.
-    """
+    """Which simulator a recording is of: a local build by its name and the first of its sha256, since names repeat."""
     if program := settings.executable:
         with at(program):
             build = f"{program.name} {hashlib.sha256(program.read_bytes()).hexdigest()[:16]}"
@@ -151,11 +139,7 @@ class Simulator:
     """The simulator, which starts with the first scene that is read, and is to be closed."""
 
     def __init__(self, settings: Recorder) -> None:
-        """Check that it can be started.
-
-        Raises:
-            InputError: where there is no such build here, or it lacks a display or a graphics driver.
-        """
+        """Check that it can be started: InputError where there is no such build, or it lacks a display or a driver."""
         self._settings = settings
         self._player: Player | None = None
         self._started = Event()
@@ -223,7 +207,7 @@ class Simulator:
             scene=plan,
             width=settings.width,
             height=settings.width,
-            server_class={"wsgi": WsgiServer, "fifo": FifoServer}[settings.server],
+            server_class=FifoServer if settings.server == "fifo" else WsgiServer,
             server_timeout=settings.seconds,
             server_start_timeout=settings.start_seconds,
             **build,
@@ -257,11 +241,9 @@ class Player(Controller):  # type: ignore[misc]
     """A started player. One that cannot be started is ended, and none is started again unasked."""
 
     def __init__(self, local: Path | None, started: Event, **settings: Any) -> None:
-        """Start it, with the settings of the controller.
+        """Start it, with the settings of the controller; ``started`` is set when it has sent its first message.
 
-        Args:
-            local: folder for logs of a local build, so that none go into the home directory; null: a downloaded one.
-            started: set when the player has sent its first message.
+        ``local`` is a folder for logs of a local build, so that none go into the home directory.
         """
         self._local, self._started = local, started
         self._served: Any = None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -25,18 +24,11 @@ FORMAT = {"format": "isi recording", "version": 1, "simulator": "ai2thor"}
 MOST_BYTES, MOST_BYTES_WHOLE = 2**26, 2**27
 #: What can be done with an object that has a property.
 AFFORDANCES = {
-    "openable": ("open", "close"),
-    "pickupable": ("pick up", "put"),
-    "toggleable": ("turn on", "turn off"),
-    "canFillWithLiquid": ("fill", "empty"),
-    "sliceable": ("slice",),
-    "breakable": ("break",),
-    "dirtyable": ("clean", "dirty"),
-    "moveable": ("push", "pull"),
-    "cookable": ("cook",),
-    "isHeatSource": ("heat",),
+    "openable": ("open", "close"), "pickupable": ("pick up", "put"), "toggleable": ("turn on", "turn off"),
+    "canFillWithLiquid": ("fill", "empty"), "sliceable": ("slice",), "breakable": ("break",),
+    "dirtyable": ("clean", "dirty"), "moveable": ("push", "pull"), "cookable": ("cook",), "isHeatSource": ("heat",),
     "isColdSource": ("cool",),
-}
+}  # fmt: skip
 
 
 def each_once(values: list[Any] | None) -> list[Any] | None:
@@ -46,6 +38,7 @@ def each_once(values: list[Any] | None) -> list[Any] | None:
     return values
 
 
+_Text = Annotated[str, Field(min_length=1)]
 _Receptacles = Annotated[list[Name] | None, AfterValidator(each_once)]
 #: What mining reads of an object; the rest would only cost memory.
 _FIELDS: dict[str, Any] = {
@@ -63,8 +56,7 @@ _Objects: Any = Annotated[list[_Object], Field(max_length=100_000)]
 SceneObject = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class Scene:
+class Scene(NamedTuple):
     """One floor plan: its name, its number, its room, and its objects."""
 
     name: str
@@ -73,23 +65,20 @@ class Scene:
     objects: list[SceneObject]
 
 
-@dataclass(frozen=True)
-class FloorPlans:
-    """Floor plans of one kind of room."""
+class FloorPlans(NamedTuple):
+    """Floor plans of one kind of room, by the key of their list in the package's recording."""
 
-    #: of their list in the package's recording
     key: str
     room: str
     #: number of the first
     first: int
-    #: in the simulator
-    names: tuple[str, ...]
-    #: in the package's recording, where it does not say which floor plan each is
-    packaged: tuple[str, ...] = ()
+    #: in the simulator; and in the package's recording, where it does not say which floor plan each is
+    names: Sequence[str]
+    packaged: Sequence[str] = ()
 
 
 ITHOR = tuple(
-    FloorPlans(key, room, first, tuple(f"FloorPlan{number}" for number in range(first, first + 30)))
+    FloorPlans(key, room, first, [f"FloorPlan{number}" for number in range(first, first + 30)])
     for key, room, first in (
         ("kitchens", "kitchen", 1), ("living_rooms", "living room", 201), ("bedrooms", "bedroom", 301),
         ("bathrooms", "bathroom", 401),
@@ -97,15 +86,8 @@ ITHOR = tuple(
 )  # fmt: skip
 #: One apartment each: nothing says in which of its rooms an object is.
 _APARTMENTS = [f"{part}{walls}" for part, number in (("Train", 12), ("Val", 3)) for walls in range(1, number + 1)]
-ROBOTHOR = (
-    FloorPlans(
-        key="robothor",
-        room="apartment",
-        first=501,
-        names=tuple(f"FloorPlan_{apartment}_{objects}" for apartment in _APARTMENTS for objects in range(1, 6)),
-        packaged=tuple(f"RoboTHOR{place}" for place in range(1, 76)),
-    ),
-)
+_PLANS = [f"FloorPlan_{apartment}_{objects}" for apartment in _APARTMENTS for objects in range(1, 6)]
+ROBOTHOR = (FloorPlans("robothor", "apartment", 501, _PLANS, [f"RoboTHOR{place}" for place in range(1, 76)]),)
 
 
 class Layout(NamedTuple):
@@ -129,12 +111,10 @@ def locate(from_: str, simulator: str = "ai2thor") -> Path:
 
 
 def read_recording(path: Path, sha256: str | None, plans: Sequence[FloorPlans] = ITHOR) -> Iterator[Scene]:
-    """Scenes of a recording of either form; of one of ``make record``, in its order and one by one.
+    """Scenes of JSON as the package ``procthor`` has it, or of a recording of ``make record``, these one by one.
 
-    Args:
-        path: of JSON as the package ``procthor`` has it, or of a recording of ``make record``.
-        sha256: what the file must hash to, if it is to be checked.
-        plans: which scenes; all those of the package's recording, and no others in one of ``make record``.
+    ``sha256`` is what the file must hash to, if it is to be checked. ``plans`` are all in the package's recording, and
+    one of ``make record`` has no others.
 
     Raises:
         InputError: where the file is missing, hashes to something else, is of neither form, or lacks scenes.
@@ -177,11 +157,7 @@ def _recorded_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]
 
 
 def check_objects(path: Path, scene: str, objects: Any) -> list[SceneObject]:
-    """Objects of a scene as mining takes them, without fields that it does not read.
-
-    Raises:
-        InputError: where they are no list of objects, or two have the same id.
-    """
+    """Objects of a scene without fields that mining does not read; InputError where they are none, or have one id."""
     seen: set[str] = set()
     checked: Any = config.check(objects, _Objects, scene, path)
     for thing in checked:
@@ -201,7 +177,7 @@ def check_header(path: Path, line: bytes) -> dict[str, Any]:
 
 
 class _Line(BaseModel):
-    scene: Annotated[str, Field(min_length=1)]
+    scene: _Text
     spawn: int | None
     objects: Any
 
@@ -215,10 +191,7 @@ def parse_line(path: Path, number: int, line: bytes) -> tuple[Layout, Any]:
 #: Builds that the package ``ai2thor`` downloads.
 PLATFORMS = ("CloudRendering", "Linux64", "OSXIntel64")
 #: Floor plans that go by one word.
-GROUPS = {
-    "ithor": [name for plans in ITHOR for name in plans.names],
-    "robothor": [name for plans in ROBOTHOR for name in plans.names],
-}
+GROUPS = {"ithor": [name for plans in ITHOR for name in plans.names], "robothor": _PLANS}
 
 
 class Recorder(Section):
@@ -227,9 +200,9 @@ class Recorder(Section):
     scenes: Annotated[list[str], Field(min_length=1)]
     #: of each floor plan: null as it is built, a number as ``InitialRandomSpawn`` with this seed leaves it
     spawns: Annotated[list[Seed | None], Field(min_length=1), AfterValidator(each_once)]
-    output: Annotated[str, Field(min_length=1)]
+    output: _Text
     #: one of ``PLATFORMS``, or the path of a local build
-    platform: Annotated[str, Field(min_length=1)]
+    platform: _Text
     #: commit of the build to download; null: the package's own
     build: Annotated[str, Field(pattern=r"^[0-9a-f]{40}$")] | None
     #: of a frame, which is square (pixels)
@@ -259,11 +232,7 @@ class Recorder(Section):
 
 
 def floor_plans(item: str) -> list[str]:
-    """Floor plans that one item lists: those of a group, one by its name, or a range such as ``FloorPlan201-230``.
-
-    Raises:
-        ValueError: where it does neither.
-    """
+    """Floor plans of a group, one by its name, or a range such as ``FloorPlan201-230``; ValueError where it is none."""
     if item in GROUPS:
         return GROUPS[item]
     parts = re.fullmatch(r"([A-Za-z]\w{0,98}?)([0-9]{1,6})(?:-([0-9]{1,6}))?", item, re.ASCII)
