@@ -78,7 +78,7 @@ words: $(INSTALLED)  ## embed the phrases of data/raw/words again (installs the 
 	python -m tools.embed_phrases
 
 readme: $(INSTALLED)  ## put the tables and numbers of the report and of the benchmarks into the README and docs/
-	python tools/readme.py
+	python -m tools.docs
 
 lock: $(INSTALLED)  ## write requirements.lock, with hashes, from what is installed beside a CPU build of torch
 	$(BIN)/pip install --quiet uv
@@ -87,7 +87,7 @@ lock: $(INSTALLED)  ## write requirements.lock, with hashes, from what is instal
 
 console: $(INSTALLED)  ## put what commands print into docs/insert.md (installs the extra `words`)
 	$(BIN)/pip install --quiet --editable '.[words]'
-	python -m tools.console
+	python -m tools.docs docs/insert.md
 
 models: $(INSTALLED)  ## choose rate, decay and margin of every embedding model again, in about ten minutes
 	python -m tools.choose_models

@@ -13,7 +13,6 @@ from typing import Any
 import networkx as nx
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -165,11 +164,6 @@ def test_the_floor_is_neither_object_nor_receptacle_while_other_receptacles_of_t
     assert tails(observations[observations["head"] == "cloth"], "atLocation") == ["kitchen", "shelf"]
 
 
-def test_two_receptacles_of_one_type_are_two_observations() -> None:
-    observations, _ = mine_one(thing("Shelf", 1), thing("Shelf", 2), thing("Book", 1, ["Shelf|1", "Shelf|2"]))
-    assert tails(observations[observations["head"] == "book"], "atLocation") == ["kitchen", "shelf", "shelf"]
-
-
 # Containment that cannot be
 
 #: A bowl in the cabinet that it holds, and a crate two further receptacles away from itself.
@@ -266,18 +260,6 @@ def test_suncg_materials_of_many_instances_meet_the_published_shares_independent
     assert both == pytest.approx(0.914 * 0.454, abs=0.015)  # 0.454 if one number decided both
 
 
-def test_types_that_share_a_category_draw_with_its_shares(shares: pd.DataFrame) -> None:
-    drawn = suncg_materials(shares, 0)(1, [thing(kind, place) for place in range(5000) for kind in ("Drawer", "Sofa")])
-    for kind, wood, leather in (("Drawer", 0.914, 0.003), ("Sofa", 0.557, 0.268)):
-        own = drawn[0 if kind == "Drawer" else 1 :: 2]
-        assert sum("wood" in names for names in own) / 5000 == pytest.approx(wood, abs=0.03)
-        assert sum("leather" in names for names in own) / 5000 == pytest.approx(leather, abs=0.03)
-
-
-def test_suncg_materials_are_the_seven_of_the_paper(shares: pd.DataFrame) -> None:
-    assert set(shares.columns) == {"wood", "metal", "fabric", "glass", "leather", "stone", "tile"}
-
-
 def test_objects_without_a_category_get_no_materials(shares: pd.DataFrame) -> None:
     drawn = suncg_materials(shares, 0)(1, [thing("AlarmClock", n) for n in range(200)] + [thing("Bed")])
     assert not any(drawn[:-1])
@@ -297,24 +279,6 @@ def test_a_scene_draws_the_same_materials_whatever_else_is_mined(shares: pd.Data
     assert drawn(scenes[:1], root=1) != [one]
 
 
-@pytest.mark.parametrize(
-    ("file", "text", "place"),
-    [("categories.csv", "object,category\nbed,bed\nspaceship,vehicle\n", "line 3: .*'vehicle'"),
-     ("shares.csv", "concept,material\nbed,wood\n", "line 1: .*concept, material, share"),
-     ("shares.csv", "concept,material,share\nbed,wood,1.5\n", "line 2: .*share, got '1.5'"),
-     ("shares.csv", "concept,material,share\nbed,wood,0.5\nbed,wood,0.7\n", "line 3: .*'bed wood'"),
-     ("shares.csv", "concept,material,share\nbed,wood,nan\n", "line 2: .*share, got 'nan'")],
-)  # fmt: skip
-def test_a_broken_table_of_shares_is_refused(tmp_path: Path, file: str, text: str, place: str) -> None:
-    path = tmp_path / file
-    path.write_text(text, encoding="utf-8")
-    shares, categories = path, paths.MATERIAL_CATEGORIES
-    if file == "categories.csv":
-        shares, categories = paths.MATERIAL_SHARES, path
-    with pytest.raises(InputError, match=rf"{file}: {place}"):
-        read_shares(shares, categories)
-
-
 # Many scenes
 
 #: Kitchens, then bedrooms, whose names kitchens lack.
@@ -329,24 +293,6 @@ def mine_to(path: Path, scenes: list[Scene], materials_of: MaterialsOf) -> bytes
     source = source_of(mine(scenes, materials_of, Path("recording.json"), Counter()))
     OBSERVATIONS.write_parts(path, source.tables(), "mine")
     return path.read_bytes()
-
-
-def test_many_scenes_give_the_same_bytes_again(tmp_path: Path, shares: pd.DataFrame) -> None:
-    drawn = suncg_materials(shares, 0)
-    assert mine_to(tmp_path / "1", MANY, drawn) == mine_to(tmp_path / "2", MANY, drawn)
-
-
-def test_each_chunk_is_a_row_group_and_together_they_are_what_each_scene_gives_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("isi.sources.CHUNK", 500)
-    mine_to(tmp_path / "table.parquet", MANY, reported_materials)
-    file = pq.ParquetFile(tmp_path / "table.parquet")
-    alone = pd.concat([mined([scene])[0] for scene in MANY], ignore_index=True)
-    rows = [file.metadata.row_group(group).num_rows for group in range(file.num_row_groups)]
-    assert rows == [500, 500, len(alone) - 1000]
-    read = OBSERVATIONS.read_file(tmp_path / "table.parquet")
-    assert read.astype(alone.dtypes).equals(alone)
 
 
 def test_a_mistake_in_a_late_scene_is_told_in_one_line_and_the_old_table_stays(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tests.small_bundle import written
-from tools.console import shown
+from tools.docs import with_output
 
 PAGE = """Before.
 
@@ -23,6 +23,6 @@ $ isi nothing
 
 def test_output_is_renewed_where_there_is_some(tmp_path: Path) -> None:
     written(tmp_path / "data" / "final_models" / "ai2thor")
-    page = shown(PAGE, tmp_path)
+    page = with_output(PAGE, tmp_path)
     assert page == PAGE.replace("of another day", "kettle (cosine of the vectors)\n  0.802  kitchen  room")  # 3 / √14
-    assert shown(page, tmp_path) == page
+    assert with_output(page, tmp_path) == page

@@ -35,7 +35,7 @@ from isi.sources.procthor_houses import (  # fmt: skip
 )
 from isi.sources.recordings import Scene
 from tests.observing import observations_of
-from tests.procthor import KITCHEN, floor, house, thing
+from tests.procthor import house, thing
 from tools import make_houses
 
 AFFORDANCES = {"mug": ["pick up", "put"], "counter top": [], "pen": ["pick up"], "sofa": ["push"], "painting": []}
@@ -193,56 +193,7 @@ def test_a_house_may_be_a_line_or_a_file_plain_or_packed(tmp_path: Path, indent:
     assert [item.id for item in read.objects or ()] == ["Mug|2|0"]
 
 
-def broken(key: str, value: object) -> bytes:
-    """A house with another value at a dotted key, or without it."""
-    whole: Any = house(thing("Mug|2|0", 1, 1, thing("Pen|2|1", 1, 1)))
-    *way, last = [int(step) if step.isdigit() else step for step in key.split(".")]
-    at = whole
-    for step in way:
-        at = at[step]
-    at[last] = value
-    if value is None:
-        del at[last]
-    return json.dumps(whole).encode()
-
-
 LINE = json.dumps(house(thing("Mug|2|0", 1, 1))).encode() + b"\n"
-
-
-@pytest.mark.parametrize(
-    ("content", "problem"),
-    [
-        (b"\n\n", "expected houses, found none"),
-        (LINE + LINE[:-30], "line 2: Invalid JSON"),
-        (gzip.compress(LINE * 99)[:-30], "line .*: expected a house as JSON .*ended"),
-        (gzip.compress(LINE)[:15] + b"\0" * 40, "line 1: expected a house as JSON"),
-        (LINE.decode().encode("utf-16"), "line 1: Invalid JSON"),
-        (b'{"kitchens": []}', "line 1, rooms: Field required"),
-        (b"[[]]", "line 1: .*object"),
-        (broken("metadata.schema", "2.0.0"), "line 1, metadata.schema: .*'2.0.0'"),
-        (broken("rooms", []), "line 1, rooms: .*at least 1"),
-        (broken("rooms.1.id", "room|2"), "line 1: two rooms have the same id"),
-        (broken("rooms.1.roomType", "a\nb"), r"line 1, rooms.1.roomType: .*'a\\nb'"),
-        (broken("rooms.1.floorPolygon", floor(KITCHEN[:2])), "rooms.1.floorPolygon: .*at least 3"),
-        (broken("rooms.0.floorPolygon.2.x", "4.0"), "rooms.0.floorPolygon.2.x: .*number, got '4.0'"),
-        (broken("objects.0.position.z", float("nan")), "objects.0.position.z: .*finite"),
-        (broken("objects.0.position.x", 10**400), "objects.0.position.x"),
-        (broken("objects.0.children.0.position", None), "objects.0.children.0.position: .*required"),
-        (broken("objects.0.id", "Mug\0|2|0"), r"objects.0.id: .*'Mug\\x00"),
-        (broken("objects.0.id", "M" * 10_000), r"objects.0.id: .*at most 200.*\.\.\."),
-        (broken("objects.0.id", "small|2|0"), "object 'small.2.0': .*or a known asset"),
-        (broken("objects", "none"), "line 1, objects: .*'none'"),
-    ],
-    ids=lambda value: value[:30] if isinstance(value, str) else "",
-)
-def test_what_is_no_house_is_refused_in_one_line_with_its_place(tmp_path: Path, content: bytes, problem: str) -> None:
-    path = tmp_path / "x.jsonl"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=problem) as refused:
-        list(read_houses(path, None))
-    line = str(refused.value)
-    assert line.startswith(f"{path}: ")
-    assert line.isprintable()
 
 
 def test_files_that_are_missing_folders_too_long_or_others_are_refused(

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from isi.config import read
-from tools import readme
+from tools import docs
 
-PAGES = [*readme.pages(), *(readme.ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md"))]
+PAGES = [*docs.pages(), *(docs.ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md"))]
 LINK = re.compile(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)")
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 
@@ -20,14 +20,9 @@ each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 @each_page
 def test_what_pages_show_is_what_was_made(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
-    assert readme.filled(text) == text, "make readme"
-    assert len(re.findall("<!-- (?:table|value):", text)) == len(readme.PLACE.findall(text)), "a place without an end"
+    assert docs.filled(text) == text, "make readme"
+    assert len(re.findall("<!-- (?:table|value):", text)) == len(docs.PLACE.findall(text)), "a place without an end"
     assert not re.search("^ {0,3}<!-- value", text, re.MULTILINE), "it would end the paragraph"
-
-
-def test_pages_show_tables_of_the_report_and_of_the_benchmarks() -> None:
-    shown = {what for page in PAGES for _, _, what, *_ in readme.PLACE.findall(page.read_text(encoding="utf-8"))}
-    assert {path.split("/")[0].split(" ")[0] for path in shown} == {"docs", "reports", "params"}
 
 
 @each_page
@@ -47,23 +42,23 @@ def slug(heading: str) -> str:
 
 
 def test_the_method_lists_every_stage() -> None:
-    text = (readme.ROOT / "docs/method.md").read_text(encoding="utf-8")
+    text = (docs.ROOT / "docs/method.md").read_text(encoding="utf-8")
     section = text.partition("## The stages\n")[2].partition("\n## ")[0]
     listed = re.findall(r"^\| `(\w+)", section, re.MULTILINE)
-    assert listed == list(read(readme.ROOT / "dvc.yaml")["stages"])
+    assert listed == list(read(docs.ROOT / "dvc.yaml")["stages"])
 
 
 def test_what_the_method_says_of_rates_and_batches_is_in_its_tables() -> None:
     training, tuning = (
-        {rate: float(readme.value(["docs/benchmarks/rates", row, str(rate)])) for rate in rates}
+        {rate: float(docs.value(["docs/benchmarks/rates", row, str(rate)])) for rate in rates}
         for row, rates in (("training", (0.1, 0.2, 0.4)), ("fine-tuning", (0.01, 0.02, 0.04, 0.08, 0.16)))
     )
     assert max(training.values()) - min(training.values()) <= 1
     assert min(rate for rate in tuning if tuning[rate] >= max(tuning.values()) - 0.5) == 0.04
-    assert readme.value(["params", "finetuning.learning_rate"]) == "0.04"
-    assert readme.value(["params", "training.learning_rate"]) == "0.1"
+    assert docs.value(["params", "finetuning.learning_rate"]) == "0.04"
+    assert docs.value(["params", "training.learning_rate"]) == "0.1"
     for row in ("training", "fine-tuning"):
-        small, large = (float(readme.value(["docs/benchmarks/batch_sizes", row, size])) for size in ("512", "2,048"))
+        small, large = (float(docs.value(["docs/benchmarks/batch_sizes", row, size])) for size in ("512", "2,048"))
         assert 0 <= round(small - large, 1) <= 0.5
 
 
@@ -83,14 +78,14 @@ def test_places_take_tables_cells_and_params(small: Path) -> None:
         "takes <!-- value: reports/times | a, b | 5 | ms -->?<!-- end --> ms "
         "at <!-- value: params | training.rate --><!-- end -->\n"
     )
-    made = readme.filled(page, small)
+    made = docs.filled(page, small)
     assert "| a, b |      1 | 2.5 |\n" in made
     assert "old" not in made
     assert "| ms -->3<!-- end --> ms at <!-- value: params | training.rate -->0.1<!-- end -->\n" in made
-    assert readme.filled(made, small) == made
+    assert docs.filled(made, small) == made
 
 
 @pytest.mark.parametrize("what", ["a, b | ms", "a, b | 6 | ms", "a, b | 5 | s"])
 def test_a_place_that_names_no_one_cell_is_refused(small: Path, what: str) -> None:
     with pytest.raises(LookupError, match="rows, columns what, models, ms"):
-        readme.filled(f"<!-- value: reports/times | {what} -->1<!-- end -->", small)
+        docs.filled(f"<!-- value: reports/times | {what} -->1<!-- end -->", small)

@@ -19,7 +19,6 @@ import yaml
 from isi import config
 from isi.errors import InputError
 from isi.sources import Source
-from isi.sources.recorder import Simulator
 from isi.sources.recordings import ITHOR, Layout, Recorder, SceneObject, locate
 from isi.sources.tables import OBSERVATIONS
 from isi.tables import paths
@@ -204,15 +203,6 @@ def test_settings_that_cannot_be_are_refused_by_their_key_and_nothing_is_started
     assert not (tmp_path / "r").exists()
 
 
-def test_cloud_rendering_without_its_driver_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ctypes.util.find_library", lambda _name: None)
-    how = config.check(RAW["recorder"], Recorder, "recorder")
-    with pytest.raises(
-        InputError, match=r"^params\.yaml: recorder\.platform: CloudRendering: Vulkan API driver missing"
-    ):
-        Simulator(how)
-
-
 def test_groups_and_ranges_list_floor_plans_in_order() -> None:
     how = config.check({**RAW["recorder"], "scenes": ["FloorPlan_Val1_2-3", "ithor"]}, Recorder, "recorder")
     plans = [layout.plan for layout in how.layouts]
@@ -272,15 +262,6 @@ def test_the_command_takes_its_settings_from_params_and_from_its_arguments_befor
     assert (refused.returncode, refused.stdout) == (1, "")
     assert refused.stderr.splitlines() == [refused.stderr.strip()]
     assert refused.stderr.startswith("record: params.yaml: recorder.platform: expected one of ")
-
-
-@pytest.mark.parametrize("text", ["seed: 0\n", "recorder: []\n", "recorder: {scenes: [ithor]}\n"])
-def test_params_without_a_recorder_are_told_in_one_line(tmp_path: Path, text: str) -> None:
-    (tmp_path / paths.PARAMS).write_text(text, encoding="utf-8")
-    ended = run(tmp_path)
-    assert ended.returncode == 1
-    (line,) = ended.stderr.splitlines()
-    assert line.startswith("record: params.yaml: recorder")
 
 
 # All of it

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import hashlib
 from collections.abc import Callable, Iterator
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
@@ -26,7 +25,6 @@ from isi.sources import (
     settings_of,
 )
 from isi.sources.names import household
-from isi.sources.readers import check_sha256
 from isi.tables import paths
 from tests.observing import source_of
 
@@ -59,11 +57,6 @@ def test_these_readers_ship() -> None:
         "robothor", "table", "triples_with_ids",
     }  # fmt: skip
     assert {name for name, known in all_readers().items() if known.read.__module__.startswith("isi.")} == shipped
-
-
-@pytest.mark.parametrize("name", read(paths.PARAMS)["sources"])
-def test_the_settings_of_params_are_those_of_their_sources(name: str) -> None:
-    settings_of(read(paths.PARAMS)["sources"][name], f"sources.{name}")
 
 
 def test_a_source_observes_with_its_settings_and_counts(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,14 +156,6 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_held(
         readers.read_table(tmp_path / "log.csv", ["entity"])
 
 
-def test_a_file_is_read_from_its_start_when_its_hash_is_checked(tmp_path: Path) -> None:
-    path = tmp_path / "file"
-    path.write_bytes(b"content")
-    with path.open("rb") as file:
-        check_sha256(path, file, hashlib.sha256(b"content").hexdigest())
-        assert file.tell() == 0
-
-
 # Homes
 
 
@@ -186,23 +171,3 @@ def test_entities_of_a_home_are_in_alphabetical_order_with_their_kind_and_one_ro
         ("mug", "object", "mug"),
         ("wood", "material", "wood"),
     ]
-
-
-@pytest.mark.parametrize(
-    ("triples", "name", "kinds"),
-    [
-        ([("mug", "hasMaterial", "glass"), ("glass", "atLocation", "kitchen")], "glass", ["material", "object"]),
-        ([("mug", "hasMaterial", "dirty"), ("mug", "hasAffordance", "dirty")], "dirty", ["affordance", "material"]),
-        ([("mug", "atLocation", "kitchen"), ("kitchen", "hasMaterial", "wood")], "kitchen", ["object", "room"]),
-        ([("mug", "atLocation", "kitchen"), ("mug", "hasMaterial", "kitchen")], "kitchen", ["material", "room"]),
-    ],
-)
-def test_an_entity_of_two_kinds_is_refused(triples: list[tuple[str, str, str]], name: str, kinds: list[str]) -> None:
-    with pytest.raises(InputError, match=f"'{name}'") as refused:
-        named(*triples)
-    assert all(kind in str(refused.value) for kind in kinds)
-
-
-def test_a_relation_that_homes_do_not_have_is_refused() -> None:
-    with pytest.raises(InputError, match=r"relation 'eats'.*atLocation"):
-        named(("mug", "atLocation", "kitchen"), ("cat", "eats", "fish"))

@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 
 from isi.config import read
-from isi.errors import InputError
 from isi.tables import paths
 from tests.procthor import house, thing
 from tools import sources
@@ -96,26 +95,6 @@ def test_sources_of_all_files_of_params_are_listed(tmp_path: Path) -> None:
         [paths.PARAMS, paths.BEYOND_PARAMS, tmp_path / "mine.yaml", tmp_path / "none.yaml"]
     )
     assert {*read(paths.PARAMS)["sources"], *read(paths.BEYOND_PARAMS)["graphs"], "mine"} <= set(listed)
-
-
-def test_a_source_that_names_its_own_entities_is_counted_by_its_kinds(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text("head,relation,tail,room\nmug,atLocation,hall,hall\n", encoding="utf-8")
-    found = sources.run("log", {"reader": "table", "path": str(tmp_path / "log.csv"), "household": True}, 0)
-    assert found.of_kind("room") == ["hall"]
-    assert sources.picture(found) is not None
-
-
-@pytest.mark.parametrize(
-    ("text", "place"),
-    [
-        ("sources: {../../x: {reader: published}}", "sources"), ("sources: {mine: published}", "sources.mine"),
-        ("graphs: {mine: {title: x}}", "mine"),
-    ],
-)  # fmt: skip
-def test_sources_that_cannot_be_listed_are_refused_in_one_line(tmp_path: Path, text: str, place: str) -> None:
-    (tmp_path / "mine.yaml").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=rf"mine\.yaml: {place}"):
-        sources.source_settings([paths.PARAMS, tmp_path / "mine.yaml"])
 
 
 def test_the_command_writes_a_table_and_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,6 @@ from typing import Any
 import pandas as pd
 import pytest
 import yaml
-from dvc.repo import Repo
 
 from isi.params import load
 from tools import compare, headline, repro, workspace
@@ -49,10 +48,6 @@ def test_a_mistake_in_params_is_one_line_and_a_status(
     assert ended.returncode == 1
     assert ended.stderr.splitlines() == [ended.stderr.strip()]
     assert named in ended.stderr
-
-
-def test_the_params_that_ship_have_no_mistake() -> None:
-    assert check_params(ROOT).returncode == 0
 
 
 @pytest.mark.parametrize(
@@ -214,22 +209,6 @@ def test_stages_are_read_from_the_lock_of_their_pipeline(tmp_path: Path, monkeyp
         ["mine@here", "report"],
         ["vary@insert_triples_0"],
     ]
-
-
-def test_without_a_lock_each_pipeline_has_the_stages_that_dvc_makes_of_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Repo.init(no_scm=True)
-    (tmp_path / "beyond").mkdir()
-    first = {"mine": {"cmd": "true", "matrix": {"source": "${sources}"}}, "report": {"cmd": "true"}}
-    second = {"vary": {"cmd": "true", "wdir": "..", "matrix": {"variant": "${variants}"}}}
-    for path, content in (("dvc.yaml", {"stages": first}), ("params.yaml", {"sources": {"here": {}, "there": {}}}),
-                          ("beyond/dvc.yaml", {"stages": second}),
-                          ("beyond/params.yaml", {"variants": {"insert_triples_0": {}, "insert_triples_all": {}}})):  # fmt: skip  # noqa: E501
-        (tmp_path / path).write_text(yaml.safe_dump(content), encoding="utf-8")
-    assert sorted(repro.stages(repro.PIPELINES[0])) == ["mine@here", "mine@there", "report"]
-    assert sorted(repro.stages(repro.PIPELINES[1])) == ["vary@insert_triples_0", "vary@insert_triples_all"]
 
 
 @pytest.mark.parametrize(

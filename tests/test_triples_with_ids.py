@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isi.errors import InputError
 from isi.graph.graph import GraphTables, MinedSource, build_tables
 from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
 from isi.sources.triples_with_ids import KINDS, published_phrases, read_ids, shipped_names
@@ -76,44 +75,6 @@ def test_every_line_is_counted_once(tmp_path_factory: pytest.TempPathFactory, ro
     names, relations = ["alarmclock.o", "wall_lamp.o", "desk.l", "town hall"], ["ObjOnLoc", "knows"]
     expected = Counter((names[head], relations[relation], names[tail]) for head, tail, relation in rows)
     assert read_ids(folder, ["gt2id.txt"]) == expected
-
-
-@pytest.mark.parametrize(
-    ("file", "content", "place"),
-    [
-        ("gt2id", None, "expected a text file"),
-        ("gt2id", "", "line 1"),
-        ("gt2id", FILES["gt2id.txt"][:-6], "line 1: expected how many lines follow, which are 3"),
-        ("gt2id", "1\n0 2\n", "line 2: expected three ids"),
-        ("gt2id", "1\n0 2 -1\n", "line 2: expected three ids"),
-        ("gt2id", "1\n0 4 0\n", "line 2: expected ids of 4 entities"),
-        ("gt2id", "1\n0 2 2\n", "line 2: expected ids of 4 entities and 2 relations"),
-        ("gt2id", "\udcff\udcfe1\n", "expected a text file"),
-        ("entity2id", "1\nalarmclock.o 0\n", "line 2: expected a name, a tab and an id"),
-        ("entity2id", "2\na.o\t0\nb.o\t0\n", "line 3"),
-        ("entity2id", "2\na.o\t0\na.o\t1\n", "line 3"),
-        ("entity2id", "2\na.o\t0\nb.o\t2\n", "expected the ids from 0 to 1"),
-        ("entity2id", "1\na\u001b[0m.o\t0\n", "line 2"),
-        ("entity2id", "1\n mug.o\t0\n", "line 2: expected a name without"),
-        ("relation2id", "1\nis/../in\t0\n", "line 2: expected a name without"),
-    ],
-)
-def test_a_broken_file_is_refused_in_one_short_line(tmp_path: Path, file: str, content: str | None, place: str) -> None:
-    folder = folder_of(tmp_path)
-    (folder / f"{file}.txt").unlink()
-    with pytest.raises(InputError) as refused:
-        mined(str(folder_of(tmp_path, **{file: content})))
-    line = str(refused.value)
-    assert line.startswith(f"{folder / file}.txt: ")
-    assert place in line
-    assert line.isprintable()
-    assert len(line) < 400
-
-
-def test_a_folder_without_triples_is_refused(tmp_path: Path) -> None:
-    folder = folder_of(tmp_path, gt2id="0\n", more2id="0")
-    with pytest.raises(InputError, match=r"gt2id\.txt, more2id\.txt: expected triples, got none"):
-        mined(str(folder), ["gt2id.txt", "more2id.txt"])
 
 
 @pytest.mark.parametrize(
@@ -207,23 +168,3 @@ def test_every_phrase_names_a_synset_of_the_triples() -> None:
     triples = pd.read_csv(paths.PUBLISHED_TRIPLES)
     assert sorted(listed["synset"]) == sorted({*triples["head"], *triples["tail"]})
     assert len(listed) == 101
-
-
-@pytest.mark.parametrize(
-    ("file", "content", "place"),
-    [
-        ("TRIPLES", "head,relation,tail\nmug.n.04,atLocation,kitchen.l.01\n", "line 1: .*head, relation, tail, count"),
-        ("TRIPLES", "head,relation,tail,count\nmug.n.04,atLocation,cave.l.01,1\n", "line 2: .*'cave.l.01'"),
-        ("TRIPLES", "head,relation,tail,count\n" + 2 * "mug.n.04,atLocation,kitchen.l.01,1\n", "line 3: .*'mug.n.04 "),
-        ("PHRASES", "synset,entity,phrase,kind\nm.n.04,mug,mug,object\nm.n.04,cup,cup,object\n", "line 3: .*'m.n.04'"),
-        ("PHRASES", "synset,entity,phrase,kind\nm.n.04,mug,mug,object\nc.n.01,mug,cup,object\n", "line 3: .*'mug'"),
-    ],
-)
-def test_broken_files_of_the_papers_graph_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str, content: str, place: str
-) -> None:
-    path = tmp_path / "broken.csv"
-    path.write_text(content, encoding="utf-8")
-    monkeypatch.setattr(paths, f"PUBLISHED_{file}", path)
-    with pytest.raises(InputError, match=rf"broken\.csv: {place}"):
-        observations_of({"reader": "published"})

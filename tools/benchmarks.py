@@ -27,11 +27,24 @@ def machine(results: dict[str, Any]) -> str:
     return f"{info['cpu']['brand_raw']}, {info['cores']} cores, {info['system']}; {python}, {versions}.\n"
 
 
-def training(rows: pd.DataFrame) -> pd.DataFrame:
+def _count(values: pd.Series) -> pd.Series:
+    return values.map("{:,.0f}".format)
+
+
+def _share(values: pd.Series) -> pd.Series:
+    return values.map("{:.3f}".format)
+
+
+def _figures(values: pd.Series) -> pd.Series:
+    """Three figures, none lost."""
+    return values.map(lambda value: f"{value:,.0f}" if value >= 100 else f"{value:#.3g}")
+
+
+def training(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """Medians over epochs; ratios are of triples scored in a second."""
     rate = rows["scored"] / rows["median"]
     of = dict(zip(rows["library"], rate, strict=True))
-    return pd.DataFrame({
+    return {
         "": rows["library"] + ", " + rows["model"],
         "negatives": rows["negatives"],
         "models": rows["models"].astype(int).astype(str),
@@ -39,75 +52,81 @@ def training(rows: pd.DataFrame) -> pd.DataFrame:
         "million triples scored per second": _figures(rate / 1e6),
         "times TorchKGE": _figures(rate / of["TorchKGE"]),
         "times PyKEEN": _figures(rate / of["PyKEEN"]),
-    })  # fmt: skip
+    }
 
 
-def ranking(rows: pd.DataFrame) -> pd.DataFrame:
-    """Medians over repeats; ratios are of triples asked about in a second."""
+def ranking(rows: pd.DataFrame) -> dict[str, pd.Series]:
+    """Medians over repeats; ratios are of triples ranked in a second."""
     rate = rows["triples"] / rows["median"]
-    theirs = float(rate[rows["what"].str.startswith("PyKEEN")].iloc[0])
-    return pd.DataFrame({
+    return {
         "": rows["what"],
-        "triples": rows["triples"].map("{:,.0f}".format),
+        "triples": _count(rows["triples"]),
         "ms": _figures(1000 * rows["median"]),
         "thousand triples per second": _figures(rate / 1e3),
-        "times PyKEEN": _figures(rate / theirs),
-    })  # fmt: skip
+        "times PyKEEN": _figures(rate / float(rate[rows["what"].str.startswith("PyKEEN")].iloc[0])),
+    }
 
 
-def growth(rows: pd.DataFrame) -> pd.DataFrame:
+def growth(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """An epoch and a ranking on graphs of growing size, by form."""
-    shown = rows.sort_values(["entities", "form"], ascending=[True, False])
-    return pd.DataFrame({
-        "entities": shown["entities"].map("{:,.0f}".format),
-        "triples": shown["triples"].map("{:,.0f}".format),
-        "batches as": shown["form"],
-        "s per epoch": _figures(shown["epoch_seconds"]),
-        "µs per observation": _figures(1e6 * _per_observation(shown)),
-        "peak MiB of training": shown["training_mib"].map("{:,.0f}".format),
-        "s to rank up to 200 triples": _figures(shown["ranking_seconds"]),
-        "peak MiB with ranking": shown["peak_mib"].map("{:,.0f}".format),
-    })  # fmt: skip
+    rows = rows.sort_values(["entities", "form"], ascending=[True, False])
+    return {
+        "entities": _count(rows["entities"]),
+        "triples": _count(rows["triples"]),
+        "batches as": rows["form"],
+        "s per epoch": _figures(rows["epoch_seconds"]),
+        "µs per observation": _figures(1e6 * _per_observation(rows)),
+        "peak MiB of training": _count(rows["training_mib"]),
+        "s to rank up to 200 triples": _figures(rows["ranking_seconds"]),
+        "peak MiB with ranking": _count(rows["peak_mib"]),
+    }
 
 
-def mining(rows: pd.DataFrame) -> pd.DataFrame:
+def mining(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """Mining in one process."""
-    return pd.DataFrame({
-        "houses": rows["houses"].map("{:,.0f}".format),
-        "observations": rows["observations"].map("{:,.0f}".format),
-        "s": _figures(rows["seconds"]),
-        "peak MiB": rows["peak_mib"].map("{:,.0f}".format),
-    })  # fmt: skip
+    counts = {"houses": _count(rows["houses"]), "observations": _count(rows["observations"])}
+    return counts | {"s": _figures(rows["seconds"]), "peak MiB": _count(rows["peak_mib"])}
 
 
-def insert(rows: pd.DataFrame) -> pd.DataFrame:
-    """``isi.insert`` on one thread, three triples told of each new entity; medians."""
-    return pd.DataFrame({
-        "known entities": rows["entities"].map("{:,.0f}".format),
-        "new ones": rows["new"].map("{:,.0f}".format),
+def insert(rows: pd.DataFrame) -> dict[str, pd.Series]:
+    """``isi.insert`` on one thread, three insert triples for each new entity; medians."""
+    return {
+        "known entities": _count(rows["entities"]),
+        "new ones": _count(rows["new"]),
         "initializer": rows["initializer"],
         "ms": _figures(1000 * rows["seconds"]),
-        "peak MiB": rows["peak_mib"].map("{:,.0f}".format),
-    })  # fmt: skip
+        "peak MiB": _count(rows["peak_mib"]),
+    }
 
 
-def umls(rows: pd.DataFrame) -> pd.DataFrame:
-    """Mean reciprocal rank of families beside PyKEEN's."""
-    return pd.DataFrame({
-        "": rows["model"],
-        "test triples": rows["triples"].map("{:,.0f}".format),
-        "isi: MRR": rows["isi"].map("{:.3f}".format),
-        "PyKEEN: MRR": rows["pykeen"].map("{:.3f}".format),
-    })  # fmt: skip
+def umls(rows: pd.DataFrame) -> dict[str, pd.Series]:
+    """Mean reciprocal rank of models beside PyKEEN's."""
+    ours, theirs = _share(rows["isi"]), _share(rows["pykeen"])
+    return {"": rows["model"], "test triples": _count(rows["triples"]), "isi: MRR": ours, "PyKEEN: MRR": theirs}
 
 
-def thor_u(rows: pd.DataFrame) -> pd.DataFrame:
-    """MRR and Hits@10 of families beside their authors', in percent."""
+def thor_u(rows: pd.DataFrame) -> dict[str, pd.Series]:
+    """MRR and Hits@10 of models beside their authors', in percent."""
     shown = {"": rows["model"]}
     for place, measure in enumerate(("MRR", "Hits@10")):
         for column, whose in (("published", "published"), ("valid", "isi, validation"), ("test", "isi, test")):
             shown[f"{measure}: {whose}"] = rows[column].map(lambda both, place=place: f"{100 * both[place]:.1f}")
-    return pd.DataFrame(shown)
+    return shown
+
+
+def facts(rows: pd.DataFrame) -> dict[str, pd.Series]:
+    """What benchmarks say of themselves: for those without a table of their own."""
+    rows = rows.drop(columns="median")
+    return {
+        name.replace("_", " "): _figures(rows[name]) if rows[name].dtype == float else rows[name].astype(str)
+        for name in rows
+    }
+
+
+TABLES = {
+    "training": training, "ranking": ranking, "growth": growth, "insert": insert, "mining": mining, "umls": umls,
+    "thor_u": thor_u,
+}  # fmt: skip
 
 
 def crossing(rows: pd.DataFrame) -> float:
@@ -143,22 +162,8 @@ def scaling(rows: pd.DataFrame) -> Figure:
     return canvas
 
 
-def facts(rows: pd.DataFrame) -> pd.DataFrame:
-    """What benchmarks say of themselves: for those without a table of their own."""
-    shown = rows.drop(columns="median")
-    return pd.DataFrame({
-        name.replace("_", " "): _figures(shown[name]) if shown[name].dtype == float else shown[name].astype(str)
-        for name in shown
-    })  # fmt: skip
-
-
 def _per_observation(rows: pd.DataFrame) -> pd.Series:
     return rows["epoch_seconds"] / rows["observations"]
-
-
-def _figures(values: pd.Series) -> pd.Series:
-    """Three figures, none lost."""
-    return values.map(lambda value: f"{value:,.0f}" if value >= 100 else f"{value:#.3g}")
 
 
 def main() -> None:
@@ -171,17 +176,8 @@ def main() -> None:
     }
     FOLDER.mkdir(parents=True, exist_ok=True)
     (FOLDER / "machine.md").write_text(machine(results), encoding="utf-8")
-    tables = {
-        "training": training,
-        "ranking": ranking,
-        "growth": growth,
-        "insert": insert,
-        "mining": mining,
-        "umls": umls,
-        "thor_u": thor_u,
-    }
     for name, rows in groups.items():
-        shown = tables.get(name, facts)(rows)
+        shown = pd.DataFrame(TABLES.get(name, facts)(rows))
         text = shown.to_markdown(
             index=False, disable_numparse=True, colalign=["left", *["right"] * (shown.shape[1] - 1)]
         )

@@ -1,7 +1,7 @@
 """Compare batch sizes and learning rates on validation MRR*, as params.yaml's were chosen.
 
 Training is judged by the joint model's best validation MRR*; fine-tuning by validation MRR* on D¹
-averaged over the paper's initializers and over epochs, which favours none by name. No test triple is looked at.
+averaged over the paper's initializers and over epochs, which favours none by name. No test triple is used.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from isi.models.stack import Embedding
 from isi.params import Params, load
 from isi.training.trainer import never_stop
 
-#: Epochs between two looks at validation MRR*.
+#: Epochs between two measurements of validation MRR*.
 EVERY = 10
 
 
 def fine_tune(points: GridPoints, theta0: StackedVectors, words: np.ndarray, config: InsertConfig) -> float:
     """Mean validation MRR* of an initializer's Θ¹ over models and epochs."""
-    theta, valid, looks = theta0.stack, validation(points.session(1)), []
+    theta, valid, measured = theta0.stack, validation(points.session(1)), []
 
     def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
         if epoch and epoch % EVERY == 0:
-            looks.append(evaluate(embedding, valid)["valid"].measures[:, 0].numpy())
+            measured.append(evaluate(embedding, valid)["valid"].measures[:, 0].numpy())
         return never_stop(epoch, embedding, models)
 
     initial = initialize(points, theta, words, config)
     finetune(points, with_vectors(theta, points.novel_in(1), initial.vectors), config, watch)
-    return float(np.mean(looks))
+    return float(np.mean(measured))
 
 
 def best_valid(points: GridPoints, config: TrainConfig) -> np.ndarray:
@@ -71,8 +71,8 @@ def main() -> None:
     grid = list(product(given.batches, given.training))
     joint = [points.all_known for points in single]
     tasks = [(points, training_at(params, batch, rate)) for batch, rate in grid for points in joint]
-    looks = np.concatenate(run(best_valid, tasks, params.compute, "training"))
-    show("training", grid, looks.reshape(len(grid), -1).mean(1))
+    measured = np.concatenate(run(best_valid, tasks, params.compute, "training"))
+    show("training", grid, measured.reshape(len(grid), -1).mean(1))
 
     chosen = train_config(params)
     theta0 = run(train_stack, [(points, chosen) for points in single], params.compute, "theta0")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import compress
 from pathlib import Path
 from typing import Any, Literal
@@ -159,7 +159,14 @@ def _containment(scene: Scene, find_cycles: bool) -> Iterator[tuple[str, str, st
     """Id and receptacle of what lies in it, the floor left out; or id, problem and fault where that cannot be."""
     type_of = {thing["objectId"]: entity_name(thing["objectType"]) for thing in scene.objects}
     parents = {thing["objectId"]: thing.get("parentReceptacles") or [] for thing in scene.objects}
-    cycle_of = _cycles(parents) if find_cycles else {}
+    cycle_of: dict[str, int] = {}  # alike for objects that lie, themselves or through others, in each other
+    if find_cycles:
+        import networkx as nx  # here, since few ask for it
+
+        graph = nx.DiGraph((name, parent) for name, listed in parents.items() for parent in listed if parent in parents)
+        cycle_of = {
+            name: number for number, part in enumerate(nx.strongly_connected_components(graph)) for name in part
+        }
     for thing in scene.objects:
         name = thing["objectId"]
         for content in thing.get("receptacleObjectIds") or ():
@@ -179,15 +186,6 @@ def _containment(scene: Scene, find_cycles: bool) -> Iterator[tuple[str, str, st
                 yield name, f"its parent receptacle {short(parent)} lies in it", IN_CYCLE
             else:
                 yield name, type_of[parent], None
-
-
-def _cycles(parents: Mapping[str, Sequence[str]]) -> dict[str, int]:
-    """A number for each object, the same for those that lie, themselves or through others, in each other."""
-    import networkx as nx  # here, since few ask for it
-
-    graph = nx.DiGraph([(name, parent) for name, listed in parents.items() for parent in listed if parent in parents])
-    graph.add_nodes_from(parents)
-    return {name: number for number, cycle in enumerate(nx.strongly_connected_components(graph)) for name in cycle}
 
 
 def materials_of(materials: Materials, seed: int) -> MaterialsOf:

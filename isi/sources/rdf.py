@@ -56,10 +56,23 @@ def rdf(
     logging.getLogger("rdflib").setLevel(logging.ERROR)  # it warns of IRIs that are none
     file, named = Path(path), naming(entities, kinds, household)
     mining.name_entities = named
-    entity_names, relation_names = _IriNames(file, names == "local"), _IriNames(file, names == "local")
+    entities_by_name: dict[str, str] = {}  # IRIs
+    relations_by_name: dict[str, str] = {}
     types: dict[str, dict[Node, str]] = {}  # of each IRI, and where they stand
     labels: dict[str, tuple[str, str]] = {}
     seen: set[tuple[str, str, str]] = set()
+
+    def name_of(place: str, node: Node, iri_by_name: dict[str, str] | None = None) -> str:
+        """The name of a node; no two IRIs of a mapping share one."""
+        iri, name = str(node), local_name(str(node)) if names == "local" else str(node)
+        fault = name_fault(name)
+        other = iri if iri_by_name is None or fault else iri_by_name.setdefault(name, iri)
+        if other != iri:
+            fault = f"{short(name)} is also the name of <{cut(other)}>; the setting names: iri keeps them apart"
+        if fault:
+            raise InputError(path, place, f"<{cut(iri, 40)}>: {fault}" if other == iri else fault)
+        return name
+
     for place, head, relation, tail in _read_triples(file):
         if isinstance(head, BNode) or isinstance(tail, BNode):
             mining.counts[BLANK] += 1
@@ -74,7 +87,8 @@ def rdf(
         elif str(relation).startswith(str(RDF)):
             mining.counts[STRUCTURE] += 1
         else:
-            triple = entity_names.of(place, head), relation_names.of(place, relation), entity_names.of(place, tail)
+            ends = name_of(place, head, entities_by_name), name_of(place, tail, entities_by_name)
+            triple = ends[0], name_of(place, relation, relations_by_name), ends[1]
             if triple in seen:
                 mining.counts[REPEATED] += 1
             else:
@@ -83,9 +97,9 @@ def rdf(
     if not seen:
         raise InputError(path, "", "expected triples between entities that have IRIs, got none")
     listed = frozenset(named.kind_of)
-    for name, iri in entity_names.iri_of.items():  # types and labels of relations and others are not looked at
+    for name, iri in entities_by_name.items():  # types and labels of relations and others are not looked at
         for node, place in ({} if name in listed else types.get(iri, {})).items():
-            kind = entity_names.text(place, node)
+            kind = name_of(place, node)
             other = named.kind_of.setdefault(name, kind)
             if other != kind:
                 raise InputError(
@@ -96,30 +110,6 @@ def rdf(
             if fault := name_fault(label):
                 raise InputError(path, place, f"label: {fault}")
             named.phrase_of[name] = label.lower()
-
-
-class _IriNames:
-    """The names of IRIs, no two of which share one."""
-
-    def __init__(self, path: Path, local: bool) -> None:
-        self._path, self._local = path, local
-        self.iri_of: dict[str, str] = {}
-
-    def of(self, place: str, node: Node) -> str:
-        """The name of a node; InputError where another node has it."""
-        name = self.text(place, node)
-        other = self.iri_of.setdefault(name, str(node))
-        if other != str(node):
-            expected = f"{short(name)} is also the name of <{cut(other)}>; the setting names: iri keeps them apart"
-            raise InputError(self._path, place, expected)
-        return name
-
-    def text(self, place: str, node: Node) -> str:
-        """The text that is a node's name, which others may share."""
-        name = local_name(str(node)) if self._local else str(node)
-        if fault := name_fault(name):
-            raise InputError(self._path, place, f"<{cut(str(node), 40)}>: {fault}")
-        return name
 
 
 def local_name(iri: str) -> str:

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.compute as compute
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from isi.errors import InputError, at, cut, short
 from isi.sources.names import check_names
@@ -117,7 +117,13 @@ def parse_json(form: type[T], content: bytes | str, path: object, place: str = "
     """What JSON holds; InputError where it is broken or of another form: names the place in it, behind ``place``."""
     text = content.removeprefix(b"\xef\xbb\xbf") if isinstance(content, bytes) else content
     with at(path, place):
-        return TypeAdapter(form).validate_json(text, strict=True)
+        try:
+            return TypeAdapter(form).validate_json(text, strict=True)
+        except ValidationError as error:
+            problem = error.errors(include_input=False)[0]
+            if problem["type"] != "json_invalid":
+                raise
+            raise InputError("", "", problem["msg"]) from error  # without the text, which may be long
 
 
 def refuse(path: Path, column: pd.Series, wrong: pd.Series[bool], expected: str) -> None:

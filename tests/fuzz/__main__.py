@@ -1,4 +1,4 @@
-"""Read inputs by the thousand and write what became of them into docs/benchmarks/fuzz.md: ``make fuzz``.
+"""Read changed files by the thousand and write what became of them into docs/benchmarks/fuzz.md: ``make fuzz``.
 
 What is neither read nor refused in one line within ten seconds and 2 GiB is kept under .fuzz/, and the status is 1.
 
@@ -18,10 +18,10 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from tests.fuzz.campaign import Counts, giants, of_format
+from tests.fuzz.campaign import Counts, try_format, try_giants
 from tests.fuzz.formats import FORMATS
 
-KEPT = Path(".fuzz")
+FAULTS = Path(".fuzz")
 TABLE = Path("docs/benchmarks/fuzz.md")
 
 
@@ -37,46 +37,45 @@ def main() -> None:
     start = time.perf_counter()
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(2, os.cpu_count() or 1), mp_context=context) as pool:
-        waiting = [pool.submit(giants)] * (not given.format)
-        waiting += [pool.submit(of_format, name, share, given.seed) for name in names]
+        waiting = [pool.submit(try_format, name, share, given.seed) for name in names]
+        waiting += [pool.submit(try_giants)] * (not given.format)
         for _ in tqdm(as_completed(waiting), total=len(waiting), unit=" formats", disable=None):
             pass
-        found = [one.result() for one in waiting]
-    found = [*found[1:], found[0]] if not given.format else found
-    keep(found)
+    counts = [future.result() for future in waiting]
+    for of_format in counts:
+        write_faults(of_format)
     if not given.format:
-        given.out.write_text(table(found), encoding="utf-8")
-    faults = sum(len(counts.faults) for counts in found)
-    total = sum(counts.inputs for counts in found)
-    print(f"{total:,} inputs in {time.perf_counter() - start:.0f} s, {faults} faults")
-    sys.exit(f"{faults} faults: their files are under {KEPT}/" if faults else 0)
+        given.out.write_text(table(counts), encoding="utf-8")
+    faults, inputs = sum(len(of_format.faults) for of_format in counts), sum(of_format.inputs for of_format in counts)
+    print(f"{inputs:,} inputs in {time.perf_counter() - start:.0f} s, {faults} faults")
+    sys.exit(f"{faults} faults: their files are under {FAULTS}/" if faults else 0)
 
 
-def keep(found: Sequence[Counts]) -> None:
-    """Keep the files of faults, each in a folder of its own, and say what is wrong with them."""
-    for counts in found:
-        for number, (said, files) in enumerate(counts.faults):
-            folder = KEPT / f"{counts.format.replace(', ', ' ').replace(' ', '-')}-{number}"
-            for name, content in files.items():
-                (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                (folder / name).write_bytes(content)
-            print(f"{counts.format} ({folder}): {said.strip().splitlines()[-1][:200]}")
-            folder.mkdir(parents=True, exist_ok=True)
-            (folder / "fault.txt").write_text(said, encoding="utf-8", errors="backslashreplace")
+def write_faults(counts: Counts) -> None:
+    """Write the files of faults, each into a folder of its own, and say what is wrong with them."""
+    for number, (problem, files) in enumerate(counts.faults):
+        folder = FAULTS / f"{counts.format.replace(', ', ' ').replace(' ', '-')}-{number}"
+        for name, content in {**files, "fault.txt": problem.encode(errors="backslashreplace")}.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(content)
+        print(f"{counts.format} ({folder}): {problem.strip().splitlines()[-1][:200]}")
 
 
-def table(found: Sequence[Counts]) -> str:
+def table(counts: Sequence[Counts]) -> str:
     """Rows of formats, and one of all."""
-    every = Counts("all", sum(one.read for one in found), sum(one.refused for one in found),
-                   max(one.seconds for one in found), max(one.mib for one in found),
-                   [fault for one in found for fault in one.faults])  # fmt: skip
+    total = Counts("all")
+    for of_format in counts:
+        total.read += of_format.read
+        total.refused += of_format.refused
+        total.seconds, total.mib = max(total.seconds, of_format.seconds), max(total.mib, of_format.mib)
+        total.faults += of_format.faults
     lines = [
         "| changed files of | inputs | read | refused in one line | faults | longest s (of a processor) | peak MiB |",
         "| --- | ---: | ---: | ---: | ---: | ---: | ---: |",
         *(
-            f"| {one.format} | {one.inputs:,} | {one.read:,} | {one.refused:,} | {len(one.faults)} "
-            f"| {one.seconds:.1f} | {one.mib:,} |"
-            for one in [*found, every]
+            f"| {row.format} | {row.inputs:,} | {row.read:,} | {row.refused:,} | {len(row.faults)} "
+            f"| {row.seconds:.1f} | {row.mib:,} |"
+            for row in [*counts, total]
         ),
     ]
     return "\n".join(lines) + "\n"

@@ -1,8 +1,8 @@
-"""Inputs by the thousand, format by format, and what became of them."""
+"""Changed files by the thousand, format by format, and what became of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from hypothesis import HealthCheck, Phase, given, seed, settings
@@ -22,14 +22,14 @@ class Counts:
     refused: int = 0
     seconds: float = 0.0
     mib: int = 0
-    #: files that were none of the two, and why
+    #: what is wrong with files that were neither read nor refused
     faults: list[tuple[str, Files]] = field(default_factory=list)
 
-    def add(self, files: Files, outcome: Outcome) -> None:
+    def add(self, files: Files, outcome: Outcome, case: str = "") -> None:
         self.read += outcome.kind == "read"
         self.refused += outcome.kind == "refused"
         if outcome.kind == "fault":
-            self.faults.append((outcome.said, files))
+            self.faults.append((f"{case}{outcome.problem}", files))
         self.seconds, self.mib = max(self.seconds, outcome.seconds), max(self.mib, outcome.mib)
 
     @property
@@ -37,18 +37,15 @@ class Counts:
         return self.read + self.refused + len(self.faults)
 
 
-def tried(name: str, inputs: int, root: int, worker: Worker) -> Counts:
-    """Change the files of a format as often, and read them."""
+def read_changed(name: str, inputs: int, root: int, worker: Worker) -> Counts:
+    """Change the files of a format so many times, and read them."""
     counts = Counts(name)
 
     @seed(root)
     @settings(
-        max_examples=inputs,
-        database=None,
-        phases=[Phase.generate],
-        deadline=None,
+        max_examples=inputs, database=None, phases=[Phase.generate], deadline=None,
         suppress_health_check=list(HealthCheck),
-    )
+    )  # fmt: skip
     @given(changed(FORMATS[name].files))
     def attempt(files: Files) -> None:
         counts.add(files, worker.read(name, files))
@@ -57,30 +54,17 @@ def tried(name: str, inputs: int, root: int, worker: Worker) -> Counts:
     return counts
 
 
-def of_format(name: str, inputs: int, root: int) -> Counts:
+def try_format(name: str, inputs: int, root: int) -> Counts:
     """The same in a process of its own."""
     with Worker() as worker:
-        return tried(name, inputs, root, worker)
+        return read_changed(name, inputs, root, worker)
 
 
-def giants() -> Counts:
-    """The largest and deepest files."""
-    with Worker() as worker:
-        return of_giants(worker, list(GIANTS))
-
-
-def of_giants(worker: Worker, names: list[str]) -> Counts:
+def try_giants(names: Iterable[str] = tuple(GIANTS)) -> Counts:
+    """Read the largest and deepest files; those of faults are too large to be written."""
     counts = Counts("giants: a million objects, rows or levels")
-    for name, outcome, files in _giants(worker, names):
-        counts.add(files, outcome)
-        if outcome.kind == "fault":
-            said, _ = counts.faults.pop()
-            counts.faults.append((f"{name}: {said}", {}))
+    with Worker() as worker:
+        for name in names:
+            form, make = GIANTS[name]
+            counts.add({}, worker.read(form, FORMATS[form].files | make()), f"{name}: ")
     return counts
-
-
-def _giants(worker: Worker, names: list[str]) -> Iterator[tuple[str, Outcome, Files]]:
-    for name in names:
-        form, make = GIANTS[name]
-        files = FORMATS[form].files | make()
-        yield name, worker.read(form, files), files

@@ -14,54 +14,28 @@ OUT = Path("out/table.parquet")
 
 
 class Verbatim(InputError):
-    """A mistake that is told as it is, whatever is in it."""
+    """A mistake whose line is neither cut nor made printable."""
 
     def __str__(self) -> str:
         return ": ".join(part for part in self.args if part)
 
 
-def endless_in_c() -> str:
-    return str(re.match(r"(a+)+$", "a" * 60 + "b"))
-
-
-def memory() -> str:
-    return str(len(bytearray(3 * 2**30)))
-
-
-def dies() -> NoReturn:
-    os._exit(3)
-
-
-def touches() -> NoReturn:
-    OUT.write_bytes(b"half")
+def leave_behind(path: Path) -> NoReturn:
+    path.write_bytes(b"half")
     raise InputError("file", "", "is broken")
 
 
-def leaves() -> NoReturn:
-    Path(".x.tmp").write_bytes(b"half")
-    raise InputError("file", "", "is broken")
-
-
-def lines() -> NoReturn:
-    raise Verbatim("file", "", "is \x1b[2J")
-
-
-def says_much() -> NoReturn:
-    raise Verbatim("file", "", "x" * 494)
-
-
-def traceback() -> str:
-    table: dict[str, str] = {}
-    return table["head"]
+def refuse(message: str) -> NoReturn:
+    raise Verbatim("file", "", message)
 
 
 FAULTY = {
-    "!endless in C": Format({}, endless_in_c),
-    "!memory": Format({}, memory),
-    "!dies": Format({}, dies),
-    "!touches": Format({}, touches, (OUT,)),
-    "!leaves": Format({}, leaves),
-    "!lines": Format({}, lines),
-    "!says much": Format({}, says_much),
-    "!traceback": Format({}, traceback),
+    "!endless in C": Format({}, lambda: str(re.match(r"(a+)+$", "a" * 60 + "b"))),
+    "!memory": Format({}, lambda: str(len(bytearray(3 * 2**30)))),
+    "!dies": Format({}, lambda: os._exit(3)),
+    "!writes into an output": Format({}, lambda: leave_behind(OUT), (OUT,)),
+    "!leaves a file": Format({}, lambda: leave_behind(Path(".x.tmp"))),
+    "!is not printable": Format({}, lambda: refuse("is \x1b[2J")),
+    "!is long": Format({}, lambda: refuse("x" * 494)),
+    "!raises": Format({}, lambda: {"": ""}["head"]),
 }

@@ -115,8 +115,8 @@ class Format:
 
 def shipped(*names: str, lines: int | None = None) -> Files:
     """Files under ``data/raw``, or the first lines of them."""
-    found = {f"data/raw/{name}": (ROOT / paths.RAW / name).read_bytes() for name in names}
-    return {name: b"".join(content.splitlines(keepends=True)[:lines]) for name, content in found.items()}
+    contents = {f"data/raw/{name}": (ROOT / paths.RAW / name).read_bytes() for name in names}
+    return {name: b"".join(content.splitlines(keepends=True)[:lines]) for name, content in contents.items()}
 
 
 def mined(section: dict[str, Any]) -> str:

@@ -37,7 +37,7 @@ class Outcome:
 
     kind: Literal["read", "refused", "fault"]
     #: the line that refuses them; or the traceback, or what else is wrong
-    said: str = ""
+    problem: str = ""
     #: of what was read: what two files of the same meaning have alike
     meaning: str = ""
     seconds: float = 0.0
@@ -54,11 +54,11 @@ def attempt(name: str, files: Files) -> Outcome:
             for path, content in files.items():
                 Path(path).parent.mkdir(parents=True, exist_ok=True)
                 Path(path).write_bytes(content)
-            kind, said, meaning = _read(name, set(files))
+            kind, problem, meaning = _read(name, set(files))
         finally:
             os.chdir(home)
     mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-    return Outcome(kind, said, meaning, time.process_time() - start, mib)
+    return Outcome(kind, problem, meaning, time.process_time() - start, mib)
 
 
 def _read(name: str, given: set[str]) -> tuple[Literal["read", "refused", "fault"], str, str]:
@@ -127,8 +127,8 @@ class Worker:
         self._jobs.send((name, files))
         try:
             if self._jobs.poll(PATIENCE):
-                found: Outcome = self._jobs.recv()
-                return found
+                outcome: Outcome = self._jobs.recv()
+                return outcome
             died = f"no answer within {PATIENCE} s"
         except EOFError:
             self._process.join()

@@ -1,0 +1,98 @@
+"""Put what was made into the README and the pages of docs/: tables, numbers within sentences, and output of commands.
+
+A table stands between ``<!-- table: PATH -->`` and ``<!-- end -->``. A number, in the same way, after
+``<!-- value: PATH | CELL ... | COLUMN -->``: of the table at PATH, the column of the row that starts with these cells;
+or after ``<!-- value: params | KEY -->``: of ``params.yaml``. Paths of tables go from the root and leave out ``.md``.
+An interval behind a number stays in the table.
+
+python -m tools.docs            tables and numbers (``make readme``)
+python -m tools.docs PAGE ...   what commands print, below each prompt that has output (``make console``); they run in a
+                                folder of their own beside the final model of the pipeline, and want the extra ``words``
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from ruamel.yaml import YAML
+
+from isi.process import one_line
+
+ROOT = Path(__file__).parent.parent
+PLACE = re.compile(r"(<!-- (table|value): ([^>]+?) -->)(.*?)(<!-- end -->)", re.DOTALL)
+BLOCK = re.compile(r"(?<=^```console\n)(.*?)(?=^```)", re.DOTALL | re.MULTILINE)
+COMMAND = re.compile(r"^\$ (isi .*)\n((?:[^$\n].*\n)*)", re.MULTILINE)
+
+
+def pages(root: Path = ROOT) -> list[Path]:
+    """The documents that have places to fill."""
+    return [root / "README.md", *sorted((root / "docs").glob("*.md"))]
+
+
+def filled(page: str, root: Path = ROOT) -> str:
+    """A page with every marked place as it was made.
+
+    Raises:
+        LookupError: where a place names what is not there.
+    """
+
+    def fill(place: re.Match[str]) -> str:
+        begin, kind, path, _, end = place.groups()
+        content = f"\n{_text(root, path)}" if kind == "table" else value(path.split(" | "), root)
+        return begin + content + end
+
+    return PLACE.sub(fill, page)
+
+
+def value(path: list[str], root: Path = ROOT) -> str:
+    """The number that a place names."""
+    name, *cells = path
+    if name == "params":
+        params = YAML(typ="safe", pure=True).load((root / "params.yaml").read_text(encoding="utf-8"))
+        for key in cells[0].split("."):
+            params = params[key]
+        return str(params)
+    head, _, *body = ([cell.strip() for cell in line.split("|")[1:-1]] for line in _text(root, name).splitlines())
+    rows = [row for row in body if row[: len(cells) - 1] == cells[:-1]]
+    if len(rows) != 1 or cells[-1] not in head:
+        raise LookupError(f"{' | '.join(path)}: {len(rows)} rows, columns {', '.join(head)}")
+    return rows[0][head.index(cells[-1])].partition(" [")[0]
+
+
+def _text(root: Path, table: str) -> str:
+    return (root / f"{table}.md").read_text(encoding="utf-8")
+
+
+def with_output(page: str, folder: Path) -> str:
+    """A page with the output of every command that has some on it; the others run, too, in their order.
+
+    Raises:
+        subprocess.CalledProcessError: where a command fails.
+    """
+
+    def run(command: re.Match[str]) -> str:
+        line, before = command.groups()
+        arguments = [sys.executable, "-m", "isi", *shlex.split(line)[1:]]
+        printed = subprocess.run(arguments, cwd=folder, check=True, capture_output=True, text=True).stdout
+        return f"$ {line}\n{printed if before else ''}"
+
+    return BLOCK.sub(lambda block: COMMAND.sub(run, block[1]), page)
+
+
+def main(named: list[str]) -> None:
+    """Rewrite the pages."""
+    for page in map(Path, named) if named else pages():
+        text = page.read_text(encoding="utf-8")
+        with tempfile.TemporaryDirectory() as folder:
+            (Path(folder) / "data").symlink_to(ROOT / "data")
+            page.write_text(with_output(text, Path(folder)) if named else filled(text), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    with one_line("docs"):
+        main(sys.argv[1:])
