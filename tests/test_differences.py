@@ -245,17 +245,6 @@ def test_tables_are_whole_where_there_is_nothing_to_compare(names: tuple[str, ..
     assert shares_of({name: constant(0.5) for name in names}) == []
 
 
-def test_p_values_and_differences_are_shown_as_people_read_them() -> None:
-    def shown(points: significance.Difference) -> list[str]:
-        pair = significance.Pair("measure", "es", "rs", points, points.p)
-        row = significance.pairs_table("differences", [pair]).shown.iloc[0]
-        return [row["difference"], row["p"]]
-
-    assert shown(significance.Difference(0.014, p=0.00042, seeds=3)) == ["+0.01", "< 0.001"]
-    assert shown(significance.Difference(-20.5, -21, -20, p=0.0314159, seeds=3)) == ["-20.50 [-21.00, -20.00]", "0.031"]
-    assert shown(significance.Difference(0.0, 0, 0, seeds=3)) == ["+0.00 [+0.00, +0.00]", "none"]
-
-
 # What the gain is made of
 
 
@@ -326,17 +315,6 @@ def test_parts_are_computed_half_by_half() -> None:
     ]  # fmt: skip
     assert [percent for _, percent in entities["parts"]] == [None, None]  # the centre loses there
     assert relations["last"].parts == pytest.approx((10, 10, 10))
-
-
-@pytest.mark.parametrize("es", [0.4, 0.3])
-def test_where_nothing_is_gained_nothing_is_shared(es: float) -> None:
-    (share,) = shares_of({"xavier": constant(0.4), "es": constant(es), "mean": constant(0.5)})
-    assert np.isnan(share["share %"].mean)
-    assert share["rest"].mean == pytest.approx(100 * (es - 0.5))
-    rows = halves({"xavier": (0.4, 0.4), "es": (es, es), "mean": (0.5, 0.5)})
-    composed = gain.composition(gain.parts(rows, ["xavier", "es", "mean"]), "novel", "mrr_star", "es")
-    assert composed
-    assert [percent for _, percent in composed["parts"]] == [None, None]
 
 
 @given(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1))

@@ -15,7 +15,7 @@ from isi.evaluation.convergence import epochs_to_convergence
 from isi.report import figures, stats
 from isi.report.sections import choices, convergence, forgetting, run, trajectory
 from isi.report.tables import Column, Estimate, ReportTable, csv, number
-from isi.report.words import colour, joined, label, listed_epochs, with_values
+from isi.report.words import colour, label
 from tests.reports import INITIALIZERS, runs, small_params
 
 
@@ -130,14 +130,6 @@ def test_numbers_of_files_have_two_decimals_or_four_digits() -> None:
     counts = pd.DataFrame({"p": [24941.0, 14759.0, 77.00000001, 12345.678]})
     assert csv(counts, ["p"]) == "p\n24941\n14759\n77\n12345.68\n"
     assert str(number(-0.004)) == "0.0"
-
-
-def test_numbers_in_sentences() -> None:
-    assert [joined([]), joined(["a"]), joined("abc")] == ["none", "a", "a, b and c"]
-    assert with_values({"es": 1.25, "rs": 2.0, "xavier": 3.0}, ["xavier", "es", "ers"]) == "Xavier 3.0 and ES 1.2"
-    assert listed_epochs({"iu": 40.0, "es": 1.0}, {"iu": 12.4, "es": 0.0}, ["iu", "es"]) == (
-        "IU 40.0 (12 % of runs never converge) and ES 1.0"
-    )
 
 
 def test_the_rule_picks_from_what_is_about_novel_entities() -> None:
@@ -348,12 +340,6 @@ def test_a_long_legend_has_two_rows_that_are_read_one_after_the_other() -> None:
     assert len(rows_of) == 2
     read = sorted(places, key=lambda name: (rows_of.index(round(places[name].y0)), places[name].x0))
     assert read == [label(model) for model in models]
-
-
-def test_panels_beyond_the_number_stay_blank() -> None:
-    canvas, drawn = figures.panels(3)
-    assert len(drawn) == 3
-    assert [axes.axison for axes in canvas.axes] == [True, True, True, False]
 
 
 @pytest.mark.parametrize(

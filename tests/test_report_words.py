@@ -11,7 +11,6 @@ from isi.errors import InputError
 from isi.report import data, glossary, page
 from isi.report.figures import in_words
 from isi.report.glossary import Marker, Term
-from isi.report.section import Block
 from isi.report.sections import immediate
 from isi.report.tables import Column, ReportTable
 from isi.report.words import SCOPES
@@ -63,12 +62,6 @@ def test_links_lead_to_what_is_there_and_weight_is_marked_up() -> None:
     )
 
 
-def test_contents_stand_under_their_headings() -> None:
-    first, one, two, three = (Block(kind) for kind in ("paragraph", "heading", "table", "heading"))
-    assert page.headed([first, one, two, two, three]) == [(None, [first]), (one, [two, two]), (three, [])]
-    assert page.headed([]) == []
-
-
 def test_the_verdict_is_in_numbers_of_the_first_graph() -> None:
     results = small_results(["home", "away"])
     part, home = page.VERDICT.filled(results), results.experiments["home"]
@@ -118,9 +111,3 @@ def test_definitions_that_are_broken_are_one_line(tmp_path: Path, content: bytes
     path.write_bytes(content)
     with pytest.raises(InputError, match=rf"^{path}: {said}[^\n]*$"):
         data.read_definitions(path)
-
-
-def test_definitions_are_read_with_a_byte_order_mark_and_not_as_numbers(tmp_path: Path) -> None:
-    path = tmp_path / "definitions.csv"
-    path.write_bytes("\ufeffphrase,definition\nNA,1\n".encode())
-    assert data.read_definitions(path).to_dict("list") == {"phrase": ["NA"], "definition": ["1"]}

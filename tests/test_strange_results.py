@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -157,25 +154,6 @@ def test_the_papers_values_are_refused_in_one_line_where_it_is_broken(
     assert str(path) in str(refused.value)
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
-
-
-@pytest.mark.parametrize(("name", "content", "said"), [BROKEN[place] for place in (0, 2, 3, 10)])
-def test_the_stage_refuses_it_before_anything_is_read_or_written(
-    tmp_path: Path, name: str, content: str | bytes, said: str
-) -> None:
-    for part in ("isi", "stages", "beyond", "dvc.yaml", "params.yaml"):
-        (tmp_path / part).symlink_to(ROOT / part)
-    folder = tmp_path / paths.PAPER.parent
-    shutil.copytree(ROOT / paths.PAPER.parent, folder)
-    (folder / f"{name}.yaml").write_bytes(content if isinstance(content, bytes) else content.encode())
-    command = [sys.executable, "-m", "stages.report"]
-    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120)
-    (line,) = ended.stderr.splitlines()
-    assert (ended.returncode, ended.stdout) == (1, "")
-    assert line.startswith(f"report: {paths.PAPER.parent}/{name}.yaml: ")
-    assert said in line
-    assert len(line) < 300
-    assert not (tmp_path / paths.REPORTS).exists()
 
 
 def test_any_part_of_the_papers_values_may_be_missing(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from isi.graph.graph import MinedSource
-from isi.report.sections import paper, queries, run, transfer
+from isi.report.sections import queries, run, transfer
 from isi.report.sections.queries import Answers
 from tests.reports import runs, small_results
 
@@ -126,11 +126,6 @@ def test_orphans_are_known_entities_whose_training_triples_all_go() -> None:
     novel = pd.DataFrame({"size": [1, 1], "seed": [0, 1], "entity": [1, 1]})
     # without b: a has none left; in the second cell nor have c and d, whose triple is not trained on
     assert run.orphans(entities, triples, splits, novel) == 1 + 3
-
-
-@pytest.mark.parametrize(("value", "text"), [(15000.0, "15,000"), (41.4, "41.4"), (0.001, "0.001"), (3, "3")])
-def test_numbers_of_all_sizes_are_shown_in_one_column(value: float, text: str) -> None:
-    assert paper.shown(value) == text
 
 
 def test_fallbacks_and_ties_are_counted_by_experiment() -> None:

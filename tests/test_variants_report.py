@@ -19,7 +19,6 @@ from isi.report.sections import paper
 from isi.report.tables import ReportTable
 from isi.report.words import described
 from isi.tables import paths
-from tests.reports import paper as paper_values
 from tests.reports import runs, shown, small_params, small_results
 from tests.variants import queries_of, variant
 
@@ -58,15 +57,6 @@ def test_entity_prediction_with_the_novel_entity_given_by_hand() -> None:
     assert found["mrr_star_entity"] == pytest.approx((3 * 0.5 + 0.9) / 4)
     assert (found["model"], found["size"], found["seed"]) == ("es", 5, 0)
     assert one.given_in("away").empty
-
-
-def test_runs_right_after_insertion_are_those_of_epoch_0() -> None:
-    one = variant("insert_triples", {"home": {"es": [0.5]}, "away": {"es": [0.5]}}, {"es": 0.3, "joint": 0.9})
-    later = one.runs.assign(epoch=1, mrr_star=0.8)
-    found = replace(one, runs=pd.concat([one.runs, later])).immediate("home", "novel")
-    assert found[["model", "seed", "mrr_star"]].to_numpy().tolist() == [
-        ["es", 0, 0.3], ["es", 1, 0.3], ["joint", 0, 0.9], ["joint", 1, 0.9],
-    ]  # fmt: skip
 
 
 def test_convergence_is_against_the_joint_model_of_the_variant_and_of_the_session() -> None:
@@ -154,15 +144,6 @@ def test_stronger_initializers_are_sorted_and_compared_with_ers_seed_by_seed() -
     assert described("ers") not in text.splitlines()  # of a main run
 
 
-def test_initializers_above_isi_are_named_best_first_or_none() -> None:
-    more = {**GIVEN, "ridge": (0.7, 0.9)}
-    text, _, _ = shown("stronger", results_with(own=variant("baselines", {"home": more, "away": more})))
-    assert text.count("above it: Ridge 80.0 and Soft RS 75.0.") == 2
-    least = {name: values for name, values in GIVEN.items() if name != "soft_rs"}
-    text, _, _ = shown("stronger", results_with(own=variant("baselines", {"home": least})))
-    assert "above it: none." in text
-
-
 def test_without_isi_no_initializer_is_above_it() -> None:
     without = {name: GIVEN[name] for name in ("xavier", "soft_rs", "joint")}
     text, found, _ = shown("stronger", results_with(own=variant("baselines", {"home": without})))
@@ -212,23 +193,6 @@ def test_embedding_models_have_a_row_for_each_graph_that_they_ran_on() -> None:
     assert "First of all initializers: ES in 1, Xavier in 1 and Mean in 1." in text
 
 
-def test_who_is_first_most_often_is_named_first() -> None:
-    one, other = embedded().values()
-    text, _, _ = shown("embeddings", results_with(a=other, b=other, c=one))
-    assert "First of all initializers: Mean in 2, ES in 1 and Xavier in 1." in text
-
-
-def test_embedding_models_stand_along_the_axis_of_their_graph() -> None:
-    _, _, (figure,) = shown("embeddings", results_with(**embedded()))
-    home, away = figure.canvas.axes
-    assert [home.get_title(), away.get_title()] == ["the home graph", "the away graph"]
-    assert [tick.get_text() for tick in home.get_xticklabels()] == ["ANALOGY", "TransE"]
-    assert [tick.get_text() for tick in away.get_xticklabels()] == ["ANALOGY"]
-    heights = {str(line.get_label()): list(np.asarray(line.get_ydata())) for line in home.lines}
-    assert heights["ES"] == pytest.approx([30, 50])
-    assert list(heights) == ["Xavier", "ES", "Mean", "Joint"]
-
-
 # The number of insert triples
 
 
@@ -252,35 +216,7 @@ def test_insert_triples_go_from_the_fewest_to_all() -> None:
     assert heights["ES"] == pytest.approx([20, 40, 60])
 
 
-def test_initializers_with_less_than_with_the_fewest_are_named() -> None:
-    about = {"told_0": (0, 0.5), "told_1": (1, 0.4), "told_all": (None, 0.6)}
-    found = {
-        name: variant(
-            "insert_triples",
-            {"home": {"xavier": (0.1, 0.1), "es": (value, value), "joint": (0.9, 0.9)}},
-            max_insert_triples=number,
-        )
-        for name, (number, value) in about.items()
-    }
-    text, _, _ = shown("n_insert_triples", results_with(**found))
-    assert text.endswith(" A little can be worse than nothing: ES 40.0 with 1.")
-
-
 # Other words
-
-
-def test_other_words_have_a_row_for_each_graph_that_they_ran_on() -> None:
-    words = {
-        "definitions": variant("words", {"home": {"es": (0.4, 0.6), "joint": (0.9, 0.9)},
-                                         "away": {"es": (0.3, 0.3), "joint": (0.9, 0.9)}}, title="definitions"),
-        "phrases": variant("words", {"home": {"es": (0.2, 0.2), "joint": (0.9, 0.9)}}, title="bare phrases"),
-    }  # fmt: skip
-    _, found, _ = shown("other_words", results_with(**words))
-    frame = found["other_words"]
-    assert frame[["graph", "words"]].to_numpy().tolist() == [
-        ["the home graph", "definitions"], ["the home graph", "bare phrases"], ["the away graph", "definitions"],
-    ]  # fmt: skip
-    assert frame["ES"].tolist() == pytest.approx([50, 20, 30])
 
 
 # From this run to the paper
@@ -368,12 +304,6 @@ def test_a_variant_that_was_followed_has_its_curves_and_its_epochs_beside_the_pa
     rows = table.frame.set_index("initializer")
     assert rows["novel_heldout: mean"].tolist() == [2, 0]
     assert rows["paper: mean"].tolist() == [112.6, 16.6]
-
-
-def test_the_papers_row_is_of_the_methods_that_it_has() -> None:
-    row = paper.paper_row(paper_values()[0], ["es", "own"])
-    assert row["gain %"] == 41.4
-    assert list(row.values())[-1] == 16.6
 
 
 @pytest.mark.parametrize("gone", ["xavier", "isi", "curves"])

@@ -60,13 +60,15 @@ def converged(
     runs: pd.DataFrame, joint: pd.DataFrame, margin: float, max_epochs: int, by: Sequence[str]
 ) -> pd.DataFrame:
     """``epochs_to_convergence`` session by session, each against the joint models in its own."""
-    parts = [
+    if runs.empty:
+        kinds = dict.fromkeys([*by, "scope", "size", "seed", "queries", "session"], object)
+        return pd.DataFrame(columns=[*kinds, "epochs", "converged"]).astype(
+            kinds | {"epochs": float, "converged": bool}
+        )
+    return pd.concat([
         epochs_to_convergence(rows, joint[joint["session"] == session], margin, max_epochs, by).assign(session=session)
         for session, rows in runs.groupby("session")
-    ]
-    columns = {**dict.fromkeys([*by, "scope", "size", "seed", "queries", "session"], object), "epochs": float}
-    nothing = pd.DataFrame({name: pd.Series(dtype=kind) for name, kind in {**columns, "converged": bool}.items()})
-    return pd.concat(parts, ignore_index=True) if parts else nothing
+    ], ignore_index=True)  # fmt: skip
 
 
 def collapsed(immediate: pd.DataFrame, ties: pd.DataFrame, entities: int) -> dict[str, float]:
@@ -93,12 +95,10 @@ def improvements(immediate: pd.DataFrame, scope: str) -> dict[str, Estimate]:
         over: np.ndarray = 100 * (means / baseline - 1).mean(-1)
         return over
 
-    of_model = {
-        str(model): pd.DataFrame(cells.xs(model, axis=1, level="model")) for model in cells.columns.unique("model")
-    }
+    of_model = {str(model): pd.DataFrame(cells[model]) for model in cells.columns.unique("model")}
     base = of_model[BASELINE]
-    found = {model: of_means(gain, rows.reindex(columns=base.columns), base) for model, rows in of_model.items()}
-    return {model: estimate for model, estimate in found.items() if not np.isnan(estimate.mean)}
+    gains = {model: of_means(gain, rows.reindex(columns=base.columns), base) for model, rows in of_model.items()}
+    return {model: estimate for model, estimate in gains.items() if not np.isnan(estimate.mean)}
 
 
 def fewer_epochs(convergence: pd.DataFrame, scope: str = "all") -> dict[str, float]:
@@ -120,13 +120,7 @@ def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame
 
 
 def wide(frame: pd.DataFrame, rows: Sequence[tuple[Any, ...]], groups: Mapping[Any, str]) -> dict[Any, list[Any]]:
-    """Columns of a table, group by group.
-
-    Args:
-        frame: by group, and by what tells rows apart.
-        rows: keys of the rows, without the group.
-        groups: keys of the groups, and their titles.
-    """
+    """Columns of a table, one for each group (key and title) and column of a frame, by group and row, in turn."""
     return {
         Column(str(name), title): [frame[name].get((group, *row)) for row in rows]
         for group, title in groups.items() for name in frame
@@ -159,7 +153,7 @@ def ordered_rows(means: pd.DataFrame, models: Sequence[str], **orders: Sequence[
 
 
 def cells_of(rows: pd.DataFrame, models: Sequence[str], scope: str, column: str) -> pd.DataFrame:
-    """A column of runs in one scope: a row for each cell, a column for each model."""
+    """A column of runs in one scope: a row for each session, size and seed, a column for each model."""
     shown = rows[rows["scope"] == scope]
     return shown.pivot(index=CELL, columns="model", values=column).reindex(columns=list(models))
 
@@ -177,13 +171,11 @@ def over_seeds(rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str]
     if rows.empty:
         return pd.DataFrame(columns=[*by, *columns.values()], dtype=object).set_index(list(by))
     seeds = rows.groupby([*by, "seed"])[list(columns)]
-    totals, numbers = seeds.sum().unstack("seed"), seeds.count().unstack("seed")
-    found: dict[str, list[Estimate]] = {}
-    for column, name in columns.items():
-        count = numbers[column].to_numpy(float)
-        values = scale * ratios(totals[column].to_numpy(float), np.where(count > 0, count, np.nan))
-        found[name] = [Estimate(*value) for value in values.tolist()]
-    return pd.DataFrame(found, index=totals.index)
+    totals, numbers = seeds.sum().unstack("seed"), seeds.count().replace(0, np.nan).unstack("seed")
+    estimates = {name: scale * ratios(totals[column].to_numpy(float), numbers[column].to_numpy(float))
+                 for column, name in columns.items()}  # fmt: skip
+    return pd.DataFrame({name: [Estimate(*value) for value in of_groups.tolist()]
+                         for name, of_groups in estimates.items()}, index=totals.index)  # fmt: skip
 
 
 def by_model(rows: pd.DataFrame, column: str, models: Sequence[str], scale: float = 100.0) -> dict[str, Estimate]:
@@ -265,7 +257,7 @@ def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     with their observations as weights; the relation half is the mean over relation queries.
 
     Args:
-        rows: some of ``tables.ASKED``.
+        rows: some of ``QUERY_BREAKDOWN``.
         by: columns, those that tell cells apart (size and seed) among them.
 
     Returns:
@@ -287,12 +279,7 @@ def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
 
 
 def by_direction(rows: pd.DataFrame, cell: Sequence[str]) -> pd.DataFrame:
-    """The entity half in scope novel by the scope's own filter, with the direction as ``scope``.
-
-    Args:
-        rows: some of ``tables.ASKED``.
-        cell: columns that tell cells apart.
-    """
+    """The entity half in scope novel by the scope's own filter, with the direction as ``scope``; ``cell``: columns."""
     learned = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned") & (rows["hidden"] != "relation")]
     directed = learned[learned["novel"].isin(list(DIRECTIONS))].drop(columns="scope").rename(columns={"novel": "scope"})
     return combined(directed, ["scope", *cell]).drop(columns=["mrr_star", "mrr_star_relation"])

@@ -38,8 +38,7 @@ def indicators(results: Results) -> Iterator[Content]:
     if results.sweep is None:
         return
     sweep, models = results.params.sweep, list(results.params.sweep.initializers)
-    runs, epochs = _measured(results.sweep)
-    means = means_of(runs, epochs, models)
+    means, runs, epochs = sweep_means(results.sweep, models)
     chosen = chosen_sizes(means, results.params.initializers, results.paper["indicators"])
     late = 100.0 * (epochs["epochs"] > 0)
     shares = epochs.assign(value=late.where(epochs["scope"] == "all", epochs["epochs"]))
@@ -57,12 +56,6 @@ def indicators(results: Results) -> Iterator[Content]:
     ])  # fmt: skip
 
 
-def _measured(sweep: Analysis[pd.DataFrame]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs right after insertion, and epochs to convergence, by initializer, indicator set size and seed."""
-    runs = sweep.result
-    return runs[runs["epoch"] == 0], sweep.experiment.converged(runs, ["model", "k"])
-
-
 def relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFrame:
     """Runs with MRR* (points) minus that of the same initializer and seed with its reference size, as ``value``.
 
@@ -77,13 +70,17 @@ def relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFr
     return rows.assign(value=100 * (rows["mrr_star"] - rows["base"]))
 
 
-def sweep_means(sweep: Analysis[pd.DataFrame], models: Sequence[str]) -> pd.DataFrame:
-    """Means over seeds by model and k, models in their order; columns for scope and measure."""
-    return means_of(*_measured(sweep), models)
+def sweep_means(
+    sweep: Analysis[pd.DataFrame], models: Sequence[str]
+) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+    """Means by model and indicator set size, runs right after insertion, and epochs to convergence."""
+    runs = sweep.result[sweep.result["epoch"] == 0]
+    epochs = sweep.experiment.converged(sweep.result, ["model", "k"])
+    return means_of(runs, epochs, models), runs, epochs
 
 
 def means_of(immediate: pd.DataFrame, epochs: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
-    """The same of runs right after insertion and epochs to convergence, with columns model and k."""
+    """Means over seeds by model and k, models in their order; columns for scope and measure."""
     by = ["model", "k", "scope"]
     mrr_star, groups = 100 * immediate.groupby(by)["mrr_star"].mean().unstack("scope"), epochs.groupby(by)
     means, never = groups["epochs"].mean().unstack("scope"), 100 * (1 - groups["converged"].mean()).unstack("scope")
@@ -97,13 +94,7 @@ def means_of(immediate: pd.DataFrame, epochs: pd.DataFrame, models: Sequence[str
 def chosen_sizes(
     means: pd.DataFrame, options: Mapping[str, Mapping[str, Any]], paper: Mapping[str, int]
 ) -> dict[str, dict[str, int]]:
-    """Indicator set sizes by who chose them and initializer, of those that have one.
-
-    Args:
-        means: see ``means_of``.
-        options: of each initializer in this run.
-        paper: the paper's sizes.
-    """
+    """Indicator set sizes by who chose them (options of this run, paper, rule) and initializer, of those with one."""
     models = means.index.unique("model")
     ours = {model: int(options[model]["k"]) for model in models if "k" in options.get(model, {})}
     theirs = {model: paper[model] for model in models if model in paper}
@@ -214,12 +205,7 @@ def cross_validation(results: Results) -> Iterator[Content]:
 
 
 def cross_validation_table(rows: pd.DataFrame, settings: Sequence[Setting], paper: Setting) -> ReportTable:
-    """Mean and deviation of MRR* over folds for each setting, the choice of this run first.
-
-    Args:
-        rows: ``CROSS_VALIDATION``.
-        paper: the paper's choice.
-    """
+    """Mean and deviation of MRR* over folds for each setting, the choice of this run first, beside the paper's."""
     lines, choice = [], settings[0]
     for setting in settings:
         folds = _of_setting(rows, setting)
@@ -293,12 +279,7 @@ def _class_name(model: str) -> str:
 
 
 def embedding_table(rows: pd.DataFrame, options: Mapping[str, Mapping[str, Any]]) -> ReportTable:
-    """Measures of each embedding model over seeds, with the options that were chosen for it.
-
-    Args:
-        rows: ``MODEL_COMPARISON``, with a column ``family``.
-        options: by model.
-    """
+    """Measures of each embedding model over seeds, with the options that were chosen for it."""
     means = over_seeds(rows, ["family"], {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"})
     return ReportTable.of("embedding_models", [
         {"embedding": _class_name(name), **means.loc[name], "epochs": rows.loc[rows["family"] == name, "epochs"].mean()}

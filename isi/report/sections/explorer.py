@@ -14,8 +14,6 @@ from isi.report.data import Experiment, Results
 from isi.report.section import Content
 from isi.report.words import JOINT, colour, label
 
-#: The tables of ``singles.TABLES``, by name.
-Tables = Mapping[str, pd.DataFrame]
 #: A model, and the epoch after which it is shown.
 Step = tuple[str, int]
 #: Indicators whose share of a centre is below this are left out.
@@ -31,7 +29,7 @@ def explorer(results: Results) -> Iterator[Content]:
     experiment, tables, settings = results.explorer.experiment, results.explorer.result, results.params.explorer
     absent = experiment.entities["entity"].drop(tables["entities"]["entity"]).tolist()
     try:
-        data = data_of(experiment, tables, settings)
+        data = _data(experiment, tables, settings)
     except KeyError as error:
         expected = f"expected places and answers of each entity after each step, but {error} lacks"
         path = SINGLE_ANSWERS.path(experiment=experiment.name).with_name(f"{experiment.name}.*.parquet")
@@ -42,7 +40,7 @@ def explorer(results: Results) -> Iterator[Content]:
     })  # fmt: skip
 
 
-def data_of(experiment: Experiment, tables: Tables, settings: ExplorerParams) -> dict[str, Any]:
+def _data(experiment: Experiment, tables: Mapping[str, pd.DataFrame], settings: ExplorerParams) -> dict[str, Any]:
     """All that the explorer shows, in as few numbers as say it: entities by id, ranks and rounded places as integers.
 
     Coordinates, similarities and weights are in hundredths; null where there is none.
@@ -53,27 +51,23 @@ def data_of(experiment: Experiment, tables: Tables, settings: ExplorerParams) ->
     indicators = indicators_of(tables["indicators"])
     queries = queries_of(tables["answers"], settings.answers, steps, relations)
     novel = places[places["model"] != THETA0]
-    keys = zip(*(novel[name] for name in ("entity", "model", "epoch")), strict=True)
-    place_of = dict(zip(keys, _hundredths_of(novel), strict=True))
+    keys = novel[["entity", "model", "epoch"]].itertuples(index=False, name=None)
+    place_of = dict(zip(keys, _points(novel), strict=True))
     return {
-        "names": experiment.entities["entity"].tolist(),
-        "kinds": experiment.entities["kind"].tolist(),
+        "names": experiment.entities["entity"].tolist(), "kinds": experiment.entities["kind"].tolist(),
         "relations": relations,
         "models": [{"name": name, "label": label(name), "colour": colour(name, models)} for name in models],
-        "joint": label(JOINT),
-        "epochs": settings.epochs,
+        "joint": label(JOINT), "epochs": settings.epochs,
         "start": start(experiment, rows.set_index("entity")["told"]),
         "maps": maps_of(places[places["model"] == THETA0], rows),
         "entities": {
             str(entity): {
-                "seed": seed,
-                "places": [place_of[entity, *step] for step in steps],
-                "indicators": [indicators.get((entity, model)) for model in models],
-                "queries": queries[entity],
+                "seed": seed, "places": [place_of[entity, *step] for step in steps],
+                "indicators": [indicators.get((entity, model)) for model in models], "queries": queries[entity],
             }
             for entity, seed in zip(rows["entity"].tolist(), rows["seed"].tolist(), strict=True)
         },
-    }
+    }  # fmt: skip
 
 
 def start(experiment: Experiment, insert_triples: pd.Series) -> int:
@@ -86,12 +80,10 @@ def maps_of(known: pd.DataFrame, rows: pd.DataFrame) -> dict[str, dict[str, Any]
     """Of each seed: the known entities, where they lie, and what the map holds and fits, in per cent."""
     shares = rows.drop_duplicates("seed").set_index("seed")
     return {
-        str(seed): {
-            "known": places["entity"].tolist(), "at": _hundredths_of(places),
-            "shown": round(100 * shares["shown"][seed]), "fitted": round(100 * shares["fitted"][seed]),
-        }
+        str(seed): {"known": places["entity"].tolist(), "at": _points(places)}
+        | {share: round(100 * shares[share][seed]) for share in ("shown", "fitted")}
         for seed, places in known.groupby("seed")
-    }  # fmt: skip
+    }
 
 
 def indicators_of(rows: pd.DataFrame) -> dict[tuple[int, str], dict[str, Any]]:
@@ -99,22 +91,15 @@ def indicators_of(rows: pd.DataFrame) -> dict[tuple[int, str], dict[str, Any]]:
 
     Weights are null where they are all the same.
     """
-    found: dict[tuple[int, str], dict[str, Any]] = {}
-    columns = ["entity", "model", "fallback", "indicator", "weight", "by_words", "by_relations"]
-    large = rows.loc[rows["weight"] >= LEAST, columns]
-    weighed = large.groupby(["entity", "model"])["weight"].transform("nunique") > 1
-    for uneven, row in zip(weighed, large.itertuples(index=False, name=None), strict=True):
-        entity, model, fallback, indicator, weight, words, relations = row
-        whose = fallback if isinstance(fallback, str) else None
-        weights: list[int | None] | None = [] if uneven else None
-        empty: dict[str, Any] = {"fallback": whose, "ids": [], "weight": weights, "words": [], "relations": []}
-        entry = found.setdefault((entity, model), empty)
-        entry["ids"].append(indicator)
-        if uneven:
-            entry["weight"].append(_hundredths(weight))
-        entry["words"].append(_hundredths(words))
-        entry["relations"].append(_hundredths(relations))
-    return found
+    groups: dict[Any, pd.DataFrame] = dict(list(rows[rows["weight"] >= LEAST].groupby(["entity", "model"], sort=False)))
+    return {
+        place: {
+            "fallback": next(iter(group["fallback"].dropna()), None), "ids": group["indicator"].tolist(),
+            "weight": _hundredths(group["weight"]) if len(set(group["weight"])) > 1 else None,
+            "words": _hundredths(group["by_words"]), "relations": _hundredths(group["by_relations"]),
+        }
+        for place, group in groups.items()
+    }  # fmt: skip
 
 
 def queries_of(
@@ -125,23 +110,23 @@ def queries_of(
     columns = ["entity", "relation", "hidden", "model", "epoch", "answer", "rank", "true"]
     for entity, relation, hidden, model, epoch, *answer in answers[columns].itertuples(index=False, name=None):
         ranked[entity, relation, hidden][model, epoch].append(tuple(answer))
-    found = defaultdict(list)
+    queries = defaultdict(list)
     for (entity, relation, hidden), by_step in ranked.items():
         status = {answer: TRUE.index(true) for answer, _, true in sorted(by_step[JOINT, 0]) if isinstance(true, str)}
         ranks = [{answer: rank for answer, rank, _ in by_step[step]} for step in steps]
-        found[entity].append({
+        queries[entity].append({
             "relation": relations.index(relation), "hidden": list(HIDDEN).index(hidden),
             "true": list(status), "status": list(status.values()),
             "first": [[answer for answer, rank in of_step.items() if rank <= first] for of_step in ranks],
             "ranks": [[of_step[answer] for answer in status] for of_step in ranks],
         })  # fmt: skip
-    return {entity: sorted(queries, key=lambda query: not query["true"]) for entity, queries in found.items()}
+    return {entity: sorted(group, key=lambda query: not query["true"]) for entity, group in queries.items()}
 
 
-def _hundredths_of(places: pd.DataFrame) -> list[list[int]]:
+def _points(places: pd.DataFrame) -> list[list[int]]:
     points: list[list[int]] = (100 * places[["x", "y"]]).round().astype(int).to_numpy().tolist()
     return points
 
 
-def _hundredths(value: float) -> int | None:
-    return None if pd.isna(value) else round(100 * value)
+def _hundredths(values: pd.Series) -> list[int | None]:
+    return [None if pd.isna(value) else round(100 * value) for value in values]

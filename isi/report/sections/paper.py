@@ -50,11 +50,21 @@ def rows_of(results: Results, experiment: Experiment) -> list[Row]:
     moved = next((one for one in results.extended if one.settings.graph.source == source), None)
     gain = stats.values(stats.improvements(experiment.immediate, "all"))
     fewer = stats.fewer_epochs(experiment.convergence)
+    theirs, methods, title = (
+        results.paper["immediate"],
+        list(results.paper["indicators"]),
+        "immediate gain over Xavier, all queries, %",
+    )
+    names = joined(map(label, methods))
     rows = [
-        *_headlines(results.paper, gain, fewer), *_graph(results, experiment), *_settings(results, experiment, moved),
+        ("abstract", f"{title}: the figure is ES's", theirs["improvement_in_the_abstract"], gain.get("es", nan)),
+        ("section 6.1", f"{title}: mean of {names}", _mean_of(theirs["improvement_over_xavier"], methods),
+         _mean_of(gain, methods)),
+        ("abstract", f"fewer epochs than Xavier, %: mean of {names}",
+         results.paper["convergence"]["fewer_epochs_than_xavier"].get("mean", nan), _mean_of(fewer, methods)),
+        *_graph(results, experiment), *_settings(results, experiment, moved),
         *_choices(results, experiment, moved),
-        *_by_model("section 6.1", "immediate gain over Xavier, all queries, %",
-                   results.paper["immediate"]["improvement_over_xavier"], gain),
+        *_by_model("section 6.1", title, theirs["improvement_over_xavier"], gain),
         *_convergence(results.paper, experiment.convergence, fewer), *_transfer(results, moved),
         *_table3(results, experiment, moved),
     ]  # fmt: skip
@@ -70,16 +80,6 @@ def _mean_of(numbers: Mapping[str, float], models: list[str]) -> float:
     """The mean over those of the models that have a number; null without any."""
     present = [numbers[model] for model in models if model in numbers]
     return sum(present) / len(present) if present else nan
-
-
-def _headlines(paper: Mapping[str, Any], gain: Mapping[str, float], fewer: Mapping[str, float]) -> Iterator[Any]:
-    methods, title = list(paper["indicators"]), "immediate gain over Xavier, all queries, %"
-    names, immediate = joined(map(label, methods)), paper["immediate"]
-    epochs = paper["convergence"]["fewer_epochs_than_xavier"].get("mean", nan)
-    yield "abstract", f"{title}: the figure is ES's", immediate["improvement_in_the_abstract"], gain.get("es", nan)
-    yield ("section 6.1", f"{title}: mean of {names}", _mean_of(immediate["improvement_over_xavier"], methods),
-           _mean_of(gain, methods))  # fmt: skip
-    yield "abstract", f"fewer epochs than Xavier, %: mean of {names}", epochs, _mean_of(fewer, methods)
 
 
 def _graph(results: Results, experiment: Experiment) -> Iterator[Any]:
@@ -158,7 +158,7 @@ def _choices(results: Results, experiment: Experiment, moved: Experiment | None)
         ("stop where MRR* is so many points below the best", rule["points"], 100 * choices.LOSS),
     ):
         yield "section 5.3", f"rule: {title}", theirs, ours
-    means = choices.sweep_means(sweep, list(results.params.sweep.initializers)) if sweep else None
+    means = choices.sweep_means(sweep, list(results.params.sweep.initializers))[0] if sweep else None
     picked, tops = ({}, {}) if means is None else (choices.picked_sizes(means), choices.best_sizes(means))
     yield from _by_model("section 5.3", "indicator set size that the rule picks", paper["indicators"], picked)
     title = f"indicator set size of the best immediate MRR*, {SCOPES['all']} (paper: falls beyond)"

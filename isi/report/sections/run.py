@@ -55,13 +55,7 @@ def _of_graph(results: Results, experiment: Experiment) -> Content:
 def table1(
     observations: pd.DataFrame, paper: Mapping[str, Mapping[str, float]], words: Mapping[str, str]
 ) -> ReportTable:
-    """Table 1: the median counts of one environment, by room type, beside the paper's.
-
-    Args:
-        observations: ``OBSERVATIONS``, of scenes.
-        paper: the paper's numbers, by room.
-        words: what the paper calls relations.
-    """
+    """Table 1: the median counts of one environment, by room type, beside the paper's; ``words``: of relations."""
     rows = observations[observations["scene"].notna()]
     counts = rows.groupby(["scene", "relation"]).size().unstack(fill_value=0)
     counts = counts[in_order(counts.columns, list(words))].rename(columns=words)
@@ -108,23 +102,19 @@ def definitions(results: Results) -> Iterator[Content]:
     graphs = [(one.entities, one.triples) for one in results.experiments.values()]
     words = results.params.words
     frame, number = leaks(graphs, meaning)
-    table = ReportTable.of(
-        "definition_leaks", frame.rename(columns={"defined": "defined end", "definition": "its definition"})
-    )
     counts = frame["defined"].value_counts()
     used = words.source == "shipped" and words.text == "definition"
     numbers = {"used": used, "number": number, "heads": counts.get("head", 0), "tails": counts.get("tail", 0)}
-    yield Content(numbers, [table])
+    frame = frame.rename(columns={"defined": "defined end", "definition": "its definition"})
+    yield Content(numbers, [ReportTable.of("definition_leaks", frame)])
 
 
 def leaks(
     graphs: Iterable[tuple[pd.DataFrame, pd.DataFrame]], definitions: Mapping[str, str]
 ) -> tuple[pd.DataFrame, int]:
-    """Triples of which the definition of one end names the other, and the number of all unique triples.
+    """Triples of which the definition (by phrase) of one end names the other, and the number of all unique triples.
 
-    Args:
-        graphs: ``ENTITIES`` and ``TRIPLES`` of each experiment; triples that several have count once.
-        definitions: by phrase.
+    Triples that several graphs have count once; of each graph, ``ENTITIES`` and ``TRIPLES``.
     """
     parts = []
     for entities, triples in graphs:

@@ -25,70 +25,25 @@ def trajectory(results: Results) -> Iterator[Content]:
     if results.trajectory is None:
         return
     traces, names = results.trajectory.result, results.trajectory.experiment.entities["entity"]
-    vectors = known_vectors(traces)
-    rows = [
-        {
-            "initializer": label(model), "from the centre": from_centre(traces, model),
-            "from where training takes it": moved(traces, model),
+    models = [name.removesuffix(".path") for name in traces if name.endswith(".path")]
+    vectors = traces["theta0"][traces["known"]]  # [N, d]
+    rows, titles = [], {}
+    for model in models:
+        path = traces[f"{model}.path"].astype(np.float64)  # in all dimensions
+        away = float(np.linalg.norm(path[0] - vectors.mean(0, dtype=np.float64)))
+        moved = float(np.linalg.norm(path[-1] - path[0]))
+        titles[model] = f"{label(model)}: {away:.1f} from the centre, {moved:.1f} to its end"
+        rows.append({
+            "initializer": label(model), "from the centre": away, "from where training takes it": moved,
             "indicators": ", ".join(names[traces[f"{model}.indicators"]]),
-        }
-        for model in traced(traces)
-    ]  # fmt: skip
+        })  # fmt: skip
     numbers = {
         "settings": results.params.trajectory, "share": 100 * plane(vectors)[2], "dimension": vectors.shape[1],
         "name": str(names[int(traces["entity"][0])]),
         "away": np.linalg.norm(vectors - vectors.mean(0), axis=1).mean(),
     }  # fmt: skip
-    yield Content(numbers, [Figure("figure1_trajectory", drawn(traces, names)), ReportTable.of("trajectory", rows)])
-
-
-def known_vectors(traces: Traces) -> np.ndarray:
-    """Θ⁰ of the known entities; shape: (N, d)."""
-    return traces["theta0"][traces["known"]]
-
-
-def traced(traces: Traces) -> list[str]:
-    """The initializers whose entity was traced."""
-    return [name.removesuffix(".path") for name in traces if name.endswith(".path")]
-
-
-def drawn(traces: Traces, names: pd.Series) -> Canvas:
-    """A panel for each initializer with indicators, and one for the others; ``names``: of entities, by id."""
-    vectors, models = known_vectors(traces), traced(traces)
-    centre, axes, _ = plane(vectors)
-    groups = [[model] for model in isi(models)] + [[model for model in models if model not in isi(models)]]
-    canvas, places = panels(len(groups), height=6.6)
-    for panel, group in zip(places, groups, strict=True):
-        panel.plot(*((vectors - centre) @ axes.T).T, ls="", marker="o", ms=2.5, color="#b5bac2", mew=0, zorder=1)
-        for model in group:
-            points = (traces[f"{model}.path"] - centre) @ axes.T
-            _path(panel, points, colour(model, models), label(model) if len(group) > 1 else "")
-        for model in isi(group):
-            chosen = np.flatnonzero(traces[f"{model}.indicators"])
-            points = (traces["theta0"][chosen] - centre) @ axes.T
-            _indicators(panel, points, names[chosen].tolist(), colour(model, models))
-        panel.set(xticks=[], yticks=[])
-        panel.set_title("\n".join(
-            f"{label(model)}: {from_centre(traces, model):.1f} from the centre, {moved(traces, model):.1f} to its end"
-            for model in group), fontsize=9)  # fmt: skip
-    for marker, size, shade, name in (("o", 2.5, "#b5bac2", "known entity"), ("^", 5, "#555555", "indicator"),
-                                      ("*", 11, "#555555", "novel entity as inserted")):  # fmt: skip
-        places[0].plot([], [], ls="", marker=marker, ms=size, color=shade, label=name)
-    places[0].plot([], [], color="#555555", lw=1.4, label="to where training takes it")
-    legend(canvas, places)
-    return canvas
-
-
-def from_centre(traces: Traces, model: str) -> float:
-    """How far an initializer puts the entity from the centre of the known ones, in all dimensions."""
-    centre = known_vectors(traces).mean(0, dtype=np.float64)
-    return float(np.linalg.norm(traces[f"{model}.path"][0].astype(np.float64) - centre))
-
-
-def moved(traces: Traces, model: str) -> float:
-    """How far training takes it from there."""
-    path = traces[f"{model}.path"].astype(np.float64)
-    return float(np.linalg.norm(path[-1] - path[0]))
+    yield Content(numbers, [Figure("figure1_trajectory", _drawn(traces, vectors, titles, names)),
+                            ReportTable.of("trajectory", rows)])  # fmt: skip
 
 
 def plane(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -105,6 +60,31 @@ def plane(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     return centre, turned, float((strength[:2] ** 2).sum() / (strength**2).sum())
 
 
+def _drawn(traces: Traces, vectors: np.ndarray, titles: Mapping[str, str], names: pd.Series) -> Canvas:
+    """A panel for each initializer with indicators, and one for the others."""
+    centre, axes, _ = plane(vectors)
+    models = list(titles)
+    groups = [[model] for model in isi(models)] + [[model for model in models if model not in isi(models)]]
+    canvas, places = panels(len(groups), height=6.6)
+    for panel, group in zip(places, groups, strict=True):
+        panel.plot(*((vectors - centre) @ axes.T).T, ls="", marker="o", ms=2.5, color="#b5bac2", mew=0, zorder=1)
+        for model in group:
+            points = (traces[f"{model}.path"] - centre) @ axes.T
+            _path(panel, points, colour(model, models), label(model) if len(group) > 1 else "")
+        for model in isi(group):
+            chosen = np.flatnonzero(traces[f"{model}.indicators"])
+            points = (traces["theta0"][chosen] - centre) @ axes.T
+            _indicators(panel, points, names[chosen].tolist(), colour(model, models))
+        panel.set(xticks=[], yticks=[])
+        panel.set_title("\n".join(titles[model] for model in group), fontsize=9)
+    for marker, size, shade, name in (("o", 2.5, "#b5bac2", "known entity"), ("^", 5, "#555555", "indicator"),
+                                      ("*", 11, "#555555", "novel entity as inserted")):  # fmt: skip
+        places[0].plot([], [], ls="", marker=marker, ms=size, color=shade, label=name)
+    places[0].plot([], [], color="#555555", lw=1.4, label="to where training takes it")
+    legend(canvas, places)
+    return canvas
+
+
 def _indicators(axes: Axes, points: np.ndarray, names: Sequence[str], color: str) -> None:
     """Triangles, each with its name in the margin at the right: last, since it reads the panel's limits."""
     axes.plot(*points.T, ls="", marker="^", ms=5, color=color, mec="white", mew=0.4, zorder=3)
@@ -118,10 +98,8 @@ def _indicators(axes: Axes, points: np.ndarray, names: Sequence[str], color: str
 
 def spread(heights: np.ndarray, gap: float) -> np.ndarray:
     """Ascending heights in [0, 1], pushed up to lie a gap apart and down to stay below 1; a smaller gap for many."""
-    gap = min(gap, 1 / max(len(heights), 1))
-    steps = gap * np.arange(len(heights))
-    apart = np.maximum.accumulate(heights - steps)
-    spread_out: np.ndarray = np.minimum(apart, 1 - steps[-1:].sum()) + steps
+    steps = min(gap, 1 / max(len(heights), 1)) * np.arange(len(heights))
+    spread_out: np.ndarray = np.minimum(np.maximum.accumulate(heights - steps), 1 - steps[-1:].sum()) + steps
     return spread_out
 
 

@@ -22,12 +22,10 @@ from isi.report.words import BASELINE, JOINT, capitalized, contenders, label
 
 def transfer(results: Results) -> Iterator[Content]:
     """Every experiment that inserts entities of another source."""
-    for experiment in results.extended:
-        yield _of_experiment(results, experiment)
+    return (_of_experiment(results, experiment) for experiment in results.extended)
 
 
 def _of_experiment(results: Results, experiment: Experiment) -> Content:
-    """What was inserted, what is known of it immediately, and what that costs earlier knowledge."""
     settings, name, runs = experiment.settings, experiment.name, experiment.immediate
     extend, (size, *_) = settings.graph.extend, settings.sessions.sizes
     assert extend is not None  # noqa: S101  # as of all that are extended

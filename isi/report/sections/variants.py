@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from isi.analyses.variants import Variant
 from isi.report.data import Experiment, Results, VariantRuns
 from isi.report.figures import Figure, by_row
 from isi.report.section import Content
@@ -40,19 +41,18 @@ def stronger(results: Results) -> Iterator[Content]:
             "size": runs.variant.size, "titles": results.titles, "given": given, "best": best, "above": above,
             "reference": REFERENCE, "joint": JOINT,
         }  # fmt: skip
-        yield Content(numbers, [_strong_table(runs, experiment) for experiment in runs.experiments])
-
-
-def _strong_table(runs: VariantRuns, experiment: str) -> ReportTable:
-    over_all, novel = (runs.immediate_means(experiment, scope) for scope in ("all", "novel"))
-    given, cells = runs.given_means(experiment), 100 * _given_by_seed(runs, experiment)
-    reference = cells[REFERENCE] if REFERENCE in cells else pd.Series(np.nan, cells.index)
-    return ReportTable.of(f"strong_{experiment}", [
-        {"model": label(model), "all": over_all.get(model), "novel": novel.get(model),
-         "novel entity given": given[model],
-         f"novel entity given, minus {label(REFERENCE)}": difference(by_seed(cells[model], reference))}
-        for model in sorted(runs.models, key=lambda model: -given[model].mean)
-    ])  # fmt: skip
+        tables = []
+        for experiment, means in given.items():
+            over_all, novel = (runs.immediate_means(experiment, scope) for scope in ("all", "novel"))
+            cells, estimates = 100 * _given_by_seed(runs, experiment), runs.given_means(experiment)
+            reference = cells[REFERENCE] if REFERENCE in cells else pd.Series(np.nan, cells.index)
+            tables.append(ReportTable.of(f"strong_{experiment}", [
+                {"model": label(model), "all": over_all.get(model), "novel": novel.get(model),
+                 "novel entity given": estimates[model],
+                 f"novel entity given, minus {label(REFERENCE)}": difference(by_seed(cells[model], reference))}
+                for model in sorted(runs.models, key=lambda model: -means[model])
+            ]))  # fmt: skip
+        yield Content(numbers, tables)
 
 
 def _given_by_seed(runs: VariantRuns, experiment: str) -> pd.DataFrame:
@@ -146,11 +146,15 @@ def other_graphs(results: Results) -> Iterator[Content]:
     graphs = {one.title: (one.entities, one.triples) for one in results.standalone}
     graphs |= {one.runs.title: (one.entities, one.triples) for one in results.other_graphs.values()}
     first = next(iter(others.values()))
-    main = {one.title: _as_variant(one, results, first)
+    main = {one.title: _as_variant(one, results, first.variant)
             for one in results.standalone if one.name in results.query_breakdown}  # fmt: skip
     runs_of = {title: runs for title, runs in (main | others).items() if runs.experiments}
     given = {title: runs.given_means(runs.experiments[0]) for title, runs in runs_of.items()}
-    gains = {title: _gains(runs) for title, runs in runs_of.items()}
+    gains: dict[str, dict[tuple[str, str], Difference]] = {}
+    for title, runs in runs_of.items():
+        cells = 100 * _given_by_seed(runs, runs.experiments[0])
+        gains[title] = {(first, second): difference(by_seed(cells[first], cells[second]))
+                        for first, second in _PAIRS if first in cells and second in cells}  # fmt: skip
     rows: dict[str, dict[str, dict[Any, Any]]] = {
         "immediate": {title: _of_models(runs.immediate_means(runs.experiments[0], "novel"))
                       for title, runs in runs_of.items()},
@@ -199,11 +203,11 @@ def shared(graphs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]]) -> list[dict
             for title, here in phrases.items()]  # fmt: skip
 
 
-def _as_variant(experiment: Experiment, results: Results, like: VariantRuns) -> VariantRuns:
+def _as_variant(experiment: Experiment, results: Results, like: Variant) -> VariantRuns:
     """A main experiment as if it were a variant, at another's size."""
     frames, name = (experiment.runs, results.query_breakdown[experiment.name].queries), experiment.name
-    entry = like.variant.model_copy(update={"title": experiment.title, "experiments": [name], "changes": {}})
-    return VariantRuns(entry, *(rows[rows["size"] == entry.size].assign(experiment=name) for rows in frames))
+    entry = like.model_copy(update={"title": experiment.title, "experiments": [name], "changes": {}})
+    return VariantRuns(entry, *(rows[rows["size"] == like.size].assign(experiment=name) for rows in frames))
 
 
 def _finetuned(runs: VariantRuns, results: Results) -> VariantRuns:
@@ -211,12 +215,3 @@ def _finetuned(runs: VariantRuns, results: Results) -> VariantRuns:
     main = results.experiments.get(runs.experiments[0])
     left_out = set(main.initializers) - set(main.finetuned) if main else set()
     return replace(runs, runs=runs.runs[~runs.runs["model"].isin(left_out)])
-
-
-def _gains(runs: VariantRuns) -> dict[tuple[str, str], Difference]:
-    """Paired differences of the first minus the second of each pair that was run, with the novel entity given."""
-    cells = 100 * _given_by_seed(runs, runs.experiments[0])
-    return {
-        (first, second): difference(by_seed(cells[first], cells[second]))
-        for first, second in _PAIRS if first in cells and second in cells
-    }  # fmt: skip
