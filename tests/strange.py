@@ -50,22 +50,12 @@ def without_queries(*scopes: str, half: str = "") -> Frames:
     return change
 
 
-def everywhere(value: float) -> Frames:
-    """With one value for everything that was measured: a collapsed model."""
-    return lambda frame: frame.assign(**{name: value for name in MEASURES if name in frame})
-
-
 def of_experiments(results: Results, change: Callable[[Experiment], Experiment]) -> Results:
-    """Results with every experiment changed, and studies on them."""
+    """Results with every experiment changed, and analyses of them."""
     experiments = {name: change(one) for name, one in results.experiments.items()}
-    studies = {one.name: replace(study, experiment=experiments[study.experiment.name])
-               for one in fields(results) if isinstance(study := getattr(results, one.name), Analysis)}  # fmt: skip
-    return replace(results, experiments=experiments, **studies)
-
-
-def few_triples(experiment: Experiment) -> Experiment:
-    """All triples of one relation."""
-    return replace(experiment, triples=experiment.triples.assign(relation="atLocation"))
+    analyses = {one.name: replace(analysis, experiment=experiments[analysis.experiment.name])
+                for one in fields(results) if isinstance(analysis := getattr(results, one.name), Analysis)}  # fmt: skip
+    return replace(results, experiments=experiments, **analyses)
 
 
 def one_seed(results: Results) -> Results:
@@ -77,34 +67,31 @@ def one_seed(results: Results) -> Results:
 
 
 def uncovered(experiment: Experiment) -> Experiment:
-    """Nobody has words, insert triples, or anything to fall back to."""
+    """No entity has words, insert triples, or anything to fall back to."""
     return replace(
         experiment, coverage=experiment.coverage.assign(served_by=None),
         insert_triples=experiment.insert_triples.head(0), inserted=experiment.inserted.assign(fallback=None),
     )  # fmt: skip
 
 
-def unscened(results: Results) -> Results:
+def without_rooms(results: Results) -> Results:
     """Observations of no scene, or of scenes whose room is unknown."""
-    seen = {
-        name: replace(one, observations=one.observations.assign(room=None)) for name, one in results.observed.items()
-    }
-    return replace(results, observed=seen)
+    observed = {name: replace(one, observations=one.observations.assign(room=None))
+                for name, one in results.observed.items()}  # fmt: skip
+    return replace(results, observed=observed)
 
 
-def unplaced(results: Results) -> Results:
-    """An explorer without entities."""
-    if results.explorer is None:
-        return results
-    return replace(results, explorer=replace(
-        results.explorer, result={name: frame.head(0) for name, frame in results.explorer.result.items()}))  # fmt: skip
+def empty_explorer(results: Results) -> Results:
+    """An explorer without entities, where it was run."""
+    tables = {name: frame.head(0) for name, frame in results.explorer.result.items()} if results.explorer else {}
+    return replace(results, explorer=results.explorer and replace(results.explorer, result=tables))
 
 
-def unstudied(results: Results) -> Results:
-    """Studies whose tables have no rows."""
+def empty_analyses(results: Results) -> Results:
+    """Analyses whose tables have no rows, where they were run."""
     breakdown = {name: replace(one, queries=one.queries.head(0)) for name, one in results.query_breakdown.items()}
-    tables = {name: replace(study, result=study.result.head(0)) for name in ("cross_validation", "embedding_models")
-              if (study := getattr(results, name)) is not None}  # fmt: skip
+    tables = {name: replace(analysis, result=analysis.result.head(0))
+              for name in ("cross_validation", "embedding_models") if (analysis := getattr(results, name))}  # fmt: skip
     return replace(results, query_breakdown=breakdown, **tables)
 
 
@@ -118,29 +105,39 @@ def without(*scopes: str) -> Frames:
     return lambda frame: frame[~frame["scope"].isin(scopes)] if {"scope", "mrr_star"} <= set(frame) else frame
 
 
-#: By what is strange about them.
+def everywhere(value: float) -> Frames:
+    """With one value for everything that was measured: a collapsed model."""
+    return lambda frame: frame.assign(**{name: value for name in MEASURES if name in frame})
+
+
+EVERY_SCOPE = ("all", "novel", "novel_heldout", "known", "known_closed")
+#: By what is strange about them: other measures, ...
+FRAMES: dict[str, Frames] = {
+    "no query is about novel entities": without_queries("novel", "novel_heldout"),
+    "no query is held out": without_queries("novel_heldout"),
+    "no query is about earlier knowledge": without_queries("known", "known_closed"),
+    "no query is over all": without_queries("all"),
+    "there are no queries": without_queries(*EVERY_SCOPE),
+    "no relation prediction": without_queries("all", "novel", half="mrr_star_relation"),
+    "no entity prediction": without_queries("all", "novel", half="mrr_star_entity"),
+    "no row is about novel entities": without("novel", "novel_heldout"),
+    "no row is about earlier knowledge": without("known", "known_closed"),
+    "no row is over all": without("all"),
+    "all is zero": everywhere(0.0),
+    "all is one": everywhere(1.0),
+}
+#: ... and all else.
 STRANGE: dict[str, Callable[[Results], Results]] = {
-    "no query is about novel entities": lambda one: changed(one, without_queries("novel", "novel_heldout")),
-    "no query is held out": lambda one: changed(one, without_queries("novel_heldout")),
-    "no query is about earlier knowledge": lambda one: changed(one, without_queries("known", "known_closed")),
-    "no query is over all": lambda one: changed(one, without_queries("all")),
-    "there are no queries": lambda one: changed(
-        one, without_queries("all", "novel", "novel_heldout", "known", "known_closed")
-    ),
-    "no relation prediction": lambda one: changed(one, without_queries("all", "novel", half="mrr_star_relation")),
-    "no entity prediction": lambda one: changed(one, without_queries("all", "novel", half="mrr_star_entity")),
-    "no row is about novel entities": lambda one: changed(one, without("novel", "novel_heldout")),
-    "no row is about earlier knowledge": lambda one: changed(one, without("known", "known_closed")),
-    "no row is over all": lambda one: changed(one, without("all")),
-    "all is zero": lambda one: changed(one, everywhere(0.0)),
-    "all is one": lambda one: changed(one, everywhere(1.0)),
+    **{name: lambda one, change=change: changed(one, change) for name, change in FRAMES.items()},  # type: ignore[misc]
     "all scores are tied": lambda one: of_experiments(one, tied),
     "one seed": one_seed,
-    "one relation": lambda one: of_experiments(one, few_triples),
+    "one relation": lambda one: of_experiments(
+        one, lambda experiment: replace(experiment, triples=experiment.triples.assign(relation="atLocation"))
+    ),
     "nothing to go by": lambda one: of_experiments(one, uncovered),
-    "no rooms": unscened,
-    "an empty explorer": unplaced,
-    "studies without rows": unstudied,
+    "no rooms": without_rooms,
+    "an empty explorer": empty_explorer,
+    "studies without rows": empty_analyses,
     "a paper that states nothing": lambda one: replace(one, paper=VALUES().model_dump()),
     "a vocabulary without words": lambda one: replace(one, vocabulary=VOCABULARY().model_dump()),
 }

@@ -205,23 +205,14 @@ def test_embedding_models_stand_with_the_options_that_were_chosen_for_them() -> 
         [("transe", 0, 0.5, 0.1, 0.9, 0.3, 0.6, 40), ("transe", 1, 0.7, 0.3, 1.0, 0.5, 0.8, 60),
          ("complex", 0, 0.9, 0.8, 1.0, 0.7, 0.9, 20)], columns=columns,
     )  # fmt: skip
-    chosen = {"transe": {"learning_rate": 0.1, "weight_decay": 0.0, "margin": 4.0, "squared": False},
-              "complex": {"learning_rate": 0.05, "weight_decay": 0.001}}  # fmt: skip
-    table = choices.embedding_table(rows, chosen)
-    frame = table.frame.set_index("embedding")
-    assert list(frame.index) == ["TransE", "ComplEx"]
-    assert frame.loc["TransE", ["MRR*", "entity half", "relation half", "MRR", "epochs"]].tolist() == pytest.approx(
-        [60, 20, 95, 40, 50]
-    )
-    assert frame.loc["TransE", ["MRR* low", "MRR* high"]].tolist() == pytest.approx([50, 70])
-    assert table.shown["MRR*"].tolist() == ["60 [50, 70]", "90"]
-    assert frame.loc["TransE", ["learning rate", "weight decay", "margin", "squared"]].tolist() == [
-        "0.1",
-        "0",
-        "4",
-        "no",
-    ]
-    assert table.shown["margin"].tolist() == ["4", "–"]
+    chosen = {"transe": {"learning_rate": 0.1, "margin": 4.0, "squared": False}, "complex": {"learning_rate": 0.05}}
+    shown = choices.embedding_table(rows, chosen).shown
+    assert shown[["embedding", "MRR*", "epochs"]].to_numpy().tolist() == [
+        ["TransE", "60 [50, 70]", "50"], ["ComplEx", "90", "20"],
+    ]  # fmt: skip
+    assert shown[["learning rate", "margin", "squared"]].to_numpy().tolist() == [
+        ["0.1", "4", "no"], ["0.05", "–", "–"],
+    ]  # fmt: skip
 
 
 def test_initializers_are_ordered_at_every_rate() -> None:

@@ -137,11 +137,6 @@ def signed_sums(units: np.ndarray) -> np.ndarray:
     return sums
 
 
-def smallest_p(differing: int) -> float:
-    """Of the sign-flip test: where all differences have one sign, of 2ⁿ that are as likely."""
-    return 2.0 ** (1 - differing)
-
-
 def holm(p: np.ndarray) -> np.ndarray:
     """Holm's step-down correction: the i-th smallest of m times (m − i + 1), never falling, at most 1.
 

@@ -10,23 +10,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from isi.report import words
 from isi.report.data import Experiment, Results
 from isi.report.section import Content, of_each_graph
-from isi.report.significance import (
-    LEVEL,
-    Difference,
-    Pair,
-    by_seed,
-    compare,
-    difference,
-    pairs_table,
-    signed,
-    smallest_p,
-)  # fmt: skip
+from isi.report.significance import LEVEL, Difference, Pair, by_seed, compare, difference, pairs_table, signed
 from isi.report.stats import cells_of, ratios
 from isi.report.tables import Column, Estimate, ReportTable
-from isi.report.words import BASELINE, HALVES, SCOPE, SCOPES, WORDS, isi, joined, label
-from isi.report.words import controls as controls_of
+from isi.report.words import BASELINE, HALVES, SCOPE, SCOPES, isi, joined, label
 
 #: How many pairs that do not differ significantly a sentence names.
 _NAMED = 6
@@ -85,7 +75,8 @@ def counts(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
         of_measure = list(group)
         same = [pair for pair in of_measure if not pair.significant]
         differing = max(pair.difference.differing for pair in of_measure)
-        none_can = len(same) == len(of_measure) and len(of_measure) * smallest_p(differing) >= LEVEL
+        smallest_p = 2.0 ** (1 - differing)  # where all differences have one sign, of 2ⁿ that are as likely
+        none_can = len(same) == len(of_measure) and len(of_measure) * smallest_p >= LEVEL
         lines.append({
             "measure": measure, "number": len(of_measure), "significant": len(of_measure) - len(same),
             "too_few_seeds": differing if none_can else None,
@@ -111,7 +102,7 @@ class Gain:
 @of_each_graph
 def controls(results: Results, experiment: Experiment) -> Content | None:
     """Parts and shares of the gain, with a description of each control; nothing where no control was run."""
-    names = list(dict.fromkeys(name for one in results.standalone for name in controls_of(one.initializers)))
+    names = list(dict.fromkeys(name for one in results.standalone for name in words.controls(one.initializers)))
     if not names:
         return None
     immediate, initializers = experiment.immediate, experiment.initializers
@@ -168,13 +159,13 @@ def shares_of_the_gain(immediate: pd.DataFrame, models: Sequence[str]) -> list[d
     rows = []
     for scope, half in product(("all", "novel") if BASELINE in models else (), HALVES):
         cells = 100 * cells_of(immediate, models, scope, half)
-        for method, control in product(isi(models), controls_of(models)):
+        for method, control in product(isi(models), words.controls(models)):
             three = cells[[BASELINE, method, control]].dropna()
             gain, other = (by_seed(three[name], three[BASELINE]) for name in (method, control))
             if len(gain):
                 share = 100 * ratios(other[None], gain[None])[0] if gain.mean() >= ZERO else [np.nan]
                 rows.append({
-                    SCOPE: scope, Column("of", words=WORDS): HALVES[half], "ISI": label(method),
+                    SCOPE: scope, Column("of", words=words.WORDS): HALVES[half], "ISI": label(method),
                     "gain over Xavier": difference(gain), "control": label(control),
                     "control's gain": difference(other), "share %": Estimate(*map(float, share)),
                     "rest": difference(by_seed(three[method], three[control])),
