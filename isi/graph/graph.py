@@ -116,7 +116,7 @@ def build_graph(entities: pd.DataFrame, triples: pd.DataFrame, path: Path | str 
     heads, tails = (_ids(triples, column, names, path) for column in ("head", "tail"))
     ids = np.stack([heads, _ids(triples, "relation", relations, path), tails], axis=1)
     kinds = np.unique(entities["kind"].astype(str), return_inverse=True)[1]
-    counts = triples["count"].to_numpy(np.int64)
+    counts = np.array(triples["count"], np.int64)  # a copy: columns may be read-only
     return Graph(names, relations, *map(torch.as_tensor, (ids, counts, kinds.astype(np.int64))))
 
 
