@@ -23,7 +23,7 @@ ADDED = set(range(1, NUMBER, 2))
 
 
 def sessions(graph: Graph = GRAPH, sources: list[str] = TWO_SOURCES, **how: Any) -> SessionTables:
-    entities = pd.DataFrame({"kind": ["kind"] * NUMBER, "source": sources})
+    entities = pd.DataFrame({"kind": ["object", "room", "material"] * (NUMBER // 3), "source": sources})
     values: dict[str, Any] = {"novel": "any", "sizes": [2], "seeds": 8, **how}
     return session_tables(graph, entities, SessionsOf(**values), SHARES, 3, KEY)
 
@@ -40,11 +40,24 @@ def test_a_graph_without_triples_is_refused_by_its_key() -> None:
 
 @pytest.mark.parametrize(
     ("how", "candidates"),
-    [({"sizes": [1, 12]}, 12), ({"sizes": [4], "steps": 3}, 12), ({"novel": "added", "sizes": [7]}, 6)],
+    [
+        ({"sizes": [1, 12]}, 12),
+        ({"sizes": [4], "steps": 3}, 12),
+        ({"novel": "added", "sizes": [7]}, 6),
+        ({"novel": ["room"], "sizes": [4]}, 4),
+        ({"novel": ["rum"], "sizes": [1]}, 0),
+        ({"novel": "added", "sizes": [1], "sources": ["a"] * NUMBER}, 0),
+    ],
 )
 def test_more_novel_entities_than_there_may_be_are_refused_by_their_key(how: dict[str, Any], candidates: int) -> None:
     few = f"expected fewer novel entities than the {candidates} that may be novel"
     assert refusal(**how) == ("params.yaml", f"{KEY}.sizes", few)
+
+
+def test_a_list_of_kinds_as_novel_draws_of_these_kinds_alone() -> None:
+    tables = sessions(novel=["room", "material"], seeds=20)
+    assert set(tables.novel["entity"]) == {row for row in range(NUMBER) if row % 3}
+    assert (tables.splits.groupby("seed").size() == len(GRAPH.triples)).all()  # who is not drawn is known
 
 
 def test_all_added_may_be_novel_at_once_and_one_known_entity_is_enough_otherwise() -> None:

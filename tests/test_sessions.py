@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import re
-import shutil
-import sys
 from contextlib import nullcontext
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 import torch
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -22,19 +18,21 @@ from isi.experiment.grid import GridPoints
 from isi.experiment.store import Store
 from isi.graph.graph import ENTITIES, TRIPLES, Graph
 from isi.graph.sampling import (
+    INSERT_TRIPLES,
     NOVEL,
     SPLITS,
+    SessionsOf,
+    Shares,
     check_held_out,
     folds,
     later_key,
     sample_insert_triples,
     sample_novel,
+    session_tables,
     split,
 )
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Timeline, session_of
 from isi.random import stream
-from isi.tables import paths
-from stages.make_sessions import make_sessions
 from tests.small_graphs import as_stored, generator, graph_of, points_of, random_graph
 
 GRAPHS = st.builds(random_graph, st.integers(4, 9), st.integers(1, 3), st.integers(9, 40), seed=st.integers(0, 10_000))
@@ -282,35 +280,28 @@ def test_a_part_of_a_graph_keeps_the_ids_of_entities() -> None:
     assert part.entities == ADDED.entities
 
 
-# The stage
+# Tables
 
-SHARES = {"valid": 0.2, "test": 0.2, "insert_fraction": 0.5}
+SHARES = Shares(valid=0.2, test=0.2, insert_fraction=0.5)
 
 
-def make(folder: Path, monkeypatch: pytest.MonkeyPatch, graph: Graph, how: dict[str, Any], **columns: object) -> Store:
-    """What ``make_sessions`` draws of a graph, where entities have these columns."""
-    monkeypatch.chdir(folder)
-    shutil.copy(Path(__file__).parent.parent / paths.PIPELINE, paths.PIPELINE)
-    params = yaml.safe_load((Path(__file__).parent.parent / paths.PARAMS).read_text(encoding="utf-8"))
-    entry = params["experiments"]["transfer" if how["novel"] == "added" else "ai2thor"]
-    params["experiments"]["home"] = entry | {"sessions": how}
-    paths.PARAMS.write_text(yaml.safe_dump(params | {"seed": 0, "sessions": SHARES}), encoding="utf-8")
+def store_of(graph: Graph, sources: list[str] | None = None, **sessions: Any) -> Store:
+    """The sessions that are drawn of a graph, as a store of tables in memory."""
     names = np.array(graph.entities)
-    entities = pd.DataFrame({"entity": names, "phrase": names, "kind": "object", "source": "here"} | columns)
+    entities = pd.DataFrame({"entity": names, "phrase": names, "kind": "object", "source": sources or "here"})
     head, relation, tail = graph.triples.numpy().T
     triples = pd.DataFrame({"head": names[head], "relation": np.array(graph.relations)[relation], "tail": names[tail]})
-    triples = triples.assign(count=graph.counts.numpy(), source="here")
-    ENTITIES.write(entities, "build_graph", experiment="home")
-    TRIPLES.write(triples, "build_graph", experiment="home")
-    monkeypatch.setattr(sys, "argv", ["make_sessions", "home"])
-    make_sessions()
-    return Store("home")
+    triples = triples.assign(count=graph.counts.numpy().astype(np.int32), source="here")
+    drawn = session_tables(graph, entities, SessionsOf(**sessions), SHARES, 0, "experiments.home.sessions")
+    order = {SPLITS: drawn.splits, NOVEL: drawn.novel, INSERT_TRIPLES: drawn.insert_triples}
+    ordered = {table: frame.sort_values(list(table.key)) for table, frame in order.items()}
+    return Store("home", {ENTITIES: entities, TRIPLES: triples, **ordered})
 
 
 @pytest.mark.parametrize("steps", [1, 2])
-def test_cells_are_read_as_they_were_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
+def test_grid_points_are_read_as_they_were_drawn(steps: int) -> None:
     graph = as_stored(random_graph(13, 2, 90))
-    store = make(tmp_path, monkeypatch, graph, {"novel": "any", "sizes": [3, 1], "seeds": 3, "steps": steps})
+    store = store_of(graph, novel="any", sizes=[3, 1], seeds=3, steps=steps)
     grid = store.grid(2)
     assert [(points.size, points.seeds) for points in grid] == [(1, [0, 1]), (1, [2]), (3, [0, 1]), (3, [2])]
     for points in grid:
@@ -323,58 +314,20 @@ def test_cells_are_read_as_they_were_drawn(tmp_path: Path, monkeypatch: pytest.M
     assert (only.size, only.seeds) == (3, [0, 1])
 
 
-def test_a_list_of_kinds_as_novel_draws_of_these_kinds_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    kinds = np.array(["object", "room", "material"] * 4)
-    how = {"novel": ["room", "material"], "sizes": [2], "seeds": 20}
-    store = make(tmp_path, monkeypatch, as_stored(random_graph(12, 2, 90)), how, kind=kinds)
-    drawn = store.table(NOVEL)["entity"]
-    assert set(drawn) == set(np.flatnonzero(kinds != "object").tolist())
-    assert set(store.splits()) == set(range(20))
-    assert all((splits != OUT).all() for splits in store.splits().values())  # who is not drawn is known
+def test_added_entities_are_novel_or_take_no_part() -> None:
+    graph, sources = as_stored(random_graph(14, 2, 120)), ["here"] * 8 + ["there"] * 6
+    for size, steps in ((3, 2), (2, 1)):
+        (points,) = store_of(graph, sources, novel="added", sizes=[size], seeds=4, steps=steps).grid(4)
+        for model, novel in enumerate(points.novel):
+            before, after = (points.session(number).entities[model].numpy() for number in (0, steps))
+            assert set(np.flatnonzero(before)) == set(range(8))
+            assert set(np.flatnonzero(after)) == set(range(8)) | set(novel.ravel().tolist())
 
 
-def test_added_entities_are_novel_or_take_no_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    graph, source = as_stored(random_graph(14, 2, 120)), np.array(["here"] * 8 + ["there"] * 6)
-    how = {"novel": "added", "sizes": [3], "seeds": 4, "steps": 2}
-    store = make(tmp_path, monkeypatch, graph, how, source=source)
-    (points,) = store.grid(4)
-    for model, novel in enumerate(points.novel):
-        assert set(novel.ravel().tolist()) == set(range(8, 14))  # all of them, since there are no more
-        assert set(np.flatnonzero(points.session(0).entities[model].numpy()).tolist()) == set(range(8))
-    store = make(tmp_path, monkeypatch, graph, how | {"sizes": [2], "steps": 1}, source=source)
-    (points,) = store.grid(4)
-    for model, novel in enumerate(points.novel):
-        there = set(np.flatnonzero(points.last_session.entities[model].numpy()).tolist())
-        assert there == set(range(8)) | set(novel.ravel().tolist())
-
-
-@pytest.mark.parametrize(
-    ("how", "candidates"),
-    [
-        ({"novel": "any", "sizes": [1, 12], "seeds": 1}, 12),
-        ({"novel": "any", "sizes": [6], "seeds": 1, "steps": 2}, 12),
-        ({"novel": ["room"], "sizes": [4], "seeds": 1}, 4),
-        ({"novel": ["rum"], "sizes": [1], "seeds": 1}, 0),
-        ({"novel": "added", "sizes": [1], "seeds": 1}, 0),
-    ],
-)
-def test_more_novel_entities_than_there_may_be_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: dict[str, Any], candidates: int
-) -> None:
-    kinds = np.array(["object", "room", "material"] * 4)
-    with pytest.raises(SystemExit, match=rf"experiments\.home\.sessions\.sizes: .*\b{candidates} that may be novel"):
-        make(tmp_path, monkeypatch, as_stored(random_graph(12, 2, 90)), how, kind=kinds)
-    assert not SPLITS.path(experiment="home").parent.exists()
-
-
-def test_triples_without_a_row_have_no_split(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    where = "test"
+def test_triples_without_a_row_have_no_split() -> None:
     names = [("a", "on", "b"), ("b", "of", "a"), ("b", "on", "a")]
     triples = pd.DataFrame(names, columns=["head", "relation", "tail"]).assign(count=1, source="here")
-    TRIPLES.write(triples, where, experiment="home")
     rows = [(0, 0, "train"), (0, 1, "valid"), (1, 0, "train"), (1, 2, "test")]
     splits = pd.DataFrame(rows, columns=["seed", "triple", "split"])
-    SPLITS.write(splits, where, experiment="home")
-    read = Store("home").splits()
+    read = Store("home", {TRIPLES: triples, SPLITS: splits}).splits()
     assert {seed: codes.tolist() for seed, codes in read.items()} == {0: [0, 1, OUT], 1: [0, OUT, 2]}

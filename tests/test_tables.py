@@ -108,23 +108,12 @@ def test_a_stream_of_nothing_is_an_empty_table(tmp_path: Path) -> None:
     assert list(KINDS.read_file(tmp_path / "t.parquet").columns) == list(KINDS.columns)
 
 
-def test_equal_streams_are_equal_bytes(tmp_path: Path) -> None:
-    for name in ("1", "2"):
-        KINDS.write_parts(tmp_path / name, [part("mug"), part("bed")], MADE)
-    assert (tmp_path / "1").read_bytes() == (tmp_path / "2").read_bytes()
-
-
 def test_no_parts_of_a_table_are_a_table_without_rows(tmp_path: Path) -> None:
     nothing = concat([], RUNS, TIES)
     for table in (RUNS, TIES):
         table.write_file(tmp_path / "t.parquet", nothing, MADE)
         read = table.read_file(tmp_path / "t.parquet")
         assert (len(read), list(read.columns)) == (0, list(table.columns))
-
-
-def test_parts_of_a_table_come_behind_each_other() -> None:
-    parts = [rows_of(NOVEL)[:1], rows_of(NOVEL)[1:]]
-    assert plain(concat(iter(parts), NOVEL)) == plain(rows_of(NOVEL))
 
 
 # Metadata
@@ -231,10 +220,6 @@ def test_what_is_no_safetensors_file_is_named(tmp_path: Path, content: bytes | N
 # Writes
 
 
-def test_folders_on_the_way_are_made(tmp_path: Path) -> None:
-    assert novel(tmp_path / "graph" / "ai2thor" / "novel.parquet").is_file()
-
-
 def test_an_exception_halfway_through_a_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     path = tmp_path / "table.parquet"
     path.write_bytes(b"the last good one")
@@ -247,17 +232,6 @@ def test_an_exception_halfway_through_a_write_leaves_the_old_file_and_nothing_el
     with pytest.raises(RuntimeError, match="no space left"):
         io.atomically(path, half)
     assert path.read_bytes() == b"the last good one"
-    assert names(tmp_path) == ["table.parquet"]
-
-
-def test_an_interrupt_before_the_first_byte_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
-    (tmp_path / "table.parquet").write_bytes(b"the last good one")
-
-    def interrupted(_: Path) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        io.atomically(tmp_path / "table.parquet", interrupted)
     assert names(tmp_path) == ["table.parquet"]
 
 
@@ -294,12 +268,6 @@ def test_tensors_that_cannot_be_written_leave_the_old_file(tmp_path: Path) -> No
         io.write_tensors(path, {"entity": torch.ones(3).bfloat16()}, MADE)
     assert torch.equal(io.read_tensors(path, ["entity"])["entity"], torch.ones(3))
     assert names(tmp_path) == ["t.safetensors"]
-
-
-def test_a_write_replaces_the_table_that_was_there(tmp_path: Path) -> None:
-    NOVEL.write_file(tmp_path / "t.parquet", rows_of(NOVEL), MADE)
-    assert len(NOVEL.read_file(novel(tmp_path / "t.parquet"))) == 1
-    assert names(tmp_path) == ["t.parquet"]
 
 
 def test_keep_only_removes_files_of_earlier_and_killed_runs_but_no_folder(tmp_path: Path) -> None:

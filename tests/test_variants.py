@@ -1,11 +1,10 @@
-"""Experiments under other conditions: what is told, what params change, and the same runs as the first pipeline's."""
+"""Experiments under other conditions: fewer insert triples, other params, and runs as the first pipeline has them."""
 
 from __future__ import annotations
 
 import shutil
-import sys
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-import torch
 import yaml
 
 from isi.analyses.query_breakdown import break_down
@@ -31,23 +29,15 @@ from isi.analyses.variants import (
 from isi.errors import InputError
 from isi.experiment.grid import no_triples
 from isi.experiment.insert import InsertConfig, insert_stack
-from isi.experiment.store import JOINT, THETA0
 from isi.experiment.train import TrainConfig, evaluate_stack
-from isi.graph.graph import ENTITIES, TRIPLES
-from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
-from isi.graph.sessions import SPLIT_NAMES
-from isi.graph.words import WORD_VECTORS
 from isi.params import load as load_params
 from isi.params import load_beyond
-from isi.tables import io, paths
-from stages.vary import vary
-from tests.small_graphs import as_stored, points_of
-from tests.small_grid import GRAPH as DRAWN
-from tests.small_grid import INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
+from isi.tables import paths
+from tests import small
+from tests.small_graphs import points_of
+from tests.small_grid import GRAPH, INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
 
 ROOT = Path(__file__).parent.parent
-MADE = "an_earlier_stage"
-GRAPH = as_stored(DRAWN)
 NAMES = ("xavier", "es", "rs")
 
 
@@ -55,7 +45,7 @@ def rows_of(triples: np.ndarray) -> list[tuple[int, ...]]:
     return [tuple(row) for row in triples.tolist()]
 
 
-# What is told
+# Fewer insert triples
 
 
 @pytest.mark.parametrize("steps", [1, 2])
@@ -280,115 +270,85 @@ def test_params_without_variants_are_refused_in_one_line() -> None:
 # The stage
 
 
+@pytest.fixture(scope="module")
+def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what the first pipeline leaves of an experiment: of sizes 1 and 2, with two seeds."""
+    folder: Path = tmp_path_factory.mktemp("variants")
+    small.run_all(folder)
+    return folder
+
+
 @pytest.fixture
-def home(workspace: Path) -> Path:
-    """The same, with what the first pipeline leaves of an experiment: of sizes 1 and 2, with four seeds."""
-    (workspace / paths.RAW).parent.mkdir()
-    (workspace / paths.RAW).symlink_to(ROOT / paths.RAW)
-    phrases = ["mug", "plate", "fork", "sofa", "lamp", "bed", "sink", "stove", "apple", "bread", "knife", "desk",
-               "kitchen", "cut"]  # fmt: skip
-    entities = pd.DataFrame({"entity": GRAPH.entities, "kind": [str(kind) for kind in GRAPH.kinds.tolist()],
-                             "source": "home", "phrase": phrases})  # fmt: skip
-    triples = pd.DataFrame(
-        [(GRAPH.entities[h], GRAPH.relations[r], GRAPH.entities[t], count, "home")
-         for (h, r, t), count in zip(GRAPH.triples.tolist(), GRAPH.counts.tolist(), strict=True)],
-        columns=["head", "relation", "tail", "count", "source"],
-    )  # fmt: skip
-    drawn = {size: points_of(GRAPH, size, SEEDS) for size in (1, 2)}
-    splits = [(seed, triple, SPLIT_NAMES[code]) for seed, codes in zip(SEEDS, drawn[2].splits.tolist(), strict=True)
-              for triple, code in enumerate(codes)]  # fmt: skip
-    novel = [(size, seed, entity, 1) for size, points in drawn.items()
-             for seed, ((*ids,),) in zip(SEEDS, points.novel.tolist(), strict=True) for entity in ids]  # fmt: skip
-    told = [(size, SEEDS[model], points.novel[model, 0, place], triple, 1) for size, points in drawn.items()
-            for _, model, place, triple in points.insert_triples.tolist()]  # fmt: skip
-    for path, frame, schema in (
-        (ENTITIES.path(experiment="home"), entities, ENTITIES), (TRIPLES.path(experiment="home"), triples, TRIPLES),
-        (SPLITS.path(experiment="home"), pd.DataFrame(splits, columns=["seed", "triple", "split"]), SPLITS),
-        (NOVEL.path(experiment="home"), pd.DataFrame(novel, columns=["size", "seed", "entity", "session"]), NOVEL),
-        (INSERT_TRIPLES.path(experiment="home"),
-         pd.DataFrame(told, columns=["size", "seed", "entity", "triple", "session"]),
-         INSERT_TRIPLES),
-    ):  # fmt: skip
-        schema.write_file(path, frame, MADE)
-    WORD_VECTORS.write({"vectors": torch.from_numpy(WORDS)}, MADE, experiment="home")
-    sessions, at = (
-        (drawn[2].session(0), drawn[2].last_session),
-        (THETA0.path(experiment="home", size=2), JOINT.path(experiment="home")),
-    )
-    theta0, (joint,) = stored()
-    for path, one, session in zip(at, (theta0, joint), sessions, strict=True):
-        stack = {"entity": one.stack.entity, "relation": one.stack.relation, "known": session.entities,
-                 "seed": torch.tensor(SEEDS)}  # fmt: skip
-        io.write_tensors(path, stack, MADE)
-    return workspace
+def varied(experiment: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[pd.DataFrame, pd.DataFrame]]:
+    """Runs the stage of a variant of the experiment: its runs, and what its models answer."""
+    monkeypatch.chdir(experiment)
+
+    def run(stack: int = 2, **settings: Any) -> tuple[pd.DataFrame, pd.DataFrame]:
+        list_variants(own=VARIANT | {"experiments": [small.NAME], "size": 2} | settings)
+        params = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
+        params["compute"]["stack"] = stack
+        paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
+        small.run("vary own")
+        return VARIANT_RUNS.read(variant="own"), VARIANT_QUERIES.read(variant="own")
+
+    return run
 
 
-def ran(monkeypatch: pytest.MonkeyPatch, stack: int, **how: Any) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """What the stage writes of a variant of the experiment, in stacks of a height: runs, and what was asked."""
-    list_variants(own=VARIANT | {"experiments": ["home"], "size": 2, "seeds": 3} | how)
-    params = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8"))
-    params["experiments"]["home"] = params["experiments"]["published"] | {"title": "home"}
-    params["compute"] |= {"workers": 1, "stack": stack}
-    paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
-    monkeypatch.setattr(sys, "argv", ["vary", "own"])
-    vary()
-    runs = VARIANT_RUNS.read(variant="own")
-    return runs, VARIANT_QUERIES.read(variant="own")
+SOFT_ES: dict[str, Any] = {"options": {"soft_es": {"temperature": 0.1}}}
+Varied = Callable[..., tuple[pd.DataFrame, pd.DataFrame]]
 
 
-@pytest.mark.usefixtures("home")
-def test_a_variant_runs_with_what_it_changes_and_the_same_for_any_height_of_stacks(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_variant_runs_with_what_it_changes_and_the_same_for_any_height_of_stacks(varied: Varied) -> None:
     changes = {"finetuning.max_epochs": 2, "convergence.margin": 0.0001}
-    how = {"initializers": ["rs", "soft_es"], "options": {"soft_es": {"temperature": 0.1}}, "changes": changes}
-    for one, other in zip(ran(monkeypatch, 1, **how), ran(monkeypatch, 3, **how), strict=True):
+    settings = {"initializers": ["rs", "soft_es"], "changes": changes, **SOFT_ES}
+    for one, other in zip(varied(1, **settings), varied(2, **settings), strict=True):
         pd.testing.assert_frame_equal(one, other, check_exact=True)
-    runs, asked = ran(monkeypatch, 2, **how)
-    assert set(runs["model"]) == set(asked["model"]) == {"rs", "soft_es", "joint"}
-    for frame in (runs, asked):
-        assert set(frame["experiment"]) == {"home"}
+    runs, answers = varied(**settings)
+    assert set(runs["model"]) == set(answers["model"]) == {"rs", "soft_es", "joint"}
+    for frame in (runs, answers):
+        assert set(frame["experiment"]) == {small.NAME}
         assert set(frame["size"]) == {2}
-        assert set(frame["seed"]) == {0, 1, 2}
+        assert set(frame["seed"]) == {0, 1}
     assert runs.groupby("model", observed=True)["epoch"].max().to_dict() == {"rs": 2, "soft_es": 2, "joint": 0}
-    at_once, same = ran(monkeypatch, 3, **how, finetuned=False)
-    assert set(at_once["epoch"]) == {0}
-    pd.testing.assert_frame_equal(same, asked)
+    immediate, same = varied(**settings, finetuned=False)
+    assert set(immediate["epoch"]) == {0}
+    pd.testing.assert_frame_equal(same, answers)
 
 
-@pytest.mark.usefixtures("home")
-def test_a_variant_that_is_followed_runs_all_epochs_even_where_it_has_converged(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    how = {"initializers": ["es", "soft_es"], "options": {"soft_es": {"temperature": 0.1}},
-           "changes": {"finetuning.max_epochs": 2, "convergence.margin": 0.99}}  # fmt: skip
-    epochs = [ran(monkeypatch, 3, **how, full_curves=full)[0] for full in (False, True)]
+def test_a_variant_with_full_curves_runs_all_epochs_even_where_it_has_converged(varied: Varied) -> None:
+    changes = {"finetuning.max_epochs": 2, "convergence.margin": 0.99}
+    epochs = [
+        varied(initializers=["es", "soft_es"], changes=changes, full_curves=full, **SOFT_ES)[0]
+        for full in (False, True)
+    ]
     stopped, whole = (runs.groupby("model", observed=True)["epoch"].max().to_dict() for runs in epochs)
     assert stopped == {"es": 0, "soft_es": 0, "joint": 0}
     assert whole == {"es": 2, "soft_es": 2, "joint": 0}
 
 
-@pytest.mark.usefixtures("home")
-def test_a_variant_that_tells_nothing_changes_those_who_use_insert_triples(monkeypatch: pytest.MonkeyPatch) -> None:
-    how = {"initializers": ["es", "rs"], "options": {"rs": {"k": 3}}, "finetuned": False}
-    found = [ran(monkeypatch, 4, **how, max_insert_triples=most)[1] for most in (None, 0)]
-    (es, rs), (es0, rs0) = ([of_model(frame, name)["mrr_star"] for name in ("es", "rs")] for frame in found)
+def test_without_insert_triples_those_change_who_use_them(varied: Varied) -> None:
+    settings = {"initializers": ["es", "rs"], "options": {"rs": {"k": 3}}, "finetuned": False}
+    answers = [varied(**settings, max_insert_triples=most)[1] for most in (None, 0)]
+    (es, rs), (es0, rs0) = ([of_model(frame, name)["mrr_star"] for name in ("es", "rs")] for frame in answers)
     assert es.tolist() == es0.tolist()
     assert rs.tolist() != rs0.tolist()
 
 
-@pytest.mark.usefixtures("home")
-def test_a_variant_with_words_of_its_own_looks_them_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    how = {"initializers": ["es"], "options": {"es": {"k": 3}}, "finetuned": False}
+def test_a_variant_with_words_of_its_own_looks_them_up(varied: Varied) -> None:
+    settings = {"initializers": ["es"], "options": {"es": {"k": 3}}, "finetuned": False}
     stored, definitions, phrases = (
-        of_model(ran(monkeypatch, 4, **how, changes=changes)[1], "es")["mrr_star"].tolist()
+        of_model(varied(**settings, changes=changes)[1], "es")["mrr_star"].tolist()
         for changes in ({}, {"words.text": "definition"}, {"words.text": "phrase"})
     )
     assert stored != definitions != phrases != stored
 
 
-def test_a_variant_that_trains_reads_no_embedding(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shutil.rmtree(home / THETA0.path(experiment="home", size=2).parent.parent)
+def test_a_variant_that_trains_reads_no_embedding(varied: Varied, experiment: Path) -> None:
+    embeddings, away = experiment / "data" / "embeddings", experiment / "away"
+    embeddings.rename(away)
     changes = {"embedding.model": "distmult", "embedding.dimension": 8, "training.max_epochs": 5}
-    runs, _ = ran(monkeypatch, 4, initializers=["xavier", "es"], finetuned=False, changes=changes)
-    assert len(runs) == 3 * 3 * 5  # models, seeds, scopes
+    try:
+        runs, _ = varied(initializers=["xavier", "es"], finetuned=False, changes=changes)
+    finally:
+        away.rename(embeddings)
+    assert len(runs) == 3 * 2 * 5  # models, seeds, scopes
