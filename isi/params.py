@@ -26,7 +26,7 @@ from isi.errors import InputError, at, meant
 from isi.experiment.insert import Convergence, FullCurves, InitializerList, is_listed
 from isi.experiment.runner import Compute
 from isi.graph.graph import GraphOf
-from isi.graph.sampling import SessionsOf, Shares
+from isi.graph.sessions import SessionsOf, Shares
 from isi.graph.words import Words
 from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.model import EmbeddingParams, make_model

@@ -16,7 +16,7 @@ from isi.graph.graph import (
     build_graph,
     build_tables,
 )
-from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS, session_tables
+from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS, session_tables
 from isi.graph.words import load_vectors, look_up
 from isi.sources import Source
 from isi.sources.tables import OBSERVATIONS

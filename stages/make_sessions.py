@@ -1,7 +1,7 @@
 """Draw splits, novel entities and insert triples for every size and seed."""
 
 from isi.graph.graph import ENTITIES, TRIPLES, build_graph
-from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS, session_tables
+from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS, session_tables
 from isi.stage import StageContext, stage
 
 

@@ -8,7 +8,7 @@ from isi.experiment.insert import insert_config
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store
 from isi.experiment.train import model_of
-from isi.graph.sampling import NOVEL
+from isi.graph.sessions import NOVEL
 from isi.stage import StageContext, stage
 
 

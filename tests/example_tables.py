@@ -20,7 +20,7 @@ from isi.analyses.single_insertions import SINGLE_ANSWERS, SINGLE_INDICATORS, SI
 from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS
 from isi.experiment.store import INSERTED, RUNS, TIES, TRAINING_LOG
 from isi.graph.graph import ENTITIES, TRIPLES
-from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
+from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE
 from isi.sources.tables import KINDS, MINED, OBSERVATIONS
 from isi.tables.table import Table

@@ -16,8 +16,7 @@ import torch
 from isi import config
 from isi.evaluation.ranking import evaluate, make_queries, padded_ids
 from isi.graph.graph import Graph
-from isi.graph.sampling import Shares, split
-from isi.graph.sessions import TEST, TRAIN, VALID, session_of
+from isi.graph.sessions import TEST, TRAIN, VALID, Shares, session_of, split
 from isi.models.model import EmbeddingParams, make_model
 from isi.models.stack import uniform
 from isi.tables import paths

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import Graph
-from isi.graph.sampling import sample_insert_triples, sample_novel, split
+from isi.graph.sessions import sample_insert_triples, sample_novel, split
 from isi.models.model import Model, make_model
 from isi.models.stack import Embedding
 

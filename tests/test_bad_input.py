@@ -17,7 +17,7 @@ import yaml
 
 from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, TIES
 from isi.graph.graph import ENTITIES, TRIPLES
-from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
+from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE, WORD_VECTORS
 from isi.sources.tables import KINDS as KIND_TABLE
 from isi.sources.tables import MINED, OBSERVATIONS

@@ -19,7 +19,7 @@ from isi.__main__ import main
 from isi.cli.check import catalogue, check_data
 from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, THETA0
 from isi.graph.graph import ENTITIES
-from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
+from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE
 from isi.params import load
 from isi.sources.tables import KINDS

@@ -14,7 +14,7 @@ from isi.errors import InputError
 from isi.evaluation.convergence import SCOPES
 from isi.experiment.insert import FullCurves, insert_config, insert_tasks, is_listed, joint_targets
 from isi.experiment.store import RUNS, Store
-from isi.graph.sampling import INSERT_TRIPLES
+from isi.graph.sessions import INSERT_TRIPLES
 from isi.params import load
 from isi.tables import paths
 from tests import small

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from isi.graph.sampling import folds, split
-from isi.graph.sessions import TEST, TRAIN, VALID
+from isi.graph.sessions import TEST, TRAIN, VALID, folds, split
 from isi.initializers.paper import dealt_words, standard_normal, xavier
 from isi.training.batches import sample_batch, sample_epoch, shuffle_into_batches, training_data
 from tests.init_contexts import four_novel

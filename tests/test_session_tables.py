@@ -10,7 +10,7 @@ import pytest
 
 from isi.errors import InputError
 from isi.graph.graph import Graph
-from isi.graph.sampling import SessionsOf, SessionTables, Shares, session_tables
+from isi.graph.sessions import SessionsOf, SessionTables, Shares, session_tables
 from tests.small_graphs import random_graph
 
 KEY = "experiments.home.sessions"

@@ -17,21 +17,26 @@ from isi.errors import InputError
 from isi.experiment.grid import GridPoints
 from isi.experiment.store import Store
 from isi.graph.graph import ENTITIES, TRIPLES, Graph
-from isi.graph.sampling import (
+from isi.graph.sessions import (
     INSERT_TRIPLES,
     NOVEL,
+    OUT,
     SPLITS,
+    TEST,
+    TRAIN,
+    VALID,
     SessionsOf,
     Shares,
+    Timeline,
     check_held_out,
     folds,
     later_key,
     sample_insert_triples,
     sample_novel,
+    session_of,
     session_tables,
     split,
 )
-from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Timeline, session_of
 from isi.random import stream
 from tests.small_graphs import as_stored, generator, graph_of, points_of, random_graph
 

@@ -16,7 +16,7 @@ from safetensors import safe_open
 from isi.errors import InputError
 from isi.experiment.store import RUNS, TIES
 from isi.graph.graph import ENTITIES, TRIPLES
-from isi.graph.sampling import NOVEL, SPLITS
+from isi.graph.sessions import NOVEL, SPLITS
 from isi.sources.tables import KINDS, OBSERVATIONS
 from isi.tables import io
 from isi.tables.table import Table, concat

@@ -26,8 +26,7 @@ from isi.experiment.insert import init_context, with_vectors
 from isi.experiment.runner import run
 from isi.experiment.store import Store
 from isi.experiment.train import train_config, train_stack
-from isi.graph.sampling import sample_insert_triples
-from isi.graph.sessions import OUT, TRAIN, VALID, membership
+from isi.graph.sessions import OUT, TRAIN, VALID, membership, sample_insert_triples
 from isi.initializers.api import INITIALIZERS, options_of
 from isi.params import Params, load
 from isi.random import stream

@@ -19,8 +19,7 @@ from isi.experiment.grid import GridPoints, StackedVectors
 from isi.experiment.store import HALVES, MEASURE_COLUMNS
 from isi.experiment.train import TrainConfig, TrainResult, measure_columns, train_stack, training_start
 from isi.graph.graph import Graph
-from isi.graph.sampling import folds
-from isi.graph.sessions import TRAIN, VALID
+from isi.graph.sessions import TRAIN, VALID, folds
 from isi.tables import paths
 from isi.tables.rules import at_least, measured, within
 from isi.tables.table import INT, REAL, Table

@@ -19,7 +19,7 @@ from isi.experiment.insert import InsertConfig, insert_config, insert_stack, joi
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store, runs_table
 from isi.experiment.train import TrainConfig, evaluate_stack, joint_tasks, model_of, train_config, train_stack
-from isi.graph.sampling import SessionsOf, later_key
+from isi.graph.sessions import SessionsOf, later_key
 from isi.graph.words import Words, load_vectors, look_up
 from isi.random import stream
 from isi.tables.table import NAME

@@ -22,7 +22,7 @@ from isi.experiment.insert import joint_targets
 from isi.experiment.store import INITIAL_VECTORS, JOINT, RUNS, THETA0, Store
 from isi.experiment.train import model_of
 from isi.graph.graph import ENTITIES, TRIPLES
-from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
+from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE, WORD_VECTORS
 from isi.models.model import Model
 from isi.params import Params, load

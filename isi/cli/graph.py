@@ -16,8 +16,7 @@ from isi.cli.app import FROM_ONE, Settings, settings, show
 from isi.config import Seed, check
 from isi.errors import InputError, meant, short
 from isi.graph.graph import ENTITIES, TRIPLES, GraphTables, MinedSource, build_graph, build_tables
-from isi.graph.sampling import Shares, split
-from isi.graph.sessions import TRAIN
+from isi.graph.sessions import TRAIN, Shares, split
 from isi.graph.words import Words, load_vectors, look_up
 from isi.sources import Source, all_readers
 from isi.sources.readers import UNREADABLE, open_text, parse_json, suffix_of

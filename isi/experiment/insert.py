@@ -21,7 +21,7 @@ from isi.evaluation.ranking import evaluate
 from isi.experiment.grid import JOINT_MODEL, GridPoints, StackedVectors
 from isi.experiment.store import RUNS, Store
 from isi.experiment.train import measure_columns, model_of, run_rows
-from isi.graph.sampling import later_key
+from isi.graph.sessions import later_key
 from isi.initializers import api
 from isi.initializers.api import FALLBACKS, InitContext, InitResult
 from isi.models.stack import Embedding

@@ -14,8 +14,7 @@ from isi.errors import InputError
 from isi.evaluation.ranking import MEASURES
 from isi.experiment.grid import GridPoints, StackedVectors
 from isi.graph.graph import ENTITIES, TRIPLES, Graph, build_graph
-from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
-from isi.graph.sessions import OUT, SPLIT_NAMES
+from isi.graph.sessions import INSERT_TRIPLES, NOVEL, OUT, SPLIT_NAMES, SPLITS
 from isi.graph.words import WORD_VECTORS
 from isi.models.model import Model
 from isi.tables import agreement

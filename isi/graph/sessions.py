@@ -1,19 +1,57 @@
-"""Sessions of incremental learning: when each entity and each triple of a graph arrives, and in which split."""
+"""Sessions of incremental learning: when each entity and triple of a graph arrives, in which split, and their draws.
+
+Splits, folds, novel (OOKB) entities and insert triples are drawn at random (sections 5.2 and 5.3).
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from itertools import product
+from typing import Annotated, Literal, Self
 
+import numpy as np
+import pandas as pd
 import torch
+from pydantic import Field, model_validator
 from torch import Tensor
 
+from isi.config import Count, Fraction, Names, Section, distinct
+from isi.errors import InputError
 from isi.graph.graph import Graph
+from isi.random import stream
+from isi.tables import paths
+from isi.tables.rules import at_least, one_of, unique
+from isi.tables.table import INT, NAME, Table
 
 #: Split of a triple in a session; ``OUT`` where it takes no part.
 OUT, TRAIN, VALID, TEST = -1, 0, 1, 2
 SPLIT_NAMES = ("train", "valid", "test")
 #: Arrival of what takes part in no session.
 NEVER = 2**31 - 1
+
+SPLITS = Table(
+    "data/sessions/{experiment}/splits.parquet",
+    {"seed": INT, "triple": INT, "split": NAME},
+    key=["seed", "triple"],
+    ordered=True,
+    checks=[*at_least(0, "seed", "triple"), *one_of("split", SPLIT_NAMES)],
+)
+#: ``session``: in which the entity is inserted, from 1; Θ⁰ is trained in session 0.
+NOVEL = Table(
+    "data/sessions/{experiment}/novel.parquet",
+    {"size": INT, "seed": INT, "entity": INT, "session": INT},
+    key=["size", "seed", "session", "entity"],
+    ordered=True,
+    checks=[*at_least(1, "size", "session"), *at_least(0, "seed", "entity"), *unique("size", "seed", "entity")],
+)
+INSERT_TRIPLES = Table(
+    "data/sessions/{experiment}/insert_triples.parquet",
+    {"size": INT, "seed": INT, "entity": INT, "triple": INT, "session": INT},
+    key=["size", "seed", "session", "entity", "triple"],
+    ordered=True,
+    checks=[*at_least(1, "size", "session"), *at_least(0, "seed", "entity", "triple")],
+)
 
 
 @dataclass(frozen=True)
@@ -90,3 +128,167 @@ def ends(graph: Graph, triples: Tensor) -> Tensor:
 def membership(ids: Tensor, entities: int) -> Tensor:
     """Ids, shape (M, n), as a mask of shape (M, E)."""
     return torch.zeros(len(ids), entities, dtype=torch.bool).scatter_(1, ids, True)
+
+
+class Shares(Section):
+    """``sessions`` in params: what every experiment holds out, and gives of novel entities."""
+
+    valid: Fraction
+    test: Fraction
+    insert_fraction: Annotated[float, Field(gt=0, le=1)]
+
+    @model_validator(mode="after")
+    def _leave_something(self) -> Self:
+        if self.valid + self.test >= 1:
+            raise ValueError("valid and test together must leave something to train on (below 1)")
+        return self
+
+
+class SessionsOf(Section):
+    """``sessions`` of one experiment: who is novel, how many, how often."""
+
+    novel: Annotated[Names, Field(min_length=1)] | Literal["any", "added"]
+    sizes: Annotated[list[Count], Field(min_length=1)]
+    seeds: Count
+    steps: Count = 1
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if not distinct(self.sizes):
+            raise ValueError("sizes must not repeat")
+        if self.novel == "added" and len(self.sizes) > 1:
+            raise ValueError("sizes: one alone where novel is added, since a seed's triples depend on who is drawn")
+        return self
+
+
+def split(graph: Graph, root: int, seed: int, valid: float, test: float) -> np.ndarray:
+    """Split unique triples at random into train, valid and test; shape (T,), int8.
+
+    Every entity and relation appears in train.
+    """
+    free = _free(graph, stream(root, "splits", seed))
+    tests, valids = round(test * len(graph.triples)), round(valid * len(graph.triples))
+    splits = np.full(len(graph.triples), TRAIN, dtype=np.int8)
+    splits[free[:tests]] = TEST
+    splits[free[tests : tests + valids]] = VALID
+    return splits
+
+
+def check_held_out(splits: np.ndarray, valid: float, test: float) -> None:
+    """See that a split, shape (T,), holds out the shares that it was to hold out.
+
+    Raises:
+        InputError: where it does not, because triples had to stay in train.
+    """
+    for code, share in ((VALID, valid), (TEST, test)):
+        if (splits == code).sum() < max(1, round(share * len(splits))):
+            expected = "expected shares that leave triples to each split (for every entity, one stays in train)"
+            raise InputError(paths.PARAMS, "sessions.valid, sessions.test", expected)
+
+
+def folds(graph: Graph, root: int, number: int) -> np.ndarray:
+    """Splits for cross-validation: in each, one fold is valid and the rest is train; shape (number, T), int8.
+
+    Every entity and relation appears in the train of every fold; the triples that see to it are in no fold.
+    """
+    splits = np.full((number, len(graph.triples)), TRAIN, dtype=np.int8)
+    for row, fold in zip(splits, np.array_split(_free(graph, stream(root, "folds")), number), strict=True):
+        row[fold] = VALID
+    return splits
+
+
+def _free(graph: Graph, rng: np.random.Generator) -> np.ndarray:
+    """The triples that may leave train, in random order: not the first that holds an entity or relation."""
+    triples = graph.triples.numpy()
+    order = rng.permutation(len(triples))
+    ends = triples[order][:, [0, 2]].ravel()
+    first_of_entity = np.unique(ends, return_index=True)[1] // 2
+    first_of_relation = np.unique(triples[order, 1], return_index=True)[1]
+    return np.delete(order, np.union1d(first_of_entity, first_of_relation))
+
+
+def sample_novel(candidates: np.ndarray, root: int, size: int, seed: int, steps: int = 1) -> np.ndarray:
+    """Draw the novel entities of a (size, seed) uniformly, for each session in ascending order; (steps, size)."""
+    drawn = stream(root, "novel", size, seed).choice(len(candidates), steps * size, replace=False)
+    return np.sort(candidates[drawn.reshape(steps, size)], axis=1)
+
+
+def sample_insert_triples(
+    graph: Graph, splits: np.ndarray, novel: np.ndarray, session: int, root: int, seed: int, fraction: float
+) -> list[tuple[int, int]]:
+    """The (entity, triple) pairs that a robot observes when it meets the novel entities of a session.
+
+    Of an entity's n unique training triples whose other end is known by then, max(1, ⌊fraction · n⌋).
+
+    Args:
+        novel: of all sessions; shape (steps, size).
+        session: from 1; the first one's random stream does not name it.
+    """
+    triples, inserted = graph.triples.numpy(), novel[session - 1]
+    heads, tails = (np.isin(triples[:, slot], novel[session - 1 :]) for slot in (0, 2))
+    usable = (splits == TRAIN) & (heads ^ tails)
+    rng = stream(root, "insert triples", len(inserted), seed, *later_key(session))
+    pairs: list[tuple[int, int]] = []
+    for entity in inserted:
+        of_entity = np.flatnonzero(usable & (triples[:, [0, 2]] == entity).any(1))
+        count = max(1, math.floor(fraction * len(of_entity))) if len(of_entity) else 0
+        pairs.extend((int(entity), int(triple)) for triple in np.sort(rng.choice(of_entity, count, replace=False)))
+    return pairs
+
+
+def later_key(session: int) -> tuple[int, ...]:
+    """What a session adds to the keys of its random streams: the first that inserts adds nothing."""
+    return (session,) if session > 1 else ()
+
+
+@dataclass(frozen=True)
+class SessionTables:
+    """The sessions of an experiment: ``SPLITS``, ``NOVEL`` and ``INSERT_TRIPLES``."""
+
+    splits: pd.DataFrame
+    novel: pd.DataFrame
+    insert_triples: pd.DataFrame
+
+
+def session_tables(
+    graph: Graph, entities: pd.DataFrame, how: SessionsOf, shares: Shares, root: int, key: str
+) -> SessionTables:
+    """The sessions of a graph, drawn for every size and seed.
+
+    D of the last session is all of the graph, but of added entities those alone that are drawn; the triples of the
+    others have no split.
+
+    Args:
+        entities: of the graph (``ENTITIES``).
+        root: of every random stream.
+        key: where ``how`` stands in params.
+
+    Raises:
+        InputError: where there are too few that may be novel, there is no triple, or a split would hold out less than
+            its share.
+    """
+    if not len(graph.triples):
+        raise InputError(paths.PARAMS, key, "expected a graph with triples")
+    added = np.flatnonzero(entities["source"].astype(str) != str(entities["source"].iloc[0]))
+    candidates = {"any": np.arange(len(entities)), "added": added}.get(str(how.novel))
+    if candidates is None:
+        candidates = np.flatnonzero(entities["kind"].isin(how.novel))
+    if how.steps * max(how.sizes) > len(candidates) - (how.novel != "added"):
+        few = f"expected fewer novel entities than the {len(candidates)} that may be novel"
+        raise InputError(paths.PARAMS, f"{key}.sizes", few)
+    splits, novel, given = list[pd.DataFrame](), list[tuple[int, ...]](), list[tuple[int, ...]]()
+    for size, seed in product(sorted(how.sizes), range(how.seeds)):
+        drawn = sample_novel(candidates, root, size, seed, how.steps)
+        absent = np.setdiff1d(added, drawn) if how.novel == "added" else added[:0]
+        triples = np.flatnonzero(~np.isin(graph.triples[:, [0, 2]].numpy(), absent).any(1))
+        part = graph.part(triples)
+        codes = split(part, root, seed, shares.valid, shares.test)
+        check_held_out(codes, shares.valid, shares.test)
+        if size == min(how.sizes):  # once for each seed
+            splits.append(pd.DataFrame({"seed": seed, "triple": triples, "split": np.array(SPLIT_NAMES)[codes]}))
+        for session, inserted in enumerate(drawn, 1):
+            novel += [(size, seed, entity, session) for entity in inserted]
+            pairs = sample_insert_triples(part, codes, drawn, session, root, seed, shares.insert_fraction)
+            given += [(size, seed, entity, int(triples[triple]), session) for entity, triple in pairs]
+    tables = pd.DataFrame(novel, columns=list(NOVEL.columns)), pd.DataFrame(given, columns=list(INSERT_TRIPLES.columns))
+    return SessionTables(pd.concat(splits), *tables)

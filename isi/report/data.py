@@ -21,7 +21,7 @@ from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VA
 from isi.experiment.insert import is_listed
 from isi.experiment.store import INSERTED, RUNS, TIES, TRAINING_LOG
 from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES, MinedSource
-from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
+from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE
 from isi.params import ExperimentOf, Params, load_beyond
 from isi.report import paper_values

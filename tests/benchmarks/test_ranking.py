@@ -22,8 +22,7 @@ from torch import Tensor
 from isi.evaluation.query_sets import epoch_query_sets
 from isi.evaluation.ranking import Queries, evaluate, make_queries, padded_ids
 from isi.graph.graph import Graph
-from isi.graph.sampling import sample_novel, split
-from isi.graph.sessions import TEST, TRAIN, VALID, Session
+from isi.graph.sessions import TEST, TRAIN, VALID, Session, sample_novel, split
 from isi.models.model import make_model
 from isi.models.stack import Embedding, uniform
 from isi.params import Params

@@ -23,8 +23,7 @@ from torchkge.sampling import BernoulliNegativeSampler
 from torchkge.utils import LogisticLoss
 
 from isi.graph.graph import Graph
-from isi.graph.sampling import split
-from isi.graph.sessions import TRAIN, session_of
+from isi.graph.sessions import TRAIN, session_of, split
 from isi.models.model import make_model
 from isi.models.stack import uniform
 from isi.params import Params
