@@ -214,15 +214,15 @@ def test_stages_are_read_from_the_lock_of_their_pipeline(tmp_path: Path, monkeyp
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({}, None),
+        ({}, ""),
         ({"mrr": [0.5, 0.25]}, "columns mrr"),
         ({"extra": [1, 2]}, "only in one: extra"),
         ({"seed": [0]}, "2 rows against 1"),
     ],
 )
-def test_tables_are_compared_by_their_values(tmp_path: Path, change: dict[str, Any], expected: str | None) -> None:
+def test_tables_are_compared_by_their_values(tmp_path: Path, change: dict[str, Any], expected: str) -> None:
     columns: dict[str, Any] = {"seed": [0, 1], "mrr": [0.5, 0.75]}
     pd.DataFrame(columns).to_parquet(tmp_path / "one.parquet")
     changed = {name: values[: len(change.get("seed", [0, 1]))] for name, values in (columns | change).items()}
     pd.DataFrame(changed).astype({"seed": "int64"}).to_parquet(tmp_path / "other.parquet", compression="zstd")
-    assert compare.different(tmp_path / "one.parquet", tmp_path / "other.parquet") == expected
+    assert compare.difference(tmp_path / "one.parquet", tmp_path / "other.parquet") == expected

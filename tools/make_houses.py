@@ -55,27 +55,20 @@ def catalogue() -> Catalogue:
         for name in ("asset-database", "placement-annotations", "receptacles")
     )
     weights = {room: {kind: weight for kind, weight in places[f"in{room}s"].items() if weight} for room in ROOMS}
-
-    def at(place: str) -> dict[str, dict[str, float]]:
-        return {
-            room: {kind: weight for kind, weight in of.items() if places[place][kind] and kind in assets}
-            for room, of in weights.items()
+    floor, wall = (
+        {
+            room: {kind: weight for kind, weight in of_room.items() if places[place][kind] and kind in assets}
+            for room, of_room in weights.items()
         }
-
+        for place in ("onFloor", "onWall")
+    )
     return Catalogue(
         {kind: [asset["assetId"] for asset in listed] for kind, listed in assets.items()},
-        at("onFloor"),
-        at("onWall"),
+        floor,
+        wall,
         {kind: {child: held["p"] for child, held in of.items() if child in assets} for kind, of in holds.items()},
-        {room: set(of) for room, of in weights.items()},
+        {room: set(of_room) for room, of_room in weights.items()},
     )
-
-
-def houses(number: int, seed: int = 0) -> Iterator[dict[str, Any]]:
-    """Houses of one to ten rooms."""
-    known = catalogue()
-    for place in range(number):
-        yield house(known, Random(f"{seed} {place}"))
 
 
 def house(known: Catalogue, random: Random) -> dict[str, Any]:
@@ -128,21 +121,17 @@ def furniture(
     known: Catalogue, random: Random, room: int, kind: str, area: list[Rectangle]
 ) -> Iterator[dict[str, Any]]:
     """Objects of a room, with those on or in them."""
-    drawn = [*draw(random, known.floor[kind], ON_FLOOR), *draw(random, known.wall[kind], ON_WALL)]
+    drawn: list[str] = []
+    for weights, number in ((known.floor[kind], ON_FLOOR), (known.wall[kind], ON_WALL)):
+        drawn += random.choices(list(weights), list(weights.values()), k=number) if weights else []
     small = 0
     for place, name in enumerate(drawn):
         thing = item(known, random, f"{name}|{room}|{place}", name, area)
-        held = known.holds.get(name, {})
-        for child, chance in held.items():
-            if child in known.fitting[kind] and random.random() < chance + BIAS:
+        for child, probability in known.holds.get(name, {}).items():
+            if child in known.fitting[kind] and random.random() < probability + BIAS:
                 thing["children"].append(item(known, random, f"{child}|surface|{room}|{small}", child, area))
                 small += 1
         yield thing
-
-
-def draw(random: Random, weights: Mapping[str, float], number: int) -> list[str]:
-    """Types by their weights, none where there are none."""
-    return random.choices(list(weights), list(weights.values()), k=number) if weights else []
 
 
 def item(known: Catalogue, random: Random, identifier: str, kind: str, area: list[Rectangle]) -> dict[str, Any]:
@@ -178,10 +167,11 @@ def light(room: int) -> dict[str, Any]:
 
 
 def write(path: Path, number: int, seed: int = 0) -> None:
-    """One house a line; packed where the path ends in ``.gz``."""
+    """Houses of one to ten rooms, one a line; packed where the path ends in ``.gz``."""
     with gzip.open(path, "wb", compresslevel=1) if path.suffix == ".gz" else path.open("wb") as file:
-        for made in houses(number, seed):
-            file.write(json.dumps(made).encode() + b"\n")
+        known = catalogue()
+        for place in range(number):
+            file.write(json.dumps(house(known, Random(f"{seed} {place}"))).encode() + b"\n")
 
 
 def main() -> None:

@@ -6,53 +6,42 @@ import json
 from collections import Counter
 from pathlib import Path
 
-from tabulate import tabulate
+import pandas as pd
 
 FOLDER = Path("mutants")
 TABLE = Path(__file__).parents[1] / "docs" / "benchmarks" / "mutants.md"
 #: By the exit status of its tests, as mutmut has it; what has another was killed.
-FATES = {"live": (0,), "met by no test": (5, 33), "not tried": (None, 34)}
+FATES = {0: "live", 5: "met by no test", 33: "met by no test", None: "not tried", 34: "not tried"}
 
 
-def counts(folder: Path = FOLDER) -> dict[str, Counter[str]]:
-    """How many mutants of each room were killed, live, or are met by no test."""
-    rooms: dict[str, Counter[str]] = {}
-    for path, statuses in results(folder).items():
-        room = path if path.startswith("isi/learning/") else str(Path(path).parent)
-        rooms.setdefault(room, Counter()).update(map(_fate, statuses.values()))
-    return rooms
+def fates(folder: Path = FOLDER) -> dict[str, dict[str, str]]:
+    """What became of each mutant, by file."""
+    of_file = {}
+    for path in sorted(folder.rglob("*.py.meta")):
+        statuses = json.loads(path.read_text(encoding="utf-8"))["exit_code_by_key"]
+        name = str(path.relative_to(folder)).removesuffix(".meta")
+        of_file[name] = {mutant: FATES.get(status, "killed") for mutant, status in statuses.items()}
+    return of_file
 
 
-def results(folder: Path = FOLDER) -> dict[str, dict[str, int | None]]:
-    """Exit statuses by file and mutant."""
-    files = sorted(folder.rglob("*.py.meta"))
-    found = {path: json.loads(path.read_text(encoding="utf-8"))["exit_code_by_key"] for path in files}
-    return {str(path.relative_to(folder)).removesuffix(".meta"): statuses for path, statuses in found.items()}
-
-
-def _fate(status: int | None) -> str:
-    return next((fate for fate, listed in FATES.items() if status in listed), "killed")
-
-
-def table(rooms: dict[str, Counter[str]]) -> str:
-    """A row for each room, and one for all."""
-    rows = {**rooms, "all": sum(rooms.values(), Counter())}
-    return tabulate(
-        [
-            (name, f"{own.total():,}", *(f"{own[fate]:,}" for fate in ("killed", "live", "met by no test")),
-             f"{100 * own['killed'] / own.total():.1f} %")
-            for name, own in rows.items()
-        ],
-        ["code", "mutants", "killed", "live", "met by no test", "killed of all"],
-        "pipe",
-        colalign=("left", *["right"] * 5),
-        disable_numparse=True,
-    ) + "\n"  # fmt: skip
+def table(of_file: dict[str, dict[str, str]]) -> str:
+    """A row for each package, and one for all."""
+    counts: dict[str, Counter[str]] = {}
+    for name, mutants in of_file.items():
+        counts.setdefault(str(Path(name).parent), Counter()).update(mutants.values())
+    counts["all"] = sum(counts.values(), Counter())
+    shown = pd.DataFrame([
+        {"code": name, "mutants": f"{count.total():,}"}
+        | {fate: f"{count[fate]:,}" for fate in ("killed", "live", "met by no test")}
+        | {"killed of all": f"{100 * count['killed'] / count.total():.1f} %"}
+        for name, count in counts.items() if count
+    ])  # fmt: skip
+    return str(shown.to_markdown(index=False, disable_numparse=True, colalign=("left", *["right"] * 5))) + "\n"
 
 
 if __name__ == "__main__":
-    TABLE.write_text(table(counts()), encoding="utf-8")
-    for path, statuses in results().items():
-        for name, status in statuses.items():
-            if _fate(status) != "killed":
-                print(f"{path}: {name}: {_fate(status)}")
+    TABLE.write_text(table(fates()), encoding="utf-8")
+    for path, mutants in fates().items():
+        for mutant, fate in mutants.items():
+            if fate != "killed":
+                print(f"{path}: {mutant}: {fate}")

@@ -66,19 +66,19 @@ def source_settings(files: Iterable[Path]) -> dict[str, Any]:
     Raises:
         InputError: where a file is missing or no YAML, or has a source that is no mapping, or of a name that is there.
     """
-    found: dict[str, Any] = {}
+    settings: dict[str, Any] = {}
     for file in files:
         params = read(file)
         sources, graphs = (check(params.get(key) or {}, dict[Name, dict[str, Any]], key, file) for key in _SECTIONS)
-        for name, settings in [*sources.items(), *((name, graph.get("source")) for name, graph in graphs.items())]:
-            if name in found:
+        for name, section in [*sources.items(), *((name, graph.get("source")) for name, graph in graphs.items())]:
+            if name in settings:
                 raise InputError(file, name, "expected a name that no other source has")
-            found[name] = check(settings, dict[str, Any], name, file)
-    return found
+            settings[name] = check(section, dict[str, Any], name, file)
+    return settings
 
 
 def measure(sources: Mapping[str, Any], seed: int) -> Iterator[Measured]:
-    """Run sources, by name; those that cannot be run are told about and passed over."""
+    """Run sources, by name; those that cannot be run are named on stderr and left out."""
     for name, settings in sources.items():
         try:
             yield run(name, settings, seed)
@@ -87,11 +87,7 @@ def measure(sources: Mapping[str, Any], seed: int) -> Iterator[Measured]:
 
 
 def run(name: str, settings: Any, seed: int) -> Measured:
-    """Observe a source from its beginning to its end.
-
-    Raises:
-        InputError: where that cannot be done.
-    """
+    """Observe a source from its beginning to its end; InputError where that cannot be done."""
     counts, seen = [], []
     start = time.perf_counter()
     source = Source(settings, f"sources.{name}", seed)
@@ -110,19 +106,19 @@ def table(measured: Iterable[Measured]) -> pd.DataFrame:
     """A row for each source."""
     return pd.DataFrame([
         {
-            "source": one.name,
-            "scenes": _number(one.scenes),
-            "rooms": _number(len(one.of_kind("room"))),
-            "instances": _number(one.instances),
-            "observations": _number(int(one.counts.sum())),
-            "unique triples": _number(len(one.counts)),
-            "entities": _number(len(one.kinds)),
-            "of these": ", ".join(f"{n:,} {kind}" for kind, n in one.kinds["kind"].value_counts().items()),
-            "relations": _number(one.counts.index.get_level_values("relation").nunique()),
-            "counted by mining": "; ".join(f"{n:,} {step}" for step, n in one.left.items() if n) or NONE,
-            "s": f"{one.seconds:.1f}",
+            "source": source.name,
+            "scenes": _number(source.scenes),
+            "rooms": _number(len(source.of_kind("room"))),
+            "instances": _number(source.instances),
+            "observations": _number(int(source.counts.sum())),
+            "unique triples": _number(len(source.counts)),
+            "entities": _number(len(source.kinds)),
+            "of these": ", ".join(f"{n:,} {kind}" for kind, n in source.kinds["kind"].value_counts().items()),
+            "relations": _number(source.counts.index.get_level_values("relation").nunique()),
+            "counted by mining": "; ".join(f"{n:,} {step}" for step, n in source.left.items() if n) or NONE,
+            "s": f"{source.seconds:.1f}",
         }
-        for one in measured
+        for source in measured
     ])  # fmt: skip
 
 
@@ -165,10 +161,9 @@ def write(measured: Sequence[Measured], folder: Path) -> None:
     """Pictures and the table, into the folder of the documents."""
     for name in ("sources", "benchmarks"):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    for one in measured:
-        drawn = picture(one)
-        if drawn:
-            (folder / "sources" / f"{one.name}.png").write_bytes(rendered(drawn, "png"))
+    for source in measured:
+        if drawn := picture(source):
+            (folder / "sources" / f"{source.name}.png").write_bytes(rendered(drawn, "png"))
     text = table(measured).to_markdown(index=False, disable_numparse=True)
     (folder / "benchmarks" / "sources.md").write_text(text + "\n", encoding="utf-8")
 
@@ -190,8 +185,9 @@ def main() -> None:
         readers = {settings.get("reader") for settings in sources.values()}
         with TemporaryDirectory() as folder:
             houses = Path(folder) / "houses.jsonl.gz"
-            made = {MADE: {"reader": "procthor_houses", "path": str(houses), "sha256": None, "materials": "suncg"}}
-            sources |= {name: one for name, one in made.items() if one["reader"] not in readers}
+            if "procthor_houses" not in readers:
+                section = {"reader": "procthor_houses", "path": str(houses), "sha256": None, "materials": "suncg"}
+                sources[MADE] = section
             unknown = set(given.names) - set(sources)
             if unknown:
                 sys.exit(f"{min(unknown)!r}: expected one of {', '.join(sources)}")
