@@ -51,26 +51,28 @@ def at(file: object, place: object = "") -> Iterator[None]:
     Raises:
         InputError: also for what pydantic, pyarrow, a decoder of text or the system says of the file.
     """
-    cause: Exception
-    inner = ""
     try:
         yield
-        return
-    except InputError as error:
-        cause, same = error, error.file in ("", str(file))
-        inner, message = (error.place, error.message) if same else ("", str(error))
-    except UnicodeDecodeError as error:
-        cause, message = error, f"expected UTF-8, got byte 0x{error.object[error.start]:02x} at {error.start + 1:,}"
-    except ValidationError as error:
-        cause, (inner, message) = error, explained(error)
-    except OSError as error:
-        cause, message = error, f"cannot be read ({system_says(error)})"
     except Exception as error:
-        if type(error).__module__.split(".")[0] != "pyarrow":
-            raise
-        cause, message = error, f"cannot be read ({cut(str(error), 120)})"
-    keys = all(re.fullmatch(r"[\w.]+", str(part)) for part in (place, inner))
-    raise InputError(file, ("." if keys else ", ").join(filter(None, map(str, (place, inner)))), message) from cause
+        inner, message = _place_and_message(error, str(file))
+        keys = all(re.fullmatch(r"[\w.]+", str(part)) for part in (place, inner))
+        places = ("." if keys else ", ").join(filter(None, map(str, (place, inner))))
+        raise InputError(file, places, message) from error
+
+
+def _place_and_message(error: Exception, file: str) -> tuple[str, str]:
+    match error:
+        case InputError():
+            return (error.place, error.message) if error.file in ("", file) else ("", str(error))
+        case UnicodeDecodeError():
+            return "", f"expected UTF-8, got byte 0x{error.object[error.start]:02x} at {error.start + 1:,}"
+        case ValidationError():
+            return explained(error)
+        case OSError():
+            return "", f"cannot be read ({system_says(error)})"
+    if type(error).__module__.split(".")[0] == "pyarrow":
+        return "", f"cannot be read ({cut(str(error), 120)})"
+    raise error
 
 
 def explained(error: ValidationError) -> tuple[str, str]:

@@ -31,16 +31,12 @@ K = TypeVar("K")
 class Competitors:
     """Candidates that compete with the answers of queries: all candidates minus some known answers."""
 
-    #: shape: (M, C), float32 of 0 and 1
-    candidates: Tensor
-    #: ids of the answers that the graph's triples give to each query, padded to X; shape: (M, Q, X)
-    known: Tensor
-    #: which of these are candidates left out of the plain rank; shape: (M, Q, X), float32 of 0 and 1
-    excluded: Tensor
+    candidates: Tensor  #: shape: (M, C), float32 of 0 and 1
+    known: Tensor  #: ids of the answers that the graph's triples give to each query, padded to X; shape: (M, Q, X)
+    excluded: Tensor  #: which of these are candidates left out of the plain rank; shape: (M, Q, X), float32 of 0 and 1
     #: the same for R_P, which leaves out equal counts, too; shape: (M, Q, X), float32 of 0 and 1
     excluded_or_equal: Tensor
-    #: R_G; shape: (M, Q)
-    true_rank: Tensor
+    true_rank: Tensor  #: R_G; shape: (M, Q)
 
 
 @dataclass(frozen=True)
@@ -51,14 +47,10 @@ class QueryRows:
     head: Tensor
     relation: Tensor
     tail: Tensor
-    #: of the head queries (?, r, t), then the tail queries (h, r, ?): 2Q rows
-    entity: Competitors
-    #: of the relation queries (h, ?, t)
-    relations: Competitors
-    #: share of each entity query in ``mrr_star_entity``; shape: (M, 2Q)
-    entity_weight: Tensor
-    #: share of each relation query; shape: (M, Q)
-    relation_weight: Tensor
+    entity: Competitors  #: of the head queries (?, r, t), then the tail queries (h, r, ?): 2Q rows
+    relations: Competitors  #: of the relation queries (h, ?, t)
+    entity_weight: Tensor  #: share of each entity query in ``mrr_star_entity``; shape: (M, 2Q)
+    relation_weight: Tensor  #: share of each relation query; shape: (M, Q)
 
 
 @dataclass(frozen=True)
@@ -66,28 +58,20 @@ class Queries:
     """A query set of a stack of sessions: triples with their filter and candidates."""
 
     session: Session
-    #: ids of the triples that have a row, -1 for padding; shape: (M, Q)
-    triples: Tensor
-    #: triples that are queried; shape: (M, T), bool
-    queried: Tensor
-    #: triples of the filter; shape: (M, T), bool
-    filtered: Tensor
-    #: entities that may answer; shape: (M, E), bool
-    candidates: Tensor
-    #: made once where they fit into ``BUDGET``, else piece by piece in each ranking
-    rows: QueryRows | None
+    triples: Tensor  #: ids of the triples that have a row, -1 for padding; shape: (M, Q)
+    queried: Tensor  #: triples that are queried; shape: (M, T), bool
+    filtered: Tensor  #: triples of the filter; shape: (M, T), bool
+    candidates: Tensor  #: entities that may answer; shape: (M, E), bool
+    rows: QueryRows | None  #: made once where they fit into ``BUDGET``, else piece by piece in each ranking
 
 
 @dataclass(frozen=True)
 class Ranks:
     """Ranks of the answers of queries; shapes: (M, Q)."""
 
-    #: 1 / (|R_G - R_P| + 1)
-    closeness: Tensor
-    #: the plain rank
-    rank: Tensor
-    #: competitors tied with the answer in R_P
-    tied: Tensor
+    closeness: Tensor  #: 1 / (|R_G - R_P| + 1)
+    rank: Tensor  #: the plain rank
+    tied: Tensor  #: competitors tied with the answer in R_P
 
 
 @dataclass(frozen=True)
@@ -95,8 +79,7 @@ class RankedQueries:
     """Queries and the ranks of their answers."""
 
     rows: QueryRows
-    #: of the head queries, then the tail queries; 2Q columns
-    entity: Ranks
+    entity: Ranks  #: of the head queries, then the tail queries; 2Q columns
     relations: Ranks
 
 
@@ -104,12 +87,9 @@ class RankedQueries:
 class Result:
     """Measures of a stack; NaN where a model has no queries."""
 
-    #: in the order of ``MEASURES``; shape: (M, 4), float64
-    measures: Tensor
-    #: queried triples; shape: (M,)
-    queries: Tensor
-    #: competitors tied with the answer in R_P; shape: (M,)
-    ties: Tensor
+    measures: Tensor  #: in the order of ``MEASURES``; shape: (M, 4), float64
+    queries: Tensor  #: queried triples; shape: (M,)
+    ties: Tensor  #: competitors tied with the answer in R_P; shape: (M,)
 
 
 def padded_ids(queried: Tensor) -> Tensor:

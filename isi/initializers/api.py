@@ -36,12 +36,9 @@ class NoRelationMap(Exception):
 class NovelEntities:
     """What is given of the novel entities of a stack of M models: nothing else of them reaches an initializer."""
 
-    #: ids; shape: (M, n)
-    novel: Tensor
-    #: (model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 3)
-    insert_triples: Tensor
-    #: word vectors, zero where there is none; shape: (E, w)
-    words: Tensor
+    novel: Tensor  #: ids; shape: (M, n)
+    insert_triples: Tensor  #: (model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 3)
+    words: Tensor  #: word vectors, zero where there is none; shape: (E, w)
 
     def mask(self, triples: int) -> Tensor:
         """The insert triples of each model; shape (M, T), bool."""
@@ -57,25 +54,19 @@ class InitContext:
     It holds no validation or test triple.
     """
 
-    #: Θ⁰; rows of novel entities are zero
-    theta0: Embedding
-    #: entities of D⁰; shape: (M, E), bool
-    known: Tensor
+    theta0: Embedding  #: Θ⁰; rows of novel entities are zero
+    known: Tensor  #: entities of D⁰; shape: (M, E), bool
     #: known entities with a training triple in D⁰, the only ones that may be indicators; shape: (M, E), bool
     eligible: Tensor
-    #: ids; shape: (M, n)
-    novel: Tensor
-    #: word vectors, zero where there is none; shape: (E, w)
-    words: Tensor
-    #: the kind of each entity; ids, shape: (E,)
-    kinds: Tensor
+    novel: Tensor  #: ids; shape: (M, n)
+    words: Tensor  #: word vectors, zero where there is none; shape: (E, w)
+    kinds: Tensor  #: the kind of each entity; ids, shape: (E,)
     #: the known end, the relation, and whether the novel entity is the tail, of each insert triple,
     #: padded to I; shapes: (M, n, I)
     other: Tensor
     relation: Tensor
     novel_is_tail: Tensor
-    #: which of them are triples and not padding; shape: (M, n, I), bool
-    observed: Tensor
+    observed: Tensor  #: which of them are triples and not padding; shape: (M, n, I), bool
     #: root of the random streams, and what each model's depend on beside it; shape: (M, K)
     root: int
     keys: Tensor
@@ -116,10 +107,8 @@ def context_of(theta: Embedding, before: Session, given: NovelEntities, root: in
 class InitResult:
     """Vectors of novel entities as inserted."""
 
-    #: shape: (M, n, d)
-    vectors: Tensor
-    #: index into ``FALLBACKS``; shape: (M, n)
-    fallback: Tensor
+    vectors: Tensor  #: shape: (M, n, d)
+    fallback: Tensor  #: index into ``FALLBACKS``; shape: (M, n)
     #: what each known entity weighs in the vector, or, for MAP and ridge, in the mean of the prior; rows sum to 1;
     #: shape: (M, n, E)
     weights: Tensor | None = None
@@ -154,15 +143,11 @@ class Registered:
 
     name: str
     function: Initializer
-    #: as people read it
-    label: str
+    label: str  #: as people read it
     role: Role = "own"
-    #: of its curves, ``#rrggbb``; where there is none, the report takes a spare one
-    colour: str | None = None
-    #: one sentence
-    description: str = ""
-    #: options where the caller of ``isi.insert`` gives none
-    defaults: Mapping[str, Any] = field(default_factory=dict)
+    colour: str | None = None  #: of its curves, ``#rrggbb``; where there is none, the report takes a spare one
+    description: str = ""  #: one sentence
+    defaults: Mapping[str, Any] = field(default_factory=dict)  #: options where the caller of ``isi.insert`` gives none
     needs: tuple[Need, ...] = ()
     cost: Cost = "triples"
     #: values of options that ``tools/choose_initializers`` compares; null: it leaves the initializer out

@@ -32,8 +32,7 @@ CLAMP = 1e-6
 class BlockModel(RelationMapModel):
     """f(h, r, t) = interaction(vₕᵀW, vₜ), where W has scalars and blocks on its diagonal; a product unless changed."""
 
-    #: of a hundred coordinates, how many are scalars
-    scalars: ClassVar[int]
+    scalars: ClassVar[int]  #: of a hundred coordinates, how many are scalars
 
     def width(self, dimension: int) -> int:
         multiple = next(m for m in range(1, 201) if m * self.scalars % 100 == 0 == m * (100 - self.scalars) % 200)

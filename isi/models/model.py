@@ -32,14 +32,10 @@ class Model(ABC):
 
     #: whether f is linear in a head and in a tail: f(h, r, t) = ⟨transform(h, r), t⟩ = ⟨h, transform_tail(t, r)⟩
     linear: ClassVar[bool] = False
-    #: whether ``transform`` and ``inverse`` are known
-    invertible: ClassVar[bool] = True
-    #: whether f = margin - a distance, with the margin as an option
-    distance: ClassVar[bool] = False
-    #: whether vectors are complex numbers, real halves before imaginary ones
-    complex_vectors: ClassVar[bool] = False
-    #: whether the row of a relation holds angles
-    angles: ClassVar[bool] = False
+    invertible: ClassVar[bool] = True  #: whether ``transform`` and ``inverse`` are known
+    distance: ClassVar[bool] = False  #: whether f = margin - a distance, with the margin as an option
+    complex_vectors: ClassVar[bool] = False  #: whether vectors are complex numbers, real halves before imaginary ones
+    angles: ClassVar[bool] = False  #: whether the row of a relation holds angles
 
     def width(self, dimension: int) -> int:
         """Numbers in a relation's row, where a vector has ``dimension``.

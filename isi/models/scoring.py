@@ -119,8 +119,7 @@ Interaction = Product | Distance
 class DenseTriples:
     """All triples of M models; their scores are tables by relation, head and tail, (M, R, E, E)."""
 
-    #: M, R and E
-    shape: tuple[int, int, int]
+    shape: tuple[int, int, int]  #: M, R and E
 
     @classmethod
     def of(cls, entity: Tensor, relation: Tensor) -> DenseTriples:
@@ -185,8 +184,7 @@ class DenseTriples:
 class TripleList:
     """A list of N triples of the models of a stack; its methods are those of ``DenseTriples``."""
 
-    #: M, R and E
-    shape: tuple[int, int, int]
+    shape: tuple[int, int, int]  #: M, R and E
     #: place in the stack, and ids; shapes: (N,), int64
     model: Tensor
     head: Tensor

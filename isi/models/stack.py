@@ -24,10 +24,8 @@ LARGEST = 1e11
 class Embedding:
     """Vectors of entities and relations of a stack of M embeddings, and the model that scores their triples."""
 
-    #: shape: (M, E, d)
-    entity: Tensor
-    #: shape: (M, R, w), with the model's width
-    relation: Tensor
+    entity: Tensor  #: shape: (M, E, d)
+    relation: Tensor  #: shape: (M, R, w), with the model's width
     model: Model = field(metadata={"shared": True})
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:

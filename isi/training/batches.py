@@ -39,30 +39,21 @@ class TrainingData:
     """The training observations of a stack of sessions, and the pools of negatives."""
 
     session: Session
-    #: observations of each triple of the graph, 0 where it is no training triple; shape: (M, T), int64
-    counts: Tensor
-    #: entities that may be corrupted tails; shape: (M, E), float32 of 0 and 1
-    tail_pool: Tensor
-    #: entities that may be corrupted heads of a relation; shape: (M, R, E), float32
-    head_pool: Tensor
-    #: the same as ids, those of the pool first; shape: (M, R, E), int64
-    head_ids: Tensor
-    #: entities that were not in the session before; shape: (M, E), bool
-    new: Tensor
-    #: part of the purpose of its random streams
-    purpose: str
-    #: keys of the random streams of each embedding, beside root, purpose and epoch; shape: (M, K)
-    keys: Tensor
+    counts: Tensor  #: observations of each triple of the graph, 0 where it is no training triple; shape: (M, T), int64
+    tail_pool: Tensor  #: entities that may be corrupted tails; shape: (M, E), float32 of 0 and 1
+    head_pool: Tensor  #: entities that may be corrupted heads of a relation; shape: (M, R, E), float32
+    head_ids: Tensor  #: the same as ids, those of the pool first; shape: (M, R, E), int64
+    new: Tensor  #: entities that were not in the session before; shape: (M, E), bool
+    purpose: str  #: part of the purpose of its random streams
+    keys: Tensor  #: keys of the random streams of each embedding, beside root, purpose and epoch; shape: (M, K)
 
 
 @dataclass(frozen=True)
 class DenseBatch:
     """A batch of each embedding of a stack as tables of counts."""
 
-    #: shape: (M, R, E, E), float32
-    positives: Tensor
-    #: shape: (M, R, E, E)
-    negatives: Tensor
+    positives: Tensor  #: shape: (M, R, E, E), float32
+    negatives: Tensor  #: shape: (M, R, E, E)
 
 
 @dataclass(frozen=True)
@@ -70,18 +61,15 @@ class ListBatch:
     """A batch of each embedding of a stack as one list of N triples, positives before negatives."""
 
     triples: TripleList
-    #: 1 for positives, 0 for negatives; shape: (N,), float32
-    positive: Tensor
+    positive: Tensor  #: 1 for positives, 0 for negatives; shape: (N,), float32
 
 
 @dataclass(frozen=True)
 class Corrupted:
     """Observations of an embedding, and what replaces their tails, heads and (of several) relations."""
 
-    #: shape: (N, 3)
-    triples: Tensor
-    #: ids; shapes: (N, ratio)
-    replacements: list[Tensor]
+    triples: Tensor  #: shape: (N, 3)
+    replacements: list[Tensor]  #: ids; shapes: (N, ratio)
 
     def at(self, number: int) -> Corrupted:
         """One observation; none where there are fewer."""
@@ -138,8 +126,7 @@ def batches(
     data: TrainingData, negatives: Negatives, batch_size: int, root: int, epoch: int
 ) -> Iterator[tuple[DenseBatch | ListBatch, Tensor]]:
     """The batches of an epoch, in the form that suits the graph, with their numbers of positives, (M,)."""
-    graph, ratio = data.session.graph, negatives.ratio
-    sampled = is_sampled(negatives, graph)
+    graph, ratio, sampled = data.session.graph, negatives.ratio, is_sampled(negatives, data.session.graph)
     singles = sample_epoch(data, ratio, root, epoch) if sampled and batch_size == 1 else None
     for number, observed in enumerate(shuffle_into_batches(data, root, epoch, batch_size)):
         positives = torch.tensor([len(triples) for triples in observed])
@@ -151,10 +138,8 @@ def batches(
             batch = sample_batch(data, observed, ratio, root, epoch, number)
         else:
             batch = list_batch(data, [corrupted.at(number) for corrupted in singles])
-        if is_dense(graph):
-            yield DenseBatch(count_positives(data, observed), count_negatives(data, batch)), positives
-        else:
-            yield batch, positives
+        dense = is_dense(graph)
+        yield DenseBatch(count_positives(data, observed), count_negatives(data, batch)) if dense else batch, positives
 
 
 def is_sampled(negatives: Negatives, graph: Graph) -> bool:

@@ -187,12 +187,9 @@ class ValidationResult:
     """Validation measures of some embeddings of a stack after an epoch."""
 
     epoch: int
-    #: places in the stack; shape: (A,)
-    models: Tensor
-    #: in the order of ``MEASURES``; shape: (A, 4), float64
-    measures: Tensor
-    #: whether this is the best of each so far; shape: (A,), bool
-    is_best: Tensor
+    models: Tensor  #: places in the stack; shape: (A,)
+    measures: Tensor  #: in the order of ``MEASURES``; shape: (A, 4), float64
+    is_best: Tensor  #: whether this is the best of each so far; shape: (A,), bool
 
 
 class EarlyStopping:
@@ -234,8 +231,7 @@ class EpochMeasures:
     """Measures of some embeddings of a stack after an epoch (0: before the first), by query set."""
 
     epoch: int
-    #: places in the stack; shape: (A,)
-    models: Tensor
+    models: Tensor  #: places in the stack; shape: (A,)
     results: dict[str, Result]
 
 
