@@ -21,8 +21,7 @@ from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, start, train
 from tests.small_graphs import ANALOGY, points_of, random_embedding, random_graph
 from tests.small_grid import LEARNING, insert_tasks, theta0, training_tasks
-from tests.test_bad_input import set_params, workspace
-from tests.test_slips import Says, main_of, says
+from tests.stage_workspace import Says, main_of, says, set_params, workspace
 
 __all__ = ["says", "workspace"]  # fixtures
 

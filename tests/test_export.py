@@ -18,7 +18,7 @@ from rdflib import RDF, RDFS, Graph, Literal, URIRef
 from isi.__main__ import main
 from isi.cli.export import FORMATS
 from isi.experiment.store import JOINT
-from isi.graph import tables
+from isi.graph import graph as tables
 from isi.tables import paths
 from tests.observing import TRIPLE, observe
 from tests.small_bundle import small, written

@@ -16,7 +16,7 @@ import pytest
 from isi.errors import InputError
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.tables import io
-from tests.test_bad_input import KINDS, OBSERVED, leave, observed, outputs, workspace, write
+from tests.stage_workspace import KINDS, OBSERVED, leave, observed, outputs, workspace, write
 
 __all__ = ["workspace"]  # a fixture
 

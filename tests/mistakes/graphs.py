@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from isi.graph import tables
+from isi.graph import graph as tables
 from isi.tables import paths
 from tests.example_tables import change_table
 from tests.mistakes.calls import Typed, params, put

@@ -1,0 +1,106 @@
+"""A folder in which stages run as a user runs them, in this process, and what earlier stages have left there."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable
+from contextlib import chdir
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+
+from isi.graph.graph import ENTITIES, TRIPLES
+from isi.sources.tables import KINDS as KIND_TABLE
+from isi.sources.tables import OBSERVATIONS
+from isi.tables import paths
+from isi.tables.table import Table
+from tools.workspace import change
+
+ROOT = Path(__file__).parent.parent
+OBSERVED = pd.DataFrame(
+    {"scene": ["FloorPlan1"], "room": ["kitchen"], "instance": ["Mug|1"], "head": ["mug"], "relation": ["atLocation"],
+     "tail": ["kitchen"], "count": [1]}
+)  # fmt: skip
+KINDS = pd.DataFrame({"entity": ["kitchen", "mug"], "kind": ["room", "object"], "phrase": ["kitchen", "mug"]})
+#: Runs a stage, and gives the one line with which it refuses its input.
+Says = Callable[[str], str]
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Path:
+    """A folder with the code, the sources and the params, whose outputs an earlier run left."""
+    for name in ("isi", "stages", "data/raw", "beyond"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).symlink_to(ROOT / name)
+    for path in (paths.PARAMS, paths.PIPELINE):
+        (tmp_path / path).write_bytes((ROOT / path).read_bytes())
+    return tmp_path
+
+
+def set_params(workspace: Path, changes: dict[str, object]) -> None:
+    params = yaml.safe_load((workspace / "params.yaml").read_text(encoding="utf-8"))
+    for key, value in changes.items():
+        change(params, key, value)
+    (workspace / "params.yaml").write_text(yaml.safe_dump(params), encoding="utf-8")
+
+
+def outputs(workspace: Path) -> dict[str, bytes]:
+    """Every file under ``data`` that did not ship with the product."""
+    files = [path for path in (workspace / "data").rglob("*") if path.is_file() and "raw" not in path.parts]
+    return {str(path.relative_to(workspace)): path.read_bytes() for path in files}
+
+
+def leave(workspace: Path, *earlier: Path) -> None:
+    """Outputs of an earlier run, which a failed one must not touch."""
+    for path in earlier:
+        (workspace / path).parent.mkdir(parents=True, exist_ok=True)
+        (workspace / path).write_bytes(b"the last good one")
+
+
+def write(workspace: Path, path: Path, frame: pd.DataFrame, table: Table) -> None:
+    """A table as an earlier stage has left it."""
+    with chdir(workspace):
+        table.write_file(path, frame, "an_earlier_stage")
+
+
+def observed(workspace: Path, source: str, observations: pd.DataFrame, kinds: pd.DataFrame) -> None:
+    """What mining a source has given."""
+    write(workspace, OBSERVATIONS.path(source=source), observations, OBSERVATIONS)
+    write(workspace, KIND_TABLE.path(source=source), kinds, KIND_TABLE)
+
+
+def graph(workspace: Path, experiment: str) -> None:
+    """A graph of a mug in a kitchen."""
+    triples = OBSERVED[["head", "relation", "tail", "count"]].assign(source="ai2thor")
+    write(workspace, TRIPLES.path(experiment=experiment), triples, TRIPLES)
+    write(workspace, ENTITIES.path(experiment=experiment), KINDS.assign(source="ai2thor"), ENTITIES)
+
+
+def main_of(command: str) -> Callable[[], None]:
+    name = command.split()[0]
+    main: Callable[[], None] = getattr(importlib.import_module(f"stages.{name}"), name)
+    return main
+
+
+@pytest.fixture
+def says(workspace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Says:
+    """The one line with which a stage refuses its input, having written nothing."""
+
+    def say(command: str) -> str:
+        monkeypatch.chdir(workspace)
+        monkeypatch.setattr(sys, "argv", [f"stages.{command.split()[0]}", *command.split()[1:]])
+        before = outputs(workspace)
+        with pytest.raises(SystemExit) as ended:
+            main_of(command)()
+        line = ended.value.code
+        assert outputs(workspace) == before
+        assert capsys.readouterr() == ("", "")
+        assert isinstance(line, str)
+        assert "\n" not in line
+        assert len(line) < 300
+        return line.removeprefix(f"{command.split()[0]}: ")
+
+    return say

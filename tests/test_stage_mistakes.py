@@ -1,0 +1,374 @@
+"""A user's mistake ends a stage in one line that names the file and the place, and earlier outputs stay."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import chdir
+from pathlib import Path
+
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+import torch
+
+from isi.analyses.variants import VARIANT_RUNS
+from isi.errors import LONGEST, InputError, cut, meant, short
+from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, THETA0, TIES
+from isi.graph.graph import ENTITIES, TRIPLES
+from isi.graph.sampling import INSERT_TRIPLES, NOVEL, SPLITS
+from isi.graph.words import COVERAGE, WORD_VECTORS
+from isi.sources.tables import KINDS as KIND_TABLE
+from isi.sources.tables import MINED, OBSERVATIONS
+from isi.stage import missing
+from isi.tables import io, paths
+from isi.tables.table import concat
+from tests.stage_workspace import (
+    KINDS,
+    OBSERVED,
+    ROOT,
+    Says,
+    graph,
+    leave,
+    main_of,
+    observed,
+    outputs,
+    says,
+    set_params,
+    workspace,
+    write,
+)
+
+__all__ = ["says", "workspace"]  # fixtures
+
+HOUSES: dict[str, object] = {
+    "reader": "mp3d_houses", "folder": "houses", "category": "mpcat40", "rooms": {"k": "kitchen"},
+    "vocabulary": "data/raw/mp3d/vocabulary.yaml",
+}  # fmt: skip
+
+
+def run_stage(workspace: Path, *command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", *command], cwd=workspace, capture_output=True, text=True, check=False, timeout=60
+    )
+
+
+# Params
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "command", "names"),
+    [
+        ("\nseed:", "\nsede:", "mine ai2thor", "sede: unknown key; did you mean 'seed'?"),
+        ("\nexperiments:", "\nexperimets:", "build_graph ai2thor", "experimets"),
+        ("\ncompute:", "\ncomptue:", "build_graph ai2thor", "comptue"),
+        ("reader: ai2thor", "reader: ai2tor", "mine ai2thor", "sources.ai2thor.reader"),
+        ("min_count: 1", "min_count: 0", "build_graph ai2thor", "experiments.ai2thor.graph.min_count"),
+        ("min_count: 1", "min_cuont: 1", "build_graph ai2thor", "experiments.ai2thor.graph.min_cuont"),
+        ("min_count: 1 ", f"min_count: 1{'0' * 30}", "build_graph ai2thor", "experiments.ai2thor.graph.min_count"),
+        ("novel: any ", "novel: object ", "make_sessions ai2thor", "sessions.novel: expected a list, got the text"),
+        ("sizes: [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14]", "sizes: 5", "make_sessions ai2thor", "sessions.sizes"),
+        ("text: definition", "text: definitions", "embed_words ai2thor", "words.text"),
+        ("source: shipped", f"source: {'ab' * 5000}", "embed_words ai2thor", ""),  # a file of that name
+        ("\n  model: analogy", "\n  model: analog", "train_theta0 ai2thor", "embedding.model"),
+        ("\n    k: 8", "\n    kk: 8", "insert ai2thor es", "initializers.es.kk"),
+        ("\n    initializers: all", "\n    initializers: al", "insert ai2thor es", "experiments.ai2thor.initializers"),
+    ],
+)
+def test_a_mistake_in_params_is_named_by_its_key(
+    workspace: Path, says: Says, old: str, new: str, command: str, names: str
+) -> None:
+    observed(workspace, "ai2thor", OBSERVED, KINDS)
+    if not command.startswith(("mine", "build_graph")):
+        graph(workspace, "ai2thor")
+    text = (workspace / paths.PARAMS).read_text(encoding="utf-8")
+    assert old in text
+    (workspace / paths.PARAMS).write_text(text.replace(old, new, 1), encoding="utf-8")
+    assert names in says(command)
+
+
+@pytest.mark.parametrize(
+    ("command", "names", "close"),
+    [
+        ("mine ai2tor", "sources.ai2tor", "ai2thor"),
+        ("build_graph trasfer", "experiments.trasfer", "transfer"),
+        ("insert ai2thor xaver", "initializers.xaver", "xavier"),
+        ("vary glov", "beyond/params.yaml: variants.glov", "glove"),
+        ("sweep_indicators ai2thor mean", "sweep.initializers.mean", ""),
+        (f"build_graph {'x' * 5000}", "experiments.xxx", ""),
+        ("build_graph ../../etc", "experiments.../../etc", ""),
+    ],
+)
+def test_an_unknown_name_is_refused_with_a_similar_one(
+    workspace: Path, says: Says, command: str, names: str, close: str
+) -> None:
+    graph(workspace, "ai2thor")
+    line = says(command)
+    assert "params.yaml: " in line
+    assert names in line
+    assert not close or f"did you mean '{close}'?" in line
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a: " + "[" * 200_000, "- " * 200_000 + "a", "a: " + "9" * 5000, "a: 2023-02-30", "a: !!bool maybe",
+        "a: !!python/object/apply:os.system [touch run]", "a: b: c", "a: 1\na: 2", "seed: 1".encode("utf-16"),
+        b"seed: \x00", b"",
+    ],
+    ids=["brackets", "dashes", "digits", "date", "tag", "object", "colons", "twice", "UTF-16", "NUL", "empty"],
+)  # fmt: skip
+def test_broken_yaml_is_one_short_line_and_runs_nothing(workspace: Path, says: Says, text: str | bytes) -> None:
+    (workspace / paths.PARAMS).write_bytes(text.encode() if isinstance(text, str) else text)
+    assert re.match(r"params\.yaml: .*expected (YAML|UTF-8|a mapping)", says("build_graph ai2thor"))
+    assert not (workspace / "run").exists()
+
+
+# Files
+
+
+def mined(source: str) -> list[Path]:
+    return [table.path(source=source) for table in (OBSERVATIONS, KIND_TABLE, MINED)]
+
+
+def recording() -> str:
+    scenes: dict[str, list[list[object]]] = {
+        key: [[] for _ in range(30)] for key in ("kitchens", "living_rooms", "bedrooms", "bathrooms")
+    }
+    scenes["kitchens"][4] = [{"objectType": "Mug", "objectId": "Mug|1", "parentReceptacles": ["Shelf|1"]}]
+    return json.dumps(scenes)
+
+
+def source(content: str | None, file: str, **settings: object) -> Callable[[Path], None]:
+    """A file that a source of params reads; null: no such file."""
+
+    def write_file(workspace: Path) -> None:
+        name, _, key = str(settings.pop("key", "ai2thor.from")).partition(".")
+        if content is not None:
+            (workspace / file).parent.mkdir(exist_ok=True)
+            (workspace / file).write_text(content, encoding="utf-8")
+        changes: dict[str, object] = {f"sources.{name}": settings} if settings else {}
+        set_params(workspace, {**changes, f"sources.{name}.{key}": file})
+        if name == "ai2thor":
+            sha256 = hashlib.sha256((content or "").encode()).hexdigest()
+            set_params(workspace, {"sources.ai2thor.sha256": sha256})
+
+    return write_file
+
+
+def truncated_house(workspace: Path) -> None:
+    (workspace / "houses").mkdir()
+    (workspace / "houses/x.house").write_text("ASCII 1.1\nH x - 0 0 0 0 0 1 0 0 0 0\n", encoding="utf-8")
+    set_params(workspace, {"sources.mp3d": HOUSES})
+
+
+LOG = {"reader": "table", "kinds": {"atLocation": {"head": "object", "tail": "room"}}}
+VOCABULARIES = [(None, "cannot be read"), ("structure: [\n", "line 2"), ("structure: wall\nsame_as: {}\n", "structure"),
+                ("structure: [wall]\nsame_as: {wall: painting}\n", "same_as")]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("before", "command", "names"),
+    [
+        (source(recording()[:-3], "mine.json"), "mine ai2thor", "mine.json|JSON"),
+        (source(recording(), "mine.json"), "mine ai2thor", "mine.json|FloorPlan5|Mug|1|Shelf"),
+        (source(None, "mine.json"), "mine ai2thor", "mine.json"),
+        (source("head,relation,tail\na,b\n", "log.csv", key="own.path", **LOG), "mine own",
+         "sources.own: log.csv: line 2"),
+        *((source(content, "words.yaml", key="mp3d.vocabulary", **settings), "mine mp3d", f"sources.mp3d|{place}")
+          for content, place in VOCABULARIES for settings in ({}, HOUSES)),
+        (lambda workspace: set_params(workspace, {"sources.mp3d": HOUSES}), "mine mp3d", "sources.mp3d|houses"),
+        (truncated_house, "mine mp3d", "x.house|line 2|objects"),
+        (lambda workspace: set_params(workspace, {"sources.ai2thor.sha256": "0" * 64}), "mine ai2thor",
+         "sources.ai2thor|ai2thor-object-metadata.json|sha256"),
+    ],
+)  # fmt: skip
+def test_a_broken_file_is_named_and_the_earlier_observations_stay(
+    workspace: Path, says: Says, before: Callable[[Path], None], command: str, names: str
+) -> None:
+    leave(workspace, *mined(command.split()[1]))
+    before(workspace)
+    line = says(command)
+    assert all(name in line for name in names.split("|")), line
+
+
+@pytest.mark.parametrize("content", ["2 3\nmug 1 2 3\nbowl 1 x 3\n", "2 2\nmug 1 2 3\nbowl 1 2 3\n"])
+def test_broken_word_vectors_are_named_and_the_earlier_ones_stay(workspace: Path, says: Says, content: str) -> None:
+    leave(workspace, WORD_VECTORS.path(experiment="ai2thor"), COVERAGE.path(experiment="ai2thor"))
+    graph(workspace, "ai2thor")
+    (workspace / "my.vec").write_text(content, encoding="utf-8")
+    set_params(workspace, {"words.source": "my.vec"})
+    assert "my.vec: line" in says("embed_words ai2thor")
+
+
+def test_a_table_that_lacks_a_column_is_named_and_the_earlier_graph_stays(workspace: Path, says: Says) -> None:
+    leave(workspace, ENTITIES.path(experiment="ai2thor"), TRIPLES.path(experiment="ai2thor"))
+    observed(workspace, "ai2thor", OBSERVED, KINDS)
+    table = workspace / OBSERVATIONS.path(source="ai2thor")
+    pq.write_table(pq.read_table(table).drop_columns(["room"]), table)
+    assert f"{OBSERVATIONS.path(source='ai2thor')}: column 'room'" in says("build_graph ai2thor")
+
+
+@pytest.mark.parametrize(
+    ("head", "count", "names"),
+    [
+        ("mug", 6, "params.yaml: experiments.transfer.graph.extend.always: 'fan'"),
+        ("fan", 5, "params.yaml: experiments.transfer.graph.extend.always: 'fan'"),
+        ("oven", 6, f"{OBSERVATIONS.path(source='mp3d')}: object 'oven'"),
+    ],
+    ids=["none of that name", "too few", "another kind"],
+)
+def test_entities_that_cannot_join_the_graph_are_named(
+    workspace: Path, says: Says, head: str, count: int, names: str
+) -> None:
+    leave(workspace, ENTITIES.path(experiment="transfer"), TRIPLES.path(experiment="transfer"))
+    made_of = OBSERVED.assign(relation="hasMaterial", tail="oven")
+    kinds = pd.concat([KINDS, pd.DataFrame({"entity": ["oven"], "kind": ["material"], "phrase": ["oven"]})])
+    observed(workspace, "ai2thor", pd.concat([OBSERVED, made_of]), kinds)
+    seen = OBSERVED.assign(scene=None, instance=None, head=head, count=count)
+    observed(workspace, "mp3d", seen, KINDS.replace("mug", head))
+    assert names in says("build_graph transfer")
+
+
+def test_a_graph_that_is_too_small_has_no_sessions(workspace: Path, says: Says) -> None:
+    graph(workspace, "ai2thor")
+    assert "params.yaml: experiments.ai2thor.sessions.sizes" in says("make_sessions ai2thor")
+    write(workspace, TRIPLES.path(experiment="ai2thor"), OBSERVED[:0].assign(source=""), TRIPLES)
+    assert "params.yaml: experiments.ai2thor.sessions: expected a graph" in says("make_sessions ai2thor")
+
+
+# What is sound
+
+
+def test_a_sound_file_after_a_broken_one_replaces_the_earlier_output(workspace: Path) -> None:
+    leave(workspace, ENTITIES.path(experiment="ai2thor"), TRIPLES.path(experiment="ai2thor"))
+    observed(workspace, "ai2thor", OBSERVED, KINDS)
+    for path in (paths.PARAMS, paths.PIPELINE):  # a byte order mark is read over
+        (workspace / path).write_bytes(b"\xef\xbb\xbf" + (workspace / path).read_bytes())
+    ended = run_stage(workspace, "stages.build_graph", "ai2thor")
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ENTITIES.read_file(workspace / ENTITIES.path(experiment="ai2thor"))["entity"].tolist() == ["kitchen", "mug"]
+    tables = (OBSERVATIONS, KIND_TABLE, ENTITIES, TRIPLES)
+    files = [table.path(source="ai2thor", experiment="ai2thor") for table in tables]
+    assert set(outputs(workspace)) == set(map(str, files))  # and no temporary file
+
+
+def test_an_initializer_that_the_experiment_does_not_list_leaves_tables_without_rows(workspace: Path) -> None:
+    set_params(workspace, {"experiments.ai2thor.initializers": ["rs", "xavier"]})
+    graph(workspace, "ai2thor")
+    row = pd.DataFrame({"size": [1], "seed": [0], "entity": [1], "triple": [0], "session": [1], "split": ["train"]})
+    for table in (SPLITS, NOVEL, INSERT_TRIPLES):
+        write(workspace, table.path(experiment="ai2thor"), row, table)
+    write(workspace, RUNS.path(experiment="ai2thor", model="joint"), concat([], RUNS), RUNS)
+    with chdir(workspace):
+        WORD_VECTORS.write({"vectors": torch.ones(2, 3)}, "embed_words", experiment="ai2thor")
+    ended = run_stage(workspace, "stages.insert", "ai2thor", "es")
+    assert ended.returncode == 0, ended.stderr
+    for table in (RUNS, TIES, INSERTED):
+        path = table.path(experiment="ai2thor", model="es", initializer="es")
+        assert table.read_file(workspace / path).empty
+    assert io.read_tensors(workspace / INITIAL_VECTORS.path(experiment="ai2thor", initializer="es"), []) == {}
+
+
+# Too early, outside the project, help
+
+
+@pytest.mark.parametrize(
+    ("command", "names"),
+    [
+        ("build_graph ai2thor", "data/observations/ai2thor.parquet: missing: run `dvc repro mine@ai2thor`"),
+        ("make_sessions ai2thor", "data/graph/ai2thor/entities.parquet: missing: run `dvc repro build_graph@ai2thor`"),
+        ("insert ai2thor es", "missing: run `dvc repro "),
+        ("report", "missing: run `dvc repro "),
+    ],
+)
+def test_a_stage_before_its_inputs_names_the_stage_that_makes_them(says: Says, command: str, names: str) -> None:
+    assert names in says(command)
+
+
+def test_the_stage_that_makes_a_missing_file_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    for path, stage in (
+        (THETA0.path(experiment="transfer", size=5), "train_theta0@transfer"),
+        (INITIAL_VECTORS.path(experiment="transfer", initializer="es"), "insert@transfer-es"),
+        (INSERTED.path(experiment="transfer", initializer="es_permuted"), "insert@transfer-es_permuted"),
+        (VARIANT_RUNS.path(variant="insert_triples_0"), "beyond/dvc.yaml:vary@insert_triples_0"),
+        (Path("reports/metrics.json"), "report"), (Path("reports/tables/differences.csv"), "report"),
+        (Path("data/runs"), None), (Path("/data/runs"), None), (Path("gone"), None),
+    ):  # fmt: skip
+        expected = f"missing: run `dvc repro {stage}`, which makes it" if stage else "no such file"
+        assert str(missing(path)) == f"{path}: {expected}"
+
+
+def test_a_stage_outside_the_project_says_so(tmp_path: Path) -> None:
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    for command, expected in (
+        ([sys.executable, "-m", "stages.build_graph", "ai2thor"], "dvc.yaml: no such file: .*go there first"),
+        ([sys.executable, str(ROOT / "tools/repro.py")], "go to the folder of the project first"),
+        (
+            [sys.executable, "-S", str(ROOT / "tools/repro.py")],
+            r"repro: \S+ lacks DVC or this project: use `make repro`",
+        ),
+    ):
+        ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=environment)
+        (line,) = ended.stderr.splitlines()
+        assert ended.returncode == 1
+        assert re.search(expected, line)
+
+
+@pytest.mark.parametrize("arguments", ["", " ai2thor es more", " --seed 3 ai2thor es"])
+def test_wrong_arguments_are_one_line_and_status_2(
+    arguments: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", f"insert{arguments}".split())
+    with pytest.raises(SystemExit) as ended:
+        main_of("insert")()
+    out, err = capsys.readouterr()
+    assert (ended.value.code, out) == (2, "")
+    assert re.fullmatch(r"python -m stages\.insert: .+; see --help\n", err)
+
+
+@pytest.mark.parametrize(
+    ("stage", "parts"),
+    [
+        ("insert", ["experiment: ai2thor, transfer, published\n", "initializer: xavier, iu, es, rs, ers, ",
+                    "reads: data/graph/EXPERIMENT, data/sessions/EXPERIMENT, ",
+                    "writes: data/runs/EXPERIMENT/INITIALIZER.parquet, "]),
+        ("explore", ["graph: ", "writes: data/beyond/graphs/GRAPH/entities.parquet, "]),
+        ("report", ["reads: data/raw, data/observations, ", "writes: reports/index.html, "]),
+    ],
+)  # fmt: skip
+def test_help_lists_the_choices_of_arguments_and_what_is_read_and_written(
+    stage: str, parts: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(sys, "argv", [stage, "--help"])
+    with pytest.raises(SystemExit) as ended:
+        main_of(stage)()
+    assert ended.value.code == 0
+    out = capsys.readouterr().out
+    assert all(part in out for part in parts)
+
+
+# How a message is kept short
+
+
+def test_a_message_is_short_and_in_one_line_whatever_it_repeats() -> None:
+    long = str(InputError("params.yaml", "x" * 5000, "expected " + "y" * 10**7))
+    assert len(long) <= LONGEST
+    assert long.startswith("params.yaml: xxx")
+    assert str(InputError("f", "a\nb\x1b[31m\ud800", "c\tc")) == "f: a b\\x1b[31m\\ud800: c c"
+    assert cut("abcdefghij", 10) == "abcdefghij"
+    assert cut("abcdefghijk", 10) == "abcde...jk"
+    deep: list[object] = []
+    for _ in range(2000):
+        deep = [deep]
+    for value in ("x" * 5000, deep, list(range(10**6)), {n: n for n in range(10**5)}, int("f" * 5000, 16)):
+        assert len(short(value)) < 100
+    assert meant("xaver", ["es", "xavier"]) == "; did you mean 'xavier'?"
+    assert meant("mug", ["es", "xavier"]) == ""
