@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import torch
+from safetensors.torch import load_file
 
 from isi.bundle.folder import Bundle, Manifest, check_numbers, ids_of, triple_ids
 from isi.bundle.query import plain
@@ -25,7 +26,7 @@ from isi.config import Option
 from isi.errors import InputError, at, cut
 from isi.insertion.arguments import argument, checked_model, stack_of_one, table
 from isi.insertion.choose import margin_of
-from isi.models.model import MODELS, Model
+from isi.models.model import MODELS
 from isi.models.stack import Embedding
 from isi.sources.triples_with_ids import read_id_names, read_ids
 
@@ -74,17 +75,19 @@ def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files:
     tensors = {name: values for file in files for name, values in read_tensors(file).items()}
     with argument("model"):
         fields = getattr(MODELS.get(model, "model"), "__dataclass_fields__", {})
-    with at(files[0]):
-        entities, relations = _tables(tensors, model)
     options = ({"squared": False} if "squared" in fields else {}) | dict(options)
-    if "margin" in fields and "margin" not in options:
+    if unknown_margin := "margin" in fields and "margin" not in options:
+        options["margin"] = 1.0  # with which it is measured
         if not len(labels.triples):
             raise InputError("--set", "margin", "expected margin=NUMBER: without known triples it cannot be estimated")
-        without = checked_model(model, {**options, "margin": 1.0}, entities.shape[1])  # with which it is measured
-        _check_tables(files[0], entities, relations, labels, without)
-        embedding = stack_of_one(entities, relations, without)
-        options["margin"] = max(1.0 + margin_of(embedding, torch.from_numpy(labels.triples), None), 1e-6)
-    return _as_bundle(model, options, entities, relations, labels, files)
+    with at(files[0]):
+        entities, relations = _tables(tensors, model)
+    bundle = _bundle(model, options, entities, relations, labels, files)
+    if unknown_margin:
+        embedding = stack_of_one(entities, relations, checked_model(model, options, entities.shape[1]))
+        margin = max(1.0 + margin_of(embedding, torch.from_numpy(labels.triples), None), 1e-6)
+        bundle.manifest.model_options["margin"] = margin
+    return bundle
 
 
 def of_pykeen_model(embedding: Embedding, labels: Labels, path: Path) -> Bundle:
@@ -94,38 +97,30 @@ def of_pykeen_model(embedding: Embedding, labels: Labels, path: Path) -> Bundle:
         InputError: where its scoring function has no closed form, which a manifest could not describe.
     """
     model = embedding.model
-    name = next((name for name in MODELS.names() if type(model) is MODELS.get(name, "")), None)
-    if name is None:
-        expected = "expected TransE, DistMult, ComplEx or RotatE: isi.pykeen.insert takes other models"
-        raise InputError(path, "", expected)
-    return _as_bundle(name, vars(model), embedding.entity[0].numpy(), embedding.relation[0].numpy(), labels, [path])
+    for name in MODELS.names():
+        if type(model) is MODELS.get(name, ""):
+            entities, relations = embedding.entity[0].numpy(), embedding.relation[0].numpy()
+            return _bundle(name, vars(model), entities, relations, labels, [path])
+    raise InputError(path, "", "expected TransE, DistMult, ComplEx or RotatE: isi.pykeen.insert takes other models")
 
 
-def _as_bundle(
+def _bundle(
     name: str, options: Mapping[str, Option], entities: np.ndarray, relations: np.ndarray, labels: Labels,
     files: Sequence[Path],
 ) -> Bundle:  # fmt: skip
     model = checked_model(name, options, entities.shape[1])
-    _check_tables(files[0], entities, relations, labels, model)
-    made = {"imported": labels.form, "files": {path.name: _sha256(path) for path in files}}
+    with at(files[0], "entities"):
+        check_numbers(entities, len(labels.entities))
+    with at(files[0], "relations"):
+        check_numbers(relations, len(labels.relations))
+        table(relations, "relations", model.width(entities.shape[1]))
+    made = {"imported": labels.form,
+            "files": {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}}  # fmt: skip
     used = {key: vars(model)[key] for key in options}
     manifest = Manifest(model_name=name, model_options=used, words=None, made=made, inserted=[])
     triples = np.unique(labels.triples, axis=0) if len(labels.triples) else labels.triples
     kinds, phrases = [""] * len(entities), [plain(name) for name in labels.entities]
     return Bundle(manifest, entities, relations, labels.entities, kinds, phrases, labels.relations, triples)
-
-
-def _check_tables(path: Path, entities: np.ndarray, relations: np.ndarray, labels: Labels, model: Model) -> None:
-    with at(path, "entities"):
-        check_numbers(entities, len(labels.entities))
-    with at(path, "relations"):
-        check_numbers(relations, len(labels.relations))
-        table(relations, "relations", model.width(entities.shape[1]))
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def read_tensors(path: Path) -> dict[str, np.ndarray]:
@@ -145,21 +140,19 @@ def read_tensors(path: Path) -> dict[str, np.ndarray]:
         if path.suffix == ".json":  # as OpenKE writes it
             tables = json.loads(path.read_bytes())
             return {name: np.array(rows, np.float32) for name, rows in tables.items() if isinstance(rows, list)}
-        return {name: _array(tensor) for name, tensor in _state(path).items() if isinstance(tensor, torch.Tensor)}
+        state = load_file(path) if path.suffix == ".safetensors" else _state_dict(path)
+        tensors = {name: value.detach().cpu() for name, value in state.items() if isinstance(value, torch.Tensor)}
+        halves = {name for name, value in tensors.items() if value.is_floating_point() and value.dtype.itemsize < 4}
+        return {name: (value.float() if name in halves else value).numpy() for name, value in tensors.items()}
     except Exception as error:  # a broken file makes NumPy and PyTorch raise many types
         message = cut(" ".join(str(error).split()), 120) or type(error).__name__
         raise InputError(path, "", f"expected tensors by name ({message})") from error
 
 
-def _state(path: Path) -> Mapping[str, Any]:
-    """A state dict, read without running what a pickle may hold."""
-    if path.suffix == ".safetensors":
-        from safetensors.torch import load_file
-
-        return load_file(path)
+def _state_dict(path: Path) -> Mapping[str, Any]:
+    """PyTorch's, read without running what a pickle may hold."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             state: Any = torch.load(path, map_location="cpu", weights_only=True)
     except (pickle.UnpicklingError, RuntimeError) as error:
         raise ValueError("as torch.save(model.state_dict(), FILE) writes them; other pickles are not read") from error
@@ -170,56 +163,32 @@ def _state(path: Path) -> Mapping[str, Any]:
     return state
 
 
-def _array(tensor: torch.Tensor) -> np.ndarray:
-    """A tensor as an array; NumPy has no half precision of every kind."""
-    whole = tensor.detach().cpu()
-    array: np.ndarray = (whole.float() if whole.dtype.itemsize < 4 and whole.is_floating_point() else whole).numpy()
-    return array
-
-
 def _tables(tensors: Mapping[str, np.ndarray], model: str) -> tuple[np.ndarray, np.ndarray]:
-    """The tables of entities and of relations as this project has them: real halves before imaginary ones; of RotatE,
-    relations as angles."""
-    if all(name in tensors for name in OF_PYKEEN):
-        found = [_table(tensors, name) for name in OF_PYKEEN]
-        if model in ("complex", "rotate"):
-            found = [_as_complex(values) for values in found]
-    else:
-        found = []
-        for slot, names in NAMES.items():
-            present = [parts for parts in names if all(part in tensors for part in parts)]
-            if len(present) != 1:
-                listed = ", ".join(sorted(tensors)[:8]) or "none"
-                raise InputError("", "", f"expected one tensor {slot!r}, or a name of other tools, got {listed:.200}")
-            halves = [_table(tensors, part) for part in present[0]]
-            if len({half.shape for half in halves}) > 1:
-                raise InputError("", present[0][1], f"expected the shape of {present[0][0]}")
-            found.append(np.concatenate(halves, axis=1))
-    entities, relations = found
-    if model == "rotate" and np.iscomplexobj(relations):
-        relations = np.angle(relations)
-    return _real(entities), _real(relations)
-
-
-def _table(tensors: Mapping[str, np.ndarray], name: str) -> np.ndarray:
-    values = tensors[name]
-    if values.ndim != 2 or values.dtype.kind not in "biufc":
-        raise InputError("", name, f"expected a table of numbers, got {values.dtype} of shape {values.shape}")
-    return values
-
-
-def _as_complex(table: np.ndarray) -> np.ndarray:
-    """Numbers whose real and imaginary parts stand in turn, as complex ones; shape (E, 2d), result (E, d)."""
-    if table.shape[1] % 2:
-        raise InputError("", "", f"expected real and imaginary parts in turn, got rows of {table.shape[1]} numbers")
-    numbers: np.ndarray = table[:, ::2] + 1j * table[:, 1::2]
-    return numbers
-
-
-def _real(table: np.ndarray) -> np.ndarray:
-    """Floats, real halves before imaginary ones; shape (E, d) of complex numbers, result (E, 2d)."""
-    whole = np.concatenate([table.real, table.imag], axis=1) if np.iscomplexobj(table) else table
-    return np.ascontiguousarray(whole, np.float64 if whole.dtype == np.float64 else np.float32)
+    """The tables of entities and of relations as this project has them, real halves before imaginary ones."""
+    of_pykeen = all(name in tensors for name in OF_PYKEEN)
+    tables = list[np.ndarray]()
+    for slot, names in NAMES.items():
+        present = [parts for parts in names if all(part in tensors for part in parts)]
+        parts = (OF_PYKEEN[len(tables)],) if of_pykeen else present[0] if len(present) == 1 else ()
+        if not parts:
+            listed = ", ".join(sorted(tensors)[:8]) or "none"
+            raise InputError("", "", f"expected one tensor {slot!r}, or a name of other tools, got {listed:.200}")
+        for part in parts:
+            values = tensors[part]
+            if values.ndim != 2 or values.dtype.kind not in "biufc" or values.shape != tensors[parts[0]].shape:
+                expected = f"expected a table of numbers{f', of the shape of {parts[0]}' * (part != parts[0])}"
+                raise InputError("", part, f"{expected}, got {values.dtype} of shape {values.shape}")
+        whole = np.concatenate([tensors[part] for part in parts], axis=1)
+        if of_pykeen and model in ("complex", "rotate"):  # real and imaginary parts in turn
+            if whole.shape[1] % 2:
+                expected = f"expected real and imaginary parts in turn, got rows of {whole.shape[1]} numbers"
+                raise InputError("", "", expected)
+            whole = whole[:, ::2] + 1j * whole[:, 1::2]
+        if np.iscomplexobj(whole):
+            angles = model == "rotate" and slot == "relations"
+            whole = np.angle(whole) if angles else np.concatenate([whole.real, whole.imag], axis=1)
+        tables.append(np.ascontiguousarray(whole, np.float64 if whole.dtype == np.float64 else np.float32))
+    return tables[0], tables[1]
 
 
 def read_labels(folder: Path) -> Labels:
