@@ -37,8 +37,8 @@ def test_it_lists_the_files_of_a_folder(tmp_path: Path) -> None:
     assert {"format", "version"} <= set(ManifestFile.model_fields)
 
 
-def test_it_lists_the_families() -> None:
-    listed = re.search(r"`--family` \(or `--model`\) says how a triple is scored\s+\(([^)]*)\)", PAGE)
+def test_it_lists_the_models() -> None:
+    listed = re.search(r"`--model` \(or `--family`\) says how a triple is scored\s+\(([^)]*)\)", PAGE)
     assert listed is not None
     assert re.findall(r"`(\w+)`", listed[1]) == MODELS.names()
 
