@@ -16,12 +16,12 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 import torch
-from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 
 from isi.analyses.variants import VARIANT_RUNS
 from isi.errors import LONGEST, InputError, cut, meant, short
 from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, THETA0, TIES
 from isi.graph.graph import ENTITIES, TRIPLES
+from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE, WORD_VECTORS
 from isi.sources.tables import KINDS as KIND_TABLE
 from isi.sources.tables import MINED, OBSERVATIONS
