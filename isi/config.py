@@ -79,11 +79,7 @@ class Study(Section):
 
 
 def read(path: Path) -> dict[str, Any]:
-    """The mapping that a YAML file holds.
-
-    Raises:
-        InputError: where the file is missing, or is no YAML of a mapping.
-    """
+    """The mapping that a YAML file holds, or an ``InputError`` where the file is missing or holds none."""
     if path in (paths.PARAMS, paths.PIPELINE) and not path.exists():
         raise InputError(path, "", f"no such file: {Path.cwd()} is not the folder of the project, go there first")
     with at(path):

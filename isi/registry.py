@@ -13,10 +13,7 @@ T = TypeVar("T")
 
 
 class Plugins(Generic[T]):
-    """The registered things of one package, by name.
-
-    A module of the thing's own name is tried first; then all modules of the package are imported.
-    """
+    """The registered things of one package, by name; its modules are imported where a name is not yet there."""
 
     def __init__(self, package: str) -> None:
         self.package = package
@@ -27,20 +24,14 @@ class Plugins(Generic[T]):
 
     def get(self, name: str, key: str) -> T:
         """The thing of a name, or an ``InputError`` at the key of params that names it."""
-        if name not in self._registered:
-            if name in self._modules():
-                importlib.import_module(f"{self.package}.{name}")
-            if name not in self._registered and name not in self.names():
-                expected = f"expected one of {', '.join(self.names())}, got {short(name)}{meant(name, self.names())}"
-                raise InputError(paths.PARAMS, key, expected)
+        if name not in self._registered and name not in (known := self.names()):
+            expected = f"expected one of {', '.join(known)}, got {short(name)}{meant(name, known)}"
+            raise InputError(paths.PARAMS, key, expected)
         return self._registered[name]
 
     def names(self) -> list[str]:
-        """Names of all that the package's modules register, and of what was registered from elsewhere."""
-        for module in self._modules():
-            importlib.import_module(f"{self.package}.{module}")
+        """Names of all that the package's modules register, and of what other modules have registered."""
+        for module in pkgutil.iter_modules(importlib.import_module(self.package).__path__, f"{self.package}."):
+            if not module.name.rpartition(".")[2].startswith("_"):
+                importlib.import_module(module.name)
         return sorted(self._registered)
-
-    def _modules(self) -> list[str]:
-        modules = pkgutil.iter_modules(importlib.import_module(self.package).__path__)
-        return [module.name for module in modules if not module.name.startswith("_")]

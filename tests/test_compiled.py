@@ -14,7 +14,7 @@ from isi.experiment.grid import GridPoints
 from isi.models.bilinear import ANALOGY
 from isi.models.model import Model, make_model
 from isi.models.scoring import Distance, Interaction
-from isi.models.stack import select, uniform
+from isi.models.stack import uniform
 from isi.training import trainer
 from isi.training.batches import Negatives, TrainingData, batches, sample_epoch, training_data
 from isi.training.trainer import Optimizer, State, is_compiled, run_epoch, start
@@ -75,20 +75,6 @@ def test_a_graph_too_large_for_tables_learns_the_same(monkeypatch: pytest.Monkey
     monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 0)
     run_epoch(large, data, SAMPLED.model_copy(update={"mode": "expected"}), SINGLY, 0, 1)
     assert same(small, large)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_model_has_the_same_bits_whatever_the_stack(kind: str) -> None:
-    points = small_points()
-    data, together = training_data(points.session(0), "test", points.keys(), "unseen"), begin(points, kind)
-    for epoch in (1, 2):
-        run_epoch(together, data, SAMPLED, SINGLY, 0, epoch)
-    for some in (torch.tensor([2]), torch.tensor([1, 0])):
-        alone = begin(points, kind)
-        alone = State(select(alone.embedding, some), select(alone.squares, some))
-        for epoch in (1, 2):
-            run_epoch(alone, select(data, some), SAMPLED, SINGLY, 0, epoch)
-        assert same(alone, State(select(together.embedding, some), select(together.squares, some)))
 
 
 def test_no_observation_is_no_update() -> None:

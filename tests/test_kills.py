@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from tests.kills.campaign import kills
+from tests.kills.__main__ import kills
 from tests.kills.workspace import Lost, Workspace
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes as Linux has them")

@@ -90,28 +90,11 @@ def test_mrr_star_by_hand(case: Case) -> None:
     assert found == pytest.approx([(entity + 1 / 2) / 2, entity, 1 / 2, plain])
 
 
-def test_filter_takes_relations_out_of_relation_queries() -> None:
-    counts = COUNTS | {(0, 1, 3): 1}
-    assert measure(counts, scalar([1, 4, 3, 2], [1, 2]), [QUERY])[2] == pytest.approx(1 / 2)
-    assert measure(counts, scalar([1, 4, 3, 2], [1, 2]), [QUERY], {(0, 1, 3)})[2] == pytest.approx(1)
-
-
 @pytest.mark.parametrize(("gap", "ahead"), [(9e-6, 0.5), (-9e-6, 0.5), (2e-5, 1.0), (-2e-5, 0.0)])
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_scores_within_a_hundred_thousandth_of_the_largest_are_tied(gap: float, ahead: float, scale: float) -> None:
     scores = torch.tensor([[[0.25, 0.25 + gap, -1.0]]]) * scale
     assert compare(scores, torch.tensor([[0]]))[0, 0].tolist() == [0.5, ahead, 0.0]
-
-
-def test_relations_weigh_as_they_were_observed() -> None:
-    counts = {(0, 0, 1): 2, (1, 0, 2): 4, (0, 1, 2): 2, (3, 1, 2): 1, (2, 2, 3): 100}
-    embedding = random_embedding(1, 4, 3, 8, seed=4)
-    queries = [(0, 0, 1), (0, 1, 2), (3, 1, 2)]
-    first, second = (measure(counts, embedding, [q for q in queries if q[1] == r]) for r in (0, 1))
-    both = measure(counts, embedding, queries)
-    assert abs(first[1] - second[1]) > 0.05
-    assert both[1] == pytest.approx((6 * first[1] + 3 * second[1]) / 9)
-    assert both[2] == pytest.approx((first[2] + 2 * second[2]) / 3)
 
 
 def test_model_without_queries_gives_nan_and_leaves_others_alone() -> None:

@@ -29,7 +29,7 @@ NONE, ES, RS, CENTROID = range(4)
 
 
 class NoRelationMap(Exception):
-    """A model that has no map of its relations was asked where a triple puts an entity."""
+    """The model has no map of its relations, so that a triple does not say where it puts an entity."""
 
 
 @dataclass(frozen=True)
