@@ -81,15 +81,15 @@ def paper() -> tuple[Any, Any]:
 
 def small_results(names: Sequence[str] = tuple(GRAPHS), studies: bool = True, **changes: Any) -> Results:
     """Results of experiments with random numbers in every cell, and of all studies or of none."""
-    how = small_params(names, **changes)
-    experiments = {name: _experiment(how, name) for name in names}
+    params = small_params(names, **changes)
+    experiments = {name: _experiment(params, name) for name in names}
     values, vocabulary = paper()
     definitions = pd.DataFrame({"phrase": ["cup", "fan"], "definition": ["it breaks", "cools the kitchen"]})
-    found = {"params": how, "run": {"Versions": {"python": "3"}}, "paper": values, "vocabulary": vocabulary,
+    found = {"params": params, "run": {"Versions": {"python": "3"}}, "paper": values, "vocabulary": vocabulary,
              "definitions": definitions, "experiments": experiments, "observed": _observed(),
              "mined": _mined()}  # fmt: skip
     breakdown = {"query_breakdown": {name: _query_breakdown(one) for name, one in experiments.items()}}
-    return Results(**found, **(_analyses(how, experiments) | breakdown if studies else {}))
+    return Results(**found, **(_analyses(params, experiments) | breakdown if studies else {}))
 
 
 def _numbers(rows: list[dict[str, Any]], key: str) -> pd.DataFrame:
@@ -108,8 +108,8 @@ def _cells(models: Sequence[str], sizes: Sequence[int], epochs: int = EPOCHS, **
     ]
 
 
-def _experiment(how: Params, name: str) -> Experiment:
-    initializers, sizes = how.initializers_of(name), how.experiments[name].sessions.sizes
+def _experiment(params: Params, name: str) -> Experiment:
+    initializers, sizes = params.initializers_of(name), params.experiments[name].sessions.sizes
     kinds = {"cup": "object", "kitchen": "room", "break": "affordance", "table": "object"}
     entities = pd.DataFrame({"entity": list(kinds), "kind": list(kinds.values())}).assign(source=GRAPHS[name]["source"])
     triples = [("cup", "atLocation", "kitchen", 3), ("cup", "hasAffordance", "break", 2),
@@ -130,7 +130,7 @@ def _experiment(how: Params, name: str) -> Experiment:
     splits = pd.DataFrame([{"seed": seed, "triple": triple, "split": "train"}
                            for seed in (0, 1) for triple in range(len(frame))])  # fmt: skip
     return Experiment(
-        name=name, suffix="" if name == next(iter(how.experiments)) else f"_{name}", params=how,
+        name=name, suffix="" if name == next(iter(params.experiments)) else f"_{name}", params=params,
         initializers=initializers, entities=entities.assign(phrase=entities["entity"]), triples=frame,
         coverage=entities.assign(served_by=["file"] * (len(entities) - 1) + [None]), splits=splits, novel=novel,
         insert_triples=novel.assign(triple=0), theta0_log=_numbers(log, name), joint_log=_numbers(log, f"{name} joint"),
@@ -172,14 +172,14 @@ def _query_breakdown(experiment: Experiment) -> BreakdownTables:
     return BreakdownTables(queries.assign(mrr=numbers), pd.DataFrame(used))
 
 
-def _analyses(how: Params, experiments: dict[str, Experiment]) -> dict[str, Analysis[Any]]:
+def _analyses(params: Params, experiments: dict[str, Experiment]) -> dict[str, Analysis[Any]]:
     """Of the first experiment, but for affordances, which are of the last."""
     first, last = (list(experiments.values())[place] for place in (0, -1))
-    swept = [row for k in how.sweep.k for row in _cells(list(how.sweep.initializers), [2], k=k)]
+    swept = [row for k in params.sweep.k for row in _cells(list(params.sweep.initializers), [2], k=k)]
     rates = [row for factor in (0.5, 2.0) for row in _cells(first.initializers, [2], factor=factor)]
-    folds = [setting.model_dump() | {"fold": fold, "epoch": 20} for setting in how.settings for fold in (0, 1)]
+    folds = [setting.model_dump() | {"fold": fold, "epoch": 20} for setting in params.settings for fold in (0, 1)]
     families = [{"family": name, "seed": seed, "epochs": 50, "valid_mrr_star": 0.5, "queries": 4}
-                for name in how.compare_models.models for seed in (0, 1)]  # fmt: skip
+                for name in params.compare_models.models for seed in (0, 1)]  # fmt: skip
     answers = [{"model": model, "seed": 0, "entity": len(last.entities) - 1, "answer": answer, "rank": answer + 1}
                for model in last.initializers for answer in range(len(last.entities))]  # fmt: skip
     rng, number = np.random.default_rng(7), len(first.entities)
@@ -195,13 +195,13 @@ def _analyses(how: Params, experiments: dict[str, Experiment]) -> dict[str, Anal
         "embedding_models": Analysis(first, _numbers(families, "families")),
         "affordances": Analysis(last, pd.DataFrame(answers)),
         "trajectory": Analysis(first, approach),
-        "explorer": Analysis(first, _singles(how, len(first.entities))),
+        "explorer": Analysis(first, _singles(params, len(first.entities))),
     }
 
 
-def _singles(how: Params, entities: int) -> dict[str, pd.DataFrame]:
+def _singles(params: Params, entities: int) -> dict[str, pd.DataFrame]:
     """Single insertions of the first entity and the last, each in a seed of its own."""
-    models, epochs, rng = [*SHOWN, how.explorer.best], how.explorer.epochs, np.random.default_rng(11)
+    models, epochs, rng = [*SHOWN, params.explorer.best], params.explorer.epochs, np.random.default_rng(11)
     steps = [(JOINT, 0), *product(models, (0, epochs))]
     shown = {0: 0, entities - 1: 1}
     indicators = [{"entity": entity, "model": model, "fallback": None, "indicator": other, "weight": 0.5,

@@ -81,7 +81,6 @@ def test_answers_go_by_mean_rank_over_repeats_and_those_that_are_no_affordance_a
     ]
     assert found.top("rs", "fan")[0] == ("kitchen", "room")
     assert found.top("es", "stove") == []
-    assert (found.repeats("fan"), found.repeats("stove")) == (2, 0)
     assert found.judged("es", ["fan"], {"fan": ["open"]}) == {
         "affordances": 2, "wrong": 2, "plausible": 1, "unlikely": 1,
     }  # fmt: skip

@@ -129,11 +129,8 @@ def wide(frame: pd.DataFrame, rows: Sequence[tuple[Any, ...]], groups: Mapping[A
 
 def halves(runs: pd.DataFrame, models: Sequence[str], *scopes: str) -> dict[Any, list[Any]]:
     """Columns of mean MRR* in points with its entity and its relation half, scope by scope; a cell for each model."""
-    return wide(
-        over_seeds(runs, ["scope", "model"], HALVES),
-        [(model,) for model in models],
-        dict(zip(scopes, scopes, strict=True)),
-    )
+    means = over_seeds(runs, ["scope", "model"], HALVES)
+    return wide(means, [(model,) for model in models], {scope: scope for scope in scopes})
 
 
 def ordered_rows(means: pd.DataFrame, models: Sequence[str], **orders: Sequence[Any]) -> pd.DataFrame:
@@ -180,8 +177,8 @@ def over_seeds(rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str]
 
 def by_model(rows: pd.DataFrame, column: str, models: Sequence[str], scale: float = 100.0) -> dict[str, Estimate]:
     """Mean of a column for each model that has any, in the models' order, with intervals over seeds."""
-    found = over_seeds(rows, ["model"], {column: "mean"}, scale)["mean"]
-    return {model: found[model] for model in models if model in found.index}
+    estimates = over_seeds(rows, ["model"], {column: "mean"}, scale)["mean"]
+    return {model: estimates[model] for model in models if model in estimates.index}
 
 
 def ratios(over: np.ndarray, under: np.ndarray) -> np.ndarray:
@@ -194,17 +191,17 @@ def ratios(over: np.ndarray, under: np.ndarray) -> np.ndarray:
         over: a column a seed.
         under: likewise; a seed for which it is null takes no part.
     """
-    found, present = np.full((len(over), 3), np.nan), ~np.isnan(under)
+    estimates, present = np.full((len(over), 3), np.nan), ~np.isnan(under)
     for pattern in np.unique(present, axis=0):
         rows, seeds = (present == pattern).all(1), int(pattern.sum())
         upper, lower = over[rows][:, pattern], under[rows][:, pattern]
         if seeds:
-            found[rows, 0] = upper.sum(1) / lower.sum(1)
+            estimates[rows, 0] = upper.sum(1) / lower.sum(1)
         if seeds > 1:
             even = (lower == lower[:, :1]).all()  # as where every seed has as many values
             below = lower[:, :1] * seeds if even else _resampled(lower)
-            found[rows, 1:] = _bounds(_resampled(upper) / below)
-    return found
+            estimates[rows, 1:] = _bounds(_resampled(upper) / below)
+    return estimates
 
 
 def _bounds(resampled: np.ndarray) -> np.ndarray:

@@ -237,7 +237,6 @@ def _within(rows: pd.DataFrame, choice: Setting, other: Setting) -> bool:
 
 
 def _of_setting(rows: pd.DataFrame, setting: Setting) -> pd.DataFrame:
-    """The folds of one setting."""
     return rows[(rows[list(setting)] == pd.Series(setting)).all(axis=1)]
 
 
@@ -274,7 +273,6 @@ def embedding_models(results: Results) -> Iterator[Content]:
 
 
 def _class_name(model: str) -> str:
-    """What people call an embedding model."""
     return MODELS.get(model, f"models.{model}").__name__
 
 

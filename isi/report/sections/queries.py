@@ -119,16 +119,13 @@ class Answers:
         """The kinds in words: affordances."""
         return joined(f"{kind}s" for kind in self.kinds)
 
-    def repeats(self, entity: str) -> int:
-        """How many repeats inserted an entity."""
-        return int(self._about(entity)["seed"].nunique())
-
-    def _about(self, entity: str) -> pd.DataFrame:
+    def about(self, entity: str) -> pd.DataFrame:
+        """The ranks in every repeat that inserted an entity."""
         return self.ranks[self.ranks["entity"].isin(self.entities.index[self.entities["entity"] == entity])]
 
     def top(self, model: str, entity: str) -> list[tuple[str, str]]:
         """The answers of lowest mean rank over the repeats that inserted an entity, each with its kind."""
-        ranks = self._about(entity)
+        ranks = self.about(entity)
         known = ranks[(ranks["model"] == model) & (ranks["answer"].map(self.entities["source"]) == self.source)]
         best = known.groupby("answer")["rank"].mean().sort_values(kind="stable").index[:TOP]
         return [(str(answer), str(kind)) for answer, kind in self.entities.loc[best, ["entity", "kind"]].to_numpy()]
@@ -197,7 +194,7 @@ def ranked(answers: Answers, entities: Sequence[str], models: Sequence[str]) -> 
         for entity in entities for model in models
     }  # fmt: skip
     return [
-        {"entity": f"{entity} (n = {answers.repeats(entity)})", "": f"{place + 1}."}
+        {"entity": f"{entity} (n = {answers.about(entity)['seed'].nunique()})", "": f"{place + 1}."}
         | {label(model): marks[entity, model][place] for model in models}
         for entity in entities for place in range(TOP)
     ]  # fmt: skip

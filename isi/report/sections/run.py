@@ -31,7 +31,6 @@ def graph(results: Results) -> Iterator[Content]:
 
 
 def _of_graph(results: Results, experiment: Experiment) -> Content:
-    """Table 1, where the source has scenes, the size of the graph, and what relation prediction is on it."""
     paper, entities, triples = results.paper["graph"], experiment.entities, experiment.triples
     observations = results.observed[experiment.settings.graph.source].observations
     has_scenes = bool(observations["scene"].notna().any())
