@@ -14,7 +14,6 @@ from isi.analyses.single_insertions import SHOWN, TABLES
 from isi.report import page
 from isi.report.data import Analysis, Experiment
 from isi.report.words import label
-from isi.tables import io
 from tests.browser import Opened, opened
 from tests.reports import small_results
 from tests.small_grid import EXPLORER, explorer_task
@@ -34,13 +33,12 @@ Shown = dict[str, pd.DataFrame]
 
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory: pytest.TempPathFactory) -> Shown:
-    folder, found = tmp_path_factory.mktemp("explorer"), {}
+    folder, tables = tmp_path_factory.mktemp("explorer"), {}
     done = single_insertions.single_insertions(*explorer_task())
-    for what, (schema, order) in TABLES.items():
-        frame = done[what].sort_values(order, kind="stable")
-        schema.write_file(folder / what, frame, "single_insertions")
-        found[what] = io.read_text(folder / what, schema)
-    return found
+    for name, (table, order) in TABLES.items():
+        table.write_file(folder / name, done[name].sort_values(order, kind="stable"), "single_insertions")
+        tables[name] = replace(table, template=f"{folder}/{name}").read_text()
+    return tables
 
 
 @pytest.fixture(scope="module")
