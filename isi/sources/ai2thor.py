@@ -159,6 +159,7 @@ def _containment(scene: Scene, find_cycles: bool) -> Iterator[tuple[str, str, st
     """Id and receptacle of what lies in it, the floor left out; or id, problem and fault where that cannot be."""
     type_of = {thing["objectId"]: entity_name(thing["objectType"]) for thing in scene.objects}
     parents = {thing["objectId"]: thing.get("parentReceptacles") or [] for thing in scene.objects}
+    inside = {name: frozenset(listed) for name, listed in parents.items()}
     cycle_of: dict[str, int] = {}  # alike for objects that lie, themselves or through others, in each other
     if find_cycles:
         import networkx as nx  # here, since few ask for it
@@ -172,7 +173,7 @@ def _containment(scene: Scene, find_cycles: bool) -> Iterator[tuple[str, str, st
         for content in thing.get("receptacleObjectIds") or ():
             if content not in parents:
                 yield name, f"it holds {short(content)}, which is not in the scene", NOT_THERE
-            elif name not in parents[content]:
+            elif name not in inside[content]:
                 yield name, f"it holds {short(content)}, which lies elsewhere", ELSEWHERE
     for name, listed in parents.items():
         for parent in listed if type_of[name] != FLOOR else ():
