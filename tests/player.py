@@ -30,9 +30,9 @@ def install(folder: Path, scenes: Mapping[str, object], *misbehaviours: Mapping[
     Args:
         folder: where it and what it knows are put.
         scenes: objects by floor plan.
-        misbehaviours: of each ``at``, the action (``Start`` before the first) and, where it is told, ``scene`` at which
+        misbehaviours: of each ``at``, the action (``Start`` before the first) and, if given, ``scene`` at which
             it does what ``does`` says: ``die``, ``hang``, or ``fail`` with a ``code`` and a ``message``; ``times``
-            often, where it is told.
+            often, if given.
 
     Returns:
         the program, which writes each action that it is sent into the file ``actions`` in its folder.
@@ -59,8 +59,8 @@ class Player:
     def __init__(self, folder: Path, arguments: Sequence[str]) -> None:
         known = json.loads((folder / "known.json").read_text(encoding="utf-8"))
         self.folder, self.scenes, self.misbehaviours = folder, known["scenes"], known["misbehaviours"]
-        told = dict(pairwise(arguments))
-        self.width, self.height = int(told["-screen-width"]), int(told["-screen-height"])
+        options = dict(pairwise(arguments))
+        self.width, self.height = int(options["-screen-width"]), int(options["-screen-height"])
         self.scene, self.objects = "", []
         self.sequence = 0
 

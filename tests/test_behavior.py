@@ -48,8 +48,8 @@ def mined(folder: Path | str, **changes: object) -> Observations:
 
 
 def test_each_object_is_in_its_room_and_has_the_affordances_of_its_properties_once(tmp_path: Path) -> None:
-    found = mined(folder_of(tmp_path))
-    observations, kinds = found.table, found.kinds
+    observed = mined(folder_of(tmp_path))
+    observations, kinds = observed.table, observed.kinds
     assert set(observations["scene"]) == {"House_0"}
     seen = [
         (row.room, row.instance, row.head, row.relation, row.tail, row.count)
@@ -67,7 +67,7 @@ def test_each_object_is_in_its_room_and_has_the_affordances_of_its_properties_on
         expected.append((room, instance, "cabinet", "atLocation", room, count))
         expected += [(room, instance, "cabinet", "hasAffordance", does, count) for does in ("burn", "close", "open")]
     assert sorted(seen) == sorted(expected)
-    assert found.counts == dict(zip(STEPS, (10, 6), strict=True))
+    assert observed.counts == dict(zip(STEPS, (10, 6), strict=True))
     assert dict(zip(kinds["entity"], kinds["kind"], strict=True)) == {
         "burn": "affordance", "cabinet": "object", "child's room": "room", "close": "affordance", "heat": "affordance",
         "kitchen": "room", "locker": "object", "open": "affordance", "stove": "object",
@@ -100,11 +100,11 @@ def has_package() -> bool:
 @pytest.mark.skipif(not has_package(), reason="needs the package bddl 3.6.0")
 def test_the_package_read_as_shipped_has_51_scenes_and_all_their_instances() -> None:
     shipped = read_params(ROOT / paths.BEYOND_PARAMS)["graphs"]["behavior"]["source"]
-    how = {key: value for key, value in shipped.items() if key not in ("reader", "from")}
-    assert (shipped["reader"], shipped["from"], set(how)) == ("behavior", "package", set(SETTINGS))
-    found = mined("package", **how)
-    observations, kinds = found.table, found.kinds
+    settings = {key: value for key, value in shipped.items() if key not in ("reader", "from")}
+    assert (shipped["reader"], shipped["from"], set(settings)) == ("behavior", "package", set(SETTINGS))
+    observed = mined("package", **settings)
+    observations, kinds = observed.table, observed.kinds
     assert observations["scene"].nunique() == 51
-    assert found.counts == dict(zip(STEPS, (36_164, 34_950), strict=True))
+    assert observed.counts == dict(zip(STEPS, (36_164, 34_950), strict=True))
     assert observations.loc[observations["relation"] == "atLocation", "count"].sum() == 34_950
     assert kinds["kind"].value_counts().to_dict() == {"object": 522, "room": 39, "affordance": 25}

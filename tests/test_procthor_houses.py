@@ -160,11 +160,11 @@ def test_the_source_mines_a_file_with_what_the_real_recording_says(
     monkeypatch.setattr(procthor, "recorded_types", RECORDED_TYPES)
     make_houses.write(tmp_path / "x.jsonl.gz", 3)
     given = {"reader": "procthor_houses", "path": str(tmp_path / "x.jsonl.gz"), "sha256": None, "materials": materials}
-    found = observations_of(given)
-    frame = found.table.astype(str)
+    mined = observations_of(given)
+    frame = mined.table.astype(str)
     assert {"atLocation", "hasMaterial", "hasAffordance"} == set(frame["relation"])
-    assert found.counts[INSTANCES] == len(frame[["scene", "instance"]].drop_duplicates())
-    assert {INSTANCES, OUTSIDE, TAKEN, UNNAMED, ELSEWHERE} <= set(found.counts)  # told, though there are none
+    assert mined.counts[INSTANCES] == len(frame[["scene", "instance"]].drop_duplicates())
+    assert {INSTANCES, OUTSIDE, TAKEN, UNNAMED, ELSEWHERE} <= set(mined.counts)  # though there are none
     switches = frame[(frame["head"] == "light switch") & (frame["relation"] == "hasAffordance")]
     assert set(switches["tail"]) == {"turn on", "turn off"}
 

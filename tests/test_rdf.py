@@ -42,17 +42,17 @@ def home(tmp_path: Path) -> Path:
 
 
 def test_triples_between_named_things_are_observations_and_the_others_are_counted(home: Path) -> None:
-    found = observe("rdf", home)
-    assert found.rows("scene", "room", "instance", *TRIPLE, "count") == [
+    observed = observe("rdf", home)
+    assert observed.rows("scene", "room", "instance", *TRIPLE, "count") == [
         (None, None, None, *row, 1) for row in EXPECTED
     ]
-    assert found.counts == {LITERALS: 1, BLANK: 2, STRUCTURE: 3}
+    assert observed.counts == {LITERALS: 1, BLANK: 2, STRUCTURE: 3}
 
 
 def test_types_are_kinds_and_english_labels_are_phrases(home: Path) -> None:
-    found = observe("rdf", home)
-    assert found.kind_of() == {"kitchen": "Room", "mug": "Object", "side table": "entity"}
-    assert found.phrase_of() == {"kitchen": "kitchen", "mug": "coffee mug", "side table": "side table"}
+    observed = observe("rdf", home)
+    assert observed.kind_of() == {"kitchen": "Room", "mug": "Object", "side table": "entity"}
+    assert observed.phrase_of() == {"kitchen": "kitchen", "mug": "coffee mug", "side table": "side table"}
 
 
 VOCABULARY = """
@@ -63,9 +63,9 @@ VOCABULARY = """
 
 
 def test_types_and_labels_of_what_is_no_entity_are_not_looked_at(home: Path, tmp_path: Path) -> None:
-    expected, found = observe("rdf", home), observe("rdf", written(tmp_path / "more.ttl", HOME + VOCABULARY))
-    assert found.rows(*TRIPLE) == expected.rows(*TRIPLE)
-    assert found.kinds.equals(expected.kinds)
+    expected, observed = observe("rdf", home), observe("rdf", written(tmp_path / "more.ttl", HOME + VOCABULARY))
+    assert observed.rows(*TRIPLE) == expected.rows(*TRIPLE)
+    assert observed.kinds.equals(expected.kinds)
 
 
 def test_ntriples_and_compressed_files_give_the_same(home: Path, tmp_path: Path) -> None:
@@ -74,17 +74,17 @@ def test_ntriples_and_compressed_files_give_the_same(home: Path, tmp_path: Path)
     packed = written(tmp_path / "home.ttl.gz", gzip.compress(HOME.encode()))
     commented = written(tmp_path / "more.nt", "# mine\r\n\r\n" + (tmp_path / "home.nt").read_text(encoding="utf-8"))
     for path in (tmp_path / "home.nt", packed, commented):
-        found = observe("rdf", path)
-        assert sorted(found.rows(*TRIPLE)) == EXPECTED, path
-        assert found.kinds.equals(expected.kinds)
-        assert found.counts == expected.counts
+        observed = observe("rdf", path)
+        assert sorted(observed.rows(*TRIPLE)) == EXPECTED, path
+        assert observed.kinds.equals(expected.kinds)
+        assert observed.counts == expected.counts
 
 
 def test_what_a_table_of_entities_says_goes_before_types_and_labels(home: Path, tmp_path: Path) -> None:
     listed = written(tmp_path / "names.csv", "entity,kind,phrase\nmug,cup,beaker\nside table,table,\n")
-    found = observe("rdf", home, entities=str(listed))
-    assert found.kind_of() == {"kitchen": "Room", "mug": "cup", "side table": "table"}
-    assert found.phrase_of()["mug"] == "beaker"
+    observed = observe("rdf", home, entities=str(listed))
+    assert observed.kind_of() == {"kitchen": "Room", "mug": "cup", "side table": "table"}
+    assert observed.phrase_of()["mug"] == "beaker"
 
 
 def test_kinds_come_from_relations_where_there_is_no_type(home: Path) -> None:

@@ -89,8 +89,8 @@ def test_scenes_are_recorded_as_the_simulator_gives_them(tmp_path: Path, server:
 
 def test_seeds_give_several_layouts_of_a_floor_plan(tmp_path: Path) -> None:
     program, output = player.install(tmp_path / "player", SCENES), tmp_path / "r"
-    found = recorded(program, output, scenes=["FloorPlan1"], spawns=[None, 0, 1])
-    assert found == ["FloorPlan1", "FloorPlan1#0", "FloorPlan1#1"]
+    recorded_names = recorded(program, output, scenes=["FloorPlan1"], spawns=[None, 0, 1])
+    assert recorded_names == ["FloorPlan1", "FloorPlan1#0", "FloorPlan1#1"]
     _, *scenes = (json.loads(line)["objects"] for line in gzip.decompress(output.read_bytes()).splitlines()[1:])
     expected = player.spawned(KITCHEN, 0), player.spawned(KITCHEN, 1)
     assert [[thing["parentReceptacles"] for thing in objects] for objects in scenes] == [
@@ -149,11 +149,11 @@ def test_a_player_that_does_not_answer_is_waited_for_no_longer_than_params_say_a
     began = time.monotonic()
     line = refusal(program, tmp_path / "r", server=server, **limits)
     assert time.monotonic() - began < 20  # the other limit, which the line tells as well, is 60 s
-    own = {"seconds": 60.0, "start_seconds": 60.0, **limits}
-    start = f"{own['start_seconds']:g} s at the start (recorder.start_seconds)"
-    assert line.endswith(f"no answer within {own['seconds']:g} s (recorder.seconds), or {start}")
-    found = subprocess.run(["pgrep", "-f", str(tmp_path / "player")], capture_output=True, check=False)  # noqa: S607
-    assert found.stdout == b""
+    allowed = {"seconds": 60.0, "start_seconds": 60.0, **limits}
+    start = f"{allowed['start_seconds']:g} s at the start (recorder.start_seconds)"
+    assert line.endswith(f"no answer within {allowed['seconds']:g} s (recorder.seconds), or {start}")
+    players = subprocess.run(["pgrep", "-f", str(tmp_path / "player")], capture_output=True, check=False)  # noqa: S607
+    assert players.stdout == b""
 
 
 @both
@@ -186,7 +186,7 @@ def test_an_answer_without_the_scene_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "problem"),
     [
         ({"platform": "Linux64"}, "params.yaml: recorder.platform: Linux64: No valid X display found "),
         ({"scenes": []}, "params.yaml: recorder.scenes: "),
@@ -196,16 +196,16 @@ def test_an_answer_without_the_scene_is_refused(
     ],
 )
 def test_settings_that_cannot_be_are_refused_by_their_key_and_nothing_is_started(
-    tmp_path: Path, changes: dict[str, object], said: str
+    tmp_path: Path, changes: dict[str, object], problem: str
 ) -> None:
-    with pytest.raises(InputError, match=f"^{said}"):
+    with pytest.raises(InputError, match=f"^{problem}"):
         recorded("unused", tmp_path / "r", **changes)
     assert not (tmp_path / "r").exists()
 
 
 def test_groups_and_ranges_list_floor_plans_in_order() -> None:
-    how = config.check({**RAW["recorder"], "scenes": ["FloorPlan_Val1_2-3", "ithor"]}, Recorder, "recorder")
-    plans = [layout.plan for layout in how.layouts]
+    recorder = config.check({**RAW["recorder"], "scenes": ["FloorPlan_Val1_2-3", "ithor"]}, Recorder, "recorder")
+    plans = [layout.plan for layout in recorder.layouts]
     assert plans[:3] == ["FloorPlan_Val1_2", "FloorPlan_Val1_3", "FloorPlan1"]
     assert len(plans) == 122
     apartments = config.check({**RAW["recorder"], "scenes": ["robothor"]}, Recorder, "recorder").layouts
@@ -229,8 +229,8 @@ def test_apartments_of_the_simulator_are_found_where_the_recorder_was_told_to_pu
     monkeypatch.chdir(tmp_path)
     program = player.install(tmp_path / "player", {"FloorPlan_Val2_1": [DESK, CUP]})
     recorded(program, Path("data/recordings/robothor.jsonl.gz"), scenes=["FloorPlan_Val2_1"])
-    found = observations_of({**ROBOTHOR, "from": "simulator"})
-    assert found.rows("scene", "instance", "head", "relation", "tail") == [
+    observed = observations_of({**ROBOTHOR, "from": "simulator"})
+    assert observed.rows("scene", "instance", "head", "relation", "tail") == [
         ("FloorPlan_Val2_1", "Desk|1", "desk", "atLocation", "apartment"),
         ("FloorPlan_Val2_1", "Desk|1", "desk", "hasMaterial", "wood"),
         ("FloorPlan_Val2_1", "Cup|1", "cup", "atLocation", "apartment"),

@@ -82,10 +82,10 @@ def test_any_mapping_of_sources_is_run_and_those_that_cannot_be_are_told(capsys:
     assert [one.name for one in measured] == ["mp3d"]
     assert (measured[0].scenes, measured[0].instances) == (0, 0)
     assert int(measured[0].counts.sum()) == measured[0].left["without structure"]
-    told = capsys.readouterr().err.splitlines()
-    assert len(told) == 2
-    assert told[0].startswith("left out gone: nowhere.jsonl: ")
-    assert told[1].startswith("left out odd: ")
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert lines[0].startswith("left out gone: nowhere.jsonl: ")
+    assert lines[1].startswith("left out odd: ")
 
 
 def test_sources_of_all_files_of_params_are_listed(tmp_path: Path) -> None:

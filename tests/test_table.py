@@ -98,9 +98,9 @@ def test_names_of_any_script_come_through(
 
 
 def test_without_more_all_entities_are_of_one_kind_and_their_phrases_are_the_words_of_their_names(log: Path) -> None:
-    found = observe("table", log)
-    assert set(found.kind_of().values()) == {"entity"}
-    assert found.phrase_of() == {"TVStand": "tv stand", "kitchen": "kitchen", "mug": "mug", "wood": "wood"}
+    observed = observe("table", log)
+    assert set(observed.kind_of().values()) == {"entity"}
+    assert observed.phrase_of() == {"TVStand": "tv stand", "kitchen": "kitchen", "mug": "mug", "wood": "wood"}
     assert [phrase(name) for name in ("side_table", "_", "Ölfaß")] == ["side table", "_", "ölfaß"]
 
 
@@ -118,9 +118,9 @@ def test_a_table_of_entities_goes_before_relations(log: Path, tmp_path: Path) ->
     listed = written(
         tmp_path / "names.tsv", "entity\tkind\tphrase\nmug\tcup\tcoffee mug\nkitchen\t\tgalley\nunseen\tx\t\n"
     )
-    found = observe("table", log, kinds=HOMELY, entities=str(listed))
-    assert found.kind_of() == {"TVStand": "thing", "kitchen": "place", "mug": "cup", "wood": "stuff"}
-    assert found.phrase_of() == {"TVStand": "tv stand", "kitchen": "galley", "mug": "coffee mug", "wood": "wood"}
+    observed = observe("table", log, kinds=HOMELY, entities=str(listed))
+    assert observed.kind_of() == {"TVStand": "thing", "kitchen": "place", "mug": "cup", "wood": "stuff"}
+    assert observed.phrase_of() == {"TVStand": "tv stand", "kitchen": "galley", "mug": "coffee mug", "wood": "wood"}
 
 
 # What is refused

@@ -79,29 +79,29 @@ def test_what_is_dropped_goes_from_every_list() -> None:
 
 
 def test_the_headline_has_a_part_for_each_experiment(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    own = {"immediate_mrr_star": {"all": {"es": 71.25}, "novel": {"es": 60.0}}}
+    metrics = {"immediate_mrr_star": {"all": {"es": 71.25}, "novel": {"es": 60.0}}}
     other = {"immediate_mrr_star": {"all": {"rs": 50.0}, "novel": {}}}
-    (tmp_path / "metrics.json").write_text(json.dumps({**own, "graph": {"entities": 3}, "elsewhere": other}))
+    (tmp_path / "metrics.json").write_text(json.dumps({**metrics, "graph": {"entities": 3}, "elsewhere": other}))
     headline.main(tmp_path)
-    said = capsys.readouterr().out
-    lines = [line.split() for line in said.splitlines() if line]
+    printed = capsys.readouterr().out
+    lines = [line.split() for line in printed.splitlines() if line]
     assert ["es", "71.25", "60.00"] in lines
     assert lines.index(["rs", "50.00"]) > next(place for place, line in enumerate(lines) if line[0] == "elsewhere")
-    assert said.rstrip().endswith("index.html")
+    assert printed.rstrip().endswith("index.html")
 
 
 def test_progress_counts_what_runs_and_what_is_skipped() -> None:
     progress = repro.Progress(["mine", "train", "report"], {"mine": 1.0, "train": 60.0, "report": 120.0})
-    said = []
+    printed = []
     for line in (
         "Stage 'mine' didn't change, skipping",
         "Running stage 'train':",
         "> exec python",
         "Running stage 'report':",
     ):
-        if found := repro.BEGINS.match(line):
-            said.append(progress.begin(found["stage"] or found["same"], bool(found["stage"])))
-    assert said == [
+        if match := repro.BEGINS.match(line):
+            printed.append(progress.begin(match["stage"] or match["same"], bool(match["stage"])))
+    assert printed == [
         None,
         "[2 of 3; 0 min gone; at most about 3 min left]",
         "[3 of 3; 0 min gone; at most about 2 min left]",
@@ -112,11 +112,11 @@ def test_progress_counts_what_runs_and_what_is_skipped() -> None:
 def test_the_second_way_of_computing_shares_no_code_with_the_library() -> None:
     """Nor with the tools around it."""
     listed = {"verify": {"tools.recomputed"}, "recomputed": set()}
-    for name, own in listed.items():
+    for name, allowed in listed.items():
         nodes = list(ast.walk(ast.parse((ROOT / f"tools/{name}.py").read_text(encoding="utf-8"))))
         imported = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
         imported |= {str(node.module) for node in nodes if isinstance(node, ast.ImportFrom)}
-        assert {module for module in imported if module.split(".")[0] in ("isi", "stages", "tools", "tests")} == own
+        assert {module for module in imported if module.split(".")[0] in ("isi", "stages", "tools", "tests")} == allowed
         assert not {module.split(".")[0] for module in imported} & {"torch", "pandas", "importlib"}
 
 
@@ -137,9 +137,9 @@ def test_the_second_way_of_computing_shares_no_code_with_the_library() -> None:
     ],
 )
 def test_what_dvc_says_names_a_stage_of_either_pipeline(line: str, stage: str | None, runs: bool | None) -> None:
-    found = repro.BEGINS.match(line)
-    assert (found and (found["stage"] or found["same"])) == stage
-    assert (found and bool(found["stage"])) == runs
+    match = repro.BEGINS.match(line)
+    assert (match and (match["stage"] or match["same"])) == stage
+    assert (match and bool(match["stage"])) == runs
 
 
 #: As DVC writes it.

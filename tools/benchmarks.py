@@ -148,9 +148,9 @@ def scaling(rows: pd.DataFrame) -> Figure:
     canvas = Figure(figsize=(8, 3.4), layout="constrained")
     left, right = canvas.subplots(1, 2)
     for form, part in rows.sort_values("entities").groupby("form", sort=False):
-        how = {"color": COLOURS[str(form)], "marker": "o", "ms": 3, "label": f"batches as {form}"}
-        left.loglog(part["entities"], 1e6 * _per_observation(part), **how)
-        right.semilogx(part["entities"], part["training_mib"], **how)
+        style = {"color": COLOURS[str(form)], "marker": "o", "ms": 3, "label": f"batches as {form}"}
+        left.loglog(part["entities"], 1e6 * _per_observation(part), **style)
+        right.semilogx(part["entities"], part["training_mib"], **style)
     switches = (DENSE_LIMIT, "--", "where batches become lists"), (crossing(rows), ":", "where both cost the same")
     for axes in (left, right):
         for cells, line, what in switches:

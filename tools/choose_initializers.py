@@ -1,9 +1,9 @@
 """Compare settings of initializers on known entities, hidden as if they were novel, as params.yaml's were chosen.
 
-Some entities of each D⁰ are hidden, and an embedding is learned without them: in Θ⁰ itself the vectors of their
-neighbours would give them away. A part of their training triples is told, as of novel ones, and what is left of their
-training and validation triples is asked about (scope novel). Its own novel entities have no part in this, and
-neither has a test triple, but for the counts that true ranks come from. Writes the tables that the documentation shows.
+Some entities of each D⁰ are hidden, and an embedding is trained without them: in Θ⁰ itself the vectors of their
+neighbours would give them away. A part of their training triples are their insert triples, and the rest of their
+training and validation triples is ranked (scope novel). The novel entities of the grid point have no part in this,
+and neither has a test triple, but for the counts that true ranks come from. Writes the tables of the documentation.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ def hide(points: GridPoints, number: int, draw: int, root: int, fraction: float)
     before = points.session(0)
     splits = before.splits.masked_fill(~before.members(TRAIN, VALID), OUT).numpy()
     novel = [
-        np.sort(stream(root, "hidden", seed, draw).choice(np.flatnonzero(own), number, replace=False))
-        for seed, own in zip(points.seeds, before.trained().numpy(), strict=True)
+        np.sort(stream(root, "hidden", seed, draw).choice(np.flatnonzero(trained), number, replace=False))
+        for seed, trained in zip(points.seeds, before.trained().numpy(), strict=True)
     ]
     hidden = replace(points, size=number, splits=splits, novel=np.stack(novel)[:, None], insert_triples=no_triples())
     return replace(hidden, insert_triples=insert_triples_of(hidden, root, draw, fraction))
@@ -76,23 +76,23 @@ def hide(points: GridPoints, number: int, draw: int, root: int, fraction: float)
 def insert_triples_of(points: GridPoints, root: int, draw: int, fraction: float) -> np.ndarray:
     """(session, model, place in ``novel``, triple) of the insert triples of hidden entities; shape (I, 4)."""
     rows = [
-        (1, model, own[0].tolist().index(entity), triple)
-        for model, (seed, splits, own) in enumerate(zip(points.seeds, points.splits, points.novel, strict=True))
-        for entity, triple in sample_insert_triples(points.graph, splits, own, 1, root, 1000 * draw + seed, fraction)
+        (1, model, novel[0].tolist().index(entity), triple)
+        for model, (seed, splits, novel) in enumerate(zip(points.seeds, points.splits, points.novel, strict=True))
+        for entity, triple in sample_insert_triples(points.graph, splits, novel, 1, root, 1000 * draw + seed, fraction)
     ]
     return np.array(rows, dtype=np.int64)
 
 
 def tasks_of(
-    params: Params, experiment: str, asked: argparse.Namespace, settings: list[Setting]
+    params: Params, experiment: str, given: argparse.Namespace, settings: list[Setting]
 ) -> list[tuple[GridPoints, StackedVectors, np.ndarray, int, list[Setting]]]:
     """Draws of hidden entities at every grid point of a size, and embeddings that were learned without them."""
     store, chosen, fraction = Store(experiment), train_config(params), params.sessions.insert_fraction
     words = store.words()
     drawn = [
-        hide(points, asked.hidden, draw, params.seed, fraction)
-        for points in store.grid(asked.stack, asked.size, asked.seeds)
-        for draw in range(asked.draws)
+        hide(points, given.hidden, draw, params.seed, fraction)
+        for points in store.grid(given.stack, given.size, given.seeds)
+        for draw in range(given.draws)
     ]
     trained = run(train_stack, [(points, chosen) for points in drawn], params.compute, f"{experiment}: theta")
     return [(points, result.theta, words, params.seed, settings) for points, result in zip(drawn, trained, strict=True)]
@@ -125,19 +125,19 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=2, help="of hidden entities at each grid point")
     parser.add_argument("--hidden", type=int, default=5, help="entities in each draw")
     parser.add_argument("--stack", type=int, default=5)
-    asked = parser.parse_args()
+    given = parser.parse_args()
     params = load()
-    fitting = [name for name, one in params.experiments.items() if asked.size in one.sessions.sizes]
-    settings, found = settings_of(asked.initializers, params.initializers), {}
-    for experiment in asked.experiments or fitting:
-        tasks = tasks_of(params, experiment, asked, settings)
-        found[experiment] = 100 * np.concatenate(run(measured, tasks, params.compute, experiment), 1)
-    write(table_of(settings, found), params.initializers)
+    fitting = [name for name, one in params.experiments.items() if given.size in one.sessions.sizes]
+    settings, results = settings_of(given.initializers, params.initializers), {}
+    for experiment in given.experiments or fitting:
+        tasks = tasks_of(params, experiment, given, settings)
+        results[experiment] = 100 * np.concatenate(run(measured, tasks, params.compute, experiment), 1)
+    write(table_of(settings, results), params.initializers)
 
 
-def table_of(settings: list[Setting], found: dict[str, np.ndarray]) -> pd.DataFrame:
+def table_of(settings: list[Setting], results: dict[str, np.ndarray]) -> pd.DataFrame:
     """Mean over the experiments, and each one's own; best settings first. Arrays are of shape (settings, sets, 2)."""
-    means = {experiment: np.nanmean(values, 1) for experiment, values in found.items()}
+    means = {experiment: np.nanmean(values, 1) for experiment, values in results.items()}
     means = {"": np.mean(list(means.values()), 0)} | (means if len(means) > 1 else {})
     columns = {
         f"{experiment}: {name}".removeprefix(": "): values[:, measure].round(2)
@@ -148,13 +148,13 @@ def table_of(settings: list[Setting], found: dict[str, np.ndarray]) -> pd.DataFr
     table = pd.DataFrame({"initializer": names, "options": [shown(one) for one in options]} | columns)
     ordered = table.sort_values("MRR*", ascending=False, kind="stable")
     parts = [ordered[ordered["initializer"] == name] for name in dict.fromkeys(names)]
-    return pd.concat([part.assign(**{"±": deviations(part.index, found)}) for part in parts])
+    return pd.concat([part.assign(**{"±": deviations(part.index, results)}) for part in parts])
 
 
-def deviations(rows: pd.Index, found: dict[str, np.ndarray]) -> np.ndarray:
+def deviations(rows: pd.Index, results: dict[str, np.ndarray]) -> np.ndarray:
     """Standard error of the difference in MRR* between settings and the first of them, over sets of hidden entities."""
-    variance = [np.nanvar(v[rows, :, 0] - v[rows[0], :, 0], 1) / (v.shape[1] - 1) for v in found.values()]
-    return (np.sqrt(np.sum(variance, 0)) / len(found)).round(2)
+    variance = [np.nanvar(v[rows, :, 0] - v[rows[0], :, 0], 1) / (v.shape[1] - 1) for v in results.values()]
+    return (np.sqrt(np.sum(variance, 0)) / len(results)).round(2)
 
 
 def shown(options: dict[str, Any]) -> str:

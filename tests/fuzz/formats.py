@@ -145,9 +145,9 @@ def _lawful(observations: pd.DataFrame, kinds: pd.DataFrame) -> str:
 
 def guessed(file: str) -> str:
     """Read a file as ``isi graph`` does, which tells its reader by what is in it."""
-    found = read(Path(file), None, {}, 0)
-    graph = build_tables(found.seen)
-    return f"{found.reader} {graph.triples.to_csv()} {graph.entities.to_csv()}"
+    given = read(Path(file), None, {}, 0)
+    graph = build_tables(given.seen)
+    return f"{given.reader} {graph.triples.to_csv()} {graph.entities.to_csv()}"
 
 
 def houses() -> str:
@@ -163,8 +163,8 @@ ASSETS = {"Asset_1": "Mug"}
 
 def words(file: str) -> str:
     """Read word vectors, and look phrases up."""
-    found = look_up(read_vectors(Path(file)), ["mug", "house plant", "none of them"])
-    return repr(found.served_by) + hashlib.sha256(found.vectors.tobytes()).hexdigest()
+    given = look_up(read_vectors(Path(file)), ["mug", "house plant", "none of them"])
+    return repr(given.served_by) + hashlib.sha256(given.vectors.tobytes()).hexdigest()
 
 
 def gone_on_with() -> str:

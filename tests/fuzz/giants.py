@@ -25,9 +25,14 @@ def crossing(number: int) -> bytes:
     """Objects of a scene, each in all others."""
     ids = [str(n) for n in range(number)]
     rows = [
-        {"objectId": own, "objectType": "Mug", key: [other for other in ids if other != own], "receptacleObjectIds": []}
+        {
+            "objectId": name,
+            "objectType": "Mug",
+            key: [other for other in ids if other != name],
+            "receptacleObjectIds": [],
+        }
         for key in ("parentReceptacles",)
-        for own in ids
+        for name in ids
     ]
     return json.dumps([row | {"receptacleObjectIds": row["parentReceptacles"]} for row in rows]).encode()
 

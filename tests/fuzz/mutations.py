@@ -214,9 +214,9 @@ def of_columns(draw: DrawFn, content: bytes) -> bytes:
     else:
         odd = draw(st.sampled_from(ODD_COLUMNS))
         row = draw(st.integers(0, table.num_rows - 1))
-        own = table.column(place).combine_chunks()
+        column = table.column(place).combine_chunks()
         try:  # one value of the column, where it is of the same type; else all of them
-            values = pa.concat_arrays([own.slice(0, row), odd.cast(own.type), own.slice(row + 1)])
+            values = pa.concat_arrays([column.slice(0, row), odd.cast(column.type), column.slice(row + 1)])
         except pa.ArrowException:
             values = pa.concat_arrays([odd] * table.num_rows)
         table = table.set_column(place, table.column_names[place], values)

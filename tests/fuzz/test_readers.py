@@ -56,19 +56,19 @@ def is_text(name: str, content: bytes) -> bool:
 def test_a_byte_order_mark_or_another_line_end_changes_nothing(
     worker: Worker, name: str, form: Callable[[bytes], bytes]
 ) -> None:
-    own = FORMATS[name].files
-    plain = worker.read(name, own)
-    for file, content in own.items():
+    files = FORMATS[name].files
+    plain = worker.read(name, files)
+    for file, content in files.items():
         if is_text(file, content):
-            again = worker.read(name, own | {file: form(content)})
+            again = worker.read(name, files | {file: form(content)})
             assert (again.kind, again.problem, again.meaning) == ("read", "", plain.meaning), file
 
 
 @pytest.mark.parametrize(("name", "file"), [("recording", "r.jsonl.gz"), ("table, TSV", "log.tsv.gz")])
 def test_a_mark_within_a_compressed_file_changes_nothing(worker: Worker, name: str, file: str) -> None:
-    own = FORMATS[name].files
-    again = worker.read(name, {file: gzip.compress(marked(gzip.decompress(own[file])))})
-    assert again.meaning == worker.read(name, own).meaning != ""
+    files = FORMATS[name].files
+    again = worker.read(name, {file: gzip.compress(marked(gzip.decompress(files[file])))})
+    assert again.meaning == worker.read(name, files).meaning != ""
 
 
 @pytest.mark.parametrize("name", QUICK)
