@@ -61,10 +61,10 @@ def hidden_in(
     methods: dict[str, dict[str, Any]] = {
         "insert": {},
         **{name: {"initializer": name} for name in settings.initializers},
-        "own": {"own": True},
+        "own": {"pykeen_rows": True},
         "insert_new_rows": {"new_rows": True},
-        "own_new_rows": {"own": True, "new_rows": True},
-        "own_all_rows": {"own": True, "all_rows": True},
+        "own_new_rows": {"pykeen_rows": True, "new_rows": True},
+        "own_all_rows": {"pykeen_rows": True, "all_rows": True},
     }
     for number in settings.max_insert_triples:
         retrained = {"retrained": {"retrain": True}} if number is None else {}
@@ -92,14 +92,14 @@ class Case:
     seed: int
 
     def enlarged(
-        self, insert_triples: np.ndarray, initializer: str | None = None, own: bool = False, new_rows: bool = False,
-        all_rows: bool = False, retrain: bool = False,
+        self, insert_triples: np.ndarray, initializer: str | None = None, pykeen_rows: bool = False,
+        new_rows: bool = False, all_rows: bool = False, retrain: bool = False,
     ) -> tuple[Model, Inserted | None]:  # fmt: skip
         """The model with the hidden entities in it, and, if that began with an initializer, what was inserted.
 
         Args:
             initializer: of ``isi.pykeen.insert``, null for its default.
-            own: begin rows as PyKEEN itself does.
+            pykeen_rows: begin rows as PyKEEN itself does.
             new_rows: train the new rows after that.
             all_rows: train all rows after that.
             retrain: train a model of all triples from nothing.
@@ -111,10 +111,10 @@ class Case:
             return trained(larger, self.valid, training, self.seed), None
         result = inserted(
             self.model, self.train, insert_triples, new=self.names[known:], words=self.words,
-            initializer="mean" if own else initializer, seed=self.seed,
+            initializer="mean" if pykeen_rows else initializer, seed=self.seed,
         )  # fmt: skip
         entities = result.entities
-        if own:
+        if pykeen_rows:
             fresh = read_model(untrained(larger, training, self.seed), larger.mapped_triples, None)
             entities = np.concatenate([entities[:known], fresh.entity[0, known:].numpy()])
         if new_rows:
@@ -130,7 +130,7 @@ class Case:
                 continue_training=True,
             )  # fmt: skip
             model.eval()
-        return model, None if own else result
+        return model, None if pykeen_rows else result
 
 
 def factory_of(triples: np.ndarray, entities: Sequence[str], relations: Sequence[str]) -> TriplesFactory:

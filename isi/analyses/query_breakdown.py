@@ -73,7 +73,7 @@ def break_down(
     """
     session, novel = points.session(1), points.novel_in(1)
     is_novel = membership(novel, len(points.graph.entities))
-    models = {name: with_vectors(theta0.stack, novel, torch.as_tensor(own)) for name, own in inserted.items()}
+    models = {name: with_vectors(theta0.stack, novel, torch.as_tensor(rows)) for name, rows in inserted.items()}
     groups = []
     for name, embedding in {**models, JOINT_MODEL: joint.stack}.items():
         for query_sets in query_sets_with_filters(points):
@@ -149,7 +149,7 @@ def used_coordinates(model: Model, relation: np.ndarray, seeds: Sequence[int], n
     for part, magnitude in model.magnitudes(torch.as_tensor(relation)).items() if isinstance(model, BlockModel) else ():
         uses = magnitude > USED  # (M, R, parts)
         counts = torch.cat([uses.sum(-1), uses.any(1).sum(-1, keepdim=True)], 1)
-        every = pd.MultiIndex.from_product([seeds, [*names, None]], names=["seed", "relation"]).to_frame(index=False)
-        parts.append(every.assign(model=JOINT_MODEL, part=part, used=counts.flatten().numpy(), of=uses.shape[-1]))
+        rows = pd.MultiIndex.from_product([seeds, [*names, None]], names=["seed", "relation"]).to_frame(index=False)
+        parts.append(rows.assign(model=JOINT_MODEL, part=part, used=counts.flatten().numpy(), of=uses.shape[-1]))
     table = concat(parts, USED_COORDINATES)
     return table[table["of"] > 0]

@@ -167,10 +167,10 @@ class Store:
         given, grid = self.insert_triples(), []
         for number in sorted(set(chosen["size"].tolist())):
             of_size = chosen[chosen["size"] == number]
-            every = of_size["seed"].unique().tolist()
-            for part in (every[first : first + stack] for first in range(0, len(every), stack)):
+            numbers = of_size["seed"].unique().tolist()
+            for part in (numbers[first : first + stack] for first in range(0, len(numbers), stack)):
                 rows = of_size[of_size["seed"].isin(part)]
-                drawn = rows["entity"].to_numpy(np.int64).reshape(len(part), -1, number)
+                drawn = rows["entity"].to_numpy(np.int64, copy=True).reshape(len(part), -1, number)
                 rows = rows.assign(
                     model=rows["seed"].map(part.index), place=rows.groupby(["seed", "session"]).cumcount()
                 )

@@ -251,7 +251,7 @@ class SessionTables:
 
 
 def session_tables(
-    graph: Graph, entities: pd.DataFrame, how: SessionsOf, shares: Shares, root: int, key: str
+    graph: Graph, entities: pd.DataFrame, settings: SessionsOf, shares: Shares, root: int, key: str
 ) -> SessionTables:
     """The sessions of a graph, drawn for every size and seed.
 
@@ -261,7 +261,7 @@ def session_tables(
     Args:
         entities: of the graph (``ENTITIES``).
         root: of every random stream.
-        key: where ``how`` stands in params.
+        key: where the settings stand in params.
 
     Raises:
         InputError: where there are too few that may be novel, there is no triple, or a split would hold out less than
@@ -270,21 +270,21 @@ def session_tables(
     if not len(graph.triples):
         raise InputError(paths.PARAMS, key, "expected a graph with triples")
     added = np.flatnonzero(entities["source"].astype(str) != str(entities["source"].iloc[0]))
-    candidates = {"any": np.arange(len(entities)), "added": added}.get(str(how.novel))
+    candidates = {"any": np.arange(len(entities)), "added": added}.get(str(settings.novel))
     if candidates is None:
-        candidates = np.flatnonzero(entities["kind"].isin(how.novel))
-    if how.steps * max(how.sizes) > len(candidates) - (how.novel != "added"):
+        candidates = np.flatnonzero(entities["kind"].isin(settings.novel))
+    if settings.steps * max(settings.sizes) > len(candidates) - (settings.novel != "added"):
         few = f"expected fewer novel entities than the {len(candidates)} that may be novel"
         raise InputError(paths.PARAMS, f"{key}.sizes", few)
     splits, novel, given = list[pd.DataFrame](), list[tuple[int, ...]](), list[tuple[int, ...]]()
-    for size, seed in product(sorted(how.sizes), range(how.seeds)):
-        drawn = sample_novel(candidates, root, size, seed, how.steps)
-        absent = np.setdiff1d(added, drawn) if how.novel == "added" else added[:0]
+    for size, seed in product(sorted(settings.sizes), range(settings.seeds)):
+        drawn = sample_novel(candidates, root, size, seed, settings.steps)
+        absent = np.setdiff1d(added, drawn) if settings.novel == "added" else added[:0]
         triples = np.flatnonzero(~np.isin(graph.triples[:, [0, 2]].numpy(), absent).any(1))
         part = graph.part(triples)
         codes = split(part, root, seed, shares.valid, shares.test)
         check_held_out(codes, shares.valid, shares.test)
-        if size == min(how.sizes):  # once for each seed
+        if size == min(settings.sizes):  # once for each seed
             splits.append(pd.DataFrame({"seed": seed, "triple": triples, "split": np.array(SPLIT_NAMES)[codes]}))
         for session, inserted in enumerate(drawn, 1):
             novel += [(size, seed, entity, session) for entity in inserted]

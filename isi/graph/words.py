@@ -150,11 +150,8 @@ def read_vectors(path: Path) -> KeyedVectors:
     return words
 
 
-#: Where a vector stands, its token, and its numbers in float32 (little endian).
-Entry = tuple[str, bytes, bytes]
-
-
-def _entries(path: Path) -> Iterator[Entry]:
+def _entries(path: Path) -> Iterator[tuple[str, bytes, bytes]]:
+    """Where each vector stands, its token, and its numbers in float32 (little endian)."""
     from smart_open import open as open_any
 
     with open_any(path, "rb") as file:
@@ -167,40 +164,39 @@ def _entries(path: Path) -> Iterator[Entry]:
     with open_any(path, "rb") as file:
         if sizes:
             file.readline(CHUNK)
-        is_binary = sizes and not _is_text(start)
-        entries = _of_bytes(file, dimension) if is_binary else _of_lines(file, dimension, 2 if sizes else 1)
-        for entry in entries:
+        is_binary = sizes and _is_binary(start)
+        for entry in _of_bytes(file, dimension) if is_binary else _of_lines(file, dimension, 2 if sizes else 1):
             number += 1
             yield entry
     if sizes and number != count:
         raise InputError("", "line 1", f"promises {count} vectors, but the file has {number}")
 
 
-def _is_text(start: bytes) -> bool:
-    """Whether the bytes behind a header are text: vectors in binary hold bytes that no text does."""
+def _is_binary(start: bytes) -> bool:
+    """Whether the bytes behind a header are vectors in binary, which hold bytes that no text does."""
     try:
         codecs.getincrementaldecoder("utf-8")().decode(start)
     except UnicodeDecodeError:
-        return False
-    return not re.search(rb"[^\t\n\r\x20-\xff]", start)
+        return True
+    return re.search(rb"[^\t\n\r\x20-\xff]", start) is not None
 
 
-def _of_lines(file: IO[bytes], dimension: int, first: int) -> Iterator[Entry]:
+def _of_lines(file: IO[bytes], dimension: int, first: int) -> Iterator[tuple[str, bytes, bytes]]:
     """Of text: a line for each token, with its numbers behind it (0 as dimension: as many as the first line has)."""
     for number, line in enumerate(iter(lambda: file.readline(CHUNK), b""), first):
-        place, text = f"line {number}", line.removeprefix(codecs.BOM_UTF8 if number == 1 else b"").rstrip(b" \t\r\n")
+        text = line.removeprefix(codecs.BOM_UTF8 if number == 1 else b"").rstrip(b" \t\r\n")
         if not text:
             continue
         dimension = dimension or text.count(b" ")
         token, *values = text.rsplit(b" ", dimension)  # tokens of GloVe may have spaces, as `. . .` has
-        behind = token.split(b" ")[1:]
-        if len(values) != max(1, dimension) or not all(behind) or any(map(_is_number, behind)):
-            raise InputError("", place, f"expected a token and {dimension or 'its'} numbers")
-        if not all(map(_is_number, values)):
-            raise InputError("", place, f"expected a token and numbers, got {short(text[len(token) :])}")
+        more = token.split(b" ")[1:]
+        has_numbers = len(values) == max(1, dimension) and all(map(_is_number, values))
+        if not has_numbers or not all(more) or any(map(_is_number, more)):
+            expected = f"expected a token and {dimension or 'its'} numbers, got {short(text[-40:])}"
+            raise InputError("", f"line {number}", expected)
         if not line.endswith(b"\n"):
-            raise InputError("", place, "is cut short: expected a line end behind the last vector")
-        yield place, token, array("f", map(float, values)).tobytes()
+            raise InputError("", f"line {number}", "is cut short: expected a line end behind the last vector")
+        yield f"line {number}", token, array("f", map(float, values)).tobytes()
 
 
 def _is_number(text: bytes) -> bool:
@@ -211,7 +207,7 @@ def _is_number(text: bytes) -> bool:
     return b"_" not in text  # Python takes 1_0 for ten
 
 
-def _of_bytes(file: IO[bytes], dimension: int) -> Iterator[Entry]:
+def _of_bytes(file: IO[bytes], dimension: int) -> Iterator[tuple[str, bytes, bytes]]:
     """Of bytes: each token, a space, and its numbers; perhaps a line end."""
     number, rest = 1, b""
     for more in iter(lambda: file.read(CHUNK), b""):
