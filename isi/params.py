@@ -111,19 +111,11 @@ class Params(Section):
         return {name: section for name, section in sections.items() if isinstance(section, Study)}
 
     @property
-    def choice(self) -> Setting:
-        """What all other experiments train with."""
-        return Setting(
-            dimension=self.embedding.dimension,
-            ratio=self.negatives.ratio,
-            learning_rate=self.training.learning_rate,
-            weight_decay=self.training.weight_decay,
-        )
-
-    @property
     def settings(self) -> list[Setting]:
-        """What cross-validation compares, the choice first."""
-        return self.cross_validation.settings(self.choice)
+        """What cross-validation compares; first the choice, with which all other experiments train."""
+        rates = {name: getattr(self.training, name) for name in ("learning_rate", "weight_decay")}
+        choice = Setting(dimension=self.embedding.dimension, ratio=self.negatives.ratio, **rates)
+        return self.cross_validation.settings(choice)
 
     def initializers_of(self, experiment: str) -> list[str]:
         """The initializers that an experiment runs, in the order of params."""

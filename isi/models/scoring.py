@@ -32,13 +32,10 @@ Linear = Callable[[Tensor], Tensor]
 Pick = Callable[[Tensor, Tensor], tuple[Tensor, Tensor, Tensor]]
 
 
-def _with_spare_row(like: Tensor, models: int, rows: int, width: int) -> Tensor:
-    return like.new_zeros(models, rows + 1, width)
-
-
 def spaced(table: Tensor) -> Tensor:
     """A copy of a stack of tables with a spare row in memory behind each model; shape (M, N, d)."""
-    return _with_spare_row(table, *table.shape)[:, :-1].copy_(table)
+    models, rows, width = table.shape
+    return table.new_zeros(models, rows + 1, width)[:, :-1].copy_(table)
 
 
 def padded(function: Callable[[Tensor], Tensor], values: Tensor) -> Tensor:
@@ -137,14 +134,11 @@ class DenseTriples:
     def empty(self, entity: Tensor, width: int | None = None) -> tuple[Tensor, Tensor]:
         """Memory for mapped heads, as ``interact`` takes it and as a view of shape (..., width); or for scores."""
         models, relations, entities = self.shape
-        memory = _with_spare_row(entity, models, relations * entities, width or entities)
+        memory = entity.new_zeros(models, relations * entities + 1, width or entities)
         return memory, memory[:, :-1].view(*self.shape, -1)
 
     def by_head(self, values: Tensor, swapped: tuple[Tensor, Linear] | None = None) -> Tensor:
-        """Sums by head of values, (..., d), and of other values under a linear function; shape (M, E, d).
-
-        ``values`` may be overwritten.
-        """
+        """Sums by head of values (..., d) that may be overwritten, and of others under a linear function; (M, E, d)."""
         total = values.sum(1)
         if swapped:
             others, linear = swapped
@@ -166,11 +160,7 @@ class DenseTriples:
         return scores[:, :-1].view(*self.shape, -1), backward
 
     def parts(self) -> Iterator[tuple[int, Any, Pick]]:
-        """The triples in parts of one model each, for formulas that know no stack.
-
-        Yields:
-            place in the stack; place in scores and among mapped heads; and what picks the vectors.
-        """
+        """Parts of one model each: its place in the stack, the part's place in scores, and what picks the vectors."""
         for model in range(self.shape[0]):
             for number in range(self.shape[1]):
                 yield model, (model, number), partial(self._pick, number)
