@@ -47,14 +47,14 @@ def test_answers_are_ranked_by_score_among_those_of_a_kind_that_can_answer() -> 
     ]  # fmt: skip
 
 
-def test_heads_are_asked_for_too_and_who_has_an_answer_is_told() -> None:
+def test_heads_are_predicted_too_and_indicators_with_the_answer_are_named() -> None:
     found = answer(opened(), Query(LIE_ON, HAS, HEAD), 5, indicators=[BED, KETTLE])
     assert [(one.entity, one.score, one.known) for one in found] == [("bed", 2.0, True), ("kettle", 0.0, False)]
     found = answer(opened(), Query(KETTLE, HAS, TAIL), 5, indicators=[BED, KETTLE])
     assert [(one.entity, one.shared_by) for one in found] == [("turn on", ["kettle"]), ("lie on", ["bed"])]
 
 
-def test_without_kinds_everyone_answers_but_the_one_that_is_asked_about() -> None:
+def test_without_kinds_all_entities_are_candidates_but_the_given_one() -> None:
     found = answer(opened(kinds=[""] * 6), Query(KETTLE, AT, TAIL), 9)
     assert [(one.entity, one.score, one.percentile) for one in found] == [
         ("bed", 5.0, 1.0), ("kitchen", 3.0, 0.75), ("bedroom", 1.0, 0.5), ("turn on", 0.0, 0.0), ("lie on", 0.0, 0.0),
@@ -63,12 +63,12 @@ def test_without_kinds_everyone_answers_but_the_one_that_is_asked_about() -> Non
     assert answer(opened(kinds=[""] * 6, triples=looped), Query(KETTLE, AT, TAIL), 1)[0].entity == "kettle"
 
 
-def test_without_known_triples_there_is_no_chance_but_still_a_share() -> None:
+def test_without_known_triples_there_is_a_percentile_but_no_probability() -> None:
     found = answer(opened(triples=np.zeros((0, 3), np.int64)), Query(KETTLE, AT, TAIL), 2)
     assert [(one.probability, one.percentile) for one in found] == [(None, 1.0), (None, 0.75)]
 
 
-def test_only_what_fits_is_asked() -> None:
+def test_only_fitting_queries_are_made() -> None:
     assert queries_of(opened(), KETTLE, {}) == [Query(KETTLE, AT, TAIL), Query(KETTLE, HAS, TAIL)]
     assert queries_of(opened(), KITCHEN, {BED: 1.0}) == [Query(KITCHEN, AT, HEAD)]  # as rooms do
     no_kinds = opened(kinds=[""] * 6)
@@ -79,7 +79,7 @@ def test_only_what_fits_is_asked() -> None:
     assert len(queries_of(opened(triples=np.zeros((0, 3), np.int64)), KETTLE, {BED: 1.0})) == 4
 
 
-# Chances
+# Calibrated probabilities
 
 
 def test_a_curve_through_two_scores_passes_through_their_shares() -> None:
@@ -95,19 +95,19 @@ def test_a_curve_through_two_scores_passes_through_their_shares() -> None:
 @given(
     scores=st.lists(st.floats(-1e3, 1e3, width=32), min_size=2, max_size=30), data=st.data(), scale=st.floats(0.01, 100)
 )
-def test_chances_are_probabilities_that_rise_with_the_score_whatever_its_unit(
+def test_probabilities_rise_with_the_score_whatever_its_unit(
     scores: list[float], data: st.DataObject, scale: float
 ) -> None:
     known = torch.tensor(data.draw(st.lists(st.booleans(), min_size=len(scores), max_size=len(scores))))
     table = torch.tensor(scores, dtype=torch.float64)
-    chances = fit_platt(table, known)(table)
-    assert ((chances >= 0) & (chances <= 1)).all()
-    ordered = chances[table.argsort()]
+    probabilities = fit_platt(table, known)(table)
+    assert ((probabilities >= 0) & (probabilities <= 1)).all()
+    ordered = probabilities[table.argsort()]
     assert (ordered.diff() >= -1e-15).all()  # equal scores may differ in the last bit, by their place in the vector
-    torch.testing.assert_close(fit_platt(scale * table, known)(scale * table), chances, rtol=1e-3, atol=1e-4)
+    torch.testing.assert_close(fit_platt(scale * table, known)(scale * table), probabilities, rtol=1e-3, atol=1e-4)
 
 
-def test_some_of_many_others_stand_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sample_of_many_unknown_answers_stands_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
     scores = torch.from_numpy(np.concatenate([rng.normal(2, 1, 100), rng.normal(0, 1, 9000)]))
     known, asked = torch.arange(9100) < 100, torch.linspace(-1, 4, 11)
@@ -116,13 +116,13 @@ def test_some_of_many_others_stand_for_all(monkeypatch: pytest.MonkeyPatch) -> N
     torch.testing.assert_close(fit_platt(scores, known)(asked), whole, rtol=0.02, atol=1e-4)
 
 
-def test_scores_that_tell_nothing_give_the_share_of_the_known() -> None:
+def test_uninformative_scores_give_the_share_of_known_answers() -> None:
     curve = fit_platt(torch.tensor([2.0, 1.0, 1.0, 0.0]).double(), torch.tensor([False, True, False, True]))
     assert curve.slope == 0.0
     assert curve(torch.tensor([5.0])).item() == pytest.approx((3 / 4 + 3 / 4 + 1 / 4 + 1 / 4) / 4)
 
 
-# What an insertion goes by
+# Indicators
 
 
 @pytest.mark.parametrize("told", ["both", "words", "triples"])
@@ -172,14 +172,14 @@ def inserted_twice() -> InsertedEntity:
     return insert_entity(first.opened, stove(name="hob", triples=told, vector=None))
 
 
-def test_an_insertion_is_done_again_whatever_came_after_it() -> None:
+def test_an_insertion_is_reproduced_whatever_came_after_it() -> None:
     inserted = inserted_twice()
     for name, record in inserted.opened.insertions().items():
         stored = inserted.opened.entities[inserted.opened.entity_ids[name]]
         assert again(inserted, record).vector.tobytes() == stored.tobytes()
 
 
-def test_what_is_left_out_is_an_insertion_without_it() -> None:
+def test_an_ablation_is_an_insertion_without_one_piece() -> None:
     inserted = inserted_twice()
     record = inserted.opened.insertions()["stove"]
     shown = again(inserted, record).indicators()
@@ -204,14 +204,14 @@ def test_what_is_left_out_is_an_insertion_without_it() -> None:
     assert named.moved == pytest.approx(np.linalg.norm(own - without) / np.linalg.norm(own))
 
 
-def test_without_all_that_is_known_there_is_nothing() -> None:
+def test_without_its_only_piece_nothing_is_inserted() -> None:
     inserted = insert_entity(opened(), stove(triples=[]))
     record = inserted.record
     (found,) = ablations(inserted.opened, record, [], [], 1)
     assert (found.left_out, found.initializer, found.cosine) == ("words", None, None)
 
 
-def test_an_indicator_that_is_called_as_a_relation_takes_no_other_facts_with_it() -> None:
+def test_an_indicator_named_like_a_relation_removes_no_other_triples() -> None:
     named = opened(entity_names=[*NAMES[:-1], "hasAffordance"])
     inserted = insert_entity(named, stove())
     shown = [replace(inserted.indicators()[0], id=LIE_ON, entity="hasAffordance")]

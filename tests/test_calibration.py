@@ -31,7 +31,7 @@ def calibration_of(of: OpenBundle, **changed: Any) -> HeldOutCalibration:
 
 
 @pytest.mark.parametrize("changed", [{}, {"vector": None}, {"initializer": "rs", "options": {"k": 3}}])
-def test_who_is_rehearsed_is_inserted_as_the_new_one_was(changed: dict[str, Any]) -> None:
+def test_held_out_entities_are_inserted_as_the_new_one_was(changed: dict[str, Any]) -> None:
     known = model()
     found = calibration_of(known, **changed)
     assert len(found.held_out) == ENTITIES
@@ -52,7 +52,7 @@ def test_who_is_rehearsed_is_inserted_as_the_new_one_was(changed: dict[str, Any]
         np.testing.assert_allclose(one.vector.numpy(), alone.vector, rtol=1e-4, atol=1e-5)
 
 
-def test_a_curve_goes_through_answers_that_were_not_told() -> None:
+def test_a_curve_goes_through_answers_that_are_no_insert_triples() -> None:
     known = model()
     found = calibration_of(known)
     scores, right = [], []
@@ -71,7 +71,7 @@ def test_a_curve_goes_through_answers_that_were_not_told() -> None:
     assert (curve.slope, curve.offset) == pytest.approx((expected.slope, expected.offset), rel=1e-3, abs=1e-4)
 
 
-def test_an_inserted_entity_is_asked_by_its_rehearsal_and_a_known_one_is_not() -> None:
+def test_held_out_calibration_serves_the_inserted_entity_alone() -> None:
     found = calibration_of(model())
     opened = found.inserted.opened
     for given, curve in ((ENTITIES, found.curve(0, TAIL)), (3, fit_curve(opened, 0, TAIL))):
@@ -80,7 +80,7 @@ def test_an_inserted_entity_is_asked_by_its_rehearsal_and_a_known_one_is_not() -
         assert best.probability == pytest.approx(curve(torch.tensor([best.score])).item())
 
 
-def test_what_too_few_answers_tell_is_shared_or_left_out() -> None:
+def test_with_too_few_right_answers_a_curve_is_shared_or_missing() -> None:
     known = model()
     few = replace(known, triples=np.concatenate([known.triples[known.triples[:, 1] == 0], [[3, 1, 4]]]))
     found = calibration_of(few)
@@ -88,7 +88,7 @@ def test_what_too_few_answers_tell_is_shared_or_left_out() -> None:
     assert calibration_of(replace(known, triples=np.zeros((0, 3), np.int64))).curve(0, TAIL) is None
 
 
-def test_the_curve_of_all_relations_is_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_curve_of_all_relations_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
     found, drawn = calibration_of(model()), list[int]()
     monkeypatch.setattr(calibration, "LEAST_RIGHT", 60)  # more than those of one relation and slot
     monkeypatch.setattr(
@@ -98,7 +98,7 @@ def test_the_curve_of_all_relations_is_drawn_once(monkeypatch: pytest.MonkeyPatc
     assert len(curves) == len(drawn) == 1
 
 
-def test_where_nobody_is_left_nothing_is_rehearsed() -> None:
+def test_where_no_entity_is_left_none_is_held_out() -> None:
     alone = replace(model().part(np.array([1])), triples=np.array([[0, 0, 0]]))
     found = calibration_of(alone, triples=[], vector=None, initializer="mean")
     assert found.held_out == []

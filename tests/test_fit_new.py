@@ -39,7 +39,7 @@ def test_new_rows_move_alone_and_the_others_stay_the_same_bytes(dtype: Any, know
     assert (entities[ENTITIES:] != before[0][ENTITIES:]).any(1).all()
 
 
-def test_what_is_told_stands_out_after_it_is_learned_between_new_entities_too() -> None:
+def test_trained_triples_stand_out_between_new_entities_too() -> None:
     wide = random_embedding(1, ENTITIES, len(BETWEEN), 32)
     done = call(initializer="mean", entities=wide.entity[0].numpy(), relations=wide.relation[0].numpy())
     before, after = margins(done.entities, done.relations, done), margins(*fit(done, epochs=200), done)
@@ -65,7 +65,7 @@ def test_the_seed_alone_decides() -> None:
     assert not np.array_equal(one[0], fit(done, batch_size=2, seed=4)[0])
 
 
-# What is told of an insertion, by hand: DistMult in one dimension, f = h · r · t
+# The report of an insertion, by hand: DistMult in one dimension, f = h · r · t
 
 LINE: dict[str, Any] = {
     "entities": np.array([[1.0], [2.0], [3.0], [-4.0]], np.float32), "relations": np.array([[1.0]], np.float32),
@@ -122,13 +122,13 @@ def test_interference_by_hand() -> None:
     assert (other.rank_before, other.rank_after) == ((4 + 3) / 2, (5 + 4) / 2)
 
 
-def test_right_answers_are_no_rivals() -> None:
+def test_right_answers_do_not_compete() -> None:
     done = isi.insert(**LINE, triples=[(4, 0, 1)], new=1, initializer="mean", known_triples=[(2, 0, 1), (0, 0, 1)])
     found = done.interference([(0, 0, 1)])
     assert (found.rank_before, found.rank_after) == ((2 + 2) / 2, (2 + 2) / 2)  # 2 is right as a head of 1
 
 
-def test_interference_asks_about_the_known_triples_or_some_of_them() -> None:
+def test_interference_queries_the_known_triples_or_a_sample() -> None:
     done = call()
     assert done.interference().queries == 2 * len(ABOUT)
     assert done.interference(most=2).queries == 4

@@ -84,7 +84,7 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 
 @pytest.mark.usefixtures("folder")
-def test_it_says_what_is_in_a_table(capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_describes_the_graph_of_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert said(capsys, "log.csv", "--set", "household=true") == SAID
 
 
@@ -112,7 +112,7 @@ def test_several_files_make_one_graph(folder: Path, capsys: pytest.CaptureFixtur
     assert text.startswith("log.csv:\n  reader: table\nmore.nt:\n  reader: rdf\nentities: 7\nunique triples: 6\n")
 
 
-def test_a_graph_that_can_be_split_is_said_to_be_one(folder: Path) -> None:
+def test_a_graph_that_can_be_split_is_described_so(folder: Path) -> None:
     rows = [f"thing{h},near,thing{t}" for h in range(9) for t in range(9)]
     (folder / "dense.csv").write_text("head,relation,tail\n" + "\n".join(rows), encoding="utf-8")
     graph = build_tables(together([read(folder / "dense.csv", None, {}, 0)]))

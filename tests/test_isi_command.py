@@ -53,7 +53,7 @@ def test_it_is_installed_as_isi() -> None:
     assert scripts == {"isi": "isi.__main__:main"}
 
 
-def test_who_stops_reading_gets_no_traceback(home: Path) -> None:
+def test_a_closed_pipe_gives_no_traceback(home: Path) -> None:
     command = f"{sys.executable} -m isi nearest bed --embedding {home} | true"  # which reads nothing
     done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)  # noqa: S602
     assert done.stderr == ""
@@ -68,7 +68,7 @@ def test_a_terminal_that_lacks_a_letter_shows_its_number(tmp_path: Path) -> None
         assert shown in done.stdout
 
 
-def test_who_interrupts_gets_one_line(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_interrupt_gives_one_line(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr("isi.cli.entity.open_folder", lambda _: signal.raise_signal(signal.SIGINT))
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:

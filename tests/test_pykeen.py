@@ -113,7 +113,7 @@ def test_what_is_known_stays_and_new_rows_come_behind(name: str, options: dict[s
 
 
 @pytest.mark.parametrize(("name", "options"), CLOSED + OTHERS, ids=id_of)
-def test_what_is_told_scores_above_what_is_not(name: str, options: dict[str, Any], factory: Any) -> None:
+def test_insert_triples_score_above_others(name: str, options: dict[str, Any], factory: Any) -> None:
     model = model_of(name, options, factory, steps=100)
     larger, more = isi.pykeen.insert(model, factory, NEW[:2], options={"strength": 0.01})
     own = more.mapped_triples[-2:]
@@ -124,7 +124,7 @@ def test_what_is_told_scores_above_what_is_not(name: str, options: dict[str, Any
 
 
 @pytest.mark.parametrize("name", ["es", "soft_es", "kind_mean", "mean", "map_mean", "iu"])
-def test_a_model_of_another_family_takes_initializers_that_need_none(name: str, factory: Any) -> None:
+def test_a_model_without_inverse_takes_initializers_that_need_none(name: str, factory: Any) -> None:
     words = np.random.default_rng(0).standard_normal((ENTITIES + 2, 5))
     kinds = ["a", "b"] * (ENTITIES // 2 + 1)
     model = model_of("rescal", {}, factory)
@@ -181,9 +181,7 @@ def test_it_predicts_and_trains_on_from_what_it_knows(name: str, factory: Any) -
     torch.testing.assert_close(after, before, rtol=0, atol=1e-3)  # and not drawn anew
 
 
-def test_a_model_of_another_family_on_a_large_graph_has_a_default_too(
-    factory: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_model_without_inverse_on_a_large_graph_has_a_default(factory: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("isi.insertion.choose.QUICK", 1)
     model, words = model_of("rescal", {}, factory), np.eye(ENTITIES + 2)
     for given, expected in (({}, "mean"), ({"words": words}, "soft_es")):
