@@ -11,35 +11,17 @@ from pathlib import Path
 import networkx as nx
 import pandas as pd
 import pytest
-import torch
-import yaml
 from rdflib import RDF, RDFS, Graph, Literal, URIRef
 
 from isi.__main__ import main
 from isi.cli.export import FORMATS
-from isi.experiment.store import JOINT
 from isi.graph import graph as tables
-from isi.tables import paths
 from tests.observing import TRIPLE, observe
 from tests.small_bundle import small, written
+from tests.small_experiment import ENTITIES, MADE, TRIPLES, write_experiment
 
 ROOT = Path(__file__).parent.parent
-MADE = "a_test"
-ENTITIES = pd.DataFrame(
-    [("fill", "affordance"), ("kitchen", "room"), ("mug", "object"), ("tea/pot", "object"), ("Öfen 5\"", "object")],
-    columns=["entity", "kind"],
-)  # fmt: skip
-TRIPLES = pd.DataFrame(
-    [
-        ("mug", "atLocation", "kitchen", 3), ("mug", "hasAffordance", "fill", 1),
-        ("tea/pot", "atLocation", "kitchen", 2), ('Öfen 5"', "atLocation", "tea/pot", 1),
-    ],
-    columns=[*TRIPLE, "count"],
-)  # fmt: skip
 ROWS = set(TRIPLES[TRIPLE].itertuples(index=False, name=None))
-#: Of the entities, in their order, and of atLocation and hasAffordance: f(h, r, t) = Σ h·r·t.
-VECTORS = [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [2.0, 1.0], [0.0, 3.0]]
-RELATIONS = [[0.0, 1.0], [1.0, 0.0]]
 #: By hand, best first, without what the graph has: with distmult, (?, atLocation, ?) compares second coordinates.
 BEST = [
     ("mug", "atLocation", 'Öfen 5"', 3.0, 1), ("mug", "atLocation", "mug", 1.0, 2),
@@ -51,33 +33,12 @@ BEST = [
 ]  # fmt: skip
 
 
-def lay_out() -> None:
-    """An experiment: its graph, and the joint models of seeds 4 and 7."""
-    params = {"embedding": {"model": "distmult", "dimension": 2, "init_range": 0.1}, "models": {"distmult": {}}}
-    paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
-    graph(ENTITIES, TRIPLES)
-    other = torch.flip(torch.tensor(VECTORS), [-1])
-    tensors = {
-        "entity": torch.stack([torch.tensor(VECTORS), other]),
-        "relation": torch.tensor([RELATIONS, RELATIONS]),
-        "known": torch.tensor([[True] * 5, [True] * 4 + [False]]),
-        "seed": torch.tensor([4, 7]),
-    }
-    JOINT.write(tensors, MADE, experiment="home")
-
-
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with that experiment."""
     monkeypatch.chdir(tmp_path)
-    lay_out()
+    write_experiment()
     return tmp_path
-
-
-def graph(entities: pd.DataFrame, triples: pd.DataFrame) -> None:
-    named = entities.assign(source="home", phrase=entities["entity"].str.lower())
-    tables.ENTITIES.write(named, MADE, experiment="home")
-    tables.TRIPLES.write(triples.assign(source="home"), MADE, experiment="home")
 
 
 def export(form: str, out: str, *more: str) -> None:

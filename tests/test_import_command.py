@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,9 +14,8 @@ from safetensors.numpy import save_file
 from isi.__main__ import main
 from isi.bundle.folder import Bundle, read
 from isi.bundle.query import OpenBundle, open_bundle
+from tests.import_folders import ENTITIES, LABELS, write_lists, write_openke
 from tests.small_bundle import BETWEEN, NAMES, RELATIONS, TRIPLES, VECTORS, files
-
-ENTITIES, LABELS = np.array(VECTORS, np.float32), np.array(RELATIONS, np.float32)
 
 
 def imported(*arguments: str) -> Bundle:
@@ -33,29 +31,6 @@ def opened(*arguments: str) -> OpenBundle:
 @pytest.fixture(autouse=True)
 def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-
-
-def lists(folder: Path = Path("mine"), **tensors: Any) -> Path:
-    """Names, a line each, triples, and tensors as ``.npz`` if there are any."""
-    folder.mkdir(exist_ok=True)
-    (folder / "entities.txt").write_text("\n".join(NAMES) + "\n", encoding="utf-8")
-    (folder / "relations.txt").write_text("\n".join(BETWEEN) + "\n", encoding="utf-8")
-    named = [f"{NAMES[head]}\t{BETWEEN[relation]}\t{NAMES[tail]}\n" for head, relation, tail in TRIPLES]
-    (folder / "triples.tsv").write_text("".join(named), encoding="utf-8")
-    if tensors:
-        np.savez(folder / "tables.npz", **tensors)
-    return folder
-
-
-def ids(folder: Path = Path("theirs")) -> Path:
-    """OpenKE's files: triples are head, tail, relation."""
-    folder.mkdir()
-    for file, names in (("entity2id.txt", NAMES), ("relation2id.txt", BETWEEN)):
-        rows = "".join(f"{name}\t{number}\n" for number, name in enumerate(names))
-        (folder / file).write_text(f"{len(names)}\n{rows}", encoding="utf-8")
-    rows = "".join(f"{head} {tail} {relation}\n" for head, relation, tail in TRIPLES)
-    (folder / "train2id.txt").write_text(f"{len(TRIPLES)}\n{rows}", encoding="utf-8")
-    return folder
 
 
 # Arrays and ids
@@ -79,7 +54,7 @@ FORMS: dict[str, Callable[[Path], object]] = {
 }
 
 
-@pytest.mark.parametrize("source", [lists, ids])
+@pytest.mark.parametrize("source", [write_lists, write_openke])
 @pytest.mark.parametrize("form", FORMS)
 def test_tables_come_from_any_form(form: str, source: Callable[[], Path], capsys: pytest.CaptureFixture[str]) -> None:
     folder = source()
@@ -93,7 +68,7 @@ def test_tables_come_from_any_form(form: str, source: Callable[[], Path], capsys
 
 
 def test_it_is_inserted_into_and_asked_as_any_other(capsys: pytest.CaptureFixture[str]) -> None:
-    imported(str(lists(entities=ENTITIES, relations=LABELS)), "--family", "distmult")
+    imported(str(write_lists(entities=ENTITIES, relations=LABELS)), "--family", "distmult")
     capsys.readouterr()
     main(["insert", "stove", "--fact", "atLocation", "kitchen", "--embedding", "out", "--out", "larger", "--json"])
     assert json.loads(capsys.readouterr().out)["insert_triples"] == [["stove", "atLocation", "kitchen"]]
@@ -102,7 +77,7 @@ def test_it_is_inserted_into_and_asked_as_any_other(capsys: pytest.CaptureFixtur
 
 
 def test_names_may_begin_with_a_mark_and_there_may_be_no_triples() -> None:
-    folder = lists(entities=ENTITIES, relations=LABELS)
+    folder = write_lists(entities=ENTITIES, relations=LABELS)
     (folder / "entities.txt").write_text("\n".join(NAMES), encoding="utf-8-sig")
     (folder / "triples.tsv").write_bytes(b"")
     found = imported("mine", "--family", "distmult")
@@ -111,7 +86,7 @@ def test_names_may_begin_with_a_mark_and_there_may_be_no_triples() -> None:
 
 
 def test_the_same_import_is_the_same_bytes() -> None:
-    folder = str(lists(entities=ENTITIES, relations=LABELS))
+    folder = str(write_lists(entities=ENTITIES, relations=LABELS))
     imported(folder, "--family", "distmult")
     before = files(Path("out"))
     imported(folder, "--family", "distmult")
@@ -123,10 +98,10 @@ def test_halves_of_complex_vectors_are_joined_and_complex_numbers_parted() -> No
         "ent_re_embeddings.weight": ENTITIES, "ent_im_embeddings.weight": ENTITIES + 1,
         "rel_re_embeddings.weight": LABELS, "rel_im_embeddings.weight": LABELS + 1,
     }  # fmt: skip
-    joined = imported(str(lists(**halves)), "--family", "complex")
+    joined = imported(str(write_lists(**halves)), "--family", "complex")
     assert joined.entities.tolist() == np.concatenate([ENTITIES, ENTITIES + 1], 1).tolist()
     whole = {"entities": ENTITIES + 1j * (ENTITIES + 1), "relations": LABELS + 1j * (LABELS + 1)}
-    parted = imported(str(lists(**whole)), "--family", "complex")
+    parted = imported(str(write_lists(**whole)), "--family", "complex")
     assert parted.entities.tobytes() == joined.entities.tobytes()
     assert parted.relations.tobytes() == joined.relations.tobytes()
 
@@ -134,14 +109,14 @@ def test_halves_of_complex_vectors_are_joined_and_complex_numbers_parted() -> No
 def test_rotations_become_angles() -> None:
     angles = np.array([[0.1, -2.0, 3.0, 0.0], [1.0, 2.0, -3.0, 0.5]])
     given = {"entities": ENTITIES + 1j * ENTITIES, "relations": np.exp(1j * angles)}
-    bundle = imported(str(lists(**given)), "--family", "rotate", "--set", "margin=4", "--set", "squared=true")
+    bundle = imported(str(write_lists(**given)), "--family", "rotate", "--set", "margin=4", "--set", "squared=true")
     np.testing.assert_allclose(bundle.relations, angles, rtol=1e-6)
     assert bundle.manifest.model_options == {"margin": 4.0, "squared": True}
 
 
 def test_a_margin_lies_halfway_between_triples_and_corrupted_ones() -> None:
     """TransE in one dimension, with one relation: every tail lies 1 behind its head, and other tails elsewhere."""
-    folder = lists()
+    folder = write_lists()
     (folder / "triples.tsv").write_text("kitchen\tatLocation\tbedroom\nkettle\tatLocation\tbed\n", encoding="utf-8")
     np.savez(folder / "t.npz", entities=np.array([[0.0], [1.0], [5.0], [6.0], [9.0], [9.0]]), relations=np.ones((2, 1)))
     model = opened(str(folder), "--family", "transe_l1").model

@@ -25,7 +25,7 @@ from isi.models.stack import uniform
 from isi.params import Params
 from isi.training import trainer
 from isi.training.batches import TrainingData, training_data
-from tests.benchmarks.test_training import as_torchkge, splits
+from tests.benchmarks.training_triples import as_torchkge, splits
 
 #: All run on one thread: what else the machine does costs them no time of the processor.
 pytestmark = pytest.mark.benchmark(timer=time.process_time)

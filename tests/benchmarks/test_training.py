@@ -10,25 +10,24 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
 from pykeen.models import ComplEx
 from pykeen.training import SLCWATrainingLoop
 from pykeen.triples import CoreTriplesFactory
 from torch import Tensor
-from torchkge.data_structures import KnowledgeGraph
 from torchkge.models import AnalogyModel
 from torchkge.sampling import BernoulliNegativeSampler
 from torchkge.utils import LogisticLoss
 
 from isi.graph.graph import Graph
-from isi.graph.sessions import TRAIN, session_of, split
+from isi.graph.sessions import TRAIN, session_of
 from isi.models.model import make_model
 from isi.models.stack import uniform
 from isi.params import Params
 from isi.training import trainer
 from isi.training.batches import training_data
+from tests.benchmarks.training_triples import as_torchkge, splits
 
 ROUNDS = 5
 
@@ -38,12 +37,6 @@ def measure(benchmark: Any, epoch: Callable[[], object], scored: int, **facts: o
     benchmark.group = "training"
     benchmark.extra_info.update(facts, scored=scored)
     benchmark.pedantic(epoch, rounds=ROUNDS, warmup_rounds=1)
-
-
-def splits(home: Graph, params: Params, models: int) -> Tensor:
-    """What each model trains on; shape (M, T)."""
-    drawn = (split(home, params.seed, seed, params.sessions.valid, params.sessions.test) for seed in range(models))
-    return torch.from_numpy(np.stack(list(drawn)))
 
 
 @pytest.fixture(scope="module")
@@ -78,14 +71,6 @@ def test_stack(benchmark: Any, home: Graph, params: Params, models: int, mode: s
 @pytest.mark.parametrize("family", ["distmult", "complex", "transe", "rotate"])
 def test_family(benchmark: Any, home: Graph, params: Params, family: str) -> None:
     time_stack(benchmark, home, params, 30, "expected", family)
-
-
-def as_torchkge(home: Graph, observations: Tensor) -> KnowledgeGraph:
-    """Observations, of shape (N, 3), as TorchKGE takes them."""
-    heads, relations, tails = observations.T
-    names = {name: number for number, name in enumerate(home.entities)}
-    kinds = {name: number for number, name in enumerate(home.relations)}
-    return KnowledgeGraph(kg={"heads": heads, "tails": tails, "relations": relations}, ent2ix=names, rel2ix=kinds)
 
 
 def test_torchkge(benchmark: Any, home: Graph, params: Params, observations: Tensor) -> None:

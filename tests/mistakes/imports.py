@@ -10,9 +10,9 @@ import numpy as np
 import torch
 
 from isi.bundle.importer import OF_PYKEEN
+from tests.import_folders import ENTITIES, LABELS, write_lists, write_openke
 from tests.mistakes.calls import Typed, packed
 from tests.mistakes.commands import inserted_elsewhere
-from tests.test_import_command import ENTITIES, LABELS, ids, lists
 
 TYPED = "import mine --family distmult --out out"
 THEIRS = "import theirs --family distmult --out out"
@@ -23,7 +23,7 @@ RE, IM, OF = "ent_re_embeddings.weight", "ent_im_embeddings.weight", "rel_emb"
 def with_tables(**changed: Any) -> Callable[[], object]:
     """Names with tables, some of them others than they should be; null: not there."""
     given = {"entities": ENTITIES, "relations": LABELS, **changed}
-    return lambda: lists(**{name: table for name, table in given.items() if table is not None})
+    return lambda: write_lists(**{name: table for name, table in given.items() if table is not None})
 
 
 def with_file(name: str, content: str | bytes, folder: Callable[[], Path] = with_tables()) -> Callable[[], object]:  # type: ignore[assignment]  # noqa: B008
@@ -36,7 +36,7 @@ def with_file(name: str, content: str | bytes, folder: Callable[[], Path] = with
 
 
 def with_state(value: object) -> Callable[[], object]:
-    return lambda: torch.save(value, lists() / "t.pt")
+    return lambda: torch.save(value, write_lists() / "t.pt")
 
 
 def of_pykeen(**changed: bytes | None) -> Callable[[], object]:
@@ -78,7 +78,7 @@ def of_rescal() -> None:
 
 def corrupt() -> None:
     """An archive that begins as one, and cannot be inflated."""
-    np.savez_compressed(lists() / "tables.npz", entities=ENTITIES)
+    np.savez_compressed(write_lists() / "tables.npz", entities=ENTITIES)
     path = Path("mine/tables.npz")
     content = bytearray(path.read_bytes())
     start = content.index(b"entities.npy") + len(b"entities.npy")
@@ -97,15 +97,15 @@ TYPED_CASES = [
     Typed("a setting that is none", "import mine --set margin --out out", "--set", status=2),
     Typed("no family", "import mine --out out", "--family", before=with_tables()),
     Typed("settings beside a pickle", "import mine --trust-pickle --set margin=2 --out out", "--trust-pickle",
-          before=lists),
+          before=write_lists),
     Typed("a folder with nothing in it", TYPED, "mine"),
-    Typed("no tensors", TYPED, "mine", before=lists),
-    Typed("no such file of tensors", f"{TYPED} --tensors t.npz", "t.npz", before=lists),
-    Typed("tensors of another form", f"{TYPED} --tensors t.h5", "t.h5", before=lists),
+    Typed("no tensors", TYPED, "mine", before=write_lists),
+    Typed("no such file of tensors", f"{TYPED} --tensors t.npz", "t.npz", before=write_lists),
+    Typed("tensors of another form", f"{TYPED} --tensors t.h5", "t.h5", before=write_lists),
     Typed("an option that the family does not have", f"{TYPED} --set margin=2", "--family|margin",
           before=with_tables()),
     Typed("a margin that nothing tells", "import mine --family transe --out out", "--set|margin",
-          before=lambda: (lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").unlink()),
+          before=lambda: (write_lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").unlink()),
     Typed("a name that the folder does not have where it is to be written", f"{TYPED[:-3]}log.csv", "log.csv",
           before=with_tables()),
     Typed("numbers of which a score would be none", TYPED, "mine|entities",
@@ -128,7 +128,7 @@ TENSOR_CASES = [
     Typed("one dimension", TYPED, "mine/tables.npz|entities", before=with_tables(entities=ENTITIES[0])),
     Typed("texts", TYPED, "mine/tables.npz|entities", before=with_tables(entities=np.array([["a"]]))),
     Typed("half a complex number, of PyKEEN", "import mine --family complex --out out", "mine/tables.npz",
-          before=lambda: lists(**dict(zip(OF_PYKEEN, (ENTITIES[:, :3], LABELS[:, :3]), strict=True)))),
+          before=lambda: write_lists(**dict(zip(OF_PYKEEN, (ENTITIES[:, :3], LABELS[:, :3]), strict=True)))),
     Typed("halves of two widths", "import mine --family complex --out out",
           "mine/tables.npz|ent_im_embeddings.weight",
           before=with_tables(entities=None, relations=None, **{RE: ENTITIES, IM: ENTITIES[:, :3], OF: LABELS})),
@@ -137,10 +137,10 @@ TENSOR_CASES = [
     Typed("a broken archive", TYPED, "mine/tables.npz", before=corrupt),
     Typed("Python's objects", TYPED, "mine/tables.npz", before=with_tables(entities=np.array([{}, None]))),
     Typed("a number beyond all", TYPED, "mine/t.json", before=with_file("t.json",
-          f'{{"entities": [[1{"0" * 400}]]}}', lists)),
-    Typed("JSON of something else", TYPED, "mine/t.json", before=with_file("t.json", "[]", lists)),
+          f'{{"entities": [[1{"0" * 400}]]}}', write_lists)),
+    Typed("JSON of something else", TYPED, "mine/t.json", before=with_file("t.json", "[]", write_lists)),
     Typed("a pickle that is no state dict", TYPED, "mine/t.pt", before=with_file("t.pt",
-          b"\x80\x02cos\nmkdir\nq\x00.", lists)),
+          b"\x80\x02cos\nmkdir\nq\x00.", write_lists)),
     Typed("PyTorch's file of something else", TYPED, "mine/t.pt", before=with_state([torch.ones(2)])),
 ]  # fmt: skip
 
@@ -152,7 +152,7 @@ NAME_CASES = [
     Typed("a triple of a name that is not there", TYPED, "mine/triples.tsv|line 1", before=with_file("triples.tsv",
           "a\tb\tc\n")),
     Typed("OpenKE's names, fewer than the first line says", THEIRS, "theirs/entity2id.txt|line 1",
-          before=with_file("entity2id.txt", "2\na\t0\n", ids)),
+          before=with_file("entity2id.txt", "2\na\t0\n", write_openke)),
     Typed("a folder of PyKEEN's without labels", THEIRS, "theirs/training_triples/entity_to_id.tsv.gz",
           before=of_pykeen(entity_to_id=None)),
     Typed("labels that are not compressed", THEIRS, "theirs/training_triples/entity_to_id.tsv.gz",
