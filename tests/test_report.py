@@ -122,6 +122,7 @@ def test_an_estimate_is_one_cell_for_people_and_three_columns_in_files() -> None
 
 def test_a_table_without_rows_can_be_written() -> None:
     assert all(isinstance(text, str) for text in ReportTable.of("name", []).files.values())
+    assert ReportTable.of("name", {"size": [], "mean": []}).files["csv"] == "size,mean\n"
 
 
 def test_numbers_of_files_have_two_decimals_or_four_digits() -> None:

@@ -67,7 +67,8 @@ class ReportTable:
     def of(cls, name: str, rows: pd.DataFrame | Mapping[Any, Any] | Iterable[Mapping[Any, Any]]) -> ReportTable:
         """A table of a frame or of a mapping whose labels are columns, or of rows; text is a plain column."""
         if isinstance(rows, Mapping):
-            rows = pd.DataFrame(dict(zip(rows, column, strict=True)) for column in zip(*rows.values(), strict=True))
+            cells = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
+            rows = pd.DataFrame(cells, columns=list(rows))
         frame = rows if isinstance(rows, pd.DataFrame) else pd.DataFrame(list(rows))
         labels: list[Any] = list(frame.columns)
         columns = [label if isinstance(label, Column) else Column(label) for label in labels]

@@ -197,13 +197,15 @@ def ties(experiments: Mapping[str, Experiment]) -> ReportTable:
 def fallbacks(experiments: Mapping[str, Experiment]) -> ReportTable:
     """How often each initializer lacked what it needs, and what it fell back to."""
     titles = {name: experiment.title for name, experiment in experiments.items()}
-    return ReportTable.of("fallbacks", [
-        {Column("experiment", words=titles): name, "initializer": label(model), "fell back to": fallback,
-         "inserted entities": number}
+    rows = [
+        (name, label(model), fallback, number)
         for name, experiment in experiments.items()
         for model, fallback, number in (
-            experiment.inserted.groupby(["model", "fallback"]).size().reset_index().to_numpy())
-    ])  # fmt: skip
+            experiment.inserted.groupby(["model", "fallback"]).size().reset_index().to_numpy()
+        )
+    ]
+    columns = [Column("experiment", words=titles), "initializer", "fell back to", "inserted entities"]
+    return ReportTable.of("fallbacks", pd.DataFrame(rows, columns=columns))
 
 
 def departures(results: Results) -> Iterator[Content]:
