@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, cast
 
 import numpy as np
 import pandas as pd
@@ -111,18 +112,22 @@ def changed(params: Params, changes: Mapping[str, Any]) -> Params:
     Raises:
         InputError: where a key is in none of the sections that may be changed, or its value is none that it takes.
     """
-    values = params.model_dump(exclude_unset=True)
     for key, value in changes.items():
-        section, *within = key.split(".")
-        if section not in CHANGEABLE or not within:
+        name, _, within = key.partition(".")
+        if name not in CHANGEABLE or not within:
             raise InputError("", key, f"expected keys below {', '.join(CHANGEABLE)}")
-        place = values[section]
-        for parent in within[:-1]:
+        section = getattr(params, name)
+        values = section.model_dump() if isinstance(section, Section) else deepcopy(dict(section))
+        *parents, last = within.split(".")
+        place = values
+        for parent in parents:
             place = place.setdefault(parent, {})
             if not isinstance(place, dict):
                 raise InputError("", key, f"expected a key, but {parent} is a value")
-        place[within[-1]] = value
-    return check(values, type(params), "", "")
+        place[last] = value
+        new = check(values, cast("type[Any]", type(params).model_fields[name].annotation), name, "")
+        params = params.model_copy(update={name: new})
+    return params
 
 
 def results(params: Params, variant: Variant, stores: Sequence[Store], name: str) -> tuple[pd.DataFrame, pd.DataFrame]:
