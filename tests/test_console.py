@@ -24,5 +24,6 @@ $ isi nothing
 def test_output_is_renewed_where_there_is_some(tmp_path: Path) -> None:
     written(tmp_path / "data" / "final_models" / "ai2thor")
     page = with_output(PAGE, tmp_path)
-    assert page == PAGE.replace("of another day", "kettle (cosine of the vectors)\n  0.802  kitchen  room")  # 3 / √14
+    answer = "entity: kettle\nnearest:\n  entity   kind  cosine\n  kitchen  room  0.802"  # 3 / √14
+    assert page == PAGE.replace("of another day", answer)
     assert with_output(page, tmp_path) == page
