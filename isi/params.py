@@ -13,13 +13,11 @@ from pydantic import Field, model_validator
 
 from isi import config
 from isi.analyses import variants
-from isi.analyses.affordances import Affordances
 from isi.analyses.finetuning import FinetuneOnly, RateSweep, Sweep
 from isi.analyses.hidden_entities import Hidden
 from isi.analyses.joint_models import CrossValidation, FinalModel, ModelComparison, Setting
-from isi.analyses.query_breakdown import QueryBreakdown
-from isi.analyses.single_insertions import SHOWN, ExplorerParams
-from isi.analyses.trajectory import TRACED, Trajectories
+from isi.analyses.query_breakdown import Affordances, QueryBreakdown
+from isi.analyses.single_insertions import SHOWN, TRACED, ExplorerParams, Trajectories
 from isi.analyses.variants import GraphExperiment, Variant
 from isi.config import Name, Names, Section, Seed, Study, distinct
 from isi.errors import InputError, at, meant

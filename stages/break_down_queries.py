@@ -21,7 +21,7 @@ def break_down_queries(context: StageContext, experiment: str) -> None:
     ]  # fmt: skip
     answers = pd.concat(run(break_down, tasks, params.compute, f"{experiment}, queries"))
     relation, seed = JOINT.read(["relation", "seed"], experiment=experiment).values()
-    used = used_coordinates(model, relation.numpy(), seed.tolist(), store.graph().relations)
+    used = used_coordinates(model, relation, seed.tolist(), store.graph().relations)
     QUERY_BREAKDOWN.write(answers.sort_values(["size", "seed"], kind="stable"), context.stage, experiment=experiment)
     USED_COORDINATES.write(used, context.stage, experiment=experiment)
 

@@ -2,8 +2,8 @@
 
 import torch
 
-from isi.analyses import trajectory as analysis
-from isi.analyses.trajectory import TRACED, TRAJECTORY, place_of_interest
+from isi.analyses import single_insertions as analysis
+from isi.analyses.single_insertions import TRACED, TRAJECTORY, place_of_interest
 from isi.errors import InputError
 from isi.experiment.insert import insert_config
 from isi.experiment.runner import run
@@ -31,7 +31,7 @@ def trace_trajectory(context: StageContext, experiment: str) -> None:
     tensors = {
         "entity": torch.from_numpy(points.novel[0, 0, place : place + 1]),
         "known": points.session(0).entities[0],
-        "theta0": torch.from_numpy(theta0.entity[0]),
+        "theta0": theta0.entity[0],
     }
     traces = run(analysis.trace_trajectory, tasks, params.compute, "trajectory")
     for name, (path, indicators) in zip(TRACED, traces, strict=True):

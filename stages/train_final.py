@@ -31,7 +31,7 @@ def train_final(context: StageContext, experiment: str) -> None:
     source = WordSource(source=words.source, text=words.text, model=of_package)
     manifest = Manifest(model_name=model, model_options=options, words=source, inserted=[], made=made)
     bundle = Bundle(
-        manifest, trained.entity[0], trained.relation[0], graph.entities, list(entities["kind"]),
+        manifest, trained.entity[0].numpy(), trained.relation[0].numpy(), graph.entities, list(entities["kind"]),
         list(entities["phrase"]), graph.relations, graph.triples.numpy(), store.words(),
     )  # fmt: skip
     write(paths.final_model(experiment), bundle)

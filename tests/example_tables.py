@@ -11,11 +11,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 
-from isi.analyses.affordances import AFFORDANCES
 from isi.analyses.finetuning import INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.hidden_entities import HIDDEN_ENTITIES
 from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
-from isi.analyses.query_breakdown import QUERY_BREAKDOWN, USED_COORDINATES
+from isi.analyses.query_breakdown import AFFORDANCES, QUERY_BREAKDOWN, USED_COORDINATES
 from isi.analyses.single_insertions import SINGLE_ANSWERS, SINGLE_INDICATORS, SINGLE_INSERTIONS, SINGLE_PLACES
 from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS
 from isi.experiment.store import INSERTED, RUNS, TIES, TRAINING_LOG

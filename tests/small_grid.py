@@ -9,10 +9,11 @@ import pandas as pd
 
 from isi.analyses.single_insertions import SHOWN, ExplorerParams, first_seeds
 from isi.config import Option
-from isi.evaluation.convergence import SCOPES as CONVERGING
-from isi.experiment.grid import GridPoints, StackedVectors
+from isi.evaluation.query_sets import CONVERGING
+from isi.experiment.grid import GridPoints
 from isi.experiment.insert import InsertConfig, InsertResult, InsertTask
 from isi.experiment.train import TrainConfig, TrainResult, train_stack
+from isi.models.stack import Embedding
 from isi.training.batches import Negatives
 from isi.training.trainer import Optimizer, Training
 from tests.small_graphs import ANALOGY, points_of, random_graph
@@ -58,18 +59,18 @@ def training_tasks(
     return [(points, config, 0) for points in stacks(height, steps)]
 
 
-def theta0(config: TrainConfig = LEARNING, steps: int = 1) -> StackedVectors:
+def theta0(config: TrainConfig = LEARNING, steps: int = 1) -> Embedding:
     (points,) = stacks(len(SEEDS), steps)
     return train_stack(points, config).theta
 
 
-def some_models(theta: StackedVectors, models: slice | list[int]) -> StackedVectors:
+def some_models(theta: Embedding, models: slice | list[int]) -> Embedding:
     """Some embeddings of a stack."""
-    return StackedVectors(theta.model, theta.entity[models], theta.relation[models])
+    return Embedding(theta.entity[models], theta.relation[models], theta.model)
 
 
 def insert_tasks(
-    height: int, name: str, trained: StackedVectors, words: np.ndarray = WORDS, steps: int = 1,
+    height: int, name: str, trained: Embedding, words: np.ndarray = WORDS, steps: int = 1,
     full_curves: Sequence[int] = (),
 ) -> list[InsertTask]:  # fmt: skip
     config = InsertConfig(name, INITIALIZERS[name], 0, SAMPLED, OPTIMIZER, MARGIN, full_curves)
@@ -109,7 +110,7 @@ SOFT = InsertConfig("soft_hybrid", {"word_weight": 3.0, "relation_weight": 5.0},
 
 def explorer_task(
     height: int = 4, number: int = 0, configs: int = 5
-) -> tuple[GridPoints, StackedVectors, StackedVectors, np.ndarray, list[InsertConfig], dict[int, int], ExplorerParams]:
+) -> tuple[GridPoints, Embedding, Embedding, np.ndarray, list[InsertConfig], dict[int, int], ExplorerParams]:
     """Single insertions of all novel entities, each in the first seed that has it."""
     trained, (stack,), points = theta0(), stacks(4), stacks(height)[number]
     models = slice(number * height, (number + 1) * height)

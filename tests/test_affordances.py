@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from isi.analyses.affordances import rank_answers, ranks_of
-from isi.experiment.grid import GridPoints, StackedVectors
+from isi.analyses.query_breakdown import rank_answers, ranks_of
+from isi.experiment.grid import GridPoints
 from isi.graph.sessions import OUT, TEST, TRAIN
 from tests.small_graphs import graph_of, random_embedding
 
@@ -29,14 +29,13 @@ def test_candidates_outside_the_session_neither_rank_nor_answer() -> None:
 def test_ranks_follow_the_scores_of_each_answer_one_by_one() -> None:
     theta0 = random_embedding(1, 7, 2, 8)
     vectors = random_embedding(1, 1, 1, 8, seed=5).entity
-    before = StackedVectors(theta0.model, theta0.entity.numpy(), theta0.relation.numpy())
     table = theta0.entity[0].clone()
     table[5] = vectors[0, 0]
     candidates = [0, 1, 2, 3, 5]
     score = {e: float(theta0.model.score(table[5], theta0.relation[0, 1], table[e])) for e in candidates}
     expected = {e: 1 + sum(score[other] > score[e] for other in candidates) for e in candidates}
     for points in (POINTS, LATER):  # ranked after the first session, whoever comes later
-        found = rank_answers(points, before, "es", vectors.numpy(), relation=1)
+        found = rank_answers(points, theta0, "es", vectors.numpy(), relation=1)
         assert dict(zip(found["answer"], found["rank"], strict=True)) == expected
         assert set(found["seed"]) == {3}
         assert set(found["entity"]) == {5}

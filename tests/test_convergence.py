@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isi.evaluation.convergence import epochs_to_convergence
+from isi.evaluation.query_sets import epochs_to_convergence
 
 Row = tuple[str, str, int, int, int, float]
 

@@ -10,8 +10,7 @@ import pandas as pd
 import pytest
 import torch
 
-from isi.analyses.single_insertions import TABLES, single_insertions
-from isi.analyses.trajectory import trace_trajectory
+from isi.analyses.single_insertions import TABLES, single_insertions, trace_trajectory
 from isi.errors import InputError
 from isi.experiment import runner
 from isi.experiment.insert import insert_stack

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from isi.evaluation.convergence import epochs_to_convergence
+from isi.evaluation.query_sets import epochs_to_convergence
 from isi.report import significance
 from isi.report.sections import gain
 from isi.report.tables import ReportTable

@@ -19,17 +19,16 @@ from isi.analyses.joint_models import (
     compare,
     fold_points,
 )
-from isi.analyses.trajectory import place_of_interest, trace_trajectory
+from isi.analyses.single_insertions import place_of_interest, trace_trajectory
 from isi.analyses.variants import train_models
-from isi.evaluation.convergence import SCOPES as CONVERGING
+from isi.evaluation.query_sets import CONVERGING
 from isi.experiment import runner
-from isi.experiment.grid import StackedVectors
 from isi.experiment.insert import InsertTask, JointTargets, init_context, insert_sessions, insert_stack
 from isi.experiment.runner import Compute
 from isi.experiment.train import TrainResult, as_tensors, evaluate_stack, joint_tasks, train_stack
 from isi.graph.sessions import TRAIN
 from isi.models.model import MODELS, make_model
-from tests.small_graphs import ANALOGY, points_of
+from tests.small_graphs import points_of
 from tests.small_grid import (
     ENTITIES,
     FAMILY_OPTIONS,
@@ -221,33 +220,33 @@ def two_sessions(name: str, first: float, second: float) -> InsertTask:
 
 def test_a_session_inserts_into_what_the_one_before_has_learned_and_leaves_it_as_it_is() -> None:
     task = two_sessions("mean", 2.0, np.nan)  # the first session is fine-tuned, the second is not
-    (first, second), points, before = insert_sessions(*task), task[0], task[1].entity
+    ((theta1, first), (theta2, second)), points, before = insert_sessions(*task), task[0], task[1].entity
     for model, (novel1, novel2) in enumerate(points.novel):
-        learned, after = first.theta.entity[model], second.theta.entity[model]
+        learned, after = theta1.entity[model], theta2.entity[model]
         d0, d1 = (points.session(number).entities[model] for number in (0, 1))
-        assert not torch.equal(learned[d0], torch.from_numpy(before[model])[d0])
-        assert not torch.equal(learned[novel1], first.initial.vectors[model])
+        assert not torch.equal(learned[d0], before[model][d0])
+        assert not np.array_equal(learned[novel1], first.vectors[model])
         assert not learned[novel2].any()  # nobody knows them yet
         assert torch.equal(after[d1], learned[d1])
-        assert torch.equal(after[novel2], second.initial.vectors[model])
-        assert torch.allclose(first.initial.vectors[model, 0], torch.from_numpy(before[model])[d0].mean(0), atol=1e-6)
-        assert torch.allclose(second.initial.vectors[model, 0], learned[d1].mean(0), atol=1e-6)
-    assert torch.equal(second.theta.relation, first.theta.relation)
+        assert np.array_equal(after[novel2], second.vectors[model])
+        assert np.allclose(first.vectors[model, 0], before[model][d0].mean(0), atol=1e-6)
+        assert np.allclose(second.vectors[model, 0], learned[d1].mean(0), atol=1e-6)
+    assert torch.equal(theta2.relation, theta1.relation)
 
 
 def test_known_entities_of_the_first_session_go_on_learning_in_the_second() -> None:
     task = two_sessions("mean", np.nan, 2.0)  # the first session is not fine-tuned, the second is
-    first, second = insert_sessions(*task)
+    (theta1, first), (theta2, _) = insert_sessions(*task)
     for model, (novel1, novel2) in enumerate(task[0].novel):
-        assert torch.equal(first.theta.entity[model, novel1], first.initial.vectors[model])
+        assert np.array_equal(theta1.entity[model, novel1], first.vectors[model])
         for novel in (novel1, novel2):
-            assert not torch.equal(second.theta.entity[model, novel], first.theta.entity[model, novel])
+            assert not torch.equal(theta2.entity[model, novel], theta1.entity[model, novel])
 
 
 def test_a_later_session_has_its_own_insert_triples_and_knows_the_entities_before() -> None:
     task = two_sessions("rs", np.nan, np.nan)
-    points, (first, _) = task[0], insert_sessions(*task)
-    rows, context = points.insert_triples_in(2), init_context(points, first.theta, WORDS, 0, 2)
+    points, ((theta1, _), _) = task[0], insert_sessions(*task)
+    rows, context = points.insert_triples_in(2), init_context(points, theta1, WORDS, 0, 2)
     came_before = 0
     for model, (novel1, novel2) in enumerate(points.novel):
         assert context.known[model, novel1].all()
@@ -357,7 +356,6 @@ def test_the_best_validation_on_a_fold_is_the_last_that_was_kept() -> None:
         {"seed": [0, 0, 0, 1, 1, 1], "epoch": [2, 4, 6] * 2, "mrr_star": [0.3, 0.5, 0.4, 0.6, 0.5, 0.2],
          "kept": [True, True, False, True, False, False]}
     )  # fmt: skip
-    nothing = np.zeros(0)
-    best = best_validations(TrainResult(StackedVectors(ANALOGY, nothing, nothing), nothing, log), FEW[0])
+    best = best_validations(TrainResult(theta0(), np.zeros(0), log), FEW[0])
     assert best.set_index("fold")["mrr_star"].to_dict() == {0: 0.5, 1: 0.6}
     assert best.set_index("fold")["epoch"].to_dict() == {0: 4, 1: 2}

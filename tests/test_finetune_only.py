@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from isi.analyses.finetuning import finetune_only
-from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.grid import GridPoints
 from isi.experiment.insert import insert_stack
 from isi.models.stack import Embedding
 from isi.training import trainer
@@ -20,7 +20,7 @@ from tests.small_grid import GRAPH, OPTIMIZER, SAMPLED, SEEDS, SIZE, insert_task
 MEASURES = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "queries"]
 
 
-def finetuned(points: GridPoints, trained: StackedVectors) -> pd.DataFrame:
+def finetuned(points: GridPoints, trained: Embedding) -> pd.DataFrame:
     return finetune_only(points, trained, 0, SAMPLED, OPTIMIZER)
 
 
@@ -52,7 +52,7 @@ def test_known_entities_move_and_novel_ones_never_do(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("isi.analyses.finetuning.train", recorded)
     points, trained = points_of(GRAPH, SIZE, SEEDS), theta0()
     finetuned(points, trained)
-    (after,), before = ended, trained.stack
+    (after,), before = ended, trained
     still = (after.entity == before.entity).all(-1)
     for model, novel in enumerate(points.novel[:, 0].tolist()):
         assert set(torch.where(still[model])[0].tolist()) == set(novel)

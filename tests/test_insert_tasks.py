@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from isi.errors import InputError
-from isi.evaluation.convergence import SCOPES
+from isi.evaluation.query_sets import CONVERGING
 from isi.experiment.insert import FullCurves, insert_config, insert_tasks, is_listed, joint_targets
 from isi.experiment.store import RUNS, Store
 from isi.graph.sessions import INSERT_TRIPLES
@@ -32,23 +32,23 @@ def joint_runs() -> pd.DataFrame:
     rows = [
         (size, seed, session, epoch, scope, 1000 * size + 100 * seed + 10 * session + epoch + place / 10)
         for size in (2, 3) for seed in (8, 6, 5, 4) for session in (2, 1) for epoch in (1, 0)
-        for place, scope in enumerate((*SCOPES, "novel"))
+        for place, scope in enumerate((*CONVERGING, "novel"))
     ]  # fmt: skip
     return pd.DataFrame(rows, columns=["size", "seed", "session", "epoch", "scope", "mrr_star"])
 
 
 def test_what_convergence_is_measured_against_is_the_joint_models_at_once_in_the_same_cells() -> None:
     found = joint_targets(joint_runs(), POINTS)
-    assert found.keys() == {(session, scope) for session in (1, 2) for scope in SCOPES}
+    assert found.keys() == {(session, scope) for session in (1, 2) for scope in CONVERGING}
     for (session, scope), values in found.items():
-        place = SCOPES.index(scope) / 10
+        place = CONVERGING.index(scope) / 10
         assert values.dtype == np.float64
         np.testing.assert_allclose(values, [2400 + 10 * session + place, 2600 + 10 * session + place])
         values[:] = 0  # its own
-    assert joint_targets(joint_runs(), POINTS)[1, SCOPES[0]].all()
+    assert joint_targets(joint_runs(), POINTS)[1, CONVERGING[0]].all()
 
 
-@pytest.mark.parametrize(("session", "scope"), [(1, SCOPES[0]), (2, SCOPES[-1])])
+@pytest.mark.parametrize(("session", "scope"), [(1, CONVERGING[0]), (2, CONVERGING[-1])])
 def test_a_cell_that_the_joint_models_lack_is_named(session: int, scope: str) -> None:
     runs = joint_runs()
     cell = runs["size"].eq(2) & runs["session"].eq(session) & runs["scope"].eq(scope) & runs["epoch"].eq(0)

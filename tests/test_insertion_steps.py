@@ -9,11 +9,11 @@ import pytest
 import torch
 
 from isi.errors import InputError
-from isi.evaluation.convergence import SCOPES
-from isi.experiment.grid import GridPoints, StackedVectors
+from isi.evaluation.query_sets import CONVERGING
+from isi.experiment.grid import GridPoints
 from isi.experiment.insert import (
     InsertConfig,
-    SessionResult,
+    InsertResult,
     finetune,
     init_context,
     initialize,
@@ -38,9 +38,9 @@ POINTS: GridPoints = replace(
 )
 
 
-def inserted(config: InsertConfig = CONFIG) -> SessionResult:
-    joint = {(1, scope): np.full(2, np.nan) for scope in SCOPES}
-    (result,) = insert_sessions(POINTS, StackedVectors.of(WORLD.theta0), WORLD.words, joint, config)
+def inserted(config: InsertConfig = CONFIG) -> tuple[Embedding, InsertResult]:
+    joint = {(1, scope): np.full(2, np.nan) for scope in CONVERGING}
+    (result,) = insert_sessions(POINTS, WORLD.theta0, WORLD.words, joint, config)
     return result
 
 
@@ -54,7 +54,7 @@ def test_the_mask_is_of_each_models_own_insert_triples() -> None:
 
 def test_immediate_queries_are_of_triples_with_a_novel_entity_that_are_no_insert_triples() -> None:
     """Measures count triples, of each of which all three slots are hidden."""
-    result, triples = inserted(), WORLD.graph.triples.tolist()
+    (_, result), triples = inserted(), WORLD.graph.triples.tolist()
     runs = result.runs[result.runs["scope"] == "novel"].set_index("seed")["queries"]
     by_entity = result.entities.set_index(["seed", "entity"])["queries"]
     for model, seed in enumerate(POINTS.seeds):
@@ -105,9 +105,9 @@ def test_fine_tuning_draws_for_its_own_purpose_from_the_pool_that_params_name(po
 
 
 def test_where_new_rows_go_first_they_are_those_of_the_session() -> None:
-    result = inserted(CONFIG.training(new_rows_first=3))
-    before = with_vectors(WORLD.theta0, torch.as_tensor(NOVEL), result.initial.vectors).entity
-    moved = (result.theta.entity != before).any(-1).numpy()
+    theta, result = inserted(CONFIG.training(new_rows_first=3))
+    before = with_vectors(WORLD.theta0, torch.as_tensor(NOVEL), torch.from_numpy(result.vectors)).entity
+    moved = (theta.entity != before).any(-1).numpy()
     for model in range(2):
         assert set(np.flatnonzero(moved[model])) == set(NOVEL[model])
 

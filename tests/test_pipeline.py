@@ -440,7 +440,7 @@ def test_an_edit_of_code_touches_what_imports_it_alone(folder: Path) -> None:
     }  # fmt: skip
     edits = {
         "isi/initializers/paper.py": inserting,
-        "isi/analyses/trajectory.py": {"trace_trajectory@ai2thor", "single_insertions@ai2thor"},  # which shares its map
+        "isi/analyses/single_insertions.py": {"trace_trajectory@ai2thor", "single_insertions@ai2thor"},
         "isi/report/sections/__init__.py": set(),
         "isi/errors.py": set(),
         "isi/cli/app.py": set(),

@@ -11,21 +11,22 @@ import torch
 
 from isi.analyses.query_breakdown import break_down, query_sets_with_filters, used_coordinates
 from isi.evaluation.ranking import MEASURES, evaluate
-from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.grid import GridPoints
 from isi.experiment.insert import with_vectors
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.models.model import make_model
+from isi.models.stack import Embedding, select
 from isi.report.stats import combined
 from tests.small_graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
 
 POINT = ["model", "size", "seed", "scope", "filter"]
 
 
-def random_task(seeds: list[int]) -> tuple[GridPoints, StackedVectors, StackedVectors, dict[str, np.ndarray]]:
+def random_task(seeds: list[int]) -> tuple[GridPoints, Embedding, Embedding, dict[str, np.ndarray]]:
     """Random embeddings as the joint model or, by their novel vectors, as initializers in the joint model's place."""
     points = points_of(random_graph(12, 3, 90), 2, seeds)
     joint, *others = (random_embedding(3, 12, 3, 8, seed=seed) for seed in range(3))
-    theta = StackedVectors(ANALOGY, joint.entity[seeds].numpy(), joint.relation[seeds].numpy())
+    theta = select(joint, torch.tensor(seeds))
     rows = torch.arange(len(seeds))[:, None], points.novel_in(1)
     inserted = {name: other.entity[seeds][rows].numpy() for name, other in zip(("es", "rs"), others, strict=True)}
     return points, theta, theta, inserted
@@ -36,10 +37,10 @@ def test_groups_put_together_are_the_measures_of_their_scope() -> None:
     rows, novel = break_down(*task), points.novel_in(1)
     found = combined(rows, POINT).set_index(POINT)
     plain = combined(rows.assign(mrr_star=rows["mrr"]), POINT).set_index(POINT)
-    models = {name: with_vectors(theta0.stack, novel, torch.as_tensor(own)) for name, own in inserted.items()}
+    models = {name: with_vectors(theta0, novel, torch.as_tensor(own)) for name, own in inserted.items()}
     compared = 0
     for scopes in query_sets_with_filters(points):
-        for name, embedding in {**models, "joint": joint.stack}.items():
+        for name, embedding in {**models, "joint": joint}.items():
             for (scope, which), queries in scopes.items():
                 measures = evaluate(embedding, {"own": queries})["own"].measures
                 for seed, expected in zip(points.seeds, measures.tolist(), strict=True):
@@ -64,7 +65,7 @@ def test_a_cells_groups_are_the_same_whatever_stands_beside_it(monkeypatch: pyte
     monkeypatch.setattr("isi.evaluation.ranking.BUDGET", 2 * 3 * 12 * 3)  # three queries at a time
     pieces = break_down(*random_task([0, 1, 2]))
     for other, exact in ((alone, True), (pieces, False)):
-        one, two = (rows.drop(columns="place").sort_values("seed", kind="stable").reset_index(drop=True)
+        one, two = (rows.sort_values("seed", kind="stable").reset_index(drop=True)
                     for rows in (together, other))  # fmt: skip
         pd.testing.assert_frame_equal(one, two, check_exact=exact)
 
@@ -79,7 +80,7 @@ def test_groups_by_hand() -> None:
     points = GridPoints("home", GRAPH, 1, [7], SPLITS, np.array([[[3]]]), given)
     entity = torch.tensor([[[1.0, 0, 0, 0], [2.0, 0, 0, 0], [3.0, 0, 0, 0], [4.0, 0, 0, 0], [5.0, 0, 0, 0]]])
     relation = torch.tensor([[[1.0, 0, 0, 0], [0.5, 0, 0, 0]]])
-    joint = StackedVectors(ANALOGY, entity.numpy(), relation.numpy())
+    joint = Embedding(entity, relation, ANALOGY)
     rows = break_down(points, joint, joint, {})
     assert set(rows["model"]) == {"joint"}
     assert set(rows["seed"]) == {7}
@@ -111,9 +112,7 @@ def test_groups_by_hand() -> None:
 
 def test_both_ends_are_novel() -> None:
     points = GridPoints("home", GRAPH, 2, [7], SPLITS, np.array([[[3, 4]]]))
-    joint = StackedVectors(
-        ANALOGY, random_embedding(1, 5, 2, 4).entity.numpy(), random_embedding(1, 1, 2, 4).relation.numpy()
-    )
+    joint = random_embedding(1, 5, 2, 4)
     rows = break_down(points, joint, joint, {})
     own = rows[(rows["scope"] == "novel_heldout") & (rows["filter"] == "true")].set_index(["relation", "hidden"])
     assert own.loc[[("relation 1", "head"), ("relation 1", "tail")], "novel"].tolist() == ["both", "both"]
@@ -123,8 +122,8 @@ def test_both_ends_are_novel() -> None:
 
 def test_coordinates_above_a_thousandth_are_in_use() -> None:
     # four scalars, then x and y of two blocks, of two relations
-    relation = np.array([[[0.5, -0.002, 0.0005, 0, 0.0008, 0, -0.0008, 0],
-                          [0.5, 0, 0.0, 0, 0.0, 0.3, 0.0, 0]]], dtype=np.float32)  # fmt: skip
+    relation = torch.tensor([[[0.5, -0.002, 0.0005, 0, 0.0008, 0, -0.0008, 0],
+                              [0.5, 0, 0.0, 0, 0.0, 0.3, 0.0, 0]]])  # fmt: skip
     found = used_coordinates(ANALOGY, relation, [5], ["on", "in"])
     assert found.set_index("part").loc["scalars", ["relation", "used", "of"]].fillna("any").to_numpy().tolist() == [
         ["on", 2, 4], ["in", 1, 4], ["any", 2, 4],

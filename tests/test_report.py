@@ -11,7 +11,7 @@ import pytest
 import scipy.stats
 from matplotlib.colors import to_hex
 
-from isi.evaluation.convergence import epochs_to_convergence
+from isi.evaluation.query_sets import epochs_to_convergence
 from isi.report import figures, stats
 from isi.report.sections import choices, convergence, forgetting, run, trajectory
 from isi.report.tables import Column, Estimate, ReportTable, csv, number

@@ -12,12 +12,14 @@ import torch
 from isi.analyses.single_insertions import (
     SHOWN,
     TABLES,
-    EntityQueries,
+    Plane,
     ShownEntities,
+    first_answers,
     first_seeds,
+    queries_of,
     single_insertions,
+    turn,
 )
-from isi.analyses.trajectory import Plane, turn
 from isi.experiment.grid import GridPoints
 from isi.experiment.insert import init_context, insert_stack
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
@@ -71,7 +73,7 @@ def test_places_are_of_the_map_of_the_entitys_own_seed(found: dict[str, pd.DataF
     for entity, seed in SEEDS_OF.items():
         model = POINTS.seeds.index(seed)
         known = [row for row in range(ENTITIES) if row not in POINTS.novel[model, 0]]
-        axes = Plane.of(torch.as_tensor(TRAINED.entity[model, known]))
+        axes = Plane.of(TRAINED.entity[model, known])
         places = found["places"]
         own = places[places["seed"] == seed].set_index(["model", "epoch", "entity"]).sort_index()
         assert own.loc["theta0", 0].index.tolist() == known
@@ -87,7 +89,7 @@ def test_weights_of_a_soft_hybrid_are_those_that_make_its_vector() -> None:
     wordless = WORDS * (np.arange(ENTITIES) % 4 > 0)[:, None]
     rows = POINTS.insert_triples
     alone = replace(POINTS, insert_triples=rows[rows[:, 1] > 0])  # the first has none
-    context = init_context(alone, TRAINED.stack, wordless, 0)
+    context = init_context(alone, TRAINED, wordless, 0)
     initial = soft_hybrid(context, **SOFT.options)  # type: ignore[arg-type]
     assert initial.weights is not None
     assert torch.allclose(initial.weights.float() @ context.theta0.entity, initial.vectors, atol=1e-6)
@@ -105,7 +107,7 @@ def test_indicators_are_those_whose_centroid_was_taken(found: dict[str, pd.DataF
     for entity, seed in SEEDS_OF.items():
         own = indicators[(indicators["model"] == "es") & (indicators["entity"] == entity)]
         place = POINTS.novel[seed, 0].tolist().index(entity)
-        centre = TRAINED.entity[seed, own["indicator"]].mean(0)
+        centre = TRAINED.entity[seed, own["indicator"].tolist()].mean(0).numpy()
         assert centre == pytest.approx(vectors[seed, place], abs=1e-6)
         assert own["weight"].tolist() == pytest.approx([1 / 3] * 3)
         assert own["by_words"].is_monotonic_decreasing
@@ -127,8 +129,8 @@ def answered(first: int, *numbers: float) -> pd.DataFrame:
     entity[0, :, 0] = torch.tensor(numbers)
     relation = torch.zeros(1, 2, 4)
     relation[..., 0] = 1
-    queries = EntityQueries.of(BY_HAND, ShownEntities.of(BY_HAND, {3: 7}))
-    return queries.answers(Embedding(entity, relation, ANALOGY), BY_HAND, first)
+    shown = ShownEntities.of(BY_HAND, {3: 7})
+    return first_answers(Embedding(entity, relation, ANALOGY), BY_HAND, shown, *queries_of(BY_HAND, shown), first)
 
 
 def test_answers_by_hand() -> None:

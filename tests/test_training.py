@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from torch import Tensor
@@ -18,10 +19,8 @@ from isi.models.stack import Embedding, select, uniform
 from isi.training.batches import DenseBatch, ListBatch, Negatives, batches, training_data
 from isi.training.trainer import (
     ConvergenceWatch,
-    EpochMeasures,
     Optimizer,
     Training,
-    ValidationResult,
     adagrad,
     loss_gradient,
     run_epoch,
@@ -124,25 +123,16 @@ FITTING = Training(
 )  # fmt: skip
 
 
-def fitted(seeds: list[int], settings: Training = FITTING) -> tuple[Embedding, list[ValidationResult]]:
+def fitted(seeds: list[int], settings: Training = FITTING) -> tuple[Embedding, pd.DataFrame]:
     points = small_points(seeds)
     data = training_data(points.session(0), "test", points.keys(), "unseen")
-    return train_until_best(start_of(points, 0.01), data, SAMPLED, settings, 0)
+    best, looks = train_until_best(start_of(points, 0.01), data, SAMPLED, settings, 0)
+    return best, pd.concat(looks)
 
 
-def validations_of(model: int, validations: list[ValidationResult]) -> list[tuple[int, float, bool]]:
-    """Epoch, MRR* and whether it was is_best, of one model."""
-    rows = []
-    for one in validations:
-        for place in torch.nonzero(one.models == model).flatten().tolist():
-            rows.append(
-                (
-                    one.epoch,
-                    one.measures[place, 0].item(),
-                    bool(one.is_best[place]),
-                )
-            )
-    return rows
+def validations_of(model: int, looks: pd.DataFrame) -> list[tuple[int, float, bool]]:
+    """Epoch, MRR* and whether it was the best, of one model."""
+    return list(looks.loc[looks["place"] == model, ["epoch", "mrr_star", "kept"]].itertuples(index=False, name=None))
 
 
 def test_fit_keeps_the_best_and_respects_patience() -> None:
@@ -167,7 +157,7 @@ def test_fit_keeps_the_best_and_respects_patience() -> None:
 def test_fit_looks_at_the_last_epoch_too() -> None:
     settings = FITTING.model_copy(update={"max_epochs": 5, "evaluate_every": 3})
     _, validations = fitted([0], settings)
-    assert [one.epoch for one in validations] == [3, 5]
+    assert validations["epoch"].tolist() == [3, 5]
 
 
 def test_a_plateau_is_no_better_one() -> None:
@@ -192,29 +182,24 @@ def test_fit_in_a_stack_is_fit_alone() -> None:
         assert validations_of(model, validations) == validations_of(0, own)
 
 
-def tuned(seeds: list[int], targets: dict[str, Tensor], full_curves: bool = False) -> list[EpochMeasures]:
+def tuned(seeds: list[int], targets: dict[str, Tensor], full_curves: bool = False) -> pd.DataFrame:
     points = small_points(seeds)
     watch = ConvergenceWatch(epoch_query_sets(points.last_session, points.novel_in(1)), targets, full_curves)
     data = training_data(points.last_session, "test", points.keys(), "unseen")
     train(start_of(points), data, SAMPLED, TUNING, 0, watch)
-    return watch.epochs
+    return pd.concat(watch.looks)
 
 
-def series(curves: list[EpochMeasures], model: int, scope: str) -> list[list[float]]:
-    """Measures of one model by epoch."""
-    found = []
-    for step in curves:
-        for place in torch.nonzero(step.models == model).flatten().tolist():
-            found.append(step.results[scope].measures[place].tolist())
-    return found
+def series(curves: pd.DataFrame, model: int, scope: str) -> list[float]:
+    """MRR* of one model by epoch."""
+    return curves.loc[(curves["place"] == model) & (curves["scope"] == scope), "mrr_star"].tolist()
 
 
 def test_fine_tuning_stops_for_each_model_once_it_has_converged_everywhere() -> None:
     nowhere = {"all": torch.full((4,), torch.nan), "novel_heldout": torch.full((4,), torch.nan)}
     full = tuned([0, 1, 2, 3], nowhere, full_curves=True)
-    assert [step.epoch for step in full] == list(range(TUNING.max_epochs + 1))
-    assert all(len(step.models) == 4 for step in full)
-    every = {scope: [[row[0] for row in series(full, model, scope)] for model in range(4)] for scope in nowhere}
+    assert full.groupby("epoch")["place"].nunique().to_dict() == dict.fromkeys(range(TUNING.max_epochs + 1), 4)
+    every = {scope: [series(full, model, scope) for model in range(4)] for scope in nowhere}
     # model 0 is there at once, 1 has no target, 2 never gets there, 3 does on its way in both scopes
     late = [max(every[scope][3][1:]) for scope in ("all", "novel_heldout")]
     targets = {
@@ -228,7 +213,7 @@ def test_fine_tuning_stops_for_each_model_once_it_has_converged_everywhere() -> 
     curves = tuned([0, 1, 2, 3], targets)
     for model, epochs in enumerate([0, 0, TUNING.max_epochs, last]):
         for scope in targets:
-            assert [row[0] for row in series(curves, model, scope)] == every[scope][model][: epochs + 1]
+            assert series(curves, model, scope) == every[scope][model][: epochs + 1]
 
 
 @pytest.mark.usefixtures("form")

@@ -21,13 +21,14 @@ from torch import Tensor
 
 from isi.evaluation.query_sets import novel_query_set
 from isi.evaluation.ranking import Queries, evaluate
-from isi.experiment.grid import GridPoints, StackedVectors, no_triples
+from isi.experiment.grid import GridPoints, no_triples
 from isi.experiment.insert import init_context, with_vectors
 from isi.experiment.runner import run
 from isi.experiment.store import Store
 from isi.experiment.train import train_config, train_stack
 from isi.graph.sessions import OUT, TRAIN, VALID, membership, sample_insert_triples
 from isi.initializers.api import INITIALIZERS, options_of
+from isi.models.stack import Embedding
 from isi.params import Params, load
 from isi.random import stream
 
@@ -36,13 +37,13 @@ Setting = tuple[str, dict[str, Any]]
 
 
 def measured(
-    points: GridPoints, theta0: StackedVectors, words: np.ndarray, root: int, settings: list[Setting]
+    points: GridPoints, theta0: Embedding, words: np.ndarray, root: int, settings: list[Setting]
 ) -> np.ndarray:
     """MRR* in scope novel, and of its queries for entities those about a novel one; shape (settings, M, 2).
 
     The hidden entities of grid points are inserted with each setting, and measured immediately.
     """
-    theta, novel = theta0.stack, points.novel_in(1)
+    theta, novel = theta0, points.novel_in(1)
     context = init_context(points, theta, words, root)
     queries = novel_query_set(points.session(1), novel, points.insert_mask(1))["novel"]
     query_sets, measures = {"novel": queries, "about": about(queries, novel)}, []
@@ -56,7 +57,8 @@ def measured(
 def about(queries: Queries, novel: Tensor) -> Queries:
     """The same, but of the queries for entities those alone that are about a novel one, which is not the answer."""
     rows, is_novel = queries.rows, membership(novel, queries.candidates.shape[1])
-    weight = rows.entity_weight * torch.cat([is_novel.gather(1, end) for end in (rows.tail, rows.head)], 1)
+    head, _, tail = rows.ids
+    weight = rows.entity_weight * torch.cat([is_novel.gather(1, end) for end in (tail, head)], 1)
     shares = weight / weight.sum(1, keepdim=True)
     return replace(queries, rows=replace(rows, entity_weight=shares))
 
@@ -85,7 +87,7 @@ def insert_triples_of(points: GridPoints, root: int, draw: int, fraction: float)
 
 def tasks_of(
     params: Params, experiment: str, given: argparse.Namespace, settings: list[Setting]
-) -> list[tuple[GridPoints, StackedVectors, np.ndarray, int, list[Setting]]]:
+) -> list[tuple[GridPoints, Embedding, np.ndarray, int, list[Setting]]]:
     """Draws of hidden entities at every grid point of a size, and embeddings that were learned without them."""
     store, chosen, fraction = Store(experiment), train_config(params), params.sessions.insert_fraction
     words = store.words()

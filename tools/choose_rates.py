@@ -15,7 +15,7 @@ from torch import Tensor
 
 from isi.evaluation.query_sets import validation
 from isi.evaluation.ranking import evaluate
-from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.grid import GridPoints
 from isi.experiment.insert import InsertConfig, finetune, initialize, insert_config, with_vectors
 from isi.experiment.runner import run
 from isi.experiment.store import Store
@@ -29,9 +29,9 @@ from isi.training.trainer import never_stop
 EVERY = 10
 
 
-def fine_tune(points: GridPoints, theta0: StackedVectors, words: np.ndarray, config: InsertConfig) -> float:
+def fine_tune(points: GridPoints, theta0: Embedding, words: np.ndarray, config: InsertConfig) -> float:
     """Mean validation MRR* of an initializer's Θ¹ over models and epochs."""
-    theta, valid, measured = theta0.stack, validation(points.session(1)), []
+    theta, valid, measured = theta0, validation(points.session(1)), []
 
     def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
         if epoch and epoch % EVERY == 0:

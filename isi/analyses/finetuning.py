@@ -9,9 +9,10 @@ from pydantic import Field, model_validator
 
 from isi.config import Count, Name, Option, Positive, Study, distinct
 from isi.evaluation.query_sets import epoch_query_sets
-from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.grid import GridPoints
 from isi.experiment.store import runs_table
 from isi.experiment.train import run_rows
+from isi.models.stack import Embedding
 from isi.tables.rules import at_least
 from isi.tables.table import INT, REAL
 from isi.training.batches import Negatives, training_data
@@ -32,8 +33,7 @@ SCOPE = "known_closed"
 class Sweep(Study):
     """``sweep`` in params: which sizes of indicator sets are tried, by which initializers, on which grid points."""
 
-    #: options beside k, by initializer
-    initializers: Annotated[dict[Name, dict[str, Option]], Field(min_length=1)]
+    initializers: Annotated[dict[Name, dict[str, Option]], Field(min_length=1)]  #: with their options beside k
     k: Annotated[list[Count], Field(min_length=1)]
     size: Count
     seeds: Count
@@ -64,7 +64,7 @@ class FinetuneOnly(Study):
 
 
 def finetune_only(
-    points: GridPoints, theta0: StackedVectors, root: int, negatives: Negatives, optimizer: Optimizer
+    points: GridPoints, theta0: Embedding, root: int, negatives: Negatives, optimizer: Optimizer
 ) -> pd.DataFrame:
     """Measures of earlier knowledge before Θ⁰ is trained on with its D⁰, and after every epoch (``FINETUNE_ONLY``).
 
@@ -74,5 +74,5 @@ def finetune_only(
     queries = {SCOPE: epoch_query_sets(points.session(1), points.novel_in(1))[SCOPE]}
     watch = ConvergenceWatch(queries, {}, full_curves=True)
     data = training_data(points.session(0), "fine-tuning", points.keys(), negatives.head_pool)
-    train(theta0.stack, data, negatives, optimizer, root, watch)
-    return pd.concat(run_rows(points, 1, look.epoch, look.models, look.results) for look in watch.epochs)
+    train(theta0, data, negatives, optimizer, root, watch)
+    return run_rows(points, 1, watch.looks)

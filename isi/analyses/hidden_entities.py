@@ -44,72 +44,54 @@ class HiddenTraining(Section):
     dimension: Count
     batch_size: Count
     learning_rate: Positive
-    #: wrong triples beside each right one
-    negatives: Count
-    #: share of the known triples that says when to stop
-    valid: Fraction
+    negatives: Count  #: wrong triples beside each right one
+    valid: Fraction  #: share of the known triples that says when to stop
     max_epochs: Count
-    #: epochs between two looks
-    frequency: Count
-    #: looks without a better one before it stops
-    patience: Count
+    frequency: Count  #: epochs between two looks
+    patience: Count  #: looks without a better one before it stops
 
 
 class Hidden(Section):
     """An entry of ``hidden`` in the params of the second pipeline."""
 
     renamed: ClassVar = {"asked": "queries", "told": "max_insert_triples"}
-    #: what people read
-    title: str
+    title: str  #: what people read
     #: where the graph is: in PyKEEN's package, or among ``graphs``, under the name of the entry
     source: Literal["pykeen", "graphs"]
-    #: of its entities, if they have any
-    words: Words | None
+    words: Words | None  #: of its entities, if they have any
     seeds: Count
-    #: share of the entities that is hidden
-    fraction: Fraction
-    #: triples with a known end that a hidden entity has, at least
-    fewest: Annotated[int, Field(ge=2)]
-    #: share of these that are queries; one at least
-    queries: Fraction
+    fraction: Fraction  #: share of the entities that is hidden
+    fewest: Annotated[int, Field(ge=2)]  #: triples with a known end that a hidden entity has, at least
+    queries: Fraction  #: share of these that are queries; one at least
     #: of the others, how many are insert triples; null: all
     max_insert_triples: Annotated[list[Count | None], Field(min_length=1)]
-    #: set beside the one that ``isi.pykeen.insert`` takes where none is named
-    initializers: list[Name]
+    initializers: list[Name]  #: set beside the one that ``isi.pykeen.insert`` takes where none is named
     training: HiddenTraining
-    #: of training with the new entities' triples
-    epochs: Count
+    epochs: Count  #: of training with the new entities' triples
 
 
 @dataclass(frozen=True)
 class HiddenSplit:
     """A graph whose ids are dealt anew, known entities before hidden ones; triples are of shape (…, 3)."""
 
-    #: of known and hidden entities, in the graph's own ids; shape (E,)
-    order: np.ndarray
+    order: np.ndarray  #: of known and hidden entities, in the graph's own ids; shape (E,)
     known: int
-    #: among known entities
-    triples: np.ndarray
-    #: of hidden ones, with a known end: by entity, in random order, to insert from and to query
-    rest: np.ndarray
-    queries: np.ndarray
-    #: all of the graph
-    true: np.ndarray
+    triples: np.ndarray  #: among known entities
+    rest: np.ndarray  #: of hidden ones, with a known end, to insert from: by entity, in random order
+    place: np.ndarray  #: of each of these among those of its entity
+    queries: np.ndarray  #: the others of hidden ones with a known end, likewise
+    true: np.ndarray  #: all of the graph
 
     def insert_triples(self, number: int | None) -> np.ndarray:
         """The first so many triples of each hidden entity, or all; shape (I', 3)."""
-        return self.rest if number is None else self.rest[_places(self.rest, self.known)[0] < number]
+        return self.rest if number is None else self.rest[self.place < number]
 
 
 def hide(triples: np.ndarray, entities: int, settings: Hidden, key: str, root: int, seed: int) -> HiddenSplit:
-    """Draw entities to hide, and which of their triples are inserted from and queried.
-
-    Args:
-        triples: of the graph; shape (T, 3).
-        key: where the settings stand in params.
+    """Draw entities to hide, and which of their triples, (T, 3), are inserted from and queried.
 
     Raises:
-        InputError: where not so many can be hidden.
+        InputError: where not so many can be hidden; ``key`` is where the settings stand in params.
     """
     rng = stream(root, "hidden from another trainer", seed)
     hidden = _draw(triples, entities, max(1, round(settings.fraction * entities)), settings.fewest, rng)
@@ -120,23 +102,13 @@ def hide(triples: np.ndarray, entities: int, settings: Hidden, key: str, root: i
     renamed[:, [HEAD, TAIL]] = np.argsort(order)[triples[:, [HEAD, TAIL]]]
     ends = (renamed[:, [HEAD, TAIL]] >= known).sum(1)
     rest = rng.permutation(renamed[ends == 1])
-    rest = rest[np.argsort(_hidden_ends(rest, known), kind="stable")]
-    place, number = _places(rest, known)
-    is_query = place < np.maximum(1, (settings.queries * number).astype(int))
-    return HiddenSplit(order, known, renamed[ends == 0], rest[~is_query], rest[is_query], renamed)
-
-
-def _hidden_ends(triples: np.ndarray, known: int) -> np.ndarray:
-    """The hidden end of triples that have one."""
-    return np.where(triples[:, HEAD] >= known, triples[:, HEAD], triples[:, TAIL])
-
-
-def _places(triples: np.ndarray, known: int) -> tuple[np.ndarray, np.ndarray]:
-    """Place of each triple among those of its hidden end, which stand together, and how many these are."""
-    _, first, inverse, number = np.unique(
-        _hidden_ends(triples, known), return_index=True, return_inverse=True, return_counts=True
-    )
-    return np.arange(len(triples)) - first[inverse], number[inverse]
+    entity = rest[:, [HEAD, TAIL]].max(1)  # the hidden end: hidden ones are numbered behind the known
+    rest, entity = rest[np.argsort(entity, kind="stable")], np.sort(entity)
+    _, first, inverse, number = np.unique(entity, return_index=True, return_inverse=True, return_counts=True)
+    place, queried = np.arange(len(rest)) - first[inverse], np.maximum(1, (settings.queries * number).astype(int))
+    later = place - queried[inverse]
+    inserted = later >= 0
+    return HiddenSplit(order, known, renamed[ends == 0], rest[inserted], later[inserted], rest[~inserted], renamed)
 
 
 def _draw(triples: np.ndarray, entities: int, number: int, fewest: int, rng: np.random.Generator) -> np.ndarray | None:

@@ -40,10 +40,7 @@ def hidden_in(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """What each method answers (``HIDDEN_ENTITIES``), and its seconds of processor time: method, told, seconds.
 
-    Args:
-        points: whose graph entities are hidden in, with one seed and no splits of its own.
-        words: of the entities; shape (E, w).
-        key: where the settings stand in params.
+    Entities are hidden in the graph of grid points of one seed, which need no splits; word vectors are (E, w).
     """
     for name in ("pykeen", "torch_max_mem"):
         logging.getLogger(name).setLevel(logging.ERROR)
@@ -84,8 +81,7 @@ class Case:
     model: Model
     train: TriplesFactory
     valid: TriplesFactory
-    #: of known entities, then of hidden ones
-    names: list[str]
+    names: list[str]  #: of known entities, then of hidden ones
     relations: list[str]
     words: np.ndarray | None
     settings: Hidden
@@ -97,12 +93,8 @@ class Case:
     ) -> tuple[Model, Inserted | None]:  # fmt: skip
         """The model with the hidden entities in it, and, if that began with an initializer, what was inserted.
 
-        Args:
-            initializer: of ``isi.pykeen.insert``, null for its default.
-            pykeen_rows: begin rows as PyKEEN itself does.
-            new_rows: train the new rows after that.
-            all_rows: train all rows after that.
-            retrain: train a model of all triples from nothing.
+        Rows begin by an initializer of ``isi.pykeen.insert``, null for its default, or as PyKEEN itself begins rows;
+        the new rows are trained after that, or all rows; or else a model of all triples is trained from nothing.
         """
         known, training = self.train.num_entities, self.settings.training
         triples = np.concatenate([self.train.mapped_triples.numpy(), insert_triples])
@@ -140,7 +132,6 @@ def factory_of(triples: np.ndarray, entities: Sequence[str], relations: Sequence
 
 
 def untrained(factory: TriplesFactory, settings: HiddenTraining, seed: int) -> Model:
-    """A model before it learns."""
     torch.manual_seed(seed)
     return ComplEx(triples_factory=factory, embedding_dim=settings.dimension, random_seed=seed, regularizer=None)
 
@@ -168,10 +159,9 @@ def loop(model: Model, factory: TriplesFactory, settings: HiddenTraining) -> SLC
 
 
 def measured(model: Model, split: HiddenSplit, valid: np.ndarray) -> Iterator[dict[str, Any]]:
-    """How right answers rank among all entities, less other true answers; ties are halved.
+    """How right answers rank among all entities, minus other true answers; ties are halved.
 
-    Args:
-        valid: triples of known entities that were not trained on; shape (V, 3).
+    Validation triples, (V, 3), are of known entities and were not trained on.
     """
     by_head = split.queries[:, HEAD] >= split.known
     of_heads, of_tails, true = split.queries[by_head], split.queries[~by_head], torch.from_numpy(split.true)

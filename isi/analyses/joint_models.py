@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from statistics import median_low
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -14,12 +14,13 @@ from pydantic import Field
 from isi.config import Count, Name, NotNegative, Positive, Section, Study
 from isi.errors import InputError
 from isi.evaluation.query_sets import epoch_query_sets
-from isi.evaluation.ranking import MEASURES, evaluate
-from isi.experiment.grid import GridPoints, StackedVectors
+from isi.evaluation.ranking import MEASURES, evaluate, measure_rows
+from isi.experiment.grid import GridPoints
 from isi.experiment.store import HALVES, MEASURE_COLUMNS
-from isi.experiment.train import TrainConfig, TrainResult, measure_columns, train_stack, training_start
+from isi.experiment.train import TrainConfig, TrainResult, run_rows, train_stack, training_start
 from isi.graph.graph import Graph
 from isi.graph.sessions import TRAIN, VALID, folds
+from isi.models.stack import Embedding
 from isi.tables import paths
 from isi.tables.rules import at_least, measured, within
 from isi.tables.table import INT, REAL, Table
@@ -105,13 +106,10 @@ def fold_points(experiment: str, graph: Graph, root: int, number: int, stack: in
 
 def changed_config(choice: TrainConfig, setting: Setting) -> TrainConfig:
     """The choice with another setting."""
-    training = {"learning_rate": setting.learning_rate, "weight_decay": setting.weight_decay}
-    return replace(
-        choice,
-        dimension=setting.dimension,
-        negatives=choice.negatives.model_copy(update={"ratio": setting.ratio}),
-        training=choice.training.model_copy(update=training),
-    )
+    rates = {"learning_rate": setting.learning_rate, "weight_decay": setting.weight_decay}
+    negatives = choice.negatives.model_copy(update={"ratio": setting.ratio})
+    training = choice.training.model_copy(update=rates)
+    return replace(choice, dimension=setting.dimension, negatives=negatives, training=training)
 
 
 def best_validations(trained: TrainResult, setting: Setting) -> pd.DataFrame:
@@ -123,25 +121,17 @@ def best_validations(trained: TrainResult, setting: Setting) -> pd.DataFrame:
 def compare(points: GridPoints, config: TrainConfig) -> pd.DataFrame:
     """Measures of joint models over all test triples, their epochs, and the validation MRR* (``MODEL_COMPARISON``)."""
     trained, no_novel = train_stack(points, config), torch.empty(len(points.seeds), 0, dtype=torch.int64)
-    result = evaluate(trained.theta.stack, epoch_query_sets(points.last_session, no_novel))["all"]
-    epochs = trained.log.groupby("seed")["epoch"].max().reindex(points.seeds)
-    best = trained.log[trained.log["kept"]].groupby("seed")["mrr_star"].last().reindex(points.seeds)
-    columns: dict[str, Any] = {
-        "seed": points.seeds,
-        "epochs": epochs.to_numpy(np.int32),
-        "valid_mrr_star": best.to_numpy(float),
-    }
-    return measure_columns(result).assign(**columns)
+    results = evaluate(trained.theta, {"all": epoch_query_sets(points.last_session, no_novel)["all"]})
+    by_seed, best = trained.log.groupby("seed"), trained.log[trained.log["kept"]].groupby("seed")
+    epochs, valid = by_seed["epoch"].max().rename("epochs"), best["mrr_star"].last().rename("valid_mrr_star")
+    return run_rows(points, 0, [measure_rows(results)]).join(epochs, on="seed").join(valid, on="seed")
 
 
 def usual_epochs(log: pd.DataFrame) -> int:
     """The median of the epochs after which joint models were kept (the lower one of two), by validation MRR*.
 
-    Args:
-        log: ``TRAINING_LOG``.
-
     Raises:
-        InputError: where none was kept.
+        InputError: where the log (``TRAINING_LOG``) has none that was kept.
     """
     kept = log[log["kept"]].groupby("seed")["epoch"].max()
     if kept.empty:
@@ -155,7 +145,7 @@ def whole_graph(experiment: str, graph: Graph) -> GridPoints:
     return GridPoints.without_insertion(experiment, graph, [0], splits)
 
 
-def train_final(points: GridPoints, config: TrainConfig, epochs: int) -> StackedVectors:
+def train_final(points: GridPoints, config: TrainConfig, epochs: int) -> Embedding:
     """The embedding of all triples of a graph after a number of epochs, to insert into: nothing stops it earlier."""
     optimizer = config.training.model_copy(update={"max_epochs": epochs})
-    return StackedVectors.of(train(*training_start(points, config), config.negatives, optimizer, config.root))
+    return train(*training_start(points, config), config.negatives, optimizer, config.root)

@@ -1,24 +1,32 @@
-"""What every model answers right after insertion, by kind of query: the slot, the relation, the novel entity's part."""
+"""What models answer right after insertion: by kind of query, and what can be done with a novel entity (Table 3).
+
+The kind of a query is its relation, the slot that it hides, and where it has a novel entity.
+"""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from typing import Annotated, Self
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import torch
+from pydantic import Field, model_validator
 from torch import Tensor
 
-from isi.config import Study
+from isi.config import Study, distinct
 from isi.evaluation.query_sets import epoch_query_sets, novel_query_set
 from isi.evaluation.ranking import Queries, RankedQueries, make_queries, observations, rank_queries
-from isi.experiment.grid import JOINT_MODEL, GridPoints, StackedVectors
+from isi.experiment.grid import JOINT_MODEL, GridPoints
 from isi.experiment.insert import with_vectors
 from isi.experiment.store import SCOPES, SESSION_CHECKS, SIZE_AND_SEED
+from isi.experiment.train import run_rows
 from isi.graph.sessions import TEST, TRAIN, VALID, membership
 from isi.models.bilinear import BlockModel
 from isi.models.model import Model
+from isi.models.stack import Embedding
 from isi.tables.rules import at_least, not_above, one_of, within
 from isi.tables.table import INT, LONG, NAME, REAL, Table, concat
 
@@ -57,44 +65,59 @@ USED_COORDINATES = Table(
     checks=[*at_least(0, "seed", "used"), *not_above("used", "of")],
     nullable=["relation"],
 )
+#: Rank of each answer to (entity, relation, ?) right after insertion.
+AFFORDANCES = Table(
+    "data/analyses/affordances/{experiment}.parquet",
+    {"initializer": NAME, "seed": INT, "entity": INT, "answer": INT, "rank": INT},
+    checks=[*at_least(0, "seed", "entity", "answer"), *at_least(1, "rank")],
+    entity_ids=["entity", "answer"],
+)
 
 
 class QueryBreakdown(Study):
     """``query_breakdown`` in params."""
 
 
+class Affordances(Study):
+    """``affordances`` in params: of which experiment, by which relation, and whose the table shows."""
+
+    relation: str
+    entities: Annotated[list[str], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _once(self) -> Self:
+        if not distinct(self.entities):
+            raise ValueError("entities must not repeat")
+        return self
+
+
 def break_down(
-    points: GridPoints, theta0: StackedVectors, joint: StackedVectors, inserted: Mapping[str, np.ndarray]
+    points: GridPoints, theta0: Embedding, joint: Embedding, inserted: Mapping[str, np.ndarray]
 ) -> pd.DataFrame:
     """Means over the queries of each group (``QUERY_BREAKDOWN``), of each initializer and of the joint model.
 
-    Args:
-        inserted: vectors of the novel entities of the first session, by initializer; shapes (M, n, d).
+    Vectors of the novel entities of the first session, by initializer, are (M, n, d).
     """
-    session, novel = points.session(1), points.novel_in(1)
+    session, novel, groups = points.session(1), points.novel_in(1), list[pd.DataFrame]()
     is_novel = membership(novel, len(points.graph.entities))
-    models = {name: with_vectors(theta0.stack, novel, torch.as_tensor(rows)) for name, rows in inserted.items()}
-    groups = []
-    for name, embedding in {**models, JOINT_MODEL: joint.stack}.items():
+    models = {name: with_vectors(theta0, novel, torch.as_tensor(rows)) for name, rows in inserted.items()}
+    for name, embedding in {**models, JOINT_MODEL: joint}.items():
         for query_sets in query_sets_with_filters(points):
-            parts: dict[tuple[str, str], list[pd.DataFrame]] = {key: [] for key in query_sets}
+            terms = defaultdict[tuple[str, str], list[pd.DataFrame]](list)
             for piece in rank_queries(embedding, query_sets):
                 for key, ranked in piece.items():
-                    parts[key].append(query_terms(ranked, is_novel))
-            for (scope, which), frames in parts.items():
+                    terms[key].append(query_terms(ranked, is_novel))
+            for (scope, which), frames in terms.items():
                 by_group = pd.concat(frames).groupby(GROUP)
                 means = by_group.mean().assign(queries=by_group.size()).reset_index()
                 groups.append(means.assign(model=name, scope=scope, filter=which))
     table = pd.concat(groups)
-    place, relation = table["place"].to_numpy(), table["relation"].to_numpy()
-    return table.assign(
-        size=points.size,
-        seed=np.array(points.seeds)[place],
-        session=1,
-        relation=np.array(points.graph.relations)[relation],
-        novel=np.array(NOVEL_AT)[table["novel"]],
-        observations=observations(session).cpu().numpy()[place, relation],
-    )
+    columns = {
+        "relation": np.array(points.graph.relations)[table["relation"]],
+        "novel": np.array(NOVEL_AT)[table["novel"]],
+        "observations": observations(session).cpu().numpy()[table["place"], table["relation"]],
+    }
+    return run_rows(points, 1, [table.assign(**columns)])
 
 
 def query_sets_with_filters(points: GridPoints) -> list[dict[tuple[str, str], Queries]]:
@@ -113,43 +136,57 @@ def query_sets_with_filters(points: GridPoints) -> list[dict[tuple[str, str], Qu
 def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
     """A row for each query: its model's place in the stack, the relation's id, what is hidden, its terms.
 
-    Args:
-        is_novel: shape (M, E), bool.
+    Which entities are novel is (M, E), bool.
     """
-    rows, number = ranked.rows, ranked.rows.head.shape[1]
-    head, tail = (is_novel.gather(1, ends).long() for ends in (rows.head, rows.tail))
-    model, query = (rows.relation_weight > 0).nonzero(as_tuple=True)  # but for padding
+    heads, relation, tails = ranked.rows.ids
+    head, tail = (is_novel.gather(1, ends).long() for ends in (heads, tails))
+    model, query = (ranked.rows.relation_weight > 0).nonzero(as_tuple=True)  # but for padding
+    novel_at = (tail + 2 * head, head | tail, head + 2 * tail)
 
     def column(values: Tensor) -> np.ndarray:
         return values[model, query].cpu().numpy()
 
     return pd.concat(
         pd.DataFrame({
-            "place": model.cpu().numpy(), "relation": column(rows.relation), "hidden": hidden, "novel": column(novel),
-            "mrr_star": column(terms.closeness[:, queries].double()),
-            "mrr": column(1 / terms.rank[:, queries].double()),
+            "place": model.cpu().numpy(), "relation": column(relation), "hidden": hidden, "novel": column(novel),
+            "mrr_star": column(terms.closeness.double()), "mrr": column(1 / terms.rank.double()),
         })
-        for hidden, terms, queries, novel in (
-            ("head", ranked.entity, slice(number), tail + 2 * head),
-            ("tail", ranked.entity, slice(number, None), head + 2 * tail),
-            ("relation", ranked.relations, slice(None), head | tail),
-        )
+        for hidden, terms, novel in zip(("head", "relation", "tail"), ranked.slots, novel_at, strict=True)
     )  # fmt: skip
 
 
-def used_coordinates(model: Model, relation: np.ndarray, seeds: Sequence[int], names: Sequence[str]) -> pd.DataFrame:
+def used_coordinates(model: Model, relation: Tensor, seeds: Sequence[int], names: Sequence[str]) -> pd.DataFrame:
     """Coordinates that the relations of joint models use (``USED_COORDINATES``); none of models without blocks.
 
-    Args:
-        relation: shape (M, R, w).
-        seeds: of the models.
-        names: of the relations.
+    Rows of relations, of these names, are (M, R, w); the seeds are those of the models.
     """
     parts = []
-    for part, magnitude in model.magnitudes(torch.as_tensor(relation)).items() if isinstance(model, BlockModel) else ():
+    for part, magnitude in model.magnitudes(relation).items() if isinstance(model, BlockModel) else ():
         uses = magnitude > USED  # (M, R, parts)
         counts = torch.cat([uses.sum(-1), uses.any(1).sum(-1, keepdim=True)], 1)
         rows = pd.MultiIndex.from_product([seeds, [*names, None]], names=["seed", "relation"]).to_frame(index=False)
         parts.append(rows.assign(model=JOINT_MODEL, part=part, used=counts.flatten().numpy(), of=uses.shape[-1]))
     table = concat(parts, USED_COORDINATES)
     return table[table["of"] > 0]
+
+
+def rank_answers(
+    points: GridPoints, theta0: Embedding, initializer: str, vectors: np.ndarray, relation: int
+) -> pd.DataFrame:
+    """Rank of every entity of D¹ as an answer for each novel entity of the first session (``AFFORDANCES``).
+
+    Vectors of the novel entities, as the initializer inserted them, are (M, n, d); the relation is an id.
+    """
+    session, novel = points.session(1), points.novel_in(1)
+    embedding = with_vectors(theta0, novel, torch.as_tensor(vectors))
+    scores = embedding.score_tails(novel, torch.full_like(novel, relation))
+    rank = ranks_of(scores, session.entities[:, None]).cpu().numpy()
+    model, place, answer = rank.nonzero()
+    columns = {"seed": np.array(points.seeds)[model], "entity": points.novel[model, 0, place], "answer": answer}
+    return pd.DataFrame(columns | {"rank": rank[model, place, answer]}).assign(initializer=initializer)
+
+
+def ranks_of(scores: Tensor, candidates: Tensor) -> Tensor:
+    """Rank of each candidate in its row, from 1, ties to the lower id; 0 for who is none; shapes (..., E)."""
+    order = scores.masked_fill(~candidates, -torch.inf).sort(dim=-1, descending=True, stable=True).indices
+    return (order.argsort(-1) + 1) * candidates

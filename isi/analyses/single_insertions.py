@@ -1,4 +1,4 @@
-"""Single insertions, entity by entity: what indicates each, where it is put, and what models answer about it."""
+"""Single insertions: the path of one entity (Figure 1), and what indicates each, where it lies, and who answers."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from isi.analyses.trajectory import Plane, turn
-from isi.config import Count, Name, Study
-from isi.experiment.grid import JOINT_MODEL, GridPoints, StackedVectors
+from isi.config import Count, Name, Seed, Study
+from isi.experiment.grid import JOINT_MODEL, GridPoints
 from isi.experiment.insert import InsertConfig, finetune, init_context, initialize, with_vectors
 from isi.experiment.store import FALLBACK_NAMES
 from isi.graph.graph import HEAD, RELATION, TAIL
@@ -21,9 +20,11 @@ from isi.initializers import similarity
 from isi.initializers.api import FALLBACKS, InitContext, InitResult
 from isi.models.stack import Embedding
 from isi.tables.rules import at_least, finite, one_of, unique, within
-from isi.tables.table import INT, NAME, REAL, Table
+from isi.tables.table import INT, NAME, REAL, Table, TensorFile
 from isi.training.trainer import never_stop
 
+#: ``entity``, ``known``, ``theta0``, and of each initializer ``NAME.path`` and ``NAME.indicators``.
+TRAJECTORY = TensorFile("data/analyses/trajectory/{experiment}.safetensors")
 #: What a true answer is to a session.
 TRUE_NAMES = ("told", "learned", "held_out")
 #: One row per entity. ``told``: number of its insert triples. ``shown``: share of the known entities' variance on the
@@ -69,8 +70,8 @@ SINGLE_ANSWERS = Table(
     entity_ids=["entity", "answer"],
 )  # fmt: skip
 
-#: The paper's initializers that are shown, beside the one that params name.
-SHOWN = ("xavier", "es", "rs", "ers")
+#: The paper's initializers whose path is traced, and those that are shown beside the one that params name.
+TRACED, SHOWN = ("xavier", "iu", "es", "rs", "ers"), ("xavier", "es", "rs", "ers")
 #: What a map shows of the known entities.
 THETA0 = "theta0"
 #: Each table by name, and what it is sorted by.
@@ -85,17 +86,98 @@ TRUE = (None, *TRUE_NAMES)
 TOLD, LEARNED, HELD_OUT = 1, 2, 3
 
 
+class Trajectories(Study):
+    """``trajectory`` in params: which set is followed, and for how long."""
+
+    size: Count
+    seed: Seed
+    kind: str
+    epochs: Count
+
+
 class ExplorerParams(Study):
     """``explorer`` in params: which insertions are shown, and how much of each."""
 
     size: Count
     epochs: Count
-    #: the initializer that is shown beside ``SHOWN``
-    best: Name
-    #: of a centre, at most
-    indicators: Count
-    #: of a query, beside those that are true
-    answers: Count
+    best: Name  #: the initializer that is shown beside ``SHOWN``
+    indicators: Count  #: of a centre, at most
+    answers: Count  #: of a query, beside those that are true
+
+
+def trace_trajectory(
+    points: GridPoints, theta: Embedding, words: np.ndarray, config: InsertConfig, place: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Follow a novel entity of the first session, at its place in ``novel``, through fine-tuning; a stack of height 1.
+
+    Returns:
+        its vector before training and after each epoch, shape (epochs + 1, d); its indicators, none where the
+        initializer takes none, shape (E,), bool.
+    """
+    novel, initial, path = points.novel_in(1), initialize(points, theta, words, config), list[Tensor]()
+
+    def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
+        path.append(embedding.entity[0, novel[0, place]].clone() if epoch else initial.vectors[0, place])
+        return never_stop(epoch, embedding, models)
+
+    finetune(points, with_vectors(theta, novel, initial.vectors), config, watch)
+    none = torch.zeros(len(points.graph.entities), dtype=torch.bool)
+    indicators = none if initial.indicators is None else initial.indicators[0, place]
+    return torch.stack(path).cpu().numpy(), indicators.cpu().numpy()
+
+
+def place_of_interest(
+    points: GridPoints, theta0: Embedding, words: np.ndarray, kinds: pd.Series, kind: str
+) -> int | None:
+    """Place of the first novel entity of a kind that has a word vector and insert triples; None where there is none.
+
+    The kinds are those of entities, by id.
+    """
+    context = init_context(points, theta0, words, 0)
+    able = (similarity.has_words(context) & similarity.has_insert_triples(context))[0].numpy()
+    places = np.flatnonzero(able & (kinds.astype(str)[points.novel[0, 0]] == kind).to_numpy())
+    return int(places[0]) if len(places) else None
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The two axes on which vectors vary most."""
+
+    centre: Tensor  #: shape: (d,)
+    axes: Tensor  #: shape: (2, d)
+    share: float  #: of the vectors' variance that is on them
+
+    @classmethod
+    def of(cls, vectors: Tensor) -> Plane:
+        """The two principal axes of vectors, (N, d), whose largest coordinates are positive."""
+        vectors = vectors.double()
+        centre = vectors.mean(0)
+        _, lengths, axes = torch.linalg.svd(vectors - centre, full_matrices=False)
+        largest = axes[:2].gather(1, axes[:2].abs().argmax(1, keepdim=True))
+        return cls(centre, axes[:2] * largest.sign(), float(lengths[:2].square().sum() / lengths.square().sum()))
+
+    def project(self, vectors: Tensor) -> Tensor:
+        """Where vectors, (..., d), lie on the plane; shape (..., 2)."""
+        return (vectors.double() - self.centre) @ self.axes.T
+
+
+def turn(vectors: Tensor, onto: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
+    """Vectors moved, turned and scaled so that the known ones lie as near to others as they can (Procrustes).
+
+    Vectors and others are (M, E, d), and known (M, E), bool.
+
+    Returns:
+        shape (M, E, d), and the share of the variance of the others that the known ones then have; (M,).
+    """
+    moved, shares = [], []
+    for model, target, mask in zip(vectors.double(), onto.double(), known, strict=True):
+        centre, target_centre = model[mask].mean(0), target[mask].mean(0)
+        offsets, target_offsets = model[mask] - centre, target[mask] - target_centre
+        left, lengths, right = torch.linalg.svd(offsets.T @ target_offsets)
+        scale = lengths.sum() / offsets.square().sum()
+        moved.append((model - centre) @ left @ right * scale + target_centre)
+        shares.append(lengths.sum() * scale / target_offsets.square().sum())
+    return torch.stack(moved), torch.stack(shares)
 
 
 @dataclass(frozen=True)
@@ -105,8 +187,7 @@ class ShownEntities:
     model: Tensor
     place: Tensor
     entity: Tensor
-    #: of the models
-    seeds: np.ndarray
+    columns: Mapping[str, np.ndarray]  #: ``entity`` and ``seed``
 
     @classmethod
     def of(cls, points: GridPoints, seeds: Mapping[int, int]) -> ShownEntities:
@@ -115,7 +196,8 @@ class ShownEntities:
         shown = torch.tensor([[seeds[entity] == seed for entity in row]
                               for row, seed in zip(novel.tolist(), points.seeds, strict=True)])  # fmt: skip
         model, place = shown.nonzero(as_tuple=True)
-        return cls(model, place, novel[model, place], np.array(points.seeds)[model.cpu().numpy()])
+        entity, seed = novel[model, place], np.array(points.seeds)[model.cpu().numpy()]
+        return cls(model, place, entity, {"entity": entity.cpu().numpy(), "seed": seed})
 
     def pick(self, values: Tensor) -> Tensor:
         """Values of novel entities, (M, n, ...), of those alone; shape (K, ...)."""
@@ -130,20 +212,17 @@ def first_seeds(novel: pd.DataFrame, size: int) -> dict[int, int]:
 
 
 def single_insertions(
-    points: GridPoints, theta0: StackedVectors, joint: StackedVectors, words: np.ndarray,
-    configs: Sequence[InsertConfig], seeds: Mapping[int, int], settings: ExplorerParams,
+    points: GridPoints, theta: Embedding, joint: Embedding, words: np.ndarray, configs: Sequence[InsertConfig],
+    seeds: Mapping[int, int], settings: ExplorerParams,
 ) -> dict[str, pd.DataFrame]:  # fmt: skip
-    """Indicators, places and answers of the novel entities that are shown: each of ``TABLES``.
+    """Indicators, places and answers of the novel entities that are shown, by each initializer: each of ``TABLES``.
 
-    Args:
-        configs: of each initializer.
-        seeds: in which each entity is shown.
+    An entity is shown in one of the ``seeds``.
     """
-    theta, shown, known = theta0.stack, ShownEntities.of(points, seeds), points.session(0).entities
-    queries = EntityQueries.of(points, shown)
+    shown, known = ShownEntities.of(points, seeds), points.session(0).entities
     planes = [Plane.of(vectors[mask]) for vectors, mask in zip(theta.entity, known, strict=True)]
-    turned, fitted = turn(joint.stack.entity, theta.entity, known)
-    steps = [(JOINT_MODEL, 0, joint.stack, turned)]
+    turned, fitted = turn(joint.entity, theta.entity, known)
+    steps = [(JOINT_MODEL, 0, joint, turned)]
     indicators, places = list[pd.DataFrame](), [known_places(points, shown, theta.entity, planes)]
     for config in configs:
         initial = initialize(points, theta, words, config)
@@ -154,14 +233,16 @@ def single_insertions(
         if initial.weights is not None:
             rows = indicator_rows(init_context(points, theta, words, config.root), initial, initial.weights, shown)
             indicators.append(first_rows(rows, config.initializer, settings.indicators))
-    places += [novel_places(shown, entity, planes).assign(model=name, epoch=epoch) for name, epoch, _, entity in steps]
-    answers = [
-        queries.answers(embedding, points, settings.answers).assign(model=name, epoch=epoch)
-        for name, epoch, embedding, _ in steps
-    ]
+    queried, truth = queries_of(points, shown)
+    answers = list[pd.DataFrame]()
+    for name, epoch, embedding, entity in steps:
+        rows = first_answers(embedding, points, shown, queried, truth, settings.answers)
+        answers.append(rows.assign(model=name, epoch=epoch))
+        pairs = zip(shown.model.tolist(), shown.entity.tolist(), strict=True)
+        x, y = torch.stack([planes[model].project(entity[model, row]) for model, row in pairs]).T.cpu().numpy()
+        places.append(pd.DataFrame({**shown.columns, "x": x, "y": y, "model": name, "epoch": epoch}))
     entities = pd.DataFrame({
-        "entity": shown.entity.cpu().numpy(), "seed": shown.seeds,
-        "told": (queries.truth == TOLD).sum((1, 2, 3)).cpu().numpy(),
+        **shown.columns, "told": (truth == TOLD).sum((1, 2, 3)).cpu().numpy(),
         "shown": [planes[model].share for model in shown.model.tolist()], "fitted": fitted[shown.model].cpu().numpy(),
     })  # fmt: skip
     parts = {"indicators": indicators, "places": places, "answers": answers}
@@ -171,13 +252,12 @@ def single_insertions(
 def indicator_rows(context: InitContext, initial: InitResult, weights: Tensor, shown: ShownEntities) -> pd.DataFrame:
     """Every entity that has a weight in the centre of a vector; weights of shape (M, n, E)."""
     k, indicator = (shown.pick(weights) > 0).nonzero(as_tuple=True)
-    without_word = ~(similarity.has_words(context)[..., None] & similarity.word_eligible(context))
+    worded = similarity.has_words(context)[..., None] & similarity.word_eligible(context)
+    observed = similarity.has_insert_triples(context)[..., None]
     columns = {
         "weight": weights,
-        "by_words": similarity.word_similarity(context).masked_fill(without_word, torch.nan),
-        "by_relations": similarity.mean_relational_score(context).masked_fill(
-            ~similarity.has_insert_triples(context)[..., None], torch.nan
-        ),
+        "by_words": similarity.word_similarity(context).masked_fill(~worded, torch.nan),
+        "by_relations": similarity.mean_relational_score(context).masked_fill(~observed, torch.nan),
     }
     return pd.DataFrame({
         "entity": shown.entity[k].cpu().numpy(), "indicator": indicator.cpu().numpy(),
@@ -193,13 +273,6 @@ def first_rows(rows: pd.DataFrame, model: str, most: int) -> pd.DataFrame:
     return rows.groupby("entity", sort=False).head(most).sort_values("entity", kind="stable").assign(model=model)
 
 
-def novel_places(shown: ShownEntities, entity: Tensor, planes: Sequence[Plane]) -> pd.DataFrame:
-    """Where tables of shape (M, E, d) have the novel entities (``SINGLE_PLACES``)."""
-    pairs = zip(shown.model.tolist(), shown.entity.tolist(), strict=True)
-    x, y = torch.stack([planes[model].project(entity[model, row]) for model, row in pairs]).T.cpu().numpy()
-    return pd.DataFrame({"seed": shown.seeds, "entity": shown.entity.cpu().numpy(), "x": x, "y": y})
-
-
 def known_places(points: GridPoints, shown: ShownEntities, entity: Tensor, planes: Sequence[Plane]) -> pd.DataFrame:
     """Where Θ⁰ has the known entities of each seed in which one is shown (``SINGLE_PLACES``)."""
     known, parts = points.session(0).entities, []
@@ -210,51 +283,48 @@ def known_places(points: GridPoints, shown: ShownEntities, entity: Tensor, plane
     return pd.concat(parts).assign(model=THETA0, epoch=0)
 
 
-@dataclass(frozen=True)
-class EntityQueries:
-    """Queries about the entities that are shown, (entity, relation, ?) and (?, relation, entity)."""
+def queries_of(points: GridPoints, shown: ShownEntities) -> tuple[Tensor, Tensor]:
+    """The queries for the ends that entities of the shown ones' kinds are of triples, and what each answer is.
 
-    shown: ShownEntities
-    #: who may answer; shape: (K, E), bool
-    candidates: Tensor
-    #: which are queried, by relation and by what is hidden, in the order of ``HIDDEN``; shape: (K, R, 2), bool
-    queried: Tensor
-    #: what each answer is, an index into ``TRUE``; shape: (K, R, 2, E), int8
-    truth: Tensor
+    Returns:
+        which are queried, by relation and by what is hidden, in the order of ``HIDDEN``, (K, R, 2), bool; and what
+        each answer is, an index into ``TRUE``, (K, R, 2, E), int8.
+    """
+    graph, session = points.graph, points.session(1)
+    code = torch.where(session.splits == TRAIN, torch.where(points.insert_mask(1), TOLD, LEARNED), HELD_OUT)
+    code = code.masked_fill(session.splits == OUT, 0).to(torch.int8)
+    shape = len(graph.relations), len(HIDDEN)
+    takes = torch.zeros(int(graph.kinds.max()) + 1, *shape, dtype=torch.bool)
+    truth = torch.zeros(len(shown.entity), *shape, len(graph.entities), dtype=torch.int8)
+    relation = graph.triples[:, RELATION]
+    for side, (hidden, given) in enumerate(HIDDEN.values()):
+        takes[graph.kinds[graph.triples[:, given]], relation, side] = True
+        k, triple = (graph.triples[:, given] == shown.entity[:, None]).nonzero(as_tuple=True)
+        truth[k, relation[triple], side, graph.triples[triple, hidden]] = code[shown.model[k], triple]
+    return takes[graph.kinds[shown.entity]], truth
 
-    @classmethod
-    def of(cls, points: GridPoints, shown: ShownEntities) -> EntityQueries:
-        """The queries for the ends that entities of their kind are of triples."""
-        graph, session = points.graph, points.session(1)
-        code = torch.where(session.splits == TRAIN, torch.where(points.insert_mask(1), TOLD, LEARNED), HELD_OUT)
-        code = code.masked_fill(session.splits == OUT, 0).to(torch.int8)
-        shape = len(graph.relations), len(HIDDEN)
-        takes = torch.zeros(int(graph.kinds.max()) + 1, *shape, dtype=torch.bool)
-        truth = torch.zeros(len(shown.entity), *shape, len(graph.entities), dtype=torch.int8)
-        relation = graph.triples[:, RELATION]
-        for side, (hidden, given) in enumerate(HIDDEN.values()):
-            takes[graph.kinds[graph.triples[:, given]], relation, side] = True
-            k, triple = (graph.triples[:, given] == shown.entity[:, None]).nonzero(as_tuple=True)
-            truth[k, relation[triple], side, graph.triples[triple, hidden]] = code[shown.model[k], triple]
-        return cls(shown, session.entities[shown.model], takes[graph.kinds[shown.entity]], truth)
 
-    def answers(self, embedding: Embedding, points: GridPoints, first: int) -> pd.DataFrame:
-        """The first answers to each query and the true ones, in order (``SINGLE_ANSWERS``); equal scores by id."""
-        novel, pick = points.novel_in(1), self.shown.pick
-        scores = torch.stack([
-            torch.stack([pick(embedding.score_tails(novel, relation)), pick(embedding.score_heads(relation, novel))], 1)
-            for relation in (torch.full_like(novel, number) for number in range(len(points.graph.relations)))
-        ], 1)  # fmt: skip
-        barred = ~self.candidates[:, None, None]
-        order = scores.masked_fill(barred, -torch.inf).sort(dim=-1, descending=True, stable=True).indices
-        rank = order.argsort(-1) + 1
-        listed = self.queried[..., None] & ~barred & ((rank <= first) | (self.truth > 0))
-        k, relation, side, place = listed.gather(-1, order).nonzero(as_tuple=True)
-        answer = order[k, relation, side, place]
-        return pd.DataFrame({
-            "entity": self.shown.entity[k].cpu().numpy(),
-            "relation": np.array(points.graph.relations)[relation.cpu().numpy()],
-            "hidden": np.array(list(HIDDEN))[side.cpu().numpy()], "answer": answer.cpu().numpy(),
-            "rank": place.cpu().numpy() + 1,
-            "true": np.array(TRUE, dtype=object)[self.truth[k, relation, side, answer].cpu().numpy()],
-        })  # fmt: skip
+def first_answers(
+    embedding: Embedding, points: GridPoints, shown: ShownEntities, queried: Tensor, truth: Tensor, first: int
+) -> pd.DataFrame:
+    """The first answers to each query and the true ones, in order (``SINGLE_ANSWERS``); equal scores by id.
+
+    Every entity of the session is a candidate. What is queried, and what is true, is as ``queries_of`` says.
+    """
+    novel, pick = points.novel_in(1), shown.pick
+    scores = torch.stack([
+        torch.stack([pick(embedding.score_tails(novel, relation)), pick(embedding.score_heads(relation, novel))], 1)
+        for relation in (torch.full_like(novel, number) for number in range(len(points.graph.relations)))
+    ], 1)  # fmt: skip
+    barred = ~points.session(1).entities[shown.model][:, None, None]
+    order = scores.masked_fill(barred, -torch.inf).sort(dim=-1, descending=True, stable=True).indices
+    listed = queried[..., None] & ~barred & ((order.argsort(-1) < first) | (truth > 0))
+    k, relation, side, place = listed.gather(-1, order).nonzero(as_tuple=True)
+    answer = order[k, relation, side, place]
+    return pd.DataFrame({
+        "entity": shown.entity[k].cpu().numpy(),
+        "relation": np.array(points.graph.relations)[relation.cpu().numpy()],
+        "hidden": np.array(list(HIDDEN))[side.cpu().numpy()], "answer": answer.cpu().numpy(),
+        "rank": place.cpu().numpy() + 1,
+        "true": np.array(TRUE, dtype=object)[truth[k, relation, side, answer].cpu().numpy()],
+    })  # fmt: skip

@@ -14,13 +14,14 @@ from pydantic import Field
 from isi.analyses.query_breakdown import break_down, breakdown_table
 from isi.config import Count, Name, Option, Section, check
 from isi.errors import InputError
-from isi.experiment.grid import JOINT_MODEL, GridPoints, StackedVectors
+from isi.experiment.grid import JOINT_MODEL, GridPoints
 from isi.experiment.insert import InsertConfig, insert_config, insert_stack, joint_targets
 from isi.experiment.runner import run, stack_height
 from isi.experiment.store import Store, runs_table
 from isi.experiment.train import TrainConfig, evaluate_stack, joint_tasks, model_of, train_config, train_stack
 from isi.graph.sessions import SessionsOf, later_key
 from isi.graph.words import Words, load_vectors, look_up
+from isi.models.stack import Embedding
 from isi.random import stream
 from isi.tables.table import NAME
 
@@ -39,42 +40,32 @@ LEARNED = ("embedding", "models", "negatives", "training")
 #: Sections of params that a variant may change.
 CHANGEABLE = (*LEARNED, "words", "finetuning", "convergence", "initializers")
 
+#: Values of params.yaml, by dotted key.
+Changes = Annotated[dict[str, Any], Field(default_factory=dict)]
+
 
 class Variant(Section):
     """An entry of ``variants`` in the params of the second pipeline."""
 
     renamed: ClassVar = {"told": "max_insert_triples", "followed": "full_curves"}
-    #: what people read
-    title: str
+    title: str  #: what people read
     #: where the report shows it
     group: Literal["baselines", "embeddings", "insert_triples", "words", "causes", "graphs"]
     experiments: Annotated[list[Name], Field(min_length=1)]
     initializers: Annotated[list[Name], Field(min_length=1)]
-    #: |ξ|, and the first so many of the sessions' seeds
-    size: Count
-    seeds: Count
+    size: Count  #: |ξ|
+    seeds: Count  #: the first so many of the sessions' seeds
     #: of initializers, in place of what params.yaml has
     options: Annotated[dict[Name, dict[str, Option]], Field(default_factory=dict)]
-    #: values of params.yaml, by dotted key
-    changes: Annotated[dict[str, Any], Field(default_factory=dict)]
-    #: of each novel entity; null: all
-    max_insert_triples: Annotated[int, Field(ge=0)] | None = None
-    #: else measured at once alone
-    finetuned: bool = True
-    #: for all epochs, for learning curves; else until convergence
-    full_curves: bool = False
-    #: whether Θ⁰ and the joint model are its own even where no change asks for it
-    trained: bool = False
+    changes: Changes
+    max_insert_triples: Annotated[int, Field(ge=0)] | None = None  #: of each novel entity; null: all
+    finetuned: bool = True  #: else measured immediately alone
+    full_curves: bool = False  #: for all epochs, for learning curves; else until convergence
+    trained: bool = False  #: whether Θ⁰ and the joint model are its own even where no change asks for it
 
-    @property
-    def trains(self) -> bool:
-        """Whether it has a Θ⁰ and a joint model of its own."""
-        return self.trained or any(key.partition(".")[0] in LEARNED for key in self.changes)
-
-    @property
-    def changes_words(self) -> bool:
-        """Whether it has word vectors of its own."""
-        return any(key.partition(".")[0] == "words" for key in self.changes)
+    def changes_one_of(self, *sections: str) -> bool:
+        """Whether it changes a section of params."""
+        return any(key.partition(".")[0] in sections for key in self.changes)
 
 
 class OneSize(SessionsOf):
@@ -86,17 +77,13 @@ class OneSize(SessionsOf):
 class GraphExperiment(Section):
     """An entry of ``graphs`` in the params of the second pipeline: an experiment on a graph of its own."""
 
-    #: what people read
-    title: str
-    #: a reader and its settings, as under ``sources``
-    source: dict[str, Any]
-    #: unique triples observed less often are dropped
-    min_count: Count = 1
+    title: str  #: what people read
+    source: dict[str, Any]  #: a reader and its settings, as under ``sources``
+    min_count: Count = 1  #: unique triples observed less often are dropped
     words: Words
     sessions: OneSize
     initializers: Annotated[list[Name], Field(min_length=1)]
-    #: values of params.yaml, by dotted key
-    changes: Annotated[dict[str, Any], Field(default_factory=dict)]
+    changes: Changes
 
     def variant(self, name: str) -> Variant:
         """How it is run: like a variant that trains all that it needs."""
@@ -117,9 +104,8 @@ def changed(params: Params, changes: Mapping[str, Any]) -> Params:
         if name not in CHANGEABLE or not within:
             raise InputError("", key, f"expected keys below {', '.join(CHANGEABLE)}")
         section = getattr(params, name)
-        values = section.model_dump() if isinstance(section, Section) else deepcopy(dict(section))
+        place = values = section.model_dump() if isinstance(section, Section) else deepcopy(dict(section))
         *parents, last = within.split(".")
-        place = values
         for parent in parents:
             place = place.setdefault(parent, {})
             if not isinstance(place, dict):
@@ -133,10 +119,8 @@ def changed(params: Params, changes: Mapping[str, Any]) -> Params:
 def results(params: Params, variant: Variant, stores: Sequence[Store], name: str) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Runs of a variant, and what its models answer immediately (``VARIANT_RUNS`` and ``VARIANT_QUERIES``).
 
-    Args:
-        params: with the variant's changes.
-        stores: of its experiments.
-        name: beside the progress bar.
+    The params are with the variant's changes; there is a store of each of its experiments. The name is what the
+    progress bar shows.
     """
     runs, answers = list[pd.DataFrame](), list[pd.DataFrame]()
     for store in stores:
@@ -149,7 +133,7 @@ def results(params: Params, variant: Variant, stores: Sequence[Store], name: str
 
 
 #: Θ⁰ and the joint model of each session.
-Models = tuple[StackedVectors, list[StackedVectors]]
+Models = tuple[Embedding, list[Embedding]]
 #: Arguments of ``run_variant``.
 VariantTask = tuple[GridPoints, Models | TrainConfig, np.ndarray, Mapping[str, InsertConfig], int | None]
 
@@ -157,12 +141,13 @@ VariantTask = tuple[GridPoints, Models | TrainConfig, np.ndarray, Mapping[str, I
 def tasks(params: Params, variant: Variant, store: Store) -> list[VariantTask]:
     """A variant of one experiment, over its grid."""
     model, configs, phrases = model_of(params), dict[str, InsertConfig](), list(store.entities()["phrase"])
-    words = look_up(load_vectors(params.words), phrases).vectors if variant.changes_words else store.words()
+    own_words = variant.changes_one_of("words")
+    words = look_up(load_vectors(params.words), phrases).vectors if own_words else store.words()
     for name in variant.initializers:
         full_curves = [variant.size] if variant.full_curves else []
         config = insert_config(params, name, full_curves, variant.options.get(name))
         configs[name] = config if variant.finetuned else config.training(max_epochs=0)
-    start = train_config(params) if variant.trains else None
+    start = train_config(params) if variant.trained or variant.changes_one_of(*LEARNED) else None
     return [
         (points, start or (store.theta0(points, model), store.joint_models(points, model)), words, configs,
          variant.max_insert_triples)

@@ -1,12 +1,21 @@
-"""Query sets: the triples that are queried, with filter and candidates, to measure old and new knowledge apart."""
+"""Query sets: the triples that are queried, with filter and candidates, to measure old and new knowledge apart.
+
+Two of them say when fine-tuning has converged: when Θ¹ is about as good as the joint model (section 6.2).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import pandas as pd
 import torch
 from torch import Tensor
 
 from isi.evaluation.ranking import Queries, make_queries, padded_ids
 from isi.graph.sessions import TEST, TRAIN, VALID, Session, membership, touches
+
+#: Query sets in which a run has to converge.
+CONVERGING = ("all", "novel_heldout")
 
 
 def validation(session: Session) -> dict[str, Queries]:
@@ -48,3 +57,27 @@ def _at_insertion(session: Session, novel: Tensor, of: Tensor, inserted: Tensor)
     queried = session.members(TRAIN, VALID, TEST) & of_entities & ~inserted
     filtered = (session.members(TRAIN, VALID) & ~new) | inserted
     return make_queries(session, padded_ids(queried), queried, filtered, session.entities)
+
+
+def epochs_to_convergence(
+    runs: pd.DataFrame, joint: pd.DataFrame, margin: float, max_epochs: int, by: Sequence[str]
+) -> pd.DataFrame:
+    """The first epoch at which each run is within the margin of the joint model of the same scope, size and seed.
+
+    Args:
+        runs: in the columns of ``RUNS`` and those of ``by``, which distinguish runs of one grid point.
+        joint: the joint models' MRR*, likewise.
+        max_epochs: the epochs of runs that do not converge.
+
+    Returns:
+        columns of ``by``, scope, size, seed, epochs, converged, queries; grid points without queries are left out.
+    """
+    keys = ["scope", "size", "seed"]
+    target = joint[joint["scope"].isin(CONVERGING)].set_index(keys)["mrr_star"] - margin
+    measured = runs[runs["scope"].isin(CONVERGING)].join(target.rename("target"), on=keys).dropna(subset=["mrr_star"])
+    groups = [*by, *keys]
+    reached = measured[measured["mrr_star"] >= measured["target"]].groupby(groups, observed=True)["epoch"].min()
+    table = measured.groupby(groups, observed=True)["queries"].first().to_frame()
+    table["converged"] = table.index.isin(reached.index)
+    table["epochs"] = reached.reindex(table.index).fillna(max_epochs)
+    return table.reset_index()

@@ -5,7 +5,7 @@ It carries plain values and arrays and depends on nothing else, so that results 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -13,8 +13,6 @@ from torch import Tensor
 
 from isi.graph.graph import Graph
 from isi.graph.sessions import Session, Timeline
-from isi.models.model import Model
-from isi.models.stack import Embedding
 
 #: Size that stands for no insertion, in keys of random streams and in logs.
 NO_INSERTION = 0
@@ -35,10 +33,8 @@ class GridPoints:
     graph: Graph
     size: int
     seeds: list[int]
-    #: of each seed; shape: (M, T), int8
-    splits: np.ndarray
-    #: ids of the novel entities, by the session that inserts them; shape: (M, S, size)
-    novel: np.ndarray
+    splits: np.ndarray  #: of each seed; shape: (M, T), int8
+    novel: np.ndarray  #: ids of the novel entities, by the session that inserts them; shape: (M, S, size)
     #: (session, model, place in ``novel``, triple), in this order; shape: (I, 4)
     insert_triples: np.ndarray = field(default_factory=no_triples)
 
@@ -58,7 +54,7 @@ class GridPoints:
     @property
     def all_known(self) -> GridPoints:
         """The same seeds with nothing to insert: D⁰ is what D of the last session is."""
-        return replace(self, size=NO_INSERTION, novel=self.novel[:, :0], insert_triples=no_triples())
+        return self.without_insertion(self.experiment, self.graph, self.seeds, self.splits)
 
     def keys(self, *more: int) -> Tensor:
         """Size, seed and more numbers of each model, as keys of its random streams; shape: (M, 2 + more)."""
@@ -91,22 +87,3 @@ class GridPoints:
         mask, rows = torch.zeros(self.splits.shape, dtype=torch.bool), self.insert_triples_in(session)
         mask[rows[:, 0], rows[:, 2]] = True
         return mask
-
-
-@dataclass(frozen=True)
-class StackedVectors:
-    """An embedding of each grid point of a stack, as it travels to a worker."""
-
-    model: Model
-    #: shapes: (M, E, d), (M, R, w)
-    entity: np.ndarray
-    relation: np.ndarray
-
-    @classmethod
-    def of(cls, embedding: Embedding) -> StackedVectors:
-        """An embedding that a task has trained, on the CPU."""
-        return cls(embedding.model, embedding.entity.cpu().numpy(), embedding.relation.cpu().numpy())
-
-    @property
-    def stack(self) -> Embedding:
-        return Embedding(torch.as_tensor(self.entity), torch.as_tensor(self.relation), self.model)

@@ -15,19 +15,18 @@ from torch import Tensor
 
 from isi.config import Count, Fraction, Names, Option, Section
 from isi.errors import InputError
-from isi.evaluation.convergence import SCOPES
-from isi.evaluation.query_sets import entity_query_sets, epoch_query_sets, novel_query_set
-from isi.evaluation.ranking import evaluate
-from isi.experiment.grid import JOINT_MODEL, GridPoints, StackedVectors
+from isi.evaluation.query_sets import CONVERGING, entity_query_sets, epoch_query_sets, novel_query_set
+from isi.evaluation.ranking import evaluate, measure_rows
+from isi.experiment.grid import JOINT_MODEL, GridPoints
 from isi.experiment.store import RUNS, Store
-from isi.experiment.train import measure_columns, model_of, run_rows
+from isi.experiment.train import model_of, run_rows
 from isi.graph.sessions import later_key
 from isi.initializers import api
 from isi.initializers.api import FALLBACKS, InitContext, InitResult
 from isi.models.stack import Embedding
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data
-from isi.training.trainer import ConvergenceWatch, Optimizer, Watch, compile_ahead
+from isi.training.trainer import ConvergenceWatch, Optimizer, Watch
 
 if TYPE_CHECKING:
     from isi.params import Params
@@ -66,14 +65,11 @@ class InsertConfig:
 
     initializer: str
     options: Mapping[str, Option]
-    #: root of the random streams
-    root: int
+    root: int  #: of the random streams
     negatives: Negatives
     optimizer: Optimizer
-    #: how far below the MRR* of the joint model counts as converged
-    margin: float
-    #: sizes fine-tuned for all epochs; the others stop at convergence
-    full_curves: Sequence[int] = ()
+    margin: float  #: how far below the MRR* of the joint model counts as converged
+    full_curves: Sequence[int] = ()  #: sizes fine-tuned for all epochs; the others stop at convergence
 
     def training(self, **changed: float) -> InsertConfig:
         """The same with other values of the optimizer."""
@@ -85,14 +81,11 @@ def insert_config(
 ) -> InsertConfig:
     """How an initializer inserts, with its options in params or with others.
 
-    Args:
-        full_curves: sizes fine-tuned for all epochs; the others stop at convergence.
-
     Raises:
         InputError: where the initializer does not take the options.
     """
     options = params.initializers[initializer] if options is None else options
-    compile_ahead(model_of(params), params.finetuning.batch_size)
+    trainer.compile_ahead(model_of(params), params.finetuning.batch_size)
     return InsertConfig(
         initializer, api.options_of(initializer, options, f"initializers.{initializer}"), params.seed, params.negatives,
         params.finetuning, params.convergence.margin, full_curves,
@@ -100,7 +93,7 @@ def insert_config(
 
 
 #: Arguments of ``insert_stack``.
-InsertTask = tuple[GridPoints, StackedVectors, np.ndarray, JointTargets, InsertConfig]
+InsertTask = tuple[GridPoints, Embedding, np.ndarray, JointTargets, InsertConfig]
 
 
 def insert_tasks(store: Store, params: Params, grid: Sequence[GridPoints], config: InsertConfig) -> list[InsertTask]:
@@ -118,7 +111,7 @@ def joint_targets(joint: pd.DataFrame, points: GridPoints) -> JointTargets:
     rows = joint[(joint["size"] == points.size) & (joint["epoch"] == 0)]
     mrr_star = rows.set_index(["session", "scope", "seed"])["mrr_star"].to_dict()
     targets = {}
-    for session, scope in product(range(1, points.sessions + 1), SCOPES):
+    for session, scope in product(range(1, points.sessions + 1), CONVERGING):
         if missing := [seed for seed in points.seeds if (session, scope, seed) not in mrr_star]:
             where = f"size {points.size}, session {session}, scope {scope}"
             expected = f"expected a row of seed {missing[0]} at epoch 0"
@@ -131,59 +124,45 @@ def joint_targets(joint: pd.DataFrame, points: GridPoints) -> JointTargets:
 class InsertResult:
     """What insertion gives at grid points."""
 
-    #: as inserted, by session; shape: (M, S · size, d)
-    vectors: np.ndarray
-    #: in the columns of ``RUNS`` and ``INSERTED`` (entity kinds apart)
-    runs: pd.DataFrame
-    entities: pd.DataFrame
+    vectors: np.ndarray  #: as inserted, by session; shape: (M, S · size, d)
+    runs: pd.DataFrame  #: in the columns of ``RUNS``
+    entities: pd.DataFrame  #: in the columns of ``INSERTED`` (kinds apart)
 
 
 def insert_stack(*task: *InsertTask) -> InsertResult:
     """Insert the novel entities of every session, each into what Θ has learned in the session before."""
-    results = list(insert_sessions(*task))
-    vectors = torch.cat([result.initial.vectors for result in results], 1).cpu().numpy()
+    results = [result for _, result in insert_sessions(*task)]
     runs, entities = (pd.concat(getattr(result, name) for result in results) for name in ("runs", "entities"))
-    return InsertResult(vectors, runs, entities)
-
-
-@dataclass(frozen=True)
-class SessionResult:
-    """Θ of each model after a session, when it had converged or after the last epoch, and measures on the way."""
-
-    theta: Embedding
-    initial: InitResult
-    runs: pd.DataFrame
-    entities: pd.DataFrame
+    return InsertResult(np.concatenate([result.vectors for result in results], 1), runs, entities)
 
 
 def insert_sessions(
-    points: GridPoints, theta0: StackedVectors, words: np.ndarray, joint: JointTargets, config: InsertConfig
-) -> Iterator[SessionResult]:
+    points: GridPoints, theta0: Embedding, words: np.ndarray, joint: JointTargets, config: InsertConfig
+) -> Iterator[tuple[Embedding, InsertResult]]:
     """Insert the novel entities of a session, measure immediately in every scope, and after every epoch of fine-tuning.
 
     Args:
         theta0: rows of novel entities are not looked at.
         words: word vectors, zero where there is none; shape (E, w).
+
+    Yields:
+        Θ of each model after a session, when it had converged or after the last epoch, and measures on the way.
     """
-    theta = theta0.stack
+    theta = theta0
     for number in range(1, points.sessions + 1):
         session, novel, mask = points.session(number), points.novel_in(number), points.insert_mask(number)
         initial, entities = initialize(points, theta, words, config, number), []
         theta = with_vectors(theta, novel, initial.vectors)
         immediate = evaluate(theta, novel_query_set(session, novel, mask))
         for place, queries in enumerate(entity_query_sets(session, novel, mask)):
-            fallback = [FALLBACKS[code] for code in initial.fallback[:, place].tolist()]
-            columns: dict[str, Any] = {
-                "size": points.size, "seed": points.seeds, "entity": points.novel[:, number - 1, place],
-                "fallback": pd.Series(fallback, dtype="str"), "session": number,
-            }  # fmt: skip
-            entities.append(measure_columns(evaluate(theta, {"novel": queries})["novel"]).assign(**columns))
-        targets = {scope: torch.as_tensor(joint[number, scope]) - config.margin for scope in SCOPES}
+            fallback = pd.Series([FALLBACKS[code] for code in initial.fallback[:, place].tolist()], dtype="str")
+            rows = measure_rows(evaluate(theta, {"novel": queries}))
+            entities.append(rows.assign(entity=points.novel[:, number - 1, place], fallback=fallback))
+        targets = {scope: torch.as_tensor(joint[number, scope]) - config.margin for scope in CONVERGING}
         watch = ConvergenceWatch(epoch_query_sets(session, novel), targets, points.size in config.full_curves)
         theta = finetune(points, theta, config, watch, number)
-        runs = [run_rows(points, number, 0, torch.arange(len(points.seeds)), immediate)]
-        runs += [run_rows(points, number, look.epoch, look.models, look.results) for look in watch.epochs]
-        yield SessionResult(theta, initial, pd.concat(runs), pd.concat(entities))
+        runs = run_rows(points, number, [measure_rows(immediate), *watch.looks])
+        yield theta, InsertResult(initial.vectors.cpu().numpy(), runs, run_rows(points, number, entities))
 
 
 def initialize(
@@ -203,10 +182,8 @@ def init_context(points: GridPoints, theta: Embedding, words: np.ndarray, root: 
 
 def finetune(points: GridPoints, theta: Embedding, config: InsertConfig, watch: Watch, session: int = 1) -> Embedding:
     """Fine-tune Θ on a session that has its novel entities, watched after every epoch (section 5.2)."""
-    data = training_data(
-        points.session(session), "fine-tuning", points.keys(*later_key(session)), config.negatives.head_pool,
-        points.novel_in(session),
-    )  # fmt: skip
+    keys, pool = points.keys(*later_key(session)), config.negatives.head_pool
+    data = training_data(points.session(session), "fine-tuning", keys, pool, points.novel_in(session))
     return trainer.train(theta, data, config.negatives, config.optimizer, config.root, watch)
 
 

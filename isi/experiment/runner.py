@@ -14,12 +14,13 @@ from typing import Annotated, Literal, Self, TypeVar, TypeVarTuple
 
 import torch
 from pydantic import Field, model_validator
+from torch import Tensor
 from tqdm import tqdm
 
 from isi.config import Count, Section
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints
-from isi.models.stack import NotFinite
+from isi.models.stack import NotFinite, mapped
 from isi.process import serve
 from isi.tables import paths
 from isi.training.batches import DENSE_LIMIT
@@ -93,9 +94,8 @@ def run_task(
 ) -> Done:
     """Run a task on one thread, and without denormal numbers (slow, and far below what a rank can tell).
 
-    Both are set in the thread that runs the task, which is the engine's choice, and never reset: tasks
-    that share a process cannot disturb each other. Where the device is a GPU, it holds all that the task
-    makes; what the task gives back is on the CPU.
+    Both are set in the thread that runs the task, which is the engine's choice, and never reset: tasks that share a
+    process cannot disturb each other. A GPU holds all tensors of the task; what the task gives back is on the CPU.
 
     Raises:
         InputError: where a model of the task diverges: which one, and what to turn down.
@@ -107,7 +107,7 @@ def run_task(
         if target.type == "cpu":
             return function(*task)
         with target:
-            return function(replace(points, graph=points.graph.on(target)), *task[1:])
+            return mapped(function(*mapped(task, lambda tensor: tensor.to(target))), Tensor.cpu)
     except NotFinite as error:
         seeds = [points.seeds[place] for place in error.models]
         raise InputError(paths.PARAMS, str(replace(points, seeds=seeds)), error.message) from error

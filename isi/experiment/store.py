@@ -9,14 +9,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import torch
 
 from isi.errors import InputError
 from isi.evaluation.ranking import MEASURES
-from isi.experiment.grid import GridPoints, StackedVectors
+from isi.experiment.grid import GridPoints
 from isi.graph.graph import ENTITIES, TRIPLES, Graph, build_graph
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, OUT, SPLIT_NAMES, SPLITS
 from isi.graph.words import WORD_VECTORS
 from isi.models.model import Model
+from isi.models.stack import Embedding
 from isi.tables import agreement
 from isi.tables.rules import Rule, at_least, mean_of, measured, named, one_of, within
 from isi.tables.table import BOOL, INT, NAME, REAL, DataFile, Table, TensorFile
@@ -34,13 +36,7 @@ SESSION_CHECKS = [*at_least(1, "size"), *at_least(0, "seed"), *at_least(1, "sess
 
 
 def runs_table(template: str, by: Mapping[str, pa.DataType] | None = None, checks: Sequence[Rule] = ()) -> Table:
-    """Measures of models, epoch by epoch.
-
-    Args:
-        template: of the path.
-        by: columns that distinguish the runs of one grid point.
-        checks: of these columns.
-    """
+    """Measures of models, epoch by epoch; the columns of ``by`` distinguish the runs of one grid point."""
     return Table(
         template,
         {**(by or {}), **SIZE_AND_SEED, "epoch": INT, "scope": NAME, **MEASURE_COLUMNS, "queries": INT, "session": INT},
@@ -105,10 +101,8 @@ class Store:
     """
 
     experiment: str
-    #: tables in memory, which are not read
-    tables: dict[Table, pd.DataFrame] = field(default_factory=dict, repr=False)
-    #: word vectors in memory; shape: (E, w)
-    vectors: np.ndarray | None = field(default=None, repr=False)
+    tables: dict[Table, pd.DataFrame] = field(default_factory=dict, repr=False)  #: in memory, which are not read
+    vectors: np.ndarray | None = field(default=None, repr=False)  #: word vectors in memory; shape: (E, w)
 
     def table(self, table: Table) -> pd.DataFrame:
         """A table of the experiment."""
@@ -150,9 +144,7 @@ class Store:
     def grid(self, stack: int, size: int | None = None, seeds: int | None = None) -> list[GridPoints]:
         """Every point of the grid, in stacks of at most ``stack`` seeds of one size.
 
-        Args:
-            size: only of this size.
-            seeds: only of the first so many seeds.
+        Where given, only those of one ``size``, and of the first so many ``seeds``.
         """
         graph, splits, novel, path = self.graph(), self.splits(), self.table(NOVEL), self._path(NOVEL)
         agreement.ids_below(path, novel, "entity", len(graph.entities), "graph's entities")
@@ -171,9 +163,8 @@ class Store:
             for part in (numbers[first : first + stack] for first in range(0, len(numbers), stack)):
                 rows = of_size[of_size["seed"].isin(part)]
                 drawn = rows["entity"].to_numpy(np.int64, copy=True).reshape(len(part), -1, number)
-                rows = rows.assign(
-                    model=rows["seed"].map(part.index), place=rows.groupby(["seed", "session"]).cumcount()
-                )
+                place = rows.groupby(["seed", "session"]).cumcount()
+                rows = rows.assign(model=rows["seed"].map(part.index), place=place)
                 joined = given.merge(rows, on=["size", "seed", "session", "entity"])
                 triples = joined[["session", "model", "place", "triple"]].to_numpy(np.int64)
                 triples, codes = triples[np.lexsort(triples.T[::-1])], np.stack([splits[seed] for seed in part])
@@ -185,21 +176,19 @@ class Store:
         """Of the sessions of every size."""
         return sorted(self.table(NOVEL)["seed"].unique().tolist())
 
-    def theta0(self, points: GridPoints, model: Model) -> StackedVectors:
+    def theta0(self, points: GridPoints, model: Model) -> Embedding:
         """Θ⁰ of a stack of grid points."""
         return self._embedding(THETA0, points, model, 0, "")
 
-    def joint(self, points: GridPoints, model: Model, session: int = 1) -> StackedVectors:
+    def joint(self, points: GridPoints, model: Model, session: int = 1) -> Embedding:
         """The joint models of a session of a stack of grid points."""
         return self._embedding(JOINT, points, model, session, points.joint_prefix(session))
 
-    def joint_models(self, points: GridPoints, model: Model) -> list[StackedVectors]:
+    def joint_models(self, points: GridPoints, model: Model) -> list[Embedding]:
         """The joint models of every session of a stack of grid points."""
         return [self.joint(points, model, session) for session in range(1, points.sessions + 1)]
 
-    def _embedding(
-        self, file: TensorFile, points: GridPoints, model: Model, number: int, prefix: str
-    ) -> StackedVectors:
+    def _embedding(self, file: TensorFile, points: GridPoints, model: Model, number: int, prefix: str) -> Embedding:
         """The models of a session of a stack of grid points, with the shapes of graph and model."""
         path, session = self._path(file, size=points.size), points.session(number)
         names = [f"{prefix}{name}" for name in ("entity", "relation", "known", "seed")]
@@ -212,7 +201,7 @@ class Store:
         agreement.has_shape(path, "relation", relation, (models, *width))
         agreement.has_shape(path, "known", known, (models, entities), np.bool_)
         agreement.known_are(path, known, session.entities.numpy(), entity)
-        return StackedVectors(model, entity, relation)
+        return Embedding(torch.from_numpy(entity), torch.from_numpy(relation), model)
 
     def initial_vectors(self, initializer: str, points: GridPoints) -> np.ndarray:
         """What an initializer inserted in the first session of a stack of grid points; shape (M, size, d)."""

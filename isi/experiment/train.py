@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,8 +13,8 @@ import torch
 from torch import Tensor
 
 from isi.evaluation import query_sets
-from isi.evaluation.ranking import MEASURES, Result, evaluate
-from isi.experiment.grid import GridPoints, StackedVectors
+from isi.evaluation.ranking import evaluate, measure_rows
+from isi.experiment.grid import GridPoints
 from isi.models.model import Model, make_model
 from isi.models.stack import Embedding, uniform
 from isi.training import trainer
@@ -40,11 +41,9 @@ class TrainConfig:
 class TrainResult:
     """Trained embeddings of grid points."""
 
-    theta: StackedVectors
-    #: entities of the session; shape: (M, E), bool
-    known: np.ndarray
-    #: in the columns of ``TRAINING_LOG``
-    log: pd.DataFrame
+    theta: Embedding
+    known: np.ndarray  #: entities of the session; shape: (M, E), bool
+    log: pd.DataFrame  #: in the columns of ``TRAINING_LOG``
 
 
 def model_of(params: Params, name: str | None = None) -> Model:
@@ -55,19 +54,16 @@ def model_of(params: Params, name: str | None = None) -> Model:
 
 def train_config(params: Params, model: Model | None = None, training: Training | None = None) -> TrainConfig:
     """How params say that embeddings are trained, or with another model and training."""
-    model, training = model or model_of(params), training or params.training
+    model, training, embedding = model or model_of(params), training or params.training, params.embedding
     trainer.compile_ahead(model, training.batch_size)
-    embedding = params.embedding
     return TrainConfig(params.seed, model, embedding.dimension, embedding.init_range, params.negatives, training)
 
 
 def training_start(points: GridPoints, config: TrainConfig, number: int = 0) -> tuple[Embedding, TrainingData]:
     """What training on D of a session starts from, and what it learns from."""
     session, keys = points.session(number), points.keys(*([number] if number else []))
-    start = uniform(
-        session.entities, len(points.graph.relations), config.model, config.dimension, config.init_range, config.root,
-        keys,
-    )  # fmt: skip
+    shape = len(points.graph.relations), config.model, config.dimension, config.init_range
+    start = uniform(session.entities, *shape, config.root, keys)
     return start, training_data(session, "training", keys, config.negatives.head_pool)
 
 
@@ -75,16 +71,7 @@ def train_stack(points: GridPoints, config: TrainConfig, session: int = 0) -> Tr
     """Train on D of a session until validation MRR* stops improving: Θ⁰ on D⁰, a joint model later (section 5.3)."""
     start, data = training_start(points, config, session)
     best, looks = trainer.train_until_best(start, data, config.negatives, config.training, config.root)
-    log = pd.concat(
-        pd.DataFrame(dict(zip(MEASURES, look.measures.T.cpu().numpy(), strict=True))).assign(
-            size=points.size,
-            seed=np.array(points.seeds)[look.models.cpu().numpy()],
-            epoch=look.epoch,
-            kept=look.is_best.cpu().numpy(),
-        )
-        for look in looks
-    )
-    return TrainResult(StackedVectors.of(best), data.session.entities.cpu().numpy(), log)
+    return TrainResult(best, data.session.entities.cpu().numpy(), run_rows(points, session, looks))
 
 
 def joint_tasks(grid: Sequence[GridPoints], config: TrainConfig) -> list[tuple[GridPoints, TrainConfig, int]]:
@@ -98,37 +85,28 @@ def joint_tasks(grid: Sequence[GridPoints], config: TrainConfig) -> list[tuple[G
 
 def as_tensors(trained: Iterable[tuple[GridPoints, int, TrainResult]]) -> dict[str, Tensor]:
     """Trained embeddings of a session of grid points as the tensors of one file (``GridPoints.joint_prefix``)."""
-    parts: dict[str, list[np.ndarray]] = {}
+    parts = defaultdict[str, list[Tensor]](list)
     for points, session, result in trained:
-        tensors = {"entity": result.theta.entity, "relation": result.theta.relation, "known": result.known}
-        for name, tensor in {**tensors, "seed": np.array(points.seeds)}.items():
-            parts.setdefault(f"{points.joint_prefix(session) if session else ''}{name}", []).append(tensor)
-    return {name: torch.from_numpy(np.concatenate(tensors)) for name, tensors in parts.items()}
+        tensors = {"entity": result.theta.entity, "relation": result.theta.relation}
+        tensors |= {"known": torch.from_numpy(result.known), "seed": torch.tensor(points.seeds)}
+        for name, tensor in tensors.items():
+            parts[f"{points.joint_prefix(session) if session else ''}{name}"].append(tensor)
+    return {name: torch.cat(tensors) for name, tensors in parts.items()}
 
 
-def evaluate_stack(points: GridPoints, joint: Sequence[StackedVectors]) -> pd.DataFrame:
+def evaluate_stack(points: GridPoints, joint: Sequence[Embedding]) -> pd.DataFrame:
     """Measures of the joint model of each session as it is, in every scope of that session (``RUNS``, epoch 0)."""
     rows = []
     for number, theta in enumerate(joint, 1):
         session, novel = points.session(number), points.novel_in(number)
-        results = evaluate(theta.stack, query_sets.epoch_query_sets(session, novel))
-        results |= evaluate(theta.stack, query_sets.novel_query_set(session, novel, points.insert_mask(number)))
-        rows.append(run_rows(points, number, 0, torch.arange(len(points.seeds)), results))
+        results = evaluate(theta, query_sets.epoch_query_sets(session, novel))
+        results |= evaluate(theta, query_sets.novel_query_set(session, novel, points.insert_mask(number)))
+        rows.append(run_rows(points, number, [measure_rows(results)]))
     return pd.concat(rows)
 
 
-def run_rows(
-    points: GridPoints, session: int, epoch: int, models: Tensor, results: Mapping[str, Result]
-) -> pd.DataFrame:
-    """Measures of models of some grid points after an epoch, by scope (``RUNS`` and ``TIES``)."""
-    seeds = np.array(points.seeds)[models.cpu().numpy()]
-    return pd.concat(
-        measure_columns(result).assign(size=points.size, seed=seeds, epoch=epoch, scope=scope, session=session)
-        for scope, result in results.items()
-    )
-
-
-def measure_columns(result: Result) -> pd.DataFrame:
-    """A result as columns, one row a model."""
-    columns = dict(zip(MEASURES, result.measures.T.cpu().numpy(), strict=True))
-    return pd.DataFrame(columns | {"queries": result.queries.cpu().numpy(), "ties": result.ties.cpu().numpy()})
+def run_rows(points: GridPoints, session: int, looks: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Measures of models of some grid points in a session, with size and seed (``RUNS``, ``TIES``)."""
+    rows = pd.concat(looks)
+    seeds = np.array(points.seeds)[rows["place"]]
+    return rows.drop(columns="place").assign(size=points.size, seed=seeds, session=session)

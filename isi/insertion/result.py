@@ -221,5 +221,8 @@ def _ranks(embedding: Embedding, queried: np.ndarray, right: np.ndarray, known: 
         for name, candidates in (("before", known_alone), ("after", everyone))
     }
     pieces = list(rank_queries(embedding, queries))
-    before, after = (torch.cat([piece[name].entity.rank[0] for piece in pieces]).double() for name in queries)
+    before, after = (
+        torch.cat([piece[name].slots[slot].rank[0] for piece in pieces for slot in (HEAD, TAIL)]).double()
+        for name in queries
+    )
     return before, after

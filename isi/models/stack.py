@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
@@ -27,6 +28,10 @@ class Embedding:
     entity: Tensor  #: shape: (M, E, d)
     relation: Tensor  #: shape: (M, R, w), with the model's width
     model: Model = field(metadata={"shared": True})
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Travel to another process as plain arrays."""
+        return _from_arrays, (self.entity.numpy(), self.relation.numpy(), self.model)
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
         """f(h, r, t) of triples (section 2); ids and result of shape (M, Q)."""
@@ -58,26 +63,36 @@ class Embedding:
         return torch.where(novel_is_tail[..., None], as_tail, as_head)
 
 
+def _from_arrays(entity: np.ndarray, relation: np.ndarray, model: Model) -> Embedding:
+    return Embedding(torch.from_numpy(entity), torch.from_numpy(relation), model)
+
+
 def rows(table: Tensor, ids: Tensor) -> Tensor:
     """Rows of each model's table; shapes (M, N, d) and (M, Q), result (M, Q, d)."""
     return table.gather(1, ids[..., None].expand(-1, -1, table.shape[-1]))
 
 
 def select(stacked: T, models: Tensor) -> T:
-    """The same value for some embeddings of a stack only, by a mask or places.
+    """The same value for some embeddings of a stack only, by a mask or places: of tensors, the first dimension.
 
-    Takes tensors, whose first dimension is the stack, and mappings and data classes of them. What the whole
-    stack shares stays: fields with ``metadata={"shared": True}``, and values of other types.
+    What the whole stack shares stays: fields with ``metadata={"shared": True}``.
     """
-    value: Any = stacked
-    if isinstance(value, Tensor):
-        value = value[models]
-    elif isinstance(value, dict):
-        value = {key: select(part, models) for key, part in value.items()}
-    elif is_dataclass(value):
-        names = [part.name for part in fields(value) if not part.metadata.get("shared")]
-        value = replace(value, **{name: select(getattr(value, name), models) for name in names})  # type: ignore[type-var]
-    return value  # type: ignore[no-any-return]
+    return mapped(stacked, lambda tensor: tensor[models], shared=False)
+
+
+def mapped(value: T, function: Callable[[Tensor], Tensor], shared: bool = True) -> T:
+    """The same value with a function of each tensor in it, also in data classes, mappings, lists and tuples."""
+    result: Any = value
+    if isinstance(result, Tensor):
+        result = function(result)
+    elif isinstance(result, dict):
+        result = {key: mapped(part, function, shared) for key, part in result.items()}
+    elif isinstance(result, list | tuple):
+        result = type(result)(mapped(part, function, shared) for part in result)
+    elif is_dataclass(result):
+        names = [part.name for part in fields(result) if shared or not part.metadata.get("shared")]
+        result = replace(result, **{name: mapped(getattr(result, name), function, shared) for name in names})  # type: ignore[type-var]
+    return result  # type: ignore[no-any-return]
 
 
 def uniform(

@@ -12,11 +12,10 @@ import numpy as np
 import pandas as pd
 
 from isi.analyses import single_insertions
-from isi.analyses.affordances import AFFORDANCES
 from isi.analyses.finetuning import FINETUNE_ONLY, INDICATOR_SWEEP, RATE_SWEEP
 from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
-from isi.analyses.query_breakdown import QUERY_BREAKDOWN, USED_COORDINATES
-from isi.analyses.trajectory import TRACED, TRAJECTORY
+from isi.analyses.query_breakdown import AFFORDANCES, QUERY_BREAKDOWN, USED_COORDINATES
+from isi.analyses.single_insertions import TRACED, TRAJECTORY
 from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VARIANT_RUNS, Variant
 from isi.experiment.insert import is_listed
 from isi.experiment.store import INSERTED, RUNS, TIES, TRAINING_LOG

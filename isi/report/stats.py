@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from isi.evaluation.convergence import epochs_to_convergence
+from isi.evaluation.query_sets import epochs_to_convergence
 from isi.random import stream
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, HALVES, label

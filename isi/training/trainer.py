@@ -6,13 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
+import pandas as pd
 import torch
 from pydantic import Field
 from torch import Tensor
 
 from isi.config import Count, NotNegative, Positive, Section
 from isi.evaluation.query_sets import validation
-from isi.evaluation.ranking import Queries, Result, evaluate
+from isi.evaluation.ranking import Queries, evaluate, measure_rows
 from isi.models.bilinear import ANALOGY, ComplEx, DistMult
 from isi.models.model import Model
 from isi.models.scoring import DenseTriples, padded, spaced
@@ -182,32 +183,25 @@ def adagrad(
         table.addcdiv_(step, squares.sqrt(), value=-settings.learning_rate)
 
 
-@dataclass(frozen=True)
-class ValidationResult:
-    """Validation measures of some embeddings of a stack after an epoch."""
-
-    epoch: int
-    models: Tensor  #: places in the stack; shape: (A,)
-    measures: Tensor  #: in the order of ``MEASURES``; shape: (A, 4), float64
-    is_best: Tensor  #: whether this is the best of each so far; shape: (A,), bool
-
-
 class EarlyStopping:
-    """Keeps the best embedding of each model by validation MRR*, and stops it when none better comes."""
+    """Keeps the best embedding of each model by validation MRR*, and stops it when none better comes.
+
+    A look has the measures of the embeddings in training (``measure_rows``), and whether they are the best so far.
+    """
 
     def __init__(self, embedding: Embedding, queries: Queries, settings: Training) -> None:
-        self.best, self.validations = start(embedding).embedding, list[ValidationResult]()
+        self.best, self.looks = start(embedding).embedding, list[pd.DataFrame]()
         self.queries, self.settings = queries, settings
         self.highest = torch.full((len(embedding.entity),), -1.0, dtype=torch.float64)
         self.since_best = torch.zeros(len(embedding.entity), dtype=torch.int64)
 
     def __call__(self, epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
         if not epoch or (epoch % self.settings.evaluate_every and epoch < self.settings.max_epochs):
-            return torch.ones(len(models), dtype=torch.bool)
-        measures = evaluate(embedding, {"valid": self.queries})["valid"].measures
-        mrr_star = measures[:, 0]
+            return never_stop(epoch, embedding, models)
+        results = evaluate(embedding, {"valid": self.queries})
+        mrr_star = results["valid"].measures[:, 0]
         is_best = mrr_star > self.highest[models]
-        self.validations.append(ValidationResult(epoch, models, measures, is_best))
+        self.looks.append(measure_rows(results, epoch, models).assign(kept=is_best.cpu().numpy()))
         self.highest[models[is_best]] = mrr_star[is_best]
         self.since_best[models] = torch.where(is_best, 0, self.since_best[models] + 1)
         _copy_rows(embedding, is_best, self.best, models)
@@ -219,20 +213,11 @@ class EarlyStopping:
 
 def train_until_best(
     embedding: Embedding, data: TrainingData, negatives: Negatives, settings: Training, root: int
-) -> tuple[Embedding, list[ValidationResult]]:
-    """Train each embedding until validation MRR* stops improving; the best of each, and all validations."""
+) -> tuple[Embedding, list[pd.DataFrame]]:
+    """Train each embedding until validation MRR* stops improving; the best of each, and all looks at it."""
     watch = EarlyStopping(embedding, validation(data.session)["valid"], settings)
     train(embedding, data, negatives, settings, root, watch)
-    return watch.best, watch.validations
-
-
-@dataclass(frozen=True)
-class EpochMeasures:
-    """Measures of some embeddings of a stack after an epoch (0: before the first), by query set."""
-
-    epoch: int
-    models: Tensor  #: places in the stack; shape: (A,)
-    results: dict[str, Result]
+    return watch.best, watch.looks
 
 
 class ConvergenceWatch:
@@ -243,17 +228,17 @@ class ConvergenceWatch:
     """
 
     def __init__(self, query_sets: dict[str, Queries], targets: dict[str, Tensor], full_curves: bool) -> None:
-        self.epochs = list[EpochMeasures]()
+        self.looks = list[pd.DataFrame]()
         self.query_sets, self.targets, self.full_curves = query_sets, targets, full_curves
         self.reached = {name: torch.isnan(target) for name, target in targets.items()}
 
     def __call__(self, epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
         results = evaluate(embedding, self.query_sets)
-        self.epochs.append(EpochMeasures(epoch, models, results))
+        self.looks.append(measure_rows(results, epoch, models))
         for name, target in self.targets.items():
             self.reached[name] |= results[name].measures[:, 0] >= target
         if self.full_curves:
-            return torch.ones(len(models), dtype=torch.bool)
+            return never_stop(epoch, embedding, models)
         going_on = ~torch.stack(list(self.reached.values())).all(0)
         if not going_on.all():
             self.query_sets, self.targets = select(self.query_sets, going_on), select(self.targets, going_on)

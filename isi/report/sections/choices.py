@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure as Canvas
 
-from isi.evaluation.convergence import SCOPES as CONVERGENCE_SCOPES
+from isi.evaluation.query_sets import CONVERGING
 from isi.models.model import MODELS
 from isi.report.data import Analysis, Results
 from isi.report.figures import Figure, legend, line_over_seeds, panels
@@ -85,7 +85,7 @@ def means_of(immediate: pd.DataFrame, epochs: pd.DataFrame, models: Sequence[str
     mrr_star, groups = 100 * immediate.groupby(by)["mrr_star"].mean().unstack("scope"), epochs.groupby(by)
     means, never = groups["epochs"].mean().unstack("scope"), 100 * (1 - groups["converged"].mean()).unstack("scope")
     columns = {Column("MRR*", scope): mrr_star.get(scope) for scope in ("all", "novel")}
-    for scope in CONVERGENCE_SCOPES:
+    for scope in CONVERGING:
         columns |= {Column("epochs", scope): means.get(scope), Column("unconverged %", scope): never.get(scope)}
     frame = pd.DataFrame(columns, index=mrr_star.index, dtype=float)
     return frame.loc[[model for model in models if model in frame.index]]

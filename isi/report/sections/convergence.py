@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from isi.evaluation.convergence import SCOPES as CONVERGENCE_SCOPES
+from isi.evaluation.query_sets import CONVERGING
 from isi.report import stats
 from isi.report.data import Experiment, Results
 from isi.report.figures import Figure, by_epoch
@@ -44,7 +44,7 @@ def convergence(results: Results, experiment: Experiment) -> Content:
         runs, rates = experiment.runs, results.rate_sweep.result
         main = runs[(runs["size"] == sweep.size) & runs["model"].isin(swept)].assign(factor=AS_CHOSEN)
         by_factor = experiment.converged(pd.concat([main, rates[rates["model"].isin(swept)]]), ["model", "factor"])
-        numbers["rates"] = {scope: orders(by_factor, swept, scope) for scope in CONVERGENCE_SCOPES}
+        numbers["rates"] = {scope: orders(by_factor, swept, scope) for scope in CONVERGING}
         numbers |= {"rate_size": sweep.size, "finetuning": params.finetuning}
         shown.append(by_rate(by_factor, swept))
     return Content(numbers, shown)
@@ -73,7 +73,7 @@ def table2(
 ) -> ReportTable:
     """Table 2: epochs to convergence over all sizes, beside the paper's."""
     summary = epochs_summary(epochs, ["scope", "model"])[["mean", "std", "median", "unconverged %"]]
-    groups = dict(zip(CONVERGENCE_SCOPES, CONVERGENCE_SCOPES, strict=True))
+    groups = dict(zip(CONVERGING, CONVERGING, strict=True))
     theirs: dict[Any, list[Any]] = {Column(title, "paper"): [paper.get(model, {}).get(column) for model in initializers]
               for column, title in (("mean", "mean"), ("deviation", "std"))}  # fmt: skip
     ours = wide(summary, [(model,) for model in initializers], groups)
@@ -97,7 +97,7 @@ def by_rate(epochs: pd.DataFrame, initializers: Sequence[str]) -> ReportTable:
     summary = over_seeds(epochs, by, {"epochs": "mean"}, scale=1)
     summary["median"] = groups["epochs"].median()
     summary["unconverged %"] = 100 * (1 - groups["converged"].mean())
-    rows = [(scope, model) for scope in CONVERGENCE_SCOPES if scope in set(epochs["scope"]) for model in initializers]
+    rows = [(scope, model) for scope in CONVERGING if scope in set(epochs["scope"]) for model in initializers]
     titles = {factor: f"×{factor:g}" for factor in sorted(epochs["factor"].unique())}
     keys: dict[Any, list[Any]] = {SCOPE: [scope for scope, _ in rows], "initializer": [label(row[1]) for row in rows]}
     return ReportTable.of("convergence_by_rate", keys | wide(summary, rows, titles))
