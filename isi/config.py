@@ -1,19 +1,21 @@
-"""Reading ``params.yaml``: each section is checked by the model of whoever reads it."""
+"""Reading ``params.yaml``: each section is checked by the model of whoever reads it, plug-ins are found by name."""
 
 from __future__ import annotations
 
+import importlib
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+import pkgutil
+from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypeVar, cast, get_type_hints
+from typing import Annotated, Any, ClassVar, Generic, TypeVar, cast, get_type_hints
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, create_model, model_validator
 from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from isi.errors import InputError, at, meant
+from isi.errors import InputError, at, meant, short
 from isi.tables import paths
 
 Count = Annotated[int, Field(ge=1, lt=2**31)]
@@ -36,13 +38,15 @@ def distinct(values: Iterable[Any]) -> bool:
     return len(set(listed)) == len(listed)
 
 
-def _each_once(names: list[str]) -> list[str]:
-    if not distinct(names):
-        raise ValueError("names must not repeat")
-    return names
+def _each_once(values: list[Any]) -> list[Any]:
+    if not distinct(values):
+        raise ValueError("expected each once")
+    return values
 
 
-Names = Annotated[list[Name], AfterValidator(_each_once)]
+#: Of a list: no value repeats.
+EachOnce = AfterValidator(_each_once)
+Names = Annotated[list[Name], EachOnce]
 
 
 class Section(BaseModel):
@@ -79,7 +83,7 @@ class Study(Section):
 
 
 def read(path: Path) -> dict[str, Any]:
-    """The mapping that a YAML file holds, or an ``InputError`` where the file is missing or holds none."""
+    """The mapping that a YAML file holds; InputError where the file is missing or holds none."""
     if path in (paths.PARAMS, paths.PIPELINE) and not path.exists():
         raise InputError(path, "", f"no such file: {Path.cwd()} is not the folder of the project, go there first")
     with at(path):
@@ -98,11 +102,7 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def check(value: Any, kind: type[T], key: str, path: Path | str = paths.PARAMS) -> T:
-    """A value as the type or section that it must be.
-
-    Raises:
-        InputError: naming the key that is unknown, missing, of another type or out of range.
-    """
+    """A value as the type that it must be; InputError naming a key that is unknown, missing, or not as it must be."""
     with at(path, key):
         return TypeAdapter(kind).validate_python(value, strict=True)
 
@@ -123,7 +123,7 @@ def options(function: Callable[..., Any]) -> type[Section]:
 
 
 def keywords(function: Callable[..., Any], given: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """Options as keyword arguments of a function, or an ``InputError`` at their key where it does not take them."""
+    """Options as keyword arguments of a function; InputError at their key where it does not take them."""
     checked = check(dict(given) if isinstance(given, Mapping) else given, options(function), key)
     return {name: getattr(checked, name) for name in type(checked).model_fields}
 
@@ -133,3 +133,31 @@ def value_of(values: Any, key: str) -> Any:
     for part in key.split("."):
         values = values.get(part) if isinstance(values, dict) else None
     return values
+
+
+class Plugins(Generic[T]):
+    """What the modules of a package register by name; they are imported where a name is not yet there.
+
+    Modules whose name begins with an underscore are not, nor those that are ``skipped``.
+    """
+
+    def __init__(self, package: str, skipped: Collection[str] = ()) -> None:
+        self.package, self._skipped = package, skipped
+        self._registered: dict[str, T] = {}
+
+    def register(self, name: str, thing: T) -> None:
+        self._registered[name] = thing
+
+    def get(self, name: str, key: str = "") -> T:
+        """The thing of a name; InputError at the key of params that names it."""
+        if name not in self._registered and name not in (known := self.names()):
+            expected = f"expected one of {', '.join(known)}, got {short(name)}{meant(name, known)}"
+            raise InputError(paths.PARAMS, key, expected)
+        return self._registered[name]
+
+    def names(self) -> list[str]:
+        """Names of all that the package's modules register, and of what other modules have registered."""
+        for module in pkgutil.iter_modules(importlib.import_module(self.package).__path__):
+            if not module.name.startswith("_") and module.name not in self._skipped:
+                importlib.import_module(f"{self.package}.{module.name}")
+        return sorted(self._registered)

@@ -2,10 +2,8 @@
 
 A function that finds a mistake says what it knows; whoever knows the file and the place adds them once, around it::
 
-    with at(path):                             # log.csv: line 3, column 'head': expected a name, got ''
-        for number, row in enumerate(rows, 1):
-            with at("", f"line {number}"):
-                raise InputError("", "column 'head'", f"expected a name, got {short(row[0])}")
+    with at("log.csv", "line 3"):              # log.csv: line 3, column 'head': expected a name, got ''
+        raise InputError("", "column 'head'", f"expected a name, got {short(row[0])}")
 """
 
 from __future__ import annotations
@@ -43,13 +41,10 @@ class InputError(Exception):
 
 @contextmanager
 def at(file: object, place: object = "") -> Iterator[None]:
-    """Add a file and a place to the mistakes that are found within.
+    """Add a file and a place to the mistakes that are found within, of pydantic, pyarrow or the system, too.
 
     An ``InputError`` without a file gets this one; one of this file gets the place before its own; one of another file
     is quoted whole: ``params.yaml: sources.mp3d: vocabulary.yaml: structure: expected a list``.
-
-    Raises:
-        InputError: also for what pydantic, pyarrow, a decoder of text or the system says of the file.
     """
     try:
         yield
@@ -67,7 +62,7 @@ def _place_and_message(error: Exception, file: str) -> tuple[str, str]:
         case UnicodeDecodeError():
             return "", f"expected UTF-8, got byte 0x{error.object[error.start]:02x} at {error.start + 1:,}"
         case ValidationError():
-            return explained(error)
+            return _first_mistake(error)
         case OSError():
             return "", f"cannot be read ({system_says(error)})"
     if type(error).__module__.split(".")[0] == "pyarrow":
@@ -75,19 +70,20 @@ def _place_and_message(error: Exception, file: str) -> tuple[str, str]:
     raise error
 
 
-def explained(error: ValidationError) -> tuple[str, str]:
+def _first_mistake(error: ValidationError) -> tuple[str, str]:
     """The place and the text of the first mistake that pydantic found, and how many more there are."""
     first: Any = min(error.errors(), key=lambda one: one["type"] not in ("unknown_key", "list_type"))
-    loc = [*first["loc"], *([first["ctx"]["key"]] if first["type"] == "unknown_key" else [])]
+    kind, got, context = first["type"], first["input"], first.get("ctx", {})
+    loc = [*first["loc"], *([context["key"]] if kind == "unknown_key" else [])]
     place = ".".join(str(part) for part in loc if not re.search(r"[\[\]()]", str(part)))  # types of a union
-    message, got = first["msg"].removeprefix("Value error, "), first["input"]
-    if first["type"] == "list_type" and isinstance(got, str):
+    message = first["msg"].removeprefix("Value error, ")
+    if kind == "list_type" and isinstance(got, str):
         message = f"expected a list, got the text {short(got)}: write [{cut(got, 60)}]"
-    elif first["type"] not in ("missing", "value_error", "unknown_key"):
+    elif kind not in ("missing", "value_error", "unknown_key", "json_invalid"):
         message += f", got {short(got)}"
-    if first["type"] == "literal_error":
-        message += meant(got, re.findall("'([^']+)'", first["ctx"]["expected"]))
-    return place, message + (f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else "")
+    if kind == "literal_error":
+        message += meant(got, re.findall("'([^']+)'", context["expected"]))
+    return place, message + f" (and {error.error_count() - 1} more)" * (error.error_count() > 1)
 
 
 def unwritable(path: Path, error: OSError) -> InputError:

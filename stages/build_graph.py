@@ -2,7 +2,7 @@
 
 from isi.graph import graph as graphs
 from isi.graph.graph import ENTITIES, TRIPLES, MinedSource
-from isi.sources.tables import KINDS, OBSERVATIONS
+from isi.sources import KINDS, OBSERVATIONS
 from isi.stage import StageContext, stage
 
 

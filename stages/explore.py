@@ -18,8 +18,7 @@ from isi.graph.graph import (
 )
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS, session_tables
 from isi.graph.words import load_vectors, look_up
-from isi.sources import Source
-from isi.sources.tables import OBSERVATIONS
+from isi.sources import OBSERVATIONS, Source
 from isi.stage import StageContext, stage
 from isi.tables import paths
 

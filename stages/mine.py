@@ -3,8 +3,7 @@
 import pandas as pd
 
 from isi.errors import at
-from isi.sources import Source
-from isi.sources.tables import KINDS, MINED, OBSERVATIONS
+from isi.sources import KINDS, MINED, OBSERVATIONS, Source
 from isi.stage import StageContext, stage
 from isi.tables import paths
 

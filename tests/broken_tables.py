@@ -12,7 +12,7 @@ from isi.experiment.store import RUNS, THETA0
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import WORD_VECTORS
-from isi.sources.tables import KINDS, OBSERVATIONS
+from isi.sources import KINDS, OBSERVATIONS
 from isi.tables.table import Table, as_text
 from tests.example_tables import Change
 from tests.small import NAME

@@ -21,7 +21,7 @@ from isi.experiment.store import INSERTED, RUNS, TIES, TRAINING_LOG
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE
-from isi.sources.tables import KINDS, MINED, OBSERVATIONS
+from isi.sources import KINDS, MINED, OBSERVATIONS
 from isi.tables.table import Table
 
 #: As of three runs, the second without queries.

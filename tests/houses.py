@@ -15,10 +15,9 @@ from itertools import cycle
 from pathlib import Path
 
 from isi.config import read
-from isi.sources import settings_of
+from isi.sources import OBSERVATIONS, settings_of
 from isi.sources.ai2thor import materials_of, mine
 from isi.sources.recordings import Scene, SceneObject, locate, read_recording
-from isi.sources.tables import OBSERVATIONS
 from isi.tables import paths
 from tests.observing import source_of
 

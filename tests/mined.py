@@ -10,8 +10,7 @@ import json
 import time
 from pathlib import Path
 
-from isi.sources import Source
-from isi.sources.tables import OBSERVATIONS
+from isi.sources import OBSERVATIONS, Source
 from tests.houses import peak_mib
 
 

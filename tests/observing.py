@@ -50,7 +50,7 @@ def observe(reader: str, path: Path, **settings: object) -> Observations:
 
 def source_of(rows: Iterable[Observation], name_entities: NameEntities = household) -> Source:
     """A source of these observations."""
-    READERS["given"] = Reader(lambda _mining: rows, name_entities)
+    READERS.register("given", Reader(lambda _mining: rows, name_entities))
     return Source({"reader": "given"}, "sources.given", 0)
 
 

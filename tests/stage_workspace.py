@@ -13,8 +13,8 @@ import pytest
 import yaml
 
 from isi.graph.graph import ENTITIES, TRIPLES
-from isi.sources.tables import KINDS as KIND_TABLE
-from isi.sources.tables import OBSERVATIONS
+from isi.sources import KINDS as KIND_TABLE
+from isi.sources import OBSERVATIONS
 from isi.tables import paths
 from isi.tables.table import Table
 from tools.workspace import change

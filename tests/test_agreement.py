@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from isi.errors import InputError
+from isi.experiment import agreement
 from isi.graph.graph import Graph
 from isi.graph.sessions import OUT, SPLIT_NAMES, TEST, TRAIN, VALID
-from isi.tables import agreement
 from tests.small_graphs import graph_of
 
 FILE = Path("data/a.parquet")

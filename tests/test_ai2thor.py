@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from isi.config import read as read_params
 from isi.errors import InputError
 from isi.graph.graph import MinedSource, build_tables
-from isi.sources import CHUNK, settings_of
+from isi.sources import CHUNK, OBSERVATIONS, settings_of
 from isi.sources.ai2thor import (  # fmt: skip
     ELSEWHERE,
     IN_CYCLE,
@@ -36,7 +36,6 @@ from isi.sources.ai2thor import (  # fmt: skip
 )
 from isi.sources.names import entity_name
 from isi.sources.recordings import Scene, SceneObject, locate, read_recording
-from isi.sources.tables import OBSERVATIONS
 from isi.tables import paths
 from tests.houses import houses
 from tests.observing import TRIPLE, observations_of, observe, source_of

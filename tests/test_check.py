@@ -22,7 +22,7 @@ from isi.graph.graph import ENTITIES
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE
 from isi.params import load
-from isi.sources.tables import KINDS
+from isi.sources import KINDS
 from isi.tables import paths
 from isi.tables.table import Table
 from tests import small

@@ -28,7 +28,7 @@ def own(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Modu
     """The module that the page shows for a thing."""
     for plugins in (MODELS, INITIALIZERS):  # what the page registers goes when the test does
         monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
-    monkeypatch.setattr("isi.sources.READERS", dict(READERS))
+    monkeypatch.setattr(READERS, "_registered", dict(READERS._registered))
     module = ModuleType(request.param.replace(" ", "_"))
     monkeypatch.setitem(sys.modules, module.__name__, module)
     exec(compile(code(request.param), request.param, "exec"), module.__dict__)  # noqa: S102

@@ -222,5 +222,5 @@ def test_an_entity_that_cannot_be_drawn_is_refused_by_its_param() -> None:
 @pytest.mark.parametrize("always", [["fan", "stove"], ["fan", "fan"]])
 def test_more_entities_that_are_always_drawn_than_are_drawn_are_refused(always: list[str]) -> None:
     values = {"source": "shop", "min_observations": 6, "candidates": 1, "always": always}
-    with pytest.raises(InputError, match=r"^params\.yaml: experiments\.x\.graph\.extend: .*always"):
+    with pytest.raises(InputError, match=r"^params\.yaml: experiments\.x\.graph\.extend[.:].*always"):
         check({"source": "home", "min_count": 1, "extend": values}, GraphOf, "experiments.x.graph")

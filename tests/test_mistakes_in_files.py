@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from isi.__main__ import main
-from isi.sources import procthor_houses, triples_with_ids
+from isi.sources import procthor_houses, triples
 from isi.tables import paths
 from stages.mine import mine
 from tests.fuzz import formats
@@ -39,7 +39,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(procthor_houses, "recorded_types", lambda _scenes: formats.RECORDED)
     monkeypatch.setattr(procthor_houses, "asset_types", lambda: formats.ASSETS)
-    triples_with_ids.shipped_names.cache_clear()
+    triples.shipped_names.cache_clear()
     return tmp_path
 
 

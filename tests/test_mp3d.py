@@ -139,7 +139,7 @@ def test_a_house_is_read_only_when_it_is_mined(tmp_path: Path) -> None:
     write(tmp_path / "a.house", house(name="a"))
     write(tmp_path / "b.house", "broken")
     settings = {"folder": str(tmp_path), "category": "mpcat40", "vocabulary": str(tmp_path / "words.yaml")}
-    rows = iter(READERS["mp3d_houses"].read(Mining(0), rooms=LABELS, **settings))
+    rows = iter(READERS.get("mp3d_houses").read(Mining(0), rooms=LABELS, **settings))
     assert len(list(islice(rows, len(EXPECTED)))) == len(EXPECTED)
     with pytest.raises(InputError, match=r"b\.house"):
         next(rows)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from isi.config import Plugins
 from isi.errors import InputError
-from isi.registry import Plugins
 
 
 @pytest.fixture
@@ -18,7 +18,7 @@ def dishes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.Fixt
     package = tmp_path / name
     package.mkdir()
     (package / "__init__.py").write_text(
-        f"from isi.registry import Plugins\nDISHES = Plugins({name!r})\n", encoding="utf-8"
+        f"from isi.config import Plugins\nDISHES = Plugins({name!r})\n", encoding="utf-8"
     )
     for module, registered in (("soup", ["soup"]), ("mains", ["stew", "roast"]), ("_shared", ["shared"])):
         lines = [f"from {name} import DISHES", *(f"DISHES.register({dish!r}, 'a {dish}')" for dish in registered)]

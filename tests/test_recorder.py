@@ -18,9 +18,8 @@ import yaml
 
 from isi import config
 from isi.errors import InputError
-from isi.sources import Source
+from isi.sources import OBSERVATIONS, Source
 from isi.sources.recordings import ITHOR, Layout, Recorder, SceneObject, locate
-from isi.sources.tables import OBSERVATIONS
 from isi.tables import paths
 from stages.record import record
 from tests import player

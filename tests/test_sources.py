@@ -125,7 +125,10 @@ def test_observations_that_are_missing_misnamed_or_too_many_are_refused(
 @pytest.mark.parametrize(
     ("find", "expected"),
     [
-        (lambda: list(READERS["behavior"].read(Mining(0), "package", [], {}, {})), "package bddl: not installed"),
+        (
+            lambda: list(READERS.get("behavior").read(Mining(0), "package", [], {}, {})),
+            "package bddl: not installed",
+        ),
         (lambda: recordings.locate("recording"), "package procthor: not installed, which has the recording"),
         (procthor_houses.asset_types, "package procthor: not installed, which has the assets"),
     ],

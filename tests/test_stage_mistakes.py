@@ -23,8 +23,8 @@ from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, THETA0, TIES
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE, WORD_VECTORS
-from isi.sources.tables import KINDS as KIND_TABLE
-from isi.sources.tables import MINED, OBSERVATIONS
+from isi.sources import KINDS as KIND_TABLE
+from isi.sources import MINED, OBSERVATIONS
 from isi.stage import missing
 from isi.tables import io, paths
 from isi.tables.table import concat

@@ -17,7 +17,7 @@ from isi.errors import InputError
 from isi.experiment.store import RUNS, TIES
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import NOVEL, SPLITS
-from isi.sources.tables import KINDS, OBSERVATIONS
+from isi.sources import KINDS, OBSERVATIONS
 from isi.tables import io
 from isi.tables.table import Table, concat
 from tests.example_tables import ROWS, rows_of

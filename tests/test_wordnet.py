@@ -10,7 +10,7 @@ import pytest
 
 from isi.errors import InputError
 from isi.graph.words import look_up, read_vectors
-from isi.sources.triples_with_ids import shipped_names
+from isi.sources.triples import shipped_names
 from isi.tables import paths
 from tools import glove, wordnet
 from tools.embed_phrases import WORDNET, defined, read

@@ -19,7 +19,7 @@ from isi.graph import words
 from isi.graph.words import Words
 from isi.sources.names import entity_name
 from isi.sources.recordings import locate
-from isi.sources.triples_with_ids import published_phrases
+from isi.sources.triples import published_phrases
 from isi.tables import paths
 from tools.embed_phrases import reuse
 

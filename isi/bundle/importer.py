@@ -28,7 +28,7 @@ from isi.insertion.arguments import argument, checked_model, stack_of_one, table
 from isi.insertion.choose import margin_of
 from isi.models.model import MODELS
 from isi.models.stack import Embedding
-from isi.sources.triples_with_ids import read_id_names, read_ids
+from isi.sources.triples import read_id_names, read_ids
 
 #: PyKEEN's folder and OpenKE's files; files of names, one a line, where there is neither.
 PYKEEN, ENTITY2ID, RELATION2ID, TRAIN2ID = "training_triples", "entity2id.txt", "relation2id.txt", "train2id.txt"

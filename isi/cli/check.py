@@ -14,9 +14,10 @@ from pathlib import Path
 import pandas as pd
 
 import isi.analyses
-import isi.sources.tables
+import isi.sources
 from isi.bundle import folder as bundles
 from isi.errors import InputError
+from isi.experiment import agreement
 from isi.experiment.grid import GridPoints
 from isi.experiment.insert import joint_targets
 from isi.experiment.store import INITIAL_VECTORS, JOINT, RUNS, THETA0, Store
@@ -27,7 +28,7 @@ from isi.graph.words import COVERAGE, WORD_VECTORS
 from isi.models.model import Model
 from isi.params import Params, load
 from isi.stage import makers
-from isi.tables import agreement, io, paths
+from isi.tables import io, paths
 from isi.tables.table import DataFile, Table, declared
 
 #: A file, what declares it, and the names in its path.

@@ -13,13 +13,13 @@ import torch
 
 from isi.errors import InputError
 from isi.evaluation.ranking import MEASURES
+from isi.experiment import agreement
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import ENTITIES, TRIPLES, Graph, build_graph
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, OUT, SPLIT_NAMES, SPLITS
 from isi.graph.words import WORD_VECTORS
 from isi.models.model import Model
 from isi.models.stack import Embedding
-from isi.tables import agreement
 from isi.tables.rules import Rule, at_least, mean_of, measured, named, one_of, within
 from isi.tables.table import BOOL, INT, NAME, REAL, DataFile, Table, TensorFile
 
@@ -97,7 +97,7 @@ def write_runs(runs: pd.DataFrame, stage: str, experiment: str, model: str) -> N
 class Store:
     """Reads the files of one experiment, each table once.
 
-    A file that does not agree with another one (``isi.tables.agreement``) is refused as an ``InputError``.
+    A file that does not agree with another one (``isi.experiment.agreement``) is refused as an ``InputError``.
     """
 
     experiment: str

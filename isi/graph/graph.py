@@ -9,7 +9,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 import pandas as pd
@@ -17,12 +17,12 @@ import torch
 from pydantic import model_validator
 from torch import Tensor
 
-from isi.config import Count, Name, Section, distinct
+from isi.config import Count, EachOnce, Name, Section
 from isi.errors import InputError
 from isi.random import stream
 from isi.tables import paths
 from isi.tables.rules import MOST_OBSERVED, counted, in_blocks, named, place_of
-from isi.tables.table import INT, NAME, TEXT, Table
+from isi.tables.table import INT, NAME, TEXT, Table, as_text
 
 #: Row numbers are ids, here and of triples; rows of one source stand together, first those that others extend.
 ENTITIES = Table(
@@ -59,13 +59,15 @@ class Graph:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Travel to another process as plain arrays."""
-        arrays = (tensor.numpy() for tensor in (self.triples, self.counts, self.kinds))
-        return _from_arrays, (self.entities, self.relations, *arrays)
+        return _from_arrays, (self.entities, self.relations, *(tensor.numpy() for tensor in self._tensors))
 
     def on(self, device: torch.device) -> Graph:
         """The graph with its tensors on a device."""
-        tensors = (tensor.to(device) for tensor in (self.triples, self.counts, self.kinds))
-        return Graph(self.entities, self.relations, *tensors)
+        return Graph(self.entities, self.relations, *(tensor.to(device) for tensor in self._tensors))
+
+    @property
+    def _tensors(self) -> tuple[Tensor, Tensor, Tensor]:
+        return self.triples, self.counts, self.kinds
 
     def part(self, triples: np.ndarray) -> Graph:
         """The graph of some unique triples, given by id; entities and relations stay."""
@@ -74,12 +76,7 @@ class Graph:
     def same_but(self, slot: int, triples: Tensor) -> Tensor:
         """The unique triples that are like given ones in all but one slot (themselves among them).
 
-        Args:
-            slot: HEAD, RELATION or TAIL.
-            triples: ids; shape (...).
-
-        Returns:
-            ids, padded with -1 to the longest list; shape (..., X).
+        Of ids, shape (...), these are ids, padded with -1 to the longest list; shape (..., X).
         """
         key, order, ordered = self._by_other_slots[slot]
         first, last = torch.searchsorted(ordered, key[triples]), torch.searchsorted(ordered, key[triples], right=True)
@@ -105,11 +102,7 @@ def _from_arrays(entities: list[str], relations: list[str], *arrays: np.ndarray)
 def build_graph(entities: pd.DataFrame, triples: pd.DataFrame, path: Path | str = "triples.parquet") -> Graph:
     """The graph of an experiment's tables: entity ids are row numbers, ids of relations and kinds alphabetical.
 
-    Args:
-        path: of the triples, for errors.
-
-    Raises:
-        InputError: where a triple is of an entity that the others lack.
+    InputError, which names ``path``, where a triple is of an entity that the others lack.
     """
     names = [str(name) for name in entities["entity"]]
     relations = sorted({str(name) for name in triples["relation"]})
@@ -134,12 +127,12 @@ class Extension(Section):
     min_observations: Count
     #: how many are drawn, with those that always are
     candidates: Count
-    always: list[str]
+    always: Annotated[list[str], EachOnce]
 
     @model_validator(mode="after")
     def _room_for_always(self) -> Self:
-        if not distinct(self.always) or len(self.always) > self.candidates:
-            raise ValueError("always must not repeat, nor be more than candidates")
+        if len(self.always) > self.candidates:
+            raise ValueError("always must not be more than candidates")
         return self
 
 
@@ -161,9 +154,14 @@ class MinedSource:
     #: that has the observations, for messages
     file: Path | None = None
 
-    def mistake(self, place: str, message: str) -> InputError:
-        """A mistake in what the source observed."""
-        return InputError(self.file or self.source, place, message)
+    @property
+    def place(self) -> Path | str:
+        """What messages name."""
+        return self.file or self.source
+
+    @cached_property
+    def kind_of(self) -> dict[str, str]:
+        return _kinds(self.kinds)
 
 
 @dataclass(frozen=True)
@@ -181,8 +179,7 @@ class GraphTables:
 def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
     """The graph of a source: unique triples with their counts, in alphabetical order, and their entities.
 
-    Raises:
-        InputError: where there are more observations than a table may count, or an entity has no kind.
+    InputError where there are more observations than a table may count, or an entity has no kind.
     """
     if seen.observations["count"].sum() > MOST_OBSERVED:
         raise InputError(seen.source, "observations", f"expected {MOST_OBSERVED:,} at most, altogether")
@@ -192,40 +189,32 @@ def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
     triples = counts[counts["count"] >= min_count].reset_index(drop=True)
     names = set(triples["head"]) | set(triples["tail"])
     if missing := names - set(seen.kinds["entity"]):
-        raise seen.mistake("", f"expected the kind of {min(missing)!r}")
+        raise InputError(seen.place, "", f"expected the kind of {min(missing)!r}")
     entities = seen.kinds[seen.kinds["entity"].isin(names)].sort_values("entity").reset_index(drop=True)
-    return GraphTables(
-        entities.assign(source=seen.source), triples.assign(source=seen.source).astype({"count": "int32"})
-    )
+    triples = triples.assign(source=seen.source).astype({"count": "int32"})
+    return GraphTables(entities.assign(source=seen.source), triples)
 
 
 def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:
     """How often each head was observed that the entities do not hold, in alphabetical order.
 
-    Raises:
-        InputError: where a tail is neither such a head nor, by name and kind, one of the entities.
+    InputError where a tail is neither such a head nor, by name and kind, one of the entities.
     """
-    here, there = _kinds(entities), _kinds(seen.kinds)
+    here, there = _kinds(entities), seen.kind_of
     totals = seen.observations["count"].groupby(seen.observations["head"].astype(str), sort=True).sum()
     for tail in sorted(set(seen.observations["tail"].astype(str)) - set(totals.index)):
         if here.get(tail) != there.get(tail):
             expected = "the graph that this source is to extend has no such entity"
-            raise seen.mistake(f"{there.get(tail)} {tail!r}", expected)
+            raise InputError(seen.place, f"{there.get(tail)} {tail!r}", expected)
     return totals[[here.get(name) is None or here[name] != there.get(name) for name in totals.index]]
 
 
 def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFrame, minimum: int) -> pd.Series[int]:
-    """New entities with at least a minimum of observations.
-
-    Raises:
-        InputError: where one bears the name of an entity of another kind.
-    """
-    enough = newcomers[newcomers >= minimum]
-    here, there = _kinds(entities), _kinds(seen.kinds)
-    for name in enough.index:
-        if name in here:
-            also = f"is also a name in the graph, of kind {here[name]}; give it another one in its source"
-            raise seen.mistake(f"{there.get(name)} {name!r}", also)
+    """New entities with a minimum of observations; InputError where one has the name of an entity of another kind."""
+    enough, here = newcomers[newcomers >= minimum], _kinds(entities)
+    for name in here.keys() & set(enough.index):
+        also = f"is also a name in the graph, of kind {here[name]}; give it another one in its source"
+        raise InputError(seen.place, f"{seen.kind_of.get(name)} {name!r}", also)
     return enough
 
 
@@ -233,18 +222,15 @@ def sample_candidates(enough: pd.Series[int], settings: Extension, key: str, roo
     """Draw entities at random (all where there are fewer), some of them always; in alphabetical order.
 
     Args:
-        enough: by name, those that can be drawn.
+        enough: by name, those that can be drawn; InputError where one that must be there is not among them.
+        settings: which are always drawn, and how many.
         key: where the settings stand in params.
         root: of every random stream.
-
-    Raises:
-        InputError: where one that must be there cannot be drawn.
     """
-    for name in settings.always:
-        if name not in enough.index:
-            which = f"that the graph lacks, observed {settings.min_observations} times or more"
-            expected = f"{name!r}: expected an entity of {settings.source} {which}"
-            raise InputError(paths.PARAMS, f"{key}.always", expected)
+    for name in set(settings.always) - set(enough.index):
+        which = f"that the graph lacks, observed {settings.min_observations} times or more"
+        expected = f"{name!r}: expected an entity of {settings.source} {which}"
+        raise InputError(paths.PARAMS, f"{key}.always", expected)
     others = [str(name) for name in enough.index if name not in settings.always]
     free = min(settings.candidates - len(settings.always), len(others))
     drawn = stream(root, "transfer candidates").choice(len(others), free, replace=False)
@@ -252,12 +238,9 @@ def sample_candidates(enough: pd.Series[int], settings: Extension, key: str, roo
 
 
 def extend(home: GraphTables, seen: MinedSource, added: Collection[str]) -> GraphTables:
-    """A graph with entities added behind its own, and their triples behind its own.
+    """A graph with entities that it lacks behind its own, and their triples behind its own.
 
-    Args:
-        home: the graph.
-        seen: by the other source; what it observed of entities that are neither the graph's nor added is left out.
-        added: heads that the graph lacks.
+    What the source observed of entities that are neither the graph's nor added is left out.
     """
     joined, observed = {*home.entities["entity"], *added}, seen.observations
     of_added = observed[observed["head"].isin(added) & observed["tail"].isin(joined)]
@@ -271,5 +254,4 @@ def _kinds(entities: pd.DataFrame) -> dict[str, str]:
 
 
 def _behind(table: pd.DataFrame, more: pd.DataFrame) -> pd.DataFrame:
-    encoded = table.select_dtypes("category").columns
-    return pd.concat([table.astype(dict.fromkeys(encoded, str)), more[list(table.columns)]], ignore_index=True)
+    return pd.concat([as_text(table), more[list(table.columns)]], ignore_index=True)

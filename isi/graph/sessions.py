@@ -16,7 +16,7 @@ import torch
 from pydantic import Field, model_validator
 from torch import Tensor
 
-from isi.config import Count, Fraction, Names, Section, distinct
+from isi.config import Count, EachOnce, Fraction, Names, Section
 from isi.errors import InputError
 from isi.graph.graph import Graph
 from isi.random import stream
@@ -90,9 +90,7 @@ class Timeline:
     def of_novel(cls, graph: Graph, splits: Tensor, novel: Tensor) -> Timeline:
         """A triple arrives with the later of its ends, and an entity without a triple that has a split never.
 
-        Args:
-            splits: shape (M, T).
-            novel: ids of the entities that each of S sessions inserts; shape (M, S, n).
+        Shapes: splits (M, T); ``novel``, ids of the entities that each of S sessions inserts, (M, S, n).
         """
         arrival = torch.zeros(len(splits), len(graph.entities), dtype=torch.int64)
         for session in range(novel.shape[1]):
@@ -148,24 +146,19 @@ class SessionsOf(Section):
     """``sessions`` of one experiment: who is novel, how many, how often."""
 
     novel: Annotated[Names, Field(min_length=1)] | Literal["any", "added"]
-    sizes: Annotated[list[Count], Field(min_length=1)]
+    sizes: Annotated[list[Count], Field(min_length=1), EachOnce]
     seeds: Count
     steps: Count = 1
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        if not distinct(self.sizes):
-            raise ValueError("sizes must not repeat")
+    def _one_size_of_added(self) -> Self:
         if self.novel == "added" and len(self.sizes) > 1:
             raise ValueError("sizes: one alone where novel is added, since a seed's triples depend on who is drawn")
         return self
 
 
 def split(graph: Graph, root: int, seed: int, valid: float, test: float) -> np.ndarray:
-    """Split unique triples at random into train, valid and test; shape (T,), int8.
-
-    Every entity and relation appears in train.
-    """
+    """Split unique triples at random into train, valid and test; every entity and relation is in train; (T,), int8."""
     free = _free(graph, stream(root, "splits", seed))
     tests, valids = round(test * len(graph.triples)), round(valid * len(graph.triples))
     splits = np.full(len(graph.triples), TRAIN, dtype=np.int8)
@@ -175,11 +168,7 @@ def split(graph: Graph, root: int, seed: int, valid: float, test: float) -> np.n
 
 
 def check_held_out(splits: np.ndarray, valid: float, test: float) -> None:
-    """See that a split, shape (T,), holds out the shares that it was to hold out.
-
-    Raises:
-        InputError: where it does not, because triples had to stay in train.
-    """
+    """InputError where a split, shape (T,), holds out less than its shares, since triples had to stay in train."""
     for code, share in ((VALID, valid), (TEST, test)):
         if (splits == code).sum() < max(1, round(share * len(splits))):
             expected = "expected shares that leave triples to each split (for every entity, one stays in train)"
@@ -216,13 +205,10 @@ def sample_novel(candidates: np.ndarray, root: int, size: int, seed: int, steps:
 def sample_insert_triples(
     graph: Graph, splits: np.ndarray, novel: np.ndarray, session: int, root: int, seed: int, fraction: float
 ) -> list[tuple[int, int]]:
-    """The (entity, triple) pairs that a robot observes when it meets the novel entities of a session.
+    """The (entity, triple) pairs that a robot observes when it meets the novel entities of a session (from 1).
 
-    Of an entity's n unique training triples whose other end is known by then, max(1, ⌊fraction · n⌋).
-
-    Args:
-        novel: of all sessions; shape (steps, size).
-        session: from 1; the first one's random stream does not name it.
+    Of an entity's n unique training triples whose other end is known by then, max(1, ⌊fraction · n⌋). ``novel`` are
+    those of all sessions; shape (steps, size).
     """
     triples, inserted = graph.triples.numpy(), novel[session - 1]
     heads, tails = (np.isin(triples[:, slot], novel[session - 1 :]) for slot in (0, 2))
@@ -253,26 +239,17 @@ class SessionTables:
 def session_tables(
     graph: Graph, entities: pd.DataFrame, settings: SessionsOf, shares: Shares, root: int, key: str
 ) -> SessionTables:
-    """The sessions of a graph, drawn for every size and seed.
+    """The sessions of a graph with these ``ENTITIES``, drawn for every size and seed.
 
     D of the last session is all of the graph, but of added entities those alone that are drawn; the triples of the
-    others have no split.
-
-    Args:
-        entities: of the graph (``ENTITIES``).
-        root: of every random stream.
-        key: where the settings stand in params.
-
-    Raises:
-        InputError: where there are too few that may be novel, there is no triple, or a split would hold out less than
-            its share.
+    others have no split. InputError at ``key``, where the settings stand in params, where there are too few that may
+    be novel or no triple, or a split would hold out less than its share.
     """
     if not len(graph.triples):
         raise InputError(paths.PARAMS, key, "expected a graph with triples")
     added = np.flatnonzero(entities["source"].astype(str) != str(entities["source"].iloc[0]))
-    candidates = {"any": np.arange(len(entities)), "added": added}.get(str(settings.novel))
-    if candidates is None:
-        candidates = np.flatnonzero(entities["kind"].isin(settings.novel))
+    of_kinds = np.flatnonzero(entities["kind"].isin(list(settings.novel)))
+    candidates = {"any": np.arange(len(entities)), "added": added}.get(str(settings.novel), of_kinds)
     if settings.steps * max(settings.sizes) > len(candidates) - (settings.novel != "added"):
         few = f"expected fewer novel entities than the {len(candidates)} that may be novel"
         raise InputError(paths.PARAMS, f"{key}.sizes", few)

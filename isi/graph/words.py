@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import codecs
-import hashlib
 import logging
 import re
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Literal
 
@@ -17,6 +17,7 @@ import numpy as np
 from isi.config import Section, Sha256
 from isi.errors import InputError, at, cut, short
 from isi.tables import paths
+from isi.tables.io import check_sha256
 from isi.tables.table import TEXT, Table, TensorFile
 
 if TYPE_CHECKING:
@@ -79,9 +80,7 @@ def look_up(words: KeyedVectors, phrases: Sequence[str]) -> WordVectors:
 def load_vectors(given: Words) -> KeyedVectors:
     """Load the word vectors that params name: those that ship, or a file, or else a gensim download.
 
-    Raises:
-        InputError: where the file is broken or hashes to something else than it should, or there is
-            neither such a file nor such a download.
+    InputError where the file is broken or another than it should be, or there is neither such a file nor download.
     """
     if given.shipped:
         return read_vectors(paths.shipped_vectors(given.text))
@@ -89,10 +88,7 @@ def load_vectors(given: Words) -> KeyedVectors:
     with at(short(given.source)):
         is_file = path.is_file()
     if is_file:
-        with at(path), path.open("rb") as file:
-            got = given.sha256 and hashlib.file_digest(file, "sha256").hexdigest()
-        if got != given.sha256:
-            raise InputError(path, "", f"expected {given.sha256} as its sha256, got {got}")
+        check_sha256(path, given.sha256)
         return read_vectors(path)
     if path.suffix or len(path.parts) > 1:
         raise InputError(path, "", "expected a file of word vectors, but there is no such file")
@@ -116,30 +112,32 @@ def read_vectors(path: Path) -> KeyedVectors:
     """Read word2vec (text or binary) or GloVe vectors; the form is seen from the first bytes.
 
     gensim's own reader believes a last line that is cut short, and what a header says of memory. Of a token that is
-    there twice, the first vector stays.
-
-    Raises:
-        InputError: naming the line or the vector that is broken.
+    there twice, the first vector stays. InputError names the line or the vector that is broken.
     """
     from gensim.models import KeyedVectors
 
     rows, numbers = dict[str, int](), bytearray()
+    form = "expected word vectors in word2vec or GloVe format"
     try:
         with at(path):
-            for place, token, values in _entries(path):
-                with at("", place):
+            for unit, number, token, values in _entries(path):
+                try:
                     name = token.decode()
+                except UnicodeDecodeError:
+                    with at("", f"{unit} {number}"):
+                        raise
                 if not 0 < len(name) <= LONGEST:
-                    raise InputError("", place, f"expected a token of 1 to {LONGEST:,} characters, got {short(name)}")
+                    expected = f"expected a token of 1 to {LONGEST:,} characters, got {short(name)}"
+                    raise InputError("", f"{unit} {number}", expected)
                 if name not in rows:
                     rows[name] = len(rows)
                     numbers += values
     except InputError:
         raise
     except Exception as error:  # each kind of compression has faults of its own
-        raise InputError(path, "", f"expected word vectors in word2vec or GloVe format ({cut(str(error))})") from error
+        raise InputError(path, "", f"{form} ({cut(str(error))})") from error
     if not rows:
-        raise InputError(path, "", "expected word vectors in word2vec or GloVe format, got none")
+        raise InputError(path, "", f"{form}, got none")
     words = KeyedVectors(len(numbers) // 4 // len(rows))
     words.index_to_key, words.key_to_index = list(rows), rows
     words.vectors = np.frombuffer(numbers, dtype="<f4").reshape(len(rows), -1)
@@ -150,8 +148,8 @@ def read_vectors(path: Path) -> KeyedVectors:
     return words
 
 
-def _entries(path: Path) -> Iterator[tuple[str, bytes, bytes]]:
-    """Where each vector stands, its token, and its numbers in float32 (little endian)."""
+def _entries(path: Path) -> Iterator[tuple[str, int, bytes, bytes]]:
+    """What a vector stands in and its number, its token, and its numbers in float32 (little endian)."""
     from smart_open import open as open_any
 
     with open_any(path, "rb") as file:
@@ -181,39 +179,39 @@ def _is_binary(start: bytes) -> bool:
     return re.search(rb"[^\t\n\r\x20-\xff]", start) is not None
 
 
-def _of_lines(file: IO[bytes], dimension: int, first: int) -> Iterator[tuple[str, bytes, bytes]]:
+def _of_lines(file: IO[bytes], dimension: int, first: int) -> Iterator[tuple[str, int, bytes, bytes]]:
     """Of text: a line for each token, with its numbers behind it (0 as dimension: as many as the first line has)."""
-    for number, line in enumerate(iter(lambda: file.readline(CHUNK), b""), first):
-        text = line.removeprefix(codecs.BOM_UTF8 if number == 1 else b"").rstrip(b" \t\r\n")
+    for number, line in enumerate(iter(partial(file.readline, CHUNK), b""), first):
+        text = (line if number > 1 else line.removeprefix(codecs.BOM_UTF8)).rstrip(b" \t\r\n")
         if not text:
             continue
         dimension = dimension or text.count(b" ")
         token, *values = text.rsplit(b" ", dimension)  # tokens of GloVe may have spaces, as `. . .` has
-        more = token.split(b" ")[1:]
-        has_numbers = len(values) == max(1, dimension) and all(map(_is_number, values))
-        if not has_numbers or not all(more) or any(map(_is_number, more)):
+        row = _numbers(values)
+        is_misread = b" " in token and any(not word or _numbers([word]) for word in token.split(b" ")[1:])
+        if len(row) != max(1, dimension) or is_misread:
             expected = f"expected a token and {dimension or 'its'} numbers, got {short(text[-40:])}"
             raise InputError("", f"line {number}", expected)
         if not line.endswith(b"\n"):
             raise InputError("", f"line {number}", "is cut short: expected a line end behind the last vector")
-        yield f"line {number}", token, array("f", map(float, values)).tobytes()
+        yield "line", number, token, row.tobytes()
 
 
-def _is_number(text: bytes) -> bool:
+def _numbers(texts: Sequence[bytes]) -> array[float]:
+    """Numbers in float32; none where a text is no number."""
     try:
-        float(text)
+        return array("f", map(float, texts if b"_" not in b"".join(texts) else [b"_"]))  # Python takes 1_0 for ten
     except ValueError:
-        return False
-    return b"_" not in text  # Python takes 1_0 for ten
+        return array("f")
 
 
-def _of_bytes(file: IO[bytes], dimension: int) -> Iterator[tuple[str, bytes, bytes]]:
+def _of_bytes(file: IO[bytes], dimension: int) -> Iterator[tuple[str, int, bytes, bytes]]:
     """Of bytes: each token, a space, and its numbers; perhaps a line end."""
     number, rest = 1, b""
-    for more in iter(lambda: file.read(CHUNK), b""):
+    for more in iter(partial(file.read, CHUNK), b""):
         chunk, start = rest + more, 0
         while (end := chunk.find(b" ", start)) >= 0 and len(chunk) > end + 4 * dimension:
-            yield f"vector {number}", chunk[start:end].lstrip(b"\n"), chunk[end + 1 : end + 1 + 4 * dimension]
+            yield "vector", number, chunk[start:end].lstrip(b"\n"), chunk[end + 1 : end + 1 + 4 * dimension]
             number, start = number + 1, end + 1 + 4 * dimension
         rest = chunk[start:]
         if len(rest) > CHUNK:

@@ -14,13 +14,12 @@ import torch
 from numpy.random import Generator
 from torch import Tensor
 
-from isi.config import keywords
+from isi.config import Plugins, keywords
 from isi.errors import InputError
 from isi.graph.sessions import Session
 from isi.models.model import Model
 from isi.models.stack import Embedding
 from isi.random import stream
-from isi.registry import Plugins
 from isi.tables import paths
 
 #: What serves a novel entity for which an initializer lacks what it needs.

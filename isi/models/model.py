@@ -16,9 +16,8 @@ from typing import Any, ClassVar, TypeVar
 import torch
 from torch import Tensor
 
-from isi.config import Count, Name, Positive, Section, keywords
+from isi.config import Count, Name, Plugins, Positive, Section, keywords
 from isi.models.scoring import Backward, Interaction, Product, Triples
-from isi.registry import Plugins
 
 #: Numbers in intermediate results, at most, where entities are scored query by query.
 BUDGET = 2**24

@@ -27,8 +27,8 @@ from isi.report import paper_values
 from isi.report.stats import by_direction, by_model, converged
 from isi.report.tables import Estimate
 from isi.report.words import JOINT
+from isi.sources import KINDS, MINED, OBSERVATIONS
 from isi.sources.readers import read_batches
-from isi.sources.tables import KINDS, MINED, OBSERVATIONS
 from isi.tables import paths
 from isi.tables.table import Table
 

@@ -5,8 +5,6 @@ Each module registers its readers by the names that ``reader`` has in params; a 
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -17,18 +15,39 @@ import pandas as pd
 import pyarrow as pa
 
 from isi import config
-from isi.errors import InputError, meant, short
+from isi.errors import InputError, short
 from isi.sources.names import name_fault
-from isi.sources.tables import OBSERVATIONS
-from isi.tables import paths
-from isi.tables.rules import MOST_OBSERVED
+from isi.tables.rules import MOST_OBSERVED, at_least, counted, named
+from isi.tables.table import INT, LONG, NAME, TEXT, Table
 
+#: One row per instance, or per tally with its number.
+OBSERVATIONS = Table(
+    "data/observations/{source}.parquet",
+    {"scene": NAME, "room": NAME, "instance": TEXT, "head": NAME, "relation": NAME, "tail": NAME, "count": INT},
+    checks=[*named("room", "head", "relation", "tail"), *counted()],
+    nullable=["scene", "room", "instance"],
+)
+#: The entities of a source.
+KINDS = Table(
+    "data/observations/{source}.entities.parquet",
+    {"entity": TEXT, "kind": NAME, "phrase": TEXT},
+    key=["entity"],
+    checks=named("entity", "kind", "phrase"),
+)
+#: How many instances each step of mining leaves.
+MINED = Table(
+    "data/observations/{source}.mined.parquet",
+    {"step": TEXT, "instances": LONG},
+    key=["step"],
+    checks=at_least(0, "instances"),
+)
 #: Rows of a table of observations, which are held at once.
 CHUNK = 65_536
 #: Scene, room and instance (null where there is none), head, relation, tail, count.
 Observation = tuple[str | None, str | None, str | None, str, str, str, int]
-#: Gives the entities of a source (``tables.KINDS``) from its unique triples and the names of its rooms.
+#: Gives the entities of a source (``KINDS``) from its unique triples and the names of its rooms.
 NameEntities = Callable[[pd.DataFrame, Collection[str]], pd.DataFrame]
+Read = Callable[..., Iterable[Observation]]
 
 
 @dataclass
@@ -48,7 +67,7 @@ class Reader:
     """A function that reads observations, and what is to be known of it."""
 
     #: gives observations from a ``Mining`` and settings, whose types and defaults are those of its parameters
-    read: Callable[..., Iterable[Observation]]
+    read: Read
     name_entities: NameEntities
     #: the setting that names the file or folder to read; null where it reads what ships
     path: str | None = None
@@ -60,16 +79,15 @@ class Reader:
     defaults: Mapping[str, Any] = field(default_factory=dict)
 
 
-READERS: dict[str, Reader] = {}
+#: The recorder loads the simulator's package, and registers nothing.
+READERS: config.Plugins[Reader] = config.Plugins("isi.sources", skipped=["recorder"])
 
 
-def reader(
-    name: str, name_entities: NameEntities, **known: Any
-) -> Callable[[Callable[..., Iterable[Observation]]], Callable[..., Iterable[Observation]]]:
+def reader(name: str, name_entities: NameEntities, **known: Any) -> Callable[[Read], Read]:
     """Register a function as a reader; ``known`` are the other fields of ``Reader``."""
 
-    def register(read: Callable[..., Iterable[Observation]]) -> Callable[..., Iterable[Observation]]:
-        READERS[name] = Reader(read, name_entities, **known)
+    def register(read: Read) -> Read:
+        READERS.register(name, Reader(read, name_entities, **known))
         return read
 
     return register
@@ -77,34 +95,28 @@ def reader(
 
 def all_readers() -> dict[str, Reader]:
     """All readers by name."""
-    for module in pkgutil.iter_modules(__path__, f"{__name__}."):
-        if module.name != f"{__name__}.recorder":  # which loads the simulator's package
-            importlib.import_module(module.name)
-    return dict(sorted(READERS.items()))
+    return {name: READERS.get(name) for name in READERS.names()}
 
 
 def settings_of(section: object, key: str) -> tuple[Reader, dict[str, Any]]:
     """The reader that a section of params names, and its other keys as keyword arguments.
 
-    Raises:
-        InputError: where there is no such reader, or it does not take these settings; ``key`` is where they stand.
+    InputError where there is no such reader, or it does not take these settings; ``key`` is where they stand.
     """
     given = dict(config.check(section, dict[str, Any], key))
     name = config.check(given.pop("reader", None), config.Name, f"{key}.reader")
-    if name not in READERS and name not in all_readers():
-        expected = f"expected one of {', '.join(READERS)}, got {short(name)}{meant(name, READERS)}"
-        raise InputError(paths.PARAMS, f"{key}.reader", expected)
+    chosen = READERS.get(name, f"{key}.reader")
     for setting, value in given.items():
         if isinstance(value, str) and "\0" in value:  # which is in no path
             raise InputError(f"{key}.{setting}", "", f"expected text without null, got {short(value)}")
-    return READERS[name], config.keywords(READERS[name].read, given, key)
+    return chosen, config.keywords(chosen.read, given, key)
 
 
 def observed(
-    scene: str, room: str | None, instance: str, head: str, tails: Iterable[tuple[str, Iterable[str]]], count: int = 1
+    scene: str, room: str | None, instance: str, head: str, tails: Mapping[str, Iterable[str]], count: int = 1
 ) -> Iterator[Observation]:
     """The observations of an object: its ``tails`` by relation."""
-    for relation, names in tails:
+    for relation, names in tails.items():
         for tail in names:
             yield scene, room, instance, head, relation, tail, count
 
@@ -112,20 +124,11 @@ def observed(
 class Source:
     """A reader with its settings: its observations table by table, then its entities."""
 
-    #: entities with kind and phrase (``tables.KINDS``), once all observations have been read
+    #: entities with kind and phrase (``KINDS``), once all observations have been read
     kinds: pd.DataFrame
 
     def __init__(self, section: object, key: str, seed: int) -> None:
-        """Choose the reader; nothing is read yet.
-
-        Args:
-            section: of params.
-            key: where it stands.
-            seed: root of every random stream.
-
-        Raises:
-            InputError: where there is no such reader, or it does not take these settings.
-        """
+        """Choose the reader (see ``settings_of``); ``seed`` is the root of random streams, and nothing is read yet."""
         self._reader, self._settings = settings_of(section, key)
         self._place = str(self._settings.get(self._reader.path or "", key))
         self._mining = Mining(seed)
@@ -133,7 +136,7 @@ class Source:
         self.counts = self._mining.counts
 
     def tables(self) -> Iterator[pa.Table]:
-        """Observations (``tables.OBSERVATIONS``), at most ``CHUNK`` at once.
+        """Observations (``OBSERVATIONS``), at most ``CHUNK`` at once.
 
         Raises:
             InputError: where what is read is missing or broken, has no observations or too many, or text that is no
@@ -146,19 +149,17 @@ class Source:
         while rows := list(islice(observations, CHUNK)):
             columns = list(zip(*rows, strict=True))
             new = set(zip(*columns[3:6], strict=True)) - triples
-            if fault := next(filter(None, map(name_fault, {name for triple in new for name in triple})), None):
-                raise InputError(self._place, "", fault)
             total += sum(columns[6])
-            if total > MOST_OBSERVED:
-                raise InputError(self._place, "", f"expected at most {MOST_OBSERVED:,} observations in all")
+            fault = next(filter(None, map(name_fault, {name for triple in new for name in triple})), None)
+            if fault or total > MOST_OBSERVED:
+                raise InputError(self._place, "", fault or f"expected at most {MOST_OBSERVED:,} observations in all")
             triples |= new
             rooms |= set(columns[1]) - {None}
             yield pa.table([*map(pa.array, columns, OBSERVATIONS.schema.types)], schema=OBSERVATIONS.schema)
         if not triples:
             raise InputError(self._place, "", "expected observations, got none")
         name_entities = self._mining.name_entities or self._reader.name_entities
-        kinds = name_entities(pd.DataFrame(sorted(triples), columns=["head", "relation", "tail"]), rooms)
-        missing = {name for head, _, tail in triples for name in (head, tail)} - set(kinds["entity"])
-        if wrong := sorted(missing) or list(kinds.loc[kinds["entity"].duplicated(), "entity"]):
+        self.kinds = name_entities(pd.DataFrame(sorted(triples), columns=["head", "relation", "tail"]), rooms)
+        missing = {name for head, _, tail in triples for name in (head, tail)} - set(self.kinds["entity"])
+        if wrong := sorted(missing) or list(self.kinds.loc[self.kinds["entity"].duplicated(), "entity"]):
             raise InputError(f"entity {short(wrong[0])}", "", "expected its source to give it one kind")
-        self.kinds = kinds

@@ -9,7 +9,6 @@ from itertools import compress
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 import pandas as pd
 
 from isi.config import Sha256
@@ -45,51 +44,41 @@ IN_CYCLE = "receptacles dropped that lie in what they hold"
 NOT_THERE = "contents of receptacles dropped that their scene lacks"
 ELSEWHERE = "contents of receptacles dropped that lie elsewhere"
 ROOMLESS = "objects without a room: neither the scene's name nor the setting room tells it"
-#: Gives the materials of each object of a scene, from the scene's number and its objects.
+#: Gives the materials of each object of a scene, from the scene's number and the types of its objects.
 MaterialsOf = Callable[[int, Sequence[SceneObject]], list[list[str]]]
+_FILE_ALONE = {"sha256": None, "materials": "simulator", "broken": "error"}
 
 
-def _reader_of(simulator: str, plans: Sequence[FloorPlans]) -> Callable[..., Iterator[Observation]]:
+def _register(simulator: str, plans: Sequence[FloorPlans], **known: Any) -> None:
+    """A reader of a simulator's recorded scenes."""
+
+    @reader(simulator, household, path="from_", defaults=_FILE_ALONE, **known)
     def read(
-        mining: Mining,
-        from_: str,
-        sha256: Sha256 | None,
-        materials: Materials,
-        broken: Broken,
+        mining: Mining, from_: str, sha256: Sha256 | None, materials: Materials, broken: Broken,
         circular: Circular = "keep",
-    ) -> Iterator[Observation]:
+    ) -> Iterator[Observation]:  # fmt: skip
         """Observations of recorded scenes.
 
-        Args:
-            mining: its seed draws materials; counts what is dropped.
-            from_: ``recording``, the one in the package ``procthor``; ``simulator``, the one of ``make record``; or the
-                path of a file of either form.
-            sha256: what the file must hash to, if it is to be checked.
-            materials: drawn as in SUNCG, or as the simulator reports them.
-            broken: what becomes of containment that cannot be.
-            circular: likewise. Fourteen observations of the package's iTHOR are such, of cabinets that overlap.
+        ``from_`` is ``recording``, the one in the package ``procthor``; ``simulator``, the one of ``make record``; or
+        the path of a file of either form, which must hash to ``sha256`` where that is given. Fourteen observations of
+        the package's iTHOR are ``circular``, of cabinets that overlap.
         """
         path = locate(from_, simulator)
         scenes = read_recording(path, sha256, plans)
         return mine(scenes, materials_of(materials, mining.seed), path, mining.counts, broken, circular)
 
-    return read
 
-
-_FILE_ALONE = {"sha256": None, "materials": "simulator", "broken": "error"}
-ai2thor = reader(
-    "ai2thor",
-    household,
-    path="from_",
-    reads_json=lambda value: isinstance(value, dict) and not {"format", "kitchens"}.isdisjoint(value),
-    defaults=_FILE_ALONE,
-)(_reader_of("ai2thor", ITHOR))
-robothor = reader("robothor", household, path="from_", defaults=_FILE_ALONE)(_reader_of("robothor", ROBOTHOR))
+def _is_recording(value: Any) -> bool:
+    return isinstance(value, dict) and not {"format", "kitchens"}.isdisjoint(value)
 
 
 def _is_scene(value: Any) -> bool:
     is_mapping = isinstance(value, dict) and "rooms" not in value and not {"objects", "metadata"}.isdisjoint(value)
     return isinstance(value, list) or is_mapping
+
+
+_register("ai2thor", ITHOR, reads_json=_is_recording)
+_register("robothor", ROBOTHOR)
 
 
 @reader("ai2thor_scene", household, path="path", reads_json=_is_scene)
@@ -98,12 +87,8 @@ def ai2thor_scene(
 ) -> Iterator[Observation]:
     """Observations of one scene, with the materials that the simulator reports.
 
-    Args:
-        mining: counts what is left out.
-        path: of JSON (``.gz`` behind it or not): a list of objects, ``event.metadata``, or a line of a recording.
-        room: which the scene is; else that of its name, where it has one such as ``FloorPlan1``.
-        broken: what becomes of containment that cannot be.
-        circular: likewise.
+    ``path`` is of JSON (``.gz`` behind it or not): a list of objects, ``event.metadata``, or a line of a recording.
+    ``room`` is which the scene is; else that of its name, where it has one such as ``FloorPlan1``.
     """
     file = Path(path)
     content: Any = parse_json(Any, read_text(file, "a scene"), file)
@@ -124,17 +109,12 @@ def ai2thor_scene(
 
 
 def mine(
-    scenes: Iterable[Scene],
-    materials_of: MaterialsOf,
-    file: Path,
-    counts: Counter[str],
-    broken: Broken = "error",
+    scenes: Iterable[Scene], materials_of: MaterialsOf, file: Path, counts: Counter[str], broken: Broken = "error",
     circular: Circular = "keep",
-) -> Iterator[Observation]:
+) -> Iterator[Observation]:  # fmt: skip
     """Observations of scenes, one held at once; ``counts`` grows by what is dropped.
 
-    Raises:
-        InputError: where an object lies where it cannot, and that is not to be dropped; names the file.
+    InputError where an object lies where it cannot, and that is not to be dropped; names the file.
     """
     for scene in scenes:
         receptacles: dict[str, list[str]] = {thing["objectId"]: [] for thing in scene.objects}
@@ -146,13 +126,14 @@ def mine(
             else:
                 counts[fault] += 1
         for thing, materials in zip(scene.objects, materials_of(scene.number, scene.objects), strict=True):
-            head = entity_name(thing["objectType"])
-            if head == FLOOR:
-                continue
-            locations = [scene.room] * bool(scene.room) + receptacles[thing["objectId"]]
-            affordances = [action for key, actions in AFFORDANCES.items() if thing.get(key) for action in actions]
-            tails = (AT_LOCATION, locations), (HAS_MATERIAL, materials), (HAS_AFFORDANCE, affordances)
-            yield from observed(scene.name, scene.room or None, thing["objectId"], head, tails)
+            head, locations = entity_name(thing["objectType"]), receptacles[thing["objectId"]]
+            if head != FLOOR:
+                tails = {
+                    AT_LOCATION: [scene.room, *locations] if scene.room else locations,
+                    HAS_MATERIAL: materials,
+                    HAS_AFFORDANCE: [act for key, acts in AFFORDANCES.items() if thing.get(key) for act in acts],
+                }
+                yield from observed(scene.name, scene.room or None, thing["objectId"], head, tails)
 
 
 def _containment(scene: Scene, find_cycles: bool) -> Iterator[tuple[str, str, str | None]]:
@@ -165,9 +146,8 @@ def _containment(scene: Scene, find_cycles: bool) -> Iterator[tuple[str, str, st
         import networkx as nx  # here, since few ask for it
 
         graph = nx.DiGraph((name, parent) for name, listed in parents.items() for parent in listed if parent in parents)
-        cycle_of = {
-            name: number for number, part in enumerate(nx.strongly_connected_components(graph)) for name in part
-        }
+        parts = enumerate(nx.strongly_connected_components(graph))
+        cycle_of = {name: number for number, part in parts for name in part}
     for thing in scene.objects:
         name = thing["objectId"]
         for content in thing.get("receptacleObjectIds") or ():
@@ -206,12 +186,10 @@ def suncg_materials(shares: pd.DataFrame, root: int) -> MaterialsOf:
 
     There is one stream per scene: a scene's draws depend on its number and its objects alone.
     """
-    row_of = {name: row for row, name in enumerate(shares.index)}
-    table = np.vstack([shares.to_numpy(dtype=float), np.zeros(shares.shape[1])])
 
     def draw(scene: int, objects: Sequence[SceneObject]) -> list[list[str]]:
-        rows = [row_of.get(entity_name(thing["objectType"]), -1) for thing in objects]
-        drawn = stream(root, "materials", scene).random((len(rows), shares.shape[1])) < table[rows]
+        table = shares.reindex([entity_name(thing["objectType"]) for thing in objects], fill_value=0.0).to_numpy()
+        drawn = stream(root, "materials", scene).random(table.shape) < table
         return [list(compress(shares.columns, has_material)) for has_material in drawn.tolist()]
 
     return draw
@@ -220,10 +198,8 @@ def suncg_materials(shares: pd.DataFrame, root: int) -> MaterialsOf:
 def read_shares(shares: Path, categories: Path) -> pd.DataFrame:
     """Share of instances with each material: one row per object name, one column per material.
 
-    ``shares`` is a CSV of ``concept,material,share`` (SUNCG categories), ``categories`` one of ``object,category``.
-
-    Raises:
-        InputError: where a file is missing or broken, or maps to a category without shares.
+    ``shares`` is a CSV of ``concept,material,share`` (SUNCG categories), ``categories`` one of ``object,category``;
+    InputError where one is broken, or maps to a category without shares.
     """
     listed = read_table(shares, ["concept", "material", "share"], ["concept", "material"])
     wrong = ~pd.to_numeric(listed["share"], errors="coerce").between(0, 1)

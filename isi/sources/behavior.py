@@ -29,9 +29,7 @@ _Rooms = dict[Annotated[str, Field(pattern=r"^[a-z_]{1,60}_[0-9]{1,6}$")], Annot
 _Scenes = dict[Annotated[str, Field(pattern=r"^\w{1,100}$")], Annotated[_Rooms, Field(min_length=1)]]
 
 
-class SceneList(BaseModel):
-    """What is read of the list of scenes."""
-
+class _SceneList(BaseModel):
     scenes: Annotated[_Scenes, Field(min_length=1)]
 
 
@@ -51,7 +49,7 @@ def behavior(
     content = "the scenes of BEHAVIOR-1K"
     folder = packaged("bddl", "bddl/generated_data", content) if from_ == "package" else Path(from_)
     path, categories, listed = (folder / name for name in (SCENES, CATEGORIES, PROPERTIES))
-    scenes = parse_json(SceneList, read_text(path, content), path).scenes
+    scenes = parse_json(_SceneList, read_text(path, content), path).scenes
     properties = parse_json(dict[str, dict[str, Any]], read_text(listed, content), listed)
     table = read_table(categories, ["category", "synset"]).drop_duplicates(["category", "synset"])
     refuse(categories, table["category"], table.duplicated("category"), "expected each category with one synset")
@@ -59,11 +57,9 @@ def behavior(
     _check_known(categories, "synset", structure, synset_of.values())
     _check_known(listed, "property", affordances, {name for of_synset in properties.values() for name in of_synset})
     synset_named: dict[str, str] = {}
+    in_rooms = [(scene, room, models) for scene, rooms in scenes.items() for room, models in rooms.items()]
     for scene, room, model, count in (
-        (scene, room, model, count)
-        for scene, rooms in scenes.items()
-        for room, models in rooms.items()
-        for model, count in models.items()
+        (scene, room, *entry) for scene, room, models in in_rooms for entry in models.items()
     ):
         synset = synset_of.get(model[:-7], "")
         if not SYNSET.fullmatch(synset) or synset not in properties:
@@ -82,7 +78,7 @@ def behavior(
             expected = f"expected another name for {synset} in the setting names: it is that of {synset_named[head]}"
             raise InputError(categories, f"entity {head!r}", expected)
         actions = {action for name in properties[synset] for action in affordances.get(name, ())}
-        tails = (AT_LOCATION, [place]), (HAS_AFFORDANCE, sorted(actions))
+        tails = {AT_LOCATION: [place], HAS_AFFORDANCE: sorted(actions)}
         yield from observed(scene, place, f"{room}/{model}", head, tails, count)
 
 

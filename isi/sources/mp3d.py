@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import pandas as pd
 from pydantic import Field, ValidationInfo, field_validator
 
 from isi import config
@@ -19,6 +19,8 @@ from isi.sources.names import AT_LOCATION, check_name, check_names, household, n
 from isi.sources.readers import read_table, read_text, reading, refuse
 from isi.tables import paths
 
+#: Of tallies; scene, instance, region and category may be null.
+COLUMNS = ["scene", "instance", "region", "category", "count"]
 #: What is left after each step of mining.
 STEPS = ("instances", "of a category and in a region", "in AI2-THOR's rooms", "without structure")
 #: Where a record ``C`` of a house has the name of its category, behind its letter.
@@ -33,17 +35,6 @@ RECORD_KINDS = {
 Rooms = Annotated[dict[str, str], Field(min_length=1)]
 HouseRooms = Annotated[dict[Annotated[str, Field(pattern=r"^[a-pr-zBCDSZ]$")], str], Field(min_length=1)]
 Category = Literal["category_mapping_name", "mpcat40"]
-
-
-@dataclass(frozen=True)
-class Tally:
-    """Objects of one category in one region, if any: an instance of a house, or a published count."""
-
-    scene: str | None
-    instance: str | None
-    region: str | None
-    category: str | None
-    count: int
 
 
 class Vocabulary(Section):
@@ -64,8 +55,7 @@ class Vocabulary(Section):
 def mp3d_tallies(mining: Mining, rooms: Rooms, vocabulary: str) -> Iterator[Observation]:
     """Observations of objects in rooms, from published tallies.
 
-    ``rooms`` has the room of each type of region; other regions are left out. ``vocabulary`` is the path of the file
-    that says which categories are left out, and which have another name.
+    ``rooms`` has the room of each type of region; other regions are left out. ``vocabulary`` is the path of a file.
     """
     return mine([read_tallies(paths.MP3D_TALLIES, rooms)], rooms, Path(vocabulary), mining.counts)
 
@@ -87,24 +77,23 @@ def mp3d_houses(
 
 
 def mine(
-    batches: Iterable[Sequence[Tally]], rooms: Mapping[str, str], vocabulary: Path, counts: Counter[str]
+    batches: Iterable[pd.DataFrame], rooms: Mapping[str, str], vocabulary: Path, counts: Counter[str]
 ) -> Iterator[Observation]:
-    """Observations of batches such as houses, one by one; equal ones of a batch are added up.
+    """Observations of batches of tallies such as houses, one by one; equal ones of a batch are added up.
 
-    The vocabulary is a file of its own, since DVC parses the params once a stage. ``counts`` grows by the instances
-    that are left after each of ``STEPS``.
+    A tally counts the objects of one category in one region: columns ``COLUMNS``. The vocabulary is a file of its own,
+    since DVC parses the params once a stage. ``counts`` grows by the instances that are left after each of ``STEPS``.
     """
     words = config.check(config.read(vocabulary), Vocabulary, "", vocabulary)
     for batch in batches:
-        placed = [tally for tally in batch if tally.region is not None and tally.category is not None]
-        in_rooms = [tally for tally in placed if tally.region in rooms]
-        objects = [tally for tally in in_rooms if tally.category not in words.structure]
+        placed = batch.dropna(subset=["region", "category"])
+        in_rooms = placed[placed["region"].isin(rooms)]
+        objects = in_rooms[~in_rooms["category"].isin(words.structure)]
         for step, left in zip(STEPS, (batch, placed, in_rooms, objects), strict=True):
-            counts[step] += sum(tally.count for tally in left)
+            counts[step] += int(left["count"].sum())
         observed: Counter[tuple[str | None, str, str | None, str]] = Counter()
-        for tally in objects:
-            room, category = rooms[str(tally.region)], str(tally.category)
-            observed[tally.scene, room, tally.instance, words.same_as.get(category, category)] += tally.count
+        for scene, instance, region, category, count in objects.itertuples(index=False, name=None):
+            observed[scene, rooms[region], instance, words.same_as.get(category, category)] += count
         for (scene, room, instance, head), count in observed.items():
             yield scene, room, instance, head, AT_LOCATION, room, count
 
@@ -114,7 +103,7 @@ def _category_name(category: str) -> str:
     return " ".join(re.sub("[#_]", " ", category).lower().split())
 
 
-def read_tallies(path: Path, regions: Iterable[str]) -> list[Tally]:
+def read_tallies(path: Path, regions: Iterable[str]) -> pd.DataFrame:
     """Published counts by region type: a CSV of ``object,room,count``; else, or without a region, InputError."""
     table = read_table(path, ["object", "room", "count"])
     table["object"] = table["object"].map(_category_name)
@@ -122,10 +111,11 @@ def read_tallies(path: Path, regions: Iterable[str]) -> list[Tally]:
     refuse(path, table["object"], table.duplicated(["object", "room"]), "expected each category once a room")
     if unknown := set(regions) - set(table["room"]):
         raise InputError(path, f"room {short(min(unknown))}", "named in the setting rooms, but not here")
-    return [Tally(None, None, room, name, count) for name, room, count in table.itertuples(index=False, name=None)]
+    renamed = table.rename(columns={"object": "category", "room": "region"})
+    return renamed.assign(scene=None, instance=None)[COLUMNS]
 
 
-def _read_houses(folder: Path, category_field: int) -> Iterator[list[Tally]]:
+def _read_houses(folder: Path, category_field: int) -> Iterator[pd.DataFrame]:
     """The objects of each ``*.house`` file in a folder and the folders in it, in the order of their paths."""
     content = "a folder with *.house files, unpacked"
     with reading(folder, content):
@@ -140,39 +130,38 @@ def _read_houses(folder: Path, category_field: int) -> Iterator[list[Tally]]:
         yield tallies
 
 
-def _read_house(path: Path, category_field: int) -> tuple[str, list[Tally]]:
+def _read_house(path: Path, category_field: int) -> tuple[str, pd.DataFrame]:
     """The name of a house, and its objects, whose regions and categories may come behind them."""
     first, *lines = read_text(path, "a .house file").split("\n")
     version = re.fullmatch(r"ASCII\s+(\S+)\s*", first)
     if not version or version[1] not in HEADERS:
         raise InputError(path, "line 1", "expected a .house file, which starts with ASCII 1.0 or ASCII 1.1")
-    line, house, header, counts, expected = 2, "", 2, Counter[str](), Counter[str]()
+    counts, expected = Counter[str](), Counter[str]()
     numbered: dict[str, dict[int, Any]] = {"R": {}, "C": {}, "O": {}}
+    records = ((line, text.split()) for line, text in enumerate(lines, 2) if text.strip())
+    header, (kind, *fields) = next(records, (2, [""]))
+    line = header
     try:
-        for line, (kind, *fields) in ((line, text.split()) for line, text in enumerate(lines, 2) if text.strip()):
+        if kind != "H":
+            raise ValueError("expected the header, a record H")
+        house = check_name(fields[0].replace("#", " "))
+        for place, letter in enumerate(HEADERS[version[1]], 2):
+            expected[letter] += _integer(fields[place])
+        for line, (kind, *fields) in records:
             counts[kind] += 1
-            if not house:
-                if kind != "H":
-                    raise ValueError("expected the header, a record H")
-                house, header = check_name(fields[0].replace("#", " ")), line
-                for place, letter in enumerate(HEADERS[version[1]], 2):
-                    expected[letter] += _integer(fields[place])
-            elif kind in numbered:
+            if kind in numbered:
                 number = _integer(fields[0])
                 if number in numbered[kind]:
                     raise ValueError(f"{kind} {number} is there already")
-                if kind == "O":
-                    numbered[kind][number] = line, _integer(fields[1]), _integer(fields[2])
-                else:
-                    numbered[kind][number] = fields[4] if kind == "R" else _category_name(fields[category_field])
+                numbered[kind][number] = (
+                    (line, _integer(fields[1]), _integer(fields[2])) if kind == "O" else
+                    fields[4] if kind == "R" else _category_name(fields[category_field])
+                )  # fmt: skip
             elif kind not in RECORD_KINDS:
                 raise ValueError(f"expected a record of a kind {', '.join(RECORD_KINDS)}, got {short(kind)}")
-    except ValueError as error:
-        raise InputError(path, f"line {line}", str(error)) from error
-    except IndexError as error:
-        raise InputError(path, f"line {line}", f"{len(fields) + 1} fields are too few for a record {kind}") from error
-    if not house:
-        raise InputError(path, "line 2", "expected the header, a record H")
+    except (ValueError, IndexError) as error:
+        too_few = f"{len(fields) + 1} fields are too few for a record {kind}"
+        raise InputError(path, f"line {line}", too_few if isinstance(error, IndexError) else str(error)) from error
     for kind, number in expected.items():
         if counts[kind] != number:
             problem = f"the header counts {number} {RECORD_KINDS[kind]} ({kind}), the file has {counts[kind]}"
@@ -183,8 +172,8 @@ def _read_house(path: Path, category_field: int) -> tuple[str, list[Tally]]:
             if fault := name_fault(numbered[kind].get(end, "none" if end == -1 else "")):
                 problem = f"object {number} is of {kind} {end}, which the file lacks or does not name: {fault}"
                 raise InputError(path, f"line {line}", problem)
-        tallies.append(Tally(house, str(number), numbered["R"].get(ends[0]), numbered["C"].get(ends[1]), 1))
-    return house, tallies
+        tallies.append((house, str(number), numbered["R"].get(ends[0]), numbered["C"].get(ends[1]), 1))
+    return house, pd.DataFrame(tallies, columns=COLUMNS, dtype=object)
 
 
 def _integer(text: str) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Annotated
@@ -79,38 +79,6 @@ HOUSEHOLD = {
 }
 
 
-def household(triples: pd.DataFrame, rooms: Collection[str]) -> pd.DataFrame:
-    """Entities of unique triples of a household in alphabetical order, with kind and phrase (``tables.KINDS``).
-
-    Raises:
-        InputError: where a relation is none of a household, or a name would be of two kinds.
-    """
-    others = triples.loc[~triples["relation"].isin(HOUSEHOLD), "relation"]
-    if len(others):
-        raise InputError(f"relation {others.iloc[0]!r}", "", f"expected one of {', '.join(HOUSEHOLD)}")
-    kinds = _kinds_by_relation(triples, HOUSEHOLD, rooms)
-    names = sorted(kinds)
-    return pd.DataFrame({"entity": names, "kind": [kinds[name] for name in names], "phrase": names})
-
-
-def _kinds_by_relation(
-    triples: pd.DataFrame, ends: Mapping[str, Ends], rooms: Collection[str] = (), known: Collection[str] = ()
-) -> dict[str, str]:
-    """The kind of each entity but those that are known; InputError where two relations give one two kinds."""
-    kind_and_place: dict[str, tuple[str, str]] = {}
-    for relation, of_relation in triples[triples["relation"].isin(ends)].groupby("relation"):
-        for slot in ("head", "tail"):
-            place = f"{slot} of {relation}"
-            for name in sorted(set(of_relation[slot]) - set(known)):
-                is_room = (relation, slot) == (AT_LOCATION, "tail") and name in rooms
-                kind = "room" if is_room else getattr(ends[str(relation)], slot)
-                other, other_place = kind_and_place.setdefault(name, (kind, place))
-                if other != kind:
-                    expected = f"expected one kind, got {other} ({other_place}) and {kind} ({place})"
-                    raise InputError(f"entity {name!r}", "", expected)
-    return {name: kind for name, (kind, _) in kind_and_place.items()}
-
-
 @dataclass
 class Naming:
     """Names the entities of triples: the kind of each by its name, else by its relations, else ``ENTITY``."""
@@ -123,24 +91,44 @@ class Naming:
     phrase_of: dict[str, str] = field(default_factory=dict)
     #: whether every entity must be given a kind
     strict: bool = False
+    #: gives the phrase of any other entity
+    words: Callable[[str], str] = phrase
 
     def __call__(self, triples: pd.DataFrame, rooms: Collection[str]) -> pd.DataFrame:
-        """Entities of the triples in alphabetical order, with kind and phrase (``tables.KINDS``).
+        """Entities of unique triples in alphabetical order, with kind and phrase (``KINDS``).
 
-        Raises:
-            InputError: where an entity has no kind, or its relations give it two.
+        InputError where an entity has no kind, its relations give it two, or a relation is none that is expected.
         """
-        if unknown := set(self.kinds or ()) - set(triples["relation"]):
+        relations = set(triples["relation"])
+        if unknown := set(self.kinds or ()) - relations:
             raise InputError("kinds", f"relation {min(unknown)!r}", "no triple has it")
-        if self.household:
-            of_household = household(triples, rooms)
-            kinds = dict(zip(of_household["entity"], of_household["kind"], strict=True))
-        else:
-            kinds = _kinds_by_relation(triples, self.kinds or {}, known=self.kind_of)
-        kinds |= self.kind_of
+        if self.household and (unknown := relations - set(HOUSEHOLD)):
+            raise InputError(f"relation {min(unknown)!r}", "", f"expected one of {', '.join(HOUSEHOLD)}")
+        kinds = self._by_relation(triples, rooms) | self.kind_of
         names = sorted({*triples["head"], *triples["tail"]})
         without = next((name for name in names if name not in kinds), None)
         if without is not None and self.strict:
             raise InputError(f"entity {without!r}", "", "expected its kind, from the table of entities or by relation")
-        phrases = [self.phrase_of.get(name) or phrase(name) for name in names]
+        phrases = [self.phrase_of.get(name) or self.words(name) for name in names]
         return pd.DataFrame({"entity": names, "kind": [kinds.get(name, ENTITY) for name in names], "phrase": phrases})
+
+    def _by_relation(self, triples: pd.DataFrame, rooms: Collection[str]) -> dict[str, str]:
+        """The kind of each entity by the relations that it has, but of those that are described elsewhere."""
+        ends: Mapping[str, Ends] = HOUSEHOLD if self.household else self.kinds or {}
+        known = set() if self.household else set(self.kind_of)
+        kind_and_place: dict[str, tuple[str, str]] = {}
+        for relation, of_relation in triples[triples["relation"].isin(ends)].groupby("relation"):
+            for slot in ("head", "tail"):
+                place = f"{slot} of {relation}"
+                for name in sorted(set(of_relation[slot]) - known):
+                    is_room = self.household and (relation, slot) == (AT_LOCATION, "tail") and name in rooms
+                    kind = "room" if is_room else getattr(ends[str(relation)], slot)
+                    other, other_place = kind_and_place.setdefault(name, (kind, place))
+                    if other != kind:
+                        expected = f"expected one kind, got {other} ({other_place}) and {kind} ({place})"
+                        raise InputError(f"entity {name!r}", "", expected)
+        return {name: kind for name, (kind, _) in kind_and_place.items()}
+
+
+#: Names the entities of a household, which go by their own words.
+household = Naming(household=True, words=str)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from isi.config import Sha256
+from isi.config import Sha256, distinct
 from isi.errors import InputError, short
 from isi.random import stream
 from isi.sources import Mining, Observation, observed, reader
@@ -19,9 +19,9 @@ from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, Name, e
 from isi.sources.readers import json_lines, packaged, parse_json, read_text
 from isi.sources.recordings import AFFORDANCES, Scene, SceneObject, locate, read_recording
 
-#: The largest house that is read, in bytes, objects, and corners of floors; those of ProcTHOR-10K have a few hundred
-#: thousand, hundred and dozen at most.
-LONGEST, MOST_OBJECTS, MOST_CORNERS = 16 * 2**20, 10_000, 2_000
+#: The largest house that is read, in bytes, objects, rooms, and corners of a floor; those of ProcTHOR-10K have a few
+#: hundred thousand, a few hundred, ten, and a dozen at most.
+LONGEST, MOST_OBJECTS, MOST_ROOMS, MOST_CORNERS = 16 * 2**20, 10_000, 100, 200
 #: Corners of floors are rounded to it (metres).
 ROUNDED = 0.001
 INSTANCES = "instances"
@@ -51,7 +51,7 @@ class Room(_Fields):
 
     id: Annotated[str, Field(pattern=r"^room\|[0-9]{1,9}$")]
     type: Annotated[str, Field(alias="roomType", pattern=r"^[A-Za-z][A-Za-z ]{0,59}$")]
-    floor: Annotated[list[Point], Field(alias="floorPolygon", min_length=3)]
+    floor: Annotated[list[Point], Field(alias="floorPolygon", min_length=3, max_length=MOST_CORNERS)]
 
 
 class _Metadata(_Fields):
@@ -67,10 +67,16 @@ class Item(_Fields):
     children: list[Item] | None = None
 
 
+def _distinct_ids(rooms: list[Room]) -> list[Room]:
+    if not distinct(room.id for room in rooms):
+        raise ValueError("two rooms have the same id")
+    return rooms
+
+
 class House(_Fields):
     """A house in the format of ProcTHOR-10K, of either version, with its objects as a forest."""
 
-    rooms: Annotated[list[Room], Field(min_length=1)]
+    rooms: Annotated[list[Room], Field(min_length=1, max_length=MOST_ROOMS), AfterValidator(_distinct_ids)]
     objects: list[Item] | None
     metadata: _Metadata | None = None
 
@@ -85,11 +91,8 @@ class HouseObject(NamedTuple):
     room: str | None
 
 
-class RecordedTypes(NamedTuple):
-    """By name of a type: what can be done with more than half of its recorded objects, and the materials of each."""
-
-    affordances: Mapping[str, Sequence[str]]
-    materials: Mapping[str, Sequence[list[str]]]
+#: By name of a type, the objects that were recorded of it.
+RecordedTypes = Mapping[str, Sequence[SceneObject]]
 
 
 @reader(
@@ -102,17 +105,15 @@ class RecordedTypes(NamedTuple):
 def procthor_houses(mining: Mining, path: str, sha256: Sha256 | None, materials: Materials) -> Iterator[Observation]:
     """Observations of objects in houses. Walls, doors, windows and floors are no objects there.
 
-    Args:
-        mining: its seed draws materials; counts what is left out, and what is odd.
-        path: of a file in the format of ProcTHOR-10K, a house a line, plain or gzip; or of one house, ``*.json``.
-        sha256: what the file must hash to, if it is to be checked.
-        materials: drawn as in SUNCG, or those of a recorded object of the same type, drawn at random.
+    ``path`` is of a file in the format of ProcTHOR-10K, a house a line, plain or gzip; or of one house, ``*.json``.
+    ``materials`` are drawn as in SUNCG, or those of a recorded object of the same type, drawn at random.
     """
-    types, counts = recorded_types(read_recording(locate("recording"), None)), mining.counts
-    by_type = recorded_materials(types.materials, mining.seed)
-    drawn = by_type if materials == "simulator" else materials_of(materials, mining.seed)
+    recorded, counts = recorded_types(read_recording(locate("recording"), None)), mining.counts
+    affordances = {name: affordances_of(objects) for name, objects in recorded.items()}
+    drawn = materials_of(materials, mining.seed) if materials == "suncg" else recorded_materials(recorded, mining.seed)
     counts.update(dict.fromkeys((INSTANCES, OUTSIDE, TAKEN, UNNAMED, ELSEWHERE), 0))
     for number, house, objects in read_houses(Path(path), sha256):
+        room_ids = {room.id for room in house.rooms}
         ids: set[str] = set()
         placed = []
         for thing, room in zip(objects, rooms_of(house.rooms, objects), strict=True):
@@ -122,39 +123,40 @@ def procthor_houses(mining: Mining, path: str, sha256: Sha256 | None, materials:
             elif room is None:
                 counts[OUTSIDE] += 1
             else:
-                is_named = any(thing.room == other.id for other in house.rooms)
-                counts[UNNAMED] += not is_named
-                counts[ELSEWHERE] += is_named and thing.room != room.id
+                counts[UNNAMED] += thing.room not in room_ids
+                counts[ELSEWHERE] += thing.room in room_ids - {room.id}
                 placed.append((thing, entity_name(room.type)))
             ids.add(thing.id)
         all_materials = drawn(number, [{"objectType": thing.type} for thing, _ in placed])
         for (thing, place), made_of in zip(placed, all_materials, strict=True):
             head = entity_name(thing.type)
-            if head not in types.affordances:
+            if head not in affordances:
                 counts[UNRECORDED + head] += 1
             locations = [place, entity_name(thing.parent)] if thing.parent else [place]
-            tails = (AT_LOCATION, locations), (HAS_MATERIAL, made_of), (HAS_AFFORDANCE, types.affordances.get(head, ()))
+            tails = {AT_LOCATION: locations, HAS_MATERIAL: made_of, HAS_AFFORDANCE: affordances.get(head, ())}
             yield from observed(f"House{number}", place, thing.id, head, tails)
 
 
 def recorded_types(scenes: Iterable[Scene]) -> RecordedTypes:
-    """What the objects of scenes are, by type; the properties of a type hardly differ from one to the other."""
+    """The objects of scenes by type."""
     objects: dict[str, list[SceneObject]] = {}
-    for scene in scenes:
-        for thing in scene.objects:
-            objects.setdefault(entity_name(thing["objectType"]), []).append(thing)
-    affordances: dict[str, list[str]] = {}
-    for name, of_type in objects.items():
-        most = [key for key in AFFORDANCES if 2 * sum(bool(thing.get(key)) for thing in of_type) > len(of_type)]
-        affordances[name] = [action for key in most for action in AFFORDANCES[key]]
-    return RecordedTypes(affordances, {name: reported_materials(0, of_type) for name, of_type in objects.items()})
+    for thing in (thing for scene in scenes for thing in scene.objects):
+        objects.setdefault(entity_name(thing["objectType"]), []).append(thing)
+    return objects
 
 
-def recorded_materials(materials: Mapping[str, Sequence[list[str]]], root: int) -> MaterialsOf:
+def affordances_of(objects: Sequence[SceneObject]) -> list[str]:
+    """What can be done with more than half of some objects; those of a type hardly differ from one to the other."""
+    most = [key for key in AFFORDANCES if 2 * sum(bool(thing.get(key)) for thing in objects) > len(objects)]
+    return [action for key in most for action in AFFORDANCES[key]]
+
+
+def recorded_materials(recorded: RecordedTypes, root: int) -> MaterialsOf:
     """Draw a recorded object of the same type, and take its materials; none where none was recorded.
 
     There is one stream per house: a house's draws depend on its number and its objects alone.
     """
+    materials = {name: reported_materials(0, objects) for name, objects in recorded.items()}
 
     def draw(house: int, objects: Sequence[SceneObject]) -> list[list[str]]:
         draws = stream(root, "recorded materials", house).random(len(objects)).tolist()
@@ -193,16 +195,11 @@ def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room
 def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, list[HouseObject]]]:
     """The houses of a file by their lines, with their objects: JSON Lines, or one house where it is ``*.json``.
 
-    Raises:
-        InputError: where the file is broken or another, or a line is no house, or has an object of no known type.
+    InputError where the file is broken or another, or a line is no house, or has an object of no known type.
     """
     types, line = asset_types(), 0
     for line, content in json_lines(path, sha256, LONGEST, "a house as JSON", whole=".json" in path.suffixes[-2:]):
         house = parse_json(House, content, path, f"line {line}")
-        if len({room.id for room in house.rooms}) < len(house.rooms):
-            raise InputError(path, f"line {line}", "two rooms have the same id")
-        if sum(len(room.floor) for room in house.rooms) > MOST_CORNERS:
-            raise InputError(path, f"line {line}", f"expected at most {MOST_CORNERS:,} corners of floors")
         objects = house_objects(house, types)
         if len(objects) > MOST_OBJECTS:
             raise InputError(path, f"line {line}, objects", f"expected at most {MOST_OBJECTS:,}")
@@ -239,13 +236,9 @@ def type_and_room(identifier: str) -> tuple[str | None, str | None]:
     return kind, number and f"room|{number}"
 
 
-class _Asset(BaseModel):
-    name: Annotated[str, Field(alias="assetId")]
-
-
 def asset_types() -> dict[str, str]:
     """The type of each asset of ProcTHOR's, from the package ``procthor``; InputError where that is not installed."""
     content = "the assets of houses"
     path = packaged("procthor", "procthor/databases/asset-database.json", content)
-    listed = parse_json(dict[str, list[_Asset]], read_text(path, content), path)
-    return {asset.name: kind for kind, assets in listed.items() for asset in assets}
+    listed = parse_json(dict[str, list[dict[str, Any]]], read_text(path, content), path)
+    return {asset["assetId"]: kind for kind, assets in listed.items() for asset in assets}

@@ -19,7 +19,7 @@ from isi.errors import InputError, cut, short
 from isi.sources import Mining, Observation, reader
 from isi.sources.names import KindsByRelation, Naming, name_fault
 from isi.sources.readers import BLOCK, open_text, read_text, reading, suffix_of
-from isi.sources.table import naming
+from isi.sources.triples import Triple, naming
 
 #: What becomes of triples that are no observations, as they are counted.
 LITERALS = "triples dropped that end in a literal"
@@ -27,58 +27,44 @@ BLANK = "triples dropped with a node that has no name"
 STRUCTURE = "triples dropped of RDF's own structures"
 REPEATED = "triples dropped that are there already"
 SUFFIXES = (".nt", ".ttl")
-#: A triple behind its place, which is empty where it is not known.
-PlacedTriple = tuple[str, Node, Node, Node]
+Nodes = tuple[Node, Node, Node]
 
 
 @reader("rdf", Naming(), path="path", suffixes=SUFFIXES)
 def rdf(
-    mining: Mining,
-    path: str,
-    entities: str | None = None,
-    kinds: KindsByRelation | None = None,
-    household: bool = False,
-    names: Choice["local", "iri"] = "local",
-) -> Iterator[Observation]:
-    """Observations of an RDF graph, each triple one. Types are kinds, labels are phrases.
+    mining: Mining, path: str, entities: str | None = None, kinds: KindsByRelation | None = None,
+    household: bool = False, names: Choice["local", "iri"] = "local",
+) -> Iterator[Observation]:  # fmt: skip
+    """Observations of an RDF graph, ``.nt`` or ``.ttl`` (``.gz`` behind it or not). Types are kinds, labels phrases.
 
-    Args:
-        mining: is given how entities are named, and counts the triples that are left out.
-        path: of a file whose name ends in ``.nt`` or ``.ttl``, either with ``.gz`` behind it.
-        entities: path of a table of entities, as of the source ``table``; what it says goes before the file.
-        kinds: of entities without a type, by relation, as there.
-        household: as there; a room is what has the type ``room``, since no column tells rooms.
-        names: what entities and relations go by: the ``local`` part of their IRI, or all of it.
-
-    Raises:
-        InputError: where the file is broken, an entity has two types, or two IRIs have one name.
+    Other settings are those of the source ``table``, and what its table of ``entities`` says goes before the file; a
+    room is what has the type ``room``. ``names`` says what entities and relations go by: the ``local`` part of their
+    IRI, or all of it; no two IRIs share one.
     """
     logging.getLogger("rdflib").setLevel(logging.ERROR)  # it warns of IRIs that are none
-    file, named = Path(path), naming(entities, kinds, household)
+    named = naming(entities, kinds, household)
     mining.name_entities = named
-    entities_by_name: dict[str, str] = {}  # IRIs
-    relations_by_name: dict[str, str] = {}
-    types: dict[str, dict[Node, str]] = {}  # of each IRI, and where they stand
-    labels: dict[str, tuple[str, str]] = {}
-    seen: set[tuple[str, str, str]] = set()
+    entities_by_name, relations_by_name = dict[str, str](), dict[str, str]()  # IRIs
+    types = dict[str, list[tuple[str, Node]]]()  # of each IRI, and where they stand
+    labels = dict[str, tuple[str, str]]()
+    seen = set[Triple]()
 
     def name_of(place: str, node: Node, iri_by_name: dict[str, str] | None = None) -> str:
-        """The name of a node; no two IRIs of a mapping share one."""
-        iri, name = str(node), local_name(str(node)) if names == "local" else str(node)
-        fault = name_fault(name)
-        other = iri if iri_by_name is None or fault else iri_by_name.setdefault(name, iri)
+        iri = str(node)
+        name = local_name(iri) if names == "local" else iri
+        if fault := name_fault(name):
+            raise InputError(path, place, f"<{cut(iri, 40)}>: {fault}")
+        other = iri if iri_by_name is None else iri_by_name.setdefault(name, iri)
         if other != iri:
-            fault = f"{short(name)} is also the name of <{cut(other)}>; the setting names: iri keeps them apart"
-        if fault:
-            raise InputError(path, place, f"<{cut(iri, 40)}>: {fault}" if other == iri else fault)
+            also = f"{short(name)} is also the name of <{cut(other)}>; the setting names: iri keeps them apart"
+            raise InputError(path, place, also)
         return name
 
-    for place, head, relation, tail in _read_triples(file):
+    for place, (head, relation, tail) in _read_triples(Path(path)):
         if isinstance(head, BNode) or isinstance(tail, BNode):
             mining.counts[BLANK] += 1
         elif relation == RDF.type:
-            if tail != OWL.NamedIndividual:
-                types.setdefault(str(head), {}).setdefault(tail, place)
+            types.setdefault(str(head), []).extend([(place, tail)] * (tail != OWL.NamedIndividual))
         elif relation == RDFS.label and isinstance(tail, Literal):
             if (tail.language or "en").partition("-")[0] == "en":
                 labels.setdefault(str(head), (place, str(tail)))
@@ -96,15 +82,13 @@ def rdf(
                 yield None, None, None, *triple, 1
     if not seen:
         raise InputError(path, "", "expected triples between entities that have IRIs, got none")
-    listed = frozenset(named.kind_of)
+    listed = set(named.kind_of)
     for name, iri in entities_by_name.items():  # types and labels of relations and others are not looked at
-        for node, place in ({} if name in listed else types.get(iri, {})).items():
+        for place, node in types.get(iri, ()) if name not in listed else ():
             kind = name_of(place, node)
-            other = named.kind_of.setdefault(name, kind)
-            if other != kind:
-                raise InputError(
-                    path, place, f"expected one type of {short(name)}, got {cut(kind)} beside {cut(other)}"
-                )
+            if (other := named.kind_of.setdefault(name, kind)) != kind:
+                got = f"expected one type of {short(name)}, got {cut(kind)} beside {cut(other)}"
+                raise InputError(path, place, got)
         if iri in labels and name not in named.phrase_of:
             place, label = labels[iri]
             if fault := name_fault(label):
@@ -118,25 +102,36 @@ def local_name(iri: str) -> str:
     return unquote(parts[-1])
 
 
-def _read_triples(path: Path) -> Iterator[PlacedTriple]:
-    """The triples of an RDF file; those of N-Triples line by line, those of Turtle all at once and in order."""
+def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
+    """The triples of a file behind their places; those of Turtle are in order, and no place of them is known."""
     if suffix_of(path) not in SUFFIXES:
         raise InputError(path, "", "expected a name that ends in .nt or .ttl (.gz behind it or not)")
     with reading(path, "RDF in UTF-8 text"):
-        yield from _of_lines(path) if suffix_of(path) == ".nt" else _of_turtle(path)
+        if suffix_of(path) == ".nt":
+            yield from _of_lines(path)
+            return
+        text = read_text(path, "Turtle, which is read as a whole,")
+        try:
+            graph = Graph().parse(data=text, format="turtle", publicID="file:///")
+        except Exception as error:  # text that ends too early, or is too deep, makes the parser stumble in any way
+            place, problem = "", f"{type(error).__name__}: {error}"
+            if isinstance(error, BadSyntax):
+                place, problem = f"line {error.lines + 1}", str(error._why)
+            raise InputError(path, place, f"expected Turtle ({cut(problem, 120)})") from error
+        yield from (("", triple) for triple in sorted(graph))
 
 
 class _Sink(DummySink):
     """Takes the triples that the parser reads in a line."""
 
     def __init__(self) -> None:
-        self.triples: list[tuple[Node, Node, Node]] = []
+        self.triples: list[Nodes] = []
 
     def triple(self, s: Node, p: Node, o: Node) -> None:
         self.triples.append((s, p, o))
 
 
-def _of_lines(path: Path) -> Iterator[PlacedTriple]:
+def _of_lines(path: Path) -> Iterator[tuple[str, Nodes]]:
     sink = _Sink()
     parser = W3CNTriplesParser(sink)
     with open_text(path) as file:
@@ -147,16 +142,4 @@ def _of_lines(path: Path) -> Iterator[PlacedTriple]:
             except (ParserError, ValueError, OverflowError) as error:
                 expected = f"expected a triple of N-Triples, got {short(line.strip())}"
                 raise InputError(path, f"line {number}", expected) from error
-            yield from ((f"line {number}", *triple) for triple in sink.triples)
-
-
-def _of_turtle(path: Path) -> Iterator[PlacedTriple]:
-    text = read_text(path, "Turtle, which is read as a whole,")
-    try:
-        graph = Graph().parse(data=text, format="turtle", publicID="file:///")
-    except Exception as error:  # text that ends too early, or is too deep, makes the parser stumble in any way
-        place, problem = "", f"{type(error).__name__}: {error}"
-        if isinstance(error, BadSyntax):
-            place, problem = f"line {error.lines + 1}", str(error._why)
-        raise InputError(path, place, f"expected Turtle ({cut(problem, 120)})") from error
-    yield from (("", *triple) for triple in sorted(graph))
+            yield from ((f"line {number}", triple) for triple in sink.triples)

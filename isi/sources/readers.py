@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import gzip
-import hashlib
 import re
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
-from typing import IO, TextIO, TypeVar
+from typing import TextIO, TypeVar
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as compute
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from isi.errors import InputError, at, cut, short
 from isi.sources.names import check_names
+from isi.tables.io import check_sha256
 from isi.tables.rules import MOST_OBSERVED
 
 #: Bytes of a text table, and rows of a Parquet table, that are read at once; a line is not longer.
@@ -57,15 +58,6 @@ def packaged(package: str, path: str, content: str) -> Path:
         raise InputError(f"package {package}", "", f"not installed, which has {content}") from error
 
 
-def check_sha256(path: Path, file: IO[bytes], expected: str | None) -> None:
-    """Check what an open file hashes to, if anything is expected, and go back to its start; else InputError."""
-    if expected is not None:
-        got = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
-        if got != expected:
-            raise InputError(path, "", f"expected {expected} as its sha256, got {got}")
-        file.seek(0)
-
-
 def suffix_of(path: Path) -> str:
     """The suffix of a file's name, compressed or not: ``.csv`` of ``log.csv.gz``."""
     return Path(path.stem).suffix if path.suffix == ".gz" else path.suffix
@@ -92,16 +84,13 @@ def json_lines(
 ) -> Iterator[tuple[int, bytes]]:
     """The lines of a plain or compressed file that are not blank, with their numbers from 1.
 
-    A line has ``most`` bytes at most; ``whole`` takes the file as one line. ``sha256`` is what the file must hash to,
-    if it is to be checked, ``content`` what was expected there.
-
-    Raises:
-        InputError: where it is missing, truncated, hashes to something else, or has a line that is too long.
+    A line has ``most`` bytes at most; ``whole`` takes the file as one line. InputError where the file is missing,
+    truncated, not of ``sha256`` (if that is given), or has a line that is too long; ``content`` is what was expected.
     """
+    check_sha256(path, sha256)
     number = 0
     try:
         with path.open("rb") as raw:
-            check_sha256(path, raw, sha256)
             file = gzip.GzipFile(fileobj=raw) if raw.peek(2)[:2] == GZIP else raw
             while line := file.read(most + 1) if whole else file.readline(most + 1):
                 number += 1
@@ -115,15 +104,9 @@ def json_lines(
 
 def parse_json(form: type[T], content: bytes | str, path: object, place: str = "") -> T:
     """What JSON holds; InputError where it is broken or of another form: names the place in it, behind ``place``."""
-    text = content.removeprefix(b"\xef\xbb\xbf") if isinstance(content, bytes) else content
     with at(path, place):
-        try:
-            return TypeAdapter(form).validate_json(text, strict=True)
-        except ValidationError as error:
-            problem = error.errors(include_input=False)[0]
-            if problem["type"] != "json_invalid":
-                raise
-            raise InputError("", "", problem["msg"]) from error  # without the text, which may be long
+        text = content.removeprefix(codecs.BOM_UTF8) if isinstance(content, bytes) else content
+        return TypeAdapter(form).validate_json(text, strict=True)
 
 
 def refuse(path: Path, column: pd.Series, wrong: pd.Series[bool], expected: str) -> None:
@@ -139,10 +122,7 @@ def read_table(
     """A table of names that is read as a whole; its index has the numbers of lines (see ``read_batches``).
 
     Its ``columns`` hold names, but for ``COUNT``; in those of a key no two rows are alike. The names of ``optional``
-    columns may be empty; where that is null, it may have any others, which are skipped.
-
-    Raises:
-        InputError: where the file is missing or broken, or a value is not what its column holds.
+    columns may be empty; where that is null, it may have any others, which are skipped. InputError where it is not so.
     """
     batches: list[pd.DataFrame] = []
     for batch in read_batches(path, columns, optional or (), others=optional is None):
@@ -164,45 +144,39 @@ def read_batches(
 ) -> Iterator[pd.DataFrame]:
     """Rows of a file ``.csv`` or ``.tsv``, either with ``.gz`` behind it, or ``.parquet``, batch by batch.
 
-    Yields:
-        the required columns and those optional ones that it has (any others are skipped, or else refused): text, empty
-        where there is none, or ``COUNT`` as whole numbers. The index has the numbers of lines (blank ones not
-        counted), or of Parquet's rows from 1, and their unit as its name.
-
-    Raises:
-        InputError: where the file is missing or broken, has other columns, or a value of ``COUNT`` is no number.
+    The required columns and those optional ones that it has (any ``others`` are skipped, or else refused): text, empty
+    where there is none, or ``COUNT`` as whole numbers. The index has the numbers of lines (blank ones not counted), or
+    of Parquet's rows from 1, and their unit as its name. InputError where the file is broken, or a count no number.
     """
     form = suffix_of(path)
     if form not in (*SEPARATORS, ".parquet"):
         raise InputError(path, "", "expected a name that ends in .csv, .tsv (.gz behind it or not) or .parquet")
-    place, unit = (1, "row") if form == ".parquet" else (2, "line")
-    with reading(path, "a Parquet table" if form == ".parquet" else "a table of UTF-8 text"):
-        header = _header(path, form)
-        known = [name for name in header if name in (*required, *optional)] if others else header
-        if not set(required) <= set(known) <= {*required, *optional} or len(set(known)) < len(known):
+    is_text = form != ".parquet"
+    place, unit = (2, "line") if is_text else (1, "row")
+    with reading(path, "a table of UTF-8 text" if is_text else "a Parquet table"):
+        header = _header(path, SEPARATORS[form]) if is_text else list(pq.read_schema(path).names)
+        names = [name for name in (*required, *optional) if name in header]
+        known = [name for name in header if name in names] if others else header
+        if not set(required) <= set(known) <= set(names) or len(set(known)) < len(known):
             expected = f"expected the columns {', '.join(required)}"
             expected += f" and, if at all, {', '.join(optional)}" * bool(optional)
             got = cut(", ".join(repr(name[:40]) for name in header) or "none", 100)
-            raise InputError(path, "columns" if form == ".parquet" else "line 1", f"{expected}; got {got}")
-        names = [name for name in (*required, *optional) if name in known]
-        for batch in _parquet(path, names) if form == ".parquet" else _text(path, SEPARATORS[form], header):
-            index = pd.RangeIndex(place, place + batch.num_rows, name=unit)
+            raise InputError(path, "line 1" if is_text else "columns", f"{expected}; got {got}")
+        for batch in _text(path, SEPARATORS[form], header) if is_text else _parquet(path, names):
             columns = {name: batch[name].cast(pa.string()).fill_null("").to_pylist() for name in names}
+            index = pd.RangeIndex(place, place := place + batch.num_rows, name=unit)
             frame = pd.DataFrame(columns, index, dtype=str)
             if COUNT in frame:
                 number = frame[COUNT].where(frame[COUNT].str.fullmatch("[0-9]{1,10}"), "0").astype("int64")
                 expected = f"expected a whole number from 1 to {MOST_OBSERVED} as count"
                 refuse(path, frame[COUNT], ~number.between(1, MOST_OBSERVED), expected)
                 frame[COUNT] = number
-            place += batch.num_rows
             yield frame
 
 
-def _header(path: Path, form: str) -> list[str]:
-    if form == ".parquet":
-        return list(pq.read_schema(path).names)
+def _header(path: Path, separator: str) -> list[str]:
     with open_text(path) as file:
-        return next(csv.reader([file.readline(BLOCK)], delimiter=SEPARATORS[form], skipinitialspace=True), [])
+        return next(csv.reader([file.readline(BLOCK)], delimiter=separator, skipinitialspace=True), [])
 
 
 def _parquet(path: Path, names: Sequence[str]) -> Iterator[pa.RecordBatch]:

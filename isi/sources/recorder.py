@@ -15,7 +15,7 @@ import signal
 import tempfile
 import warnings
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
@@ -33,7 +33,8 @@ from ai2thor.wsgi_server import WsgiServer
 
 from isi.errors import InputError, at, short, unwritable
 from isi.sources import recordings
-from isi.sources.recordings import MOST_BYTES, Layout, Recorder, SceneObject
+from isi.sources.readers import parse_json
+from isi.sources.recordings import MOST_BYTES, Layout, RecordedScene, Recorder, SceneObject
 from isi.tables import io, paths
 
 #: Seconds between looks at whether the player lives.
@@ -52,8 +53,7 @@ class Recording:
     def __init__(self, path: Path, simulator: Mapping[str, Any]) -> None:
         """Read which scenes there are, if any, and cut off a last line that is not whole.
 
-        Raises:
-            InputError: where the file is no recording, or one of another simulator, or such a line cannot be cut off.
+        InputError where the file is no recording, or one of another simulator, or such a line cannot be cut off.
         """
         self.path, self._header = path, recordings.FORMAT | dict(simulator)
         #: names of layouts
@@ -65,7 +65,7 @@ class Recording:
         for number, (end, line) in enumerate(lines, 1):
             whole = end
             if number > 1:
-                self.names.add(recordings.parse_line(path, number, line)[0].name)
+                self.names.add(parse_json(RecordedScene, line, path, f"line {number}").layout.name)
                 continue
             header = recordings.check_header(path, line)
             for key, value in self._header.items():
@@ -74,23 +74,22 @@ class Recording:
                     raise InputError(path, "line 1", f"{other}: choose another output, or remove it")
         if not whole:
             raise InputError(path, "", "expected a recording, or no file, to record to")
-        with _writing(path):
-            if whole < path.stat().st_size:
+        if whole < path.stat().st_size:
+            with _writing(path):
                 os.truncate(path, whole)
 
     def append(self, layout: Layout, objects: Iterable[SceneObject]) -> None:
         """Add a scene: of each object what mining reads; on the disk when this returns, or else InputError."""
         fields = [{key: thing[key] for key in recordings.FIELDS if key in thing} for thing in objects]
         scene = _member({"scene": layout.plan, "spawn": layout.spawn, "objects": fields})
-        with _writing(self.path):
-            if self.path.exists():
-                with self.path.open("ab") as file:
-                    file.write(scene)
-                    file.flush()
-                    os.fsync(file.fileno())
-            else:
-                whole = _member(self._header) + scene
-                io.atomically(self.path, lambda temporary: temporary.write_bytes(whole))
+        if not self.path.exists():
+            whole = _member(self._header) + scene
+            io.atomically(self.path, lambda temporary: temporary.write_bytes(whole))
+        else:
+            with _writing(self.path), self.path.open("ab") as file:
+                file.write(scene)
+                file.flush()
+                os.fsync(file.fileno())
         self.names.add(layout.name)
 
 
@@ -103,13 +102,12 @@ def _writing(path: Path) -> Iterator[None]:
 
 
 def _member(record: Mapping[str, Any]) -> bytes:
-    line = json.dumps(record, separators=(",", ":")) + "\n"
-    return gzip.compress(line.encode(), mtime=0)
+    return gzip.compress(json.dumps(record, separators=(",", ":")).encode() + b"\n", mtime=0)
 
 
 def _members(path: Path) -> Iterator[tuple[int, bytes]]:
     """Where each whole gzip member of a file ends, and what it holds: no more than the longest line."""
-    unpack, content, end, rest = zlib.decompressobj(_GZIP), bytearray(), 0, b""
+    unpack, content, end, rest = zlib.decompressobj(_GZIP), b"", 0, b""
     try:
         with path.open("rb") as file:
             while chunk := rest or file.read(_CHUNK):
@@ -119,8 +117,8 @@ def _members(path: Path) -> Iterator[tuple[int, bytes]]:
                 rest = unpack.unused_data
                 end += len(chunk) - len(rest)
                 if unpack.eof:
-                    yield end, bytes(content)
-                    unpack, content = zlib.decompressobj(_GZIP), bytearray()
+                    yield end, content
+                    unpack, content = zlib.decompressobj(_GZIP), b""
     except (OSError, zlib.error) as error:
         raise InputError(path, f"byte {end:,}", f"expected a recording, compressed by gzip ({error})") from error
 
@@ -165,18 +163,19 @@ class Simulator:
     def objects(self, layout: Layout) -> list[SceneObject]:
         """The objects of a scene, as the simulator reports them; tried again when the player dies.
 
-        Raises:
-            InputError: where it cannot be started, dies too often, does not answer in time, or answers an error.
+        InputError where it cannot be started, dies too often, does not answer in time, or answers an error.
         """
-        for _ in range(self._settings.retries + 1):
+        settings = self._settings
+        for _ in range(settings.retries + 1):
             try:
                 return self._observed(layout)
             except Exception as error:
                 self._end()
-                if not any(isinstance(cause, _DIED) for cause in _chain(error)):
-                    raise InputError(self._settings.platform, layout.name, self._problem(error)) from error
-        times = f"the player died {self._settings.retries + 1} times (recorder.retries)"
-        raise InputError(self._settings.platform, layout.name, times + f": {_NEEDS}" * (not self._started.is_set()))
+                causes = _chain(error)
+                if not any(isinstance(cause, _DIED) for cause in causes):
+                    raise InputError(settings.platform, layout.name, self._problem(causes)) from error
+        times = f"the player died {settings.retries + 1} times (recorder.retries)"
+        raise InputError(settings.platform, layout.name, times + f": {_NEEDS}" * (not self._started.is_set()))
 
     def _observed(self, layout: Layout) -> list[SceneObject]:
         with warnings.catch_warnings():
@@ -202,16 +201,10 @@ class Simulator:
             build = {"platform": STR_PLATFORM_MAP[settings.platform]}
             build |= {"commit_id": settings.build} if settings.build else {}
         self._player = Player(
-            local=Path(self._folder.name) if program else None,
-            started=self._started,
-            scene=plan,
-            width=settings.width,
-            height=settings.width,
-            server_class=FifoServer if settings.server == "fifo" else WsgiServer,
-            server_timeout=settings.seconds,
-            server_start_timeout=settings.start_seconds,
-            **build,
-        )
+            Path(self._folder.name) if program else None, self._started, scene=plan, width=settings.width,
+            height=settings.width, server_class=FifoServer if settings.server == "fifo" else WsgiServer,
+            server_timeout=settings.seconds, server_start_timeout=settings.start_seconds, **build,
+        )  # fmt: skip
         return self._player.last_event
 
     def _end(self) -> None:
@@ -219,16 +212,15 @@ class Simulator:
             self._player.end()
         self._player = None
 
-    def _problem(self, error: Exception) -> str:
+    def _problem(self, causes: Sequence[BaseException]) -> str:
         settings = self._settings
-        if any(isinstance(cause, TimeoutError) for cause in _chain(error)):
+        if any(isinstance(cause, TimeoutError) for cause in causes):
             limit = f"{settings.seconds:g} s (recorder.seconds)"
             return f"no answer within {limit}, or {settings.start_seconds:g} s at the start (recorder.start_seconds)"
-        lines = filter(None, map(str.strip, str(_chain(error)[-1]).splitlines()))
+        lines = filter(None, map(str.strip, str(causes[-1]).splitlines()))
         message = next(lines, "an error without a message")[:_LONGEST]
-        if not self._started.is_set():
-            return f"cannot be started: {message}: {_NEEDS}"
-        return f"the simulator answers: {message}"
+        is_started = self._started.is_set()
+        return f"the simulator answers: {message}" if is_started else f"cannot be started: {message}: {_NEEDS}"
 
 
 def _chain(error: BaseException) -> list[BaseException]:
@@ -241,7 +233,7 @@ class Player(Controller):  # type: ignore[misc]
     """A started player. One that cannot be started is ended, and none is started again unasked."""
 
     def __init__(self, local: Path | None, started: Event, **settings: Any) -> None:
-        """Start it, with the settings of the controller; ``started`` is set when it has sent its first message.
+        """Start it, with the controller's settings; ``started`` is set when it has sent its first message.
 
         ``local`` is a folder for logs of a local build, so that none go into the home directory.
         """

@@ -8,14 +8,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import AfterValidator, BaseModel, Field, create_model, field_validator
+from pydantic import AfterValidator, BaseModel, Field, create_model
 
 from isi import config
-from isi.config import Count, Positive, Section, Seed, distinct
+from isi.config import Count, EachOnce, Positive, Section, Seed, distinct
 from isi.errors import InputError, cut, short
 from isi.sources.names import Name, name_fault
-from isi.sources.readers import GZIP, check_sha256, json_lines, packaged, parse_json, reading
+from isi.sources.readers import GZIP, json_lines, packaged, parse_json, reading
 from isi.tables import paths
+from isi.tables.io import check_sha256
 
 #: Header of a recording of ``make record``, a line of JSON; each line behind it is a scene.
 FORMAT = {"format": "isi recording", "version": 1, "simulator": "ai2thor"}
@@ -31,15 +32,8 @@ AFFORDANCES = {
 }  # fmt: skip
 
 
-def each_once(values: list[Any] | None) -> list[Any] | None:
-    """The values themselves; ValueError where one repeats."""
-    if not distinct(values or ()):
-        raise ValueError("expected each once")
-    return values
-
-
 _Text = Annotated[str, Field(min_length=1)]
-_Receptacles = Annotated[list[Name] | None, AfterValidator(each_once)]
+_Receptacles = Annotated[list[Name], EachOnce] | None
 #: What mining reads of an object; the rest would only cost memory.
 _FIELDS: dict[str, Any] = {
     "objectId": (Name, ...),
@@ -114,13 +108,10 @@ def read_recording(path: Path, sha256: str | None, plans: Sequence[FloorPlans] =
     """Scenes of JSON as the package ``procthor`` has it, or of a recording of ``make record``, these one by one.
 
     ``sha256`` is what the file must hash to, if it is to be checked. ``plans`` are all in the package's recording, and
-    one of ``make record`` has no others.
-
-    Raises:
-        InputError: where the file is missing, hashes to something else, is of neither form, or lacks scenes.
+    one of ``make record`` has no others. InputError where the file is of neither form, or lacks scenes.
     """
+    check_sha256(path, sha256)
     with reading(path, "a recording of AI2-THOR's scenes"), path.open("rb") as file:
-        check_sha256(path, file, sha256)
         is_compressed = file.read(len(GZIP)) == GZIP
     return _recorded_scenes(path, plans) if is_compressed else _packaged_scenes(path, plans)
 
@@ -130,10 +121,10 @@ def _packaged_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]
         raise InputError(path, "", f"expected at most {MOST_BYTES_WHOLE:,} bytes of JSON, or a recording by gzip")
     recording = parse_json(dict[str, Any], path.read_bytes(), path)
     for listed in plans:
-        scenes, names = recording.get(listed.key), listed.packaged or listed.names
-        if not isinstance(scenes, list) or len(scenes) != len(names):
-            got = f"{len(scenes)}" if isinstance(scenes, list) else "none"
-            raise InputError(path, listed.key, f"expected a list of {len(names)} scenes, got {got}")
+        names = listed.packaged or listed.names
+        scenes = config.check(recording.get(listed.key), list[Any], listed.key, path)
+        if len(scenes) != len(names):
+            raise InputError(path, listed.key, f"expected a list of {len(names)} scenes, got {len(scenes)}")
         for number, (name, objects) in enumerate(zip(names, scenes, strict=True), listed.first):
             yield Scene(name, number, listed.room, check_objects(path, name, objects))
 
@@ -144,22 +135,23 @@ def _recorded_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]
     check_header(path, next(lines, (1, b""))[1])
     seen: set[str] = set()
     for number, line in lines:
-        layout, objects = parse_line(path, number, line)
+        recorded = parse_json(RecordedScene, line, path, f"line {number}")
+        layout = recorded.layout
         fault = name_fault(layout.name) or f"{layout.name} is there twice" * (layout.name in seen)
         if layout.plan not in known:
             fault = f"expected a floor plan of this source, such as {next(iter(known))}, got {short(layout.plan)}"
         if fault:
             raise InputError(path, f"line {number}", fault)
         seen.add(layout.name)
-        yield Scene(layout.name, *known[layout.plan], check_objects(path, layout.name, objects))
+        yield Scene(layout.name, *known[layout.plan], check_objects(path, layout.name, recorded.objects))
     if not seen:
         raise InputError(path, "", "expected scenes behind the header, got none")
 
 
 def check_objects(path: Path, scene: str, objects: Any) -> list[SceneObject]:
-    """Objects of a scene without fields that mining does not read; InputError where they are none, or have one id."""
-    seen: set[str] = set()
+    """Objects of a scene without fields that mining does not read; InputError where they are none, or share an id."""
     checked: Any = config.check(objects, _Objects, scene, path)
+    seen: set[str] = set()
     for thing in checked:
         if thing.objectId in seen:
             raise InputError(path, f"{scene}, object {cut(thing.objectId)}", "is in its scene twice")
@@ -168,7 +160,7 @@ def check_objects(path: Path, scene: str, objects: Any) -> list[SceneObject]:
 
 
 def check_header(path: Path, line: bytes) -> dict[str, Any]:
-    """The first line of a recording of ``make record``; InputError where it is none, or one of another version."""
+    """The header of a recording; InputError where it is another."""
     header = parse_json(dict[str, Any], line, path, "line 1")
     got = {key: header.get(key) for key in FORMAT}
     if got != FORMAT:
@@ -176,16 +168,16 @@ def check_header(path: Path, line: bytes) -> dict[str, Any]:
     return header
 
 
-class _Line(BaseModel):
+class RecordedScene(BaseModel):
+    """A line of a recording, whose objects are checked by ``check_objects``."""
+
     scene: _Text
     spawn: int | None
     objects: Any
 
-
-def parse_line(path: Path, number: int, line: bytes) -> tuple[Layout, Any]:
-    """Layout and objects of one line; InputError where it is of another form."""
-    record = parse_json(_Line, line, path, f"line {number}")
-    return Layout(record.scene, record.spawn), record.objects
+    @property
+    def layout(self) -> Layout:
+        return Layout(self.scene, self.spawn)
 
 
 #: Builds that the package ``ai2thor`` downloads.
@@ -194,12 +186,30 @@ PLATFORMS = ("CloudRendering", "Linux64", "OSXIntel64")
 GROUPS = {"ithor": [name for plans in ITHOR for name in plans.names], "robothor": _PLANS}
 
 
+def floor_plans(item: str) -> list[str]:
+    """Floor plans of a group, one by its name, or a range such as ``FloorPlan201-230``; ValueError where it is none."""
+    if item in GROUPS:
+        return GROUPS[item]
+    parts = re.fullmatch(r"([A-Za-z]\w{0,98}?)([0-9]{1,6})(?:-([0-9]{1,6}))?", item, re.ASCII)
+    numbers = range(int(parts[2]), int(parts[3] or parts[2]) + 1) if parts else range(0)
+    if not parts or not numbers:
+        groups = ", ".join(GROUPS)
+        raise ValueError(f"expected {groups}, a floor plan or a range such as FloorPlan1-30, got {item[:80]!r}")
+    return [f"{parts[1]}{number}" for number in numbers]
+
+
+def _floor_plans_once(items: list[str]) -> list[str]:
+    if not distinct(plan for item in items for plan in floor_plans(item)):
+        raise ValueError("expected each floor plan once")
+    return items
+
+
 class Recorder(Section):
     """How ``make record`` drives the simulator: the section ``recorder`` of params."""
 
-    scenes: Annotated[list[str], Field(min_length=1)]
+    scenes: Annotated[list[str], Field(min_length=1), AfterValidator(_floor_plans_once)]
     #: of each floor plan: null as it is built, a number as ``InitialRandomSpawn`` with this seed leaves it
-    spawns: Annotated[list[Seed | None], Field(min_length=1), AfterValidator(each_once)]
+    spawns: Annotated[list[Seed | None], Field(min_length=1), EachOnce]
     output: _Text
     #: one of ``PLATFORMS``, or the path of a local build
     platform: _Text
@@ -214,12 +224,6 @@ class Recorder(Section):
     seconds: Positive
     start_seconds: Positive
 
-    @field_validator("scenes")
-    @classmethod
-    def _are_floor_plans(cls, value: list[str]) -> list[str]:
-        each_once([plan for item in value for plan in floor_plans(item)])
-        return value
-
     @property
     def layouts(self) -> list[Layout]:
         """All that is to be recorded, in order."""
@@ -229,15 +233,3 @@ class Recorder(Section):
     def executable(self) -> Path | None:
         """The local build; null where one is downloaded."""
         return None if self.platform in PLATFORMS else Path(self.platform)
-
-
-def floor_plans(item: str) -> list[str]:
-    """Floor plans of a group, one by its name, or a range such as ``FloorPlan201-230``; ValueError where it is none."""
-    if item in GROUPS:
-        return GROUPS[item]
-    parts = re.fullmatch(r"([A-Za-z]\w{0,98}?)([0-9]{1,6})(?:-([0-9]{1,6}))?", item, re.ASCII)
-    numbers = range(int(parts[2]), int(parts[3] or parts[2]) + 1) if parts else range(0)
-    if not parts or not numbers:
-        groups = ", ".join(GROUPS)
-        raise ValueError(f"expected {groups}, a floor plan or a range such as FloorPlan1-30, got {item[:80]!r}")
-    return [f"{parts[1]}{number}" for number in numbers]

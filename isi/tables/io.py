@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import hashlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -13,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isi.errors import InputError, unwritable
+from isi.errors import InputError, at, unwritable
 from isi.process import lives
 
 if TYPE_CHECKING:
@@ -23,26 +24,41 @@ if TYPE_CHECKING:
 STAGE = "isi.stage"
 
 
+@contextmanager
+def _opening(path: Path, form: str, fault: type[Exception]) -> Iterator[None]:
+    """Name a file that is missing, or is not of its form."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        from isi.stage import missing  # here: it knows the pipelines, of which nothing else in a table does
+
+        raise missing(path) from error
+    except (OSError, fault) as error:
+        why = next(iter(str(error).splitlines()), type(error).__name__)
+        raise InputError(path, "", f"expected {form} ({why})") from error
+
+
 def read_parquet(path: Path, schema: pa.Schema) -> pa.Table:
     """Read the columns of a schema, dictionary-encoded or not.
 
-    Raises:
-        InputError: where the file is missing or broken, or a column is missing or of another type.
+    InputError where the file is missing or broken, or a column is missing or of another type.
     """
-    try:
+    with _opening(path, "a Parquet table", pa.ArrowException):
         table = pq.ParquetFile(path).read()
-    except FileNotFoundError as error:
-        raise _missing(path) from error
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(path, "", f"expected a Parquet table ({_first_line(error)})") from error
     for expected in schema:
         place = table.schema.get_field_index(expected.name)
         if place < 0:
             raise InputError(path, f"column {expected.name!r}", "missing")
-        if not _same_values(table.schema.field(place).type, expected.type):
-            got = table.schema.field(place).type
+        got = table.schema.field(place).type
+        if _plain(got) != _plain(expected.type):
             raise InputError(path, f"column {expected.name!r}", f"expected {expected.type}, got {got}")
     return table.select(schema.names)
+
+
+def _plain(kind: pa.DataType) -> pa.DataType:
+    """A type without its encoding."""
+    kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+    return pa.string() if pa.types.is_large_string(kind) else kind
 
 
 def write_parquet(path: Path, parts: Iterable[pa.Table], schema: pa.Schema, stage: str) -> None:
@@ -75,8 +91,7 @@ def reading(parts: Iterable[pa.Table]) -> Iterator[pa.Table]:
 def read_tensors(path: Path, names: Sequence[str] | None = None) -> dict[str, Tensor]:
     """Read named tensors (null: all) of a safetensors file.
 
-    Raises:
-        InputError: where the file is missing or broken, lacks a tensor, or a number is not finite.
+    InputError where the file is missing or broken, lacks a tensor, or a number is not finite.
     """
     with _opened(path) as file:
         tensors = {name: file.get_tensor(_tensor_of(path, file, name)) for name in names or file.keys()}
@@ -97,11 +112,7 @@ def shape_of(path: Path, name: str) -> tuple[int, ...]:
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], stage: str) -> None:
-    """Write a safetensors file.
-
-    Raises:
-        InputError: where a number is not finite.
-    """
+    """Write a safetensors file; InputError where a number is not finite."""
     from safetensors.torch import save
 
     _check_finite(path, tensors)
@@ -113,13 +124,8 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], stage: str) -> None
 def _opened(path: Path) -> Iterator[Any]:
     from safetensors import SafetensorError, safe_open  # here, since it loads torch
 
-    try:
-        with safe_open(path, framework="pt") as file:
-            yield file
-    except FileNotFoundError as error:
-        raise _missing(path) from error
-    except (OSError, SafetensorError) as error:
-        raise InputError(path, "", f"expected a safetensors file ({_first_line(error)})") from error
+    with _opening(path, "a safetensors file", SafetensorError), safe_open(path, framework="pt") as file:
+        yield file
 
 
 def _tensor_of(path: Path, file: Any, name: str) -> str:
@@ -135,15 +141,23 @@ def _check_finite(path: Path, tensors: Mapping[str, Tensor]) -> None:
         except TypeError as error:
             raise InputError(path, f"tensor {name!r}", f"expected a type that NumPy has, got {tensor.dtype}") from error
         if not finite.all():
-            place = [int(index) for index in np.unravel_index(int(finite.argmin()), finite.shape)]
+            place = np.argwhere(~finite)[0].tolist()
             raise InputError(path, f"tensor {name!r}, {place}", "expected finite numbers")
+
+
+def check_sha256(path: Path, expected: str | None) -> None:
+    """Refuse a file that hashes to something else than is expected, if anything is."""
+    if expected is not None:
+        with at(path), path.open("rb") as file:
+            got = hashlib.file_digest(file, "sha256").hexdigest()
+        if got != expected:
+            raise InputError(path, "", f"expected {expected} as its sha256, got {got}")
 
 
 def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
     """Let a function write to a temporary name beside the path, then replace the path.
 
-    Raises:
-        InputError: where the path has no name, such as ``.``, or the disk is full or read-only; what was there stays.
+    InputError where the path has no name, such as ``.``, or the disk is full or read-only; what was there stays.
     """
     if path.name in ("", ".."):
         raise InputError(path, "", "expected the name of a file")
@@ -166,21 +180,6 @@ def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
 
 def keep_only(folder: Path, files: Sequence[Path]) -> None:
     """Remove the other files of a folder: those of an earlier run, or of one that was killed."""
-    for path in set(folder.glob("*")) | set(folder.glob(".*.tmp")):
-        if path not in files and path.is_file():
+    for path in {*folder.glob("*"), *folder.glob(".*.tmp")} - set(files):
+        if path.is_file():
             path.unlink()
-
-
-def _same_values(actual: pa.DataType, expected: pa.DataType) -> bool:
-    plain = [kind.value_type if pa.types.is_dictionary(kind) else kind for kind in (actual, expected)]
-    return bool(plain[0] == plain[1]) or all(pa.types.is_string(k) or pa.types.is_large_string(k) for k in plain)
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
-
-
-def _missing(path: Path) -> InputError:
-    from isi.stage import missing  # here: it knows the pipelines, of which nothing else in a table does
-
-    return missing(path)

@@ -22,11 +22,11 @@ import pyarrow.parquet as pq
 from isi.cli.graph import read
 from isi.graph.graph import TRIPLES, MinedSource, build_tables
 from isi.graph.words import look_up, read_vectors
-from isi.sources import Source, procthor_houses, triples_with_ids
+from isi.sources import KINDS, OBSERVATIONS, Source, procthor_houses
 from isi.sources.names import name_fault
 from isi.sources.recorder import Recording
 from isi.sources.recordings import FORMAT, ITHOR, Scene
-from isi.sources.tables import KINDS, OBSERVATIONS
+from isi.sources.triples import shipped_names
 from isi.tables import io as tables
 from isi.tables import paths
 from isi.tables.table import as_text
@@ -121,7 +121,7 @@ def shipped(*names: str, lines: int | None = None) -> Files:
 
 def mined(section: dict[str, Any]) -> str:
     """Mine a source as its stage does; what it gives is lawful, or this is a fault of the reader."""
-    triples_with_ids.shipped_names.cache_clear()
+    shipped_names.cache_clear()
     source = Source(section, "sources.fuzz", 0)
     OBSERVATIONS.write_parts(OUT[0], source.tables(), MADE)
     KINDS.write_file(OUT[1], source.kinds, MADE)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from isi.graph.graph import GraphTables, MinedSource, build_tables
 from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
-from isi.sources.triples_with_ids import KINDS, published_phrases, read_ids, shipped_names
+from isi.sources.triples import KINDS_BY_SUFFIX, published_phrases, read_ids, shipped_names
 from isi.tables import paths
 from tests.observing import observations_of
 
@@ -109,7 +109,7 @@ def test_rooms_and_locations_are_where_their_relations_lead() -> None:
 def test_names_of_the_graphs_agree_and_tell_entities_apart() -> None:
     names = shipped_names()
     assert not names["name"].duplicated().any()
-    of_kind = names.assign(kind=names["name"].str.rpartition(".")[2].map(KINDS))
+    of_kind = names.assign(kind=names["name"].str.rpartition(".")[2].map(KINDS_BY_SUFFIX))
     described = of_kind[["entity", "phrase", "kind"]].drop_duplicates()
     assert not described["entity"].duplicated().any()
     assert (

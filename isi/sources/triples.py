@@ -1,4 +1,4 @@
-"""Graphs published as triples: three that ship (the paper's own, VirtualHome's, THOR_U), and any with OpenKE's ids."""
+"""Graphs that are triples already: tables of one's own, files of OpenKE's ids, and the three graphs that ship."""
 
 from __future__ import annotations
 
@@ -12,16 +12,58 @@ import pandas as pd
 
 from isi.errors import InputError, short
 from isi.sources import Mining, Observation, reader
-from isi.sources.names import ENTITY, name_fault
-from isi.sources.readers import read_table, read_text, refuse
+from isi.sources.names import ENTITY, KindsByRelation, Naming, check_names, name_fault
+from isi.sources.readers import COUNT, SEPARATORS, read_batches, read_table, read_text, refuse
 from isi.tables import paths
 
+TRIPLE, PLACES = ["head", "relation", "tail"], ["scene", "room", "instance"]
 ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"
 #: Of what kind an entity is, by the last part of its name.
-KINDS = {"o": "object", "l": "location", "r": "room", "a": "action", "s": "state", "m": "material"}
+KINDS_BY_SUFFIX = {"o": "object", "l": "location", "r": "room", "a": "action", "s": "state", "m": "material"}
 SHIPPED = ("virtualhome", "thor_u")
-TRIPLE = ["head", "relation", "tail"]
+NO_NAMES = pd.DataFrame(columns=["name", "phrase"])
 Triple = tuple[str, str, str]
+
+
+@reader("table", Naming(), path="path", suffixes=(*SEPARATORS, ".parquet"))
+def table(
+    mining: Mining, path: str, entities: str | None = None, kinds: KindsByRelation | None = None,
+    household: bool = False,
+) -> Iterator[Observation]:  # fmt: skip
+    """Observations of a table of triples: ``.csv``, ``.tsv`` or ``.parquet``.
+
+    Args:
+        mining: is given how entities are named.
+        path: of a file with the columns ``head``, ``relation``, ``tail``, and perhaps ``count`` (else one each),
+            ``scene``, ``room``, ``instance``.
+        entities: path of such a file with the column ``entity``, and perhaps ``kind`` and ``phrase``.
+        kinds: of entities to which that gives none: those of each relation's heads and tails.
+        household: whether these are the relations and kinds of homes, where a room is what the column ``room`` names.
+    """
+    mining.name_entities = naming(entities, kinds, household)
+    for batch in read_batches(Path(path), TRIPLE, [COUNT, *PLACES]):
+        rows = pd.DataFrame({**dict.fromkeys(PLACES, ""), COUNT: 1, **batch}, batch.index)
+        for name in (*TRIPLE, *PLACES):
+            check_names(rows.loc[(rows[name] != "") | (name in TRIPLE), name], path)
+        places = ([place or None for place in rows[name]] for name in PLACES)
+        yield from zip(*places, *(rows[name] for name in TRIPLE), rows[COUNT], strict=True)
+
+
+def naming(entities: str | None, kinds: KindsByRelation | None, household: bool) -> Naming:
+    """How to name entities by a table of them and by relation, either of which may be missing.
+
+    InputError where the table is broken or lists an entity twice, or kinds are given beside those of homes.
+    """
+    if kinds and household:
+        raise InputError("kinds", "", "expected none beside household, which has its own")
+    named = Naming(kinds, household, strict=bool(kinds) or household)
+    if entities:
+        listed = read_table(Path(entities), ["entity"], ["entity"], optional=["kind", "phrase"]).set_index("entity")
+        for column, given in (("kind", named.kind_of), ("phrase", named.phrase_of)):
+            if column in listed:
+                given.update(listed.loc[listed[column] != "", column])
+        named.strict = named.strict or bool(named.kind_of)
+    return named
 
 
 def published_entities(triples: pd.DataFrame, _rooms: Collection[str]) -> pd.DataFrame:
@@ -35,18 +77,16 @@ def published_entities(triples: pd.DataFrame, _rooms: Collection[str]) -> pd.Dat
 def published(_mining: Mining) -> Iterator[Observation]:
     """Observations of the paper's graph, added up by triple: of which scene and instance they were is not published.
 
-    Raises:
-        InputError: where a file is missing or broken, lists a triple twice, or has a synset of no entity.
+    InputError where a file is missing or broken, lists a triple twice, or has a synset of no entity.
     """
-    listed = published_phrases()
-    entity_of = dict(zip(listed["synset"], listed["entity"], strict=True))
+    entity_of = published_phrases().set_index("synset")["entity"]
     path = paths.PUBLISHED_TRIPLES
-    table = read_table(path, [*TRIPLE, "count"], TRIPLE)
+    listed = read_table(path, [*TRIPLE, "count"], TRIPLE)
     for slot in ("head", "tail"):
-        refuse(path, table[slot], ~table[slot].isin(entity_of), "expected a synset that has an entity")
-        table[slot] = table[slot].map(entity_of)
-    for triple_and_count in table.itertuples(index=False, name=None):
-        yield None, None, None, *triple_and_count
+        refuse(path, listed[slot], ~listed[slot].isin(entity_of.index), "expected a synset that has an entity")
+        listed[slot] = listed[slot].map(entity_of)
+    for row in listed.itertuples(index=False, name=None):
+        yield None, None, None, *row
 
 
 def published_phrases() -> pd.DataFrame:
@@ -56,21 +96,19 @@ def published_phrases() -> pd.DataFrame:
 
 def shipped_entities(triples: pd.DataFrame, _rooms: Collection[str]) -> pd.DataFrame:
     """Entities of VirtualHome or THOR_U, in alphabetical order, with kind and phrase."""
-    return _entities(triples, shipped_names().drop_duplicates("entity").set_index("entity"))
+    return folder_entities(triples, (), shipped_names().drop_duplicates("entity").set_index("entity"))
 
 
-def folder_entities(triples: pd.DataFrame, _rooms: Collection[str]) -> pd.DataFrame:
-    """Entities of a folder, likewise; they go by their name in the file: ``bowl.o`` is another than ``bowl``."""
-    return _entities(triples, pd.DataFrame(columns=["name", "phrase"]))
+def folder_entities(triples: pd.DataFrame, _rooms: Collection[str], listed: pd.DataFrame = NO_NAMES) -> pd.DataFrame:
+    """Entities of a folder, likewise; they go by their name in the file: ``bowl.o`` is another than ``bowl``.
 
-
-def _entities(triples: pd.DataFrame, listed: pd.DataFrame) -> pd.DataFrame:
-    """Entities whose kind is that of their name in the file; the phrase is its words, where no other is listed."""
+    The kind is that of the name in the file; the phrase is its words, where no other is listed.
+    """
     rows = []
     for entity in sorted({*triples["head"], *triples["tail"]}):
         name = listed["name"].get(entity, entity)
         stem, _, suffix = name.rpartition(".")
-        kind = KINDS.get(suffix) if stem else None
+        kind = KINDS_BY_SUFFIX.get(suffix) if stem else None
         words = (stem if kind else name).replace("_", " ")
         rows.append((entity, kind or ENTITY, listed["phrase"].get(entity, words)))
     return pd.DataFrame(rows, columns=["entity", "kind", "phrase"])
@@ -80,16 +118,13 @@ def _entities(triples: pd.DataFrame, listed: pd.DataFrame) -> pd.DataFrame:
 def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = None) -> Iterator[Observation]:
     """Observations, added up by triple: their scenes and instances are not known.
 
-    Args:
-        mining: is given how the entities of a folder are named.
-        from_: ``virtualhome`` or ``thor_u``, which ship, or the path of a folder with the files ``entity2id.txt`` and
-            ``relation2id.txt``.
-        triples: the files of triples in that folder, whose repeats are observations; null: ``gt2id.txt``.
+    ``from_`` is ``virtualhome`` or ``thor_u``, which ship, or the path of a folder with the files ``entity2id.txt`` and
+    ``relation2id.txt``; ``triples`` are files of triples in it, whose repeats are observations (null: ``gt2id.txt``).
     """
     entity_of: dict[str, str] = {}
     if from_ in SHIPPED:
-        table = read_table(paths.RAW / from_ / "triples.csv", [*TRIPLE, "count"], TRIPLE)
-        counts = {(head, rel, tail): count for head, rel, tail, count in table.itertuples(index=False, name=None)}
+        listed = read_table(paths.RAW / from_ / "triples.csv", [*TRIPLE, "count"], TRIPLE)
+        counts = {(head, rel, tail): count for head, rel, tail, count in listed.itertuples(index=False, name=None)}
         entity_of = dict(shipped_names()[["name", "entity"]].itertuples(index=False, name=None))
     else:
         counts = read_ids(Path(from_), triples or [ALL])
@@ -108,9 +143,8 @@ def shipped_names() -> pd.DataFrame:
 def read_ids(folder: Path, files: Collection[str]) -> dict[Triple, int]:
     """How often each triple stands in files of ids, heads before tails before relations.
 
-    Raises:
-        InputError: where a file is missing, has another number of lines than it says, or has an id without a name; or
-            where there is no triple.
+    InputError where a file is broken, has another number of lines than it says or an id without a name, or where there
+    is no triple.
     """
     names, relations = read_id_names(folder / ENTITIES), read_id_names(folder / RELATIONS)
     counts: Counter[Triple] = Counter()
@@ -127,11 +161,7 @@ def read_ids(folder: Path, files: Collection[str]) -> dict[Triple, int]:
 
 
 def read_id_names(path: Path) -> list[str]:
-    """Names in the order of their ids: lines of a name, a tab and an id.
-
-    Raises:
-        InputError: where the file is missing or broken, or a name or an id is missing or repeats.
-    """
+    """Names in the order of their ids: lines of a name, a tab and an id; InputError where one is missing or repeats."""
     name_of: dict[int, str] = {}
     names: set[str] = set()
     for number, line in _lines(path, r"(.+)\t([0-9]{1,9})\s*", "a name, a tab and an id"):
