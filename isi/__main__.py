@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 try:
-    from isi.cli.app import main
+    from isi.cli import main
 except ModuleNotFoundError as error:
     sys.exit(f"isi: {sys.executable} lacks the package {error.name}: activate .venv, or use its `isi`")
 

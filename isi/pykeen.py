@@ -32,7 +32,6 @@ from isi.errors import InputError, short
 from isi.initializers.api import NoRelationMap
 from isi.insertion import api
 from isi.insertion.arguments import Source, Triple, argument, as_list
-from isi.insertion.choose import margin_of
 from isi.insertion.result import Inserted
 from isi.models.bilinear import ComplEx, DistMult
 from isi.models.distance import RotatE, TransE, TransEL1
@@ -85,19 +84,19 @@ def inserted(
     check(margin, Annotated[float, Field(allow_inf_nan=False)] | None, "", "argument 'margin'")  # type: ignore[arg-type]
     with argument("triples"):
         rows: Any = triples.cpu().numpy() if isinstance(triples, Tensor) else triples
-        rows = rows if isinstance(rows, np.ndarray) and rows.ndim else as_list(rows, object, "triples")
+        rows = rows if isinstance(rows, np.ndarray) and rows.ndim else as_list(rows)
     with argument("factory"):
         if not isinstance(factory, CoreTriplesFactory):
             raise InputError("", "", f"expected a triples factory of PyKEEN's, got {short(factory)}")
         expected = f"{table_of(model).max_id} entities and {model.num_real_relations} relations"
         if (got := f"{factory.num_entities} entities and {factory.real_num_relations} relations") != expected:
             raise InputError("", "", f"expected {expected}, as the model has, got {got}")
-    embedding = read_model(model, factory.mapped_triples, margin)
-    labels: tuple[list[str] | None, list[str] | None] = None, None
-    with argument("factory"):
+        labels = list[list[str] | None]([None, None])
         if isinstance(factory, TriplesFactory):
-            entities = _by_id(factory.entity_to_id, factory.num_entities)
-            labels = entities, _by_id(factory.relation_to_id, factory.num_relations)
+            labels = [sorted(ids, key=ids.__getitem__) for ids in (factory.entity_to_id, factory.relation_to_id)]
+            if (number := len(set(factory.entity_to_id.values()))) != factory.num_entities:
+                raise InputError("", "", f"expected labels of all {factory.num_entities} entities, got {number}")
+    embedding = read_model(model, factory.mapped_triples, margin)
     if new is None:
         if not isinstance(factory, TriplesFactory):
             raise InputError("argument 'new'", "", "expected how many entities are new: the factory has no labels")
@@ -109,14 +108,6 @@ def inserted(
         entity_names=labels[0], relation_names=labels[1], known_triples=factory.mapped_triples.numpy(), words=words,
         word_source=word_source, kinds=kinds, initializer=initializer, options=options, seed=seed,
     )  # fmt: skip
-
-
-def _by_id(ids: Mapping[str, int], number: int) -> list[str]:
-    """Labels in the order of ids."""
-    labels = {row: label for label, row in ids.items()}
-    if len(labels) != number:
-        raise InputError("", "", f"expected labels of all {number} rows, got {len(labels)}")
-    return [labels[row] for row in range(number)]
 
 
 def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> tuple[PykeenModel, CoreTriplesFactory]:
@@ -187,8 +178,7 @@ class InteractionModel(Model):
         return sum(form.size for form in self.relations)
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
-        sizes = [form.size for form in self.relations]
-        parts = torch.split(relation.double(), sizes, -1) if sizes else ()
+        parts = torch.split(relation.double(), [form.size for form in self.relations], -1) if self.relations else ()
         values = tuple(form.values(part) for form, part in zip(self.relations, parts, strict=True))
         first, last = (self.entity.values(vectors.double()) for vectors in (head, tail))
         scores: Tensor = self.interaction(h=first, r=values[0] if len(values) == 1 else values, t=last)
@@ -225,36 +215,35 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
     form, entity = _read(table_of(model))
     if model.use_inverse_triples:
         raise InputError("argument 'model'", "", "expected a model that was trained without inverse triples")
-    relations = [_read(representation) for representation in model.relation_representations]
-    closed = _closed_form(model.interaction, [rows for _, rows in relations])
-    if closed:
+    read = [_read(representation) for representation in model.relation_representations]
+    forms, tables = tuple(form for form, _ in read), [rows for _, rows in read]
+    if closed := _closed_form(model.interaction, tables):
         make, rows = closed
-        without_margin = Embedding(entity[None].float(), rows[None].float(), make(0.0))
-        return replace(without_margin, model=make(margin_of(without_margin, triples, margin)))
+        embedding = Embedding(entity[None].float(), rows[None].float(), make(0.0))
+        return replace(embedding, model=make(api.margin_of(embedding, triples, margin)))
     interaction = deepcopy(model.interaction).cpu().double().eval().requires_grad_(False)
-    rows = torch.cat([rows for _, rows in relations], 1) if relations else torch.zeros(model.num_relations, 0)
-    scored = InteractionModel(interaction, form, tuple(form for form, _ in relations), 0.0)
-    scored = replace(scored, offset=margin_of(Embedding(entity[None], rows[None], scored), triples, margin))
+    rows = torch.cat(tables, 1) if tables else torch.zeros(model.num_relations, 0)
+    scored = InteractionModel(interaction, form, forms, 0.0)
+    scored = replace(scored, offset=api.margin_of(Embedding(entity[None], rows[None], scored), triples, margin))
     return Embedding(entity[None].float(), rows[None].float(), scored)
 
 
 def _closed_form(
-    interaction: modules.Interaction[Any, Any, Any], relations: list[Tensor]
+    interaction: modules.Interaction[Any, Any, Any], relations: Sequence[Tensor]
 ) -> tuple[Callable[[float], Model], Tensor] | None:
     """A model of our own for an interaction, by its margin, and its rows of relations; null where there is none."""
-    if type(interaction) is modules.DistMultInteraction:
-        return lambda _: DistMult(), relations[0]
-    if type(interaction) is modules.ComplExInteraction:
-        return lambda _: ComplEx(), relations[0]
-    if type(interaction) is modules.TransEInteraction and interaction.p == 2:
-        return lambda margin: TransE(margin, bool(interaction.power_norm)), relations[0]
-    if type(interaction) is modules.TransEInteraction and interaction.p == 1:
-        return TransEL1, relations[0]
     if type(interaction) is modules.RotatEInteraction:
         real, imaginary = relations[0].chunk(2, 1)
-        if (torch.hypot(real, imaginary) - 1).abs().max() < ROUNDING:
-            return lambda margin: RotatE(margin, False), torch.atan2(imaginary, real)
-    return None
+        is_rotation = (torch.hypot(real, imaginary) - 1).abs().max() < ROUNDING
+        return (lambda margin: RotatE(margin, False), torch.atan2(imaginary, real)) if is_rotation else None
+    forms: dict[tuple[type, Any], Callable[[float], Model]] = {
+        (modules.DistMultInteraction, None): lambda _: DistMult(),
+        (modules.ComplExInteraction, None): lambda _: ComplEx(),
+        (modules.TransEInteraction, 1): TransEL1,
+        (modules.TransEInteraction, 2): lambda margin: TransE(margin, bool(interaction.power_norm)),
+    }
+    make = forms.get((type(interaction), getattr(interaction, "p", None)))
+    return (make, relations[0]) if make else None
 
 
 def _read(representation: Representation) -> tuple[Form, Tensor]:

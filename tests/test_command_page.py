@@ -11,7 +11,7 @@ import pytest
 
 from isi.__main__ import main
 from isi.bundle.folder import ManifestFile
-from isi.cli.app import COMMANDS
+from isi.cli import COMMANDS
 from isi.models.model import MODELS
 from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, files, written
 

@@ -17,7 +17,7 @@ from isi.__main__ import main
 from isi.bundle.calibration import Answer
 from isi.bundle.folder import MODEL, WordSource, read
 from isi.bundle.insert import phrase_vector
-from isi.cli.app import lines
+from isi.cli import lines
 from isi.cli.entity import is_unexpected
 from isi.graph.words import read_vectors
 from isi.tables import paths

@@ -12,21 +12,23 @@ The remaining vectors were trained beside the hidden entities, which makes these
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import softplus
 
-from isi.bundle.insert import InsertedEntity
+from isi.bundle.insert import InsertedEntity, before
 from isi.bundle.query import OpenBundle, Query
 from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion.api import insert
 from isi.random import stream
 
+#: Probability from which on an answer may be unexpected.
+LIKELY = 0.2
 #: Answers in one curve, at most, and entities that are queried for it.
 MOST_ANSWERS, MOST_ENTITIES = 2**19, 256
 #: Unknown answers in one curve, at most.
@@ -42,16 +44,18 @@ class Answer:
     """A predicted answer."""
 
     entity: str
-    #: from 1, among the candidates
-    rank: int
+    rank: int  #: from 1, among the candidates
     score: float
-    #: calibrated probability; null where too little is known
-    probability: float | None
-    #: share of the other candidates that score lower, from 0 to 1
-    percentile: float
+    probability: float | None  #: calibrated; null where too little is known
+    percentile: float  #: share of the other candidates that score lower, from 0 to 1
     known: bool
-    #: the indicators that are known to have this answer; null where there are no indicators
-    shared_by: list[str] | None
+    shared_by: list[str] | None  #: the indicators that are known to have this answer; null where there are none
+
+    @property
+    def unexpected(self) -> bool:
+        """Whether it is likely (without probabilities: the best), not known, and known of no indicator."""
+        likely = self.rank == 1 if self.probability is None else self.probability >= LIKELY
+        return likely and not self.known and self.shared_by == []
 
 
 def answer(
@@ -65,24 +69,33 @@ def answer(
         held_out: of an inserted entity, which calibrates queries about it.
         indicators: ids of entities whose known answers are compared.
     """
-    relation, slot, names = query.relation, query.slot, opened.entity_names
     entities, scores = opened.ranked(query)
-    shown = scores[:most]
+    shown, names = scores[:most], opened.entity_names
     lower = torch.searchsorted(scores.flip(0), shown).tolist()
-    is_inserted = held_out is not None and query.given == held_out.inserted.entity
-    curve = held_out.curve(relation, slot) if held_out and is_inserted else fit_curve(opened, relation, slot)
+    of_inserted = held_out is not None and query.given == held_out.inserted.entity
+    curve = (held_out.curve if held_out and of_inserted else partial(fit_curve, opened))(query.relation, query.slot)
     probabilities = [None] * len(shown) if curve is None else curve(shown).tolist()
     columns = entities[:most].tolist(), shown.tolist(), probabilities, lower
+
+    def shared_by(entity: int) -> list[str] | None:
+        if indicators is None:
+            return None
+        return [names[row] for row in indicators if entity in opened.answers.get(query._replace(given=row), ())]
+
     return [
         Answer(
             names[entity], rank, score, probability, below / max(1, len(scores) - 1),
-            entity in opened.known_answers(query),
-            None if indicators is None else [
-                names[row] for row in indicators if entity in opened.known_answers(Query(row, relation, slot))
-            ],
+            entity in opened.answers.get(query, ()), shared_by(entity),
         )
         for rank, (entity, score, probability, below) in enumerate(zip(*columns, strict=True), 1)
     ]  # fmt: skip
+
+
+def calibrated_on(answers: Sequence[Answer], inserted: bool) -> str | None:
+    """What probabilities are calibrated on; null where an answer has none."""
+    if any(best.probability is None for best in answers):
+        return None
+    return "held-out entities" if inserted else "known triples"
 
 
 @dataclass(frozen=True)
@@ -106,7 +119,7 @@ def fit_curve(opened: OpenBundle, relation: int, slot: int) -> PlattCurve | None
     scores = opened.scores(torch.tensor(sample), relation, slot).double()
     known = torch.zeros(scores.shape, dtype=torch.bool)
     for row, entity in enumerate(sample):
-        known[row, sorted(opened.known_answers(Query(entity, relation, slot)))] = True
+        known[row, sorted(opened.answers.get(Query(entity, relation, slot), ()))] = True
     return fit_platt(scores[:, candidates].flatten(), known[:, candidates].flatten())
 
 
@@ -161,8 +174,7 @@ class HeldOutEntity:
 
     entity: int
     vector: Tensor
-    #: ids, shape: (I, 3)
-    insert_triples: np.ndarray
+    insert_triples: np.ndarray  #: ids, shape: (I, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,31 +185,26 @@ class HeldOutCalibration:
 
     @cached_property
     def known(self) -> OpenBundle:
-        """The bundle before the insertion."""
-        return self.inserted.opened.part(np.arange(self.inserted.entity))
+        """The bundle before the insertion; without word vectors, if the inserted entity has none."""
+        known, new = before(self.inserted.opened, self.inserted.record)
+        return known if new.vector is not None else replace(known, words=None)
 
     @cached_property
     def held_out(self) -> list[HeldOutEntity]:
         """Known entities as they would have been inserted."""
-        rng, words, known = stream(0, "rehearsal"), self._words, self.known
+        rng, known = stream(0, "rehearsal"), self.known
         degree = np.bincount(known.triples[:, [HEAD, TAIL]].flatten(), minlength=len(known.entities))
         suitable = degree > len(self.inserted.result.insert_triples)
-        if words is not None:
-            suitable &= words.any(1)
+        if known.words is not None:
+            suitable &= known.words.any(1)
         number = max(LEAST_HIDDEN, min(MOST_ENTITIES, MOST_ANSWERS // len(degree)))
         chosen = rng.permutation(np.flatnonzero(suitable))[:number]
         parts = -(-len(chosen) // max(1, len(degree) // ONE_IN))
         return [entity for part in range(parts) for entity in self._hide(chosen[part::parts], rng)]
 
-    @property
-    def _words(self) -> np.ndarray | None:
-        """Word vectors of the known entities, if the inserted entity has one; shape (E, v)."""
-        words, entity = self.inserted.opened.words, self.inserted.entity
-        return None if words is None or not words[entity].any() else words[:entity]
-
     def _hide(self, hidden: np.ndarray, rng: np.random.Generator) -> Iterator[HeldOutEntity]:
         """Entities that are hidden together, each inserted from as many triples with known ends as the inserted one."""
-        known, result, words = self.known, self.inserted.result, self._words
+        known, result = self.known, self.inserted.result
         rest = np.setdiff1d(np.arange(len(known.entities)), hidden)
         order = np.concatenate([rest, hidden])
         triples, given = known.triples[np.isin(known.triples[:, [HEAD, TAIL]], hidden).sum(1) == 1], []
@@ -209,7 +216,7 @@ class HeldOutCalibration:
         try:
             again = insert(
                 known.entities[rest], known.relations, triples, new=len(hidden), model=known.model,
-                known_triples=known.part(rest).triples, words=None if words is None else words[order],
+                known_triples=known.part(rest).triples, words=None if known.words is None else known.words[order],
                 kinds=[known.kinds[row] for row in order], initializer=result.initializer, options=result.options,
             )  # fmt: skip
         except InputError:  # too few entities are left
@@ -241,11 +248,9 @@ class HeldOutCalibration:
         row = theta.relation[:, relation][:, None]
         score = theta.model.score_tails if slot == TAIL else theta.model.score_heads
         for held_out in self.held_out:
-            right = self.known.known_answers(Query(held_out.entity, relation, slot))
-            if not right:
-                continue
-            scores = score(held_out.vector[None, None], row, theta.entity)[0, 0].double()
-            given = held_out.insert_triples
-            given = given[(given[:, RELATION] == relation) & (given[:, end] == held_out.entity), slot]
-            answers = candidates[~torch.isin(candidates, torch.tensor([held_out.entity, *given]))]
-            yield scores[answers], torch.isin(answers, torch.tensor(sorted(right)))
+            if right := self.known.answers.get(Query(held_out.entity, relation, slot)):
+                scores = score(held_out.vector[None, None], row, theta.entity)[0, 0].double()
+                given = held_out.insert_triples
+                given = given[(given[:, RELATION] == relation) & (given[:, end] == held_out.entity), slot]
+                answers = candidates[~torch.isin(candidates, torch.tensor([held_out.entity, *given]))]
+                yield scores[answers], torch.isin(answers, torch.tensor(sorted(right)))

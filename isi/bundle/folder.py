@@ -71,12 +71,9 @@ class ManifestSection(Section):
 class WordSource(ManifestSection):
     """Where word vectors come from, so that a new phrase can have one of the same kind."""
 
-    #: a file's name or path, ``shipped``, or a description
-    source: Text
-    #: what of an entity was embedded: definition, phrase, wordnet (phrases with a definition), glove (means of words)
-    text: Text
-    #: the sentence model that made them; null where it is unknown
-    model: Text | None
+    source: Text  #: a file's name or path, ``shipped``, or a description
+    text: Text  #: what was embedded: definition, phrase, wordnet (phrases with a definition), glove (means of words)
+    model: Text | None  #: the sentence model that made them; null where it is unknown
 
 
 class InsertionRequest(ManifestSection):
@@ -85,8 +82,7 @@ class InsertionRequest(ManifestSection):
     entity: Text
     insert_triples: list[NamedTriple]
     definition: Text | None
-    #: null: the best for what is given
-    requested_initializer: Text | None
+    requested_initializer: Text | None  #: null: the best for what is given
     options: dict[str, Option]
     seed: Seed
 
@@ -105,10 +101,8 @@ class Manifest(ManifestSection):
     model_name: Name
     model_options: dict[str, Option]
     words: WordSource | None
-    #: how it was trained or where it was imported from, in its maker's terms
-    made: dict[str, Any]
-    #: of the last rows, in their order
-    inserted: list[InsertionRecord]
+    made: dict[str, Any]  #: how it was trained or where it was imported from, in its maker's terms
+    inserted: list[InsertionRecord]  #: of the last rows, in their order
 
 
 class ManifestFile(Manifest):
@@ -128,21 +122,16 @@ class Bundle:
     """An embedding and what is known about its entities."""
 
     manifest: Manifest
-    #: float32 or float64; shapes: (E, d), (R, w)
-    entities: np.ndarray
-    relations: np.ndarray
+    entities: np.ndarray  #: float32 or float64; shape: (E, d)
+    relations: np.ndarray  #: shape: (R, w)
     entity_names: list[str]
-    #: empty where there is none
-    kinds: list[str]
-    #: what each is called in words
-    phrases: list[str]
+    kinds: list[str]  #: empty where there is none
+    phrases: list[str]  #: what each is called in words
     relation_names: list[str]
-    #: ids; shape: (T, 3), int64
-    triples: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
-    #: zero where there is none; shape: (E, v), float32; null where no entity has one
-    words: np.ndarray | None = None
+    triples: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))  #: ids; shape: (T, 3), int64
+    words: np.ndarray | None = None  #: zero where there is none; shape: (E, v), float32; null where no entity has one
 
-    def insertions(self) -> Mapping[str, InsertionRecord]:
+    def insertions(self) -> dict[str, InsertionRecord]:
         """Records by the name of the inserted entity."""
         return {record.entity: record for record in self.manifest.inserted}
 
@@ -155,9 +144,7 @@ class Bundle:
 def write(folder: Path, bundle: Bundle) -> None:
     """Write a bundle as a folder, which replaces an earlier bundle at once: it is whole or it is not there.
 
-    Raises:
-        InputError: where a name does not fit into a table, or the folder holds other files, or an inserted entity that
-            the bundle lacks.
+    An ``InputError`` where a name fits into no table, or the folder has other files or inserted entities than these.
     """
     tensors = {"entities": bundle.entities, "relations": bundle.relations, "words": bundle.words}
     rows = {
@@ -171,10 +158,10 @@ def write(folder: Path, bundle: Bundle) -> None:
         "entities": len(bundle.entities), "relations": len(bundle.relations), "dimension": bundle.entities.shape[1],
         "triples": len(bundle.triples), "files": {name: _sha256(content) for name, content in files.items()},
     }  # fmt: skip
-    text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
-    files[MANIFEST] = f"{text}\n".encode()
+    files[MANIFEST] = (json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
     _checked(folder, files)
-    refuse_to_replace(folder, bundle.entity_names)
+    with at(folder):
+        _refuse_to_replace(folder, bundle.entity_names)
     temporary, old = (folder.with_name(f".{folder.name}.{os.getpid()}.{end}") for end in ("tmp", "old.tmp"))
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -194,28 +181,22 @@ def write(folder: Path, bundle: Bundle) -> None:
             shutil.rmtree(path, ignore_errors=True)
 
 
-def refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
-    """Refuse a folder with files that are no bundle's, or with an inserted entity that is not among these names.
-
-    Raises:
-        InputError: naming what would be lost.
-    """
-    with at(folder):
-        if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-            raise InputError("", "", "not a folder: choose a new name, or the folder of a bundle")
-        for name in sorted(path.name for path in folder.iterdir()) if folder.exists() else ():
-            if name not in (MANIFEST, VECTORS, *COLUMNS):
-                raise InputError("", name, "not a file of a bundle: expected an empty folder or a bundle alone")
-        if not (folder / MANIFEST).exists():
-            return
-        try:
-            inserted = [record["entity"] for record in json.loads((folder / MANIFEST).read_bytes())["inserted"]]
-        except (ValueError, LookupError, TypeError, RecursionError) as error:
-            expected = "already holds a bundle that cannot be read; choose another folder"
-            raise InputError("", "", expected) from error
-        if lost := ", ".join(str(name) for name in inserted if name not in names):
-            expected = f"already holds a bundle with {lost}: add to it with --embedding, or choose another folder"
-            raise InputError("", "", expected)
+def _refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
+    """Refuse a folder with files that are no bundle's, or with an inserted entity that is not among these names."""
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise InputError("", "", "not a folder: choose a new name, or the folder of a bundle")
+    present = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+    for name in (name for name in present if name not in (MANIFEST, VECTORS, *COLUMNS)):
+        raise InputError("", name, "not a file of a bundle: expected an empty folder or a bundle alone")
+    if MANIFEST not in present:
+        return
+    try:
+        inserted = [record["entity"] for record in json.loads((folder / MANIFEST).read_bytes())["inserted"]]
+    except (ValueError, LookupError, TypeError, RecursionError) as error:
+        raise InputError("", "", "already holds a bundle that cannot be read; choose another folder") from error
+    if lost := ", ".join(str(name) for name in inserted if name not in names):
+        expected = f"already holds a bundle with {lost}: add to it with --embedding, or choose another folder"
+        raise InputError("", "", expected)
 
 
 def _sha256(content: bytes) -> str:
@@ -223,11 +204,7 @@ def _sha256(content: bytes) -> str:
 
 
 def read(folder: Path) -> Bundle:
-    """Read a bundle.
-
-    Raises:
-        InputError: naming the file and the place that is missing or broken, or does not fit the others.
-    """
+    """Read a bundle; an ``InputError`` names the file and the place that is missing or broken, or fits no others."""
     files = {}
     for name in (MANIFEST, VECTORS, *COLUMNS):
         with at(folder / name if folder.is_dir() else folder):
@@ -242,8 +219,8 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
     entities, relations, rows = (_rows(folder / name, files[name], COLUMNS[name]) for name in COLUMNS)
     names, kinds, phrases = (list(column) for column in zip(*entities, strict=True)) if entities else ([], [], [])
     labels = [name for (name,) in relations]
-    entity_ids, relation_ids = ids_of(folder / ENTITIES, names), ids_of(folder / RELATIONS, labels)
-    triples = triple_ids(folder / TRIPLES, rows, entity_ids, relation_ids, first=2)
+    ids = ids_of(folder / ENTITIES, names), ids_of(folder / RELATIONS, labels)
+    triples = triple_ids(folder / TRIPLES, rows, *ids, first=2)
     tensors = _tensors(folder / VECTORS, files[VECTORS], {"entities": names, "relations": labels, "words": names})
     numbers = {"entities": len(names), "relations": len(labels), "triples": len(triples),
                "dimension": tensors["entities"].shape[1]}  # fmt: skip
@@ -255,7 +232,7 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
             raise InputError("", "inserted", "expected the entities of the last rows, in their order")
         for number, record in enumerate(manifest.inserted):
             for head, relation, tail in record.insert_triples:
-                if not {head, tail} <= set(names) or relation not in labels or record.entity not in (head, tail):
+                if not {head, tail} <= ids[0].keys() or relation not in ids[1] or record.entity not in (head, tail):
                     expected = f"expected known names, one of them {record.entity!r:.80}"
                     raise InputError("", f"inserted.{number}.told", expected)
     for name in (VECTORS, *COLUMNS):
@@ -280,11 +257,7 @@ def _rows(path: Path, content: bytes, columns: Sequence[str]) -> list[list[str]]
 
 
 def ids_of(path: Path, names: Sequence[str], first: int = 2) -> dict[str, int]:
-    """Ids by name; an ``InputError`` for one that is empty, has control characters or repeats names its line.
-
-    Args:
-        first: line of the first name.
-    """
+    """Ids by name, the first from line ``first``; an ``InputError`` names the line of one that is none or repeats."""
     ids: dict[str, int] = {}
     for row, name in enumerate(names):
         with at(path, f"line {row + first}"):
@@ -297,11 +270,7 @@ def ids_of(path: Path, names: Sequence[str], first: int = 2) -> dict[str, int]:
 def triple_ids(
     path: Path, rows: Iterable[Sequence[str]], entities: Mapping[str, int], relations: Mapping[str, int], first: int = 1
 ) -> np.ndarray:
-    """Triples of names as ids, shape (T, 3), int64; an ``InputError`` for a name that is unknown names its line.
-
-    Args:
-        first: line of the first triple.
-    """
+    """Triples of names as ids, shape (T, 3), int64; an ``InputError`` for a name that is unknown names its line."""
     ids = []
     for line, row in enumerate(rows, first):
         for slot, name, known in zip(COLUMNS[TRIPLES], row, (entities, relations, entities), strict=True):

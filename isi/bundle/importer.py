@@ -24,15 +24,16 @@ from isi.bundle.folder import Bundle, Manifest, check_numbers, ids_of, triple_id
 from isi.bundle.query import plain
 from isi.config import Option
 from isi.errors import InputError, at, cut
+from isi.insertion.api import margin_of
 from isi.insertion.arguments import argument, checked_model, stack_of_one, table
-from isi.insertion.choose import margin_of
 from isi.models.model import MODELS
-from isi.models.stack import Embedding
 from isi.sources.triples import read_id_names, read_ids
 
 #: PyKEEN's folder and OpenKE's files; files of names, one a line, where there is neither.
 PYKEEN, ENTITY2ID, RELATION2ID, TRAIN2ID = "training_triples", "entity2id.txt", "relation2id.txt", "train2id.txt"
 ENTITY_NAMES, RELATION_NAMES, TRIPLES = "entities.txt", "relations.txt", "triples.tsv"
+#: What PyKEEN pickles a model as.
+PICKLE = "trained_model.pkl"
 #: Suffixes of files of tensors.
 FORMS = (".npy", ".npz", ".safetensors", ".json", ".pt", ".pth")
 #: What tools call the tables of entities and relations; of two, the halves of complex vectors: real, then imaginary.
@@ -56,21 +57,17 @@ WITHIN = ("state_dict", "model_state_dict")
 class Labels:
     """Names of an embedding's rows, and its known triples."""
 
-    #: where they were read: PyKEEN, entity2id, arrays
-    form: str
+    form: str  #: where they were read: PyKEEN, entity2id, arrays
     entities: list[str]
     relations: list[str]
-    #: ids; shape: (T, 3), int64
-    triples: np.ndarray
+    triples: np.ndarray  #: ids; shape: (T, 3), int64
 
 
 def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files: Sequence[Path]) -> Bundle:
     """A bundle of labels and files of tensors.
 
-    A distance model without a margin gets one halfway between the mean scores of known and of corrupted triples.
-
-    Raises:
-        InputError: naming the argument of ``isi.insert``, or the file, that is wrong or does not fit the others.
+    A distance model without a margin gets one halfway between the mean scores of known and of corrupted triples. An
+    ``InputError`` names the argument of ``isi.insert``, or the file, that is wrong or does not fit the others.
     """
     tensors = {name: values for file in files for name, values in read_tensors(file).items()}
     with argument("model"):
@@ -90,16 +87,22 @@ def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files:
     return bundle
 
 
-def of_pykeen_model(embedding: Embedding, labels: Labels, path: Path) -> Bundle:
-    """A bundle of a PyKEEN model as ``isi.pykeen`` reads it.
-
-    Raises:
-        InputError: where its scoring function has no closed form, which a manifest could not describe.
-    """
-    model = embedding.model
+def of_pickle(path: Path, labels: Labels) -> Bundle:
+    """A bundle of PyKEEN's model, unpickled; an ``InputError`` where it has no closed form for a manifest."""
+    if not path.is_file():
+        raise InputError(path, "", "no such file: expected PyKEEN's pickle of a model")
+    try:
+        from isi.pykeen import read_model
+    except ImportError as error:
+        raise InputError(path, "", "needs PyKEEN to be read: pip install pykeen") from error
+    try:
+        pickled = torch.load(path, map_location="cpu", weights_only=False)  # as its user has asked for
+    except Exception as error:  # whatever a pickle does
+        raise InputError(path, "", f"expected a model of PyKEEN's ({type(error).__name__})") from error
+    embedding = read_model(pickled, torch.from_numpy(labels.triples), None)
+    entities, relations, model = embedding.entity[0].numpy(), embedding.relation[0].numpy(), embedding.model
     for name in MODELS.names():
         if type(model) is MODELS.get(name, ""):
-            entities, relations = embedding.entity[0].numpy(), embedding.relation[0].numpy()
             return _bundle(name, vars(model), entities, relations, labels, [path])
     raise InputError(path, "", "expected TransE, DistMult, ComplEx or RotatE: isi.pykeen.insert takes other models")
 
@@ -109,25 +112,34 @@ def _bundle(
     files: Sequence[Path],
 ) -> Bundle:  # fmt: skip
     model = checked_model(name, options, entities.shape[1])
-    with at(files[0], "entities"):
-        check_numbers(entities, len(labels.entities))
-    with at(files[0], "relations"):
-        check_numbers(relations, len(labels.relations))
-        table(relations, "relations", model.width(entities.shape[1]))
-    made = {"imported": labels.form,
-            "files": {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}}  # fmt: skip
-    used = {key: vars(model)[key] for key in options}
-    manifest = Manifest(model_name=name, model_options=used, words=None, made=made, inserted=[])
+    for slot, rows, names in (("entities", entities, labels.entities), ("relations", relations, labels.relations)):
+        with at(files[0], slot):
+            check_numbers(rows, len(names))
+            table(rows, slot, model.width(entities.shape[1]) if slot == "relations" else None)
+    digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    manifest = Manifest(
+        model_name=name, model_options={key: vars(model)[key] for key in options}, words=None,
+        made={"imported": labels.form, "files": digests}, inserted=[],
+    )  # fmt: skip
     triples = np.unique(labels.triples, axis=0) if len(labels.triples) else labels.triples
     kinds, phrases = [""] * len(entities), [plain(name) for name in labels.entities]
     return Bundle(manifest, entities, relations, labels.entities, kinds, phrases, labels.relations, triples)
 
 
+def tensors_in(folder: Path, form: str) -> list[Path]:
+    """The files of tensors in a folder; an ``InputError`` where there are none."""
+    others = ("results.json", "metadata.json") if form == "PyKEEN" else ()
+    files = sorted(path for path in folder.iterdir() if path.suffix in FORMS and path.name not in others)
+    if not files:
+        pickled = f" ({PICKLE} is a pickle, which is read with --trust-pickle alone)" * (folder / PICKLE).exists()
+        raise InputError(folder, "", f"expected a file of tensors{pickled}: {', '.join(FORMS)}, or --tensors FILE")
+    return files
+
+
 def read_tensors(path: Path) -> dict[str, np.ndarray]:
     """The tables of a file, by name; that of ``.npy`` has the file's name.
 
-    Raises:
-        InputError: where the file is missing, broken, or of another form, or would run code when it is read.
+    An ``InputError`` where the file is missing, broken, or of another form, or would run code when it is read.
     """
     if path.suffix not in FORMS or not path.is_file():
         raise InputError(path, "", f"no such file of tensors: expected one of {', '.join(FORMS)}")
@@ -194,21 +206,11 @@ def _tables(tensors: Mapping[str, np.ndarray], model: str) -> tuple[np.ndarray, 
 def read_labels(folder: Path) -> Labels:
     """Names and known triples of a folder of PyKEEN's, of OpenKE's, or with lists of names.
 
-    PyKEEN's pickle of metadata is not read. Without a file of triples in the others, there are none.
-
-    Raises:
-        InputError: where it is none of these, or a file is missing or broken.
+    PyKEEN's pickle of metadata is not read. Without a file of triples in the others, there are none. An ``InputError``
+    where it is none of these, or a file is missing or broken.
     """
     if (folder / PYKEEN).is_dir():
-        entities, relations = (
-            _pykeen_names(folder / PYKEEN / f"{slot}_to_id.tsv.gz") for slot in ("entity", "relation")
-        )
-        path = folder / PYKEEN / "numeric_triples.tsv.gz"
-        most = [len(entities), len(relations), len(entities)]
-        triples = _pykeen_table(path, ["head", "relation", "tail"], np.int64).to_numpy()
-        for row in np.flatnonzero(((triples < 0) | (triples >= most)).any(1))[:1]:
-            raise InputError(path, f"line {row + 2}", f"expected ids below {most}")
-        return Labels("PyKEEN", entities, relations, triples)
+        return _pykeen_labels(folder / PYKEEN)
     if (folder / ENTITY2ID).exists():
         entities, relations = read_id_names(folder / ENTITY2ID), read_id_names(folder / RELATION2ID)
         path, form = folder / TRAIN2ID, "entity2id"
@@ -221,30 +223,32 @@ def read_labels(folder: Path) -> Labels:
         rows = _split_lines(path, 3) if path.exists() else []
     else:
         raise InputError(folder, "", f"expected a folder with {PYKEEN}, {ENTITY2ID} or {ENTITY_NAMES}")
-    entity_ids, relation_ids = (
-        ids_of(folder / ENTITY_NAMES, entities, 1),
-        ids_of(folder / RELATION_NAMES, relations, 1),
-    )
-    return Labels(form, entities, relations, triple_ids(path, rows, entity_ids, relation_ids))
+    ids = ids_of(folder / ENTITY_NAMES, entities, 1), ids_of(folder / RELATION_NAMES, relations, 1)
+    return Labels(form, entities, relations, triple_ids(path, rows, *ids))
 
 
-def _pykeen_names(path: Path) -> list[str]:
-    rows = _pykeen_table(path, ["id", "label"], str).sort_values(
-        "id", key=lambda ids: pd.to_numeric(ids, errors="coerce")
-    )
-    if rows["id"].tolist() != [str(number) for number in range(len(rows))]:
-        raise InputError(path, "", f"expected the ids from 0 to {len(rows) - 1}")
-    ids_of(path, names := rows["label"].tolist())
-    return names
+def _pykeen_labels(folder: Path) -> Labels:
+    names = dict[str, list[str]]()
+    for slot in ("entity", "relation"):
+        path = folder / f"{slot}_to_id.tsv.gz"
+        listed = _pykeen_table(path, {"id": np.int64, "label": str}).sort_values("id")
+        if listed["id"].tolist() != list(range(len(listed))):
+            raise InputError(path, "", f"expected the ids from 0 to {len(listed) - 1}")
+        ids_of(path, names.setdefault(slot, listed["label"].tolist()))
+    path, most = folder / "numeric_triples.tsv.gz", [len(names[slot]) for slot in ("entity", "relation", "entity")]
+    triples = _pykeen_table(path, dict.fromkeys(["head", "relation", "tail"], np.int64)).to_numpy()
+    for row in np.flatnonzero(((triples < 0) | (triples >= most)).any(1))[:1]:
+        raise InputError(path, f"line {row + 2}", f"expected ids below {most}")
+    return Labels("PyKEEN", names["entity"], names["relation"], triples)
 
 
-def _pykeen_table(path: Path, columns: list[str], kind: type) -> pd.DataFrame:
-    expected = f"expected a compressed table of {', '.join(columns)}"
+def _pykeen_table(path: Path, kinds: Mapping[str, type]) -> pd.DataFrame:
+    expected = f"expected a compressed table of {', '.join(kinds)}"
     try:
-        frame = pd.read_csv(path, sep="\t", dtype=kind, keep_default_na=False)
+        frame = pd.read_csv(path, sep="\t", dtype=kinds, keep_default_na=False)
     except (OSError, EOFError, zlib.error, ValueError, OverflowError) as error:
         raise InputError(path, "", f"{expected} ({cut(str(error), 120)})") from error
-    if list(frame) != columns or not isinstance(frame.index, pd.RangeIndex):
+    if list(frame) != list(kinds) or not isinstance(frame.index, pd.RangeIndex):
         raise InputError(path, "line 1", expected)
     return frame
 

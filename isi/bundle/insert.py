@@ -1,17 +1,22 @@
-"""A new entity in a bundle: its word vector, ``isi.insert`` with all that the bundle knows, its indicators."""
+"""A new entity in a bundle: its word vector, ``isi.insert`` with all that the bundle knows, and why it lies there.
+
+Its vector is explained by its indicators, and by ablations: the insertion without each piece of what was given.
+"""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import torch
+from torch.nn.functional import cosine_similarity
 
 from isi.bundle.folder import MODEL, InsertionRecord, InsertionRequest, WordSource
-from isi.bundle.query import OpenBundle
+from isi.bundle.query import OpenBundle, Query
 from isi.errors import InputError
 from isi.initializers.similarity import (
     has_insert_triples,
@@ -36,10 +41,8 @@ class Indicator:
     entity: str
     #: in the vector, or in the mean of MAP's prior; null where the initializer has none: these are the most similar
     weight: float | None
-    #: cosine of the word vectors; null where one of them has none
-    words: float | None
-    #: mean cosine with the resultants of the insert triples (equation 5 over the number of relations)
-    relations: float | None
+    words: float | None  #: cosine of the word vectors; null where one of them has none
+    relations: float | None  #: mean cosine with the resultants of the insert triples (equation 5 over their relations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +52,7 @@ class NewEntity:
     request: InsertionRequest
     kind: str
     phrase: str
-    #: word vector, as long as those of the others; null where there is none
-    vector: np.ndarray | None
+    vector: np.ndarray | None  #: word vector, as long as those of the others; null where there is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,9 +82,10 @@ class InsertedEntity:
             self.opened.words, None, 0,
         )  # fmt: skip
         words, triples = bool(has_words(seen)), bool(has_insert_triples(seen))
-        similar, related = word_similarity(seen)[0, 0], mean_relational_score(seen)[0, 0]
-        named, likeness = word_eligible(seen)[0, 0], related * triples
-        likeness = similar * named * words + likeness
+        similar, related, named = (
+            score(seen)[0, 0] for score in (word_similarity, mean_relational_score, word_eligible)
+        )
+        likeness = similar * named * words + related * triples
         weight, rank = None, likeness.masked_fill(~seen.eligible[0], -torch.inf)
         if result.weights is not None and result.weights[0].min() < result.weights[0].max():  # else they say nothing
             weight = torch.zeros(len(names)).index_copy(0, torch.arange(result.known), torch.tensor(result.weights[0]))
@@ -105,11 +108,7 @@ class InsertedEntity:
 
 
 def insert_entity(opened: OpenBundle, new: NewEntity) -> InsertedEntity:
-    """Insert a new entity; nothing that is known changes.
-
-    Raises:
-        InputError: naming the argument of ``isi.insert`` that is wrong.
-    """
+    """Insert a new entity; nothing that is known changes. An ``InputError`` names the argument of ``isi.insert``."""
     request, words = new.request, None
     if opened.words is not None:
         vector = np.zeros(opened.words.shape[1], opened.words.dtype) if new.vector is None else new.vector
@@ -139,6 +138,80 @@ def before(opened: OpenBundle, record: InsertionRecord) -> tuple[OpenBundle, New
     return opened.part(np.arange(entity)), NewEntity(record, opened.kinds[entity], opened.phrases[entity], words)
 
 
+@dataclass(frozen=True)
+class Change:
+    """A query whose best answers change: by name, with a question mark; answers that go, and those that come."""
+
+    query: tuple[str, str, str]
+    dropped: list[str]
+    added: list[str]
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """An insertion without one piece of what was given."""
+
+    left_out: str  #: fact, words, indicator
+    what: str  #: the triple as text, the phrase, or the indicator
+    initializer: str | None = None  #: null where nothing is left to insert it by
+    cosine: float | None = None  #: between this vector and the entity's; null where there is none
+    moved: float | None = None  #: distance between them, over the length of the entity's
+    changes: Sequence[Change] = ()
+
+
+def ablations(
+    opened: OpenBundle, record: InsertionRecord, shown: Sequence[Indicator], queries: Sequence[Query], most: int
+) -> Iterator[Ablation]:
+    """The insertion without each insert triple, without its words, and as if each of the indicators were unknown.
+
+    Args:
+        queries: whose best answers are compared.
+        most: answers that are compared, at most.
+    """
+    known, new = before(opened, record)
+    row, own = len(known.entities), torch.from_numpy(opened.entities[len(known.entities)]).double()
+
+    def without(triples: list[tuple[str, str, str]]) -> NewEntity:
+        return replace(new, request=new.request.model_copy(update={"insert_triples": triples}))
+
+    pieces = [
+        ("fact", " ".join(triple), known, without([other for other in record.insert_triples if other != triple]))
+        for triple in record.insert_triples
+    ]
+    if new.vector is not None:
+        pieces.append(("words", new.phrase, known, replace(new, vector=None)))
+    for indicator in shown:
+        rest = [triple for triple in record.insert_triples if indicator.entity not in (triple[0], triple[2])]
+        fewer = known.part(np.delete(np.arange(row), indicator.id))
+        pieces.append(("indicator", indicator.entity, fewer, without(rest)))
+    for left_out, piece, fewer, given in pieces:
+        try:
+            other = insert_entity(fewer, given)
+        except InputError:
+            if given.request.insert_triples or given.vector is not None:
+                raise
+            yield Ablation(left_out, piece)
+            continue
+        entities = opened.entities.copy()
+        entities[row] = other.vector
+        vector = torch.from_numpy(entities[row]).double()
+        cosine, moved = cosine_similarity(vector, own, dim=0), (vector - own).norm() / own.norm().clamp(min=1e-12)
+        changes = list(_changes(opened, replace(opened, entities=entities), queries, most))
+        yield Ablation(left_out, piece, other.result.initializer, cosine.item(), moved.item(), changes)
+
+
+def _changes(opened: OpenBundle, changed: OpenBundle, queries: Sequence[Query], most: int) -> Iterator[Change]:
+    """Queries whose best answers change."""
+    for query in queries:
+        was, now = (
+            [opened.entity_names[row] for row in bundle.ranked(query)[0][:most].tolist()]
+            for bundle in (opened, changed)
+        )
+        if set(was) != set(now):
+            dropped, added = [name for name in was if name not in now], [name for name in now if name not in was]
+            yield Change(opened.named(query), dropped, added)
+
+
 def phrase_vector(opened: OpenBundle, phrase: str, definition: str | None) -> tuple[np.ndarray | None, str]:
     """The word vector of a new phrase, made as those of the bundle's phrases were, and where it comes from.
 
@@ -157,8 +230,7 @@ def phrase_vector(opened: OpenBundle, phrase: str, definition: str | None) -> tu
 def with_vectors(opened: OpenBundle, phrase: str, path: Path) -> tuple[OpenBundle, np.ndarray | None, str]:
     """The bundle with the word vectors of a file in place of its own; see ``phrase_vector`` for the others.
 
-    Raises:
-        InputError: where the file is broken, or has vectors of none of the phrases.
+    An ``InputError`` where the file is broken, or has vectors of none of the phrases.
     """
     from isi.graph.words import look_up, read_vectors  # here, since it loads gensim
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
@@ -31,8 +31,7 @@ MOST_QUERIES = 24
 SUGGESTED, LISTED = 3, 8
 
 
-@dataclass(frozen=True)
-class Query:
+class Query(NamedTuple):
     """(given, relation, ?) where the slot is ``TAIL``, (?, relation, given) where it is ``HEAD``; ids."""
 
     given: int
@@ -63,16 +62,13 @@ class OpenBundle(Bundle):
         return {name: row for row, name in enumerate(self.relation_names)}
 
     @cached_property
-    def answers(self) -> dict[tuple[int, int, int], set[int]]:
-        """Known answers by (given entity, relation, slot of the answer)."""
-        answers: dict[tuple[int, int, int], set[int]] = defaultdict(set)
+    def answers(self) -> dict[Query, set[int]]:
+        """Known answers of queries that have some."""
+        answers: dict[Query, set[int]] = defaultdict(set)
         for head, relation, tail in self.triples.tolist():
-            answers[head, relation, TAIL].add(tail)
-            answers[tail, relation, HEAD].add(head)
+            answers[Query(head, relation, TAIL)].add(tail)
+            answers[Query(tail, relation, HEAD)].add(head)
         return dict(answers)
-
-    def known_answers(self, query: Query) -> set[int]:
-        return self.answers.get((query.given, query.relation, query.slot), set())
 
     def scores(self, given: Tensor, relation: int, slot: int) -> Tensor:
         """Scores of all entities in a slot, for each given entity; shapes (Q,), result (Q, E)."""
@@ -83,8 +79,7 @@ class OpenBundle(Bundle):
 
     def in_slot(self, relation: int, slot: int) -> list[int]:
         """Entities that known triples of a relation have in a slot, by id."""
-        triples = self.triples[self.triples[:, RELATION] == relation]
-        return sorted(set(triples[:, slot].tolist()))
+        return sorted(set(self.triples[self.triples[:, RELATION] == relation, slot].tolist()))
 
     def candidates(self, relation: int, slot: int) -> Tensor:
         """Entities of the kinds that known triples of the relation have in the slot, or of no kind; ids.
@@ -97,7 +92,7 @@ class OpenBundle(Bundle):
     def ranked(self, query: Query) -> tuple[Tensor, Tensor]:
         """The candidates, best first, and their scores; the given entity is one only where it is a known answer."""
         candidates = self.candidates(query.relation, query.slot)
-        if query.given not in self.known_answers(query):
+        if query.given not in self.answers.get(query, ()):
             candidates = candidates[candidates != query.given]
         scores = self.scores(torch.tensor([query.given]), query.relation, query.slot)[0, candidates]
         best = scores.sort(descending=True, stable=True)
@@ -110,6 +105,15 @@ class OpenBundle(Bundle):
         best = cosines.sort(descending=True, stable=True)
         shown = min(number, len(cosines) - 1)
         return list(zip(best.indices[:shown].tolist(), best.values[:shown].tolist(), strict=True))
+
+    def unusual(self, insert_triples: Iterable[tuple[str, str, str]]) -> Iterator[str]:
+        """Notes on triples of a new entity whose known end is of a kind that the relation has in no known triple."""
+        for head, relation, tail in dict.fromkeys(insert_triples):
+            slot, end, role = (HEAD, head, "a head") if head in self.entity_ids else (TAIL, tail, "a tail")
+            kind = self.kinds[self.entity_ids[end]]
+            usual = {self.kinds[row] for row in self.in_slot(self.relation_ids[relation], slot)}
+            if kind and usual and not {"", kind} & usual:
+                yield f"no known triple of {relation} has {role} of kind {kind}, as {end} is"
 
     def named(self, query: Query, answer: str = "?") -> tuple[str, str, str]:
         """A query as a triple of names, with an answer or a question mark."""
@@ -134,11 +138,7 @@ class OpenBundle(Bundle):
 
 
 def open_bundle(folder: Path) -> OpenBundle:
-    """The bundle of a folder, ready for queries.
-
-    Raises:
-        InputError: where it is broken, its model is unknown, or its tables are not of that model.
-    """
+    """The bundle of a folder, or an ``InputError`` where it is broken, or its tables are of no model or of another."""
     opened = OpenBundle(**vars(read(folder)))
     with at(folder / MANIFEST, "family"):
         opened.model  # noqa: B018  # which checks it
@@ -153,11 +153,10 @@ def queries_of(
     """The queries that fit an entity: each relation and slot in which it, or enough similar entities, have answers.
 
     All relations and slots, where no answers are known of any of these. Of too many, those in which the entity itself
-    has answers, then those of most similar entities.
+    has answers, then those of most similar entities. Similar are those of its kind; where that is unknown, indicators.
 
     Args:
-        indicators: weights by id; they are the similar entities where the entity's kind is unknown, else those of its
-            kind are.
+        indicators: weights by id.
         most: queries, at most.
     """
     kind, enough = opened.kinds[entity], 0.0
@@ -166,16 +165,17 @@ def queries_of(
         similar, enough = indicators, ENOUGH * sum(indicators.values())
 
     def weight(query: Query) -> float:
-        if opened.known_answers(query):
+        if query in opened.answers:
             return float("inf")
-        slot = query.relation, query.slot
-        return sum(share for row, share in similar.items() if (row, *slot) in opened.answers)
+        return sum(share for row, share in similar.items() if query._replace(given=row) in opened.answers)
 
-    relations = range(len(opened.relations))
-    queries = [Query(entity, relation, slot) for relation in relations for slot in (TAIL, HEAD)]
-    weights = {query: weight(query) for query in queries}
-    fit = [query for query in queries if weights[query] > enough] or queries
-    best = sorted(fit, key=lambda query: weights[query], reverse=True)[:most]
+    weights = {
+        (query := Query(entity, relation, slot)): weight(query)
+        for relation in range(len(opened.relations))
+        for slot in (TAIL, HEAD)
+    }
+    fit = [query for query in weights if weights[query] > enough] or list(weights)
+    best = sorted(fit, key=weights.__getitem__, reverse=True)[:most]
     return [query for query in fit if query in best]
 
 
@@ -192,12 +192,7 @@ def same_name(first: str, second: str) -> bool:
 def find(text: str, names: Collection[str], place: str, expected: str) -> str:
     """The name that a user has typed, as written, else without regard to case and gaps (``turnOn`` is ``turn on``).
 
-    Args:
-        place: where it was typed.
-        expected: what it names.
-
-    Raises:
-        InputError: where no name, or more than one, is the same.
+    An ``InputError`` at the place where it was typed, if no name, or more than one, is the same.
     """
     same = [text] if text in names else [name for name in names if same_name(name, text)]
     if len(same) == 1:
@@ -211,4 +206,4 @@ def find(text: str, names: Collection[str], place: str, expected: str) -> str:
         hint = f" (did you mean {' or '.join(repr(by_plain[name]) for name in close[:SUGGESTED])}?)"
     elif 0 < len(names) <= LISTED:
         hint = f" (there are {', '.join(map(repr, names))})"
-    raise InputError(place, "", f"expected {expected}, got {text!r:.80}{hint}")
+    raise InputError(place, "", f"expected {expected} of this embedding, got {text!r:.80}{hint}")

@@ -1,1 +1,148 @@
-"""The command ``isi``."""
+"""The command ``isi``: reads the command line, imports the module of one command alone, and prints its answer."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import App, CycloptsError, Parameter, ValidationError
+from cyclopts.validators import Number
+
+from isi.errors import InputError, cut, short
+from isi.process import one_line
+from isi.tables import paths
+
+#: The embedding that the pipeline trains for the commands.
+DEFAULT = paths.final_model("ai2thor")
+#: Characters of a message about the command line, at most.
+MOST = 200
+#: Commands: where their function is, and what they do.
+COMMANDS = {
+    "insert": ("entity:insert", "Give a new entity a vector from what is known of it, and report the consequences."),
+    "ask": ("entity:ask", "Predict the answers of (ENTITY, RELATION, ?) or (?, RELATION, TAIL)."),
+    "nearest": ("entity:nearest", "List the entities of nearest vectors."),
+    "explain": ("entity:explain", "Explain the vector of an inserted entity by leaving out what it was inserted by."),
+    "import": ("import_:import_", "Make a bundle of an embedding that another tool has trained."),
+    "export": ("export:export", "Write a graph and predictions in a format that other tools read."),
+    "graph": ("graph:graph", "Make a graph of scenes or triples of your own, and describe it."),
+    "check": ("check:check", "Check the tables under data/."),
+}
+
+
+def settings(texts: Sequence[str]) -> dict[str, Any]:
+    """The keys and values of ``KEY=VALUE``, values in YAML; a ``ValueError`` where one is none, or a key repeats."""
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    values = {}
+    for text in texts:
+        key, separator, value = text.partition("=")
+        if not (key and separator) or key in values:
+            raise ValueError(f"expected KEY=VALUE, each key once, got {short(text)}")
+        try:
+            values[key] = YAML(typ="safe", pure=True).load(value)
+        except (YAMLError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:  # of a tag
+            raise ValueError(f"expected KEY=VALUE, the value in YAML, got {short(text)}") from error
+    return values
+
+
+def _check_settings(_: object, texts: Sequence[str]) -> None:
+    settings(texts)
+
+
+def _check_folder(_: object, path: Path | None) -> None:
+    if path is not None and path.name in ("", ".."):
+        raise ValueError("expected a folder by its name")
+
+
+FROM_ONE, FROM_ZERO = Number(gte=1, lt=10**9), Number(gte=0, lt=10**9)
+#: Parameters that several commands have.
+Embedding = Annotated[Path, Parameter(help="folder of a bundle, as --out, isi import and the pipeline write it")]
+Top = Annotated[int, Parameter(validator=FROM_ONE, help="answers, at most")]
+Json = Annotated[bool, Parameter(help="print JSON, for programs")]
+Settings = Annotated[tuple[str, ...], Parameter(validator=_check_settings, show_default=False)]
+NewFolder = Annotated[Path, Parameter(validator=_check_folder, help="folder to write")]
+Out = Annotated[Path | None, Parameter(validator=_check_folder, help="write the enlarged bundle there")]
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run a command; a mistake on the command line ends it with status 2, another one with status 1, in one line."""
+    with one_line("isi"):
+        tokens = list(sys.argv[1:] if argv is None else argv)
+        app = App(
+            name="isi", help="New entities in knowledge-graph embeddings, queries about them, and graphs of your own.",
+            help_formatter="plain", version_flags=[], default_parameter=Parameter(negative=()),
+        )  # fmt: skip
+        for command, (function, about) in COMMANDS.items():
+            app.command(f"{__name__}.{function}", name=command, help=about)
+        name = f"isi {tokens[0]}" if tokens and tokens[0] in COMMANDS else "isi"
+        with one_line(name):
+            try:
+                if not tokens:
+                    raise CycloptsError(f"expected a COMMAND: {', '.join(COMMANDS)}")
+                run, arguments, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
+            except CycloptsError as error:
+                message = " ".join(str(error).split())
+                if isinstance(error, ValidationError) and error.argument and len(message) > MOST:  # it repeats a value
+                    message = f"{error.argument.name}: {error.exception_message}"
+                print(f"{name}: {cut(message, MOST)}; see --help", file=sys.stderr)
+                sys.exit(2)
+            run(*arguments.args, **arguments.kwargs)
+
+
+def show(answer: Mapping[str, Any], as_json: bool = False) -> None:
+    """Print an answer: as JSON in ASCII, or as lines of text."""
+    print(json.dumps(answer, indent=2, allow_nan=False) if as_json else "\n".join(lines(answer)))
+
+
+def lines(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
+    """An answer as text: a line for each key; mappings are indented, and a list of them is a table."""
+    for key, value in answer.items():
+        label, rows = f"{indent}{key.replace('_', ' ')}:", value if isinstance(value, list) else []
+        inner = indent + "  "
+        if isinstance(value, Mapping) and value:
+            yield from (label, *lines(value, inner))
+        elif not (rows and isinstance(rows[0], Mapping)):
+            yield f"{label} {text_of(value)}"
+        elif any(isinstance(cell, list) and cell[:1] and isinstance(cell[0], Mapping) for cell in rows[0].values()):
+            yield from (label, *(line for row in rows for line in lines(row, inner)))
+        else:
+            yield from (label, *table(rows, inner))
+
+
+def table(rows: Sequence[Mapping[str, Any]], indent: str) -> Iterator[str]:
+    """Lines of a table with a header, columns as wide as their cells; without columns that are empty."""
+    names = [name for name in rows[0] if any(row[name] not in (None, [], "") for row in rows)]
+    cells = [[name.replace("_", " ") for name in names], *([text_of(row[name]) for name in names] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    for row in cells:
+        filled = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        yield (indent + filled).rstrip()
+
+
+def text_of(value: Any) -> str:
+    """A value in a line of text: a tuple is a triple."""
+    match value:
+        case tuple():
+            return " ".join(map(str, value))
+        case list():
+            return ", ".join(map(text_of, value)) or "none"
+        case bool():
+            return "yes" if value else "no"
+    return "–" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+@contextmanager
+def flags(**places: object) -> Iterator[None]:
+    """Name what was typed, an option or a file, in mistakes of the library's arguments."""
+    try:
+        yield
+    except InputError as error:
+        name = error.file.removeprefix("argument ").strip("'")
+        if name not in places:
+            raise
+        raise InputError(places[name], error.place, error.message) from error

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pkgutil
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from itertools import product
 from pathlib import Path
@@ -25,7 +24,6 @@ from isi.experiment.train import model_of
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE, WORD_VECTORS
-from isi.models.model import Model
 from isi.params import Params, load
 from isi.stage import makers
 from isi.tables import io, paths
@@ -38,11 +36,7 @@ _ALL = 10**9
 
 
 def check() -> None:
-    """Print one line for each problem.
-
-    Raises:
-        InputError: where there is no project here.
-    """
+    """Print one line for each problem; an ``InputError`` where there is no project here."""
     number, problems = check_data(load())
     print(*problems, sep="\n", end="\n" * bool(problems))
     nothing = "" if number else ": nothing has run (`dvc repro`)"
@@ -62,54 +56,44 @@ def catalogue() -> list[DataFile]:
 def check_data(params: Params) -> tuple[int, list[str]]:
     """Check the files that runs of the pipelines write, each by itself and beside the others of its experiment.
 
-    Args:
-        params: of the first pipeline.
-
-    Returns:
-        how many files there are, and the problems, one line each.
+    The number of files, and the problems, one line each; ``params`` are those of the first pipeline.
     """
     problems, experiments = list[InputError](), defaultdict[str, list[Declared]](list)
+
+    def attempt(check: Callable[..., object], *arguments: object) -> None:
+        try:
+            check(*arguments)
+        except InputError as error:
+            problems.append(error)
+
     data = (path for path in sorted(paths.DATA.rglob("*")) if path.is_file() and not path.is_relative_to(paths.RAW))
     files = [path for path in data if any(makers(path))]
     for path, file in product(files, catalogue()):
         if (names := file.names_in(path)) is not None:
-            problems += _problem(partial(file.check_file, path))
+            attempt(file.check_file, path)
             experiments[names.get("experiment", "")].append((path, file, names))
     for folder in sorted({path.parent for path in files if path.is_relative_to(paths.FINAL_MODELS)}):
-        problems += _problem(partial(bundles.read, folder))
+        attempt(bundles.read, folder)
     for experiment, listed in experiments.items():
-        problems += _disagreements(Store(experiment), listed, params)
+        if {ENTITIES, TRIPLES} <= {file for _, file, _ in listed}:
+            _check_agreement(Store(experiment), listed, params, attempt)
     return len(files), list(dict.fromkeys(map(str, problems)))
 
 
-def _problem(check: Callable[[], object]) -> list[InputError]:
-    try:
-        check()
-    except InputError as error:
-        return [error]
-    return []
-
-
-def _disagreements(store: Store, listed: list[Declared], params: Params) -> Iterator[InputError]:
-    """What the files of one experiment do not agree on, as far as its stages have run."""
-    files = {file for _, file, _ in listed}
-    if not files >= {ENTITIES, TRIPLES}:
-        return
-    yield from _problem(store.graph)
+def _check_agreement(store: Store, listed: list[Declared], params: Params, attempt: Callable[..., None]) -> None:
+    """Check what the files of one experiment must agree on, as far as its stages have run."""
+    attempt(store.graph)
     stacks = list[GridPoints]()
-    if files >= {SPLITS, NOVEL, INSERT_TRIPLES}:
-        yield from _problem(store.insert_triples)
-        try:
-            stacks, model = store.grid(_ALL), model_of(params)
-        except InputError as error:
-            yield error
+    if {SPLITS, NOVEL, INSERT_TRIPLES} <= {file for _, file, _ in listed}:
+        attempt(store.insert_triples)
+        attempt(lambda: stacks.extend(store.grid(_ALL)))
     for path, file, names in listed:
         if isinstance(file, Table):
-            yield from _problem(partial(_check_entities, store, path, file))
+            attempt(_check_entities, store, path, file)
         elif file is WORD_VECTORS:
-            yield from _problem(store.words)
+            attempt(store.words)
         for points in stacks:
-            yield from _problem(partial(_check_stack, store, path, file, names, points, model))
+            attempt(_check_stack, store, path, file, names, points, params)
 
 
 def _check_entities(store: Store, path: Path, table: Table) -> None:
@@ -121,14 +105,14 @@ def _check_entities(store: Store, path: Path, table: Table) -> None:
 
 
 def _check_stack(
-    store: Store, path: Path, file: DataFile, names: Mapping[str, str], points: GridPoints, model: Model
+    store: Store, path: Path, file: DataFile, names: Mapping[str, str], points: GridPoints, params: Params
 ) -> None:
     """Check what a file has of a stack of grid points."""
     if file is THETA0 and int(names["size"]) == points.size:
-        store.theta0(points, model)
+        store.theta0(points, model_of(params))
     elif file is JOINT:
         for session in range(1, points.sessions + 1):
-            store.joint(points, model, session)
+            store.joint(points, model_of(params), session)
     elif file is RUNS and names["model"] == "joint":
         joint_targets(RUNS.read_file(path), points)
     elif file is INITIAL_VECTORS and f"size={points.size:02d}" in io.tensors_in(path):  # none where it is not listed

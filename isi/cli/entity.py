@@ -1,32 +1,27 @@
-"""Commands about entities of a bundle: ``isi insert``, ``isi ask``, ``isi nearest``, ``isi explain``."""
+"""Commands about entities of a bundle: ``isi insert``, ``isi ask``, ``isi nearest``, ``isi explain``.
+
+Each imports what it runs when it runs, so that its help waits for no PyTorch.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
-import torch
 from cyclopts import Parameter
-from pydantic import Field
-from tqdm import tqdm
 
-from isi.bundle.calibration import Answer, HeldOutCalibration, answer
-from isi.bundle.explain import ablations
-from isi.bundle.folder import MANIFEST, InsertionRequest, Text, write
-from isi.bundle.insert import InsertedEntity, NewEntity, before, insert_entity, phrase_vector, with_vectors
-from isi.bundle.query import MOST_QUERIES, OpenBundle, Query, find, open_bundle, plain, queries_of, same_name
-from isi.cli.app import DEFAULT, FROM_ZERO, Embedding, Json, Out, Settings, Top, flags, settings, show
+from isi.cli import DEFAULT, FROM_ZERO, Embedding, Json, Out, Settings, Top, flags, settings, show
 from isi.config import check
 from isi.errors import InputError
-from isi.graph.graph import HEAD, TAIL
 from isi.tables import paths
 
-NewName = Annotated[Text, Field(max_length=200, pattern=r"\S")]
-#: Probability from which on an answer may be unexpected, and the number of best answers to a query that are examined.
-LIKELY, EXAMINED = 0.2, 20
+if TYPE_CHECKING:
+    from isi.bundle.insert import InsertedEntity
+    from isi.bundle.query import OpenBundle
+
+#: The number of best answers to a query that are examined.
+EXAMINED = 20
 Pair = tuple[str, str]
 
 
@@ -46,26 +41,30 @@ def insert(
 ) -> None:  # fmt: skip
     """Insert an entity and report what the bundle predicts about it.
 
-    Raises:
-        InputError: where the bundle is broken, a name is unknown, or nothing is given about the entity.
+    An ``InputError`` where the bundle is broken, a name is unknown, or nothing is given about the entity.
     """
+    from pydantic import Field
+
+    from isi.bundle.folder import InsertionRequest, Text, write
+    from isi.bundle.insert import NewEntity, insert_entity, phrase_vector, with_vectors
+    from isi.bundle.query import find, plain, same_name
+
     opened = open_folder(embedding)
-    check(name, NewName, "", "NAME")
+    check(name, Annotated[Text, Field(max_length=200, pattern=r"\S")], "", "NAME")  # type: ignore[arg-type]
     check(definition, Text | None, "", "--definition")  # type: ignore[arg-type]
     check(str(vectors), Text, "", "--vectors")
     if known := [entity for entity in opened.entity_names if same_name(entity, name)]:
         raise InputError("NAME", "", f"expected a new name: {known[0]!r:.80} is known (see isi ask, isi nearest)")
-    triples = [
-        (name, relation_of(opened, relation, "--fact"), entity_of(opened, entity, "--fact"))
-        for relation, entity in fact
-    ] + [
-        (entity_of(opened, entity, "--inverse-fact"), relation_of(opened, relation, "--inverse-fact"), name)
-        for entity, relation in inverse_fact
-    ]
+    triples = []
+    for option, pairs in (("--fact", fact), ("--inverse-fact", inverse_fact)):
+        for relation, entity in pairs if option == "--fact" else (pair[::-1] for pair in pairs):
+            label = find(relation, opened.relation_ids, option, "a relation")
+            end = find(entity, opened.entity_ids, option, "an entity")
+            triples.append((name, label, end) if option == "--fact" else (end, label, name))
     if set and initializer is None:
         raise InputError("--set", "", "expected an --initializer, whose options these are")
     if kind is not None:
-        kind = find(kind, dict.fromkeys(filter(None, opened.kinds)), "--kind", "a kind of this embedding")
+        kind = find(kind, dict.fromkeys(filter(None, opened.kinds)), "--kind", "a kind")
     if vectors is None:
         vector, note = phrase_vector(opened, plain(name), definition)
     else:
@@ -79,7 +78,7 @@ def insert(
     )  # fmt: skip
     with flags(initializer="--initializer", entities="--embedding"):
         inserted = insert_entity(opened, NewEntity(request, kind or "", plain(name), vector))
-    result = insertion(inserted, note, list(unusual(opened, request)), top)
+    result = insertion(inserted, note, list(opened.unusual(triples)), top)
     if out:
         write(out, inserted.opened)
     show(result, json)
@@ -89,6 +88,11 @@ def insert(
 
 def insertion(inserted: InsertedEntity, words: str, notes: list[str], top: int) -> dict[str, Any]:
     """All that is reported about an insertion."""
+    from tqdm import tqdm
+
+    from isi.bundle.calibration import HeldOutCalibration, answer, calibrated_on
+    from isi.bundle.query import MOST_QUERIES, queries_of
+
     opened, record, report = inserted.opened, inserted.record, inserted.result.report(top)[0]
     shown, known = inserted.indicators(), len(inserted.result.known_triples) > 0
     weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
@@ -99,7 +103,7 @@ def insertion(inserted: InsertedEntity, words: str, notes: list[str], top: int) 
     }
     unexpected = [
         {"triple": tuple(best.entity if part == "?" else part for part in query), "probability": best.probability}
-        for query, ranked in answers.items() for best in ranked[:EXAMINED] if is_unexpected(best)
+        for query, ranked in answers.items() for best in ranked[:EXAMINED] if best.unexpected
     ]  # fmt: skip
     has_words = opened.words is not None and bool(opened.words[inserted.entity].any())
     return {
@@ -108,7 +112,7 @@ def insertion(inserted: InsertedEntity, words: str, notes: list[str], top: int) 
         "words": words if has_words else None, "no_words": None if has_words else words, "notes": notes,
         "indicators": list(map(asdict, shown)),
         "answers": [
-            {"query": query, "answers": [asdict(best) | {"unexpected": is_unexpected(best)} for best in ranked[:top]]}
+            {"query": query, "answers": [asdict(best) | {"unexpected": best.unexpected} for best in ranked[:top]]}
             for query, ranked in answers.items()
         ],
         "all_queries": len(queries) < MOST_QUERIES,
@@ -118,29 +122,6 @@ def insertion(inserted: InsertedEntity, words: str, notes: list[str], top: int) 
         "distance": report.distance, "farther_than": report.farther_than,
         "interference": asdict(inserted.result.interference()) if known else None,
     }  # fmt: skip
-
-
-def unusual(opened: OpenBundle, request: InsertionRequest) -> Iterator[str]:
-    """Notes on insert triples whose known end is of a kind that no known triple of the relation has there."""
-    for head, relation, tail in dict.fromkeys(request.insert_triples):
-        slot, end, role = (TAIL, tail, "a tail") if head == request.entity else (HEAD, head, "a head")
-        kind = opened.kinds[opened.entity_ids[end]]
-        usual = {opened.kinds[row] for row in opened.in_slot(opened.relation_ids[relation], slot)}
-        if kind and usual and not {"", kind} & usual:
-            yield f"no known triple of {relation} has {role} of kind {kind}, as {end} is"
-
-
-def is_unexpected(predicted: Answer) -> bool:
-    """Whether an answer is likely (without probabilities: the best), not known, and known of no indicator."""
-    likely = predicted.rank == 1 if predicted.probability is None else predicted.probability >= LIKELY
-    return likely and not predicted.known and predicted.shared_by == []
-
-
-def calibrated_on(answers: Sequence[Answer], inserted: bool) -> str | None:
-    """What probabilities are calibrated on; null where an answer has none."""
-    if any(best.probability is None for best in answers):
-        return None
-    return "held-out entities" if inserted else "known triples"
 
 
 def ask(
@@ -153,9 +134,13 @@ def ask(
 ) -> None:  # fmt: skip
     """Rank the answers of one query.
 
-    Raises:
-        InputError: where the bundle is broken, a name is unknown, or not one end and the relation are given.
+    An ``InputError`` where the bundle is broken, a name is unknown, or not one end and the relation are given.
     """
+    from isi.bundle.calibration import HeldOutCalibration, answer, calibrated_on
+    from isi.bundle.insert import before, insert_entity
+    from isi.bundle.query import Query, find
+    from isi.graph.graph import HEAD, TAIL
+
     for option, first, second in (("--head", entity, head), ("--relation", of, relation)):
         if first is not None and second is not None:
             raise InputError(option, "", "given both as option and as positional argument")
@@ -163,27 +148,25 @@ def ask(
     if relation is None or (head is None) == (tail is None):
         raise InputError("", "", "expected ENTITY RELATION, or --relation RELATION --tail ENTITY")
     opened, place, slot = open_folder(embedding), "ENTITY" if tail is None else "--tail", TAIL if tail is None else HEAD
-    name = entity_of(opened, head or tail or "", place)
-    query = Query(opened.entity_ids[name], opened.relation_ids[relation_of(opened, relation, "RELATION")], slot)
+    name = find(head or tail or "", opened.entity_ids, place, "an entity")
+    label = find(relation, opened.relation_ids, "RELATION", "a relation")
+    query = Query(opened.entity_ids[name], opened.relation_ids[label], slot)
     record = opened.insertions().get(name)
     calibration = HeldOutCalibration(insert_entity(*before(opened, record))) if record else None
     answers = answer(opened, query, top, calibration)
     calibrated = calibrated_on(answers, inserted=record is not None)
-    ranked = list(map(asdict, answers))
-    show({"query": opened.named(query), "answers": ranked, "calibration": calibrated}, json)
+    show({"query": opened.named(query), "answers": list(map(asdict, answers)), "calibration": calibrated}, json)
 
 
 def nearest(
     entity: Annotated[str, Parameter(help="whose neighbours are listed")], *,
     embedding: Embedding = DEFAULT, top: Top = 10, json: Json = False,
 ) -> None:  # fmt: skip
-    """List the entities of nearest vectors.
+    """List the entities of nearest vectors; an ``InputError`` where the bundle is broken, or the entity unknown."""
+    from isi.bundle.query import find
 
-    Raises:
-        InputError: where the bundle is broken, or the entity is unknown.
-    """
     opened = open_folder(embedding)
-    name, names, kinds = entity_of(opened, entity, "ENTITY"), opened.entity_names, opened.kinds
+    name, names, kinds = find(entity, opened.entity_ids, "ENTITY", "an entity"), opened.entity_names, opened.kinds
     neighbours = [
         {"entity": names[row], "kind": kinds[row] or None, "cosine": cosine}
         for row, cosine in opened.nearest(opened.entity_ids[name], top)
@@ -197,11 +180,17 @@ def explain(
 ) -> None:  # fmt: skip
     """Insert an entity again, and without each insert triple, its words and each indicator.
 
-    Raises:
-        InputError: where the bundle is broken, or the entity was not inserted into it.
+    An ``InputError`` where the bundle is broken, or the entity was not inserted into it.
     """
+    import numpy as np
+    from tqdm import tqdm
+
+    from isi.bundle.folder import MANIFEST
+    from isi.bundle.insert import ablations, before, insert_entity
+    from isi.bundle.query import find, queries_of
+
     opened = open_folder(embedding)
-    name, records = entity_of(opened, entity, "ENTITY"), opened.insertions()
+    name, records = find(entity, opened.entity_ids, "ENTITY", "an entity"), opened.insertions()
     if name not in records:
         there = ", ".join(records) or "none"
         raise InputError(embedding, "", f"expected an entity that was inserted ({there}), got {name!r:.80}")
@@ -220,22 +209,14 @@ def explain(
 
 
 def open_folder(path: Path) -> OpenBundle:
-    """The bundle of a folder.
+    """The bundle of a folder, or an ``InputError`` where there is none, or it is broken."""
+    import torch
 
-    Raises:
-        InputError: where there is none, or it is broken.
-    """
+    from isi.bundle.query import open_bundle
+
     if path == DEFAULT and not path.exists():
         here = "not made yet: run `dvc repro train_final`"
         away = f"{Path.cwd()} is not the folder of the project: go there"
         raise InputError(path, "", f"{here if paths.PARAMS.exists() else away}, or name a bundle by --embedding DIR")
     torch.set_num_threads(1)  # so that equal commands write equal bytes
     return open_bundle(path)
-
-
-def entity_of(opened: OpenBundle, typed: str, place: str) -> str:
-    return find(typed, opened.entity_ids, place, "an entity of this embedding")
-
-
-def relation_of(opened: OpenBundle, typed: str, place: str) -> str:
-    return find(typed, opened.relation_ids, place, "a relation of this embedding")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from io import BytesIO
@@ -22,21 +22,12 @@ from rdflib import RDF, RDFS, Namespace, URIRef
 from torch import Tensor
 
 from isi import config
-from isi.cli.app import FROM_ZERO
+from isi.cli import FROM_ZERO
 from isi.cli.entity import open_folder
 from isi.config import check, value_of
-from isi.errors import InputError, meant
+from isi.errors import InputError, meant, unwritable
 from isi.experiment.store import JOINT, Store
-from isi.graph.graph import (
-    ENTITIES,
-    GRAPH_ENTITIES,
-    GRAPH_TRIPLES,
-    HEAD,
-    RELATION,
-    TAIL,
-    TRIPLES,
-    Graph,
-)
+from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, HEAD, RELATION, TAIL, TRIPLES, Graph
 from isi.models.model import EmbeddingParams, make_model
 from isi.models.stack import Embedding
 from isi.sources.names import ENTITY, name_fault
@@ -80,8 +71,7 @@ def export(
 ) -> None:  # fmt: skip
     """Read the graph, predict, and write.
 
-    Raises:
-        InputError: where the experiment has no graph, or no joint model of this graph, or the output cannot be written.
+    An ``InputError`` where the experiment has no graph, or no joint model of it, or the output cannot be written.
     """
     if out.suffix == ".gz":
         raise InputError(out, "", "expected another name: the output is not compressed")
@@ -98,7 +88,7 @@ def export(
             else:
                 atomically(path, partial(Path.write_bytes, data=content.encode()))
         except OSError as error:
-            raise InputError(path, "", f"cannot be written ({error.strerror})") from error
+            raise unwritable(path, error) from error
     more = f" and {len(exported.predictions):,} predictions" * bool(predictions)
     written = ", ".join(str(path) for path, content in files.items() if content is not None)
     print(f"{len(exported.entities):,} entities, {len(exported.triples):,} triples{more}: {written}")
@@ -109,12 +99,9 @@ class GraphExport:
     """What is exported; names are printable text."""
 
     name: str
-    #: columns entity, kind, phrase
-    entities: pd.DataFrame
-    #: columns head, relation, tail, count
-    triples: pd.DataFrame
-    #: columns head, relation, tail, score, rank; no rows where none are asked for
-    predictions: pd.DataFrame
+    entities: pd.DataFrame  #: columns entity, kind, phrase
+    triples: pd.DataFrame  #: columns head, relation, tail, count
+    predictions: pd.DataFrame  #: columns head, relation, tail, score, rank; no rows where none are wanted
 
 
 def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
@@ -126,17 +113,13 @@ def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
     """
     files = ENTITIES.path(experiment=experiment), TRIPLES.path(experiment=experiment)
     second = GRAPH_ENTITIES.path(graph=experiment), GRAPH_TRIPLES.path(graph=experiment)
-    if not files[0].exists() and not second[0].exists():
-        experiments, graphs = (
-            list(config.read(path).get(key) or ())
-            for path, key in ((paths.PARAMS, "experiments"), (paths.BEYOND_PARAMS, "graphs"))
-        )
-        if experiment not in (known := experiments + graphs):
+    if not files[0].exists():
+        experiments = [*(config.read(paths.PARAMS).get("experiments") or ())]
+        known = [*experiments, *(config.read(paths.BEYOND_PARAMS).get("graphs") or ())]
+        if experiment not in known and not second[0].exists():
             expected = f"expected one of {', '.join(known)}, got {experiment[:80]!r}{meant(experiment, known)}"
             raise InputError("EXPERIMENT", "", expected)
-        files = files if experiment in experiments else second
-    elif not files[0].exists():
-        files = second
+        files = files if experiment in experiments and not second[0].exists() else second
     if most and files == second:
         expected = "expected an experiment of params.yaml: graphs of the second pipeline have no model"
         raise InputError("--predictions", experiment, expected)
@@ -156,17 +139,12 @@ def of_bundle(folder: Path, most: int) -> GraphExport:
     check_names((folder / "entities.tsv", folder / "triples.tsv"), entities, triples)
     ids, kinds = torch.from_numpy(opened.triples), torch.from_numpy(pd.factorize(entities["kind"])[0].astype("int64"))
     graph = Graph(opened.entity_names, opened.relation_names, ids, torch.ones(len(ids), dtype=torch.int64), kinds)
-    everyone = torch.ones(len(entities), dtype=torch.bool)
-    predictions = best_tails(graph, opened.embedding, everyone, most)
+    predictions = best_tails(graph, opened.embedding, torch.ones(len(entities), dtype=torch.bool), most)
     return GraphExport(name if NAME.fullmatch(name) else "embedding", entities, triples, predictions)
 
 
 def check_names(files: tuple[Path, Path], entities: pd.DataFrame, triples: pd.DataFrame) -> None:
-    """Refuse names that other tools would not read.
-
-    Raises:
-        InputError: naming the file and the column.
-    """
+    """Refuse names that other tools would not read: an ``InputError`` names the file and the column."""
     columns = [(files[0], entities[column]) for column in ("entity", "kind", "phrase")]
     for path, names in [*columns, (files[1], triples["relation"])]:
         if fault := next(filter(None, map(name_fault, names.unique())), None):
@@ -176,22 +154,22 @@ def check_names(files: tuple[Path, Path], entities: pd.DataFrame, triples: pd.Da
 def by_joint_model(store: Store, most: int, seed: int | None) -> pd.DataFrame:
     """Predictions of the joint model of a seed, the first one where it is null (see ``best_tails``).
 
-    Raises:
-        InputError: where there is no model, none of that seed, or it is not of this graph or model.
+    An ``InputError`` where there is no model, none of that seed, or it is not of this graph or model.
     """
     graph, path, values = store.graph(), JOINT.path(experiment=store.experiment), config.read(paths.PARAMS)
     tensors = JOINT.read(["entity", "relation", "known", "seed"], experiment=store.experiment)
-    entity, relation, known, seeds = tensors.values()
-    if seed is not None and seed not in seeds.tolist():
-        raise InputError(path, f"seed {seed}", f"expected one of {', '.join(map(str, seeds.tolist()))}")
-    row = slice(place := 0 if seed is None else seeds.tolist().index(seed), place + 1)
+    entity, relation, known, seeds = *list(tensors.values())[:3], tensors["seed"].tolist()
+    if seed is not None and seed not in seeds:
+        raise InputError(path, f"seed {seed}", f"expected one of {', '.join(map(str, seeds))}")
+    place = 0 if seed is None else seeds.index(seed)
     params = check(values.get("embedding"), EmbeddingParams, "embedding")
     model = make_model(params.model, value_of(values, f"models.{params.model}"), f"models.{params.model}")
     expected = (len(graph.entities), len(graph.relations), model.width(entity.shape[-1]))
-    if (shape := (entity.shape[1], relation.shape[1], relation.shape[2])) != expected:
+    if (shape := (entity.shape[1], *relation.shape[1:])) != expected:
         names = "entities, relations and numbers of a relation's row"
         raise InputError(path, "", f"expected {names} {expected} as in the graph, got {shape}")
-    return best_tails(graph, Embedding(entity[row], relation[row], model), known[place], most)
+    embedding = Embedding(entity[place : place + 1], relation[place : place + 1], model)
+    return best_tails(graph, embedding, known[place], most)
 
 
 def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> pd.DataFrame:
@@ -207,9 +185,8 @@ def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> 
     Returns:
         columns head, relation, tail (names), score, rank.
     """
-    names = np.array(graph.entities, dtype=object)
-
-    def parts(relation: int) -> Iterator[pd.DataFrame]:
+    names, tables = np.array(graph.entities, dtype=object), [pd.DataFrame(columns=PREDICTED)]
+    for relation in range(len(graph.relations) if most else 0):
         triples = graph.triples[graph.triples[:, RELATION] == relation]
         heads = torch.nonzero(torch.isin(graph.kinds, graph.kinds[triples[:, HEAD]]) & known)[:, 0]
         for part in torch.split(heads, max(1, BUDGET // len(known))):
@@ -221,12 +198,10 @@ def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> 
             values, tails = best.values[:, :most].numpy(), best.indices[:, :most].numpy()
             row, place = np.nonzero(values > -np.inf)
             columns = names[part[row]], graph.relations[relation], names[tails[row, place]]
-            yield pd.DataFrame(
-                dict(zip(PREDICTED, (*columns, values[row, place].astype(float), place + 1), strict=True))
-            )
-
-    tables = [table for relation in range(len(graph.relations)) for table in parts(relation) if most and len(table)]
-    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=PREDICTED)
+            scored = *columns, values[row, place].astype(float), place + 1
+            tables.append(pd.DataFrame(dict(zip(PREDICTED, scored, strict=True))))
+    tables = [table for table in tables if len(table)] or tables[:1]
+    return pd.concat(tables, ignore_index=True)
 
 
 #: The text of files by path; null: an earlier file of that path is removed.

@@ -12,14 +12,14 @@ import pandas as pd
 from cyclopts import Parameter
 
 from isi import config
-from isi.cli.app import FROM_ONE, Settings, settings, show
+from isi.cli import FROM_ONE, Settings, settings, show
 from isi.config import Seed, check
 from isi.errors import InputError, meant, short
 from isi.graph.graph import ENTITIES, TRIPLES, GraphTables, MinedSource, build_graph, build_tables
 from isi.graph.sessions import TRAIN, Shares, split
 from isi.graph.words import Words, load_vectors, look_up
 from isi.sources import Source, all_readers
-from isi.sources.readers import UNREADABLE, open_text, parse_json, suffix_of
+from isi.sources.readers import open_text, parse_json, reading, suffix_of
 from isi.tables import paths
 
 #: Names that are listed, at most.
@@ -42,23 +42,20 @@ def graph(
 ) -> None:  # fmt: skip
     """Read, count, describe, and write.
 
-    Raises:
-        InputError: where a file is broken, or ``params.yaml``, whose words and shares of sessions apply.
+    An ``InputError`` where a file is broken, or ``params.yaml``, whose words and shares of sessions apply.
     """
     values = config.read(paths.PARAMS)
     seed, options = check(values.get("seed"), Seed, "seed"), settings(set)
     readings = [read(file, reader, options, seed) for file in files]
-    tables = build_tables(together(readings), min_count)
+    tables = build_tables(together([reading.seen for reading in readings]), min_count)
     if tables.triples.empty:
         raise InputError(files[0], "", f"no triple was observed {min_count} times")
     described = describe(tables, values)
     if out:
         ENTITIES.write_file(out / "entities.parquet", tables.entities, "isi graph")
         TRIPLES.write_file(out / "triples.parquet", tables.triples, "isi graph")
-    read_as = {
-        str(file): {"reader": reading.reader, **reading.counts} for file, reading in zip(files, readings, strict=True)
-    }
-    show(read_as | described)
+    pairs = zip(files, readings, strict=True)
+    show({str(file): {"reader": reading.reader, **reading.counts} for file, reading in pairs} | described)
 
 
 @dataclass(frozen=True)
@@ -104,29 +101,21 @@ def _added_up(rows: pd.DataFrame) -> pd.DataFrame:
     return plain.groupby(COLUMNS, sort=False)["count"].sum().reset_index()
 
 
-def together(readings: Sequence[Reading]) -> MinedSource:
-    """What several files observed, as one.
-
-    Raises:
-        InputError: where an entity has another kind in one of them than in another.
-    """
-    if len(readings) == 1:
-        return readings[0].seen
+def together(sources: Sequence[MinedSource]) -> MinedSource:
+    """What several files observed, as one; an ``InputError`` where two of them give an entity different kinds."""
+    if len(sources) == 1:
+        return sources[0]
     kind_of: dict[str, str] = {}
-    for seen in (reading.seen for reading in readings):
+    for seen in sources:
         for name, kind in zip(seen.kinds["entity"], seen.kinds["kind"], strict=True):
             if kind != (first := kind_of.setdefault(name, kind)):
                 raise InputError(seen.source, f"entity {name!r}", f"expected kind {first!r}, got {kind!r}")
-    kinds = pd.concat([reading.seen.kinds for reading in readings]).drop_duplicates("entity", ignore_index=True)
-    return MinedSource("files", pd.concat([reading.seen.observations for reading in readings]), kinds)
+    kinds = pd.concat([seen.kinds for seen in sources]).drop_duplicates("entity", ignore_index=True)
+    return MinedSource("files", pd.concat([seen.observations for seen in sources]), kinds)
 
 
 def guess(file: Path) -> str:
-    """The reader of a file, by its name, and of JSON by its keys.
-
-    Raises:
-        InputError: where neither tells.
-    """
+    """The reader of a file, by its name, and of JSON by its keys; an ``InputError`` where neither fits one."""
     suffix, known = suffix_of(file), all_readers()
     fitting = [name for name, reader in known.items() if suffix in reader.suffixes]
     if not fitting and suffix in (".json", ".jsonl"):
@@ -140,15 +129,12 @@ def guess(file: Path) -> str:
 
 def _first(file: Path) -> Any:
     """What JSON Lines begin with, or else what JSON holds."""
-    try:
-        with open_text(file) as text:
-            line = text.readline(MOST)
-            try:
-                return parse_json(Any, line, file)
-            except InputError:
-                return parse_json(Any, line + text.read(MOST), file)
-    except UNREADABLE as error:
-        raise InputError(file, "", f"expected UTF-8 text ({error})") from error
+    with reading(file, "UTF-8 text"), open_text(file) as text:
+        line = text.readline(MOST)
+        try:
+            return parse_json(Any, line, file)
+        except InputError:
+            return parse_json(Any, line + text.read(MOST), file)
 
 
 def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -165,13 +151,13 @@ def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:
     shares, root = check(values.get("sessions"), Shares, "sessions"), check(values.get("seed"), Seed, "seed")
     built = build_graph(entities, triples)
     draws = (split(built, root, seed, shares.valid, shares.test) for seed in range(SPLITS))
-    relations = triples.astype({"relation": str}).groupby("relation")["count"]
+    relations = triples.astype({"relation": str}).groupby("relation")["count"].agg(["size", "sum"])
     return {
         "entities": len(entities), "unique_triples": len(triples), "observations": int(triples["count"].sum()),
         "entities_by_kind": dict(Counter(sorted(entities["kind"].astype(str))).most_common()),
         "relations": [
-            {"relation": relation, "unique_triples": len(counts), "observations": int(counts.sum())}
-            for relation, counts in relations
+            {"relation": relation, "unique_triples": number, "observations": observations}
+            for relation, number, observations in relations.itertuples()
         ],
         "without_a_word_vector": _first_names(entities.loc[pd.isna(pd.Series(served)), "entity"].tolist()),
         "with_one_triple,_which_stays_in_train": _first_names(sorted(ends.index[ends == 1])),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,34 +13,49 @@ from torch import Tensor
 from isi.config import Seed, check
 from isi.errors import InputError, short
 from isi.graph.graph import HEAD, TAIL
-from isi.graph.sessions import OUT, TRAIN, Session
-from isi.initializers.api import FALLBACKS, InitContext, NoRelationMap, NovelEntities, context_of
+from isi.graph.sessions import OUT
+from isi.initializers.api import (
+    FALLBACKS,
+    INITIALIZERS,
+    InitContext,
+    NoRelationMap,
+    NovelEntities,
+    Registered,
+    context_of,
+    options_of,
+)
 from isi.insertion.arguments import (
+    Names,
     Source,
     Triple,
     all_names,
     argument,
     checked_arguments,
-    graph_of,
+    is_whole,
     kinds_of,
-    names_of,
-    refuse_old_names,
+    options_by_name,
     stack_of_one,
     table,
+    trained_session,
     word_table,
 )
-from isi.insertion.choose import choose
 from isi.insertion.result import Inserted
 from isi.models.model import Model
 from isi.models.stack import Embedding, NotFinite
 from isi.training.batches import Negatives, is_dense, training_data
 from isi.training.trainer import Optimizer, train
 
-#: Numbers in the table of weights that a result keeps, at most.
-MOST_WEIGHTS = 2**24
+#: What is taken where a user names none, the best first (docs/method.md has the comparison): the first whose needs are
+#: met and whose cost is small.
+BEST = ("map_soft_hybrid", "soft_hybrid", "map_mean", "soft_rs", "soft_es", "mean")
+#: Numbers in the vectors of all triples that a new entity might have, up to which the default is MAP; and at most.
+QUICK, MOST = 2**24, 2**28
+#: Numbers in a table, at most: of every two entities, of some new entities, and of the weights that a result keeps.
+PAIRS, BUDGET, MOST_WEIGHTS = 2**29, 2**24, 2**24
+#: Triples whose scores say the margin, at most.
+MARGIN_TRIPLES = 1000
 
 
-@refuse_old_names
 def insert(
     entities: np.ndarray, relations: np.ndarray, triples: Sequence[Triple] | np.ndarray, *, new: int | Sequence[str],
     model: str | Model, model_options: Mapping[str, Any] | None = None,
@@ -67,7 +82,7 @@ def insert(
             vector or a text.
         word_source: what makes vectors of texts: a function, gensim's ``KeyedVectors``, or a file of such.
         kinds: of known and new entities; or by name or id.
-        initializer: its name; without one, the best for what is known (``choose.BEST``).
+        initializer: its name; without one, the best for what is known (``BEST``).
         options: of the initializer, in place of its defaults.
         seed: of random numbers.
 
@@ -95,14 +110,12 @@ def insert(
         name = names.of(known + int(np.argmax(entities)))
         return InputError(f"new entity {name!r:.80}", "", expected)
 
-    bare = ~(has_triple | (has_words & words_serve))
-    if initializer is None and bare.any():
+    if initializer is None and (bare := ~(has_triple | (has_words & words_serve))).any():
         expected = "expected a triple with a known entity, or a word vector, or an initializer that needs neither"
         raise refusal(bare, expected)
-    sizes = len(rows), len(given.relations), rows.shape[1]
-    choice = choose(initializer, options, *sizes, len(insert_triples) > 0, words_serve, given.model)
-    name, theta0 = choice.registered.name, stack_of_one(rows, given.relations, given.model)
-    results = []
+    theta0 = stack_of_one(rows, given.relations, given.model)
+    choice = choose(initializer, options, theta0, len(insert_triples) > 0, words_serve)
+    name, results = choice.registered.name, []
     try:
         for part in torch.split(torch.arange(known, len(rows)), choice.together):
             context = what_is_seen(theta0, part, known, insert_triples, given.known_triples, vectors, kind_ids, seed)
@@ -132,6 +145,78 @@ def insert(
     )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Choice:
+    """An initializer, its options, why it was chosen, and how many new entities it takes in one table, at most."""
+
+    registered: Registered
+    options: Mapping[str, Any]
+    why: str
+    together: int
+
+
+def choose(initializer: Any, options: Any, theta0: Embedding, triples: bool, words: bool) -> Choice:
+    """The initializer of a name; without one, the best for what is known.
+
+    Args:
+        theta0: of known and new entities.
+        triples: whether a new entity has an insert triple.
+        words: whether a new entity and a known one have word vectors.
+
+    Raises:
+        InputError: where there is no such initializer, it takes other options, the embedding is too large for it, or
+            the model lacks what it needs.
+    """
+    given, model, (_, entities, dimension) = options_by_name(options, "options"), theta0.model, theta0.entity.shape
+    possible = 2 * theta0.relation.shape[1] * entities
+    check(initializer, str | None, "", "argument 'initializer'")  # type: ignore[arg-type]
+    with argument("initializer"):
+        small = possible * dimension <= QUICK
+        name, why = best(small, triples, words, model) if initializer is None else (initializer, "as asked")
+        registered = INITIALIZERS.get(name, "initializer")
+        checked = options_of(name, {**registered.defaults, **given}, "initializer")
+        registered.check(model)
+        for cost, too_large, work in (
+            ("triples", possible * dimension > MOST, f"looks at {possible:,} triples that an entity might have"),
+            ("pairs", entities**2 > PAIRS, f"compares the words of every two of {entities:,} entities"),
+        ):
+            if registered.cost == cost and too_large:
+                raise InputError("", "", f"expected another one: {name} {work}")
+    numbers = max(entities, theta0.relation.shape[1] * dimension)  # of one new entity
+    if registered.cost == "triples":
+        numbers = possible if model.linear else possible * dimension
+    return Choice(registered, checked, why, max(1, BUDGET // numbers))
+
+
+def best(small: bool, triples: bool, words: bool, model: Model) -> tuple[str, str]:
+    """The name of the best initializer for what is known, and why it is taken; ``small``: whether MAP is quick."""
+    lacking = {name for name, there in (("words", words), ("insert_triples", triples)) if not there}
+    candidates = [INITIALIZERS.get(name, name) for name in BEST]
+    fitting = [other for other in candidates if not lacking & set(other.needs) and not other.misses(model)]
+    affordable = next(registered for registered in fitting if small or registered.cost == "entities")
+    why = "the best for " + " and ".join(["words"] * words + ["triples"] * triples)
+    return affordable.name, why if affordable is fitting[0] else f"{why} on a graph of this size"
+
+
+def margin_of(embedding: Embedding, triples: Tensor, margin: float | None) -> float:
+    """The margin that makes scores of distances positive for triples and negative for others, as logistic losses need.
+
+    It is the middle between both mean scores, or as given; zero where scores are linear.
+
+    Args:
+        embedding: a stack of one, whose margin is 0.
+        triples: that it was trained on; ids, shape (T, 3).
+    """
+    if margin is not None or embedding.model.linear or not len(triples):
+        return margin or 0.0
+    head, relation, tail = triples[:: -(-len(triples) // MARGIN_TRIPLES)].T[:, None]
+    with torch.no_grad():
+        right = embedding.score(head, relation, tail).mean()
+        other_heads = embedding.score(head.roll(1, 1), relation, tail).mean()
+        other_tails = embedding.score(head, relation, tail.roll(1, 1)).mean()
+    return -(right / 2 + (other_heads + other_tails) / 4).item()
+
+
 def what_is_seen(
     theta0: Embedding, new: Tensor, known: int, insert_triples: np.ndarray, known_triples: np.ndarray,
     words: np.ndarray | None, kinds: np.ndarray | None, seed: int,
@@ -147,21 +232,18 @@ def what_is_seen(
             be an indicator.
         words: shape (E, w), float32.
     """
-    graph = graph_of(np.concatenate([insert_triples, known_triples]), theta0, kinds)
-    splits = torch.full((1, len(graph.triples)), TRAIN, dtype=torch.int8)
-    splits[:, : len(insert_triples)] = OUT
-    session = Session(graph, torch.arange(len(graph.entities))[None] < known, splits)
+    session = trained_session(np.concatenate([insert_triples, known_triples]), theta0, kinds)
+    session.splits[:, : len(insert_triples)] = OUT
+    session.entities[:, known:] = False
     place = torch.from_numpy(insert_triples[:, [HEAD, TAIL]].max(1)) - new[0]  # new ids are the larger
     order = torch.argsort(place, stable=True)
     order = order[(place[order] >= 0) & (place[order] < len(new))]
     triples = torch.stack([torch.zeros_like(order), place[order], order], 1)
-    vectors = torch.zeros(len(graph.entities), 1) if words is None else torch.from_numpy(words)
-    novel = NovelEntities(new[None], triples, vectors)
-    context = context_of(theta0, session, novel, seed, new[None, :1] - known)
+    vectors = torch.zeros(len(session.graph.entities), 1) if words is None else torch.from_numpy(words)
+    context = context_of(theta0, session, NovelEntities(new[None], triples, vectors), seed, new[None, :1] - known)
     return context if len(known_triples) else replace(context, eligible=context.known)
 
 
-@refuse_old_names
 def fit_new(
     entities: np.ndarray, relations: np.ndarray, triples: Sequence[Triple] | np.ndarray, *, new: int,
     model: str | Model, model_options: Mapping[str, Any] | None = None,
@@ -198,9 +280,9 @@ def fit_new(
     for name, value in (("seed", seed), ("epochs", epochs), ("all_epochs", all_epochs)):
         check(value, Seed, "", f"argument {name!r}")
     rows = table(entities, "entities")
-    if not isinstance(new, int | np.integer) or isinstance(new, bool) or not 0 < new < len(rows):
+    if not is_whole(new) or not 0 < new < len(rows):
         raise InputError("argument 'new'", "", f"expected a number from 1 to {len(rows) - 1}, got {short(new)}")
-    names, known = names_of("entity_names", len(rows), entity_names), len(rows) - int(new)
+    names, known = Names("entity_names", len(rows), entity_names), len(rows) - int(new)
     given = checked_arguments(
         rows, relations, model, model_options, names, relation_names, known, triples, known_triples
     )
@@ -212,15 +294,12 @@ def fit_new(
     ):  # fmt: skip
         if wrong:
             raise InputError(f"argument {name!r}", "", expected)
+    theta = stack_of_one(rows, given.relations, given.model)
+    session = trained_session(np.concatenate([given.triples, given.known_triples]), theta)
     settings = {"batch_size": batch_size, "learning_rate": learning_rate, "weight_decay": weight_decay,
                 "new_rows_first": epochs, "max_epochs": epochs + all_epochs}  # fmt: skip
-    optimizer = check(settings, Optimizer, "", "fit_new")
-    theta = stack_of_one(given.entities, given.relations, given.model)
-    graph = graph_of(np.concatenate([given.triples, given.known_triples]), theta)
-    everyone = torch.ones(1, len(rows), dtype=torch.bool)
-    session = Session(graph, everyone, torch.full((1, len(graph.triples)), TRAIN, dtype=torch.int8))
-    mode = "expected" if is_dense(graph) else "sampled"
-    negatives = check({"mode": mode, "ratio": ratio, "head_pool": "unseen"}, Negatives, "", "fit_new")
+    sampling = {"mode": "expected" if is_dense(session.graph) else "sampled", "ratio": ratio, "head_pool": "unseen"}
+    optimizer, negatives = check(settings, Optimizer, "", "fit_new"), check(sampling, Negatives, "", "fit_new")
     novel, keys = torch.arange(known, len(rows))[None], torch.tensor([[len(rows), len(rows) - known]])
     data = training_data(session, "fine-tuning", keys, negatives.head_pool, novel)
     try:

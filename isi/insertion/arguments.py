@@ -5,14 +5,12 @@ Every function here raises an ``InputError`` that names the argument that is wro
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
@@ -20,19 +18,16 @@ import torch
 from isi.config import check
 from isi.errors import InputError, meant, short
 from isi.graph.graph import HEAD, TAIL, Graph
+from isi.graph.sessions import TRAIN, Session
 from isi.models.model import Model, make_model
 from isi.models.stack import Embedding, NotFinite
 from isi.tables import paths
 
-P = ParamSpec("P")
-R = TypeVar("R")
 #: What makes vectors of texts: a function, word vectors of gensim's, or a file of such.
 Source = Callable[[Sequence[str]], Any] | str | Path
 #: A triple by names or by ids: head, relation, tail.
 Triple = Sequence[str | int]
 SLOTS = ("head", "relation", "tail")
-#: Arguments that had another name.
-RENAMED = {"family": "model", "family_options": "model_options"}
 
 
 @contextmanager
@@ -46,35 +41,25 @@ def argument(name: str) -> Iterator[None]:
         raise InputError(f"argument {name!r}", re.sub(rf"^{name}s?(\.|$)", "", error.place), error.message) from error
 
 
-def refuse_old_names(function: Callable[P, R]) -> Callable[P, R]:
-    """A function that names the new name where it is called with an old name of an argument."""
-
-    @functools.wraps(function)
-    def called(*args: P.args, **kwargs: P.kwargs) -> R:
-        for old in RENAMED.keys() & kwargs.keys():
-            raise InputError(f"argument {old!r}", "", f"expected its new name, {RENAMED[old]!r}")
-        return function(*args, **kwargs)
-
-    return called
-
-
 def as_list(values: Any, item: type = object, expected: str = "a list") -> list[Any]:
-    """The items that an argument lists."""
+    """The items that an argument lists; a text is no list."""
     try:
         items = list(values)
     except TypeError as error:
         raise InputError("", "", f"expected {expected}, got {short(values)}") from error
-    if isinstance(values, str | bytes):
-        raise InputError("", "", f"expected {expected}, got one text")
-    if wrong := [value for value in items if not isinstance(value, item)]:
-        raise InputError("", "", f"expected {expected}, got {short(wrong[0])} in it")
+    wrong = [values] if isinstance(values, str | bytes) else [value for value in items if not isinstance(value, item)]
+    if wrong:
+        raise InputError("", "", f"expected {expected}, got {short(wrong[0])}")
     return items
+
+
+def is_whole(value: object) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def options_by_name(values: Any, name: str) -> dict[str, Any]:
     """Options that an argument gives by name; none where it is null."""
-    empty: dict[str, Any] = {}
-    return dict(check(empty if values is None else values, Mapping[str, Any], "", f"argument {name!r}"))  # type: ignore[type-abstract]
+    return dict(check({} if values is None else values, Mapping[str, Any], "", f"argument {name!r}"))  # type: ignore[type-abstract]
 
 
 def table(values: Any, name: str, width: int | None = None, dtype: type[np.floating[Any]] | None = None) -> np.ndarray:
@@ -97,68 +82,53 @@ def table(values: Any, name: str, width: int | None = None, dtype: type[np.float
     return numbers
 
 
-@dataclass(frozen=True)
+@dataclass
 class Names:
-    """Names of the rows of a table: known ones, then new ones; without names, rows go by id alone."""
+    """Names of the rows of a table, known ones before new ones; without names, rows go by id alone."""
 
-    #: ``entity_names`` or ``relation_names``
-    argument: str
+    argument: str  #: ``entity_names`` or ``relation_names``
     number: int
     names: Sequence[str] | None
+    ids: dict[str, int] = field(default_factory=dict)
 
-    @cached_property
-    def ids(self) -> dict[str, int]:
-        """Ids by name; each row must have one of its own."""
-        names = self.names if self.names is not None else ()
-        ids = {name: row for row, name in enumerate(names)}
+    def __post_init__(self) -> None:
+        if self.names is None:
+            return
         with argument(self.argument):
-            if self.names is not None and len(names) != self.number:
+            names = self.names = as_list(self.names, str, "a list of names")
+            self.ids = {name: row for row, name in enumerate(names)}
+            if len(names) != self.number:
                 raise InputError("", "", f"expected {self.number} names, got {len(names)}")
             for row, name in enumerate(names):
-                if ids[name] != row:
+                if self.ids[name] != row:
                     raise InputError("", repr(name)[:80], "expected names that do not repeat")
-        return ids
 
     def of(self, row: int) -> str | int:
         """The name of a row, or its id."""
-        return self.names[row] if self.names is not None else row
+        return row if self.names is None else self.names[row]
 
-    def id(self, value: object, place: str) -> int:
+    def id(self, value: Any, place: str) -> int:
         """The id of a name or of an id; ``place`` is where it stands."""
-        if isinstance(value, str):
-            if value in self.ids:
-                return self.ids[value]
-            expected = f"an id, as there are no {self.argument!r}"
-            if self.names is not None:
-                expected = f"one of {self.argument!r}" + " or a new entity" * (self.argument == "entity_names")
-            raise InputError("", place, f"expected {expected}, got {value[:80]!r}{meant(value, self.ids)}")
-        if not isinstance(value, int | np.integer) or isinstance(value, bool):
-            raise InputError("", place, f"expected a name or an id, got {value!r:.80}")
-        if not 0 <= value < self.number:
-            raise InputError("", place, f"expected an id from 0 to {self.number - 1}, got {value}")
-        return int(value)
-
-
-def names_of(name: str, number: int, values: Any) -> Names:
-    """Names of so many rows, if an argument gives any."""
-    with argument(name):
-        names = Names(name, number, None if values is None else as_list(values, str, "a list of names"))
-    names.ids  # noqa: B018  # which refuses them
-    return names
+        if isinstance(value, str) and value in self.ids:
+            return self.ids[value]
+        if is_whole(value) and 0 <= value < self.number:
+            return int(value)
+        expected = f"an id from 0 to {self.number - 1}"
+        if self.names is not None:
+            expected += f", or one of {self.argument!r}" + " or a new entity" * (self.argument == "entity_names")
+        raise InputError("", place, f"expected {expected}, got {value!r:.80}{meant(value, self.ids)}")
 
 
 def all_names(known: int, entity_names: Any, new: Any) -> Names:
     """Names of known and new entities."""
-    is_number = isinstance(new, int | np.integer) and not isinstance(new, bool)
-    known_names = names_of("entity_names", known, entity_names)
+    names = Names("entity_names", known, entity_names).names
     with argument("new"):
-        if is_number == (entity_names is not None):
+        if is_whole(new) == (names is not None):
             raise InputError("", "", "expected names where 'entity_names' are given, else a number")
-        new_names = [None] * int(new) if is_number else as_list(new, str, "a list of names")
-        if not new_names:
+        added = as_list(new, str, "a list of names") if names is not None else [None] * new
+        if not added:
             raise InputError("", "", "expected at least one new entity")
-    names = None if known_names.names is None else [*known_names.names, *new_names]
-    return names_of("entity_names", known + len(new_names), names)
+    return Names("entity_names", known + len(added), None if names is None else [*names, *added])
 
 
 def checked_model(model: Any, options: Any, dimension: int) -> Model:
@@ -174,29 +144,23 @@ def checked_model(model: Any, options: Any, dimension: int) -> Model:
 
 @dataclass(frozen=True)
 class Arguments:
-    """What ``isi.insert`` and ``isi.fit_new`` are both given, checked."""
+    """What ``isi.insert`` and ``isi.fit_new`` are both given, checked; ids of known entities come before new ones."""
 
-    #: rows of known entities, then of new ones
-    entities: np.ndarray
     relations: np.ndarray
     model: Model
-    names: Names
     relation_names: Names
-    #: number of known entities, whose ids come first
-    known: int
-    #: of new entities, and of known ones; ids, shapes: (T, 3), (K, 3)
-    triples: np.ndarray
-    known_triples: np.ndarray
+    triples: np.ndarray  #: of new entities; ids, shape: (T, 3)
+    known_triples: np.ndarray  #: shape: (K, 3)
 
 
 def checked_arguments(
     entities: np.ndarray, relations: Any, model: Any, model_options: Any, names: Names, relation_names: Any,
     known: int, triples: Any, known_triples: Any,
 ) -> Arguments:  # fmt: skip
-    """The arguments of a call, of which ``entities`` and ``names`` are checked already."""
+    """The arguments of a call, of which ``entities``, their ``names`` and how many are ``known`` are checked."""
     checked = checked_model(model, model_options, entities.shape[1])
     rows = table(relations, "relations", checked.width(entities.shape[1]))
-    labels = names_of("relation_names", len(rows), relation_names)
+    labels = Names("relation_names", len(rows), relation_names)
     new = triples_of(triples, "triples", names, labels)
     old = triples_of([] if known_triples is None else known_triples, "known_triples", names, labels)
     for name, ids, wrong, expected in (
@@ -206,7 +170,7 @@ def checked_arguments(
         for head, relation, tail in ids[wrong][:1].tolist():
             triple = f"({names.of(head)}, {labels.of(relation)}, {names.of(tail)})"[:200]
             raise InputError(f"argument {name!r}", triple, f"expected {expected}")
-    return Arguments(entities, rows, checked, names, labels, known, new, old)
+    return Arguments(rows, checked, labels, new, old)
 
 
 def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np.ndarray:
@@ -219,32 +183,29 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
             for row, slot in np.argwhere(wrong)[:1].tolist():
                 columns[slot].id(triples[row, slot], f"triple {row}: {SLOTS[slot]}")
         else:
-            rows = [_ids(row, triple, columns) for row, triple in enumerate(as_list(triples, object, "triples"))]
+            rows = []
+            for row, triple in enumerate(as_list(triples)):
+                is_sized = hasattr(triple, "__len__") and not isinstance(triple, str | bytes | Set | Mapping)
+                if not is_sized or len(triple) != 3:
+                    raise InputError("", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}")
+                slots = zip(columns, triple, SLOTS, strict=True)
+                rows.append([names.id(value, f"triple {row}: {slot}") for names, value, slot in slots])
             ids = np.array(rows, dtype=np.int64).reshape(-1, 3)
     return ids[np.sort(np.unique(ids, axis=0, return_index=True)[1])] if len(ids) > 1 else ids
 
 
-def _ids(row: int, triple: Any, columns: tuple[Names, Names, Names]) -> list[int]:
-    if isinstance(triple, str | bytes | Set | Mapping) or not hasattr(triple, "__len__") or len(triple) != 3:
-        raise InputError("", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}")
-    slots = zip(columns, triple, SLOTS, strict=True)
-    return [names.id(value, f"triple {row}: {slot}") for names, value, slot in slots]
-
-
-def kinds_of(kinds: Any, entities: Names) -> np.ndarray:
-    """A number for the kind of each entity, the same one where there are no kinds; shape (E,), int64.
+def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
+    """A number for the kind of each entity, shape (E,), int64; null where there are no kinds.
 
     Args:
         kinds: of known and new entities, in order, or by name (those that it lacks are of one more kind)."""
     if kinds is None:
-        return np.zeros(entities.number, dtype=np.int64)
-    labels = [""] * entities.number
+        return None
     with argument("kinds"):
         if isinstance(kinds, Mapping):
-            for name, kind in kinds.items():
-                labels[entities.id(name, "")] = str(kind)
-        else:
-            labels = list(map(str, as_list(kinds, object, "a list of kinds")))
+            kind_of = {entities.id(name, ""): kind for name, kind in kinds.items()}
+            kinds = [kind_of.get(row, "") for row in range(entities.number)]
+        labels = list(map(str, as_list(kinds, object, "a list of kinds")))
         if len(labels) != entities.number:
             expected = f"expected {entities.number} kinds, of known and new entities, got {len(labels)}"
             raise InputError("", "", expected)
@@ -271,17 +232,16 @@ def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray
     with argument("words"):
         by_id = {entities.id(name, ""): value for name, value in words.items()}
         texts = {row: value for row, value in by_id.items() if isinstance(value, str)}
-        if texts:
-            by_id |= dict(zip(texts, _vectors_of(list(texts.values()), source), strict=True))
-        vectors = dict[int, np.ndarray]()
+        by_id |= dict(zip(texts, _vectors_of(list(texts.values()), source), strict=True)) if texts else {}
+        width, vectors = None, list[np.ndarray]()
         for row, value in by_id.items():
-            width = None if not vectors else next(iter(vectors.values())).shape[1]
             try:
-                vectors[row] = table([value], "words", width, np.float32)
+                vectors.append(table([value], "words", width, np.float32))
             except InputError as error:
                 raise InputError("", f"{entities.of(row)!r:.80}", error.message) from error
-    rows = np.zeros((entities.number, next(iter(vectors.values())).shape[1]), dtype=np.float32)
-    rows[list(vectors)] = np.concatenate(list(vectors.values()))
+            width = vectors[0].shape[1]
+    rows = np.zeros((entities.number, vectors[0].shape[1]), dtype=np.float32)
+    rows[list(by_id)] = np.concatenate(vectors)
     return rows
 
 
@@ -312,9 +272,11 @@ def stack_of_one(entities: np.ndarray, relations: np.ndarray, model: Model) -> E
     return Embedding(entity[None], torch.from_numpy(np.array(relations, np.float32))[None], model)
 
 
-def graph_of(triples: np.ndarray, theta: Embedding, kinds: np.ndarray | None = None) -> Graph:
-    """Triples over the ids of an embedding, each seen once."""
+def trained_session(triples: np.ndarray, theta: Embedding, kinds: np.ndarray | None = None) -> Session:
+    """The session of all entities of an embedding, in which some triples, each seen once, are for training."""
     entities, relations = theta.entity.shape[1], theta.relation.shape[1]
     kind = torch.zeros(entities, dtype=torch.int64) if kinds is None else torch.from_numpy(kinds)
     seen = torch.ones(len(triples), dtype=torch.int64)
-    return Graph([""] * entities, [""] * relations, torch.from_numpy(triples), seen, kind)
+    graph = Graph([""] * entities, [""] * relations, torch.from_numpy(triples), seen, kind)
+    everyone = torch.ones(1, entities, dtype=torch.bool)
+    return Session(graph, everyone, torch.full((1, len(triples)), TRAIN, dtype=torch.int8))

@@ -17,8 +17,7 @@ from isi.config import Count, Seed, check
 from isi.errors import InputError
 from isi.evaluation.ranking import compare, make_queries, padded_ids, rank_queries
 from isi.graph.graph import HEAD, RELATION, TAIL
-from isi.graph.sessions import TRAIN, Session
-from isi.insertion.arguments import Names, Triple, graph_of, stack_of_one, triples_of
+from isi.insertion.arguments import Names, Triple, stack_of_one, trained_session, triples_of
 from isi.models.model import Model
 from isi.models.stack import Embedding
 from isi.models.stack import rows as rows_of
@@ -38,19 +37,14 @@ class Entity:
 
     name: str | int
     id: int
-    #: triples with a known end, which the initializer saw, and triples between two new ones, which it did not
-    insert_triples: int
-    between: int
-    #: what served where the initializer could not: es, rs, centroid
-    fallback: str | None
-    #: whose centroid was taken, if one was
-    indicators: list[str | int] | None
-    #: the known entities of nearest vectors, with their cosines
-    nearest: list[tuple[str | int, float]]
+    insert_triples: int  #: triples with a known end, which the initializer saw
+    between: int  #: triples between two new ones, which it did not
+    fallback: str | None  #: what served where the initializer could not: es, rs, centroid
+    indicators: list[str | int] | None  #: whose centroid was taken, if one was
+    nearest: list[tuple[str | int, float]]  #: the known entities of nearest vectors, with their cosines
     #: from the centre of the known cloud, coordinates in its deviations, root mean square: 1 is usual
     distance: float
-    #: share of the known that lie nearer to the centre
-    farther_than: float
+    farther_than: float  #: share of the known that lie nearer to the centre
 
 
 @dataclass(frozen=True)
@@ -72,30 +66,23 @@ class Interference:
 class Inserted:
     """An embedding with new entities in it; rows of the known ones are the bytes that were given."""
 
-    #: shapes: (E + n, d), (R, w)
-    entities: np.ndarray
-    relations: np.ndarray
+    entities: np.ndarray  #: shape: (E + n, d)
+    relations: np.ndarray  #: shape: (R, w)
     model: Model
-    #: null where they go by id
-    entity_names: Sequence[str] | None
+    entity_names: Sequence[str] | None  #: null where they go by id
     relation_names: Sequence[str] | None
-    #: ids of the new entities
-    new: list[int]
-    #: triples with one new end, and with two; shapes: (I, 3), (B, 3)
-    insert_triples: np.ndarray
-    between: np.ndarray
+    new: list[int]  #: ids of the new entities
+    insert_triples: np.ndarray  #: triples with one new end; shape: (I, 3)
+    between: np.ndarray  #: and with two; shape: (B, 3)
     known_triples: np.ndarray
     initializer: str
     options: Mapping[str, Any]
-    #: why this initializer
-    why: str
-    #: what served each new entity where the initializer could not: es, rs, centroid
-    fallback: list[str | None]
+    why: str  #: why this initializer
+    fallback: list[str | None]  #: what served each new entity where the initializer could not: es, rs, centroid
     #: what each known entity weighs in each new vector, or in the mean of its prior; shape (n, E); null where the
     #: initializer has no weights, or where they are too many
     weights: np.ndarray | None
-    #: ids of the indicators of each, where the initializer has them
-    indicators: list[list[int]] | None
+    indicators: list[list[int]] | None  #: ids of the indicators of each, where the initializer has them
 
     @property
     def known(self) -> int:
@@ -107,7 +94,7 @@ class Inserted:
         """As a stack of one, in single precision."""
         return stack_of_one(self.entities, self.relations, self.model)
 
-    @property
+    @cached_property
     def names(self) -> Names:
         return Names("entity_names", len(self.entities), self.entity_names)
 
@@ -127,15 +114,15 @@ class Inserted:
         parts = torch.split(vectors[self.known :], max(1, BUDGET // self.known))
         best = [torch.topk(normalize(part, dim=-1) @ known.T, min(nearest, self.known)) for part in parts]
         cosines, ids = (torch.cat([part[place] for part in best]).tolist() for place in (0, 1))
-        distance, farther_than = self._from_cloud()
+        distances, shares = self._from_cloud()
+        indicators: Sequence[list[int] | None] = self.indicators or [None] * len(self.new)
+        columns = self.new, self.fallback, indicators, ids, cosines, distances, shares
         return [
             Entity(
-                of(row), row, inserted[row], between[row], self.fallback[place],
-                None if self.indicators is None else [of(indicator) for indicator in self.indicators[place]],
-                [(of(other), cosine) for other, cosine in zip(ids[place], cosines[place], strict=True)],
-                distance[place], farther_than[place],
+                of(row), row, inserted[row], between[row], fallback, centroid and list(map(of, centroid)),
+                list(zip(map(of, others), similar, strict=True)), distance, farther_than,
             )
-            for place, row in enumerate(self.new)
+            for row, fallback, centroid, others, similar, distance, farther_than in zip(*columns, strict=True)
         ]  # fmt: skip
 
     def _from_cloud(self) -> tuple[list[float], list[float]]:
@@ -203,26 +190,24 @@ def ranked_above(embedding: Embedding, known: int, queried: Tensor, insert_tripl
     return total / (2 * len(queried))
 
 
-def _ranks(embedding: Embedding, queried: np.ndarray, right: np.ndarray, known: int) -> tuple[Tensor, Tensor]:
-    """Filtered ranks of the answers among known entities and among all; shapes (2Q,).
+def _ranks(embedding: Embedding, queried: np.ndarray, right: np.ndarray, known: int) -> list[Tensor]:
+    """Filtered ranks of the answers, among known entities and among all; shapes (2Q,).
 
     Args:
         right: triples, of which the queried ones come first; shape (T, 3).
     """
     triples, place = np.unique(right, axis=0, return_inverse=True)
-    graph, everyone = graph_of(triples, embedding), torch.ones(embedding.entity.shape[:2], dtype=torch.bool)
-    session = Session(graph, everyone, torch.full((1, len(triples)), TRAIN, dtype=torch.int8))
+    session = trained_session(triples, embedding)
     is_queried = torch.zeros(1, len(triples), dtype=torch.bool)
     is_queried[:, torch.from_numpy(place.flatten()[: len(queried)])] = True
-    known_alone = torch.arange(everyone.shape[1])[None] < known
     slots, filtered = padded_ids(is_queried), torch.ones_like(is_queried)
+    known_alone = torch.arange(session.entities.shape[1])[None] < known
     queries = {
         name: make_queries(session, slots, is_queried, filtered, candidates)
-        for name, candidates in (("before", known_alone), ("after", everyone))
+        for name, candidates in (("before", known_alone), ("after", session.entities))
     }
     pieces = list(rank_queries(embedding, queries))
-    before, after = (
+    return [
         torch.cat([piece[name].slots[slot].rank[0] for piece in pieces for slot in (HEAD, TAIL)]).double()
         for name in queries
-    )
-    return before, after
+    ]
