@@ -58,7 +58,7 @@ def test_a_curve_goes_through_answers_that_are_no_insert_triples() -> None:
     scores, right = [], []
     everyone = set(range(ENTITIES))
     for one in found.held_out:
-        true = known.answers.get((one.entity, 1, HEAD))
+        true = known.answers.get(Query(one.entity, 1, HEAD))
         if true:
             told = {head for head, relation, tail in one.insert_triples.tolist() if (relation, tail) == (1, one.entity)}
             for other in sorted(everyone - {one.entity} - told):

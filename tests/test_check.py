@@ -2,34 +2,28 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import chdir
 from pathlib import Path
 
 import pytest
-import yaml
 
 from isi import config
 from isi.__main__ import main
 from isi.cli.check import catalogue, check_data
 from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, THETA0
 from isi.graph.graph import ENTITIES
-from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
+from isi.graph.sessions import SPLITS
 from isi.graph.words import COVERAGE
 from isi.params import load
-from isi.sources import KINDS
 from isi.tables import paths
 from isi.tables.table import Table
 from tests import small
 from tests.broken_tables import CASES, TENSOR_CASES, Tensors, put
 from tests.example_tables import ROWS, Change, change_table, change_tensors
 from tests.small import NAME, for_a_while
-from tools.workspace import change
 
 FILES = 3 + 2 + 2 + 3 + 2 + 1 + 4 + 4
 #: Of the final model and of single insertions.
@@ -77,17 +71,6 @@ def test_what_the_stages_wrote_has_no_problem(capsys: pytest.CaptureFixture[str]
     assert check(capsys) == ([f"{FILES} files under data, 0 problems"], 0)
 
 
-def test_it_says_that_nothing_has_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    small.lay_out(tmp_path, {})
-    (line,), ended = check(capsys)
-    assert "0 files" in line
-    assert "dvc repro" in line
-    assert ended == 0
-
-
 @pytest.mark.usefixtures("_in_copy")
 def test_each_problem_is_one_line_and_the_status_is_1(capsys: pytest.CaptureFixture[str]) -> None:
     splits, vectors = SPLITS.path(experiment=NAME), INITIAL_VECTORS.path(experiment=NAME, initializer="rs")
@@ -122,23 +105,6 @@ def test_broken_tensors_are_named_with_what_was_expected(
         assert any(line.startswith(str(path)) and re.search(pattern, line) for line in problems())
 
 
-@pytest.mark.parametrize("stage", ["build_graph", "make_sessions", "train_theta0", "insert"])
-def test_a_stage_refuses_a_broken_table_in_one_line_and_writes_nothing(made: Path, stage: str) -> None:
-    table, broken, arguments = {
-        "build_graph": (KINDS, put("kind", None), NAME),
-        "make_sessions": (ENTITIES, put("entity", "a\tb"), NAME),
-        "train_theta0": (NOVEL, put("entity", -1), NAME),
-        "insert": (INSERT_TRIPLES, put("triple", 10**6), f"{NAME} rs"),
-    }[stage]
-    with chdir(made):
-        before = {path: path.stat().st_mtime_ns for path in paths.DATA.rglob("*") if path.is_file()}
-        path = table.path(experiment=NAME, source=NAME)
-        with for_a_while(path, lambda path: change_table(table, path, broken)):
-            assert str(path) in small.refusal(f"{stage} {arguments}")
-        after = {path: path.stat().st_mtime_ns for path in paths.DATA.rglob("*") if path.is_file()}
-        assert {path for path in after if before.get(path) != after[path]} == {path}
-
-
 @pytest.mark.usefixtures("_in_copy")
 def test_files_that_params_no_longer_list_are_not_checked() -> None:
     """DVC leaves them where they are."""
@@ -147,19 +113,6 @@ def test_files_that_params_no_longer_list_are_not_checked() -> None:
         shutil.copy(rs, gone)
     shutil.copytree(ENTITIES.path(experiment=NAME).parent, ENTITIES.path(experiment="gone").parent)
     assert problems() == []
-
-
-@pytest.mark.usefixtures("_in_copy")
-@pytest.mark.parametrize("value", [5, "published"])
-@pytest.mark.parametrize("key", ["experiments", "sweep.experiments", "training.batch_size"])
-def test_params_of_another_type_end_it_in_problems_or_one_line(
-    capsys: pytest.CaptureFixture[str], key: str, value: object
-) -> None:
-    values = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
-    change(values, key, value)
-    paths.PARAMS.write_text(yaml.safe_dump(values), encoding="utf-8")
-    lines, ended = check(capsys)
-    assert ended == 0 or (lines == [] and "\n" not in str(ended) and key.partition(".")[0] in str(ended))
 
 
 @pytest.mark.usefixtures("_in_copy")
@@ -190,11 +143,3 @@ def test_every_output_of_the_pipelines_is_declared_and_every_table_has_an_exampl
                         assert any(file.names_in(path) or file.names_in(path / "size=01.safetensors") for file in files)
     columns = {tuple(table.columns) for table in ROWS}
     assert {file for file in files if isinstance(file, Table) and tuple(file.columns) not in columns} == set()
-
-
-def test_it_runs_from_the_shell_and_names_the_missing_params(tmp_path: Path) -> None:
-    command, environment = [sys.executable, "-m", "isi", "check"], os.environ | {"PYTHONPATH": str(small.ROOT)}
-    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, env=environment)
-    (line,) = ended.stderr.splitlines()
-    assert "params.yaml" in line
-    assert ended.returncode == 1

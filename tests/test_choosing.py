@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-import pytest
 import torch
 
 from isi.evaluation.query_sets import novel_query_set
 from isi.evaluation.ranking import evaluate
 from isi.experiment.grid import GridPoints
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
-from isi.initializers.api import INITIALIZERS, options_of
 from tests.small_graphs import points_of, random_embedding, random_graph
-from tools.choose_initializers import about, compared, hide, settings_of, shown, table_of
+from tools.choose_initializers import about, hide
 
 ENTITIES, RELATIONS = 20, 3
 
@@ -71,28 +69,3 @@ def test_half_of_the_queries_for_entities_are_about_the_novel_one() -> None:
             asked = bool(queries.rows.entity_weight[model, place] > 0)  # type: ignore[union-attr]
             assert (weights > 0).tolist() == [asked and tail in novel, asked and head in novel]
     assert ((found > 0) & (found < 1)).all()
-
-
-def test_settings_are_the_grid_and_what_params_say() -> None:
-    settings = settings_of(["es", "mean"], {"es": {"k": 5}, "mean": {}})
-    assert settings[0] == ("es", {"k": 5})
-    assert [options["k"] for name, options in settings[1:-1]] == (INITIALIZERS.get("es", "es").grid or {})["k"]
-    assert settings[-1] == ("mean", {})
-    assert all(options_of(name, options, name) == options for name, options in settings_of(compared(), {}))
-    assert shown({"k": 3, "candidates": 4}) == "k 3, candidates 4"
-    assert shown({}) == "–"
-
-
-def test_the_best_setting_of_an_initializer_stands_first_with_errors_of_differences() -> None:
-    settings = [("es", {"k": 1}), ("es", {"k": 2}), ("mean", {})]
-    here = np.array([[[50.0, 1.0], [52.0, 3.0]], [[60.0, 2.0], [66.0, 4.0]], [[40.0, 0.0], [np.nan, 0.0]]])
-    there = here + 10
-    table = table_of(settings, {"here": here, "there": there})
-    assert table["options"].tolist() == ["k 2", "k 1", "–"]
-    assert table["MRR*"].tolist() == [68.0, 56.0, 45.0]
-    assert table["asked about"].tolist() == [8.0, 7.0, 5.0]
-    assert table["here: MRR*"].tolist() == [63.0, 51.0, 40.0]
-    differences = np.array([10.0, 14.0])  # in both
-    error = (2 * differences.var(ddof=1) / 2) ** 0.5 / 2
-    assert table["±"].tolist()[:2] == [0.0, pytest.approx(error, abs=0.01)]
-    assert list(table_of(settings, {"here": here}).columns) == ["initializer", "options", "MRR*", "asked about", "±"]

@@ -12,7 +12,6 @@ import pytest
 from isi.__main__ import main
 from isi.bundle.folder import ManifestFile
 from isi.cli import COMMANDS
-from isi.models.model import MODELS
 from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, files, written
 
 PAGE = (Path(__file__).parent.parent / "docs" / "command.md").read_text(encoding="utf-8")
@@ -35,13 +34,6 @@ def test_it_lists_the_files_of_a_folder(tmp_path: Path) -> None:
     assert set(re.findall(r"^\| `([\w.]+)` \|", section, re.MULTILINE)) == set(files(written(tmp_path / "one")))
     assert "format and version" in section
     assert {"format", "version"} <= set(ManifestFile.model_fields)
-
-
-def test_it_lists_the_models() -> None:
-    listed = re.search(r"`--model` \(or `--family`\) says how a triple is scored\s+\(([^)]*)\)", PAGE)
-    assert listed is not None
-    shipped = [name for name in MODELS.names() if MODELS.get(name, "").__module__.startswith("isi.")]
-    assert re.findall(r"`(\w+)`", listed[1]) == shipped
 
 
 def test_it_lists_the_commands_about_embeddings() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -15,10 +14,9 @@ from rdflib import RDF, RDFS, Graph, Literal, URIRef
 
 from isi.__main__ import main
 from isi.cli.export import FORMATS
-from isi.graph import graph as tables
 from tests.observing import TRIPLE, observe
 from tests.small_bundle import small, written
-from tests.small_experiment import ENTITIES, MADE, TRIPLES, write_experiment
+from tests.small_experiment import ENTITIES, TRIPLES, write_experiment
 
 ROOT = Path(__file__).parent.parent
 ROWS = set(TRIPLES[TRIPLE].itertuples(index=False, name=None))
@@ -45,20 +43,7 @@ def export(form: str, out: str, *more: str) -> None:
     main(["export", "home", "--format", form, "--out", out, *more])
 
 
-def in_names(graph: Graph) -> set[tuple[str, ...]]:
-    return {tuple(str(node).replace("urn:isi:home:", "") for node in triple) for triple in graph}
-
-
 # What other tools find
-
-
-@pytest.mark.usefixtures("folder")
-@pytest.mark.parametrize(("form", "parser"), [("turtle", "turtle"), ("jsonld", "json-ld")])
-def test_rdf_has_as_many_triples_as_the_graph(form: str, parser: str) -> None:
-    export(form, "out/home")
-    found = Graph().parse("out/home", format=parser)
-    assert len(found) == len(TRIPLES)
-    assert ("entity:tea%2Fpot", "relation:atLocation", "entity:kitchen") in in_names(found)
 
 
 @pytest.mark.usefixtures("folder")
@@ -139,13 +124,6 @@ def test_the_same_graph_is_the_same_bytes_whatever_order_hashes_give(folder: Pat
     assert here == there
 
 
-@pytest.mark.usefixtures("folder")
-def test_jsonld_is_in_order() -> None:
-    export("jsonld", "home")
-    nodes = [node["@id"] for node in json.loads(Path("home").read_text(encoding="utf-8"))]
-    assert nodes == sorted(nodes)
-
-
 # Predictions
 
 
@@ -175,14 +153,6 @@ def test_an_embedding_leaves_with_what_it_predicts_itself() -> None:
         ("kettle", "atLocation", "kettle", 10.0, 1), ("bed", "atLocation", "kettle", 5.0, 1),
         ("kettle", "hasAffordance", "kettle", 4.0, 1), ("bed", "hasAffordance", "bed", 4.0, 1),
     ]  # fmt: skip
-
-
-def test_a_graph_of_the_second_pipeline_leaves_without_predictions(folder: Path) -> None:
-    tables.GRAPH_ENTITIES.write(tables.ENTITIES.read(experiment="home"), MADE, graph="there")
-    tables.GRAPH_TRIPLES.write(tables.TRIPLES.read(experiment="home"), MADE, graph="there")
-    main(["export", "there", "--format", "pykeen-tsv", "--out", "there.tsv"])
-    found = pd.read_csv(folder / "there.tsv", sep="\t", header=None)
-    assert set(found.itertuples(index=False, name=None)) == ROWS
 
 
 @pytest.mark.parametrize(

@@ -89,13 +89,6 @@ def test_the_nearest_known_and_the_distance_from_their_cloud() -> None:
     assert far.farther_than == 0.75  # -4 itself lies as far
 
 
-def test_coordinates_in_which_the_known_differ_a_little_count_as_much() -> None:
-    known = np.array([[1, 7], [2, 7.01], [3, 7], [-4, 6.99]])
-    done = isi.insert(known, np.ones((1, 2)), model="distmult", triples=[(4, 0, 1)], new=1, initializer="xavier")
-    away = (done.entities[4] - known.mean(0)) / known.std(0)
-    assert done.report()[0].distance == pytest.approx(np.sqrt((away**2).mean()), rel=1e-3)
-
-
 @pytest.mark.parametrize("apart", [0.0, 2e-6])  # a few steps of single precision
 def test_coordinates_in_which_all_known_are_the_same_count_for_no_distance(apart: float) -> None:
     known = np.array([[1, 7], [2, 7], [3, 7], [-4, 7 + apart]])
@@ -158,16 +151,3 @@ def test_transe_with_the_norm_of_city_blocks() -> None:
     assert (learned[3] != done.entities[3]).any()
     with pytest.raises(InputError, match=r"^argument 'model': margin: Field required$"):
         isi.insert(entities, relations, told, new=1, model="transe_l1")
-
-
-def test_the_most_probable_vector_by_the_norm_of_city_blocks_scores_higher_than_its_prior() -> None:
-    wide, told = random_embedding(1, 30, 3, 8), [(0, 0, 30), (30, 1, 3), (5, 2, 30)]
-    head, relation, tail = torch.tensor(told).T[:, None]
-    found = [
-        isi.insert(
-            wide.entity[0].numpy(), wide.relation[0].numpy(), told, new=1, initializer=name,
-            model="transe_l1", model_options={"margin": 4.0},
-        ).embedding.score(head, relation, tail).mean()
-        for name in ("mean", "map_mean")
-    ]  # fmt: skip
-    assert found[1] > found[0] + 1

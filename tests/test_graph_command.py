@@ -15,7 +15,7 @@ from isi.__main__ import main
 from isi.cli.graph import describe, guess, read, together
 from isi.config import read as read_params
 from isi.graph.graph import ENTITIES, TRIPLES, build_graph, build_tables
-from isi.sources.recordings import FORMAT, locate
+from isi.sources.recordings import locate
 from isi.tables import paths
 
 ROOT = Path(__file__).parent.parent
@@ -115,7 +115,7 @@ def test_several_files_make_one_graph(folder: Path, capsys: pytest.CaptureFixtur
 def test_a_graph_that_can_be_split_is_described_so(folder: Path) -> None:
     rows = [f"thing{h},near,thing{t}" for h in range(9) for t in range(9)]
     (folder / "dense.csv").write_text("head,relation,tail\n" + "\n".join(rows), encoding="utf-8")
-    graph = build_tables(together([read(folder / "dense.csv", None, {}, 0)]))
+    graph = build_tables(together([read(folder / "dense.csv", None, {}, 0).seen]))
     described = describe(graph, read_params(paths.PARAMS))
     assert (described["triples_for_validation_and_test"], described["triples_that_can_leave_train"] >= 16) == (16, True)
     assert described["with_one_triple,_which_stays_in_train"] == "0"
@@ -160,36 +160,13 @@ def test_one_recorded_scene_is_a_graph(folder: Path, capsys: pytest.CaptureFixtu
     assert "without a room" not in within
 
 
-def test_a_recording_of_ones_own_is_a_graph(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = [json.dumps(FORMAT), json.dumps({"scene": "FloorPlan301", "spawn": 4, "objects": THINGS})]
-    (folder / "rooms.jsonl.gz").write_bytes(gzip.compress("\n".join(lines).encode()))
-    text = said(capsys, "rooms.jsonl.gz")
-    assert "rooms.jsonl.gz:\n  reader: ai2thor\n" in text
-    assert re.search(r"  atLocation +3 +3\n", text)
-
-
 def test_a_whole_recording_is_a_graph(capsys: pytest.CaptureFixture[str]) -> None:
     text = said(capsys, str(locate("recording")))
     assert "reader: ai2thor\n" in text
     assert "  room: 4\n" in text
 
 
-@pytest.mark.usefixtures("folder")
-def test_one_house_is_a_graph(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (folder / "house.json").write_text(json.dumps(HOUSE, indent=1), encoding="utf-8")
-    text = said(capsys, "house.json")
-    assert "reader: procthor_houses\n" in text
-    assert "  room: 1\n" in text
-    assert re.search(r"  atLocation +3 +3\n", text)
-
-
 # The commands together
-
-
-def test_each_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments, expected in (([], "COMMAND"), (["graph"], "FILE"), (["export"], "EXPERIMENT")):
-        main([*arguments, "--help"])
-        assert expected in capsys.readouterr().out
 
 
 def test_a_command_runs_from_a_shell_and_ends_with_its_status(folder: Path) -> None:

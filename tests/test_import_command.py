@@ -15,7 +15,7 @@ from isi.__main__ import main
 from isi.bundle.folder import Bundle, read
 from isi.bundle.query import OpenBundle, open_bundle
 from tests.import_folders import ENTITIES, LABELS, write_lists, write_openke
-from tests.small_bundle import BETWEEN, NAMES, RELATIONS, TRIPLES, VECTORS, files
+from tests.small_bundle import BETWEEN, NAMES, RELATIONS, TRIPLES, VECTORS
 
 
 def imported(*arguments: str) -> Bundle:
@@ -67,15 +67,6 @@ def test_tables_come_from_any_form(form: str, source: Callable[[], Path], capsys
     assert capsys.readouterr().out == "6 entities, 2 relations, 4 triples; distmult of dimension 4: out\n"
 
 
-def test_it_is_inserted_into_and_asked_as_any_other(capsys: pytest.CaptureFixture[str]) -> None:
-    imported(str(write_lists(entities=ENTITIES, relations=LABELS)), "--family", "distmult")
-    capsys.readouterr()
-    main(["insert", "stove", "--fact", "atLocation", "kitchen", "--embedding", "out", "--out", "larger", "--json"])
-    assert json.loads(capsys.readouterr().out)["insert_triples"] == [["stove", "atLocation", "kitchen"]]
-    main(["ask", "stove", "atLocation", "--embedding", "larger", "--top", "1", "--json"])
-    assert json.loads(capsys.readouterr().out)["query"] == ["stove", "atLocation", "?"]
-
-
 def test_names_may_begin_with_a_mark_and_there_may_be_no_triples() -> None:
     folder = write_lists(entities=ENTITIES, relations=LABELS)
     (folder / "entities.txt").write_text("\n".join(NAMES), encoding="utf-8-sig")
@@ -83,14 +74,6 @@ def test_names_may_begin_with_a_mark_and_there_may_be_no_triples() -> None:
     found = imported("mine", "--family", "distmult")
     assert found.entity_names == NAMES
     assert found.triples.shape == (0, 3)
-
-
-def test_the_same_import_is_the_same_bytes() -> None:
-    folder = str(write_lists(entities=ENTITIES, relations=LABELS))
-    imported(folder, "--family", "distmult")
-    before = files(Path("out"))
-    imported(folder, "--family", "distmult")
-    assert files(Path("out")) == before
 
 
 def test_halves_of_complex_vectors_are_joined_and_complex_numbers_parted() -> None:

@@ -186,7 +186,7 @@ def test_kinds_may_be_listed_or_named() -> None:
 
 def test_new_entities_in_several_tables_are_those_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
     at_once = {name: call(initializer=name, words=words()).entities for name in ("ers", "soft_hybrid", "map_mean")}
-    monkeypatch.setattr("isi.insertion.choose.BUDGET", 1)
+    monkeypatch.setattr("isi.insertion.api.BUDGET", 1)
     for name, expected in at_once.items():
         np.testing.assert_allclose(call(initializer=name, words=words()).entities, expected, rtol=1e-4, atol=1e-6)
     drawn = call(initializer="iu").entities[ENTITIES:]

@@ -18,7 +18,6 @@ from isi.bundle.calibration import Answer
 from isi.bundle.folder import MODEL, WordSource, read
 from isi.bundle.insert import phrase_vector
 from isi.cli import lines
-from isi.cli.entity import is_unexpected
 from isi.graph.words import read_vectors
 from isi.tables import paths
 from tests.small_bundle import files, opened, random_bundle, small, without_words, written
@@ -90,19 +89,13 @@ def test_text_has_a_line_for_each_key_and_tables_without_empty_columns() -> None
     ]  # fmt: skip
 
 
-def test_a_fact_may_have_the_new_entity_as_its_tail(capsys: pytest.CaptureFixture[str]) -> None:
-    result = parsed(capsys, "insert", "cellar", "--inverse-fact", "kettle", "at location", "--kind", "Room")
-    assert result["insert_triples"] == [["kettle", "atLocation", "cellar"]]
-    assert [query["query"] for query in result["answers"]] == [["?", "atLocation", "cellar"]]
-
-
 def test_a_likely_answer_that_was_not_given_and_no_indicator_has_is_unexpected() -> None:
     likely = Answer("bed", 1, 2.0, 0.2, 1.0, known=False, shared_by=[])
-    assert is_unexpected(likely)
-    assert is_unexpected(replace(likely, probability=None))  # the best, where there are no probabilities
-    assert not is_unexpected(replace(likely, probability=None, rank=2))
+    assert likely.unexpected
+    assert replace(likely, probability=None).unexpected  # the best, where there are no probabilities
+    assert not replace(likely, probability=None, rank=2).unexpected
     for changed in ({"probability": 0.19}, {"known": True}, {"shared_by": ["sofa"]}, {"shared_by": None}):
-        assert not is_unexpected(replace(likely, **changed))  # type: ignore[arg-type]
+        assert not replace(likely, **changed).unexpected  # type: ignore[arg-type]
 
 
 def test_unexpected_answers_are_looked_for_beyond_those_that_are_shown(capsys: pytest.CaptureFixture[str]) -> None:
@@ -262,9 +255,3 @@ def test_an_explanation_leaves_each_thing_out(capsys: pytest.CaptureFixture[str]
     bundle.entities[6] += 1
     written(Path("larger"), bundle)
     assert "reproduced: no" in printed(capsys, "explain", "stove", "--embedding", "larger")
-
-
-def test_outside_the_project_its_embedding_is_not_there(tmp_path: Path) -> None:
-    message = f"data/final_models/ai2thor: {tmp_path} is not the folder of the project: go there, or name"
-    with pytest.raises(SystemExit, match=re.escape(message)):
-        main(["nearest", "kettle"])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.documented import DOCS, blocks, commands
+from tests.documented import blocks, commands
 
 
 def ran(code: list[str], names: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -68,7 +68,3 @@ def test_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
     for line in shown:
         main(shlex.split(line)[1:])
         assert capsys.readouterr().out
-
-
-def test_the_tutorial_fits_two_screens() -> None:
-    assert len((DOCS / "insert.md").read_text(encoding="utf-8").splitlines()) <= 120

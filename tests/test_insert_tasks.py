@@ -12,7 +12,7 @@ import pytest
 
 from isi.errors import InputError
 from isi.evaluation.query_sets import CONVERGING
-from isi.experiment.insert import FullCurves, insert_config, insert_tasks, is_listed, joint_targets
+from isi.experiment.insert import insert_config, insert_tasks, joint_targets
 from isi.experiment.store import RUNS, Store
 from isi.graph.sessions import INSERT_TRIPLES
 from isi.params import load
@@ -69,18 +69,6 @@ def test_params_say_how_an_initializer_inserts(name: str, options: dict[str, int
     assert config.training(max_epochs=0).optimizer == PARAMS.finetuning.model_copy(update={"max_epochs": 0})
     with pytest.raises(InputError, match=rf"^params\.yaml: initializers\.{name}\.k: "):
         insert_config(PARAMS, name, options={**options, "k": 0})
-
-
-def test_full_curves_are_of_the_initializers_listed() -> None:
-    curves = FullCurves(sizes=[3, 5], initializers=["rs"])
-    assert (curves.sizes_of("rs"), curves.sizes_of("es")) == ([3, 5], [])
-    assert FullCurves(sizes=[3, 5]).sizes_of("es") == [3, 5]
-
-
-def test_a_list_names_initializers_or_all() -> None:
-    assert is_listed("all", "es")
-    assert is_listed(["rs", "es"], "es")
-    assert not is_listed(["rs", "ers"], "es")
 
 
 @pytest.fixture(scope="module")

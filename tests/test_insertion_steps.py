@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 
-from isi.errors import InputError
 from isi.evaluation.query_sets import CONVERGING
 from isi.experiment.grid import GridPoints
 from isi.experiment.insert import (
@@ -16,7 +15,6 @@ from isi.experiment.insert import (
     InsertResult,
     finetune,
     init_context,
-    initialize,
     insert_sessions,
     with_vectors,
 )
@@ -110,8 +108,3 @@ def test_where_new_rows_go_first_they_are_those_of_the_session() -> None:
     moved = (theta.entity != before).any(-1).numpy()
     for model in range(2):
         assert set(np.flatnonzero(moved[model])) == set(NOVEL[model])
-
-
-def test_an_initializer_that_there_is_not_is_named_by_its_key() -> None:
-    with pytest.raises(InputError, match=r"^params\.yaml: initializers\.rz: "):
-        initialize(POINTS, WORLD.theta0, WORLD.words, replace(CONFIG, initializer="rz"))

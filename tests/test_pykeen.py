@@ -181,14 +181,6 @@ def test_it_predicts_and_trains_on_from_what_it_knows(name: str, factory: Any) -
     torch.testing.assert_close(after, before, rtol=0, atol=1e-3)  # and not drawn anew
 
 
-def test_a_model_without_inverse_on_a_large_graph_has_a_default(factory: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("isi.insertion.choose.QUICK", 1)
-    model, words = model_of("rescal", {}, factory), np.eye(ENTITIES + 2)
-    for given, expected in (({}, "mean"), ({"words": words}, "soft_es")):
-        done = isi.pykeen.inserted(model, factory, iter(NEW), **given)
-        assert (done.initializer, "as asked" in done.why) == (expected, False)
-
-
 def test_a_factory_without_labels_goes_by_ids(factory: Any) -> None:
     plain = factory.to_core_triples_factory()
     model = model_of("distmult", {}, plain)

@@ -60,32 +60,3 @@ def test_what_the_method_says_of_rates_and_batches_is_in_its_tables() -> None:
     for row in ("training", "fine-tuning"):
         small, large = (float(docs.value(["docs/benchmarks/batch_sizes", row, size])) for size in ("512", "2,048"))
         assert 0 <= round(small - large, 1) <= 0.5
-
-
-@pytest.fixture
-def small(tmp_path: Path) -> Path:
-    (tmp_path / "reports").mkdir()
-    (tmp_path / "reports/times.md").write_text(
-        "| what | models |  ms |\n|:-----|-------:|----:|\n| a, b |      1 | 2.5 |\n| a, b |      5 | 3 [2, 4] |\n"
-    )
-    (tmp_path / "params.yaml").write_text("training: {rate: 0.10}  # a comment\n")
-    return tmp_path
-
-
-def test_places_take_tables_cells_and_params(small: Path) -> None:
-    page = (
-        "<!-- table: reports/times -->\nold\n<!-- end -->\n"
-        "takes <!-- value: reports/times | a, b | 5 | ms -->?<!-- end --> ms "
-        "at <!-- value: params | training.rate --><!-- end -->\n"
-    )
-    made = docs.filled(page, small)
-    assert "| a, b |      1 | 2.5 |\n" in made
-    assert "old" not in made
-    assert "| ms -->3<!-- end --> ms at <!-- value: params | training.rate -->0.1<!-- end -->\n" in made
-    assert docs.filled(made, small) == made
-
-
-@pytest.mark.parametrize("what", ["a, b | ms", "a, b | 6 | ms", "a, b | 5 | s"])
-def test_a_place_that_names_no_one_cell_is_refused(small: Path, what: str) -> None:
-    with pytest.raises(LookupError, match="rows, columns what, models, ms"):
-        docs.filled(f"<!-- value: reports/times | {what} -->1<!-- end -->", small)

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from isi.config import read
@@ -53,25 +52,6 @@ def test_a_picture_shows_how_often_each_object_was_seen_in_each_room(homes: sour
     assert np.ma.filled(shown, 0).tolist() == [[1, 0], [1, 3]]
 
 
-def test_of_each_room_the_most_frequent_objects_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sources, "SHOWN", 3)
-    seen = pd.DataFrame(
-        {"store": [900, 800, 700, 0], "spa": [0, 0, 0, 1], "bar": [0, 5, 0, 0]},
-        index=["apple", "pear", "plum", "towel"],
-    )
-    shown = sources.most_frequent(seen)
-    assert list(shown.columns) == [("store", 3), ("spa", 1), ("bar", 1)]
-    assert list(shown.index) == ["apple", "pear", "towel"]  # not the plum, though it is more frequent than towels
-
-
-def test_a_graph_without_rooms_has_no_picture(homes: sources.Measured) -> None:
-    kinds = pd.DataFrame({"entity": ["mug"], "kind": ["object"], "phrase": ["mug"]})
-    without = sources.Measured("x", 0, 0, homes.counts, kinds, {}, 0.0)
-    assert sources.picture(without) is None
-    row = sources.table([without]).iloc[0]
-    assert (row["scenes"], row["rooms"], row["instances"], row["counted by mining"]) == ("–", "–", "–", "–")
-
-
 def test_any_mapping_of_sources_is_run_and_those_that_cannot_be_are_told(capsys: pytest.CaptureFixture[str]) -> None:
     mapping = {
         "gone": {**MADE, "path": "nowhere.jsonl"},
@@ -86,15 +66,6 @@ def test_any_mapping_of_sources_is_run_and_those_that_cannot_be_are_told(capsys:
     assert len(lines) == 2
     assert lines[0].startswith("left out gone: nowhere.jsonl: ")
     assert lines[1].startswith("left out odd: ")
-
-
-def test_sources_of_all_files_of_params_are_listed(tmp_path: Path) -> None:
-    (tmp_path / "mine.yaml").write_text("sources:\n  mine: {reader: published}\n", encoding="utf-8")
-    (tmp_path / "none.yaml").write_text("sources:\n", encoding="utf-8")
-    listed = sources.source_settings(
-        [paths.PARAMS, paths.BEYOND_PARAMS, tmp_path / "mine.yaml", tmp_path / "none.yaml"]
-    )
-    assert {*read(paths.PARAMS)["sources"], *read(paths.BEYOND_PARAMS)["graphs"], "mine"} <= set(listed)
 
 
 def test_the_command_writes_a_table_and_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import ast
-import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,40 +11,9 @@ import pytest
 import yaml
 
 from isi.params import load
-from tools import compare, headline, repro, workspace
+from tools import compare, repro, workspace
 
 ROOT = Path(__file__).parent.parent
-
-
-def check_params(folder: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "isi.params"]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-
-
-@pytest.mark.parametrize(
-    ("file", "sound", "wrong", "named"),
-    [
-        ("params.yaml", "patience:", "patients:", "params.yaml: training.patients"),
-        (
-            "beyond/params.yaml",
-            "max_insert_triples: 2,",
-            "max_insert_triples: -2,",
-            "beyond/params.yaml: variants.insert_triples_2.max_insert_triples",
-        ),
-    ],
-)
-def test_a_mistake_in_params_is_one_line_and_a_status(
-    tmp_path: Path, file: str, sound: str, wrong: str, named: str
-) -> None:
-    (tmp_path / "beyond").mkdir()
-    for name in ("params.yaml", "beyond/params.yaml"):
-        text = (ROOT / name).read_text(encoding="utf-8")
-        assert name != file or sound in text
-        (tmp_path / name).write_text(text.replace(sound, wrong) if name == file else text, encoding="utf-8")
-    ended = check_params(tmp_path)
-    assert ended.returncode == 1
-    assert ended.stderr.splitlines() == [ended.stderr.strip()]
-    assert named in ended.stderr
 
 
 @pytest.mark.parametrize(
@@ -66,47 +32,10 @@ def test_the_quick_grid_fits_params_from_which_something_was_left_out(tmp_path: 
     assert "published" not in quick.experiments
 
 
-def test_a_change_of_what_was_left_out_is_no_change() -> None:
-    params: dict[str, Any] = {"experiments": {"here": {"seeds": 3}}}
-    workspace.change_all(params, {"experiments.gone.seeds": 4, "experiments.here.seeds": 5})
-    assert params == {"experiments": {"here": {"seeds": 5}}}
-
-
 def test_what_is_dropped_goes_from_every_list() -> None:
     params: dict[str, Any] = {"initializers": {"es": {}, "rs": {}}, "plots": {"listed": ["es", "rs", 3]}, "k": ["es"]}
     workspace.change_all(params, {"initializers.es": workspace.DROP})
     assert params == {"initializers": {"rs": {}}, "plots": {"listed": ["rs", 3]}, "k": []}
-
-
-def test_the_headline_has_a_part_for_each_experiment(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    metrics = {"immediate_mrr_star": {"all": {"es": 71.25}, "novel": {"es": 60.0}}}
-    other = {"immediate_mrr_star": {"all": {"rs": 50.0}, "novel": {}}}
-    (tmp_path / "metrics.json").write_text(json.dumps({**metrics, "graph": {"entities": 3}, "elsewhere": other}))
-    headline.main(tmp_path)
-    printed = capsys.readouterr().out
-    lines = [line.split() for line in printed.splitlines() if line]
-    assert ["es", "71.25", "60.00"] in lines
-    assert lines.index(["rs", "50.00"]) > next(place for place, line in enumerate(lines) if line[0] == "elsewhere")
-    assert printed.rstrip().endswith("index.html")
-
-
-def test_progress_counts_what_runs_and_what_is_skipped() -> None:
-    progress = repro.Progress(["mine", "train", "report"], {"mine": 1.0, "train": 60.0, "report": 120.0})
-    printed = []
-    for line in (
-        "Stage 'mine' didn't change, skipping",
-        "Running stage 'train':",
-        "> exec python",
-        "Running stage 'report':",
-    ):
-        if match := repro.BEGINS.match(line):
-            printed.append(progress.begin(match["stage"] or match["same"], bool(match["stage"])))
-    assert printed == [
-        None,
-        "[2 of 3; 0 min gone; at most about 3 min left]",
-        "[3 of 3; 0 min gone; at most about 2 min left]",
-    ]
-    assert progress.seconds["train"] < 60  # as it took here
 
 
 def test_the_second_way_of_computing_shares_no_code_with_the_library() -> None:
@@ -197,18 +126,6 @@ def test_notes_of_dvc_that_were_cut_short_go(tmp_path: Path, notes: str, stay: b
     repro.mend_notes(path)
     assert (path.read_text(encoding="utf-8") if path.exists() else None) == (notes if stay else None)
     repro.mend_notes(tmp_path / "none")
-
-
-def test_stages_are_read_from_the_lock_of_their_pipeline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    lock = "schema: '2.0'\nstages:\n  mine@here:\n    cmd: mine\n    deps:\n    - path: a\n  report:\n    cmd: report\n"
-    (tmp_path / "dvc.lock").write_text(lock)
-    (tmp_path / "beyond").mkdir()
-    (tmp_path / "beyond/dvc.lock").write_text("schema: '2.0'\nstages:\n  vary@insert_triples_0:\n    cmd: vary\n")
-    assert [repro.stages(pipeline) for pipeline in repro.PIPELINES] == [
-        ["mine@here", "report"],
-        ["vary@insert_triples_0"],
-    ]
 
 
 @pytest.mark.parametrize(

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 from isi.errors import InputError
-from isi.graph.words import look_up, read_vectors
+from isi.graph.words import read_vectors
 from isi.sources.triples import shipped_names
 from isi.tables import paths
-from tools import glove, wordnet
-from tools.embed_phrases import WORDNET, defined, read
+from tools import wordnet
+from tools.embed_phrases import WORDNET, read
 
 DATA = (
     "  1 A licence, on lines that begin with two spaces.\n"
@@ -48,18 +47,6 @@ def test_a_sense_that_wordnet_lacks_is_refused(folder: Path, synset: str) -> Non
         wordnet.definition(folder, synset)
 
 
-def test_a_phrase_without_a_definition_stands_alone() -> None:
-    table = pd.DataFrame({"phrase": ["mug", "tv stand"], "definition": ["holds tea", ""]})
-    assert list(defined(table)) == ["mug: holds tea", "tv stand"]
-
-
-def test_words_that_glove_lacks_are_left_out(tmp_path: Path) -> None:
-    path = tmp_path / "wink.json"
-    path.write_text(json.dumps({"dimensions": 2, "vectors": {"tv": [1, 2, 2.2, 0], "mug": [3, 4, 5, 1]}}), "utf-8")
-    words = glove.vectors_of(glove.words_in(["tv stand", "mug", "tv"]), *glove.read_wink(path))
-    assert {word: words[word].tolist() for word in words.index_to_key} == {"mug": [3, 4], "tv": [1, 2]}
-
-
 # What ships
 
 
@@ -80,11 +67,3 @@ def test_every_phrase_of_wordnet_has_a_vector_of_unit_length() -> None:
     words = read_vectors(paths.shipped_vectors("wordnet"))
     assert words.index_to_key == list(read(WORDNET).index)
     assert (abs((words.vectors**2).sum(1) - 1) < 1e-5).all()
-
-
-def test_glove_has_a_word_of_every_phrase_but_few() -> None:
-    phrases = [phrase for path in (paths.DEFINITIONS, WORDNET) for phrase in read(path)["phrase"]]
-    words = read_vectors(glove.GLOVE)
-    assert set(words.index_to_key) <= set(glove.words_in(phrases))
-    unknown = {p for p, by in zip(phrases, look_up(words, phrases).served_by, strict=True) if by is None}
-    assert len(unknown) < len(phrases) / 50

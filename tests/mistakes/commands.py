@@ -11,7 +11,7 @@ from safetensors.numpy import save
 from tests.mistakes.calls import Typed, put
 from tests.small_bundle import NAMES, edit, small, tamper, written
 
-FACT = "insert x --fact atLocation bed"
+FACT = "x --fact atLocation bed"
 LARGEST = "x" * 300
 
 
@@ -45,52 +45,48 @@ def inserted_elsewhere() -> None:
     inserted("as asked", "other", "wash")()
 
 
-ISI_CASES = [
-    Typed("no command", "", "COMMAND", status=2),
-]  # fmt: skip
+ISI_CASES = [Typed("no command", "", "COMMAND", status=2)]
 
+#: What a message names, and what is typed behind ``isi insert`` and before ``--embedding home``.
+INSERT = [
+    ("'stove'", "stove"),
+    ("NAME", "Kettle --fact atLocation kitchen"),
+    ("NAME", f"{'x' * 201} --fact atLocation bed"),
+    ("NAME", "'a\tb'"),
+    ("NAME", "' '"),
+    ("--definition", "x --definition 'a\nb'"),
+    ("--fact", "x --fact atLocation kitchn"),
+    ("--fact", "x --fact hasColour bed"),
+    ("--inverse-fact", "x --inverse-fact atLocation bed"),
+    ("--kind", "x --kind rom"),
+    ("--initializer", f"{FACT} --initializer e"),
+    ("--set", f"{FACT} --set k=3"),
+    ("--initializer|kk", f"{FACT} --initializer rs --set kk=3"),
+    ("--initializer: k", f"{FACT} --initializer rs --set k=0"),
+    ("none.txt", "x --vectors none.txt"),
+    ("xxx...xxx", f"{FACT} --out {LARGEST}"),
+    ("log.csv", f"{FACT} --out log.csv"),
+    ("log.csv/x", f"{FACT} --out log.csv/x"),
+]
 INSERT_CASES = [
-    Typed("nothing is known of it", "insert stove --embedding home", "'stove'"),
-    Typed("a name that is known", "insert Kettle --fact atLocation kitchen --embedding home", "NAME"),
-    Typed("a name that is too long", f"insert {'x' * 201} --fact atLocation bed --embedding home", "NAME"),
-    Typed("a name with a tab", "insert 'a\tb' --embedding home", "NAME"),
-    Typed("a blank name", "insert ' ' --embedding home", "NAME"),
-    Typed("a definition of two lines", "insert x --definition 'a\nb' --embedding home", "--definition"),
-    Typed("a misspelt entity", "insert x --fact atLocation kitchn --embedding home", "--fact"),
-    Typed("an unknown relation", "insert x --fact hasColour bed --embedding home", "--fact"),
-    Typed("an inverse fact the wrong way round", "insert x --inverse-fact atLocation bed --embedding home",
-          "--inverse-fact"),
-    Typed("half a fact", "insert x --fact atLocation --embedding home", "--fact", status=2),
+    *(Typed(typed[:60], f"insert {typed} --embedding home", names) for names, typed in INSERT),
+    *(Typed(typed, f"insert {typed} --embedding home", names, status=2) for names, typed in (
+        ("--fact", "x --fact atLocation"), ("--seed", f"{FACT} --seed -1"), ("--out", f"{FACT} --out ."),
+        ("--set", f"{FACT} --initializer rs --set k=3 --set k=4"),
+    )),
     Typed("a name that is written in several ways", "insert x --fact atLocation 'TURN ON' --embedding home",
           "--fact", before=twins),
-    Typed("an unknown kind", "insert x --kind rom --embedding home", "--kind"),
-    Typed("an unknown initializer", f"{FACT} --initializer e --embedding home", "--initializer"),
-    Typed("options of no initializer", f"{FACT} --set k=3 --embedding home", "--set"),
-    Typed("an option twice", f"{FACT} --initializer rs --set k=3 --set k=4 --embedding home", "--set", status=2),
-    Typed("an initializer that the family does not serve", f"{FACT} --initializer ridge --embedding home",
+    Typed("an initializer that the model does not serve", f"insert {FACT} --initializer ridge --embedding home",
           "--initializer|ridge", before=distances),
-    Typed("an option that the initializer does not have", f"{FACT} --initializer rs --set kk=3 --embedding home",
-          "--initializer|kk"),
-    Typed("a value that the option may not have", f"{FACT} --initializer rs --set k=0 --embedding home",
-          "--initializer: k"),
-    Typed("no file of word vectors", "insert x --vectors none.txt --embedding home", "none.txt"),
     Typed("word vectors of other words", "insert x --vectors words.txt --embedding home", "words.txt",
           before=put(words__txt="mug 1 2\ncup 2 1\n")),
-    Typed("word vectors that are not compressed", "insert x --vectors words.txt.gz --embedding home",
-          "words.txt.gz", before=put(words__txt__gz="mug 1 2\n")),
     Typed("a number with an underscore", "insert x --vectors words.txt --embedding home", "words.txt|line 1",
           before=put(words__txt="mug 1_0 2\n")),
-    Typed("a seed that is none", f"{FACT} --seed -1 --embedding home", "--seed", status=2),
-    Typed("no name of a folder", f"{FACT} --embedding home --out .", "--out", status=2),
-    Typed("a name of a folder that is too long", f"{FACT} --embedding home --out {LARGEST}",
-          "xxx...xxx"),
-    Typed("a file where the folder is to be", f"{FACT} --embedding home --out log.csv", "log.csv"),
-    Typed("a file where the folder's folder is to be", f"{FACT} --embedding home --out log.csv/x", "log.csv/x"),
-    Typed("a folder with something else in it", f"{FACT} --embedding home --out home", "home|thesis.tex",
+    Typed("a folder with something else in it", f"insert {FACT} --embedding home --out home", "home|thesis.tex",
           before=lambda: Path("home/thesis.tex").write_text("all of it", encoding="utf-8")),
-    Typed("a folder with an embedding that others were inserted into", f"{FACT} --embedding home --out other",
-          "other", before=inserted_elsewhere),
-    Typed("vectors that are too large to be inserted among", f"{FACT} --embedding home --out out",
+    Typed("a folder into which others were inserted", f"insert {FACT} --embedding home --out other", "other",
+          before=inserted_elsewhere),
+    Typed("vectors that are too large to be inserted among", f"insert {FACT} --embedding home --out out",
           "home/vectors.safetensors|entities", before=large),
 ]  # fmt: skip
 
@@ -100,21 +96,15 @@ ASK_CASES = [
     Typed("an end twice", "ask kettle atLocation --head bed --embedding home", "--head"),
     Typed("a misspelt entity", "ask ketle atLocation --embedding home", "ENTITY"),
     Typed("an unknown relation", "ask kettle located --embedding home", "RELATION"),
-    Typed("a number of answers that is none", "ask kettle atLocation --top 0 --embedding home", "--top",
-          status=2),
-    Typed("numbers of which a score would be none", "ask kettle atLocation --embedding home",
-          "home/vectors.safetensors|entities", before=large),
-]  # fmt: skip
+    Typed("a number of answers that is none", "ask kettle atLocation --top 0 --embedding home", "--top", status=2),
+]
 
 NEAREST_CASES = [
-    Typed("an unknown entity", "nearest lamp --embedding home", "ENTITY"),
     Typed("no name", "nearest '' --embedding home", "ENTITY"),
     Typed("no such folder", "nearest bed --embedding nowhere", "nowhere"),
-    Typed("a name of a folder that is too long", f"nearest bed --embedding {LARGEST}",
-          "xxx...xxx"),
+    Typed("a name of a folder that is too long", f"nearest bed --embedding {LARGEST}", "xxx...xxx"),
     Typed("the pipeline's embedding, which is not there yet", "nearest bed", "data/final_models/ai2thor"),
-    Typed("a number that is none", "nearest bed --top many --embedding home", "--top", status=2),
-]  # fmt: skip
+]
 
 EXPLAIN_CASES = [
     Typed("an entity that was not inserted", "explain bed --embedding home", "home"),

@@ -13,8 +13,7 @@ from tests.mistakes.calls import Typed
 from tests.small_bundle import edit, small, tamper
 
 HOME = Path("home")
-NEAREST = "nearest bed --embedding home"
-TOLD = {
+INSERTED = {
     "entity": "lie on", "told": [("bed", "hasAffordance", "lie on")], "definition": "to rest", "asked": None,
     "options": {"k": 2}, "seed": 3, "initializer": "rs", "why": "the best", "fallback": None,
 }  # fmt: skip
@@ -23,8 +22,7 @@ NAN[3, 1] = np.nan
 
 
 def tensors(**changed: Any) -> bytes:
-    kept = small()
-    given = {"entities": kept.entities, "relations": kept.relations, **changed}
+    given = {"entities": small().entities, "relations": small().relations, **changed}
     return bytes(save({name: value for name, value in given.items() if value is not None}))
 
 
@@ -37,13 +35,14 @@ def vectors(**changed: Any) -> Callable[[], object]:
     return put("vectors.safetensors", tensors(**changed))
 
 
-def says(**changed: Any) -> Callable[[], object]:
-    """The folder says something else of itself."""
-    return lambda: edit(HOME, lambda about: about.update(changed))
+def manifest(**changed: Any) -> Callable[[], object]:
+    """Other values in the manifest."""
+    return lambda: edit(HOME, lambda values: values.update(changed))
 
 
-def about(content: bytes) -> Callable[[], object]:
-    return lambda: (HOME / "embedding.json").write_bytes(content)
+def content(text: bytes) -> Callable[[], object]:
+    """Another manifest."""
+    return lambda: (HOME / "embedding.json").write_bytes(text)
 
 
 def changed() -> None:
@@ -52,45 +51,34 @@ def changed() -> None:
     file.write_bytes(file.read_bytes().replace(b"object", b"gadget"))
 
 
-FOLDER_CASES = [
-    Typed("a file that is missing", NEAREST, "/triples.tsv", before=lambda: (HOME / "triples.tsv").unlink()),
-    Typed("no JSON", NEAREST, "/embedding.json", before=about(b"{")),
-    Typed("JSON, a million deep", NEAREST, "/embedding.json", before=about(b"[" * 10**6)),
-    Typed("JSON of something else", NEAREST, "/embedding.json", before=about(b"[]")),
-    Typed("a later version", NEAREST, "/embedding.json|version", before=says(version=2)),
-    Typed("a key too many", NEAREST, "/embedding.json|pickle", before=says(pickle="x")),
-    Typed("a key that is missing", NEAREST, "/embedding.json|family", before=lambda: edit(HOME,
-          lambda about: about.pop("family"))),
-    Typed("another number of entities than there are", NEAREST, "/embedding.json|entities",
-          before=says(entities=7)),
-    Typed("an option that its family does not have", NEAREST, "/embedding.json|family",
-          before=says(family_options={"margin": 2.0})),
-    Typed("inserted entities that are not the last", NEAREST, "/embedding.json|inserted",
-          before=says(inserted=[{**TOLD, "entity": "bed"}])),
-    Typed("told of an entity that is not there", NEAREST, "/embedding.json|inserted.0.told",
-          before=says(inserted=[{**TOLD, "told": [["sofa", "hasAffordance", "lie on"]]}])),
-    Typed("no tensors", NEAREST, "/vectors.safetensors", before=put("vectors.safetensors", b"x" * 50)),
-    Typed("half of the tensors", NEAREST, "/vectors.safetensors", before=put("vectors.safetensors", tensors()[:-40])),
-    Typed("a tensor that is missing", NEAREST, "/vectors.safetensors|tensor 'relations'",
-          before=vectors(relations=None)),
-    Typed("a tensor too many", NEAREST, "/vectors.safetensors|tensor 'code'", before=vectors(code=np.ones((2, 2)))),
-    Typed("NaN", NEAREST, "/vectors.safetensors|tensor 'entities'", before=vectors(entities=NAN)),
-    Typed("word vectors of whole numbers", NEAREST, "/vectors.safetensors|tensor 'words'",
-          before=vectors(words=np.ones((6, 2), np.int64))),
-    Typed("relations of another width than the family has", NEAREST, "/vectors.safetensors|relations",
-          before=vectors(relations=small().relations[:, :3])),
-    Typed("another header", NEAREST, "/relations.tsv|line 1", before=put("relations.tsv", b"name\natLocation\n")),
-    Typed("a cell too many", NEAREST, "/relations.tsv|line 3", before=put("relations.tsv",
-          b"relation\natLocation\nx\ty\n")),
-    Typed("another encoding", NEAREST, "/relations.tsv|UTF-8", before=put("relations.tsv", b"relation\nat\nh\xff\n")),
-    Typed("a blank name", NEAREST, "/relations.tsv|line 2", before=put("relations.tsv", b"relation\n \nx\n")),
-    Typed("a name twice", NEAREST, "/relations.tsv|line 3", before=put("relations.tsv", b"relation\nx\nx\n")),
-    Typed("a control character in a name", NEAREST, "/relations.tsv|line 3", before=put("relations.tsv",
-          b"relation\nx\n\x1b\n")),
-    Typed("a name too many", NEAREST, "/vectors.safetensors|tensor 'relations'", before=put("relations.tsv",
-          b"relation\natLocation\nhasAffordance\nz\n")),
-    Typed("a triple of an entity that is not there", NEAREST, "/triples.tsv|line 2", before=put("triples.tsv",
-          b"head\trelation\ttail\nbed\tatLocation\tsofa\n")),
-    Typed("a triple too few", NEAREST, "/embedding.json|triples", before=put("triples.tsv", b"head\trelation\ttail\n")),
-    Typed("a file that was changed", NEAREST, "/entities.tsv", before=changed),
+#: What a message names, and what is done to the folder before.
+BROKEN: list[tuple[str, Callable[[], object]]] = [
+    ("triples.tsv", (HOME / "triples.tsv").unlink),
+    ("entities.tsv", changed),
+    *(("embedding.json", content(text)) for text in (b"{", b"[" * 10**6, b"[]")),
+    ("embedding.json|version", manifest(version=2)),
+    ("embedding.json|pickle", manifest(pickle="x")),
+    ("embedding.json|family", lambda: edit(HOME, lambda values: values.pop("family"))),
+    ("embedding.json|family", manifest(family_options={"margin": 2.0})),
+    ("embedding.json|entities", manifest(entities=7)),
+    ("embedding.json|inserted", manifest(inserted=[{**INSERTED, "entity": "bed"}])),
+    ("embedding.json|inserted.0.told",
+     manifest(inserted=[{**INSERTED, "told": [["sofa", "hasAffordance", "lie on"]]}])),
+    ("embedding.json|triples", put("triples.tsv", b"head\trelation\ttail\n")),
+    ("vectors.safetensors", put("vectors.safetensors", b"x" * 50)),
+    ("vectors.safetensors", put("vectors.safetensors", tensors()[:-40])),
+    ("vectors.safetensors|tensor 'relations'", vectors(relations=None)),
+    ("vectors.safetensors|tensor 'code'", vectors(code=np.ones((2, 2)))),
+    ("vectors.safetensors|tensor 'entities'", vectors(entities=NAN)),
+    ("vectors.safetensors|tensor 'words'", vectors(words=np.ones((6, 2), np.int64))),
+    ("vectors.safetensors|relations", vectors(relations=small().relations[:, :3])),
+    ("vectors.safetensors|tensor 'relations'", put("relations.tsv", b"relation\natLocation\nhasAffordance\nz\n")),
+    ("relations.tsv|line 1", put("relations.tsv", b"name\natLocation\n")),
+    ("relations.tsv|line 2", put("relations.tsv", b"relation\n \nx\n")),
+    *(("relations.tsv|line 3", put("relations.tsv", b"relation\nx\n" + row)) for row in (b"x\ty\n", b"x\n", b"\x1b\n")),
+    ("relations.tsv|UTF-8", put("relations.tsv", b"relation\nat\nh\xff\n")),
+    ("triples.tsv|line 2", put("triples.tsv", b"head\trelation\ttail\nbed\tatLocation\tsofa\n")),
 ]  # fmt: skip
+FOLDER_CASES = [
+    Typed(f"a broken {names}", "nearest bed --embedding home", f"/{names}", before=before) for names, before in BROKEN
+]
