@@ -138,10 +138,9 @@ def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
 
     Which entities are novel is (M, E), bool.
     """
-    heads, relation, tails = ranked.rows.ids
+    (heads, relation, tails), (by_head, by_relation, by_tail) = ranked.rows.ids, ranked.slots
     head, tail = (is_novel.gather(1, ends).long() for ends in (heads, tails))
     model, query = (ranked.rows.relation_weight > 0).nonzero(as_tuple=True)  # but for padding
-    novel_at = (tail + 2 * head, head | tail, head + 2 * tail)
 
     def column(values: Tensor) -> np.ndarray:
         return values[model, query].cpu().numpy()
@@ -151,7 +150,10 @@ def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
             "place": model.cpu().numpy(), "relation": column(relation), "hidden": hidden, "novel": column(novel),
             "mrr_star": column(terms.closeness.double()), "mrr": column(1 / terms.rank.double()),
         })
-        for hidden, terms, novel in zip(("head", "relation", "tail"), ranked.slots, novel_at, strict=True)
+        for hidden, terms, novel in (  # in this order: a mean of floats goes by the order of rows
+            ("head", by_head, tail + 2 * head), ("tail", by_tail, head + 2 * tail),
+            ("relation", by_relation, head | tail),
+        )
     )  # fmt: skip
 
 

@@ -55,20 +55,16 @@ class InitContext:
 
     theta0: Embedding  #: Θ⁰; rows of novel entities are zero
     known: Tensor  #: entities of D⁰; shape: (M, E), bool
-    #: known entities with a training triple in D⁰, the only ones that may be indicators; shape: (M, E), bool
-    eligible: Tensor
+    eligible: Tensor  #: those with a training triple in D⁰, the only ones that may be indicators; shape: (M, E), bool
     novel: Tensor  #: ids; shape: (M, n)
     words: Tensor  #: word vectors, zero where there is none; shape: (E, w)
     kinds: Tensor  #: the kind of each entity; ids, shape: (E,)
-    #: the known end, the relation, and whether the novel entity is the tail, of each insert triple,
-    #: padded to I; shapes: (M, n, I)
-    other: Tensor
-    relation: Tensor
-    novel_is_tail: Tensor
-    observed: Tensor  #: which of them are triples and not padding; shape: (M, n, I), bool
-    #: root of the random streams, and what each model's depend on beside it; shape: (M, K)
-    root: int
-    keys: Tensor
+    other: Tensor  #: the known end of each insert triple, padded to I; shape: (M, n, I)
+    relation: Tensor  #: its relation; shape: (M, n, I)
+    novel_is_tail: Tensor  #: whether the novel entity is its tail; shape: (M, n, I), bool
+    observed: Tensor  #: whether it is a triple and not padding; shape: (M, n, I), bool
+    root: int  #: of the random streams
+    keys: Tensor  #: what each model's depend on beside the root; shape: (M, K)
 
     def draw(self, purpose: str, distribution: Callable[[Generator, tuple[int, int]], np.ndarray]) -> Tensor:
         """Random numbers of novel entities, (M, n, d), from a stream for each model: a purpose has the same numbers."""
@@ -80,8 +76,7 @@ class InitContext:
 def context_of(theta: Embedding, before: Session, given: NovelEntities, root: int, keys: Tensor) -> InitContext:
     """What an initializer may see: Θ, the entities of the session before, word vectors, and the insert triples.
 
-    The graph of ``before`` holds the insert triples, its splits do not. Random streams are keyed by ``root`` and
-    ``keys``, (M, K).
+    The graph of ``before`` holds the insert triples, its splits do not.
     """
     novel, (model, place, triple) = given.novel, given.insert_triples.T
     slot = model * novel.shape[1] + place

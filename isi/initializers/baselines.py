@@ -10,21 +10,9 @@ from torch.linalg import solve
 from torch.nn.functional import normalize
 
 from isi.config import NotNegative, Positive
+from isi.initializers import similarity
 from isi.initializers.api import NONE, InitContext, InitResult, initializer
 from isi.initializers.paper import standard_normal
-from isi.initializers.similarity import (
-    Weigh,
-    cell_anchors,
-    centroid,
-    everyone_known,
-    insert_triple_table,
-    mean_of_first,
-    mean_relational_score,
-    same_kind,
-    weights_of_first,
-    word_eligible,
-    word_similarity,
-)
 
 _WEIGHTS = [4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0]
 _TEMPERATURES = [0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2]
@@ -37,9 +25,9 @@ _TEMPERATURES = [0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2]
 )  # fmt: skip
 def soft_entity_similarity(context: InitContext, temperature: Positive) -> InitResult:
     """Mean by softmax(cos / temperature) of word vectors (Nadaraya and Watson's estimate; ConSE); else soft RS."""
-    return mean_of_first(
+    return similarity.mean_of_first(
         context,
-        words=lambda: softmax(word_similarity(context) / temperature, word_eligible(context)),
+        words=lambda: softmax(similarity.word_similarity(context) / temperature, similarity.word_eligible(context)),
         triples=lambda: _soft_by_relations(context, temperature),
     )
 
@@ -52,7 +40,7 @@ def soft_entity_similarity(context: InitContext, temperature: Positive) -> InitR
 )  # fmt: skip
 def soft_relational_similarity(context: InitContext, temperature: Positive) -> InitResult:
     """Mean by softmax(score / temperature), the score of equation 5 over the number of relations seen."""
-    return mean_of_first(context, triples=lambda: _soft_by_relations(context, temperature))
+    return similarity.mean_of_first(context, triples=lambda: _soft_by_relations(context, temperature))
 
 
 @initializer(
@@ -68,9 +56,10 @@ def soft_hybrid(context: InitContext, word_weight: NotNegative, relation_weight:
     A weight is the inverse of a temperature. A novel entity that lacks words or insert triples has the softmax of the
     other part alone.
     """
-    similar, related = word_weight * word_similarity(context), relation_weight * mean_relational_score(context)
-    named = word_eligible(context)
-    return mean_of_first(
+    similar = word_weight * similarity.word_similarity(context)
+    related = relation_weight * similarity.mean_relational_score(context)
+    named = similarity.word_eligible(context)
+    return similarity.mean_of_first(
         context,
         both=lambda: softmax(similar + related, named),
         triples=lambda: softmax(related, context.eligible[:, None]),
@@ -84,7 +73,7 @@ def softmax(score: Tensor, eligible: Tensor) -> Tensor:
 
 
 def _soft_by_relations(context: InitContext, temperature: float) -> Tensor:
-    return softmax(mean_relational_score(context) / temperature, context.eligible[:, None])
+    return softmax(similarity.mean_relational_score(context) / temperature, context.eligible[:, None])
 
 
 @initializer(
@@ -94,9 +83,9 @@ def _soft_by_relations(context: InitContext, temperature: float) -> Tensor:
 )  # fmt: skip
 def class_noise(context: InitContext, fraction: NotNegative) -> InitResult:
     """Kind mean + fraction · σ · N(0, 1), with the kind's deviation σ of each coordinate (see ``kind_mean``)."""
-    kind, fallback = weights_of_first(context, nothing=lambda: same_kind(context))
+    kind, fallback = similarity.weights_of_first(context, nothing=lambda: similarity.same_kind(context))
     noise = fraction * deviation(context, kind) * standard_normal(context)
-    return InitResult(centroid(context, kind, fallback).vectors + noise, fallback)
+    return InitResult(similarity.centroid(context, kind, fallback).vectors + noise, fallback)
 
 
 def deviation(context: InitContext, among: Tensor) -> Tensor:
@@ -113,9 +102,9 @@ def deviation(context: InitContext, among: Tensor) -> Tensor:
 )  # fmt: skip
 def entity_relation_average(context: InitContext) -> InitResult:
     """Mean over the insert triples of where their known ends meet the novel one; the centroid where there are none."""
-    weights = insert_triple_table(context).flatten(2)
-    mean = weights @ cell_anchors(context.theta0) / weights.sum(-1, keepdim=True).clamp(min=1)
-    return _or_centroid(context, mean, triples=lambda: everyone_known(context))
+    weights = similarity.insert_triple_table(context).flatten(2)
+    mean = weights @ similarity.cell_anchors(context.theta0) / weights.sum(-1, keepdim=True).clamp(min=1)
+    return _or_centroid(context, mean, triples=lambda: similarity.everyone_known(context))
 
 
 @initializer(
@@ -124,7 +113,7 @@ def entity_relation_average(context: InitContext) -> InitResult:
 )  # fmt: skip
 def neighbour_mean(context: InitContext) -> InitResult:
     """Mean of the known ends of the insert triples, each as often as they name it."""
-    return mean_of_first(context, triples=lambda: insert_triple_table(context).sum((2, 3)))
+    return similarity.mean_of_first(context, triples=lambda: similarity.insert_triple_table(context).sum((2, 3)))
 
 
 @initializer(
@@ -135,13 +124,13 @@ def neighbour_mean(context: InitContext) -> InitResult:
 def projection(context: InitContext, penalty: Positive) -> InitResult:
     """Ridge regression from word vectors of unit length; the centroid where there is none."""
     return _or_centroid(
-        context, predicted(context, penalty), words=lambda: word_eligible(context).any(-1, keepdim=True)
+        context, predicted(context, penalty), words=lambda: similarity.word_eligible(context).any(-1, keepdim=True)
     )
 
 
 def predicted(context: InitContext, penalty: float) -> Tensor:
     """ȳ + (x - x̄)ᵀB, where B makes Σ ‖y - ȳ - Bᵀ(x - x̄)‖² + ``penalty`` ‖B‖² least; shape (M, n, d), float64."""
-    weight = word_eligible(context)[:, 0, :, None].double()
+    weight = similarity.word_eligible(context)[:, 0, :, None].double()
     words, entity = normalize(context.words.double(), dim=-1), context.theta0.entity.double()
     number = weight.sum(1, keepdim=True).clamp(min=1)
     from_words, to_entity = ((weight * table).sum(1, keepdim=True) / number for table in (words, entity))
@@ -150,8 +139,9 @@ def predicted(context: InitContext, penalty: float) -> Tensor:
     return to_entity + (words[context.novel] - from_words) @ slopes
 
 
-def _or_centroid(context: InitContext, vectors: Tensor, **ways: Weigh) -> InitResult:
+def _or_centroid(context: InitContext, vectors: Tensor, **ways: similarity.Weigh) -> InitResult:
     """Vectors, (M, n, d), of the novel entities that the first way serves; the centroid of the known for the others."""
-    centre = centroid(context, everyone_known(context), weights_of_first(context, **ways)[1])
+    fallback = similarity.weights_of_first(context, **ways)[1]
+    centre = similarity.centroid(context, similarity.everyone_known(context), fallback)
     vectors = torch.where((centre.fallback == NONE)[..., None], vectors.to(centre.vectors.dtype), centre.vectors)
     return replace(centre, vectors=vectors, weights=None, is_centroid=False)

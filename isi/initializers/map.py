@@ -17,15 +17,9 @@ from torch.linalg import inv_ex, solve
 from torch.nn.functional import softplus
 
 from isi.config import Count, NotNegative, Positive
+from isi.initializers import similarity
 from isi.initializers.api import InitContext, InitResult, initializer
 from isi.initializers.baselines import soft_hybrid
-from isi.initializers.similarity import (
-    cell_anchors,
-    centroid_of_first,
-    everyone_known,
-    insert_triple_table,
-    nearest_by_both,
-)
 from isi.models.scoring import padded
 from isi.models.stack import Embedding, NotFinite, select
 
@@ -47,12 +41,10 @@ BUDGET = 2**23
 class Evidence:
     """Weights of cells, and the prior of novel vectors; all float64."""
 
-    #: shapes: (M, n, K)
-    positive: Tensor
-    negative: Tensor
-    #: μ and λΣ⁻¹; shapes: (M, n, d), (M, d, d)
-    mean: Tensor
-    precision: Tensor
+    positive: Tensor  #: shape: (M, n, K)
+    negative: Tensor  #: shape: (M, n, K)
+    mean: Tensor  #: μ; shape: (M, n, d)
+    precision: Tensor  #: λΣ⁻¹; shape: (M, d, d)
 
 
 def expected_negatives(context: InitContext, positive: Tensor, ratio: int) -> Tensor:
@@ -79,7 +71,7 @@ def evidence(context: InitContext, mean: Tensor, strength: float, ratio: int) ->
     Raises:
         NotFinite: where Σ has no inverse, since all known vectors of a model are the same.
     """
-    positive = insert_triple_table(context)
+    positive = similarity.insert_triple_table(context)
     negative = expected_negatives(context, positive, ratio)
     inverse, failed = inv_ex(covariance(context))
     if failed.any():
@@ -94,7 +86,7 @@ def ridge_regression(context: InitContext, prior: InitResult, strength: float, r
     The vectors of the prior are μ, the answer where there is no insert triple; its strength is λ.
     """
     known = evidence(context, prior.vectors, strength, ratio)
-    alpha = cell_anchors(_double(context.theta0))
+    alpha = similarity.cell_anchors(_double(context.theta0))
     weight, mean = known.positive + known.negative, known.mean
     residual = known.positive - weight * (mean @ alpha.mT)
     step = solve(gram(alpha, weight) + known.precision[:, None], residual @ alpha)
@@ -110,7 +102,7 @@ def most_probable(context: InitContext, prior: InitResult, strength: float, rati
     are μ, the answer where there is no insert triple; its strength is λ.
     """
     known, theta0 = evidence(context, prior.vectors, strength, ratio), _double(context.theta0)
-    alpha = cell_anchors(theta0) if theta0.model.linear else None
+    alpha = similarity.cell_anchors(theta0) if theta0.model.linear else None
     if alpha is None:
         known, theta0 = each_alone(known, theta0)
     at, going = known.mean, torch.ones(known.mean.shape[:2], dtype=torch.bool)
@@ -206,7 +198,7 @@ _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio":
 )  # fmt: skip
 def map_around_ers(context: InitContext, k: Count, candidates: Count, strength: Positive, ratio: Count) -> InitResult:
     """MAP with the vector of ERS as the mean of its prior."""
-    return most_probable(context, nearest_by_both(context, k, candidates), strength, ratio)
+    return most_probable(context, similarity.nearest_by_both(context, k, candidates), strength, ratio)
 
 
 @initializer(
@@ -246,4 +238,4 @@ def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
 
 def _mean_of_known(context: InitContext) -> InitResult:
     """The centroid of the known entities, as a fallback where there are no insert triples."""
-    return centroid_of_first(context, triples=lambda: everyone_known(context))
+    return similarity.centroid_of_first(context, triples=lambda: similarity.everyone_known(context))

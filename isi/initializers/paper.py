@@ -11,20 +11,8 @@ from torch import Tensor
 from torch.linalg import vector_norm
 
 from isi.config import Count
+from isi.initializers import similarity
 from isi.initializers.api import NONE, InitContext, InitResult, initializer, without_weights
-from isi.initializers.similarity import (
-    centroid,
-    centroid_of_first,
-    cosines,
-    everyone_known,
-    nearest_by_both,
-    nearest_by_words,
-    relational_score,
-    resultants,
-    same_kind,
-    top_k,
-    word_similarity,
-)
 from isi.models.stack import Embedding
 from isi.random import stream
 
@@ -61,7 +49,7 @@ def informed_uniform(context: InitContext) -> InitResult:
 )  # fmt: skip
 def entity_similarity(context: InitContext, k: Count) -> InitResult:
     """Centroid of the k entities of nearest word vectors (equations 2 and 3)."""
-    return nearest_by_words(context, word_similarity(context), k)
+    return similarity.nearest_by_words(context, similarity.word_similarity(context), k)
 
 
 @initializer(
@@ -71,7 +59,7 @@ def entity_similarity(context: InitContext, k: Count) -> InitResult:
 )  # fmt: skip
 def relational_similarity(context: InitContext, k: Count) -> InitResult:
     """Centroid of the k entities nearest to where the insert triples put the novel one (equations 4 and 5)."""
-    return centroid_of_first(context, triples=lambda: top_k(relational_score(context), context.eligible[:, None], k))
+    return similarity.nearest_by_relations(context, k)
 
 
 @initializer(
@@ -81,7 +69,7 @@ def relational_similarity(context: InitContext, k: Count) -> InitResult:
 )  # fmt: skip
 def hybrid_similarity(context: InitContext, k: Count, candidates: Count) -> InitResult:
     """RS among the best of ES, as many as ``candidates`` (equation 6)."""
-    return nearest_by_both(context, k, candidates)
+    return similarity.nearest_by_both(context, k, candidates)
 
 
 @initializer(
@@ -90,7 +78,7 @@ def hybrid_similarity(context: InitContext, k: Count, candidates: Count) -> Init
 )  # fmt: skip
 def mean(context: InitContext) -> InitResult:
     """Centroid of all known entities (equation 1)."""
-    return centroid(context, everyone_known(context), torch.full(context.novel.shape, NONE))
+    return similarity.centroid(context, similarity.everyone_known(context), torch.full(context.novel.shape, NONE))
 
 
 @initializer(
@@ -100,7 +88,7 @@ def mean(context: InitContext) -> InitResult:
 )  # fmt: skip
 def kind_mean(context: InitContext) -> InitResult:
     """Centroid of the known entities of the novel one's kind; of all known where there is none."""
-    return centroid_of_first(context, nothing=lambda: same_kind(context))
+    return similarity.centroid_of_first(context, nothing=lambda: similarity.same_kind(context))
 
 
 @initializer(
@@ -145,7 +133,7 @@ def known_moments(context: InitContext) -> tuple[Tensor, Tensor]:
 )  # fmt: skip
 def permuted_entity_similarity(context: InitContext, k: Count) -> InitResult:
     """ES with the word vectors dealt out anew among the entities that have one."""
-    return _es_of_dealt(context, dealt_words(context, "es_permuted", torch.zeros_like(context.kinds)), k)
+    return _es_of_dealt(context, "es_permuted", torch.zeros_like(context.kinds), k)
 
 
 @initializer(
@@ -155,13 +143,14 @@ def permuted_entity_similarity(context: InitContext, k: Count) -> InitResult:
 )  # fmt: skip
 def permuted_within_kinds(context: InitContext, k: Count) -> InitResult:
     """ES with the word vectors dealt out anew among the entities of a kind that have one."""
-    return _es_of_dealt(context, dealt_words(context, "es_permuted_kinds", context.kinds), k)
+    return _es_of_dealt(context, "es_permuted_kinds", context.kinds, k)
 
 
-def _es_of_dealt(context: InitContext, dealt: Tensor, k: int) -> InitResult:
-    """ES, each entity with the word vector of the entity that it is dealt, (M, E)."""
-    similarity = cosines(context.words)[dealt.gather(1, context.novel)]
-    return nearest_by_words(context, similarity.gather(-1, dealt[:, None].expand_as(similarity)), k)
+def _es_of_dealt(context: InitContext, purpose: str, groups: Tensor, k: int) -> InitResult:
+    """ES, each entity with the word vector of the entity that it is dealt."""
+    dealt = dealt_words(context, purpose, groups)
+    cosine = similarity.cosines(context.words)[dealt.gather(1, context.novel)]
+    return similarity.nearest_by_words(context, cosine.gather(-1, dealt[:, None].expand_as(cosine)), k)
 
 
 def dealt_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
@@ -185,9 +174,8 @@ def dealt_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
 def relational_similarity_alive(context: InitContext, k: Count) -> InitResult:
     """RS from α that are zero in the coordinates in which their relation's map is dead."""
     models = torch.arange(len(context.novel))[:, None, None]
-    alpha = resultants(context) * alive(context.theta0)[models, context.relation]
-    chosen = top_k(relational_score(context, alpha), context.eligible[:, None], k)
-    return centroid_of_first(context, triples=lambda: chosen)
+    alpha = similarity.resultants(context) * alive(context.theta0)[models, context.relation]
+    return similarity.nearest_by_relations(context, k, alpha)
 
 
 def alive(theta0: Embedding) -> Tensor:

@@ -27,18 +27,19 @@ def word_similarity(context: InitContext) -> Tensor:
 
 
 def resultants(context: InitContext) -> Tensor:
-    """α of each insert triple (equation 4); shape (M, n, I, d).
+    """α of each insert triple: where the relation takes the head, or where the head of the tail must be (equation 4).
+
+    The shape is (M, n, I, d).
 
     Raises:
         NoRelationMap: where the model has none.
     """
-    theta0 = context.theta0
+    theta0, models = context.theta0, torch.arange(len(context.novel))[:, None, None]
     if not theta0.model.invertible:
         raise NoRelationMap
-    models = torch.arange(len(context.novel))[:, None, None]
-    return theta0.resultants(
-        theta0.entity[models, context.other], theta0.relation[models, context.relation], context.novel_is_tail
-    )
+    known, relation = theta0.entity[models, context.other], theta0.relation[models, context.relation]
+    as_tail, as_head = theta0.model.transform(known, relation), theta0.model.inverse(known, relation)
+    return torch.where(context.novel_is_tail[..., None], as_tail, as_head)
 
 
 def relational_score(context: InitContext, alpha: Tensor | None = None) -> Tensor:
@@ -68,6 +69,13 @@ def nearest_by_words(context: InitContext, similarity: Tensor, k: int) -> InitRe
         context,
         words=lambda: top_k(similarity, word_eligible(context), k),
         triples=lambda: top_k(relational_score(context), context.eligible[:, None], k),
+    )
+
+
+def nearest_by_relations(context: InitContext, k: int, alpha: Tensor | None = None) -> InitResult:
+    """Centroid of the k entities nearest to where the insert triples point, by their α or by others."""
+    return centroid_of_first(
+        context, triples=lambda: top_k(relational_score(context, alpha), context.eligible[:, None], k)
     )
 
 
@@ -105,12 +113,9 @@ def cell_anchors(theta0: Embedding) -> Tensor:
 def weights_of_first(context: InitContext, **ways: Weigh) -> tuple[Tensor, Tensor]:
     """Of ways to weigh known entities, the first that can serve a novel entity; else all known ones weigh alike.
 
-    Args:
-        ways: in this order, by what they need of a novel entity: ``words``, insert ``triples``, ``both`` or
-            ``nothing``. All but the first are fallbacks. A way is called where a novel entity needs it.
-
-    Returns:
-        weights or indicators, and the index in ``FALLBACKS`` of whose they are; shapes (M, n, E), (M, n).
+    Ways are named by what they need of a novel entity: ``words``, insert ``triples``, ``both`` or ``nothing``. All but
+    the first are fallbacks, and each is called where a novel entity needs it. The result are weights or indicators,
+    (M, n, E), and the index in ``FALLBACKS`` of whose they are, (M, n).
     """
     words, triples = has_words(context), has_insert_triples(context)
     has = {"words": words, "triples": triples, "both": words & triples, "nothing": torch.ones_like(words)}

@@ -63,7 +63,7 @@ class Model(ABC):
     def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
         """The tail as heads see it: interaction(transform(h, r), t) = interaction(h, transform_tail(t, r)).
 
-        The transposed map Wv where f is a product; the inverse, for a distance that the map keeps, unless overridden.
+        The transposed map Wv where f is a product; the inverse, for a distance that the map keeps.
         """
         return self.inverse(vectors, relation)
 
@@ -93,7 +93,7 @@ class RelationMapModel(Model):
         return Product()
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
-        return self.interaction.score(self.transform(head, relation), tail)
+        return self.interaction.rows(self.transform(head, relation), tail)[0]
 
     def score_tails(self, head: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
         return self.interaction.pairs(self.transform(head, relation), entity)[0]

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from typing import Any
 
 import torch
@@ -32,6 +33,10 @@ Linear = Callable[[Tensor], Tensor]
 Pick = Callable[[Tensor, Tensor], tuple[Tensor, Tensor, Tensor]]
 
 
+def _pick(ids: tuple[Any, Any, Any], entity: Tensor, relation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    return entity[ids[0]], relation[ids[1]], entity[ids[2]]
+
+
 def spaced(table: Tensor) -> Tensor:
     """A copy of a stack of tables with a spare row in memory behind each model; shape (M, N, d)."""
     models, rows, width = table.shape
@@ -48,13 +53,9 @@ def padded(function: Callable[[Tensor], Tensor], values: Tensor) -> Tensor:
 class Product:
     """f(m, t) = ⟨m, t⟩ of mapped heads m and tails t."""
 
-    def score(self, mapped: Tensor, tail: Tensor) -> Tensor:
-        """Scores of pairs; shapes (..., d), broadcast against each other, result (...)."""
-        return (mapped * tail).sum(-1)
-
     def rows(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
-        """Scores of pairs, and gradients by mapped heads and tails; shapes (N, d), scores (N,)."""
-        return self.score(mapped, tail), lambda slope: (tail * slope[:, None], mapped * slope[:, None])
+        """Scores of pairs, and gradients by both; shapes (..., d), broadcast against each other, scores (...)."""
+        return (mapped * tail).sum(-1), lambda slope: (tail * slope[..., None], mapped * slope[..., None])
 
     def pairs(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
         """The same of all pairs; shapes (M, N, d) and (M, E, d), scores (M, N, E), and slopes (M, up to N, E)."""
@@ -76,15 +77,12 @@ class Distance:
     margin: float
     squared: bool
 
-    def score(self, mapped: Tensor, tail: Tensor) -> Tensor:
-        return self.margin - self._distance((mapped - tail).square().sum(-1))
-
     def rows(self, mapped: Tensor, tail: Tensor) -> tuple[Tensor, Backward]:
         gap = tail - mapped
         distance = self._distance(gap.square().sum(-1))
 
         def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
-            by_mapped = gap * self._times_c(slope, distance)[:, None]
+            by_mapped = gap * self._times_c(slope, distance)[..., None]
             return by_mapped, -by_mapped
 
         return self.margin - distance, backward
@@ -140,10 +138,7 @@ class DenseTriples:
     def by_head(self, values: Tensor, swapped: tuple[Tensor, Linear] | None = None) -> Tensor:
         """Sums by head of values (..., d) that may be overwritten, and of others under a linear function; (M, E, d)."""
         total = values.sum(1)
-        if swapped:
-            others, linear = swapped
-            total = total + linear(others.sum(1))  # of the sums, since they are fewer
-        return total
+        return total + swapped[1](swapped[0].sum(1)) if swapped else total  # of the sums, since they are fewer
 
     def by_relation(self, values: Tensor) -> Tensor:
         """Sums by relation of values of shape (..., d); shape (M, R, d)."""
@@ -161,13 +156,8 @@ class DenseTriples:
 
     def parts(self) -> Iterator[tuple[int, Any, Pick]]:
         """Parts of one model each: its place in the stack, the part's place in scores, and what picks the vectors."""
-        for model in range(self.shape[0]):
-            for number in range(self.shape[1]):
-                yield model, (model, number), partial(self._pick, number)
-
-    @staticmethod
-    def _pick(number: int, entity: Tensor, relation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        return entity[:, None], relation[number], entity[None]
+        for model, number in product(range(self.shape[0]), range(self.shape[1])):
+            yield model, (model, number), partial(_pick, ((slice(None), None), number, None))
 
 
 @dataclass(frozen=True)
@@ -175,8 +165,7 @@ class TripleList:
     """A list of N triples of the models of a stack; its methods are those of ``DenseTriples``."""
 
     shape: tuple[int, int, int]  #: M, R and E
-    #: place in the stack, and ids; shapes: (N,), int64
-    model: Tensor
+    model: Tensor  #: place in the stack; shape: (N,), int64, as of the ids
     head: Tensor
     relation: Tensor
     tail: Tensor
@@ -192,9 +181,8 @@ class TripleList:
         return memory, memory
 
     def by_head(self, values: Tensor, swapped: tuple[Tensor, Linear] | None = None) -> Tensor:
-        if swapped:
-            others, linear = swapped
-            values = values.add_(linear(others))  # first, since a sum by ids takes most of the time
+        if swapped:  # added first, since a sum by ids takes most of the time
+            values = values.add_(swapped[1](swapped[0]))
         return self._sum(values, self.head, self.shape[2])
 
     def by_relation(self, values: Tensor) -> Tensor:
@@ -212,10 +200,7 @@ class TripleList:
     def parts(self) -> Iterator[tuple[int, Any, Pick]]:
         for model in range(self.shape[0]):
             place = (self.model == model).nonzero()[:, 0]
-            yield model, place, partial(self._pick, place)
-
-    def _pick(self, place: Tensor, entity: Tensor, relation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        return entity[self.head[place]], relation[self.relation[place]], entity[self.tail[place]]
+            yield model, place, partial(_pick, (self.head[place], self.relation[place], self.tail[place]))
 
     def _gather(self, table: Tensor, ids: Tensor) -> Tensor:
         """Rows of a stack of tables, (M, N', d), one for each triple; shape (N, d)."""

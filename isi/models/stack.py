@@ -54,14 +54,6 @@ class Embedding:
         """Scores of every triple; shape (M, R, E, E)."""
         return self.model.scores(self.entity, self.relation, DenseTriples.of(self.entity, self.relation))[0]
 
-    def resultants(self, known: Tensor, relation: Tensor, novel_is_tail: Tensor) -> Tensor:
-        """α of insert triples: where the relation takes the head, or where the head of the tail must be (equation 4).
-
-        Vectors of known ends are (..., d), rows of relations (..., w); α is (..., d).
-        """
-        as_tail, as_head = self.model.transform(known, relation), self.model.inverse(known, relation)
-        return torch.where(novel_is_tail[..., None], as_tail, as_head)
-
 
 def _from_arrays(entity: np.ndarray, relation: np.ndarray, model: Model) -> Embedding:
     return Embedding(torch.from_numpy(entity), torch.from_numpy(relation), model)
@@ -98,23 +90,21 @@ def mapped(value: T, function: Callable[[Tensor], Tensor], shared: bool = True) 
 def uniform(
     entities: Tensor, relations: int, model: Model, dimension: int, half_range: float, root: int, keys: Tensor
 ) -> Embedding:
-    """Tables uniform in ± half_range (of relations: ``Model.half_range``); other entities have zero rows.
+    """Tables uniform in ± half_range (of relations: ``Model.half_range``).
 
-    Args:
-        entities: the entities that take part; shape (M, E), bool.
-        keys: of the random stream of each embedding, beside the root seed; shape (M, ...).
+    Only entities that take part, (M, E), have rows that are not zero. The random stream of each embedding is keyed by
+    the root seed and a row of ``keys``.
 
     Raises:
         InputError: where the model has no vectors of this dimension.
     """
-    shapes = (entities.shape[1], dimension), (relations, model.width(dimension))
-    bounds = half_range, model.half_range(half_range)
-    tables = []
-    for key in keys.tolist():
-        rng = stream(root, "embedding", *key)
-        tables.append([rng.uniform(-bound, bound, shape) for bound, shape in zip(bounds, shapes, strict=True)])
-    entity, relation = (torch.as_tensor(np.stack(values), dtype=torch.float32) for values in zip(*tables, strict=True))
-    return Embedding(entity * entities[..., None], relation, model)
+    bound, of_relations = half_range, model.half_range(half_range)
+    shape, relation_shape = (entities.shape[1], dimension), (relations, model.width(dimension))
+    streams = [stream(root, "embedding", *key) for key in keys.tolist()]
+    entity = np.stack([rng.uniform(-bound, bound, shape) for rng in streams])  # first of all from each stream
+    relation = np.stack([rng.uniform(-of_relations, of_relations, relation_shape) for rng in streams])
+    vectors = torch.as_tensor(entity, dtype=torch.float32) * entities[..., None]
+    return Embedding(vectors, torch.as_tensor(relation, dtype=torch.float32), model)
 
 
 class NotFinite(InputError):
@@ -122,8 +112,7 @@ class NotFinite(InputError):
 
     def __init__(self, models: list[int], message: str) -> None:
         super().__init__("", "", message)
-        #: their places in the stack
-        self.models = models
+        self.models = models  #: their places in the stack
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.models, self.message)

@@ -50,10 +50,10 @@ class TrainingData:
 
 @dataclass(frozen=True)
 class DenseBatch:
-    """A batch of each embedding of a stack as tables of counts."""
+    """A batch of each embedding of a stack as tables of counts; shapes: (M, R, E, E)."""
 
-    positives: Tensor  #: shape: (M, R, E, E), float32
-    negatives: Tensor  #: shape: (M, R, E, E)
+    positives: Tensor
+    negatives: Tensor
 
 
 @dataclass(frozen=True)
@@ -93,10 +93,8 @@ def training_data(
 
     ``novel`` are ids of the entities that were not in the session before, (M, n); all of them where it is null.
     """
-    graph = session.graph
-    train = session.members(TRAIN)
-    heads = torch.zeros(len(keys), len(graph.relations), len(graph.entities))
-    heads += session.entities[:, None]
+    graph, train = session.graph, session.members(TRAIN)
+    heads = torch.zeros(len(keys), len(graph.relations), len(graph.entities)) + session.entities[:, None]
     if head_pool == "unseen":
         seen = torch.zeros_like(heads, dtype=torch.bool)
         models, triples = train.nonzero(as_tuple=True)
@@ -135,10 +133,10 @@ def batches(
             yield DenseBatch(counts, expected_negatives(data, counts, ratio)), positives
             continue
         if singles is None:
-            batch = sample_batch(data, observed, ratio, root, epoch, number)
+            corrupted = corrupt(data, observed, ratio, root, "negatives", epoch, number)
         else:
-            batch = list_batch(data, [corrupted.at(number) for corrupted in singles])
-        dense = is_dense(graph)
+            corrupted = [part.at(number) for part in singles]
+        batch, dense = list_batch(data, corrupted), is_dense(graph)
         yield DenseBatch(count_positives(data, observed), count_negatives(data, batch)) if dense else batch, positives
 
 
@@ -166,8 +164,8 @@ def count_positives(data: TrainingData, observed: list[np.ndarray]) -> Tensor:
 def expected_negatives(data: TrainingData, positives: Tensor, ratio: int) -> Tensor:
     """How often each triple is expected among a batch's corrupted ones; shape (M, R, E, E).
 
-    For each positive, ``ratio`` corrupted tails, heads and relations: tails from the session's
-    entities, heads from the relation's pool, relations from all but the true one.
+    For each positive, ``ratio`` corrupted tails from the session's entities, heads from the relation's pool, and
+    relations other than the true one.
     """
     by_head, by_tail = positives.sum(-1), positives.sum(-2)  # (M, R, E)
     relations = positives.shape[1]
@@ -181,16 +179,6 @@ def expected_negatives(data: TrainingData, positives: Tensor, ratio: int) -> Ten
     return negatives
 
 
-def sample_batch(
-    data: TrainingData, observed: list[np.ndarray], ratio: int, root: int, epoch: int, number: int
-) -> ListBatch:
-    """A batch's observations and their corruptions, drawn with the frequencies of ``expected_negatives``.
-
-    The draws are keyed by the embedding, the epoch and the number of the batch alone.
-    """
-    return list_batch(data, corrupt(data, observed, ratio, root, "negatives", epoch, number))
-
-
 def sample_epoch(data: TrainingData, ratio: int, root: int, epoch: int) -> list[Corrupted]:
     """An epoch of each embedding in the order of batches of one, drawn with one stream: making one takes longer than
     an update."""
@@ -201,7 +189,10 @@ def sample_epoch(data: TrainingData, ratio: int, root: int, epoch: int) -> list[
 def corrupt(
     data: TrainingData, observed: list[np.ndarray], ratio: int, root: int, purpose: str, *number: int
 ) -> list[Corrupted]:
-    """Corrupt observations of each embedding, with streams keyed by its keys, a purpose and numbers."""
+    """Corrupt observations of each embedding with the frequencies of ``expected_negatives``.
+
+    The draws are keyed by the embedding's keys, a purpose and numbers, such as those of the epoch and the batch.
+    """
     corrupted = []
     for model, (ids, key) in enumerate(zip(observed, data.keys.tolist(), strict=True)):
         rng = stream(root, f"{data.purpose} {purpose}", *key, *number)
@@ -231,10 +222,10 @@ def _replacements(
 
 def list_batch(data: TrainingData, corrupted: list[Corrupted]) -> ListBatch:
     """Observations and their corruptions as one list."""
-    parts = [(model, one.triples, one.negatives()) for model, one in enumerate(corrupted)]
-    models = torch.cat([torch.full((len(p) + len(n),), m) for m, p, n in parts])
-    positive = torch.cat([torch.cat([torch.ones(len(p)), torch.zeros(len(n))]) for _, p, n in parts])
-    head, relation, tail = torch.cat([torch.cat([p, n]) for _, p, n in parts]).T
+    parts = [(part.triples, part.negatives()) for part in corrupted]
+    models = torch.repeat_interleave(torch.tensor([len(p) + len(n) for p, n in parts]))
+    positive = torch.cat([torch.cat([torch.ones(len(p)), torch.zeros(len(n))]) for p, n in parts])
+    head, relation, tail = torch.cat([torch.cat(pair) for pair in parts]).T
     _, relations, entities = data.head_pool.shape
     return ListBatch(TripleList((len(corrupted), relations, entities), models, head, relation, tail), positive)
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from isi.models.bilinear import BlockModel
 from isi.models.stack import Embedding
-from isi.training.batches import Corrupted, TrainingData, sample_epoch
+from isi.training.batches import TrainingData, sample_epoch
 
 Floats = NDArray[np.float32]
 Ids = NDArray[np.int32]
@@ -148,12 +148,8 @@ def update(
 ) -> None:  # fmt: skip
     """An update of one embedding for each observation, one after the other, in place.
 
-    Args:
-        tables: vectors of entities and relations; shapes (E, d), (R, d).
-        squares: Adagrad's accumulators.
-        scalars: how many coordinates come before the blocks.
-        triples: the observations; shape (N, 3).
-        tails, heads, relations: what replaces those of each observation; shapes (N, K).
+    Tables of entities and relations, with Adagrad's accumulators, are (E, d) and (R, d), of which so many scalars come
+    before the blocks. The observations are (N, 3); what replaces their tails, heads and relations is (N, K).
     """
     gradients = np.zeros_like(tables[0]), np.zeros_like(tables[1])
     memory = np.empty((3, tables[0].shape[1]), np.float32)
@@ -169,22 +165,14 @@ def run_compiled_epoch(
     embedding: Embedding, squares: Embedding, data: TrainingData, ratio: int, rate: float, decay: float,
     root: int, epoch: int,
 ) -> None:  # fmt: skip
-    """One pass over all observations of each embedding of a stack, in place.
+    """One pass over all observations of each embedding of a stack, and of Adagrad's accumulators, in place.
 
-    Args:
-        squares: Adagrad's accumulators.
-        ratio: corrupted tails, heads and relations for each observation.
-        rate, decay: learning rate and weight decay.
+    For each observation, ``ratio`` tails, heads and relations are corrupted.
     """
     scalars = embedding.entity.shape[-1] * cast(BlockModel, embedding.model).scalars // 100
     for model, corrupted in enumerate(sample_epoch(data, ratio, root, epoch)):
-        tables, sums = (
-            (stack.entity[model].numpy(), stack.relation[model].numpy()) for stack in (embedding, squares)
-        )  # fmt: skip
-        update(tables, sums, scalars, np.float32(rate), np.float32(decay), *_ids(corrupted))
-
-
-def _ids(corrupted: Corrupted) -> list[np.ndarray]:
-    """Triples, and corrupted tails, heads and relations: none where there is but one relation; int32."""
-    ids = [part.numpy().astype(np.int32) for part in (corrupted.triples, *corrupted.replacements)]
-    return ids if len(ids) == 4 else [*ids, ids[1][:, :0].copy()]
+        tables, sums = ((stack.entity[model].numpy(), stack.relation[model].numpy()) for stack in (embedding, squares))
+        ids = [part.numpy().astype(np.int32) for part in (corrupted.triples, *corrupted.replacements)]
+        if len(ids) < 4:  # of one relation, no other can be corrupted
+            ids.append(ids[1][:, :0].copy())
+        update(tables, sums, scalars, np.float32(rate), np.float32(decay), *ids)

@@ -17,7 +17,7 @@ from isi.evaluation.ranking import Queries, evaluate, measure_rows
 from isi.models.bilinear import ANALOGY, ComplEx, DistMult
 from isi.models.model import Model
 from isi.models.scoring import DenseTriples, padded, spaced
-from isi.models.stack import Embedding, NotFinite, check_finite, select
+from isi.models.stack import Embedding, NotFinite, check_finite, mapped, select
 from isi.training.batches import DenseBatch, ListBatch, Negatives, TrainingData, batches, is_sampled
 
 #: What Adagrad's accumulators start at.
@@ -86,19 +86,14 @@ def train(
             _copy_rows(state.embedding, ~going_on, result, models)
             if not going_on.any():
                 break
-            state, data, models = _spaced(select(state, going_on)), select(data, going_on), models[going_on]
+            state, data, models = mapped(select(state, going_on), spaced), select(data, going_on), models[going_on]
     return result
 
 
 def start(embedding: Embedding) -> State:
     """A copy of an embedding with fresh accumulators."""
     entity, relation = (torch.full_like(table, ACCUMULATOR) for table in (embedding.entity, embedding.relation))
-    return _spaced(State(embedding, replace(embedding, entity=entity, relation=relation)))
-
-
-def _spaced(state: State) -> State:
-    stacks = (state.embedding, state.squares)
-    return State(*(replace(stack, entity=spaced(stack.entity), relation=spaced(stack.relation)) for stack in stacks))
+    return mapped(State(embedding, replace(embedding, entity=entity, relation=relation)), spaced)
 
 
 def _copy_rows(source: Embedding, chosen: Tensor, target: Embedding, models: Tensor) -> None:
@@ -121,10 +116,9 @@ def run_epoch(
     state: State, data: TrainingData, negatives: Negatives, settings: Optimizer, root: int, epoch: int
 ) -> None:
     """One pass over all observations of each embedding, in place."""
-    graph, device = data.session.graph, state.embedding.entity.device
-    trained_rows = data.new if epoch <= settings.new_rows_first else None
-    compiled = is_compiled(state.embedding.model, settings.batch_size) and is_sampled(negatives, graph)
-    if compiled and trained_rows is None and device.type == "cpu":
+    trained_rows, on_cpu = data.new if epoch <= settings.new_rows_first else None, state.embedding.entity.is_cpu
+    compiled = is_compiled(state.embedding.model, settings.batch_size) and is_sampled(negatives, data.session.graph)
+    if compiled and trained_rows is None and on_cpu:
         from isi.training.compiled import run_compiled_epoch
 
         rates = settings.learning_rate, settings.weight_decay
@@ -165,11 +159,8 @@ def adagrad(
 ) -> None:  # fmt: skip
     """Update a stack in place from the gradient of a batch: Θ ← Θ - rate · g / √Σg², with g the mean over positives.
 
-    Args:
-        gradient: summed over the batch.
-        positives: observations in the batch; an embedding without any stays as it is; shape (M,).
-        frozen: entities that take no part; shape (M, E), bool.
-        trained_rows: entities whose rows alone are updated, (M, E), bool; all rows of both tables where it is null.
+    The gradient is summed over the batch, of so many positives, (M,); an embedding without any stays as it is. Frozen
+    entities, (M, E), take no part. Only the rows of some entities, (M, E), are trained; null: all of both tables.
     """
     scale = (positives > 0) / positives.clamp(min=1)
     decay = (settings.weight_decay * (positives > 0))[:, None, None]
