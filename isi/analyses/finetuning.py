@@ -68,8 +68,7 @@ def finetune_only(
 ) -> pd.DataFrame:
     """Measures of earlier knowledge before Θ⁰ is trained on with its D⁰, and after every epoch (``FINETUNE_ONLY``).
 
-    Batches and negatives come from the random streams of fine-tuning, so that runs with insertion differ by what
-    was inserted.
+    The random streams are those of fine-tuning, so that runs with insertion differ by what was inserted.
     """
     queries = {SCOPE: epoch_query_sets(points.session(1), points.novel_in(1))[SCOPE]}
     watch = ConvergenceWatch(queries, {}, full_curves=True)

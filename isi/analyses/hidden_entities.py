@@ -88,11 +88,7 @@ class HiddenSplit:
 
 
 def hide(triples: np.ndarray, entities: int, settings: Hidden, key: str, root: int, seed: int) -> HiddenSplit:
-    """Draw entities to hide, and which of their triples, (T, 3), are inserted from and queried.
-
-    Raises:
-        InputError: where not so many can be hidden; ``key`` is where the settings stand in params.
-    """
+    """Draw entities to hide in triples, (T, 3); an ``InputError`` at a key of params where too few can be hidden."""
     rng = stream(root, "hidden from another trainer", seed)
     hidden = _draw(triples, entities, max(1, round(settings.fraction * entities)), settings.fewest, rng)
     if hidden is None:
@@ -112,10 +108,7 @@ def hide(triples: np.ndarray, entities: int, settings: Hidden, key: str, root: i
 
 
 def _draw(triples: np.ndarray, entities: int, number: int, fewest: int, rng: np.random.Generator) -> np.ndarray | None:
-    """Which entities are hidden, shape (E,), bool; null where there are too few to hide.
-
-    Hidden ones have enough triples with a known end, and all other entities and relations a triple of known ones.
-    """
+    """Entities, (E,), that have enough triples with a known end; all others, and relations, keep a triple; or null."""
     hidden = np.zeros(entities, dtype=bool)
     for entity in rng.permutation(entities):
         hidden[entity] = True

@@ -38,10 +38,7 @@ BATCH = 256
 def hidden_in(
     points: GridPoints, words: np.ndarray | None, settings: Hidden, key: str, root: int
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """What each method answers (``HIDDEN_ENTITIES``), and its seconds of processor time: method, told, seconds.
-
-    Entities are hidden in the graph of grid points of one seed, which need no splits; word vectors are (E, w).
-    """
+    """What each method answers (``HIDDEN_ENTITIES``), by one seed, and its seconds: columns method, told, seconds."""
     for name in ("pykeen", "torch_max_mem"):
         logging.getLogger(name).setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", "'pin_memory' argument", UserWarning)
@@ -159,10 +156,7 @@ def loop(model: Model, factory: TriplesFactory, settings: HiddenTraining) -> SLC
 
 
 def measured(model: Model, split: HiddenSplit, valid: np.ndarray) -> Iterator[dict[str, Any]]:
-    """How right answers rank among all entities, minus other true answers; ties are halved.
-
-    Validation triples, (V, 3), are of known entities and were not trained on.
-    """
+    """How right answers rank among all entities, minus other true answers; ties are halved."""
     by_head = split.queries[:, HEAD] >= split.known
     of_heads, of_tails, true = split.queries[by_head], split.queries[~by_head], torch.from_numpy(split.true)
     queries: dict[str, list[tuple[Slot, np.ndarray]]] = {

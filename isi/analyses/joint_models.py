@@ -91,11 +91,7 @@ class FinalModel(Study):
 
 
 def fold_points(experiment: str, graph: Graph, root: int, number: int, stack: int) -> list[GridPoints]:
-    """The folds in stacks of at most ``stack``, each held out in one; their numbers are the points' seeds.
-
-    Raises:
-        InputError: where a fold would be empty.
-    """
+    """The folds in stacks, each held out once, with its number as seed; an ``InputError`` where one would be empty."""
     splits = folds(graph, root, number)
     if not (splits == VALID).any(1).all():
         expected = "expected no more folds than triples that may leave train (some must stay, for every entity)"
@@ -128,11 +124,7 @@ def compare(points: GridPoints, config: TrainConfig) -> pd.DataFrame:
 
 
 def usual_epochs(log: pd.DataFrame) -> int:
-    """The median of the epochs after which joint models were kept (the lower one of two), by validation MRR*.
-
-    Raises:
-        InputError: where the log (``TRAINING_LOG``) has none that was kept.
-    """
+    """The (lower) median of the best epochs of joint models (``TRAINING_LOG``), or an ``InputError`` without any."""
     kept = log[log["kept"]].groupby("seed")["epoch"].max()
     if kept.empty:
         raise InputError("joint.log.parquet", "column 'kept'", "expected an epoch that was kept")

@@ -94,10 +94,8 @@ class Affordances(Study):
 def break_down(
     points: GridPoints, theta0: Embedding, joint: Embedding, inserted: Mapping[str, np.ndarray]
 ) -> pd.DataFrame:
-    """Means over the queries of each group (``QUERY_BREAKDOWN``), of each initializer and of the joint model.
-
-    Vectors of the novel entities of the first session, by initializer, are (M, n, d).
-    """
+    """Means over the queries of each group (``QUERY_BREAKDOWN``), by the vectors that initializers inserted, (M, n, d),
+    and by the joint model."""
     session, novel, groups = points.session(1), points.novel_in(1), list[pd.DataFrame]()
     is_novel = membership(novel, len(points.graph.entities))
     models = {name: with_vectors(theta0, novel, torch.as_tensor(rows)) for name, rows in inserted.items()}
@@ -134,10 +132,7 @@ def query_sets_with_filters(points: GridPoints) -> list[dict[tuple[str, str], Qu
 
 
 def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
-    """A row for each query: its model's place in the stack, the relation's id, what is hidden, its terms.
-
-    Which entities are novel is (M, E), bool.
-    """
+    """A row for each query: place in the stack, relation, what is hidden, terms; ``is_novel``: (M, E), bool."""
     (heads, relation, tails), (by_head, by_relation, by_tail) = ranked.rows.ids, ranked.slots
     head, tail = (is_novel.gather(1, ends).long() for ends in (heads, tails))
     model, query = (ranked.rows.relation_weight > 0).nonzero(as_tuple=True)  # but for padding
@@ -158,10 +153,7 @@ def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
 
 
 def used_coordinates(model: Model, relation: Tensor, seeds: Sequence[int], names: Sequence[str]) -> pd.DataFrame:
-    """Coordinates that the relations of joint models use (``USED_COORDINATES``); none of models without blocks.
-
-    Rows of relations, of these names, are (M, R, w); the seeds are those of the models.
-    """
+    """Coordinates that the relations, (M, R, w), of joint models use (``USED_COORDINATES``); none without blocks."""
     parts = []
     for part, magnitude in model.magnitudes(relation).items() if isinstance(model, BlockModel) else ():
         uses = magnitude > USED  # (M, R, parts)
@@ -175,10 +167,7 @@ def used_coordinates(model: Model, relation: Tensor, seeds: Sequence[int], names
 def rank_answers(
     points: GridPoints, theta0: Embedding, initializer: str, vectors: np.ndarray, relation: int
 ) -> pd.DataFrame:
-    """Rank of every entity of D¹ as an answer for each novel entity of the first session (``AFFORDANCES``).
-
-    Vectors of the novel entities, as the initializer inserted them, are (M, n, d); the relation is an id.
-    """
+    """Ranks of the entities of D¹ as answers for each novel one, by inserted vectors, (M, n, d) (``AFFORDANCES``)."""
     session, novel = points.session(1), points.novel_in(1)
     embedding = with_vectors(theta0, novel, torch.as_tensor(vectors))
     scores = embedding.score_tails(novel, torch.full_like(novel, relation))

@@ -110,9 +110,7 @@ def trace_trajectory(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Follow a novel entity of the first session, at its place in ``novel``, through fine-tuning; a stack of height 1.
 
-    Returns:
-        its vector before training and after each epoch, shape (epochs + 1, d); its indicators, none where the
-        initializer takes none, shape (E,), bool.
+    Its vectors before training and after each epoch are (epochs + 1, d); its indicators, if it has any, (E,), bool.
     """
     novel, initial, path = points.novel_in(1), initialize(points, theta, words, config), list[Tensor]()
 
@@ -129,10 +127,7 @@ def trace_trajectory(
 def place_of_interest(
     points: GridPoints, theta0: Embedding, words: np.ndarray, kinds: pd.Series, kind: str
 ) -> int | None:
-    """Place of the first novel entity of a kind that has a word vector and insert triples; None where there is none.
-
-    The kinds are those of entities, by id.
-    """
+    """Place of the first novel entity of a kind that has a word vector and insert triples, if there is one."""
     context = init_context(points, theta0, words, 0)
     able = (similarity.has_words(context) & similarity.has_insert_triples(context))[0].numpy()
     places = np.flatnonzero(able & (kinds.astype(str)[points.novel[0, 0]] == kind).to_numpy())
@@ -164,10 +159,7 @@ class Plane:
 def turn(vectors: Tensor, onto: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
     """Vectors moved, turned and scaled so that the known ones lie as near to others as they can (Procrustes).
 
-    Vectors and others are (M, E, d), and known (M, E), bool.
-
-    Returns:
-        shape (M, E, d), and the share of the variance of the others that the known ones then have; (M,).
+    Both are (M, E, d); also the share of the variance of the others that the known ones, (M, E), then have, (M,).
     """
     moved, shares = [], []
     for model, target, mask in zip(vectors.double(), onto.double(), known, strict=True):
@@ -215,10 +207,7 @@ def single_insertions(
     points: GridPoints, theta: Embedding, joint: Embedding, words: np.ndarray, configs: Sequence[InsertConfig],
     seeds: Mapping[int, int], settings: ExplorerParams,
 ) -> dict[str, pd.DataFrame]:  # fmt: skip
-    """Indicators, places and answers of the novel entities that are shown, by each initializer: each of ``TABLES``.
-
-    An entity is shown in one of the ``seeds``.
-    """
+    """Indicators, places and answers of novel entities, by each initializer (``TABLES``), each by its seed."""
     shown, known = ShownEntities.of(points, seeds), points.session(0).entities
     planes = [Plane.of(vectors[mask]) for vectors, mask in zip(theta.entity, known, strict=True)]
     turned, fitted = turn(joint.entity, theta.entity, known)
@@ -284,11 +273,9 @@ def known_places(points: GridPoints, shown: ShownEntities, entity: Tensor, plane
 
 
 def queries_of(points: GridPoints, shown: ShownEntities) -> tuple[Tensor, Tensor]:
-    """The queries for the ends that entities of the shown ones' kinds are of triples, and what each answer is.
+    """Which ends of relations are queried, those that entities of a kind are known to have, and what each answer is.
 
-    Returns:
-        which are queried, by relation and by what is hidden, in the order of ``HIDDEN``, (K, R, 2), bool; and what
-        each answer is, an index into ``TRUE``, (K, R, 2, E), int8.
+    By relation and what is hidden, in the order of ``HIDDEN``: (K, R, 2), bool, and places in ``TRUE``, (K, R, 2, E).
     """
     graph, session = points.graph, points.session(1)
     code = torch.where(session.splits == TRAIN, torch.where(points.insert_mask(1), TOLD, LEARNED), HELD_OUT)
@@ -307,10 +294,7 @@ def queries_of(points: GridPoints, shown: ShownEntities) -> tuple[Tensor, Tensor
 def first_answers(
     embedding: Embedding, points: GridPoints, shown: ShownEntities, queried: Tensor, truth: Tensor, first: int
 ) -> pd.DataFrame:
-    """The first answers to each query and the true ones, in order (``SINGLE_ANSWERS``); equal scores by id.
-
-    Every entity of the session is a candidate. What is queried, and what is true, is as ``queries_of`` says.
-    """
+    """The first answers to queries (see ``queries_of``) and the true ones, in order; equal scores by id."""
     novel, pick = points.novel_in(1), shown.pick
     scores = torch.stack([
         torch.stack([pick(embedding.score_tails(novel, relation)), pick(embedding.score_heads(relation, novel))], 1)

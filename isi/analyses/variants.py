@@ -94,11 +94,7 @@ class GraphExperiment(Section):
 
 
 def changed(params: Params, changes: Mapping[str, Any]) -> Params:
-    """The params with other values at dotted keys.
-
-    Raises:
-        InputError: where a key is in none of the sections that may be changed, or its value is none that it takes.
-    """
+    """The params with other values at dotted keys; an ``InputError`` where one cannot be changed or does not fit."""
     for key, value in changes.items():
         name, _, within = key.partition(".")
         if name not in CHANGEABLE or not within:
@@ -119,8 +115,7 @@ def changed(params: Params, changes: Mapping[str, Any]) -> Params:
 def results(params: Params, variant: Variant, stores: Sequence[Store], name: str) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Runs of a variant, and what its models answer immediately (``VARIANT_RUNS`` and ``VARIANT_QUERIES``).
 
-    The params are with the variant's changes; there is a store of each of its experiments. The name is what the
-    progress bar shows.
+    The params have the variant's changes; the name is what the progress bar shows.
     """
     runs, answers = list[pd.DataFrame](), list[pd.DataFrame]()
     for store in stores:

@@ -64,13 +64,8 @@ def epochs_to_convergence(
 ) -> pd.DataFrame:
     """The first epoch at which each run is within the margin of the joint model of the same scope, size and seed.
 
-    Args:
-        runs: in the columns of ``RUNS`` and those of ``by``, which distinguish runs of one grid point.
-        joint: the joint models' MRR*, likewise.
-        max_epochs: the epochs of runs that do not converge.
-
-    Returns:
-        columns of ``by``, scope, size, seed, epochs, converged, queries; grid points without queries are left out.
+    Both are in the columns of ``RUNS``; those of ``by`` distinguish runs of one grid point. Runs that do not converge
+    have ``max_epochs``, those without queries no row. Columns: ``by``, scope, size, seed, epochs, converged, queries.
     """
     keys = ["scope", "size", "seed"]
     target = joint[joint["scope"].isin(CONVERGING)].set_index(keys)["mrr_star"] - margin

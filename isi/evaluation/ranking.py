@@ -1,7 +1,7 @@
 """Filtered ranks and MRR* (equation 7).
 
-A query hides one slot of a triple. Its candidates are the entities of the session (or the
-relations), except those that make a triple of the filter. The true answer always stays.
+A query hides one slot of a triple. Its candidates are the entities of the session (or the relations), except those that
+make a triple of the filter. The true answer always stays.
 """
 
 from __future__ import annotations
@@ -208,10 +208,7 @@ def _ranks(ahead: Tensor, competitors: Competitors) -> Ranks:
 
 
 def _measure(ranked: RankedQueries) -> tuple[Tensor, Tensor]:
-    """Share of some queries in the measures, (M, 4), and their ties, (M,).
-
-    Sums of float32 over queries, in order, so that padding with zeros changes no bit.
-    """
+    """Share of queries in the measures, (M, 4), and ties, (M,), summed in order: padding by zeros changes no bit."""
     (head, relation, tail), star, plain = ranked.slots, [], []
     ties = torch.zeros(len(head.rank))
     for weight, slots in ((ranked.rows.entity_weight, (head, tail)), (ranked.rows.relation_weight, (relation,))):

@@ -79,11 +79,7 @@ class InsertConfig:
 def insert_config(
     params: Params, initializer: str, full_curves: Sequence[int] = (), options: Mapping[str, Any] | None = None
 ) -> InsertConfig:
-    """How an initializer inserts, with its options in params or with others.
-
-    Raises:
-        InputError: where the initializer does not take the options.
-    """
+    """How an initializer inserts, with its options in params or others; an ``InputError`` where it takes them not."""
     options = params.initializers[initializer] if options is None else options
     trainer.compile_ahead(model_of(params), params.finetuning.batch_size)
     return InsertConfig(
@@ -103,11 +99,7 @@ def insert_tasks(store: Store, params: Params, grid: Sequence[GridPoints], confi
 
 
 def joint_targets(joint: pd.DataFrame, points: GridPoints) -> JointTargets:
-    """MRR* of the joint models by session and scope, from their runs.
-
-    Raises:
-        InputError: where one of them was not measured.
-    """
+    """MRR* of the joint models by session and scope, or an ``InputError`` where their runs lack one."""
     rows = joint[(joint["size"] == points.size) & (joint["epoch"] == 0)]
     mrr_star = rows.set_index(["session", "scope", "seed"])["mrr_star"].to_dict()
     targets = {}
@@ -141,12 +133,8 @@ def insert_sessions(
 ) -> Iterator[tuple[Embedding, InsertResult]]:
     """Insert the novel entities of a session, measure immediately in every scope, and after every epoch of fine-tuning.
 
-    Args:
-        theta0: rows of novel entities are not looked at.
-        words: word vectors, zero where there is none; shape (E, w).
-
-    Yields:
-        Θ of each model after a session, when it had converged or after the last epoch, and measures on the way.
+    Word vectors, (E, w), are zero where there is none. Each session gives Θ as it was when it had converged or after
+    the last epoch, and measures on the way.
     """
     theta = theta0
     for number in range(1, points.sessions + 1):

@@ -96,9 +96,7 @@ def run_task(
 
     Both are set in the thread that runs the task, which is the engine's choice, and never reset: tasks that share a
     process cannot disturb each other. A GPU holds all tensors of the task; what the task gives back is on the CPU.
-
-    Raises:
-        InputError: where a model of the task diverges: which one, and what to turn down.
+    Where a model diverges, an ``InputError`` says which one, and what to turn down.
     """
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
@@ -114,11 +112,7 @@ def run_task(
 
 
 def device_of(name: str) -> torch.device:
-    """The device that ``compute.device`` names, as it is on the machine that runs a task.
-
-    Raises:
-        InputError: where a GPU is asked for and there is none.
-    """
+    """The device that ``compute.device`` names, on this machine; an ``InputError`` where there is no such GPU."""
     if name == "cuda" and not torch.cuda.is_available():
         raise InputError(paths.PARAMS, "compute.device", "no NVIDIA GPU that this build of PyTorch can use")
     return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
@@ -136,8 +130,7 @@ def stack_height(compute: Compute) -> int:
 def _processes(compute: Compute) -> Iterator[Executor]:
     """Worker processes of this machine: children of the stage, which die with it.
 
-    On Linux they are forked, and need not import everything again (seconds a stage); but a GPU cannot be
-    used by a forked process.
+    Forked ones need not import everything again (seconds a stage), but cannot use a GPU.
     """
     forked = sys.platform == "linux" and compute.device == "cpu"
     context = multiprocessing.get_context("fork" if forked else "spawn")

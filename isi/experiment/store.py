@@ -142,10 +142,7 @@ class Store:
         return given
 
     def grid(self, stack: int, size: int | None = None, seeds: int | None = None) -> list[GridPoints]:
-        """Every point of the grid, in stacks of at most ``stack`` seeds of one size.
-
-        Where given, only those of one ``size``, and of the first so many ``seeds``.
-        """
+        """Grid points (of one size, of the first so many seeds) in stacks of at most ``stack`` seeds of one size."""
         graph, splits, novel, path = self.graph(), self.splits(), self.table(NOVEL), self._path(NOVEL)
         agreement.ids_below(path, novel, "entity", len(graph.entities), "graph's entities")
         agreement.novel_sets_are_whole(path, novel, list(splits))

@@ -156,22 +156,14 @@ class Registered:
         return None
 
     def check(self, model: Model) -> None:
-        """Refuse a model that lacks what the initializer needs.
-
-        Raises:
-            InputError: naming those that do without.
-        """
+        """Refuse a model that lacks what the initializer needs, by an ``InputError`` that names those without need."""
         if lacking := self.misses(model):
             others = [name for name in INITIALIZERS.names() if not INITIALIZERS.get(name, name).misses(model)]
             message = f"{type(model).__name__} lacks {lacking}: expected one of {', '.join(others)}"
             raise InputError(paths.PARAMS, f"initializers.{self.name}", message)
 
     def initialize(self, context: InitContext, options: Mapping[str, Any]) -> InitResult:
-        """The vectors of the novel entities (equation 8).
-
-        Raises:
-            InputError: where the model lacks what the initializer needs.
-        """
+        """The vectors of the novel entities (equation 8)."""
         self.check(context.theta0.model)
         return self.function(context, **options)
 
@@ -193,10 +185,5 @@ def initializer(name: str, *, label: str | None = None, **about: Any) -> Callabl
 
 
 def options_of(name: str, given: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """The options of an initializer, as keyword arguments of its function.
-
-    Raises:
-        InputError: where no initializer has the name, or it does not take these options; ``key`` is where
-            they stand in params.
-    """
+    """The options of an initializer, as keyword arguments; an ``InputError`` at a key where there is no such one."""
     return keywords(INITIALIZERS.get(name, key).function, given, key)

@@ -68,8 +68,7 @@ def covariance(context: InitContext) -> Tensor:
 def evidence(context: InitContext, mean: Tensor, strength: float, ratio: int) -> Evidence:
     """The evidence of the insert triples, and a prior of mean (M, n, d) and covariance Σ / ``strength``.
 
-    Raises:
-        NotFinite: where Σ has no inverse, since all known vectors of a model are the same.
+    It is ``NotFinite`` where Σ has no inverse, since all known vectors of a model are the same.
     """
     positive = similarity.insert_triple_table(context)
     negative = expected_negatives(context, positive, ratio)

@@ -29,10 +29,7 @@ def word_similarity(context: InitContext) -> Tensor:
 def resultants(context: InitContext) -> Tensor:
     """α of each insert triple: where the relation takes the head, or where the head of the tail must be (equation 4).
 
-    The shape is (M, n, I, d).
-
-    Raises:
-        NoRelationMap: where the model has none.
+    The shape is (M, n, I, d); there is ``NoRelationMap`` where the model has none.
     """
     theta0, models = context.theta0, torch.arange(len(context.novel))[:, None, None]
     if not theta0.model.invertible:

@@ -1,15 +1,15 @@
 """Models whose relations are linear maps of scalars and 2×2 blocks: ANALOGY, DistMult and ComplEx.
 
-Of the d coordinates of a vector the first are scalars. The others are the a-halves, then the b-halves,
-of blocks. A relation holds one factor for each scalar and, at the places of a and b, the x and y of the
-block ``[[x, y], [-y, x]]`` (rows times columns). With ``swap`` exchanging a and b,
+Of the d coordinates of a vector the first are scalars. The others are the a-halves, then the b-halves, of blocks. A
+relation holds one factor for each scalar and, at the places of a and b, the x and y of the block ``[[x, y], [-y, x]]``
+(rows times columns). With ``swap`` exchanging a and b,
 
     vᵀW = v ⊙ (r, x, x) + swap(v) ⊙ (0, -y, y)
 
 so that a map costs two products.
 
-ANALOGY: Liu et al. 2017 (section 2: relations are normal, commuting linear maps). DistMult: Yang et al.
-2015. ComplEx: Trouillon et al. 2016.
+ANALOGY: Liu et al. 2017 (section 2: relations are normal, commuting maps). DistMult: Yang et al. 2015. ComplEx:
+Trouillon et al. 2016.
 """
 
 from __future__ import annotations

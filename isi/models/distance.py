@@ -1,7 +1,6 @@
 """Models that score by a distance: TransE, with either norm, and RotatE.
 
-TransE (Bordes et al. 2013): a relation is a translation from head to tail. RotatE (Sun et al. 2019): a
-relation turns each pair of coordinates by an angle.
+A relation of TransE (Bordes et al. 2013) is a translation; one of RotatE (Sun et al. 2019) turns pairs of coordinates.
 """
 
 from __future__ import annotations
@@ -68,10 +67,7 @@ class TransEL1(Translation):
 @register_model("rotate")
 @dataclass(frozen=True)
 class RotatE(DistanceModel, BlockModel):
-    """f(h, r, t) = margin - ‖vₕᵀW - vₜ‖, or margin minus its square, where W has blocks of x = cos θ, y = sin θ.
-
-    A relation's row holds the angles θ.
-    """
+    """f(h, r, t) = margin - ‖vₕᵀW - vₜ‖, or minus its square: W has blocks of cos θ, sin θ, of a relation's row θ."""
 
     complex_vectors = True
     angles = True
@@ -81,7 +77,6 @@ class RotatE(DistanceModel, BlockModel):
         return super().width(dimension) // 2
 
     def half_range(self, given: float) -> float:  # noqa: ARG002
-        """All around."""
         return math.pi
 
     def maps(self, relation: Tensor) -> Tensor:

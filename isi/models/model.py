@@ -1,10 +1,9 @@
 """A model: how a triple is scored, and all ways to score and all gradients that follow from it.
 
-A model is a frozen dataclass whose fields are its options, registered under a name. One that has a
-``score`` of its own derives from ``Model``: everything else follows, one embedding of the stack after
-the other, with gradients by autograd. One whose relations map a head derives from ``RelationMapModel``:
-all pairs of mapped heads and tails are then scored at once, for the whole stack, and its map alone is
-left to autograd, or has a gradient in closed form (``map``).
+A model is a frozen dataclass whose fields are its options, registered under a name. One that has a ``score`` of its
+own derives from ``Model``: everything else follows, one embedding of the stack after the other, with gradients by
+autograd. One whose relations map a head derives from ``RelationMapModel``: all pairs of mapped heads and tails are then
+scored at once, and its map alone is left to autograd, or has a gradient in closed form (``map``).
 """
 
 from __future__ import annotations
@@ -37,11 +36,7 @@ class Model(ABC):
     angles: ClassVar[bool] = False  #: whether the row of a relation holds angles
 
     def width(self, dimension: int) -> int:
-        """Numbers in a relation's row, where a vector has ``dimension``.
-
-        Raises:
-            InputError: where the model has no vectors of this dimension.
-        """
+        """Numbers in a relation's row, where a vector has ``dimension``; an ``InputError`` where none can have it."""
         return dimension
 
     def half_range(self, given: float) -> float:
@@ -176,10 +171,6 @@ def register_model(name: str) -> Callable[[M], M]:
 
 
 def make_model(name: str, options: Mapping[str, Any], key: str) -> Model:
-    """The model of a name, with its options.
-
-    Raises:
-        InputError: where there is none, or it does not take these options; ``key`` is where they stand.
-    """
+    """The model of a name, with its options, or an ``InputError`` at a key where there is no such one."""
     kind = MODELS.get(name, key)
     return kind(**keywords(kind.__init__, options, key))

@@ -65,10 +65,7 @@ def rows(table: Tensor, ids: Tensor) -> Tensor:
 
 
 def select(stacked: T, models: Tensor) -> T:
-    """The same value for some embeddings of a stack only, by a mask or places: of tensors, the first dimension.
-
-    What the whole stack shares stays: fields with ``metadata={"shared": True}``.
-    """
+    """The same for some embeddings of a stack, by a mask or places; what its ``metadata`` say is ``shared`` stays."""
     return mapped(stacked, lambda tensor: tensor[models], shared=False)
 
 
@@ -90,13 +87,9 @@ def mapped(value: T, function: Callable[[Tensor], Tensor], shared: bool = True) 
 def uniform(
     entities: Tensor, relations: int, model: Model, dimension: int, half_range: float, root: int, keys: Tensor
 ) -> Embedding:
-    """Tables uniform in ± half_range (of relations: ``Model.half_range``).
+    """Tables uniform in ± half_range (of relations: ``Model.half_range``), zero for entities, (M, E), without a part.
 
-    Only entities that take part, (M, E), have rows that are not zero. The random stream of each embedding is keyed by
-    the root seed and a row of ``keys``.
-
-    Raises:
-        InputError: where the model has no vectors of this dimension.
+    The random stream of each embedding is keyed by the root seed and a row of ``keys``.
     """
     bound, of_relations = half_range, model.half_range(half_range)
     shape, relation_shape = (entities.shape[1], dimension), (relations, model.width(dimension))
@@ -119,11 +112,7 @@ class NotFinite(InputError):
 
 
 def check_finite(tables: tuple[Tensor, ...], name: str, largest: float = LARGEST) -> None:
-    """Check that |x| ≤ ``largest`` for every number of tables; shapes (M, ...).
-
-    Raises:
-        NotFinite: naming the models with a larger number, an infinity or NaN.
-    """
+    """See that |x| ≤ ``largest`` for all numbers of tables, (M, ...); else ``NotFinite`` names the models."""
     sound = torch.stack([table.flatten(1).abs().amax(1) <= largest for table in tables]).all(0)  # NaN is not
     if not sound.all():
         raise NotFinite((~sound).nonzero()[:, 0].tolist(), f"NaN or infinity in {name}")

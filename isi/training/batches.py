@@ -1,8 +1,7 @@
 """What a stack of embeddings is trained on: observations in batches, and their negatives.
 
-A batch has one of two forms. On a small graph it is two dense tables of counts over all triples,
-positives and negatives, and its gradient is a few matrix products. On a large graph it is a list of
-triples, whose cost grows with its length.
+On a small graph a batch is two dense tables of counts over all triples, positives and negatives, and its gradient is a
+few matrix products. On a large graph it is a list of triples, whose cost grows with its length.
 """
 
 from __future__ import annotations

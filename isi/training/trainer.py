@@ -70,10 +70,8 @@ def train(
 ) -> Embedding:  # fmt: skip
     """Train each embedding of a stack for ``max_epochs``, or until the watch stops it; each as it was when it stopped.
 
-    An embedding that stops leaves the stack, which changes nothing for the others.
-
-    Raises:
-        NotFinite: where one diverges: NaN or infinity in its vectors, in Adagrad's sums, or in its scores.
+    An embedding that stops leaves the stack, which changes nothing for the others. One that diverges is ``NotFinite``:
+    it has NaN or infinity in its vectors, in Adagrad's sums, or in its scores.
     """
     state, result = start(embedding), start(embedding).embedding
     models = torch.arange(len(embedding.entity))
