@@ -21,8 +21,8 @@ from tests.small_graphs import ANALOGY, points_of, random_graph
 ENTITIES, RELATIONS, SIZE, SEEDS = 14, 3, 2, [0, 1, 2, 3]
 GRAPH = random_graph(ENTITIES, RELATIONS, 90)
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
-#: Options of families that have no defaults.
-FAMILY_OPTIONS: dict[str, dict[str, Option]] = {
+#: Options of models that have no defaults.
+MODEL_OPTIONS: dict[str, dict[str, Option]] = {
     "transe": {"margin": 4.0, "squared": False}, "rotate": {"margin": 4.0, "squared": False},
     "transe_l1": {"margin": 4.0},
 }  # fmt: skip

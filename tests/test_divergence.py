@@ -7,7 +7,6 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
@@ -70,13 +69,9 @@ def test_training_that_diverges_stops_with_its_epoch_and_rate() -> None:
 def test_what_training_starts_from_is_looked_at_before_it() -> None:
     embedding = random_embedding(3, 13, 3, 8)
     embedding.entity[2, 5, 1] = torch.nan
-    error = diverging(embedding, replace_rate(0.1), [0, 1, 2])
+    error = diverging(embedding, STEEP.model_copy(update={"learning_rate": 0.1}), [0, 1, 2])
     assert error.models == [2]
     assert str(error) == "diverged in epoch 0 (NaN or infinity in vectors or scores): look at what training starts from"
-
-
-def replace_rate(rate: float) -> Optimizer:
-    return STEEP.model_copy(update={"learning_rate": rate})
 
 
 def test_adagrads_sums_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,23 +93,24 @@ def test_a_grid_names_the_cells_that_diverged(workers: int) -> None:
     assert any(f": {points}: diverged in epoch 1 (" in str(ended.value) for points, *_ in tasks), str(ended.value)
 
 
-def test_insertion_of_vectors_that_are_none_names_its_cells() -> None:
+def second_filled(value: float) -> Embedding:
+    """Θ⁰ with one value for all vectors of the second model."""
     trained = theta0()
-    broken = replace(trained, entity=np.where(np.arange(trained.entity.shape[0])[:, None, None] == 1,
-                                              np.float32("nan"), trained.entity))  # fmt: skip
-    tasks = insert_tasks(2, "xavier", broken)
+    trained.entity[1] = value
+    return trained
+
+
+def test_insertion_of_vectors_that_are_none_names_its_cells() -> None:
+    tasks = insert_tasks(2, "xavier", second_filled(torch.nan))
     with pytest.raises(InputError, match=r"seeds \d+: diverged in epoch 0 \(NaN or infinity in vectors or scores\)"):
         run(insert_stack, tasks, Compute(workers=1, stack=2), "insertion")
 
 
 def test_insertion_by_the_covariance_of_vectors_that_do_not_differ_names_its_cells() -> None:
-    trained = theta0()
-    collapsed = replace(trained, entity=np.where(np.arange(trained.entity.shape[0])[:, None, None] == 1,
-                                                 np.float32(0), trained.entity))  # fmt: skip
     options: dict[str, Option] = {"strength": 0.5, "ratio": 3}
     tasks = [
         (*rest, replace(config, initializer="map_mean", options=options))
-        for *rest, config in insert_tasks(2, "mean", collapsed)
+        for *rest, config in insert_tasks(2, "mean", second_filled(0.0))
     ]
     with pytest.raises(InputError, match=r"params\.yaml: .*seeds 1: known vectors that do not differ .*: turn"):
         run(insert_stack, tasks, Compute(workers=1, stack=2), "insertion")

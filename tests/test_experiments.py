@@ -31,11 +31,11 @@ from isi.models.model import MODELS, make_model
 from tests.small_graphs import points_of
 from tests.small_grid import (
     ENTITIES,
-    FAMILY_OPTIONS,
     GRAPH,
     INITIALIZERS,
     LEARNING,
     MARGIN,
+    MODEL_OPTIONS,
     OPTIMIZER,
     SCOPES,
     SEEDS,
@@ -86,7 +86,7 @@ def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_sta
 
 @pytest.mark.parametrize("name", MODELS.names())
 def test_every_model_gives_the_same_bits_for_any_height_of_stacks(name: str) -> None:
-    config = replace(LEARNING, model=make_model(name, FAMILY_OPTIONS.get(name, {}), f"models.{name}"))
+    config = replace(LEARNING, model=make_model(name, MODEL_OPTIONS.get(name, {}), f"models.{name}"))
     vectors = theta0(config)
     trained = [trained_bytes([train_stack(points.all_known, config) for points in stacks(n)]) for n in (1, 2, 4)]
     inserted = [inserted_bytes([insert_stack(*task) for task in insert_tasks(n, "ers", vectors)]) for n in (1, 2, 4)]
@@ -125,15 +125,6 @@ def test_batches_and_negatives_are_shared_by_all_initializers() -> None:
     assert same[0].vectors.tobytes() == same[1].vectors.tobytes()  # ES falls back to RS
     assert same[0].runs.equals(same[1].runs)
     assert set(same[0].entities["fallback"]) == {"rs"} != set(same[1].entities["fallback"])
-
-
-def test_insertion_measures_novel_once_and_the_other_scopes_every_epoch() -> None:
-    (task,) = insert_tasks(4, "es", theta0(), full_curves=[SIZE])
-    epochs = insert_stack(*task).runs.groupby(["seed", "scope"])["epoch"].apply(list)
-    for seed in SEEDS:
-        assert epochs[seed, "novel"] == [0]
-        for scope in SCOPES - {"novel"}:
-            assert epochs[seed, scope] == list(range(OPTIMIZER.max_epochs + 1))
 
 
 def test_insertion_stops_once_within_the_margin_of_the_joint_model() -> None:
@@ -232,15 +223,6 @@ def test_a_session_inserts_into_what_the_one_before_has_learned_and_leaves_it_as
         assert np.allclose(first.vectors[model, 0], before[model][d0].mean(0), atol=1e-6)
         assert np.allclose(second.vectors[model, 0], learned[d1].mean(0), atol=1e-6)
     assert torch.equal(theta2.relation, theta1.relation)
-
-
-def test_known_entities_of_the_first_session_go_on_learning_in_the_second() -> None:
-    task = two_sessions("mean", np.nan, 2.0)  # the first session is not fine-tuned, the second is
-    (theta1, first), (theta2, _) = insert_sessions(*task)
-    for model, (novel1, novel2) in enumerate(task[0].novel):
-        assert np.array_equal(theta1.entity[model, novel1], first.vectors[model])
-        for novel in (novel1, novel2):
-            assert not torch.equal(theta2.entity[model, novel], theta1.entity[model, novel])
 
 
 def test_a_later_session_has_its_own_insert_triples_and_knows_the_entities_before() -> None:

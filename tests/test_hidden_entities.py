@@ -27,7 +27,7 @@ ROOT = Path(__file__).parent.parent
 ENTITIES, RELATIONS = 30, 3
 
 
-def how(**changed: Any) -> Hidden:
+def settings_of(**changed: Any) -> Hidden:
     return check(ENTRY | changed, Hidden, "hidden.ring")
 
 
@@ -41,7 +41,7 @@ def triples() -> np.ndarray:
 
 
 def hidden(triples: np.ndarray, seed: int = 0, **changed: Any) -> HiddenSplit:
-    return hide(triples, ENTITIES, how(**changed), "hidden.ring", 0, seed)
+    return hide(triples, ENTITIES, settings_of(**changed), "hidden.ring", 0, seed)
 
 
 def as_set(triples: np.ndarray) -> set[tuple[int, ...]]:
@@ -49,7 +49,7 @@ def as_set(triples: np.ndarray) -> set[tuple[int, ...]]:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_triples_are_known_told_or_asked_or_between_hidden_entities(triples: np.ndarray, seed: int) -> None:
+def test_triples_are_known_inserted_or_queried_or_between_hidden_entities(triples: np.ndarray, seed: int) -> None:
     found = hidden(triples, seed)
     assert found.known == 27
     assert sorted(found.order) == list(range(ENTITIES))
@@ -69,19 +69,14 @@ def test_triples_are_known_told_or_asked_or_between_hidden_entities(triples: np.
         assert asked == max(1, (told + asked) // 4)
 
 
-def test_who_is_told_less_is_told_the_first_of_what_others_are(triples: np.ndarray) -> None:
-    found = hidden(triples)
+def test_fewer_insert_triples_are_the_first_of_the_others_and_a_seed_hides_the_same(triples: np.ndarray) -> None:
+    found, again, other = hidden(triples), hidden(triples), hidden(triples, 1)
+    assert np.array_equal(found.rest, again.rest)
+    assert not np.array_equal(found.order, other.order)
     one, three, everything = (found.insert_triples(number) for number in (1, 3, None))
     assert as_set(one) < as_set(three) < as_set(everything) == as_set(found.rest)
     for number, told in ((1, one), (3, three)):
         assert [(told[:, [0, 2]] == row).any(1).sum() for row in range(27, ENTITIES)] == [number] * 3
-
-
-def test_seeds_hide_others_and_the_same_seed_the_same(triples: np.ndarray) -> None:
-    first, again, other = hidden(triples), hidden(triples), hidden(triples, 1)
-    assert np.array_equal(first.rest, again.rest)
-    assert np.array_equal(first.order, again.order)
-    assert not np.array_equal(first.order, other.order)
 
 
 def test_no_relation_and_no_entity_is_left_without_triples(triples: np.ndarray) -> None:
@@ -114,7 +109,7 @@ def test_each_method_answers_and_what_knows_the_same_knows_the_same(points: Grid
     from isi.analyses.hidden_in_pykeen import hidden_in
 
     words = np.random.default_rng(1).standard_normal((ENTITIES, 5)).astype(np.float32)
-    (answers, seconds), (again, _) = (hidden_in(points, words, how(), "hidden.ring", 0) for _ in range(2))
+    (answers, seconds), (again, _) = (hidden_in(points, words, settings_of(), "hidden.ring", 0) for _ in range(2))
     assert answers.equals(again)
     first = ["insert", "mean", "own", "insert_new_rows", "own_new_rows", "own_all_rows"]
     for told in (1.0, 3.0, None):
@@ -134,7 +129,7 @@ def test_ranks_are_those_among_all_entities_less_other_true_answers(triples: np.
 
     found, asked = hidden(triples), {}
     factory = factory_of(found.true, [f"e{row}" for row in range(ENTITIES)], ["a", "b", "c"])
-    model = untrained(factory, how().training, 3).eval()
+    model = untrained(factory, settings_of().training, 3).eval()
     true, valid = as_set(found.true), found.triples[::5]
     for head, relation, tail in np.concatenate([found.queries, valid]).tolist():
         for slot in (0, 2):
@@ -190,10 +185,9 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(tmp_path: Path, mo
 def test_what_cannot_be_hidden_is_refused_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict[str, Any], line: str
 ) -> None:
-    from isi.params import load
-
     monkeypatch.chdir(ROOT)
-    params = load()
+    params = load_params()
+    assert [*load_beyond(params).hidden] == ["umls", "nations", "behavior", "virtualhome"]
     monkeypatch.chdir(tmp_path)
     paths.BEYOND_PARAMS.parent.mkdir()
     listed = {"variants": {}, "hidden": {"umls": ENTRY | wrong}}
@@ -201,8 +195,3 @@ def test_what_cannot_be_hidden_is_refused_in_one_line(
     with pytest.raises(InputError) as refused:
         load_beyond(params)
     assert str(refused.value).startswith(f"beyond/params.yaml: {line}")
-
-
-def test_what_ships_hides_in_graphs_that_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(ROOT)
-    assert [*load_beyond(load_params()).hidden] == ["umls", "nations", "behavior", "virtualhome"]

@@ -8,7 +8,7 @@ import torch
 
 from isi.graph.sessions import TEST, TRAIN, VALID, folds, split
 from isi.initializers.paper import dealt_words, standard_normal, xavier
-from isi.training.batches import sample_batch, sample_epoch, shuffle_into_batches, training_data
+from isi.training.batches import corrupt, sample_epoch, shuffle_into_batches, training_data
 from tests.init_contexts import four_novel
 from tests.small_graphs import generator, points_of, random_graph
 
@@ -96,17 +96,9 @@ def test_negatives_are_drawn_from_a_stream_of_their_own(purpose: str, number: tu
     ratio, epoch = 2, 3
     if len(number) == 1:
         drawn = sample_epoch(DATA, ratio, ROOT, epoch)
-        positives = [one.triples for one in drawn]
-        tails = [one.replacements[0] for one in drawn]
     else:
-        batched = shuffle_into_batches(DATA, ROOT, epoch, 10**6)[0]
-        lists = sample_batch(DATA, batched, ratio, ROOT, *number)
-        own = [lists.triples.model == model for model in range(2)]
-        positives = [DATA.session.graph.triples[batched[model]] for model in range(2)]
-        tails = [
-            lists.triples.tail[own[model] & (lists.positive == 0)][: ratio * len(batched[model])].view(-1, ratio)
-            for model in range(2)
-        ]
+        drawn = corrupt(DATA, shuffle_into_batches(DATA, ROOT, epoch, 10**6)[0], ratio, ROOT, purpose, *number)
+    positives, tails = [part.triples for part in drawn], [part.replacements[0] for part in drawn]
     for model in range(2):
         assert torch.equal(positives[model], DATA.session.graph.triples[shuffled(model, epoch)])
         pool = np.flatnonzero(DATA.tail_pool[model].numpy())

@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 import torch
 
-from isi.analyses.query_breakdown import break_down, query_sets_with_filters, used_coordinates
+from isi.analyses.query_breakdown import break_down, query_sets_with_filters, rank_answers, ranks_of, used_coordinates
 from isi.evaluation.ranking import MEASURES, evaluate
 from isi.experiment.grid import GridPoints
 from isi.experiment.insert import with_vectors
-from isi.graph.sessions import TEST, TRAIN, VALID
+from isi.graph.sessions import OUT, TEST, TRAIN, VALID
 from isi.models.model import make_model
 from isi.models.stack import Embedding, select
 from isi.report.stats import combined
@@ -157,10 +157,34 @@ def test_parts_weigh_queries_within_a_relation_and_observations_between() -> Non
     assert by_relation.to_dict() == pytest.approx({"on": 0.4, "in": 0.9})
 
 
-def test_a_half_that_is_not_asked_is_null() -> None:
-    rows = rows_of(("on", "head", 2, 0.25, 3), ("on", "relation", 2, 0.75, 3))
-    (entities,) = combined(rows[rows["hidden"] == "head"], ["seed"]).to_dict("records")
-    (relations,) = combined(rows[rows["hidden"] == "relation"], ["seed"]).to_dict("records")
-    assert entities["mrr_star_entity"] == 0.25
-    assert relations["mrr_star_relation"] == 0.75
-    assert np.isnan([entities["mrr_star"], entities["mrr_star_relation"], relations["mrr_star"]]).all()
+# Affordances
+
+#: Entities 0 to 3 are known; 5 is inserted, and 6 in a later session, if at all; 4 takes no part.
+SMALL_GRAPH = graph_of(
+    {(0, 0, 1): 3, (1, 0, 2): 1, (2, 1, 3): 2, (4, 0, 1): 7, (5, 0, 1): 6, (5, 0, 2): 8, (6, 0, 2): 9}, 7, 2
+)
+SMALL_SPLITS = np.array([[TRAIN, TRAIN, TRAIN, OUT, TRAIN, TEST, OUT]], dtype=np.int8)
+INSERTED = GridPoints("home", SMALL_GRAPH, 1, [3], SMALL_SPLITS, np.array([[[5]]]))
+IN_TWO_SESSIONS = replace(
+    INSERTED, splits=np.where(np.arange(7) == 6, TRAIN, SMALL_SPLITS), novel=np.array([[[5], [6]]])
+)
+
+
+def test_candidates_outside_the_session_neither_rank_nor_answer() -> None:
+    scores = torch.tensor([[[0.5, 0.9, 0.1, 0.5, 9.0, 0.7, 8.0]]])
+    assert ranks_of(scores, INSERTED.session(1).entities[:, None]).tolist() == [[[3, 1, 5, 4, 0, 2, 0]]]
+
+
+def test_ranks_follow_the_scores_of_each_answer_one_by_one() -> None:
+    theta0 = random_embedding(1, 7, 2, 8)
+    vectors = random_embedding(1, 1, 1, 8, seed=5).entity
+    table = theta0.entity[0].clone()
+    table[5] = vectors[0, 0]
+    candidates = [0, 1, 2, 3, 5]
+    score = {e: float(theta0.model.score(table[5], theta0.relation[0, 1], table[e])) for e in candidates}
+    expected = {e: 1 + sum(score[other] > score[e] for other in candidates) for e in candidates}
+    for points in (INSERTED, IN_TWO_SESSIONS):  # ranked after the first session, whoever comes later
+        found = rank_answers(points, theta0, "es", vectors.numpy(), relation=1)
+        assert dict(zip(found["answer"], found["rank"], strict=True)) == expected
+        assert set(found["seed"]) == {3}
+        assert set(found["entity"]) == {5}

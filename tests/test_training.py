@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -216,16 +214,6 @@ def test_fine_tuning_stops_for_each_model_once_it_has_converged_everywhere() -> 
             assert series(curves, model, scope) == every[scope][model][: epochs + 1]
 
 
-@pytest.mark.usefixtures("form")
-def test_no_observation_is_no_step() -> None:
-    points = small_points()
-    data = training_data(points.last_session, "test", points.keys(), "all")
-    only = replace(data, counts=data.counts * 0)
-    state, before = start(start_of(points)), start_of(points)
-    run_epoch(state, only, EXPECTED, TUNING, 0, 1)
-    assert same(state.embedding, before)
-
-
 def test_training_gives_each_model_as_it_was_when_it_left() -> None:
     points = small_points()
     data, stays = training_data(points.session(0), "test", points.keys(), "all"), torch.tensor([0, 3, 1, 6])
@@ -264,14 +252,3 @@ def test_new_rows_move_alone_at_first_and_everything_after_that() -> None:
 
 def tables(embedding: Embedding) -> tuple[Tensor, Tensor]:
     return embedding.entity, embedding.relation
-
-
-def test_new_rows_first_leaves_to_all_the_epochs_that_are_left() -> None:
-    points = small_points()
-    data = training_data(points.last_session, "test", points.keys(), "unseen", points.novel_in(1))
-    begin = uniform(points.last_session.entities, 3, ANALOGY, 12, 0.5, 0, points.keys())
-    alone = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 6}), 0)
-    assert torch.equal(alone.relation, begin.relation)
-    both = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 3}), 0)
-    assert not torch.equal(both.relation, begin.relation)
-    assert not same(both, train(begin, data, EXPECTED, TUNING, 0))

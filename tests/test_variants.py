@@ -16,6 +16,7 @@ import yaml
 
 from isi.analyses.query_breakdown import break_down
 from isi.analyses.variants import (
+    LEARNED,
     VARIANT_QUERIES,
     VARIANT_RUNS,
     Models,
@@ -49,37 +50,32 @@ def rows_of(triples: np.ndarray) -> list[tuple[int, ...]]:
 
 
 @pytest.mark.parametrize("steps", [1, 2])
-def test_so_many_of_each_entity_are_told_and_the_fewer_are_part_of_the_more(steps: int) -> None:
+def test_so_many_of_each_entity_are_given_and_the_fewer_are_part_of_the_more(steps: int) -> None:
     points = points_of(GRAPH, 2, SEEDS, steps=steps)
-    told = points.insert_triples
-    number = Counter(row[:3] for row in rows_of(told))
+    given = points.insert_triples
+    number = Counter(row[:3] for row in rows_of(given))
     assert max(number.values()) > 3
     fewer: set[tuple[int, ...]] = set()
     for most in range(6):
         found = rows_of(at_most(points, most, 0))
         assert Counter(row[:3] for row in found) == Counter({slot: min(most, n) for slot, n in number.items()})
-        assert found == [row for row in rows_of(told) if row in set(found)]  # in their order
+        assert found == [row for row in rows_of(given) if row in set(found)]  # in their order
         assert fewer <= set(found)
         fewer = set(found)
-    assert rows_of(at_most(points, None, 0)) == rows_of(told)
+    assert rows_of(at_most(points, None, 0)) == rows_of(given)
+    assert at_most(replace(points, insert_triples=no_triples()), 3, 0).shape == (0, 4)
 
 
-def test_none_are_told_of_those_who_have_none() -> None:
+def test_insert_triples_are_drawn_anew_for_each_entity_and_root() -> None:
     points = points_of(GRAPH, 2, SEEDS)
-    for most in (0, 3, None):
-        assert at_most(replace(points, insert_triples=no_triples()), most, 0).shape == (0, 4)
-
-
-def test_what_is_told_is_drawn_anew_for_each_entity_and_root() -> None:
-    points = points_of(GRAPH, 2, SEEDS)
-    told = points.insert_triples
+    given = points.insert_triples
     one, other = (rows_of(at_most(points, 1, root)) for root in (0, 1))
-    first = {row[:3]: row for row in reversed(rows_of(told))}
+    first = {row[:3]: row for row in reversed(rows_of(given))}
     assert one != other
     assert 0 < sum(row != first[row[:3]] for row in one) < len(one)  # neither always nor never the first
 
 
-def test_each_session_draws_what_is_told_for_itself() -> None:
+def test_each_session_draws_for_itself() -> None:
     rows = np.array([(session, 0, 0, triple) for session in (1, 2) for triple in range(12)])
     points = replace(points_of(GRAPH, 1, [0], steps=2), insert_triples=rows)
     first, second = ({row[3] for row in rows_of(at_most(points, 6, 0)) if row[0] == session} for session in (1, 2))
@@ -87,7 +83,7 @@ def test_each_session_draws_what_is_told_for_itself() -> None:
     assert first != second
 
 
-def test_the_same_is_told_of_an_entity_whatever_stands_beside_its_cell() -> None:
+def test_an_entity_keeps_the_same_whatever_stands_beside_its_grid_point() -> None:
     points = points_of(GRAPH, 2, SEEDS, steps=2)
     together = [(row[0], SEEDS[row[1]], *row[2:]) for row in rows_of(at_most(points, 2, 0))]
     alone = []
@@ -123,25 +119,12 @@ VARIANT: dict[str, Any] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("keys", "trains", "changes_words"),
-    [
-        ([], False, False),
-        (["finetuning.learning_rate", "convergence.margin", "initializers.es.k"], False, False),
-        (["embedding.model"], True, False),
-        (["models.transe.margin"], True, False),
-        (["negatives.mode"], True, False),
-        (["finetuning.learning_rate", "training.weight_decay"], True, False),
-        (["words.text"], False, True),
-        (["words.text", "training.batch_size"], True, True),
-        (["training_log.own", "wordless.own"], False, False),
-    ],
-)
-def test_a_variant_trains_and_looks_words_up_where_it_changes_what_that_depends_on(
-    keys: list[str], trains: bool, changes_words: bool
-) -> None:
-    variant = Variant(**VARIANT, changes=dict.fromkeys(keys, 1))
-    assert (variant.trains, variant.changes_words) == (trains, changes_words)
+def test_a_variant_knows_what_its_changes_concern() -> None:
+    variant = Variant(**VARIANT, changes={"finetuning.learning_rate": 1, "training.weight_decay": 1})
+    assert variant.changes_one_of("training")
+    assert variant.changes_one_of(*LEARNED)
+    assert not variant.changes_one_of("words", "training.weight_decay", "weight_decay")
+    assert not Variant(**VARIANT, changes={"training_log.own": 1}).changes_one_of(*LEARNED)
 
 
 # The runs
@@ -182,12 +165,6 @@ def test_embeddings_of_its_own_are_those_that_the_first_pipeline_would_train() -
         pd.testing.assert_frame_equal(trained, read)
 
 
-def test_the_joint_model_is_the_same_whatever_the_size() -> None:
-    own = [of_model(run_variant(*task(LEARNING, size=size))[0], "joint") for size in (1, 2)]
-    one, two = (rows[rows["scope"] == "all"].set_index("seed") for rows in own)
-    assert one["mrr_star"].tolist() == two["mrr_star"].tolist()
-
-
 def test_queries_are_the_same_whatever_the_number_of_insert_triples() -> None:
     start = stored()
     everything, nothing, one = (run_variant(*task(start, most)) for most in (None, 0, 1))
@@ -209,12 +186,6 @@ def test_what_ships_is_of_experiments_and_initializers_that_there_are(monkeypatc
     assert {variant.group for variant in variants} == {"baselines", "embeddings", "insert_triples", "words", "causes"}
     limits = [variant.max_insert_triples for variant in variants if variant.group == "insert_triples"]
     assert limits == [0, 1, 2, 3, 5, None]
-
-
-def test_without_a_second_pipeline_there_are_no_variants(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    params = load_params()
-    monkeypatch.chdir(tmp_path)
-    assert load_beyond(params).variants == {}
 
 
 @pytest.fixture
@@ -258,13 +229,6 @@ def test_what_a_variant_cannot_have_is_refused_in_one_line(wrong: dict[str, Any]
 def test_options_of_its_own_make_an_initializer_known_to_a_variant() -> None:
     list_variants(own=VARIANT | {"options": {"soft_es": {"temperature": 0.1}}, "initializers": ["soft_es"]})
     load_beyond(load_params())
-
-
-@pytest.mark.usefixtures("workspace")
-def test_params_without_variants_are_refused_in_one_line() -> None:
-    paths.BEYOND_PARAMS.write_text("variant: {}\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"^beyond/params\.yaml: "):
-        load_beyond(load_params())
 
 
 # The stage
@@ -324,14 +288,6 @@ def test_a_variant_with_full_curves_runs_all_epochs_even_where_it_has_converged(
     stopped, whole = (runs.groupby("model", observed=True)["epoch"].max().to_dict() for runs in epochs)
     assert stopped == {"es": 0, "soft_es": 0, "joint": 0}
     assert whole == {"es": 2, "soft_es": 2, "joint": 0}
-
-
-def test_without_insert_triples_those_change_who_use_them(varied: Varied) -> None:
-    settings = {"initializers": ["es", "rs"], "options": {"rs": {"k": 3}}, "finetuned": False}
-    answers = [varied(**settings, max_insert_triples=most)[1] for most in (None, 0)]
-    (es, rs), (es0, rs0) = ([of_model(frame, name)["mrr_star"] for name in ("es", "rs")] for frame in answers)
-    assert es.tolist() == es0.tolist()
-    assert rs.tolist() != rs0.tolist()
 
 
 def test_a_variant_with_words_of_its_own_looks_them_up(varied: Varied) -> None:

@@ -22,7 +22,7 @@ from torch import Tensor
 from isi.evaluation.query_sets import epoch_query_sets
 from isi.evaluation.ranking import Queries, evaluate, make_queries, padded_ids
 from isi.graph.graph import Graph
-from isi.graph.sessions import TEST, TRAIN, VALID, Session, sample_novel, split
+from isi.graph.sessions import TEST, TRAIN, VALID, Session, sample_novel, session_of, split
 from isi.models.model import make_model
 from isi.models.stack import Embedding, uniform
 from isi.params import Params
@@ -38,16 +38,14 @@ def measure(benchmark: Any, ranked: Callable[[], object], triples: int, **facts:
     benchmark.pedantic(ranked, rounds=15, warmup_rounds=2)
 
 
-def session_of(home: Graph, params: Params, models: int) -> Session:
+def sessions(home: Graph, params: Params, models: int) -> Session:
     shares = params.sessions.valid, params.sessions.test
-    return session_of(
-        home, torch.from_numpy(np.stack([split(home, params.seed, seed, *shares) for seed in range(models)]))
-    )
+    return session_of(home, torch.from_numpy(np.stack([split(home, params.seed, s, *shares) for s in range(models)])))
 
 
 @pytest.fixture(scope="module")
 def session(home: Graph, params: Params) -> Session:
-    return session_of(home, params, 1)
+    return sessions(home, params, 1)
 
 
 @pytest.fixture(scope="module")
@@ -119,13 +117,13 @@ def test_pykeen(benchmark: Any, complex_model: ComplEx, embedding: Embedding, se
 
 def test_scopes(benchmark: Any, home: Graph, params: Params) -> None:
     """What a stack is asked after each epoch of fine-tuning."""
-    session = session_of(home, params, SCOPES_MODELS)
+    session = sessions(home, params, SCOPES_MODELS)
     everyone = np.arange(len(home.entities))
     novel = np.concatenate([sample_novel(everyone, params.seed, NOVEL, seed) for seed in range(SCOPES_MODELS)])
     scopes = epoch_query_sets(session, torch.from_numpy(novel))
-    how, keys = params.embedding, torch.arange(SCOPES_MODELS)[:, None]
-    family = make_model(how.model, params.families[how.model], f"models.{how.model}")
-    stack = uniform(session.entities, len(home.relations), family, how.dimension, 1.0, params.seed, keys)
+    keys, name = torch.arange(SCOPES_MODELS)[:, None], params.embedding.model
+    model = make_model(name, params.models[name], f"models.{name}")
+    stack = uniform(session.entities, len(home.relations), model, params.embedding.dimension, 1.0, params.seed, keys)
     triples = sum(int(scope.queried.sum()) for scope in scopes.values())
     what = f"isi, a stack of {SCOPES_MODELS} in {len(scopes)} scopes"
     measure(benchmark, lambda: evaluate(stack, scopes), triples, what=what)

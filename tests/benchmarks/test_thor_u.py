@@ -17,7 +17,7 @@ from torch import Tensor
 
 from isi.evaluation.ranking import compare
 from isi.graph.graph import Graph
-from isi.graph.sessions import SPLITS, TEST, VALID, Session, session_of
+from isi.graph.sessions import SPLIT_NAMES, TEST, VALID, Session, session_of
 from isi.models.model import make_model
 from isi.models.stack import Embedding, uniform
 from isi.tables import paths
@@ -57,7 +57,7 @@ def session() -> Session:
     columns = (("head", entities), ("relation", relations), ("tail", entities))
     ids = [torch.tensor(pd.Categorical(table[name], names).codes.astype("int64")) for name, names in columns]
     counts, kinds = torch.tensor(table["count"].to_numpy()), torch.zeros(len(entities), dtype=torch.int64)
-    splits = torch.tensor([SPLITS.index(name) for name in table["split"]], dtype=torch.int8)
+    splits = torch.tensor([SPLIT_NAMES.index(name) for name in table["split"]], dtype=torch.int8)
     return session_of(Graph(entities, relations, torch.stack(ids, 1), counts, kinds), splits.expand(MODELS, -1))
 
 

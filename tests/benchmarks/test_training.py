@@ -1,94 +1,122 @@
-"""An epoch of training: stacks of models against TorchKGE and PyKEEN, in triples scored per second.
+"""Training against TorchKGE and PyKEEN, in triples scored per second: an epoch of batches, and of single observations.
 
-All learn from the training observations of one split, repeats included, in batches of one size. An
-observation is scored with 9 corrupted tails, 9 heads and 9 relations here, and with 9 corrupted
-triples in all there.
+All learn from the training observations of one split, repeats included. An observation is scored with 9 corrupted
+tails, 9 heads and 9 relations here, and with 9 corrupted triples in all there.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
+from unittest.mock import patch
 
+import numpy as np
 import pytest
 import torch
 from pykeen.models import ComplEx
 from pykeen.training import SLCWATrainingLoop
 from pykeen.triples import CoreTriplesFactory
 from torch import Tensor
+from torchkge.data_structures import KnowledgeGraph
 from torchkge.models import AnalogyModel
 from torchkge.sampling import BernoulliNegativeSampler
 from torchkge.utils import LogisticLoss
 
 from isi.graph.graph import Graph
-from isi.graph.sessions import TRAIN, session_of
+from isi.graph.sessions import TRAIN, Session, session_of, split
 from isi.models.model import make_model
 from isi.models.stack import uniform
 from isi.params import Params
 from isi.training import trainer
-from isi.training.batches import training_data
-from tests.benchmarks.training_triples import as_torchkge, splits
+from isi.training.batches import TrainingData, training_data
+from isi.training.trainer import Training
 
 ROUNDS = 5
+#: Observations that are trained on one by one where that is not compiled.
+FEW = 200
+#: Single observations run on one thread: what else the machine does costs them no time of the processor.
+singly = pytest.mark.benchmark(timer=time.process_time)
 
 
-def measure(benchmark: Any, epoch: Callable[[], object], scored: int, **facts: object) -> None:
+def time_batches(benchmark: Any, epoch: Callable[[], object], scored: int, **facts: object) -> None:
     """Time epochs in which a number of triples is scored."""
     benchmark.group = "training"
     benchmark.extra_info.update(facts, scored=scored)
     benchmark.pedantic(epoch, rounds=ROUNDS, warmup_rounds=1)
 
 
+def time_updates(benchmark: Any, epoch: Callable[[], object], observations: int, each: int, what: str) -> None:
+    """Time updates for some observations, each with a number of triples scored."""
+    benchmark.group = "one_by_one"
+    benchmark.pedantic(epoch, rounds=ROUNDS, warmup_rounds=1)
+    seconds = benchmark.stats.stats.median
+    benchmark.extra_info.update({
+        "what": what, "observations": f"{observations:,}", "µs per update": 1e6 * seconds / observations,
+        "million triples scored per second": observations * each / seconds / 1e6,
+    })  # fmt: skip
+
+
+def session(home: Graph, params: Params, models: int) -> Session:
+    shares = params.sessions.valid, params.sessions.test
+    return session_of(home, torch.from_numpy(np.stack([split(home, params.seed, s, *shares) for s in range(models)])))
+
+
 @pytest.fixture(scope="module")
 def observations(home: Graph, params: Params) -> Tensor:
     """The first model's training observations, as triples; shape (N, 3)."""
-    train = splits(home, params, 1)[0] == TRAIN
+    train = session(home, params, 1).members(TRAIN)[0]
     return home.triples[train].repeat_interleave(home.counts[train], 0)
 
 
-def time_stack(benchmark: Any, home: Graph, params: Params, models: int, mode: str, family: str) -> None:
-    session = session_of(home, splits(home, params, models))
-    keys = torch.tensor([[0, seed] for seed in range(models)])
+def epoch_of(params: Params, data: TrainingData, name: str, mode: str, settings: Training) -> Callable[[], object]:
+    graph, embedding = data.session.graph, params.embedding
     negatives = params.negatives.model_copy(update={"mode": mode})
-    data = training_data(session, "training", keys, negatives.head_pool)
-    how, kind = params.embedding, make_model(family, params.families[family], f"models.{family}")
-    start = uniform(session.entities, len(home.relations), kind, how.dimension, how.init_range, params.seed, keys)
-    state = trainer.start(start)
-    scored = int(data.counts.sum()) * (1 + len(home.relations) * negatives.ratio)
-
-    def epoch() -> None:
-        trainer.run_epoch(state, data, negatives, params.training, params.seed, 1)
-
-    measure(benchmark, epoch, scored, library="isi", model=type(kind).__name__, negatives=mode, models=models)
+    model = make_model(name, params.models[name], f"models.{name}")
+    shape = len(graph.relations), model, embedding.dimension, embedding.init_range
+    state = trainer.start(uniform(data.session.entities, *shape, params.seed, data.keys))
+    return lambda: trainer.run_epoch(state, data, negatives, settings, params.seed, 1)
 
 
-@pytest.mark.parametrize("mode", ["expected", "sampled"])
-@pytest.mark.parametrize("models", [1, 5, 10, 30])
-def test_stack(benchmark: Any, home: Graph, params: Params, models: int, mode: str) -> None:
-    time_stack(benchmark, home, params, models, mode, "analogy")
-
-
-@pytest.mark.parametrize("family", ["distmult", "complex", "transe", "rotate"])
-def test_family(benchmark: Any, home: Graph, params: Params, family: str) -> None:
-    time_stack(benchmark, home, params, 30, "expected", family)
-
-
-def test_torchkge(benchmark: Any, home: Graph, params: Params, observations: Tensor) -> None:
-    known = as_torchkge(home, observations)
+def torchkge_epoch(home: Graph, params: Params, observations: Tensor, batch_size: int) -> Callable[[], object]:
+    heads, relations, tails = observations.T
+    names = ({name: number for number, name in enumerate(listed)} for listed in (home.entities, home.relations))
+    columns = {"heads": heads, "tails": tails, "relations": relations}
+    known = KnowledgeGraph(kg=columns, **dict(zip(("ent2ix", "rel2ix"), names, strict=True)))
     model, loss = AnalogyModel(params.embedding.dimension, known.n_ent, known.n_rel), LogisticLoss()
     sampler = BernoulliNegativeSampler(known, n_neg=params.negatives.ratio)
     optimizer = torch.optim.Adagrad(model.parameters(), params.training.learning_rate)
 
     def epoch() -> None:
-        for batch in observations[torch.randperm(len(observations))].split(params.training.batch_size):
+        for batch in observations[torch.randperm(len(observations))].split(batch_size):
             heads, relations, tails = batch.T
             other_heads, other_tails = sampler.corrupt_batch(heads, tails, relations)
             optimizer.zero_grad()
             loss(*model(heads, tails, relations, other_heads, other_tails)).backward()
             optimizer.step()
 
+    return epoch
+
+
+@pytest.mark.parametrize(
+    ("models", "mode", "name"),
+    [*((models, mode, "analogy") for models in (1, 5, 10, 30) for mode in ("expected", "sampled")),
+     *((30, "expected", name) for name in ("distmult", "complex", "transe", "rotate"))],
+)  # fmt: skip
+def test_stack(benchmark: Any, home: Graph, params: Params, models: int, mode: str, name: str) -> None:
+    keys = torch.tensor([[0, seed] for seed in range(models)])
+    data = training_data(session(home, params, models), "training", keys, params.negatives.head_pool)
+    scored = int(data.counts.sum()) * (1 + len(home.relations) * params.negatives.ratio)
+    label = type(make_model(name, params.models[name], name)).__name__
+    epoch = epoch_of(params, data, name, mode, params.training)
+    time_batches(benchmark, epoch, scored, library="isi", model=label, negatives=mode, models=models)
+
+
+def test_torchkge(benchmark: Any, home: Graph, params: Params, observations: Tensor) -> None:
+    epoch = torchkge_epoch(home, params, observations, params.training.batch_size)
     scored = len(observations) * (1 + params.negatives.ratio)
-    measure(benchmark, epoch, scored, library="TorchKGE", model="AnalogyModel", negatives="sampled", models=1)
+    time_batches(benchmark, epoch, scored, library="TorchKGE", model="AnalogyModel", negatives="sampled", models=1)
 
 
 def test_pykeen(benchmark: Any, home: Graph, params: Params, observations: Tensor) -> None:
@@ -104,4 +132,24 @@ def test_pykeen(benchmark: Any, home: Graph, params: Params, observations: Tenso
         loop.train(factory, num_epochs=1, batch_size=params.training.batch_size, use_tqdm=False)
 
     scored = len(observations) * (1 + params.negatives.ratio)
-    measure(benchmark, epoch, scored, library="PyKEEN", model="ComplEx", negatives="sampled", models=1)
+    time_batches(benchmark, epoch, scored, library="PyKEEN", model="ComplEx", negatives="sampled", models=1)
+
+
+@singly
+@pytest.mark.parametrize("name", ["analogy", "distmult", "complex", "batches of one"])
+def test_single_observations(benchmark: Any, home: Graph, params: Params, name: str) -> None:
+    keys, compiled = torch.zeros(1, 2, dtype=torch.int64), name != "batches of one"
+    data = training_data(session(home, params, 1), "training", keys, params.negatives.head_pool)
+    if not compiled:
+        data, name = replace(data, counts=(data.counts.cumsum(1) <= FEW) * data.counts), "analogy"
+    epoch = epoch_of(params, data, name, "sampled", params.training.model_copy(update={"batch_size": 1}))
+    each = 1 + len(home.relations) * params.negatives.ratio
+    what = f"isi, {type(make_model(name, {}, name)).__name__}, {'compiled' if compiled else 'batches of one'}"
+    with patch.object(trainer, "is_compiled", return_value=compiled):
+        time_updates(benchmark, epoch, int(data.counts.sum()), each, what)
+
+
+@singly
+def test_single_observations_of_torchkge(benchmark: Any, home: Graph, params: Params) -> None:
+    epoch, each = torchkge_epoch(home, params, home.triples[:FEW], 1), 1 + params.negatives.ratio
+    time_updates(benchmark, epoch, FEW, each, "TorchKGE, AnalogyModel, batches of one")

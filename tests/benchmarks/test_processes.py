@@ -1,0 +1,81 @@
+"""Time and memory of work in a process of its own: mining houses, growing graphs, and ``isi.insert``, on one thread."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from isi.sources.procthor_houses import INSTANCES, OUTSIDE
+from tools import make_houses
+
+HOUSES, GIB = 10_000, 1024
+TRIPLES_PER_ENTITY = 10
+SMALL = [100, 178, 316, 562, 1_000, 1_778, 3_162]
+LARGE = [10_000, 100_000]
+
+
+def report(module: str, *arguments: str) -> dict[str, Any]:
+    """What a process reports, whose memory is that of its work alone."""
+    command = [sys.executable, "-m", f"tests.{module}", *arguments]
+    reported: dict[str, Any] = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    return reported
+
+
+def measured(benchmark: Any, group: str, most_seconds: float, most_mib: float, *command: str) -> dict[str, Any]:
+    """Run a process once, which must not take more seconds or memory."""
+    benchmark.group = group
+    reported: dict[str, Any] = benchmark.pedantic(report, args=command, rounds=1)
+    assert reported["seconds"] <= most_seconds
+    assert reported["peak_mib"] <= most_mib
+    return reported
+
+
+def test_ten_thousand_houses_of_tables(benchmark: Any, tmp_path: Path) -> None:
+    """Of some 470,000 objects: memory does not grow with their number."""
+    table = str(tmp_path / "houses.parquet")
+    reported = measured(benchmark, "mining", 60, GIB, "houses", str(HOUSES), table)
+    benchmark.extra_info.update(reported, houses=HOUSES)
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("houses") / "houses.jsonl.gz"
+    make_houses.write(path, HOUSES)
+    return path
+
+
+@pytest.mark.parametrize("materials", ["suncg", "simulator"])
+def test_ten_thousand_houses_of_procthor(benchmark: Any, file: Path, tmp_path: Path, materials: str) -> None:
+    """Nearly all objects are in a room."""
+    settings = {"reader": "procthor_houses", "path": str(file), "sha256": None, "materials": materials}
+    table = str(tmp_path / "houses.parquet")
+    reported = measured(benchmark, "houses", 60, GIB, "mined", json.dumps(settings), table)
+    counts = reported.pop("counts")
+    benchmark.extra_info.update(materials=materials, houses=HOUSES, objects=counts[INSTANCES], **reported)
+    assert counts[OUTSIDE] <= 0.01 * counts[INSTANCES]
+
+
+@pytest.mark.parametrize(
+    ("form", "entities"), [*(("tables", e) for e in SMALL), *(("lists", e) for e in SMALL + LARGE)]
+)
+def test_growth(benchmark: Any, entities: int, form: str) -> None:
+    """With batches as tables and as lists."""
+    command = "growing_graph", str(entities), str(TRIPLES_PER_ENTITY * entities), "--form", form
+    benchmark.group = "growth"
+    benchmark.extra_info.update(benchmark.pedantic(report, args=command, rounds=1))
+
+
+@pytest.mark.parametrize(
+    ("entities", "new", "rounds", "most_seconds", "most_mib"),
+    [(14_541, 1, 50, 0.01, GIB), (14_541, 1000, 5, 1.0, 2 * GIB), (1_000_000, 1, 1, 10.0, 4 * GIB),
+     (1_000_000, 100, 1, 60.0, 4 * GIB)],
+)  # fmt: skip
+def test_insert(benchmark: Any, entities: int, new: int, rounds: int, most_seconds: float, most_mib: float) -> None:
+    settings = {"entities": entities, "dimension": 200, "new": new, "rounds": rounds}
+    reported = measured(benchmark, "insert", most_seconds, most_mib, "placed", json.dumps(settings))
+    benchmark.extra_info.update(entities=entities, new=new, dimension=200, **reported)
