@@ -1,8 +1,9 @@
-"""Small results of experiments and studies, for tests of the report to share."""
+"""Small results of experiments and analyses, for tests of the report to share."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -16,10 +17,11 @@ from isi.analyses.single_insertions import SHOWN
 from isi.config import check
 from isi.graph.graph import MinedSource
 from isi.params import Params
-from isi.report.data import Analysis, BreakdownTables, Experiment, Results
+from isi.report.data import Experiment, Results
 from isi.report.figures import Figure, rendered
 from isi.report.page import SECTIONS
 from isi.report.section import FilledSection
+from isi.report.tables import ReportTable
 from isi.report.words import JOINT
 from isi.tables import paths
 
@@ -42,6 +44,11 @@ def runs(rows: Sequence[tuple[str, str, int, int, int, float]]) -> pd.DataFrame:
     """Runs of (model, scope, size, seed, epoch, MRR*) in one session, four queries each."""
     columns = ["model", "scope", "size", "seed", "epoch", "mrr_star"]
     return pd.DataFrame(rows, columns=columns).assign(queries=4, session=1)
+
+
+def frame_of(rows: Any) -> pd.DataFrame:
+    """The rows of a report's table as its CSV has them."""
+    return ReportTable.of("table", rows).frame
 
 
 def small_params(experiments: Sequence[str], **changes: Any) -> Params:
@@ -80,16 +87,39 @@ def paper() -> tuple[Any, Any]:
 
 
 def small_results(names: Sequence[str] = tuple(GRAPHS), studies: bool = True, **changes: Any) -> Results:
-    """Results of experiments with random numbers in every cell, and of all studies or of none."""
+    """Results of experiments with random numbers in every cell, and of all analyses or of none.
+
+    Analyses are of the first experiment, but for affordances, which are of the last.
+    """
     params = small_params(names, **changes)
     experiments = {name: _experiment(params, name) for name in names}
+    if studies:
+        queries = {name: _query_breakdown(experiment) for name, experiment in experiments.items()}
+        analyses = {name: {"query_breakdown": _used()} for name in names}
+        analyses[names[0]] |= _analyses(params, experiments[names[0]])
+        analyses[names[-1]] |= {"affordances": _affordances(experiments[names[-1]])}
+        experiments = {name: replace(experiment, queries=queries[name], analyses=analyses[name])
+                       for name, experiment in experiments.items()}  # fmt: skip
     values, vocabulary = paper()
     definitions = pd.DataFrame({"phrase": ["cup", "fan"], "definition": ["it breaks", "cools the kitchen"]})
-    found = {"params": params, "run": {"Versions": {"python": "3"}}, "paper": values, "vocabulary": vocabulary,
-             "definitions": definitions, "experiments": experiments, "observed": _observed(),
-             "mined": _mined()}  # fmt: skip
-    breakdown = {"query_breakdown": {name: _query_breakdown(one) for name, one in experiments.items()}}
-    return Results(**found, **(_analyses(params, experiments) | breakdown if studies else {}))
+    return Results(
+        params=params, run={"Versions": {"python": "3"}}, paper=values, vocabulary=vocabulary, definitions=definitions,
+        experiments=experiments, observed=_observed(), mined=_mined(),
+    )  # fmt: skip
+
+
+def of_experiment(results: Results, name: str, **changes: Any) -> Results:
+    """Results with another value of an experiment's fields."""
+    changed = replace(results.experiments[name], **changes)
+    return replace(results, experiments={**results.experiments, name: changed})
+
+
+def with_settings(results: Results, name: str, **changes: Any) -> Results:
+    """Results with other settings of an experiment."""
+    experiments = results.params.experiments
+    entry = experiments[name].model_copy(update=changes)
+    params = results.params.model_copy(update={"experiments": experiments | {name: entry}})
+    return of_experiment(replace(results, params=params), name, params=params)
 
 
 def _numbers(rows: list[dict[str, Any]], key: str) -> pd.DataFrame:
@@ -109,15 +139,15 @@ def _cells(models: Sequence[str], sizes: Sequence[int], epochs: int = EPOCHS, **
 
 
 def _experiment(params: Params, name: str) -> Experiment:
-    initializers, sizes = params.initializers_of(name), params.experiments[name].sessions.sizes
+    initializers, entry, source = params.initializers_of(name), params.experiments[name], GRAPHS[name]["source"]
+    sizes = entry.sessions.sizes
     kinds = {"cup": "object", "kitchen": "room", "break": "affordance", "table": "object"}
-    entities = pd.DataFrame({"entity": list(kinds), "kind": list(kinds.values())}).assign(source=GRAPHS[name]["source"])
+    entities = pd.DataFrame({"entity": list(kinds), "kind": list(kinds.values())}).assign(source=source)
     triples = [("cup", "atLocation", "kitchen", 3), ("cup", "hasAffordance", "break", 2),
                ("table", "atLocation", "kitchen", 1)]  # fmt: skip
-    frame = pd.DataFrame(triples, columns=["head", "relation", "tail", "count"]).assign(source=GRAPHS[name]["source"])
+    frame = pd.DataFrame(triples, columns=["head", "relation", "tail", "count"]).assign(source=source)
     if name == "moved":
-        new = pd.DataFrame({"entity": ["fan"], "kind": ["object"], "source": ["shop"]})
-        entities = pd.concat([entities, new], ignore_index=True)
+        entities.loc[len(entities)] = ["fan", "object", "shop"]
         frame.loc[len(frame)] = ["fan", "atLocation", "kitchen", 2, "shop"]
     novel = pd.DataFrame(
         [{"size": size, "seed": seed, "entity": entity, "session": 1}
@@ -130,11 +160,12 @@ def _experiment(params: Params, name: str) -> Experiment:
     splits = pd.DataFrame([{"seed": seed, "triple": triple, "split": "train"}
                            for seed in (0, 1) for triple in range(len(frame))])  # fmt: skip
     return Experiment(
-        name=name, suffix="" if name == next(iter(params.experiments)) else f"_{name}", params=params,
-        initializers=initializers, entities=entities.assign(phrase=entities["entity"]), triples=frame,
+        name=name, title=entry.title, suffix="" if name == next(iter(params.experiments)) else f"_{name}",
+        params=params, initializers=initializers, entities=entities.assign(phrase=entities["entity"]), triples=frame,
         coverage=entities.assign(served_by=["file"] * (len(entities) - 1) + [None]), splits=splits, novel=novel,
         insert_triples=novel.assign(triple=0), theta0_log=_numbers(log, name), joint_log=_numbers(log, f"{name} joint"),
-        runs=_numbers(_cells([*initializers, JOINT], sizes), name), inserted=_numbers(inserted, name),
+        runs=_numbers(_cells([*initializers, JOINT], sizes), name), queries=None,
+        inserted=_numbers(inserted, name),
         ties=pd.DataFrame(_cells([*initializers, JOINT], sizes, epochs=0)).assign(ties=1),
     )  # fmt: skip
 
@@ -158,45 +189,47 @@ def _mined() -> dict[str, pd.DataFrame]:
     return {"home": nothing, "away": nothing, "shop": pd.DataFrame({"step": ["instances"], "instances": [7]})}
 
 
-def _query_breakdown(experiment: Experiment) -> BreakdownTables:
+def _query_breakdown(experiment: Experiment) -> pd.DataFrame:
     cells = product(
         experiment.models, experiment.settings.sessions.sizes, (0, 1), ("all", "novel"), ("learned", "true")
     )
-    asked = product(("atLocation", "hasAffordance"), ("head", "tail", "relation"), ("given", "answer"))
-    rows = [(*cell, *of) for cell, of in product(cells, list(asked)) if of[1:] != ("relation", "answer")]
+    queries = product(("atLocation", "hasAffordance"), ("head", "tail", "relation"), ("given", "answer"))
+    rows = [(*cell, *of) for cell, of in product(cells, list(queries)) if of[1:] != ("relation", "answer")]
     columns = ["model", "size", "seed", "scope", "filter", "relation", "hidden", "novel"]
     numbers = np.random.default_rng(3).uniform(0.2, 0.9, len(rows))
-    queries = pd.DataFrame(rows, columns=columns).assign(session=1, queries=2, observations=3, mrr_star=numbers)
-    used = [{"seed": seed, "model": JOINT, "relation": relation, "part": part, "used": 2, "of": 4}
-            for seed in (0, 1) for relation in ("atLocation", None) for part in ("scalars", "blocks")]  # fmt: skip
-    return BreakdownTables(queries.assign(mrr=numbers), pd.DataFrame(used))
+    frame = pd.DataFrame(rows, columns=columns).assign(session=1, queries=2, observations=3, mrr_star=numbers)
+    return frame.assign(mrr=numbers)
 
 
-def _analyses(params: Params, experiments: dict[str, Experiment]) -> dict[str, Analysis[Any]]:
-    """Of the first experiment, but for affordances, which are of the last."""
-    first, last = (list(experiments.values())[place] for place in (0, -1))
+def _used() -> pd.DataFrame:
+    cells = product((0, 1), ("atLocation", None), ("scalars", "blocks"))
+    return pd.DataFrame(cells, columns=["seed", "relation", "part"]).assign(model=JOINT, used=2, of=4)
+
+
+def _affordances(experiment: Experiment) -> pd.DataFrame:
+    return pd.DataFrame([
+        {"model": model, "seed": 0, "entity": len(experiment.entities) - 1, "answer": answer, "rank": answer + 1}
+        for model in experiment.initializers for answer in range(len(experiment.entities))
+    ])  # fmt: skip
+
+
+def _analyses(params: Params, experiment: Experiment) -> dict[str, Any]:
     swept = [row for k in params.sweep.k for row in _cells(list(params.sweep.initializers), [2], k=k)]
-    rates = [row for factor in (0.5, 2.0) for row in _cells(first.initializers, [2], factor=factor)]
+    rates = [row for factor in (0.5, 2.0) for row in _cells(experiment.initializers, [2], factor=factor)]
     folds = [setting.model_dump() | {"fold": fold, "epoch": 20} for setting in params.settings for fold in (0, 1)]
     families = [{"family": name, "seed": seed, "epochs": 50, "valid_mrr_star": 0.5, "queries": 4}
                 for name in params.compare_models.models for seed in (0, 1)]  # fmt: skip
-    answers = [{"model": model, "seed": 0, "entity": len(last.entities) - 1, "answer": answer, "rank": answer + 1}
-               for model in last.initializers for answer in range(len(last.entities))]  # fmt: skip
-    rng, number = np.random.default_rng(7), len(first.entities)
-    approach: dict[str, np.ndarray] = {"entity": np.array([0]), "known": np.arange(number) > 0}
-    approach["theta0"] = rng.normal(size=(number, 4))
+    rng, number = np.random.default_rng(7), len(experiment.entities)
+    traces: dict[str, np.ndarray] = {"entity": np.array([0]), "known": np.arange(number) > 0}
+    traces["theta0"] = rng.normal(size=(number, 4))
     for model in ("xavier", "iu", "es", "rs", "ers"):
-        approach[f"{model}.path"] = rng.normal(size=(3, 4))
-        approach[f"{model}.indicators"] = np.arange(number) > (1 if model in ("es", "rs", "ers") else number)
+        traces[f"{model}.path"] = rng.normal(size=(3, 4))
+        traces[f"{model}.indicators"] = np.arange(number) > (1 if model in ("es", "rs", "ers") else number)
     return {
-        "sweep": Analysis(first, _numbers(swept, "sweep")),
-        "rate_sweep": Analysis(first, _numbers(rates, "rates")),
-        "cross_validation": Analysis(first, _numbers(folds, "folds")),
-        "embedding_models": Analysis(first, _numbers(families, "families")),
-        "affordances": Analysis(last, pd.DataFrame(answers)),
-        "trajectory": Analysis(first, approach),
-        "explorer": Analysis(first, _singles(params, len(first.entities))),
-    }
+        "sweep": _numbers(swept, "sweep"), "rate_sweep": _numbers(rates, "rates"),
+        "cross_validation": _numbers(folds, "folds"), "compare_models": _numbers(families, "families"),
+        "trajectory": traces, "explorer": _singles(params, number),
+    }  # fmt: skip
 
 
 def _singles(params: Params, entities: int) -> dict[str, pd.DataFrame]:
@@ -226,8 +259,7 @@ def _singles(params: Params, entities: int) -> dict[str, pd.DataFrame]:
 
 def part_of(name: str, results: Results) -> FilledSection | None:
     """A section of the page by its name."""
-    (found,) = (section.filled(results) for section in SECTIONS if section.name == name)
-    return found
+    return next(section for section in SECTIONS if section.name == name).filled(results)
 
 
 def shown(name: str, results: Results) -> tuple[str, dict[str, pd.DataFrame], list[Figure]]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any
 
 import pandas as pd
 
-from isi.report.data import Analysis, BreakdownTables, Experiment, Results
+from isi.report.data import Experiment, Results
 from isi.report.paper_values import VALUES, VOCABULARY
 
 #: Columns with what was measured.
@@ -17,23 +17,17 @@ Frames = Callable[[pd.DataFrame], pd.DataFrame]
 
 
 def of_frames(value: Any, change: Frames) -> Any:
-    """The same with every table of measures changed, in experiments and studies alike."""
+    """The same with every table of measures changed, of an experiment and of its analyses."""
     if isinstance(value, pd.DataFrame):
         return change(value) if {*MEASURES, "x"} & set(value) else value
-    if isinstance(value, Experiment | Analysis | BreakdownTables):
+    if isinstance(value, Experiment):
         return replace(value, **{one.name: of_frames(getattr(value, one.name), change) for one in fields(value)})
-    if isinstance(value, Mapping):
-        return {name: of_frames(own, change) for name, own in value.items()}
-    return value
+    return {name: of_frames(part, change) for name, part in value.items()} if isinstance(value, dict) else value
 
 
 def changed(results: Results, change: Frames) -> Results:
-    """Results with every table of measures changed; studies stand on the changed experiments."""
-    found = {one.name: getattr(results, one.name) for one in fields(results) if one.name not in ("paper", "vocabulary")}
-    found = {name: of_frames(value, change) for name, value in found.items()}
-    studies = {name: replace(value, experiment=found["experiments"][value.experiment.name])
-               for name, value in found.items() if isinstance(value, Analysis)}  # fmt: skip
-    return replace(results, **found | studies)
+    """Results with every table of measures changed."""
+    return of_experiments(results, lambda experiment: of_frames(experiment, change))
 
 
 def without_queries(*scopes: str, half: str = "") -> Frames:
@@ -51,11 +45,8 @@ def without_queries(*scopes: str, half: str = "") -> Frames:
 
 
 def of_experiments(results: Results, change: Callable[[Experiment], Experiment]) -> Results:
-    """Results with every experiment changed, and analyses of them."""
-    experiments = {name: change(one) for name, one in results.experiments.items()}
-    analyses = {one.name: replace(analysis, experiment=experiments[analysis.experiment.name])
-                for one in fields(results) if isinstance(analysis := getattr(results, one.name), Analysis)}  # fmt: skip
-    return replace(results, experiments=experiments, **analyses)
+    """Results with every experiment changed."""
+    return replace(results, experiments={name: change(one) for name, one in results.experiments.items()})
 
 
 def one_seed(results: Results) -> Results:
@@ -81,18 +72,18 @@ def without_rooms(results: Results) -> Results:
     return replace(results, observed=observed)
 
 
-def empty_explorer(results: Results) -> Results:
+def empty_explorer(experiment: Experiment) -> Experiment:
     """An explorer without entities, where it was run."""
-    tables = {name: frame.head(0) for name, frame in results.explorer.result.items()} if results.explorer else {}
-    return replace(results, explorer=results.explorer and replace(results.explorer, result=tables))
+    tables = {name: frame.head(0) for name, frame in experiment.analyses.get("explorer", {}).items()}
+    return replace(experiment, analyses={**experiment.analyses, "explorer": tables} if tables else experiment.analyses)
 
 
-def empty_analyses(results: Results) -> Results:
+def empty_analyses(experiment: Experiment) -> Experiment:
     """Analyses whose tables have no rows, where they were run."""
-    breakdown = {name: replace(one, queries=one.queries.head(0)) for name, one in results.query_breakdown.items()}
-    tables = {name: replace(analysis, result=analysis.result.head(0))
-              for name in ("cross_validation", "embedding_models") if (analysis := getattr(results, name))}  # fmt: skip
-    return replace(results, query_breakdown=breakdown, **tables)
+    empty = {name: experiment.analyses[name].head(0) for name in ("cross_validation", "compare_models")
+             if name in experiment.analyses}  # fmt: skip
+    queries = None if experiment.queries is None else experiment.queries.head(0)
+    return replace(experiment, queries=queries, analyses={**experiment.analyses, **empty})
 
 
 def tied(experiment: Experiment) -> Experiment:
@@ -136,8 +127,8 @@ STRANGE: dict[str, Callable[[Results], Results]] = {
     ),
     "nothing to go by": lambda one: of_experiments(one, uncovered),
     "no rooms": without_rooms,
-    "an empty explorer": empty_explorer,
-    "studies without rows": empty_analyses,
+    "an empty explorer": lambda one: of_experiments(one, empty_explorer),
+    "studies without rows": lambda one: of_experiments(one, empty_analyses),
     "a paper that states nothing": lambda one: replace(one, paper=VALUES().model_dump()),
     "a vocabulary without words": lambda one: replace(one, vocabulary=VOCABULARY().model_dump()),
 }

@@ -17,7 +17,7 @@ from isi.report import significance
 from isi.report.sections import gain
 from isi.report.tables import ReportTable
 from isi.report.words import HALVES
-from tests.reports import runs
+from tests.reports import frame_of, runs
 
 #: MRR* of one model by (size, seed).
 Cells = dict[tuple[int, int], float]
@@ -43,7 +43,7 @@ def pairs_of(models: dict[str, Cells]) -> list[significance.Pair]:
 
 
 def short_table(models: dict[str, Cells]) -> pd.DataFrame:
-    return gain.differences_isi(pairs_of(models), list(measures_of(models)), list(models)).frame
+    return frame_of(gain.differences_isi(pairs_of(models), list(models)))
 
 
 def by_measure(pairs: list[significance.Pair], measure: str) -> list[significance.Pair]:
@@ -169,7 +169,7 @@ def test_rounding_is_no_difference() -> None:
 
 def test_identical_runs_give_none() -> None:
     pairs = pairs_of({"xavier": constant(0.4), "es": constant(0.6), "rs": constant(0.6)})
-    frame = significance.pairs_table("differences", pairs).frame
+    frame = frame_of(significance.pairs_table(pairs))
     novel = frame[frame["measure"] == NOVEL].set_index(["first", "second"])
     assert novel.loc[("ES", "RS"), ["p", "p (Holm)"]].tolist() == ["none", "none"]
     assert novel.loc[("ES", "RS"), ["difference", "of these differ"]].tolist() == [0, 0]
@@ -240,7 +240,7 @@ def test_pairs_that_do_not_differ_significantly_are_counted_and_named() -> None:
 @pytest.mark.parametrize("names", [("xavier",), ("es",), ("xavier", "mean")])
 def test_tables_are_whole_where_there_is_nothing_to_compare(names: tuple[str, ...]) -> None:
     pairs = pairs_of({name: constant(0.5) for name in names})
-    assert len(significance.pairs_table("differences", pairs).rows) == (5 if len(names) == 2 else 0)
+    assert len(significance.pairs_table(pairs)) == (5 if len(names) == 2 else 0)
     assert short_table({name: constant(0.5) for name in names}).empty
     assert shares_of({name: constant(0.5) for name in names}) == []
 

@@ -12,10 +12,9 @@ import pytest
 from isi.analyses import single_insertions
 from isi.analyses.single_insertions import SHOWN, TABLES
 from isi.report import page
-from isi.report.data import Analysis, Experiment
 from isi.report.words import label
 from tests.browser import Opened, opened
-from tests.reports import small_results
+from tests.reports import of_experiment, small_results
 from tests.small_grid import EXPLORER, explorer_task
 
 if TYPE_CHECKING:
@@ -46,11 +45,9 @@ def report(shown: Shown, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page whose explorer shows insertions into a small graph."""
     results = small_results(["home"], explorer={"experiments": [], **EXPLORER.model_dump()})
     entities = pd.DataFrame({"entity": NAMES, "kind": "object"})
-    experiment: Experiment = replace(results.experiments["home"], entities=entities)
     folder = tmp_path_factory.mktemp("report")
     section = next(section for section in page.SECTIONS if section.name == "explorer")
-    found = replace(results, explorer=Analysis(experiment, shown))
-    page.write(folder, found, [section])
+    page.write(folder, of_experiment(results, "home", entities=entities, analyses={"explorer": shown}), [section])
     return folder / "index.html"
 
 

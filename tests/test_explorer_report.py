@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 
 import pandas as pd
 import pytest
 
-from isi.report.data import Analysis
 from isi.report.section import Content
 from isi.report.sections import explorer
 from isi.report.sections.explorer import indicators_of, maps_of, queries_of, start
-from tests.reports import ROOT, small_results
+from tests.reports import ROOT, of_experiment, small_results
 
 STEPS = [("joint", 0), ("es", 0)]
 #: Bytes, at most.
@@ -23,9 +21,8 @@ MOST = 1_000_000
 def shown(**changes: pd.DataFrame) -> list[Content]:
     """The section for small results whose explorer has other tables."""
     results = small_results(["home"])
-    assert results.explorer is not None
-    found = Analysis(results.explorer.experiment, {**results.explorer.result, **changes})
-    return list(explorer.explorer(replace(results, explorer=found)))
+    tables = results.experiments["home"].analyses["explorer"]
+    return list(explorer.explorer(of_experiment(results, "home", analyses={"explorer": {**tables, **changes}})))
 
 
 def test_queries_by_hand() -> None:
@@ -74,8 +71,7 @@ def test_entities_in_no_set_are_named() -> None:
     (content,) = shown()
     assert content.numbers["absent"] == ["kitchen", "break"]
     results = small_results(["home"])
-    assert results.explorer is not None
-    empty = {name: frame.iloc[:0] for name, frame in results.explorer.result.items()}
+    empty = {name: frame.iloc[:0] for name, frame in results.experiments["home"].analyses["explorer"].items()}
     assert shown(**empty) == []
 
 

@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import pandas as pd
 import pytest
 
-from isi.report.data import BreakdownTables, OtherGraph, Results
+from isi.report.data import GraphRuns, Results
 from isi.report.sections import variants
-from tests.reports import shown, small_results
+from tests.reports import of_experiment, shown, small_results
 from tests.variants import ENTITIES, TRIPLES, Given, queries_of, runs_of, variant
-
-
-def graph(title: str, given: Given) -> OtherGraph:
-    ran = variant("graphs", {title: given}, {}, later={("es", 0): [0.1, 0.9], ("joint", 0): [0.9]})
-    return OtherGraph(ENTITIES, TRIPLES, replace(ran, variant=ran.variant.model_copy(update={"title": title})))
-
-
-def results_with(*found: OtherGraph) -> Results:
-    return replace(small_results(["home"], studies=False), other_graphs={one.runs.title: one for one in found})
-
 
 GIVEN = {"xavier": [0.1, 0.3], "es": [0.5, 0.6], "kind_mean": [0.5, 0.7], "ers": [0.6, 0.6], "joint": [0.9, 0.9]}
 
 
+def graph(title: str, given: Given = GIVEN) -> GraphRuns:
+    (runs,) = variant("graphs", {title: given}, {}, later={("es", 0): [0.1, 0.9], ("joint", 0): [0.9]})
+    ran = {one.name: getattr(runs, one.name) for one in fields(runs)}
+    return GraphRuns(**ran | {"title": title}, entities=ENTITIES, triples=TRIPLES)
+
+
+def results_with(*graphs: GraphRuns) -> Results:
+    return replace(small_results(["home"], studies=False), other_graphs=graphs)
+
+
 def test_sizes_and_how_far_the_kind_of_a_tail_determines_the_relation_by_hand() -> None:
-    assert variants.sizes({"lab": (ENTITIES, TRIPLES)}) == [
+    assert variants.sizes([graph("lab")]) == [
         {"graph": "lab", "observations": 10, "unique triples": 4, "relations": 3, "entities": 4,
          "kinds": "2 object, 1 room, 1 affordance", "predicted by kind %": pytest.approx(75)}
     ]  # fmt: skip
@@ -34,12 +34,12 @@ def test_sizes_and_how_far_the_kind_of_a_tail_determines_the_relation_by_hand() 
 
 def test_graphs_share_entities_of_the_same_phrase() -> None:
     other = ENTITIES[:2].assign(entity=["cup", "mug"], phrase=["cupboard", "tumbler"])
-    rows = variants.shared({"lab": (ENTITIES, TRIPLES), "shop": (other, TRIPLES)})
+    rows = variants.shared([graph("lab"), replace(graph("shop"), entities=other)])
     assert [(row["lab"], row["shop"]) for row in rows] == [(4, 1), (1, 2)]
 
 
 def test_every_graph_has_its_row_with_paired_differences_and_epochs() -> None:
-    text, tables, (figure,) = shown("other_graphs", results_with(graph("lab", GIVEN), graph("shop", GIVEN)))
+    text, tables, (figure,) = shown("other_graphs", results_with(graph("lab"), graph("shop")))
     about = tables["graphs_novel_given"].set_index("graph")
     assert about.index.tolist() == ["lab", "shop"]
     assert about.loc["lab", ["Xavier", "ES", "ERS", "Joint"]].tolist() == pytest.approx([20, 55, 60, 90])
@@ -58,17 +58,10 @@ def test_every_graph_has_its_row_with_paired_differences_and_epochs() -> None:
 def test_a_main_experiment_stands_before_the_others_by_its_runs_of_their_size() -> None:
     at_five = runs_of("home", dict.fromkeys(GIVEN, 0.4), {("es", 0): [0.1, 0.1, 0.9], ("joint", 0): [0.9]})
     queries = queries_of("home", {**GIVEN, "es": [0.2, 0.4], "joint": [0.7, 0.9]})
-    runs, asked = (
-        pd.concat([frame.assign(size=2, mrr_star=0.01), frame]).drop(columns="experiment")
-        for frame in (at_five, queries)
-    )
-    results = results_with(graph("lab", GIVEN))
-    home = replace(results.experiments["home"], runs=runs)
-    results = replace(
-        results, experiments={"home": home}, query_breakdown={"home": BreakdownTables(asked, pd.DataFrame())}
-    )
+    runs, answers = (pd.concat([frame.assign(size=2, mrr_star=0.01), frame]) for frame in (at_five, queries))
+    results = of_experiment(results_with(graph("lab")), "home", runs=runs, queries=answers)
     text, tables, (figure,) = shown("other_graphs", results)
-    title = home.title
+    title = results.experiments["home"].title
     about = tables["graphs_novel_given"].set_index("graph")
     assert about.index.tolist() == [title, "lab"]
     assert about.loc[title, ["Xavier", "ES", "ERS", "Joint"]].tolist() == pytest.approx([20, 30, 60, 80])

@@ -12,7 +12,6 @@ import pytest
 
 from isi.report import page
 from isi.report.section import Content, ReportSection
-from isi.report.tables import ReportTable
 from tests.browser import Opened, opened
 from tests.reports import small_results
 
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 #: A table whose order by number is not that of its text, with what is not there and thousands among it.
 FRAME = pd.DataFrame({"name": ["b", "a", "c", "d"], "points": [9.0, 1234.0, None, -20.0]})
 TEXT = "# Plain\n\n@table plain_table | Plain table\nOf four rows."
-PLAIN = ReportSection("plain", lambda _: [Content(shown=[ReportTable.of("plain_table", FRAME)])], TEXT)
+PLAIN = ReportSection("plain", lambda _: [Content(tables={"plain_table": FRAME})], TEXT)
 
 
 @pytest.fixture(scope="module")

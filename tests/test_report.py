@@ -13,10 +13,10 @@ from matplotlib.colors import to_hex
 
 from isi.evaluation.query_sets import epochs_to_convergence
 from isi.report import figures, stats
-from isi.report.sections import choices, convergence, forgetting, run, trajectory
+from isi.report.sections import choices, convergence, forgetting, paper, run, trajectory
 from isi.report.tables import Column, Estimate, ReportTable, csv, number
 from isi.report.words import colour, label
-from tests.reports import INITIALIZERS, runs, small_params
+from tests.reports import INITIALIZERS, frame_of, of_experiment, runs, small_params, small_results
 
 
 def converged(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
@@ -38,10 +38,12 @@ def test_improvement_is_the_ratio_of_means_at_each_size_averaged_over_sizes() ->
 
 
 def test_fewer_epochs_is_against_the_mean_of_xavier() -> None:
-    cells = [("xavier", 8), ("xavier", 12), ("es", 2), ("es", 3)]
-    convergence = pd.DataFrame(cells, columns=["model", "epochs"]).assign(scope="all")
-    assert stats.fewer_epochs(convergence) == pytest.approx({"xavier": 0, "es": 75})
-    assert stats.fewer_epochs(convergence, "novel") == {}
+    cells = [("xavier", 0, 8), ("xavier", 1, 12), ("es", 0, 2), ("es", 1, 3), ("joint", 0, 0), ("joint", 1, 0)]
+    results = small_results(["home"], studies=False, **{"finetuning.max_epochs": 20})
+    home = of_experiment(results, "home", runs=runs([(model, "all", 1, seed, epoch, 0.7)
+                                                     for model, seed, epoch in cells])).experiments["home"]  # fmt: skip
+    assert paper.fewer_epochs(home) == pytest.approx({"xavier": 0, "es": 75})
+    assert paper.fewer_epochs(home.of_size(2)) == {}
 
 
 def of_seeds(**seeds: Sequence[float]) -> pd.DataFrame:
@@ -153,7 +155,7 @@ def test_the_rule_picks_from_what_is_about_novel_entities() -> None:
     )
     found = choices.means_of(swept[swept["epoch"] == 0], converged(swept, ["model", "k"]), models)
     chosen = choices.chosen_sizes(found, {"es": {"k": 4}, "rs": {}}, {"es": 8, "ers": 9})
-    table = choices.indicator_sizes(found, chosen).frame.set_index("initializer")
+    table = frame_of(choices.indicator_sizes(found, chosen)).set_index("initializer")
     # epochs fall on and on; of MRR* size 4 has 7 points less than the best before it
     assert table["picked by the rule"].to_dict() == {"ES": 3, "RS": 3, "ERS": 3}
     assert table["paper"].dropna().to_dict() == {"ES": 8, "ERS": 9}
@@ -169,8 +171,8 @@ def test_cross_validation_marks_the_choices_and_gives_the_spread_over_folds() ->
         for setting in settings for fold, value in enumerate((0.6, 0.7))
     ]  # fmt: skip
     rows[0]["mrr_star"] = 0.4
-    paper = {"dimension": 100, "ratio": 9, "learning_rate": 0.2, "weight_decay": 0.001}
-    table = choices.cross_validation_table(pd.DataFrame(rows), settings, paper).frame
+    theirs = {"dimension": 100, "ratio": 9, "learning_rate": 0.2, "weight_decay": 0.001}
+    table = frame_of(choices.cross_validation_table(pd.DataFrame(rows), settings, theirs))
     assert len(table) == 13
     ours, other = table.iloc[0], table[table["learning rate"] == "0.2"].iloc[0]
     assert (ours["choice of"], other["choice of"]) == ("this run", "paper")
@@ -181,8 +183,8 @@ def test_cross_validation_marks_the_choices_and_gives_the_spread_over_folds() ->
     # the folds of the choice deviate by 21 points
     assert (ours["beyond the folds' deviation"], other["beyond the folds' deviation"]) == ("", "no")
     sure = [row | {"mrr_star": 0.9 + 0.01 * row["fold"]} if row["learning_rate"] == 0.2 else row for row in rows]
-    told = choices.cross_validation_table(pd.DataFrame(sure), settings, paper).frame
-    assert told.loc[told["learning rate"] == "0.2", "beyond the folds' deviation"].tolist() == ["yes"]
+    clear = frame_of(choices.cross_validation_table(pd.DataFrame(sure), settings, theirs))
+    assert clear.loc[clear["learning rate"] == "0.2", "beyond the folds' deviation"].tolist() == ["yes"]
     assert choices.best(pd.DataFrame(rows), settings[0], "learning_rate")[1] == (
         "+10.0 points from the choice of this run, less than the folds deviate"
     )
@@ -207,7 +209,7 @@ def test_embedding_models_stand_with_the_options_that_were_chosen_for_them() -> 
          ("complex", 0, 0.9, 0.8, 1.0, 0.7, 0.9, 20)], columns=columns,
     )  # fmt: skip
     chosen = {"transe": {"learning_rate": 0.1, "margin": 4.0, "squared": False}, "complex": {"learning_rate": 0.05}}
-    shown = choices.embedding_table(rows, chosen).shown
+    shown = ReportTable.of("table", choices.embedding_table(rows, chosen)).shown
     assert shown[["embedding", "MRR*", "epochs"]].to_numpy().tolist() == [
         ["TransE", "60 [50, 70]", "50"], ["ComplEx", "90", "20"],
     ]  # fmt: skip
@@ -235,7 +237,7 @@ def test_initializers_are_ordered_at_every_rate() -> None:
     assert set(convergence.orders(same, models, "all").values()) == {"ES, RS"}
     assert convergence.orders(tied, models, "all") == {0.5: "ES, RS", 1: "ES, RS", 2: "ES = RS"}
     assert convergence.orders(tied, models, "novel_heldout") == {}
-    table = convergence.by_rate(tied, models).frame.set_index("initializer")
+    table = frame_of(convergence.by_rate(tied, models)).set_index("initializer")
     assert table.loc["RS", ["×0.5: mean", "×1: mean", "×2: mean"]].tolist() == [8, 4, 1]
 
 
@@ -244,7 +246,7 @@ def test_interference_is_what_is_lost_with_the_novel_entities_alone() -> None:
         [("es", "known", 5, seed, epoch, value - seed / 10) for seed in (0, 1)
          for epoch, value in enumerate((0.7, 0.5, 0.8))] + [("es", "known_closed", 5, 0, 0, 0.9)]
     )  # fmt: skip
-    frame = forgetting.by_scope(rows.assign(mrr_star_entity=0.1, mrr_star_relation=1.0), ["es", "rs"]).frame
+    frame = frame_of(forgetting.by_scope(rows.assign(mrr_star_entity=0.1, mrr_star_relation=1.0), ["es", "rs"]))
     assert frame[["model", "scope"]].to_numpy().tolist() == [["ES", "known"], ["ES", "known_closed"]]
     columns = ["lowest MRR*", "immediately: MRR*", "at the end: MRR*"]
     assert frame.loc[0, columns].tolist() == pytest.approx([45, 65, 75])

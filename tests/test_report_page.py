@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,7 +24,7 @@ from isi.report.section import Content, FilledSection, ReportSection
 from isi.report.sections.run import table1
 from isi.report.tables import ReportTable
 from isi.report.words import colour, contenders, controls
-from tests.reports import GRAPHS, ROOT, paper, small_results
+from tests.reports import GRAPHS, ROOT, of_experiment, paper, small_results, with_settings
 from tests.reports import INITIALIZERS as SHIPPED
 
 ANALYSES = {"query-breakdown", "trajectory", "explorer", "indicators", "cross-validation", "embedding-models",
@@ -103,7 +102,9 @@ def test_training_with_nothing_inserted_stands_beside_the_others_where_it_ran() 
         runs = results.experiments[name].runs
         of_es = runs[(runs["model"] == "es") & (runs["scope"] == "known_closed")]
         alone[name] = of_es.assign(mrr_star=of_es["mrr_star"] + 0.01).drop(columns="model")
-    more = replace(results, finetune_only=alone)
+    more = results
+    for name, runs in alone.items():
+        more = of_experiment(more, name, analyses={**results.experiments[name].analyses, "finetune_only": runs})
     tables = [table_of(more, "forgetting"), table_of(more, "forgetting_away"), table_of(results, "forgetting")]
     assert ["Nothing inserted" in set(table.frame["model"]) for table in tables] == [True, False, False]
     ended = table_of(more, "moved_at_the_end").frame
@@ -180,7 +181,7 @@ def test_a_section_without_contents_is_left_out_and_one_more_is_one_more(tmp_pat
     results = results_of(("away",), False)
 
     def one(found: Results) -> Iterator[Content]:
-        yield Content({"number": len(found.experiments)}, [ReportTable.of("own_table", [{"a": 1}, {"a": 2}])])
+        yield Content({"number": len(found.experiments)}, {"own_table": [{"a": 1}, {"a": 2}]})
 
     (tmp_path / "tables").mkdir()
     (tmp_path / "tables/of_an_earlier_run.csv").touch()
@@ -205,7 +206,8 @@ def test_a_section_without_contents_is_left_out_and_one_more_is_one_more(tmp_pat
 def test_every_table_and_figure_of_a_section_has_its_place_in_the_template() -> None:
     results = results_of()
     for section in SECTIONS:
-        made = {f"{item.name}{content.suffix}" for content in section.contents(results) for item in content.shown}
+        made = {f"{name}{content.suffix}" for content in section.contents(results)
+                for name in (*content.tables, *content.figures)}  # fmt: skip
         part = section.filled(results)
         placed = {block.content.name for block in part.blocks if block.kind in ("table", "figure")} if part else set()
         assert {name.removesuffix("_away") for name in made - placed} <= {"sessions"}, section.name
@@ -222,15 +224,8 @@ def test_equal_results_make_equal_bytes(tmp_path: Path) -> None:
     assert one == other
 
 
-def with_settings(results: Results, **changes: Any) -> Results:
-    """The first experiment with other settings."""
-    home = results.experiments["home"]
-    params = home.params.model_copy(update={"experiments": {"home": home.settings.model_copy(update=changes)}})
-    return replace(results, params=params, experiments={"home": replace(home, params=params)})
-
-
 def test_without_a_size_of_full_curves_there_is_no_curve_and_the_page_says_so() -> None:
-    other = with_settings(results_of(("home",), False), full_curves=FullCurves(sizes=[99]))
+    other = with_settings(results_of(("home",), False), "home", full_curves=FullCurves(sizes=[99]))
     assert "forgetting" not in names(other, ReportTable)
     assert "figure3b_curves" not in names(other, Figure)
     assert rendered(other).count("No set size with full learning curves was inserted") == 2
@@ -240,7 +235,7 @@ def test_several_sessions_stand_apart_and_each_converges_against_its_own_joint_m
     results = results_of(("home",), False)
     home = results.experiments["home"]
     assert "sessions" not in names(results, ReportTable)
-    two = with_settings(results, sessions=home.settings.sessions.model_copy(update={"steps": 2}))
+    two = with_settings(results, "home", sessions=home.settings.sessions.model_copy(update={"steps": 2}))
     runs = home.runs
     second = runs.assign(session=2, mrr_star=runs["mrr_star"].mask(runs["model"] == "joint", 2.0))  # out of reach
     other = replace(two.experiments["home"], runs=pd.concat([runs, second]))
@@ -268,7 +263,7 @@ def test_table_1_has_the_rooms_and_relations_of_its_source() -> None:
     observations = pd.DataFrame(rows, columns=["scene", "room", "head", "relation", "tail"])
     values, vocabulary = paper()
     table = table1(observations, values["graph"]["median_per_environment"], vocabulary["relations"])
-    frame = table.frame.set_index("room")
+    frame = table.set_index("room")
     assert list(frame.index) == ["kitchen", "cellar", "all"]
     assert frame.loc["kitchen", ["location", "location (paper)", "liesIn", "object types", "rooms"]].tolist() == [
         1.5, 59.5, 0, 1.5, 2,

@@ -14,7 +14,7 @@ from isi.report.glossary import Marker, Term
 from isi.report.sections import immediate
 from isi.report.tables import Column, ReportTable
 from isi.report.words import SCOPES
-from tests.reports import small_results
+from tests.reports import of_experiment, small_results
 
 
 def test_headers_and_cells_are_words_on_the_page() -> None:
@@ -68,7 +68,7 @@ def test_the_verdict_is_in_numbers_of_the_first_graph() -> None:
     assert part
     sentences, figure = part.blocks
     assert len(sentences.items) == 3  # neither the kind's centre nor any initializer beyond the paper was run
-    given = {model: estimate.mean for model, estimate in immediate.novel_entity_given(results, home).items()}
+    given = {model: estimate.mean for model, estimate in immediate.novel_entity_given(home).items()}
     best = max(("es", "rs", "ers"), key=lambda name: given[name])
     assert f"has {given[best]:.1f} in entity prediction, Xavier {given['xavier']:.1f}" in sentences.items[1]
     now = 100 * home.immediate[home.immediate["scope"] == "all"].groupby("model")["mrr_star"].mean()
@@ -94,8 +94,7 @@ def test_those_that_gain_do_so_with_an_interval_above_zero() -> None:
 def test_there_is_no_verdict_where_there_is_nothing_to_compare() -> None:
     assert page.VERDICT.filled(small_results(["moved"])) is None
     home = small_results(["home"])
-    alone = replace(home.experiments["home"], initializers=["xavier", "iu"])
-    assert page.VERDICT.filled(replace(home, experiments={"home": alone})) is None
+    assert page.VERDICT.filled(of_experiment(home, "home", initializers=["xavier", "iu"])) is None
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from isi.errors import InputError
 from isi.report import data, page, paper_values
 from isi.report.sections import explorer
 from isi.tables import paths
-from tests.reports import INITIALIZERS, ROOT, part_of, shown, small_results
+from tests.reports import INITIALIZERS, ROOT, of_experiment, part_of, shown, small_results
 from tests.strange import STRANGE, changed, of_experiments, tied
 
 SHIPPED = yaml.safe_load((ROOT / "params.yaml").read_text("utf-8"))["initializers"]
@@ -72,13 +72,13 @@ def test_analyses_of_strange_results_are_shown_too(tmp_path: Path, what: str) ->
 @pytest.mark.parametrize("left", [0, -1], ids=["none", "one less"])
 def test_missing_rows_of_the_explorer_are_reported_in_one_line(table: str, left: int) -> None:
     found = small_results(["home"])
-    assert found.explorer is not None
-    of_models = found.explorer.result[table]
+    analyses = found.experiments["home"].analyses
+    of_models = analyses["explorer"][table]
     if table == "answers":  # the first are shown: one less is no lack
         of_models = of_models[of_models["entity"] == of_models["entity"].iloc[-1]] if left else of_models
         left = 0
-    rows = {**found.explorer.result, table: of_models.iloc[:left]}
-    lacking = replace(found, explorer=replace(found.explorer, result=rows))
+    rows = {**analyses["explorer"], table: of_models.iloc[:left]}
+    lacking = of_experiment(found, "home", analyses={"explorer": rows})
     with pytest.raises(InputError, match=r"^data/analyses/explorer/home\.\*\.parquet: expected .*places and answers"):
         list(explorer.explorer(lacking))
 

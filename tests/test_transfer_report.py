@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from isi.graph.graph import MinedSource
-from isi.report.sections import queries, run, transfer
+from isi.report.sections import run, transfer
 from isi.report.sections.queries import Answers
-from tests.reports import runs, small_results
+from tests.reports import frame_of, runs, small_results
 
 KINDS = ["object", "affordance", "affordance", "room", "object"]
 ENTITIES = pd.DataFrame(
@@ -57,15 +57,14 @@ def test_what_was_mined_goes_on_to_what_was_inserted() -> None:
     triples = pd.DataFrame([("fan", "atLocation", "kitchen", "shop"), ("shelf", "hasAffordance", "open", "home")],
                            columns=["head", "relation", "tail", "source"])  # fmt: skip
     added = (ENTITIES, triples, MinedSource("shop", seen, kinds), "the home", 3, 10)
-    table = transfer.mined("moved", {"instances": 12}, *added)
-    assert table.name == "moved_mined"
-    assert dict(table.frame.itertuples(index=False, name=None)) == {
+    table = frame_of(transfer.mined({"instances": 12}, *added))
+    assert dict(table.itertuples(index=False, name=None)) == {
         "instances": 12, "of these, of objects that the home has not": 5, "kinds of such objects": 2,
         "of these, with at least 3 observations": 1, "drawn as candidates": 1, "unique triples of the candidates": 1,
         "inserted in a repeat": 10,
     }  # fmt: skip
-    uncounted = transfer.mined("moved", {}, *added).frame
-    assert uncounted.iloc[0, 0] == "instances of objects that the home has not"
+    uncounted = transfer.mined({}, *added)
+    assert uncounted[0][""] == "instances of objects that the home has not"
 
 
 def test_answers_go_by_mean_rank_over_repeats_and_those_that_are_no_affordance_are_marked() -> None:
@@ -85,8 +84,8 @@ def test_answers_go_by_mean_rank_over_repeats_and_those_that_are_no_affordance_a
         "affordances": 2, "wrong": 2, "plausible": 1, "unlikely": 1,
     }  # fmt: skip
     assert found.judged("es", ["fan"], {}) == {"affordances": 2, "wrong": 2}
-    assert [row["entity"] for row in queries.ranked(found, ["fan"], ["es"])] == ["fan (n = 2)"] * 4
-    assert [row["ES"] for row in queries.ranked(found, ["fan", "stove"], ["es"])] == [
+    assert [row["entity"] for row in found.ranked(["fan"], ["es"])] == ["fan (n = 2)"] * 4
+    assert [row["ES"] for row in found.ranked(["fan", "stove"], ["es"])] == [
         "open (affordance)", "push (affordance)", "× shelf (object)", "× kitchen (room)",
         *["–"] * 4]  # fmt: skip
 
@@ -96,7 +95,7 @@ def test_shares_count_affordances_among_the_first_four_of_every_inserted_entity(
         ranked("es", 0, [1, 0, 2, 3, 4]), ranked("es", 3, [0, 3, 4, 2, 1]), ranked("rs", 0, [1, 2, 4, 0, 3])
     )
     assert found.shares == pytest.approx({"es": 100 * 3 / 8, "rs": 50})
-    frame = queries.affordance_shares(found, ["es", "rs", "iu"]).frame.set_index("initializer")
+    frame = frame_of(found.shares_table(["es", "rs", "iu"])).set_index("initializer")
     assert frame["top 4: affordances %"].dropna().to_dict() == pytest.approx({"ES": 37.5, "RS": 50})
     assert frame["first: affordance %"].dropna().to_dict() == {"ES": 50, "RS": 100}
 
@@ -134,5 +133,5 @@ def test_fallbacks_and_ties_are_counted_by_experiment() -> None:
     home = replace(results.experiments["home"], initializers=["es"], inserted=inserted, ties=ties)
     away = replace(results.experiments["away"], inserted=inserted.assign(fallback=np.nan))
     table = run.fallbacks({"home": home, "away": away})
-    assert table.frame.to_numpy().tolist() == [["home", "ES", "rs", 1], ["home", "RS", "centroid", 2]]
-    assert run.ties({"home": home}).frame.to_numpy().tolist() == [["home", "ES", 5, 0], ["home", "Joint", 0, 4]]
+    assert table.to_numpy().tolist() == [["home", "ES", "rs", 1], ["home", "RS", "centroid", 2]]
+    assert frame_of(run.ties({"home": home})).to_numpy().tolist() == [["home", "ES", 5, 0], ["home", "Joint", 0, 4]]

@@ -9,7 +9,7 @@ import pandas as pd
 
 from isi.analyses.variants import Variant
 from isi.report.data import VariantRuns
-from tests.reports import runs
+from tests.reports import runs, small_params
 
 #: Of a model: its answers with the novel entity given, by seed.
 Given = Mapping[str, Sequence[float]]
@@ -52,14 +52,15 @@ def runs_of(
 
 def variant(
     group: str, given: Mapping[str, Given], immediate: Mapping[str, float] | None = None, **entry: Any
-) -> VariantRuns:
-    """A variant of experiments, by its answers with the novel entity given; the same immediate runs of each."""
+) -> list[VariantRuns]:
+    """A variant on experiments, by its answers with the novel entity given; the same immediate runs of each."""
     models = list(dict.fromkeys(name for values in given.values() for name in values if name != "joint"))
     listed = {"title": group, "group": group, "experiments": list(given), "initializers": models, "size": 5, "seeds": 2}
-    later = entry.pop("later", {})
+    later, key = entry.pop("later", {}), entry.pop("key", group)
     immediate = immediate or dict.fromkeys((*models, "joint"), 0.5)
-    return VariantRuns(
-        Variant(**listed | entry),
-        pd.concat([runs_of(name, immediate, later) for name in given], ignore_index=True),
-        pd.concat([queries_of(name, values) for name, values in given.items()], ignore_index=True),
-    )
+    params = small_params(["home"])
+    return [
+        VariantRuns.of(key, Variant(**listed | entry), name, f"the {name} graph", params,
+                       runs_of(name, immediate, later), queries_of(name, values))
+        for name, values in given.items()
+    ]  # fmt: skip

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -23,8 +23,8 @@ from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES, Mi
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE
 from isi.params import ExperimentOf, Params, load_beyond
-from isi.report import paper_values
-from isi.report.stats import by_direction, by_model, converged
+from isi.report import paper_values, stats
+from isi.report.stats import ByScope
 from isi.report.tables import Estimate
 from isi.report.words import JOINT
 from isi.sources import KINDS, MINED, OBSERVATIONS
@@ -32,37 +32,23 @@ from isi.sources.readers import read_batches
 from isi.tables import paths
 from isi.tables.table import Table
 
+#: Analyses that the report shows of every experiment; of others it shows the first experiment that params list.
+_OF_EACH = ("query_breakdown", "finetune_only")
+
 
 @dataclass(frozen=True, eq=False)
-class Experiment:
-    """The tables of one experiment, with entities by id where the tables have ids."""
+class ModelRuns:
+    """Runs of initializers and of the joint model under the same conditions, on one experiment or graph."""
 
+    #: of the experiment or graph
     name: str
-    #: behind names of tables and figures; none for the first experiment
-    suffix: str
+    title: str
     params: Params
     initializers: list[str]
-    entities: pd.DataFrame
-    triples: pd.DataFrame
-    coverage: pd.DataFrame
-    splits: pd.DataFrame
-    novel: pd.DataFrame
-    insert_triples: pd.DataFrame
-    theta0_log: pd.DataFrame
-    joint_log: pd.DataFrame
-    #: of every initializer, runs and ties of the joint model, too: with a column ``model``
+    #: of every initializer and the joint model, by ``model``
     runs: pd.DataFrame
-    inserted: pd.DataFrame
-    ties: pd.DataFrame
-
-    @property
-    def settings(self) -> ExperimentOf:
-        """Its entry in params."""
-        return self.params.experiments[self.name]
-
-    @property
-    def title(self) -> str:
-        return self.settings.title
+    #: ``QUERY_BREAKDOWN``; None where it was not run
+    queries: pd.DataFrame | None
 
     @property
     def models(self) -> list[str]:
@@ -72,12 +58,101 @@ class Experiment:
     @property
     def finetuned(self) -> list[str]:
         """The initializers whose entities are fine-tuned after insertion."""
-        return [name for name in self.initializers if name not in self.settings.immediate_only]
+        return self.initializers
+
+    @property
+    def max_epochs(self) -> int:
+        """Epochs of fine-tuning, at most."""
+        return self.params.finetuning.max_epochs
+
+    def of_size(self, size: int | None) -> Self:
+        """The runs that insert so many entities."""
+        queries = None if self.queries is None else self.queries[self.queries["size"] == size]
+        return replace(self, runs=self.runs[self.runs["size"] == size], queries=queries)
 
     @cached_property
     def immediate(self) -> pd.DataFrame:
         """Runs right after insertion, before any further training."""
         return self.runs[self.runs["epoch"] == 0]
+
+    def converged(self, runs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+        """Epochs to convergence of runs that the columns ``by`` distinguish (``stats.converged``)."""
+        joint = self.runs[self.runs["model"] == JOINT]
+        return stats.converged(runs, joint, self.params.convergence.margin, self.max_epochs, by)
+
+    @cached_property
+    def convergence(self) -> pd.DataFrame:
+        """Epochs to convergence of each initializer that is fine-tuned, session, size and seed."""
+        return self.converged(self.runs[self.runs["model"].isin(self.finetuned)], ["model"])
+
+    @property
+    def mrr_star(self) -> ByScope:
+        """Mean MRR* right after insertion, in points, of those that have queries."""
+        return stats.by_scope(100 * self.immediate.groupby(["scope", "model"])["mrr_star"].mean().dropna(), self.models)
+
+    def epochs(self, statistic: str = "mean") -> ByScope:
+        """Epochs to convergence, their mean or another statistic."""
+        return stats.by_scope(self.convergence.groupby(["scope", "model"])["epochs"].agg(statistic), self.finetuned)
+
+    @property
+    def unconverged(self) -> ByScope:
+        """Share of runs that never converge, in per cent."""
+        converged = self.convergence.groupby(["scope", "model"])["converged"].mean()
+        return stats.by_scope(100 * (1 - converged), self.finetuned)
+
+    @cached_property
+    def directed(self) -> pd.DataFrame:
+        """Entity prediction about novel entities (``stats.by_direction``) by model, size and seed."""
+        assert self.queries is not None  # noqa: S101
+        return stats.by_direction(self.queries, ["model", "size", "seed"])
+
+    @property
+    def given_queries(self) -> pd.DataFrame:
+        """Entity prediction with the novel entity given."""
+        return self.directed[self.directed["scope"] == "given"]
+
+    @cached_property
+    def given_means(self) -> dict[str, Estimate]:
+        """Entity prediction with the novel entity given, by model."""
+        return stats.by_model(self.given_queries, "mrr_star_entity", self.models)
+
+    def immediate_means(self, scope: str) -> dict[str, Estimate]:
+        """MRR* right after insertion by model."""
+        return stats.by_model(self.immediate[self.immediate["scope"] == scope], "mrr_star", self.models)
+
+    def epochs_means(self) -> dict[str, Estimate]:
+        """Epochs to convergence on held-out triples of the novel entities, by initializer."""
+        heldout = self.convergence[self.convergence["scope"] == "novel_heldout"]
+        return stats.by_model(heldout, "epochs", self.initializers, scale=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment(ModelRuns):
+    """The tables of one experiment, with entities by id where the tables have ids."""
+
+    #: behind names of tables and figures; none for the first experiment
+    suffix: str
+    entities: pd.DataFrame
+    triples: pd.DataFrame
+    coverage: pd.DataFrame
+    splits: pd.DataFrame
+    novel: pd.DataFrame
+    insert_triples: pd.DataFrame
+    theta0_log: pd.DataFrame
+    joint_log: pd.DataFrame
+    inserted: pd.DataFrame
+    ties: pd.DataFrame
+    #: results of the analyses that were run, by their section of params; of the query breakdown the used coordinates
+    analyses: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def settings(self) -> ExperimentOf:
+        """Its entry in params."""
+        return self.params.experiments[self.name]
+
+    @property
+    def finetuned(self) -> list[str]:
+        return [name for name in self.initializers if name not in self.settings.immediate_only]
 
     @property
     def curve_size(self) -> int | None:
@@ -91,112 +166,52 @@ class Experiment:
         names = [name for name in self.finetuned if is_listed(self.settings.full_curves.initializers, name)]
         return self.runs[(self.runs["size"] == self.curve_size) & self.runs["model"].isin([*names, JOINT])]
 
-    @cached_property
-    def convergence(self) -> pd.DataFrame:
-        """Epochs to convergence of each initializer that is fine-tuned, session, size and seed."""
-        return self.converged(self.runs[self.runs["model"].isin(self.finetuned)], ["model"])
+    @property
+    def collapsed(self) -> dict[str, float]:
+        """Of models that score nearly everything the same over all queries, how many rivals tie with an answer.
 
-    def converged(self, runs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-        """Epochs to convergence of runs that the columns ``by`` distinguish (``stats.converged``)."""
-        joint, params = self.runs[self.runs["model"] == JOINT], self.params
-        return converged(runs, joint, params.convergence.margin, params.finetuning.max_epochs, by)
+        A triple has a head query and a tail query; a model counts as collapsed where, of both together, half as many
+        rivals as there are entities have the answer's score.
+        """
+        tied, runs = (rows[rows["scope"] == "all"].groupby("model") for rows in (self.ties, self.immediate))
+        rivals = tied["ties"].sum() / runs["queries"].sum().replace(0, np.nan)
+        return {str(model): float(number) for model, number in rivals.items() if number >= len(self.entities) / 2}
 
 
 @dataclass(frozen=True, eq=False)
-class VariantRuns:
-    """The runs of a variant; they may be of fewer experiments and initializers than it lists by now."""
+class VariantRuns(ModelRuns):
+    """The runs of a variant on one experiment, which may be of fewer initializers than it lists by now."""
 
     variant: Variant
-    #: ``VARIANT_RUNS`` and ``VARIANT_QUERIES``
-    runs: pd.DataFrame
-    queries: pd.DataFrame
+    #: of its tables and figures
+    id: str
 
     @property
-    def title(self) -> str:
-        return self.variant.title
+    def max_epochs(self) -> int:
+        return int(self.variant.changes.get("finetuning.max_epochs", self.params.finetuning.max_epochs))
 
-    @cached_property
-    def experiments(self) -> list[str]:
-        """Those that ran, in the order of the variant."""
-        ran = set(self.runs["experiment"])
-        return [name for name in self.variant.experiments if name in ran]
-
-    @cached_property
-    def initializers(self) -> list[str]:
-        """Those that ran, in the order of the variant."""
-        ran = set(self.runs["model"])
-        return [name for name in self.variant.initializers if name in ran]
-
-    @property
-    def models(self) -> list[str]:
-        """The initializers, then the joint model."""
-        return [*self.initializers, JOINT]
-
-    def immediate(self, experiment: str, scope: str) -> pd.DataFrame:
-        """Runs right after insertion."""
-        runs = self.runs
-        return runs[(runs["experiment"] == experiment) & (runs["scope"] == scope) & (runs["epoch"] == 0)]
-
-    def given_in(self, experiment: str) -> pd.DataFrame:
-        """The entity half of the queries that give the novel entity, by model, size and seed."""
-        queries = by_direction(self.queries[self.queries["experiment"] == experiment], ["model", "size", "seed"])
-        return queries[queries["scope"] == "given"]
-
-    def max_epochs(self, params: Params) -> int:
-        """Epochs of fine-tuning, at most."""
-        return int(self.variant.changes.get("finetuning.max_epochs", params.finetuning.max_epochs))
-
-    def convergence(self, experiment: str, params: Params) -> pd.DataFrame:
-        """Epochs to convergence of each initializer, size and seed."""
-        runs = self.runs[self.runs["experiment"] == experiment]
-        joint, margin = runs["model"] == JOINT, params.convergence.margin
-        return converged(runs[~joint], runs[joint], margin, self.max_epochs(params), ["model"])
-
-    def immediate_means(self, experiment: str, scope: str) -> dict[str, Estimate]:
-        """MRR* right after insertion by model."""
-        return by_model(self.immediate(experiment, scope), "mrr_star", self.models)
-
-    def given_means(self, experiment: str) -> dict[str, Estimate]:
-        """The entity half of the queries that give the novel entity, by model."""
-        return by_model(self.given_in(experiment), "mrr_star_entity", self.models)
-
-    def epochs_means(self, experiment: str, params: Params) -> dict[str, Estimate]:
-        """Epochs to convergence on held-out triples of the novel entities, by initializer."""
-        epochs = self.convergence(experiment, params)
-        return by_model(epochs[epochs["scope"] == "novel_heldout"], "epochs", self.initializers, scale=1)
+    @classmethod
+    def of(
+        cls, key: str, variant: Variant, name: str, title: str, params: Params, runs: pd.DataFrame,
+        queries: pd.DataFrame, **graph: pd.DataFrame,
+    ) -> Self:  # fmt: skip
+        """What ran on the experiment or graph of a name and a title; ``key``: of the variant in params."""
+        runs, queries = (rows[rows["experiment"] == name] for rows in (runs, queries))
+        initializers = [model for model in variant.initializers if model in set(runs["model"])]
+        return cls(name, title, params, initializers, runs, queries, variant, f"{key}_{name}", **graph)
 
 
 @dataclass(frozen=True, eq=False)
-class OtherGraph:
+class GraphRuns(VariantRuns):
     """A graph of the second pipeline (``ENTITIES``, ``TRIPLES``), and the runs on it."""
 
     entities: pd.DataFrame
     triples: pd.DataFrame
-    runs: VariantRuns
-
-
-T = TypeVar("T")
-
-
-@dataclass(frozen=True, eq=False)
-class Analysis(Generic[T]):
-    """The result of an analysis of one experiment: the first that params list for it."""
-
-    experiment: Experiment
-    result: T
-
-
-@dataclass(frozen=True, eq=False)
-class BreakdownTables:
-    """MRR* of all models of an experiment by kind of query, right after insertion, and the joint model's make-up."""
-
-    queries: pd.DataFrame  # ``QUERY_BREAKDOWN``
-    used: pd.DataFrame  # ``USED_COORDINATES``
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """The experiments that were run and the analyses of them; what was not run is None."""
+    """The experiments that were run and the analyses of them."""
 
     params: Params
     #: params, versions and hashes, by title
@@ -208,22 +223,9 @@ class Results:
     #: by source: its observations, and what mining it left (``MINED``)
     observed: Mapping[str, MinedSource]
     mined: Mapping[str, pd.DataFrame]
-    #: by experiment; finetune_only: Θ⁰ trained on without any insertion
-    query_breakdown: Mapping[str, BreakdownTables] = field(default_factory=dict)
-    finetune_only: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     #: of the second pipeline
-    variants: Mapping[str, VariantRuns] = field(default_factory=dict)
-    other_graphs: Mapping[str, OtherGraph] = field(default_factory=dict)
-    affordances: Analysis[pd.DataFrame] | None = None
-    #: with the initializer as ``model``, like affordances
-    sweep: Analysis[pd.DataFrame] | None = None
-    rate_sweep: Analysis[pd.DataFrame] | None = None
-    cross_validation: Analysis[pd.DataFrame] | None = None
-    #: ``MODEL_COMPARISON`` of each embedding model, with a column ``family``
-    embedding_models: Analysis[pd.DataFrame] | None = None
-    #: tensors and tables by name
-    trajectory: Analysis[Mapping[str, np.ndarray]] | None = None
-    explorer: Analysis[Mapping[str, pd.DataFrame]] | None = None
+    variants: Sequence[VariantRuns] = ()
+    other_graphs: Sequence[GraphRuns] = ()
 
     @property
     def standalone(self) -> list[Experiment]:
@@ -244,9 +246,13 @@ class Results:
         """What people call the experiments."""
         return {name: experiment.title for name, experiment in self.experiments.items()}
 
-    def variants_of(self, group: str) -> dict[str, VariantRuns]:
+    def analysis(self, name: str) -> list[tuple[Experiment, Any]]:
+        """The experiments for which an analysis was run, each with its result."""
+        return [(one, one.analyses[name]) for one in self.experiments.values() if name in one.analyses]
+
+    def variants_of(self, group: str) -> list[VariantRuns]:
         """The variants of one group."""
-        return {name: runs for name, runs in self.variants.items() if runs.variant.group == group}
+        return [runs for runs in self.variants if runs.variant.group == group]
 
 
 def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
@@ -255,89 +261,83 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
     Raises:
         InputError: where one is missing or broken.
     """
-    paper = paper_values.read(paths.PAPER)
-    vocabulary = paper_values.read(paths.PAPER.with_name("vocabulary.yaml"), paper_values.VOCABULARY)
     experiments = {name: _experiment(params, name) for name in params.experiments}
     graphs = [entry.graph for entry in params.experiments.values()]
     sources = dict.fromkeys(part.source for graph in graphs for part in (graph, graph.extend) if part)
     return Results(
-        params=params, run=run, paper=paper, vocabulary=vocabulary, experiments=experiments,
+        params=params, run=run, paper=paper_values.read(paths.PAPER), experiments=experiments,
+        vocabulary=paper_values.read(paths.PAPER.with_name("vocabulary.yaml"), paper_values.VOCABULARY),
         definitions=read_definitions(paths.DEFINITIONS),
         observed={name: MinedSource(name, OBSERVATIONS.read_text(source=name), KINDS.read_text(source=name))
                   for name in sources},
         mined={name: MINED.read_text(source=name) for name in sources},
-        query_breakdown={name: BreakdownTables(*(table.read_text(experiment=name)
-                                                for table in (QUERY_BREAKDOWN, USED_COORDINATES)))
-                         for name in params.query_breakdown.experiments},
-        variants=read_variants(experiments, params), other_graphs=_other_graphs(params),
-        finetune_only={name: FINETUNE_ONLY.read_text(experiment=name) for name in params.finetune_only.experiments},
-        **_analyses(params, experiments),
+        variants=read_variants({name: one.title for name, one in experiments.items()}, params),
+        other_graphs=_other_graphs(params),
     )  # fmt: skip
 
 
-def read_variants(experiments: Collection[str], params: Params) -> dict[str, VariantRuns]:
-    """Every variant of the second pipeline that has run on any of the experiments, in its order.
+def read_variants(titles: Mapping[str, str], params: Params) -> list[VariantRuns]:
+    """Every variant of the second pipeline on each of the experiments (by name their titles) on which it has run.
 
     Raises:
         InputError: where its params or a table are broken.
     """
-    runs_of = {}
+    variants = []
     for name, variant in load_beyond(params).variants.items():
         if VARIANT_QUERIES.path(variant=name).exists():
-            frames = (VARIANT_RUNS.read_text(variant=name), VARIANT_QUERIES.read_text(variant=name))
-            runs_of[name] = VariantRuns(variant, *(rows[rows["experiment"].isin(list(experiments))] for rows in frames))
-    return {name: runs for name, runs in runs_of.items() if runs.experiments}
+            tables = [table.read_text(variant=name) for table in (VARIANT_RUNS, VARIANT_QUERIES)]
+            ran = titles.keys() & set(tables[0]["experiment"])
+            variants += [VariantRuns.of(name, variant, experiment, titles[experiment], params, *tables)
+                         for experiment in variant.experiments if experiment in ran]  # fmt: skip
+    return variants
 
 
-def _other_graphs(params: Params) -> dict[str, OtherGraph]:
-    graphs = {name: graph.variant(name) for name, graph in load_beyond(params).graphs.items()
-              if GRAPH_QUERIES.path(graph=name).exists()}  # fmt: skip
-    tables = (GRAPH_ENTITIES, GRAPH_TRIPLES, GRAPH_RUNS, GRAPH_QUERIES)
-    frames = {name: [table.read_text(graph=name) for table in tables] for name in graphs}
-    return {name: OtherGraph(entities, triples, VariantRuns(graphs[name], runs, queries))
-            for name, (entities, triples, runs, queries) in frames.items()}  # fmt: skip
+def _other_graphs(params: Params) -> list[GraphRuns]:
+    graphs, tables = [], (GRAPH_RUNS, GRAPH_QUERIES, GRAPH_ENTITIES, GRAPH_TRIPLES)
+    for name, graph in load_beyond(params).graphs.items():
+        if GRAPH_QUERIES.path(graph=name).exists():
+            runs, queries, entities, triples = (table.read_text(graph=name) for table in tables)
+            graphs.append(GraphRuns.of(name, graph.variant(name), name, graph.title, params, runs, queries,
+                                       entities=entities, triples=triples))  # fmt: skip
+    return graphs
 
 
 def _experiment(params: Params, name: str) -> Experiment:
-    models = [*(initializers := params.initializers_of(name)), JOINT]
-    tables = {"entities": ENTITIES, "triples": TRIPLES, "coverage": COVERAGE, "splits": SPLITS, "novel": NOVEL,
-              "insert_triples": INSERT_TRIPLES}  # fmt: skip
+    initializers, table = params.initializers_of(name), partial(_table, name)
+    models = [*initializers, JOINT]
+    traced = ["entity", "known", "theta0", *(f"{model}.{part}" for model in TRACED for part in ("path", "indicators"))]
+    readers: dict[str, Callable[[], Any]] = {
+        "affordances": lambda: table(AFFORDANCES).rename(columns={"initializer": "model"}),
+        "sweep": lambda: table(INDICATOR_SWEEP, params.sweep.initializers, "initializer"),
+        "rate_sweep": lambda: table(RATE_SWEEP, params.rate_sweep.initializers, "initializer"),
+        "cross_validation": lambda: table(CROSS_VALIDATION),
+        "compare_models": lambda: table(MODEL_COMPARISON, params.compare_models.models, column="family"),
+        "trajectory": lambda: {part: tensor.numpy() for part, tensor in
+                                TRAJECTORY.read(traced, experiment=name).items()},
+        "explorer": lambda: {part: table(of_part) for part, (of_part, _) in single_insertions.TABLES.items()},
+        "query_breakdown": lambda: table(USED_COORDINATES),
+        "finetune_only": lambda: table(FINETUNE_ONLY),
+    }  # fmt: skip
+    listed = {section: params.studies[section].experiments for section in readers}
+    ran = [section for section, names in listed.items() if name in (names if section in _OF_EACH else names[:1])]
     return Experiment(
-        name=name, suffix="" if name == next(iter(params.experiments)) else f"_{name}", params=params,
-        initializers=initializers, **{part: table.read_text(experiment=name) for part, table in tables.items()},
-        theta0_log=TRAINING_LOG.read_text(experiment=name, model="theta0"),
-        joint_log=TRAINING_LOG.read_text(experiment=name, model=JOINT), runs=_of_each(RUNS, name, models),
-        inserted=_of_each(INSERTED, name, initializers, "initializer"), ties=_of_each(TIES, name, models),
+        name=name, title=params.experiments[name].title, params=params, initializers=initializers,
+        suffix="" if name == next(iter(params.experiments)) else f"_{name}",
+        runs=table(RUNS, models), ties=table(TIES, models), inserted=table(INSERTED, initializers, "initializer"),
+        queries=table(QUERY_BREAKDOWN) if "query_breakdown" in ran else None,
+        entities=table(ENTITIES), triples=table(TRIPLES), coverage=table(COVERAGE), splits=table(SPLITS),
+        novel=table(NOVEL), insert_triples=table(INSERT_TRIPLES),
+        theta0_log=table(TRAINING_LOG, ["theta0"]), joint_log=table(TRAINING_LOG, [JOINT]),
+        analyses={section: readers[section]() for section in ran},
     )  # fmt: skip
 
 
-def _analyses(params: Params, experiments: Mapping[str, Experiment]) -> dict[str, Analysis[Any]]:
-    """The analyses that were run, by the names that ``Results`` has for them: each of the first experiment listed."""
-    sweep, rates, models = params.sweep, params.rate_sweep, params.compare_models
-    traced = ["entity", "known", "theta0", *(f"{model}.{part}" for model in TRACED for part in ("path", "indicators"))]
-    readers: dict[str, tuple[list[str], Callable[[str], Any]]] = {
-        "affordances": (params.affordances.experiments,
-                        lambda name: AFFORDANCES.read_text(experiment=name).rename(columns={"initializer": "model"})),
-        "sweep": (sweep.experiments, lambda name: _of_each(INDICATOR_SWEEP, name, sweep.initializers, "initializer")),
-        "rate_sweep": (rates.experiments, lambda name: _of_each(RATE_SWEEP, name, rates.initializers, "initializer")),
-        "cross_validation": (params.cross_validation.experiments,
-                             lambda name: CROSS_VALIDATION.read_text(experiment=name)),
-        "embedding_models": (models.experiments,
-                             lambda name: _of_each(MODEL_COMPARISON, name, models.models, column="family")),
-        "trajectory": (params.trajectory.experiments, lambda name: {
-            part: tensor.numpy() for part, tensor in TRAJECTORY.read(traced, experiment=name).items()}),
-        "explorer": (params.explorer.experiments, lambda name: {
-            part: table.read_text(experiment=name) for part, (table, _) in single_insertions.TABLES.items()}),
-    }  # fmt: skip
-    return {name: Analysis(experiments[listed[0]], reader(listed[0]))
-            for name, (listed, reader) in readers.items() if listed}  # fmt: skip
-
-
-def _of_each(
-    table: Table, experiment: str, names: Iterable[str], slot: str = "model", column: str = "model"
+def _table(
+    experiment: str, table: Table, names: Iterable[str] = (), slot: str = "model", column: str = "model"
 ) -> pd.DataFrame:
-    """The tables of some models, by the slot of the path that names them, one after the other."""
-    return pd.concat(table.read_text(experiment=experiment, **{slot: name}).assign(**{column: name}) for name in names)
+    """A table of an experiment; of several models, one after the other, by the slot of the path that names them."""
+    parts = [table.read_text(experiment=experiment, **{slot: name}).assign(**{column: name}) for name in names]
+    return pd.concat(parts) if parts else table.read_text(experiment=experiment)
 
 
 def read_definitions(path: Path) -> pd.DataFrame:

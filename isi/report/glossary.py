@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any
 
 from markupsafe import Markup, escape
 
@@ -43,8 +42,8 @@ def of_the_page() -> list[Term]:
 
 def of_models(results: Results) -> list[Term]:
     """Every initializer that was run, as it describes itself, and the joint model."""
-    runs: list[Any] = [*results.experiments.values(), *results.variants.values()]
-    titles = {name: label(name) for one in runs for name in one.initializers}
+    every_run = [*results.experiments.values(), *results.variants]
+    titles = {name: label(name) for runs in every_run for name in runs.initializers}
     meanings = {name: described(name).removeprefix(title).lstrip(",: ") for name, title in titles.items()}
     terms = [
         Term(title, meanings[name][:1].upper() + meanings[name][1:], in_text=title.isupper() or title == "Xavier")

@@ -141,17 +141,17 @@ def column_groups(table: ReportTable) -> list[tuple[str, int]]:
 def metrics(results: Results) -> dict[str, Any]:
     """Headline numbers for ``dvc metrics``: of the first experiment, and of each other under its name."""
     first, *others = results.experiments.values()
-    return _headlines(results, first) | {one.name: _headlines(results, one) for one in others}
+    return _headlines(first) | {experiment.name: _headlines(experiment) for experiment in others}
 
 
-def _headlines(results: Results, experiment: Experiment) -> dict[str, Any]:
-    convergence, models, triples = experiment.convergence, experiment.models, experiment.triples
+def _headlines(experiment: Experiment) -> dict[str, Any]:
     numbers: dict[str, Any] = {
-        "immediate_mrr_star": stats.mrr_star(experiment.immediate, models),
-        "epochs_to_convergence": stats.epochs(convergence, models),
-        "unconverged_percent": stats.unconverged(convergence, models),
+        "immediate_mrr_star": experiment.mrr_star,
+        "epochs_to_convergence": experiment.epochs(),
+        "unconverged_percent": experiment.unconverged,
     }
     if experiment.settings.graph.extend is None:
+        triples = experiment.triples
         graph = {"observations": int(triples["count"].sum()), "unique_triples": len(triples),
                  "entities": len(experiment.entities)}  # fmt: skip
         gains = {scope: stats.values(stats.improvements(experiment.immediate, scope)) for scope in ("all", "novel")}
@@ -160,15 +160,13 @@ def _headlines(results: Results, experiment: Experiment) -> dict[str, Any]:
         numbers = {"graph": graph, **numbers, "improvement_over_xavier_percent": gains}
     else:
         numbers["drop_percent"] = stats.values(transfer.drops(experiment.immediate))
-        runs, last = experiment.curves, experiment.params.finetuning.max_epochs
+        runs, last = experiment.curves, experiment.max_epochs
         ended = runs[(runs["scope"] == "known_closed") & (runs["epoch"] == last)]
         numbers["known_closed_at_the_end"] = stats.means(ended, "mrr_star")
-    if experiment.name in results.query_breakdown:
-        given = queries.directions(results.query_breakdown[experiment.name].queries, models)["given"]
-        numbers["novel_entity_given"] = stats.values(given)
-    if (analysis := results.affordances) and analysis.experiment is experiment:
-        answers = queries.answers_of(analysis, results.params.affordances.relation)
-        numbers["affordances_percent"] = answers.shares
+    if experiment.queries is not None:
+        numbers["novel_entity_given"] = stats.values(experiment.given_means)
+    if "affordances" in experiment.analyses:
+        numbers["affordances_percent"] = queries.Answers.of(experiment).shares
     return _rounded(numbers)
 
 

@@ -20,13 +20,16 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module, resources
+from math import nan
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure as Canvas
 
 from isi.report import words
 from isi.report.data import Experiment, Results
 from isi.report.figures import Figure
+from isi.report.significance import LEVEL
 from isi.report.tables import ReportTable
 
 
@@ -36,8 +39,9 @@ class Content:
 
     #: for the template
     numbers: Mapping[str, Any] = field(default_factory=dict)
-    #: the template names them without the suffix
-    shown: Sequence[ReportTable | Figure] = ()
+    #: rows by name (``ReportTable.of``), and figures; the template names them without the suffix
+    tables: Mapping[str, Any] = field(default_factory=dict)
+    figures: Mapping[str, Canvas] = field(default_factory=dict)
     #: opens a part of the section; for the template
     heading: str = ""
     #: behind names of tables and figures, and the title of the experiment behind theirs
@@ -93,7 +97,8 @@ class ReportSection:
         template = _ENVIRONMENT.from_string(self.text) if self.text else _ENVIRONMENT.get_template(f"{self.name}.md.j2")
         title, flag, blocks = "", "", list[Block]()
         for number, content in enumerate(self.contents(results)):
-            text = template.render({**content.numbers, "heading": content.heading, "first": number == 0})
+            about: dict[str, Any] = {"results": results, "params": results.params, "tables": content.tables}
+            text = template.render({**about, "heading": content.heading, "first": number == 0, **content.numbers})
             for block in parsed(text, content):
                 if block.kind == "section":
                     title, flag = block.title, block.text
@@ -114,8 +119,13 @@ def of_each(experiments: Iterable[Experiment], content_of: Callable[[Experiment]
     contents = [(one, content) for one in experiments if (content := content_of(one)) is not None]
     for place, (experiment, content) in enumerate(contents):
         heading = f"## {words.capitalized(experiment.title)}{' | folded' if place else ''}"
-        yield replace(content, heading=heading if len(contents) > 1 else "", suffix=experiment.suffix,
-                      title=experiment.title if experiment.suffix else "")  # fmt: skip
+        yield replace(
+            content,
+            numbers={"experiment": experiment, **content.numbers},
+            suffix=experiment.suffix,
+            heading=heading if len(contents) > 1 else "",
+            title=experiment.title if experiment.suffix else "",
+        )
 
 
 def of_each_graph(
@@ -135,7 +145,6 @@ def parsed(text: str, content: Content) -> Iterator[Block]:
     Raises:
         KeyError: where it names a table or a figure that the content lacks.
     """
-    items: dict[Any, Any] = {**content.numbers, **{(type(item), item.name): item for item in content.shown}}
     for part in filter(None, map(str.strip, re.split(r"\n\s*\n", text))):
         first, *others = part.split("\n")
         mark, _, rest = first.partition(" ")
@@ -149,11 +158,16 @@ def parsed(text: str, content: Content) -> Iterator[Block]:
             yield Block("list", items=[" ".join(text.split()) for text in texts])
         elif mark.startswith("@"):
             name, (title, _, flag) = title, flag.partition(" | ")
-            kind = {"@table": ReportTable, "@figure": Figure}.get(mark)
-            item = replace(items[kind, name], name=f"{name}{content.suffix}") if kind else items.get(name)
-            if kind:
-                title += f" ({content.title})" if content.title else ""
-            yield Block(mark[1:], " ".join(" ".join(others).split()), (), title, flag == "folded", item)
+            shown: Any = content.numbers.get(name)
+            if mark in ("@table", "@figure"):
+                title, full_name = title + (f" ({content.title})" if content.title else ""), name + content.suffix
+                is_table = mark == "@table"
+                shown = (
+                    ReportTable.of(full_name, content.tables[name])
+                    if is_table
+                    else Figure(full_name, content.figures[name])
+                )
+            yield Block(mark[1:], " ".join(" ".join(others).split()), (), title, flag == "folded", shown)
         else:
             yield Block("paragraph", " ".join(part.split()))
 
@@ -166,5 +180,12 @@ _ENVIRONMENT.filters |= {
     "joined": words.joined, "with_values": words.with_values, "listed_epochs": words.listed_epochs,
     "label": words.label, "described": words.described, "capitalized": words.capitalized, "num": format,
     "labels": lambda models: words.joined(map(words.label, models)),
+    "isi": words.isi, "contenders": words.contenders, "controls": words.controls,
 }  # fmt: skip
-_ENVIRONMENT.globals["SCOPES"] = words.SCOPES
+_ENVIRONMENT.globals |= {
+    "SCOPES": words.SCOPES,
+    "BASELINE": words.BASELINE,
+    "JOINT": words.JOINT,
+    "LEVEL": LEVEL,
+    "nan": nan,
+}

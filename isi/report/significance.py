@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from isi.random import stream
 from isi.report.stats import ratios
-from isi.report.tables import Column, Estimate, ReportTable
+from isi.report.tables import Column, Estimate
 from isi.report.words import isi, label
 
 #: A difference is significant where its corrected p is below this.
 LEVEL = 0.05
+#: A difference, as people read it.
+signed = "{:+.2f}".format
 #: Up to as many seeds that differ, every way to flip their signs is counted; ...
 _COUNTED = 40
 #: ... beyond, as many ways are drawn.
@@ -67,22 +71,20 @@ def compare(measures: Mapping[str, pd.DataFrame], models: Sequence[str]) -> list
     return pairs
 
 
-def pairs_table(name: str, pairs: Sequence[Pair]) -> ReportTable:
+def pairs_table(pairs: Iterable[Pair]) -> list[dict[Any, Any]]:
     """Every pair with its interval and test; "none" stands for the p of a pair that no seed tells apart."""
-    columns = [Column(title, form=_p, any_size=True) for title in ("p", "p (Holm)")]
-    return ReportTable.of(name, [
+
+    def shown(p: float, seeds: int) -> float | str:
+        return "none" if np.isnan(p) and seeds else p
+
+    return [
         {"measure": pair.measure, "first": label(pair.first), "second": label(pair.second),
-         Column("difference", form=signed): pair.difference}
-        | {column: "none" if np.isnan(pair.difference.p) and pair.difference.seeds else p
-           for column, p in zip(columns, (pair.difference.p, pair.holm), strict=True)}
-        | {"seeds": pair.difference.seeds, "of these differ": pair.difference.differing}
+         Column("difference", form=signed): (points := pair.difference),
+         Column("p", form=_p, any_size=True): shown(points.p, points.seeds),
+         Column("p (Holm)", form=_p, any_size=True): shown(pair.holm, points.seeds),
+         "seeds": points.seeds, "of these differ": points.differing}
         for pair in pairs
-    ])  # fmt: skip
-
-
-def signed(value: float) -> str:
-    """A difference, as people read it."""
-    return f"{value:+.2f}"
+    ]  # fmt: skip
 
 
 def _p(value: float) -> str:
@@ -123,18 +125,11 @@ def sign_flip(values: np.ndarray) -> float:
     if len(units) > _COUNTED:
         signs = stream(0, "signs").choice(np.array([-1, 1]), (_DRAWN, len(units)))
         return float(1 + (np.abs(signs @ units) >= reached).sum()) / (1 + _DRAWN)
-    half = len(units) // 2
-    first, second = (np.sort(signed_sums(part)) for part in (units[:half], units[half:]))
+    none, half = np.zeros(1, dtype=np.int64), len(units) // 2
+    first, second = (np.sort(reduce(lambda sums, unit: np.append(sums - unit, sums + unit), part, none))
+                     for part in (units[:half], units[half:]))  # fmt: skip
     above = int((len(first) - np.searchsorted(first, reached - second)).sum())
     return 1.0 if not reached else 2.0 * above / 2 ** len(units)
-
-
-def signed_sums(units: np.ndarray) -> np.ndarray:
-    """The sums of values with every choice of signs; shape: (2ⁿ,)."""
-    sums = np.zeros(1, dtype=np.int64)
-    for unit in units:
-        sums = np.concatenate([sums - unit, sums + unit])
-    return sums
 
 
 def holm(p: np.ndarray) -> np.ndarray:

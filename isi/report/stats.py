@@ -23,21 +23,6 @@ RESAMPLES = 9_999
 ByScope = dict[str, dict[str, float]]
 
 
-def mrr_star(runs: pd.DataFrame, models: Sequence[str]) -> ByScope:
-    """Mean MRR* in points, of those that have queries."""
-    return by_scope(100 * runs.groupby(["scope", "model"])["mrr_star"].mean().dropna(), models)
-
-
-def epochs(convergence: pd.DataFrame, models: Sequence[str]) -> ByScope:
-    """Mean epochs to convergence."""
-    return by_scope(convergence.groupby(["scope", "model"])["epochs"].mean(), models)
-
-
-def unconverged(convergence: pd.DataFrame, models: Sequence[str]) -> ByScope:
-    """Share of runs that never converge, in per cent."""
-    return by_scope(100 * (1 - convergence.groupby(["scope", "model"])["converged"].mean()), models)
-
-
 def by_scope(values: pd.Series, models: Sequence[str]) -> ByScope:
     """Values by (scope, model) as mappings, models in their order."""
     return {
@@ -60,26 +45,11 @@ def converged(
     runs: pd.DataFrame, joint: pd.DataFrame, margin: float, max_epochs: int, by: Sequence[str]
 ) -> pd.DataFrame:
     """``epochs_to_convergence`` session by session, each against the joint models in its own."""
-    if runs.empty:
-        kinds = dict.fromkeys([*by, "scope", "size", "seed", "queries", "session"], object)
-        return pd.DataFrame(columns=[*kinds, "epochs", "converged"]).astype(
-            kinds | {"epochs": float, "converged": bool}
-        )
-    return pd.concat([
-        epochs_to_convergence(rows, joint[joint["session"] == session], margin, max_epochs, by).assign(session=session)
-        for session, rows in runs.groupby("session")
-    ], ignore_index=True)  # fmt: skip
-
-
-def collapsed(immediate: pd.DataFrame, ties: pd.DataFrame, entities: int) -> dict[str, float]:
-    """Of models that score nearly everything the same over all queries, how many rivals tie with an answer.
-
-    A triple has a head query and a tail query; a model counts as collapsed where, of both together, half as many
-    rivals as there are entities have the answer's score.
-    """
-    tied, runs = ties[ties["scope"] == "all"], immediate[immediate["scope"] == "all"]
-    rivals = tied.groupby("model")["ties"].sum() / runs.groupby("model")["queries"].sum().replace(0, np.nan)
-    return {str(model): float(number) for model, number in rivals.items() if number >= entities / 2}
+    sessions = []
+    for session in sorted(set(runs["session"])) or [1]:
+        here, target = (rows[rows["session"] == session] for rows in (runs, joint))
+        sessions.append(epochs_to_convergence(here, target, margin, max_epochs, by).assign(session=session))
+    return pd.concat(sessions, ignore_index=True)
 
 
 def improvements(immediate: pd.DataFrame, scope: str) -> dict[str, Estimate]:
@@ -88,25 +58,25 @@ def improvements(immediate: pd.DataFrame, scope: str) -> dict[str, Estimate]:
     Empty where Xavier was not run.
     """
     cells = immediate[immediate["scope"] == scope].pivot_table("mrr_star", "seed", ["model", "size"], dropna=False)
-    if BASELINE not in cells:
-        return {}
-
-    def gain(means: np.ndarray, baseline: np.ndarray) -> np.ndarray:
-        over: np.ndarray = 100 * (means / baseline - 1).mean(-1)
-        return over
-
-    of_model = {str(model): pd.DataFrame(cells[model]) for model in cells.columns.unique("model")}
-    base = of_model[BASELINE]
-    gains = {model: of_means(gain, rows.reindex(columns=base.columns), base) for model, rows in of_model.items()}
-    return {model: estimate for model, estimate in gains.items() if not np.isnan(estimate.mean)}
+    return relative({str(model): (pd.DataFrame(cells[model]), pd.DataFrame(cells[BASELINE]))
+                     for model in cells.columns.unique("model") if BASELINE in cells})  # fmt: skip
 
 
-def fewer_epochs(convergence: pd.DataFrame, scope: str = "all") -> dict[str, float]:
-    """By how much each initializer's mean number of epochs is below Xavier's, in per cent (section 6.2)."""
-    means = convergence[convergence["scope"] == scope].groupby("model")["epochs"].mean()
-    if BASELINE not in means or not means[BASELINE]:
-        return {}
-    return {str(model): float(value) for model, value in (100 * (1 - means / means[BASELINE])).items()}
+def relative(pairs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], sign: int = 1) -> dict[str, Estimate]:
+    """By how much the means of some cells are above those of others, in per cent, averaged over cells.
+
+    Args:
+        pairs: by name, the cells and those to compare with: a row a seed and a column a cell, likewise in both.
+        sign: -1 for how much they are below.
+    """
+
+    def above(means: np.ndarray, base: np.ndarray) -> np.ndarray:
+        share: np.ndarray = 100 * (sign * (means / base - 1)).mean(-1)
+        return share
+
+    estimates = {name: of_means(above, cells.reindex(columns=base.columns), base)
+                 for name, (cells, base) in pairs.items()}  # fmt: skip
+    return {name: estimate for name, estimate in estimates.items() if not np.isnan(estimate.mean)}
 
 
 def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
@@ -140,13 +110,11 @@ def ordered_rows(means: pd.DataFrame, models: Sequence[str], **orders: Sequence[
         means: by group; one level is ``model``.
         orders: of other levels, where that is not ascending; values that an order lacks are left out.
     """
-    places = []
-    for name in map(str, means.index.names):
-        order = list(models if name == "model" else orders.get(name, sorted(means.index.unique(name))))
-        places.append([order.index(key) if key in order else -1 for key in means.index.get_level_values(name)])
-    kept = [place for place in np.lexsort(places[::-1]) if min(levels[place] for levels in places) >= 0]
-    frame = means.iloc[kept].reset_index()
-    return frame.assign(model=frame["model"].map(label))
+    levels, frame = list(map(str, means.index.names)), means.reset_index()
+    for name, order in {"model": models, **orders}.items():
+        frame[name] = pd.Categorical(frame[name], list(order))
+    frame = frame.dropna(subset=levels).sort_values(levels)
+    return frame.assign(model=frame["model"].astype(object).map(label))
 
 
 def cells_of(rows: pd.DataFrame, models: Sequence[str], scope: str, column: str) -> pd.DataFrame:

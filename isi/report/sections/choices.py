@@ -12,19 +12,22 @@ from matplotlib.figure import Figure as Canvas
 
 from isi.evaluation.query_sets import CONVERGING
 from isi.models.model import MODELS
-from isi.report.data import Analysis, Results
-from isi.report.figures import Figure, legend, line_over_seeds, panels
+from isi.report.data import Results
+from isi.report.figures import legend, line_over_seeds, panels
 from isi.report.section import Content
 from isi.report.stats import over_seeds
-from isi.report.tables import Column, ReportTable
+from isi.report.tables import Column
 from isi.report.words import HALVES, colour, label
 
 #: Indicator set sizes by who chose them and initializer.
 Chosen = Mapping[str, Mapping[str, int]]
 #: A value for each factor that cross-validation varies.
 Setting = Mapping[str, float]
-#: Marks of the sizes that someone chose: marker, how it is filled, and its size.
-_MARKS = {"this run": ("s", "full", 5), "paper": ("D", "none", 9), "picked by the rule": ("*", "full", 11)}
+#: Marks of the sizes that someone chose.
+_MARKS: dict[str, dict[str, Any]] = {
+    "this run": {"marker": "s", "fillstyle": "full", "ms": 5}, "paper": {"marker": "D", "fillstyle": "none", "ms": 9},
+    "picked by the rule": {"marker": "*", "fillstyle": "full", "ms": 11},
+}  # fmt: skip
 #: The rule for the size: each size is averaged with the one before it and the one after, ...
 NEIGHBOURS = 3
 #: ... the set grows while this many epochs are gained, ...
@@ -35,25 +38,26 @@ LOSS = 0.01
 
 def indicators(results: Results) -> Iterator[Content]:
     """The size of the indicator set (section 5.3): Figures 2a and 2b, and their numbers."""
-    if results.sweep is None:
-        return
-    sweep, models = results.params.sweep, list(results.params.sweep.initializers)
-    means, runs, epochs = sweep_means(results.sweep, models)
-    chosen = chosen_sizes(means, results.params.initializers, results.paper["indicators"])
-    late = 100.0 * (epochs["epochs"] > 0)
-    shares = epochs.assign(value=late.where(epochs["scope"] == "all", epochs["epochs"]))
-    immediate = (("all", "all queries", "MRR* minus that with this run's k (points)"), ("novel", "novel entities", ""))
-    later = (("all", "all queries: not immediately", "share of runs (%)"),
-             ("novel_heldout", "novel entities, held-out triples", "epochs to convergence"))  # fmt: skip
-    frame = means.reset_index()
-    frame = frame.assign(model=frame["model"].map(label)).rename(columns={"model": "initializer", "k": "indicators"})
-    yield Content({"chosen": chosen, "models": models, "sweep": sweep, "most": results.params.finetuning.max_epochs}, [
-        Figure("figure2a_immediate_sensitivity", _by_size(relative(runs, chosen["this run"]), models, chosen,
-                                                          immediate)),
-        Figure("figure2b_convergence_sensitivity", _by_size(shares, models, chosen, later, lowest=0)),
-        indicator_sizes(means, chosen),
-        ReportTable.of("sensitivity", frame),
-    ])  # fmt: skip
+    for experiment, sweep in results.analysis("sweep"):
+        models, runs = list(results.params.sweep.initializers), sweep[sweep["epoch"] == 0]
+        epochs = experiment.converged(sweep, ["model", "k"])
+        means = means_of(runs, epochs, models)
+        chosen = chosen_sizes(means, results.params.initializers, results.paper["indicators"])
+        late = 100.0 * (epochs["epochs"] > 0)
+        shares = epochs.assign(value=late.where(epochs["scope"] == "all", epochs["epochs"]))
+        now = (("all", "all queries", "MRR* minus that with this run's k (points)"), ("novel", "novel entities", ""))
+        later = (("all", "all queries: not immediately", "share of runs (%)"),
+                 ("novel_heldout", "novel entities, held-out triples", "epochs to convergence"))  # fmt: skip
+        frame = means.reset_index()
+        frame = frame.assign(model=frame["model"].map(label)).rename(
+            columns={"model": "initializer", "k": "indicators"}
+        )
+        yield Content(
+            {"chosen": chosen, "models": models},
+            {"indicator_sizes": indicator_sizes(means, chosen), "sensitivity": frame},
+            {"figure2a_immediate_sensitivity": _by_size(relative(runs, chosen["this run"]), models, chosen, now),
+             "figure2b_convergence_sensitivity": _by_size(shares, models, chosen, later, lowest=0)},
+        )  # fmt: skip
 
 
 def relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFrame:
@@ -68,15 +72,6 @@ def relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFr
         parts.append(runs.join(runs[runs["k"] == k].set_index(cell)["mrr_star"].rename("base"), on=cell))
     rows = pd.concat(parts, ignore_index=True)
     return rows.assign(value=100 * (rows["mrr_star"] - rows["base"]))
-
-
-def sweep_means(
-    sweep: Analysis[pd.DataFrame], models: Sequence[str]
-) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
-    """Means by model and indicator set size, runs right after insertion, and epochs to convergence."""
-    runs = sweep.result[sweep.result["epoch"] == 0]
-    epochs = sweep.experiment.converged(sweep.result, ["model", "k"])
-    return means_of(runs, epochs, models), runs, epochs
 
 
 def means_of(immediate: pd.DataFrame, epochs: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
@@ -106,12 +101,6 @@ def picked_sizes(means: pd.DataFrame) -> dict[str, int]:
     mrr_star, epochs = means[Column("MRR*", "novel")] / 100, means[Column("epochs", "novel_heldout")]
     return {model: select_size(mrr_star[model].index.tolist(), mrr_star[model].tolist(), epochs[model].tolist())
             for model in means.index.unique("model")}  # fmt: skip
-
-
-def best_sizes(means: pd.DataFrame) -> dict[str, int]:
-    """The size of the best immediate MRR* over all queries, for each initializer."""
-    mrr_star = means[Column("MRR*", "all")].dropna()
-    return {model: int(mrr_star[model].idxmax()) for model in mrr_star.index.unique("model")}
 
 
 def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequence[float]) -> int:
@@ -144,7 +133,7 @@ def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequenc
     return sizes[picked]
 
 
-def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> ReportTable:
+def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> list[dict[Any, Any]]:
     """The indicator set size that the paper's rule picks, beside those of this run and of the paper."""
     rows = []
     for model, size in chosen["picked by the rule"].items():
@@ -154,7 +143,7 @@ def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> ReportTable:
             | {Column("MRR*", "picked"): mrr_star[size], Column("epochs", "picked"): epochs[size],
                "best MRR*": mrr_star.max(), "best at": mrr_star.idxmax() if mrr_star.notna().any() else None}
         )  # fmt: skip
-    return ReportTable.of("indicator_sizes", rows)
+    return rows
 
 
 def _by_size(
@@ -174,54 +163,52 @@ def _by_size(
                 (sizes, mean, low, high), color = line_over_seeds(of_model, "k", "value", 1), colour(model, models)
                 panel.plot(sizes, mean, color=color, label=label(model), lw=1.4)
                 panel.fill_between(sizes, low, high, color=color, alpha=0.15, lw=0)
-                for who, (marker, fill, mark) in _MARKS.items():
+                for who, mark in _MARKS.items():
                     if (k := chosen[who].get(model)) is not None:
                         height = np.interp(k, sizes, mean, left=np.nan, right=np.nan)
-                        panel.plot(k, height, color=color, ls="", marker=marker, fillstyle=fill, ms=mark, clip_on=False)
+                        panel.plot(k, height, color=color, ls="", clip_on=False, **mark)
         panel.set(title=title, xlabel="indicators k", ylabel=ylabel)
         panel.set_ylim(bottom=lowest)
-    for who, (marker, fill, mark) in _MARKS.items():
-        axes[-1].plot([], [], color="#555555", ls="", marker=marker, fillstyle=fill, ms=mark, label=who)
+    for who, mark in _MARKS.items():
+        axes[-1].plot([], [], color="#555555", ls="", label=who, **mark)
     legend(canvas, axes)
     return canvas
 
 
 def cross_validation(results: Results) -> Iterator[Content]:
     """How the joint model does with other settings, on folds (section 5.3)."""
-    if results.cross_validation is None:
-        return
-    rows, settings = results.cross_validation.result, [setting.model_dump() for setting in results.params.settings]
-    choice, paper = settings[0], results.paper["training"]
-    numbers = {"folds": results.params.cross_validation.folds, "paper": paper, "choice": choice, "points": None}
-    if _of_setting(rows, choice).empty:
-        yield Content(numbers)
-        return
-    means = rows.groupby(list(choice), sort=False)["mrr_star"].mean().mul(100).reset_index()
-    top = means.iloc[int(means["mrr_star"].to_numpy().argmax())]
-    numbers["best"] = {name: top[name] for name in choice}
-    numbers["points"] = (_of_setting(means, choice)["mrr_star"].iloc[0], top["mrr_star"])
-    numbers["within"] = _within(rows, choice, numbers["best"])
-    yield Content(numbers, [cross_validation_table(rows, settings, paper)])
+    for _, rows in results.analysis("cross_validation"):
+        settings = [setting.model_dump() for setting in results.params.settings]
+        choice, paper = settings[0], results.paper["training"]
+        if _of_setting(rows, choice).empty:
+            yield Content({"points": None})
+            return
+        means = rows.groupby(list(choice), sort=False)["mrr_star"].mean().mul(100).reset_index()
+        top = means.iloc[int(means["mrr_star"].to_numpy().argmax())]
+        best = {name: top[name] for name in choice}
+        numbers = {"points": (_of_setting(means, choice)["mrr_star"].iloc[0], top["mrr_star"]), "choice": choice,
+                   "best": best, "within": _within(rows, choice, best)}  # fmt: skip
+        yield Content(numbers, {"cross_validation": cross_validation_table(rows, settings, paper)})
 
 
-def cross_validation_table(rows: pd.DataFrame, settings: Sequence[Setting], paper: Setting) -> ReportTable:
+def cross_validation_table(rows: pd.DataFrame, settings: Sequence[Setting], paper: Setting) -> list[dict[Any, Any]]:
     """Mean and deviation of MRR* over folds for each setting, the choice of this run first, beside the paper's."""
-    lines, choice = [], settings[0]
+    lines, choice = list[dict[Any, Any]](), settings[0]
     for setting in settings:
         folds = _of_setting(rows, setting)
         means = 100 * folds[list(HALVES)].mean()
         choosers = (("this run", setting == choice), ("paper", setting == paper))
-        lines.append(
-            {name.replace("_", " "): f"{value:g}" for name, value in setting.items()}
-            | {"MRR*": means["mrr_star"], "std": 100 * folds["mrr_star"].std(ddof=1)}
-            | {"entity half": means["mrr_star_entity"], "relation half": means["mrr_star_relation"]}
-            | {"best epoch": folds["epoch"].mean(),
-               Column("from the choice", form="{:+.1f}".format): _lead(rows, choice, setting),
-               "beyond the folds' deviation":
-                   "" if setting == choice else "no" if _within(rows, choice, setting) else "yes",
-               "choice of": ", ".join(who for who, chose in choosers if chose)}
-        )  # fmt: skip
-    return ReportTable.of("cross_validation", lines)
+        lines.append({
+            **{name.replace("_", " "): f"{value:g}" for name, value in setting.items()},
+            "MRR*": means["mrr_star"], "std": 100 * folds["mrr_star"].std(ddof=1),
+            "entity half": means["mrr_star_entity"], "relation half": means["mrr_star_relation"],
+            "best epoch": folds["epoch"].mean(),
+            Column("from the choice", form="{:+.1f}".format): _lead(rows, choice, setting),
+            "beyond the folds' deviation":
+                "" if setting == choice else "no" if _within(rows, choice, setting) else "yes",
+            "choice of": ", ".join(who for who, chose in choosers if chose),
+        })  # fmt: skip
+    return lines
 
 
 def _lead(rows: pd.DataFrame, choice: Setting, other: Setting) -> float:
@@ -259,31 +246,33 @@ def best(rows: pd.DataFrame, choice: Setting, factor: str) -> tuple[float, str]:
 
 def embedding_models(results: Results) -> Iterator[Content]:
     """The joint model as every embedding model, each trained as validation triples alone advise."""
-    if results.embedding_models is None or results.embedding_models.result.empty:
-        return
-    rows, settings = results.embedding_models.result, results.params.compare_models
-    options = {name: trained.model_dump() | results.params.models[name] for name, trained in settings.models.items()}
-    means = 100 * rows.groupby("family")["mrr_star"].mean().sort_values(ascending=False, kind="stable")
-    numbers = {
-        "title": results.embedding_models.experiment.title, "seeds": settings.seeds,
-        "main": _class_name(results.params.embedding.model),
-        "means": {_class_name(str(name)): value for name, value in means.items()},
-    }  # fmt: skip
-    yield Content(numbers, [embedding_table(rows, options)])
+    for experiment, rows in results.analysis("compare_models"):
+        settings = results.params.compare_models
+        options = {
+            name: trained.model_dump() | results.params.models[name] for name, trained in settings.models.items()
+        }
+        means = 100 * rows.groupby("family")["mrr_star"].mean().sort_values(ascending=False, kind="stable")
+        numbers = {
+            "title": experiment.title, "main": class_name(results.params.embedding.model),
+            "means": {class_name(str(name)): value for name, value in means.items()},
+        }  # fmt: skip
+        if len(rows):
+            yield Content(numbers, {"embedding_models": embedding_table(rows, options)})
 
 
-def _class_name(model: str) -> str:
+def class_name(model: str) -> str:
+    """What people call an embedding model."""
     return MODELS.get(model, f"models.{model}").__name__
 
 
-def embedding_table(rows: pd.DataFrame, options: Mapping[str, Mapping[str, Any]]) -> ReportTable:
+def embedding_table(rows: pd.DataFrame, options: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Measures of each embedding model over seeds, with the options that were chosen for it."""
     means = over_seeds(rows, ["family"], {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"})
-    return ReportTable.of("embedding_models", [
-        {"embedding": _class_name(name), **means.loc[name], "epochs": rows.loc[rows["family"] == name, "epochs"].mean()}
+    return [
+        {"embedding": class_name(name), **means.loc[name], "epochs": rows.loc[rows["family"] == name, "epochs"].mean()}
         | {option.replace("_", " "): _written(value) for option, value in values.items()}
         for name, values in options.items() if name in means.index
-    ])  # fmt: skip
+    ]  # fmt: skip
 
 
 def _written(value: object) -> str:

@@ -8,17 +8,18 @@ from typing import Any
 import pandas as pd
 
 from isi.evaluation.query_sets import CONVERGING
-from isi.report import stats
 from isi.report.data import Experiment, Results
-from isi.report.figures import Figure, by_epoch
+from isi.report.figures import by_epoch
 from isi.report.section import Content, of_each_graph
 from isi.report.significance import difference
 from isi.report.stats import epochs_summary, ordered_rows, over_seeds, wide
-from isi.report.tables import Column, ReportTable
-from isi.report.words import SCOPE, contenders, isi, label
+from isi.report.tables import Column
+from isi.report.words import SCOPE, isi, label
 
 #: Factor on the fine-tuning rate of the main runs.
 AS_CHOSEN = 1.0
+#: Of Figure 3b.
+CURVES = ("all", "novel_heldout")
 
 
 @of_each_graph
@@ -26,33 +27,23 @@ def convergence(results: Results, experiment: Experiment) -> Content:
     """Epochs to convergence, Figure 3b, Table 2, and Table 2 at other rates."""
     params, initializers, epochs = results.params, experiment.finetuned, experiment.convergence
     size, margin, sweep = experiment.curve_size, params.convergence.margin, params.rate_sweep
-    numbers: dict[str, Any] = {
-        "margin": 100 * margin, "most": params.finetuning.max_epochs, "tested": contenders(initializers),
-        "epochs": stats.epochs(epochs, initializers), "unconverged": stats.unconverged(epochs, initializers),
-        "medians": stats.by_scope(epochs.groupby(["scope", "model"])["epochs"].median(), initializers),
-        "size": size, "best": [], "rates": None,
-    }  # fmt: skip
-    shown: list[ReportTable | Figure] = [
-        table2("table2_convergence", epochs, initializers, results.paper["convergence"]["epochs"]),
-        _by_size(epochs, initializers),
-    ]
+    numbers: dict[str, Any] = {"best": [], "rates": None}
+    tables: dict[str, Any] = {
+        "table2_convergence": table2(epochs, initializers, results.paper["convergence"]["epochs"]),
+        "convergence_by_size": _by_size(epochs, initializers),
+    }
+    figures = {}
     if size is not None:
         numbers["best"] = best_epochs(experiment.curves, initializers)
-        shown.append(learning_curves("figure3b_curves", experiment.curves, initializers, margin))
+        figures["figure3b_curves"] = by_epoch(experiment.curves, initializers, CURVES, margin=margin)
     swept = [name for name in initializers if name in sweep.initializers]
-    if results.rate_sweep and results.rate_sweep.experiment is experiment and swept:
-        runs, rates = experiment.runs, results.rate_sweep.result
+    if "rate_sweep" in experiment.analyses and swept:
+        runs, rates = experiment.runs, experiment.analyses["rate_sweep"]
         main = runs[(runs["size"] == sweep.size) & runs["model"].isin(swept)].assign(factor=AS_CHOSEN)
         by_factor = experiment.converged(pd.concat([main, rates[rates["model"].isin(swept)]]), ["model", "factor"])
         numbers["rates"] = {scope: orders(by_factor, swept, scope) for scope in CONVERGING}
-        numbers |= {"rate_size": sweep.size, "finetuning": params.finetuning}
-        shown.append(by_rate(by_factor, swept))
-    return Content(numbers, shown)
-
-
-def learning_curves(name: str, runs: pd.DataFrame, initializers: Sequence[str], margin: float) -> Figure:
-    """Figure 3b: MRR* by epoch of fine-tuning, of runs of one size."""
-    return Figure(name, by_epoch(runs, initializers, ("all", "novel_heldout"), margin=margin))
+        tables["convergence_by_rate"] = by_rate(by_factor, swept)
+    return Content(numbers, tables, figures)
 
 
 def best_epochs(runs: pd.DataFrame, initializers: Sequence[str]) -> list[tuple[Any, ...]]:
@@ -69,28 +60,29 @@ def best_epochs(runs: pd.DataFrame, initializers: Sequence[str]) -> list[tuple[A
 
 
 def table2(
-    name: str, epochs: pd.DataFrame, initializers: Sequence[str], paper: Mapping[str, Mapping[str, float]]
-) -> ReportTable:
+    epochs: pd.DataFrame, initializers: Sequence[str], paper: Mapping[str, Mapping[str, float]]
+) -> dict[Any, list[Any]]:
     """Table 2: epochs to convergence over all sizes, beside the paper's."""
     summary = epochs_summary(epochs, ["scope", "model"])[["mean", "std", "median", "unconverged %"]]
-    groups = dict(zip(CONVERGING, CONVERGING, strict=True))
-    theirs: dict[Any, list[Any]] = {Column(title, "paper"): [paper.get(model, {}).get(column) for model in initializers]
-              for column, title in (("mean", "mean"), ("deviation", "std"))}  # fmt: skip
-    ours = wide(summary, [(model,) for model in initializers], groups)
-    return ReportTable.of(name, {"initializer": list(map(label, initializers))} | ours | theirs)
+    ours = wide(summary, [(model,) for model in initializers], {scope: scope for scope in CONVERGING})
+    theirs: dict[Any, list[Any]] = {
+        Column(title, "paper"): [paper.get(model, {}).get(column) for model in initializers]
+        for column, title in (("mean", "mean"), ("deviation", "std"))
+    }
+    return {"initializer": list(map(label, initializers))} | ours | theirs
 
 
-def _by_size(epochs: pd.DataFrame, initializers: Sequence[str]) -> ReportTable:
+def _by_size(epochs: pd.DataFrame, initializers: Sequence[str]) -> pd.DataFrame:
     """Table 2 for each size, with the number of queries that decide it."""
     by = ["scope", "size", "model"]
     groups = epochs.groupby(by)
     frame = epochs_summary(epochs, by).drop(columns="std")
     frame = frame.assign(**{"triples queried": groups["queries"].mean(), "sets": groups.size()})
     titles: dict[Any, Any] = {"model": "initializer", "scope": SCOPE}
-    return ReportTable.of("convergence_by_size", ordered_rows(frame, initializers).rename(columns=titles))
+    return ordered_rows(frame, initializers).rename(columns=titles)
 
 
-def by_rate(epochs: pd.DataFrame, initializers: Sequence[str]) -> ReportTable:
+def by_rate(epochs: pd.DataFrame, initializers: Sequence[str]) -> dict[Any, list[Any]]:
     """Epochs to convergence at one size, by the factor on the fine-tuning rate."""
     by = ["factor", "scope", "model"]
     groups = epochs.groupby(by)
@@ -100,7 +92,7 @@ def by_rate(epochs: pd.DataFrame, initializers: Sequence[str]) -> ReportTable:
     rows = [(scope, model) for scope in CONVERGING if scope in set(epochs["scope"]) for model in initializers]
     titles = {factor: f"×{factor:g}" for factor in sorted(epochs["factor"].unique())}
     keys: dict[Any, list[Any]] = {SCOPE: [scope for scope, _ in rows], "initializer": [label(row[1]) for row in rows]}
-    return ReportTable.of("convergence_by_rate", keys | wide(summary, rows, titles))
+    return keys | wide(summary, rows, titles)
 
 
 def orders(epochs: pd.DataFrame, initializers: Sequence[str], scope: str) -> dict[float, str]:
@@ -108,8 +100,6 @@ def orders(epochs: pd.DataFrame, initializers: Sequence[str], scope: str) -> dic
     means = epochs[epochs["scope"] == scope].groupby(["factor", "model"])["epochs"].mean()
     lines = {}
     for factor in means.index.unique("factor"):
-        groups: dict[float, list[str]] = {}
-        for model in (model for model in initializers if model in means[factor].index):
-            groups.setdefault(float(means[factor][model]), []).append(label(model))
-        lines[float(factor)] = ", ".join(" = ".join(groups[mean]) for mean in sorted(groups))
+        listed = pd.Series({label(model): means[factor][model] for model in initializers if model in means[factor]})
+        lines[float(factor)] = ", ".join(" = ".join(listed.index[listed == mean]) for mean in sorted(set(listed)))
     return lines

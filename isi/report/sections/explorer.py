@@ -24,20 +24,17 @@ FEW = 12
 
 def explorer(results: Results) -> Iterator[Content]:
     """How the entities were chosen, and the data of the explorer (``templates/explorer.js`` shows them)."""
-    if results.explorer is None or results.explorer.result["entities"].empty:
-        return
-    experiment, tables, settings = results.explorer.experiment, results.explorer.result, results.params.explorer
-    absent = experiment.entities["entity"].drop(tables["entities"]["entity"]).tolist()
-    try:
-        data = _data(experiment, tables, settings)
-    except KeyError as error:
-        expected = f"expected places and answers of each entity after each step, but {error} lacks"
-        path = SINGLE_ANSWERS.path(experiment=experiment.name).with_name(f"{experiment.name}.*.parquet")
-        raise InputError(path, "", expected) from error
-    yield Content({
-        "data": data, "shown": len(tables["entities"]), "entities": len(experiment.entities), "size": settings.size,
-        "title": experiment.title, "absent": absent if len(absent) <= FEW else [],
-    })  # fmt: skip
+    for experiment, tables in results.analysis("explorer"):
+        absent = experiment.entities["entity"].drop(tables["entities"]["entity"]).tolist()
+        if tables["entities"].empty:
+            return
+        try:
+            data = _data(experiment, tables, results.params.explorer)
+        except KeyError as error:
+            expected = f"expected places and answers of each entity after each step, but {error} lacks"
+            path = SINGLE_ANSWERS.path(experiment=experiment.name).with_name(f"{experiment.name}.*.parquet")
+            raise InputError(path, "", expected) from error
+        yield Content({"experiment": experiment, "data": data, "absent": absent if len(absent) <= FEW else []})
 
 
 def _data(experiment: Experiment, tables: Mapping[str, pd.DataFrame], settings: ExplorerParams) -> dict[str, Any]:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import product
-from math import nan
+from itertools import chain, product
 from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure as Canvas
 
 from isi.report.data import Experiment, Results
-from isi.report.figures import Figure, by_epoch
+from isi.report.figures import by_epoch
 from isi.report.section import Content, of_each_graph
-from isi.report.significance import LEVEL, Pair, compare, pairs_table
-from isi.report.stats import CELL, cells_of, mrr_star, over_seeds
-from isi.report.tables import Column, ReportTable
+from isi.report.significance import Pair, compare, pairs_table
+from isi.report.stats import CELL, cells_of, over_seeds
+from isi.report.tables import Column
 from isi.report.words import BASELINE, FINETUNE_ONLY, HALVES, JOINT, SCOPE, contenders, isi, label
 from isi.report.words import SCOPES as TITLES
 
@@ -23,30 +22,24 @@ SCOPES = ("known", "known_closed")
 
 
 @of_each_graph
-def forgetting(results: Results, experiment: Experiment) -> Content:
+def forgetting(_: Results, experiment: Experiment) -> Content:
     """What is lost right after insertion, and by epoch at the size whose curves are drawn."""
-    means, size = mrr_star(experiment.immediate, experiment.initializers), experiment.curve_size
-    known, closed = (means.get(scope, {}) for scope in SCOPES)
-    numbers = {
-        "size": size, "before": next(iter(closed.values()), nan), "known": known, "level": LEVEL,
-        "tested": contenders(experiment.initializers), "ended": [],
-    }  # fmt: skip
-    if size is None:
-        return Content(numbers)
-    runs = with_finetune_only(results, experiment)
+    if experiment.curve_size is None:
+        return Content()
+    runs = with_finetune_only(experiment)
     pairs = at_the_end(runs)
-    return Content(numbers | {"ended": ended(pairs)}, [
-        Figure("forgetting", drawn(runs, experiment.models)),
-        by_scope(runs, [*experiment.models, FINETUNE_ONLY]),
-        pairs_table("earlier_at_the_end", [pair for of_scope in pairs.values() for pair in of_scope]),
-    ])  # fmt: skip
+    tables = {
+        "forgetting": by_scope(runs, [*experiment.models, FINETUNE_ONLY]),
+        "earlier_at_the_end": pairs_table(chain(*pairs.values())),
+    }
+    return Content({"ended": ended(pairs)}, tables, {"forgetting": drawn(runs, experiment.models)})
 
 
-def with_finetune_only(results: Results, experiment: Experiment) -> pd.DataFrame:
+def with_finetune_only(experiment: Experiment) -> pd.DataFrame:
     """The runs whose curves are drawn, those with nothing inserted among them where there are any."""
-    runs = results.finetune_only.get(experiment.name)
-    if runs is None:
+    if "finetune_only" not in experiment.analyses:
         return experiment.curves
+    runs: pd.DataFrame = experiment.analyses["finetune_only"]
     shown = runs[(runs["size"] == experiment.curve_size) & (runs["scope"] == "known_closed")]
     return pd.concat([experiment.curves, shown.assign(model=FINETUNE_ONLY)], ignore_index=True)
 
@@ -61,7 +54,7 @@ def since_before(runs: pd.DataFrame) -> pd.DataFrame:
     start = shown[(shown["scope"] == "known_closed") & (shown["epoch"] == 0) & inserted]
     before = start.drop_duplicates(CELL).set_index(CELL)["mrr_star"].rename("before")
     both = shown.join(before, on=CELL)
-    return both.assign(mrr_star=both["mrr_star"] - both["before"]).drop(columns="before")
+    return both.assign(mrr_star=both["mrr_star"] - both["before"])
 
 
 def drawn(runs: pd.DataFrame, models: Sequence[str]) -> Canvas:
@@ -75,7 +68,7 @@ def at_the_end(runs: pd.DataFrame) -> dict[str, list[Pair]]:
     epoch = runs["epoch"].max()
     last = runs[runs["epoch"] == epoch]
     ran = list(dict.fromkeys(last["model"]))
-    models = [*contenders(name for name in ran if name not in (JOINT, FINETUNE_ONLY)), *({FINETUNE_ONLY} & set(ran))]
+    models = [*contenders(ran), *({FINETUNE_ONLY} & set(ran))]
     pairs = {}
     for scope in SCOPES:
         queried = set(last.loc[last["scope"] == scope, "model"])
@@ -97,7 +90,7 @@ def ended(pairs: Mapping[str, Sequence[Pair]]) -> list[tuple[str, str, list[Pair
     return [line for line in lines if line[2]]
 
 
-def by_scope(runs: pd.DataFrame, models: Sequence[str]) -> ReportTable:
+def by_scope(runs: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, Any]]:
     """Known against known_closed: interference against forgetting, in runs of one size."""
     groups, rows = dict(list(runs.groupby(["model", "scope"]))), []
     for model, scope in product(models, SCOPES):
@@ -109,4 +102,4 @@ def by_scope(runs: pd.DataFrame, models: Sequence[str]) -> ReportTable:
                 means = over_seeds(shown[shown["epoch"] == epoch], ["epoch"], HALVES).iloc[0]
                 row |= {Column(half, when): means[half] for half in HALVES.values()}
             rows.append(row)
-    return ReportTable.of("forgetting", rows)
+    return rows

@@ -15,7 +15,7 @@ from isi.report.data import Experiment, Results
 from isi.report.section import Content, of_each_graph
 from isi.report.significance import LEVEL, Difference, Pair, by_seed, compare, difference, pairs_table, signed
 from isi.report.stats import cells_of, ratios
-from isi.report.tables import Column, Estimate, ReportTable
+from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, HALVES, SCOPE, SCOPES, isi, joined, label
 
 #: How many pairs that do not differ significantly a sentence names.
@@ -23,8 +23,7 @@ _NAMED = 6
 #: Points of MRR* that are shown as 0.0.
 ZERO = 0.05
 #: What each of these has that the one before it (at first, Xavier) has not; an initializer of ISI has the last.
-_MEAN = "mean"
-_STEPS = (("centre", _MEAN), ("kind", "kind_mean"))
+_STEPS = (("centre", "mean"), ("kind", "kind_mean"))
 WHOLE = "all of it"
 #: An initializer of ISI and the control that differs from it in one thing.
 _TWINS = (("words", "es", "es_permuted"), ("words within a kind", "es", "es_permuted_kinds"))
@@ -33,39 +32,38 @@ _TWINS = (("words", "es", "es_permuted"), ("words within a kind", "es", "es_perm
 @of_each_graph
 def differences(results: Results, experiment: Experiment) -> Content | None:
     """Pairs that differ, ISI against the others, every pair; nothing where no graph has anything to compare."""
-    if all(len(one.initializers) < 2 for one in results.standalone):
+    if all(len(graph.initializers) < 2 for graph in results.standalone):
         return None
     measured = measures(experiment.immediate, experiment.convergence, experiment.initializers)
     pairs = compare(measured, experiment.initializers)
-    numbers = {"seeds": experiment.settings.sessions.seeds, "level": LEVEL, "counts": counts(pairs)}
-    shown = [differences_isi(pairs, list(measured), experiment.initializers), pairs_table("differences", pairs)]
-    return Content(numbers, shown)
+    tables = {"differences_isi": differences_isi(pairs, experiment.initializers), "differences": pairs_table(pairs)}
+    return Content({"counts": counts(pairs)}, tables)
 
 
 def measures(
     immediate: pd.DataFrame, convergence: pd.DataFrame, initializers: Sequence[str]
 ) -> dict[str, pd.DataFrame]:
     """The headline measures by session, size, seed and initializer: MRR* in points, epochs; null without queries."""
-    titled = [(f"immediate MRR*, {SCOPES[scope]}", 100, immediate, scope, "mrr_star") for scope in ("all", "novel")]
-    titled += [(f"immediate entity prediction, {SCOPES['novel']}", 100, immediate, "novel", "mrr_star_entity")]
-    titled += [(f"epochs to convergence, {SCOPES[scope]}", 1, convergence, scope, "epochs")
-               for scope in ("all", "novel_heldout")]  # fmt: skip
-    return {title: scale * cells_of(rows, initializers, scope, column) for title, scale, rows, scope, column in titled}
+    listed = (
+        ("immediate MRR*", 100, immediate, "all", "mrr_star"), ("immediate MRR*", 100, immediate, "novel", "mrr_star"),
+        ("immediate entity prediction", 100, immediate, "novel", "mrr_star_entity"),
+        ("epochs to convergence", 1, convergence, "all", "epochs"),
+        ("epochs to convergence", 1, convergence, "novel_heldout", "epochs"),
+    )  # fmt: skip
+    return {f"{title}, {SCOPES[scope]}": scale * cells_of(rows, initializers, scope, column)
+            for title, scale, rows, scope, column in listed}  # fmt: skip
 
 
-def differences_isi(pairs: Sequence[Pair], measures: Sequence[str], initializers: Sequence[str]) -> ReportTable:
+def differences_isi(pairs: Sequence[Pair], initializers: Sequence[str]) -> list[dict[str, Any]]:
     """ISI's initializers against every other, a column a measure."""
-    methods = isi(initializers)
-    texts: dict[tuple[str, str], dict[str, str | None]] = {}
-    for pair in pairs:
-        if pair.first in methods and pair.second not in methods:
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    for pair in sorted(pairs, key=lambda pair: initializers.index(pair.first)):
+        if isi([pair.first]) and not isi([pair.second]):
             sign = "" if pair.significant else " n.s."
             text = "none" if np.isnan(pair.difference.p) else f"{pair.difference:+.2f}{sign}"
-            row = texts.setdefault((pair.first, pair.second), dict.fromkeys(measures))
+            row = rows.setdefault((pair.first, pair.second), {"ISI": label(pair.first), "against": label(pair.second)})
             row[pair.measure] = text if pair.difference.seeds else None
-    order = sorted(texts, key=lambda names: initializers.index(names[0]))
-    rows = [{"ISI": label(first), "against": label(second), **texts[first, second]} for first, second in order]
-    return ReportTable.of("differences_isi", rows)
+    return list(rows.values())
 
 
 def counts(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
@@ -102,28 +100,26 @@ class Gain:
 @of_each_graph
 def controls(results: Results, experiment: Experiment) -> Content | None:
     """Parts and shares of the gain, with a description of each control; nothing where no control was run."""
-    names = list(dict.fromkeys(name for one in results.standalone for name in words.controls(one.initializers)))
+    names = list(dict.fromkeys(name for graph in results.standalone for name in words.controls(graph.initializers)))
     if not names:
         return None
     immediate, initializers = experiment.immediate, experiment.initializers
     gains, shares = parts(immediate, initializers), shares_of_the_gain(immediate, initializers)
-    rows: dict[tuple[str, str, str, str], dict[Any, Any]] = {}
+    rows: dict[tuple[str, ...], dict[Any, Any]] = {}
     for gain in gains:
         head = {SCOPE: gain.scope, "part": gain.part, "what has it": label(gain.first), "minus": label(gain.second)}
         row = rows.setdefault((gain.scope, gain.part, gain.first, gain.second), head)
         row[Column(HALVES[gain.half], form=signed)] = gain.points
-    of_centre = {one.half: one.points for one in gains
-                 if (one.scope, one.first, one.second) == ("novel", _MEAN, BASELINE)}  # fmt: skip
     numbers = {
-        "names": names, "shares": shares, "mean": _MEAN,
-        "centre": [of_centre[half] for half in HALVES] if len(of_centre) == len(HALVES) else None,
+        "names": names, "shares": shares,
+        "centre": [gain.points for gain in gains
+                   if (gain.scope, gain.first, gain.second) == ("novel", "mean", BASELINE)],
         "sentences": [
             (scope, method, [composition(gains, scope, half, method) for half in HALVES])
             for scope in ("all", "novel") for method in isi(initializers) if any(gain.scope == scope for gain in gains)
         ],
     }  # fmt: skip
-    return Content(numbers, [ReportTable.of("parts_of_the_gain", rows.values()),
-                             ReportTable.of("shares_of_the_gain", shares)])  # fmt: skip
+    return Content(numbers, {"parts_of_the_gain": rows.values(), "shares_of_the_gain": shares})
 
 
 def steps(method: str, models: Sequence[str]) -> list[tuple[str, str, str]]:
@@ -175,14 +171,13 @@ def shares_of_the_gain(immediate: pd.DataFrame, models: Sequence[str]) -> list[d
 
 def composition(gains: Sequence[Gain], scope: str, half: str, method: str) -> dict[str, Any] | None:
     """One gain over Xavier and its parts, with their shares where each adds to it; None where nothing compares."""
-    here = [gain for gain in gains if (gain.scope, gain.half) == (scope, half)]
-    models = sorted({name for gain in here for name in (gain.first, gain.second)})
-    whole, *made = [[gain for gain in here if (gain.part, gain.first, gain.second) == step]
-                    for step in ((WHOLE, method, BASELINE), *steps(method, models))]  # fmt: skip
-    of_steps = [gain for matching in made for gain in matching]
-    if not whole or not of_steps:
+    of_pair = {(gain.part, gain.first, gain.second): gain for gain in gains if (gain.scope, gain.half) == (scope, half)}
+    whole = of_pair.get((WHOLE, method, BASELINE))
+    models = {name for pair in of_pair for name in pair[1:]}
+    made = [of_pair[step] for step in steps(method, sorted(models)) if step in of_pair]
+    if not whole or not made:
         return None
-    points = whole[0].points.mean
-    shared = points >= ZERO and min(gain.points.mean for gain in of_steps) >= 0
-    percent = [100 * gain.points.mean / points if shared else None for gain in of_steps]
-    return {"gain": points, "parts": list(zip(of_steps, percent, strict=True)), "last": of_steps[-1].points}
+    points = whole.points.mean
+    shared = points >= ZERO and min(gain.points.mean for gain in made) >= 0
+    percent = [100 * gain.points.mean / points if shared else None for gain in made]
+    return {"gain": points, "parts": list(zip(made, percent, strict=True)), "last": made[-1].points}

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import nan
 from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure as Canvas
 
-from isi.report import stats, words
+from isi.report import stats
 from isi.report.data import Experiment, Results
-from isi.report.figures import Figure, by_size, panels
+from isi.report.figures import by_size, panels
 from isi.report.section import Content, of_each_graph
-from isi.report.tables import Column, Estimate, ReportTable
-from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, SCOPES, contenders, in_order, isi, label
+from isi.report.tables import Column, Estimate
+from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, SCOPES, colour, in_order, isi, label, of_role
 
 #: The control that knows an entity's kind and nothing else.
 _KIND = "kind_mean"
@@ -24,37 +24,29 @@ _ALL = ("all", "known", "known_closed", "novel", "novel_heldout")
 def verdict(results: Results) -> Iterator[Content]:
     """What the first graph says of the paper's question; nothing where none of ISI, or not Xavier, was run on it."""
     for experiment in results.standalone[:1]:
-        given = novel_entity_given(results, experiment)
-        methods = [name for name in isi(experiment.initializers) if name in given]
-        if BASELINE not in experiment.initializers or not methods or not {BASELINE, JOINT} <= set(given):
+        given, initializers = novel_entity_given(experiment), experiment.initializers
+        methods = [name for name in isi(initializers) if name in given]
+        if BASELINE not in initializers or not methods or not {BASELINE, JOINT} <= set(given):
             continue
         best = max(methods, key=lambda model: given[model].mean)
-        rivals = sorted(words.of_role(given, "baseline", "own"), key=lambda model: -given[model].mean)
+        rivals = sorted(of_role(given, "baseline", "own"), key=lambda model: -given[model].mean)
         named = [BASELINE, "iu", _KIND, *methods, *rivals[:1], JOINT]
+        numbers = {
+            "experiment": experiment, "best": best, "answer": better_than_baseline(experiment),
+            "everything": dict.fromkeys((best, BASELINE, JOINT), nan) | experiment.mrr_star.get("all", {}),
+            "given": stats.values(given), "rival": next(iter(rivals), None), "kind": _KIND if _KIND in given else None,
+            "epochs": experiment.epochs().get("all", {}),
+        }  # fmt: skip
         drawn = _means_and_intervals({model: given[model] for model in named if model in given}, experiment.models)
-        yield Content(
-            {
-                "experiment": experiment, "best": best, "baseline": BASELINE, "joint": JOINT,
-                "collapsed": stats.collapsed(experiment.immediate, experiment.ties, len(experiment.entities)),
-                "answer": better_than_baseline(experiment), "methods": isi(experiment.initializers),
-                "everything": dict.fromkeys((best, BASELINE, JOINT), nan)
-                | stats.mrr_star(experiment.immediate, experiment.models).get("all", {}),
-                "given": stats.values(given), "rival": next(iter(rivals), None),
-                "kind": _KIND if _KIND in given else None,
-                "epochs": stats.epochs(experiment.convergence, experiment.initializers).get("all", {}),
-                "paper_epochs": {name: row["mean"] for name, row in results.paper["convergence"]["epochs"].items()},
-            },
-            [Figure("verdict", drawn)],
-        )  # fmt: skip
+        yield Content(numbers, figures={"verdict": drawn})
 
 
-def novel_entity_given(results: Results, experiment: Experiment) -> dict[str, Estimate]:
+def novel_entity_given(experiment: Experiment) -> Mapping[str, Estimate]:
     """Entity prediction with the novel entity given; of all entity prediction where no query breakdown was run."""
-    queries = experiment.immediate[experiment.immediate["scope"] == "novel"]
-    if experiment.name in results.query_breakdown:
-        queries = stats.by_direction(results.query_breakdown[experiment.name].queries, ["model", *stats.CELL[1:]])
-        queries = queries[queries["scope"] == "given"]
-    return stats.by_model(queries, "mrr_star_entity", experiment.models)
+    if experiment.queries is not None:
+        return experiment.given_means
+    novel = experiment.immediate[experiment.immediate["scope"] == "novel"]
+    return stats.by_model(novel, "mrr_star_entity", experiment.models)
 
 
 def better_than_baseline(experiment: Experiment) -> list[str]:
@@ -63,11 +55,11 @@ def better_than_baseline(experiment: Experiment) -> list[str]:
     return [name for name in isi(experiment.initializers) if name in gains and gains[name].low > 0]
 
 
-def _means_and_intervals(estimates: dict[str, Estimate], models: list[str]) -> Canvas:
+def _means_and_intervals(estimates: Mapping[str, Estimate], models: list[str]) -> Canvas:
     """One below the other."""
     canvas, (axes,) = panels(1, 1, 0.5 + 0.33 * len(estimates), width=4.6)
     for place, (model, estimate) in enumerate(estimates.items()):
-        color = words.line_style(model, models)["color"]
+        color = colour(model, models)
         axes.plot([0, estimate.mean], [place, place], lw=7, solid_capstyle="butt", alpha=0.35, color=color)
         if pd.notna(estimate.low):
             axes.plot([estimate.low, estimate.high], [place, place], lw=1.6, color=color)
@@ -94,6 +86,17 @@ def immediate(results: Results, experiment: Experiment) -> Content:
     of_kinds.insert(0, "inserted", queried.groupby(["kind", "model"]).size())
     kinds = in_order(experiment.entities["kind"].unique(), results.vocabulary["kinds"])
     figure = by_size(runs, models, ("all", "novel"), ("mrr_star", "mrr_star_entity"), len(experiment.entities))
+
+    def by_scope(by: list[str], scopes: tuple[str, ...] = _ALL) -> pd.DataFrame:
+        means = stats.over_seeds(runs[runs["scope"].isin(scopes)], by, HALVES)
+        return stats.ordered_rows(means, models, scope=scopes).rename(columns={"scope": SCOPE})
+
+    queries = runs[runs["model"] == initializers[0]].groupby("scope")["queries"].sum()
+    numbers = {
+        "everything": {JOINT: nan} | experiment.mrr_star.get("all", {}), "gain": stats.values(gains["all"]),
+        "known_percent": 100 * float(queries.get("known", 0) / max(queries.get("all", 0), 1)),
+        "novel": {half: novel[column].dropna().to_dict() for column, half in HALVES.items()},
+    }  # fmt: skip
     tables: dict[str, Any] = {
         "immediate": {"model": list(map(label, models)), **stats.halves(runs, models, "all", "novel")},
         "improvement": [
@@ -104,25 +107,8 @@ def immediate(results: Results, experiment: Experiment) -> Content:
         ],
         "novel_by_kind": stats.ordered_rows(of_kinds, initializers, kind=kinds).rename(
             columns={"model": "initializer"}),
-        "immediate_by_size": _by_scope(runs, models, ["scope", "size", "model"], ("all", "novel")),
-        "scopes": _by_scope(runs, models, ["scope", "model"], _ALL),
-        "sessions": _by_scope(runs, models, ["session", "scope", "model"], _ALL),
+        "immediate_by_size": by_scope(["scope", "size", "model"], ("all", "novel")),
+        "scopes": by_scope(["scope", "model"]),
+        "sessions": by_scope(["session", "scope", "model"]),
     }  # fmt: skip
-    queries = runs[runs["model"] == initializers[0]].groupby("scope")["queries"].sum()
-    numbers = {
-        "experiment": experiment, "tested": contenders(initializers), "methods": isi(initializers), "paper": paper,
-        "collapsed": stats.collapsed(runs, experiment.ties, len(experiment.entities)),
-        "everything": {JOINT: nan} | stats.mrr_star(runs, models).get("all", {}), "joint": JOINT,
-        "gain": stats.values(gains["all"]), "has_baseline": BASELINE in models,
-        "known_percent": 100 * float(queries.get("known", 0) / max(queries.get("all", 0), 1)),
-        "novel": {half: novel[column].dropna().to_dict() for column, half in HALVES.items()},
-        "has_sessions": experiment.settings.sessions.steps > 1,
-    }  # fmt: skip
-    return Content(numbers, [Figure("figure3a_immediate", figure),
-                             *(ReportTable.of(name, rows) for name, rows in tables.items())])  # fmt: skip
-
-
-def _by_scope(runs: pd.DataFrame, models: list[str], by: list[str], scopes: tuple[str, ...]) -> pd.DataFrame:
-    """MRR* in points with its halves, a row for each group."""
-    means = stats.over_seeds(runs[runs["scope"].isin(scopes)], by, HALVES)
-    return stats.ordered_rows(means, models, scope=scopes).rename(columns={"scope": SCOPE})
+    return Content(numbers, tables, {"figure3a_immediate": figure})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from math import nan
 from typing import Any
 
@@ -10,11 +10,12 @@ import numpy as np
 import pandas as pd
 
 from isi.report import stats
-from isi.report.data import Analysis, Experiment, Results, VariantRuns
+from isi.report.data import Experiment, ModelRuns, Results, VariantRuns
+from isi.report.figures import by_epoch
 from isi.report.section import Content
 from isi.report.sections import choices, queries, run, transfer
-from isi.report.sections.convergence import learning_curves, table2
-from isi.report.tables import Column, ReportTable
+from isi.report.sections.convergence import CURVES, table2
+from isi.report.tables import Column
 from isi.report.words import BASELINE, JOINT, SCOPES, isi, joined, label
 
 #: Where the paper has a number, what it is, the number, ours (null where there is none), and a note on ours.
@@ -28,14 +29,13 @@ def paper(results: Results) -> Iterator[Content]:
     first, *others = results.standalone
     columns = [Column("this run", form=shown, any_size=True)]
     columns += [Column(one.name, title=one.title, form=shown, any_size=True) for one in others]
-    ours = {column: {row[:2]: row[3] for row in rows_of(results, one)}
-            for column, one in zip(columns, results.standalone, strict=True)}  # fmt: skip
-    table = ReportTable.of("paper_against_this_run", [
+    ours = [{row[:2]: row[3] for row in rows_of(results, one)} for one in results.standalone]
+    yield Content({"others": others}, {"paper_against_this_run": [
         {"where": where, "what": title, Column("paper", form=shown, any_size=True): theirs,
-         **{column: ours[column].get((where, title), nan) for column in columns}, "note": note}
+         **{column: values.get((where, title), nan) for column, values in zip(columns, ours, strict=True)},
+         "note": note}
         for where, title, theirs, _, note in rows_of(results, first)
-    ])  # fmt: skip
-    yield Content({"others": others}, [table])
+    ]})  # fmt: skip
 
 
 def shown(value: float) -> str:
@@ -48,27 +48,29 @@ def rows_of(results: Results, experiment: Experiment) -> list[Row]:
     """All numbers of the paper, beside one experiment: the same rows whatever was run."""
     source = experiment.settings.graph.source
     moved = next((one for one in results.extended if one.settings.graph.source == source), None)
-    gain = stats.values(stats.improvements(experiment.immediate, "all"))
-    fewer = stats.fewer_epochs(experiment.convergence)
-    theirs, methods, title = (
-        results.paper["immediate"],
-        list(results.paper["indicators"]),
-        "immediate gain over Xavier, all queries, %",
-    )
-    names = joined(map(label, methods))
+    gain, fewer = stats.values(stats.improvements(experiment.immediate, "all")), fewer_epochs(experiment)
+    immediate, methods = results.paper["immediate"], list(results.paper["indicators"])
+    title, names = "immediate gain over Xavier, all queries, %", joined(map(label, methods))
     rows = [
-        ("abstract", f"{title}: the figure is ES's", theirs["improvement_in_the_abstract"], gain.get("es", nan)),
-        ("section 6.1", f"{title}: mean of {names}", _mean_of(theirs["improvement_over_xavier"], methods),
+        ("abstract", f"{title}: the figure is ES's", immediate["improvement_in_the_abstract"], gain.get("es", nan)),
+        ("section 6.1", f"{title}: mean of {names}", _mean_of(immediate["improvement_over_xavier"], methods),
          _mean_of(gain, methods)),
         ("abstract", f"fewer epochs than Xavier, %: mean of {names}",
          results.paper["convergence"]["fewer_epochs_than_xavier"].get("mean", nan), _mean_of(fewer, methods)),
         *_graph(results, experiment), *_settings(results, experiment, moved),
         *_choices(results, experiment, moved),
-        *_by_model("section 6.1", title, theirs["improvement_over_xavier"], gain),
+        *_by_model("section 6.1", title, immediate["improvement_over_xavier"], gain),
         *_convergence(results.paper, experiment.convergence, fewer), *_transfer(results, moved),
         *_table3(results, experiment, moved),
     ]  # fmt: skip
     return [(*row, "") if len(row) == 4 else row for row in rows]
+
+
+def fewer_epochs(experiment: Experiment) -> dict[str, float]:
+    """By how much each initializer's mean number of epochs is below Xavier's, in per cent (section 6.2)."""
+    epochs = experiment.epochs().get("all", {})
+    base = epochs.get(BASELINE)
+    return {model: 100 * (1 - mean / base) for model, mean in epochs.items()} if base else {}
 
 
 def _by_model(where: str, title: str, theirs: Mapping[str, float], ours: Mapping[str, float]) -> Iterator[Any]:
@@ -76,7 +78,7 @@ def _by_model(where: str, title: str, theirs: Mapping[str, float], ours: Mapping
         yield where, f"{label(model)}: {title}", number, ours.get(model, nan)
 
 
-def _mean_of(numbers: Mapping[str, float], models: list[str]) -> float:
+def _mean_of(numbers: Mapping[str, float], models: Sequence[str]) -> float:
     """The mean over those of the models that have a number; null without any."""
     present = [numbers[model] for model in models if model in numbers]
     return sum(present) / len(present) if present else nan
@@ -102,8 +104,7 @@ def _graph(results: Results, experiment: Experiment) -> Iterator[Any]:
         yield "section 5.1", title, paper[name], float(ours)
     observations, counts = results.observed[experiment.settings.graph.source].observations, pd.DataFrame()
     if observations["scene"].notna().any():
-        table = run.table1(observations, paper["median_per_environment"], words["relations"])
-        counts = table.frame.set_index("room")
+        counts = run.table1(observations, paper["median_per_environment"], words["relations"]).set_index("room")
     titles = {word: f"{word} triples, median per environment" for word in words["relations"].values()}
     titles |= {"entities": "entities, median per environment", "rooms": "rooms"}
     for room, numbers in paper["median_per_environment"].items():
@@ -137,9 +138,9 @@ def _settings(results: Results, experiment: Experiment, moved: Experiment | None
         yield f"section {where}", title, theirs, ours
 
 
-def _of_graph(analysis: Analysis[Any] | None, *experiments: Experiment | None) -> Analysis[Any] | None:
-    """An analysis of one of the experiments; None for others."""
-    return analysis if analysis and analysis.experiment in experiments else None
+def _analysis(name: str, *experiments: Experiment | None) -> tuple[Experiment, Any] | None:
+    """The first of the experiments for which an analysis was run, and its result."""
+    return next(((one, one.analyses[name]) for one in experiments if one and name in one.analyses), None)
 
 
 def _choices(results: Results, experiment: Experiment, moved: Experiment | None) -> Iterator[Any]:
@@ -147,9 +148,9 @@ def _choices(results: Results, experiment: Experiment, moved: Experiment | None)
     paper, choice = results.paper, results.params.settings[0].model_dump()
     words = {"dimension": "dimension", "ratio": "negatives per positive", "learning_rate": "learning rate of Θ⁰",
              "weight_decay": "weight decay of Θ⁰"}  # fmt: skip
-    folds, sweep = (_of_graph(one, experiment, moved) for one in (results.cross_validation, results.sweep))
+    folds, sweep = (_analysis(name, experiment, moved) for name in ("cross_validation", "sweep"))
     for name, title in words.items():
-        best, note = choices.best(folds.result, choice, name) if folds else (nan, "")
+        best, note = choices.best(folds[1], choice, name) if folds else (nan, "")
         yield "section 5.3", f"{title}: best in cross-validation", paper["training"][name], best, note
     rule = paper["indicators_rule"]
     for title, theirs, ours in (
@@ -158,8 +159,12 @@ def _choices(results: Results, experiment: Experiment, moved: Experiment | None)
         ("stop where MRR* is so many points below the best", rule["points"], 100 * choices.LOSS),
     ):
         yield "section 5.3", f"rule: {title}", theirs, ours
-    means = choices.sweep_means(sweep, list(results.params.sweep.initializers))[0] if sweep else None
-    picked, tops = ({}, {}) if means is None else (choices.picked_sizes(means), choices.best_sizes(means))
+    picked, tops = dict[str, int](), dict[str, int]()
+    if sweep:
+        (swept, runs), models = sweep, list(results.params.sweep.initializers)
+        means = choices.means_of(runs[runs["epoch"] == 0], swept.converged(runs, ["model", "k"]), models)
+        picked, mrr_star = choices.picked_sizes(means), means[Column("MRR*", "all")].dropna()
+        tops = {model: int(mrr_star[model].idxmax()) for model in mrr_star.index.unique("model")}
     yield from _by_model("section 5.3", "indicator set size that the rule picks", paper["indicators"], picked)
     title = f"indicator set size of the best immediate MRR*, {SCOPES['all']} (paper: falls beyond)"
     beyond = dict.fromkeys(paper["indicators"], paper["indicators_degrade_after"])
@@ -179,28 +184,25 @@ def _convergence(paper: Mapping[str, Any], convergence: pd.DataFrame, fewer: Map
 
 
 def _transfer(results: Results, moved: Experiment | None) -> Iterator[Any]:
-    models = moved.initializers if moved else []
-    means = stats.mrr_star(moved.immediate, models) if moved else {}
+    means, drops = (moved.mrr_star, stats.values(transfer.drops(moved.immediate))) if moved else ({}, {})
     for key, title, ours in (
         ("all_queries", "immediate MRR*, all queries", means.get("all", {})),
         ("novel_queries", "immediate MRR*, new entities' queries", means.get("novel", {})),
-        ("epochs", "epochs to convergence after the transfer",
-         stats.epochs(moved.convergence, models).get("all", {}) if moved else {}),
-        ("drop", f"immediate drop of MRR* over {results.standalone[0].title}'s entities, %",
-         stats.values(transfer.drops(moved.immediate)) if moved else {}),
-    ):  # fmt: skip
+        ("epochs", "epochs to convergence after the transfer", moved.epochs().get("all", {}) if moved else {}),
+        ("drop", f"immediate drop of MRR* over {results.standalone[0].title}'s entities, %", drops),
+    ):
         yield from _by_model("section 6.3", title, results.paper["transfer"][key], ours)
 
 
 def _table3(results: Results, experiment: Experiment, moved: Experiment | None) -> Iterator[Any]:
-    paper, settings = results.paper["affordances"], results.params.affordances
-    analysis = _of_graph(results.affordances, experiment, moved)
-    answers = queries.answers_of(analysis, settings.relation) if analysis else None
-    title = f"of {queries.TOP * len(settings.entities)} answers shown, how many are"
+    paper, entities = results.paper["affordances"], results.params.affordances.entities
+    analysis = _analysis("affordances", experiment, moved)
+    answers = queries.Answers.of(analysis[0]) if analysis else None
+    title = f"of {queries.TOP * len(entities)} answers shown, how many are"
     for name in (*results.paper["indicators"], BASELINE):
         who, counts = "xavier" if name == BASELINE else "isi", {}
         if answers and name in set(answers.ranks["model"]):
-            counts = answers.judged(name, settings.entities, results.vocabulary["afforded"])
+            counts = answers.judged(name, entities, results.vocabulary["afforded"])
         for verdict, number in {"affordances": paper[who], **paper["judged"][who]}.items():
             yield "Table 3", f"{label(name)}: {title} {verdict}", number, counts.get(verdict, nan)
 
@@ -215,66 +217,52 @@ def causes(results: Results) -> Iterator[Content]:
     methods = isi(first.finetuned) if first else []
     if not variants or not first or first.curve_size is None or BASELINE not in first.finetuned or not methods:
         return
-    lines = [*_of_main(results, first), *of_variants(results, variants)]
-    rows = [*(cause_row(*line, methods) for line in lines), paper_row(results.paper, methods)]
-    ours, theirs, slow = rows[:-1], rows[-1], Column(label(BASELINE), "epochs")
-    most_gain, slowest = (pd.DataFrame(ours)[name].fillna(-1).to_numpy().argmax() for name in ("gain %", slow))
-    curves = [(name, runs, experiment) for name, runs in variants.items() if runs.variant.full_curves
-              for experiment in runs.experiments]  # fmt: skip
+    rows = [cause_row(*line, methods) for line in (*_of_main(first), *of_variants(results, variants))]
+    theirs, slow = paper_row(results.paper, methods), Column(label(BASELINE), "epochs")
+    most_gain, slowest = (pd.DataFrame(rows)[name].fillna(-1).to_numpy().argmax() for name in ("gain %", slow))
+    curves = [runs for runs in variants if runs.variant.full_curves]
     numbers = {
-        "methods": methods, "margin": 100 * results.params.convergence.margin,
-        "curves": [(f"{name}_{experiment}", f"{runs.title}, {results.titles[experiment]}", runs.variant.size,
-                    runs.max_epochs(results.params)) for name, runs, experiment in curves],
-        "gain": [row["gain %"] for row in (theirs, rows[0], ours[most_gain])], "of_gain": ours[most_gain]["row"],
-        "epochs": [row[slow] for row in (theirs, rows[0], ours[slowest])], "of_epochs": ours[slowest]["row"],
+        "methods": methods, "curves": curves,
+        "gain": [row["gain %"] for row in (theirs, rows[0], rows[most_gain])], "of_gain": rows[most_gain]["row"],
+        "epochs": [row[slow] for row in (theirs, rows[0], rows[slowest])], "of_epochs": rows[slowest]["row"],
     }  # fmt: skip
-    drawn = [item for curve in curves for item in full_curves(results, *curve)]
-    yield Content(numbers, [ReportTable.of("causes", rows), *drawn])
+    margin, paper = results.params.convergence.margin, results.paper["convergence"]["epochs"]
+    tables = {"causes": [*rows, theirs]} | {
+        f"convergence_{runs.id}": table2(runs.convergence, runs.initializers, paper) for runs in curves
+    }
+    figures = {f"curves_{runs.id}": by_epoch(runs.runs, runs.initializers, CURVES, margin=margin) for runs in curves}
+    yield Content(numbers, tables, figures)
 
 
-def full_curves(results: Results, name: str, runs: VariantRuns, experiment: str) -> list[Any]:
-    """Figure 3b and Table 2 under the conditions of a variant with full learning curves."""
-    rows, margin = runs.runs[runs.runs["experiment"] == experiment], results.params.convergence.margin
-    epochs, paper = runs.convergence(experiment, results.params), results.paper["convergence"]["epochs"]
-    return [learning_curves(f"curves_{name}_{experiment}", rows, runs.initializers, margin),
-            table2(f"convergence_{name}_{experiment}", epochs, runs.initializers, paper)]  # fmt: skip
-
-
-def _of_main(results: Results, first: Experiment) -> Iterator[Line]:
+def _of_main(first: Experiment) -> Iterator[Line]:
     """The main runs as they are, at their largest size, by their entity half, and with another filter."""
     size, largest = first.curve_size, max(first.settings.sessions.sizes)
-    yield (f"this run, {size} novel entities", *_at_size(first, size))
+    main = first.of_size(size)
+    yield _line(f"this run, {size} novel entities", main)
     if largest != size:
         share = 100 * largest / len(first.entities)
-        yield (f"{largest} novel entities, {share:.0f} % of all", *_at_size(first, largest))
-    yield "entity prediction alone", _at_size(first, size, "mrr_star_entity")[0], {}
-    breakdown = results.query_breakdown.get(first.name)
-    if breakdown is not None:
-        rows = breakdown.queries[(breakdown.queries["scope"] == "all") & (breakdown.queries["size"] == size)]
-        true = stats.combined(rows[rows["filter"] == "true"], ["model", "size", "seed"])
-        yield "all true triples left out of the candidates", stats.means(true, "mrr_star"), {}
+        yield _line(f"{largest} novel entities, {share:.0f} % of all", first.of_size(largest))
+    yield "entity prediction alone", _line("", main, "mrr_star_entity")[1], {}
+    if main.queries is not None:
+        true = main.queries[(main.queries["scope"] == "all") & (main.queries["filter"] == "true")]
+        means = stats.means(stats.combined(true, ["model", "size", "seed"]), "mrr_star")
+        yield "all true triples left out of the candidates", means, {}
 
 
-def of_variants(results: Results, variants: Mapping[str, VariantRuns]) -> Iterator[Line]:
+def of_variants(results: Results, variants: Sequence[VariantRuns]) -> Iterator[Line]:
     """The variants that were run for this, then the other graphs."""
-    for runs in variants.values():
-        for experiment in runs.experiments:
-            epochs = runs.convergence(experiment, results.params)
-            later = stats.means(epochs[epochs["scope"] == "all"], "epochs", scale=1) if runs.variant.finetuned else {}
-            title = f"{runs.title} ({results.titles[experiment]})"
-            yield title, stats.means(runs.immediate(experiment, "all"), "mrr_star"), later
+    for runs in variants:
+        title, now, later = _line(f"{runs.variant.title} ({runs.title})", runs)
+        yield title, now, later if runs.variant.finetuned else {}
     for one in results.standalone[1:]:
         if size := one.curve_size:
-            yield (f"{one.title}, {size} novel entities", *_at_size(one, size))
+            yield _line(f"{one.title}, {size} novel entities", one.of_size(size))
 
 
-def _at_size(
-    experiment: Experiment, size: int | None, column: str = "mrr_star"
-) -> tuple[Mapping[str, float], Mapping[str, float]]:
-    """Means over all queries of one size: right after insertion, and epochs to convergence."""
-    now, later = (rows[(rows["size"] == size) & (rows["scope"] == "all")]
-                  for rows in (experiment.immediate, experiment.convergence))  # fmt: skip
-    return stats.means(now, column), stats.means(later, "epochs", scale=1)
+def _line(title: str, runs: ModelRuns, column: str = "mrr_star") -> Line:
+    """Means over all queries: right after insertion, and epochs to convergence."""
+    now, later = (rows[rows["scope"] == "all"] for rows in (runs.immediate, runs.convergence))
+    return title, stats.means(now, column), stats.means(later, "epochs", scale=1)
 
 
 def cause_row(name: str, now: Mapping[str, float], later: Mapping[str, float], methods: list[str]) -> dict[Any, Any]:

@@ -8,12 +8,12 @@ from typing import Any
 
 import pandas as pd
 
-from isi.report.data import Analysis, Experiment, Results
-from isi.report.figures import Figure, by_size
+from isi.report.data import Experiment, ModelRuns, Results
+from isi.report.figures import by_size
 from isi.report.section import Content, of_each
-from isi.report.stats import DIRECTIONS, by_direction, by_model, combined, means, over_seeds, values
-from isi.report.tables import Column, Estimate, ReportTable
-from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, contenders, controls, isi, joined, label
+from isi.report.stats import DIRECTIONS, by_model, combined, means, over_seeds, values
+from isi.report.tables import Column, Estimate
+from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, contenders, isi, joined, label
 
 #: Answers that are shown and counted.
 TOP = 4
@@ -24,15 +24,13 @@ _PAIR = ["scope", "relation", "hidden", "novel"]
 
 
 def query_breakdown(results: Results) -> Iterator[Content]:
-    """The same of every experiment with a breakdown."""
-    rows = {name: tables.queries for name, tables in results.query_breakdown.items() if not tables.queries.empty}
-    experiments = [experiment for name, experiment in results.experiments.items() if name in rows]
-    return of_each(experiments, lambda experiment: _breakdown(experiment, rows[experiment.name]))
+    """Both directions, relations and directions, and both filters, of every experiment with a breakdown."""
+    experiments = [one for one in results.experiments.values() if one.queries is not None and len(one.queries)]
+    return of_each(experiments, _breakdown)
 
 
-def _breakdown(experiment: Experiment, rows: pd.DataFrame) -> Content:
-    """Both directions, relations and directions, and both filters."""
-    models, given = experiment.models, directions(rows, experiment.models)
+def _breakdown(experiment: Experiment) -> Content:
+    models, given, rows = experiment.models, directions(experiment), pd.DataFrame(experiment.queries)
     pairs, by_filter = by_relation(rows), filters(rows)
     joint = pairs[pairs["scope"] == "all"]
     joint = joint.dropna(subset=JOINT).sort_values(JOINT) if JOINT in pairs else joint.head(0)
@@ -42,10 +40,9 @@ def _breakdown(experiment: Experiment, rows: pd.DataFrame) -> Content:
         "leaders": {direction: leader(estimates) for direction, estimates in given.items()},
         "joint": {direction: values(estimates).get(JOINT) for direction, estimates in given.items()},
         "extremes": joint.iloc[[0, -1]][["query", JOINT]].to_numpy().tolist() if len(joint) else [],
-        "learned": everyone["learned"].dropna().to_dict(), "all_true": everyone["true"].dropna().to_dict(),
-        "models": [*contenders(experiment.initializers), JOINT],
+        "filters": [everyone[name].dropna().to_dict() for name in _FILTERS],
     }  # fmt: skip
-    canvas = by_size(by_direction(rows, _CELL), models, list(DIRECTIONS), ["mrr_star_entity"], len(experiment.entities))
+    canvas = by_size(experiment.directed, models, list(DIRECTIONS), ["mrr_star_entity"], len(experiment.entities))
     for axes, title in zip(canvas.axes, DIRECTIONS.values(), strict=True):
         axes.set(title=title, ylabel="MRR* (points)")
     columns = {model: label(model) for model in models if model in pairs}
@@ -59,14 +56,13 @@ def _breakdown(experiment: Experiment, rows: pd.DataFrame) -> Content:
                        for column, half in HALVES.items() for name, title in _FILTERS.items()}
                     for scope in ("all", "novel") for model in models],
     }  # fmt: skip
-    shown = [ReportTable.of(name, table) for name, table in tables.items()]
-    return Content(numbers, [*shown, Figure("directions", canvas)])
+    return Content(numbers, tables, {"directions": canvas})
 
 
-def directions(rows: pd.DataFrame, models: Sequence[str]) -> dict[str, dict[str, Estimate]]:
+def directions(runs: ModelRuns) -> dict[str, dict[str, Estimate]]:
     """Entity prediction about novel entities by direction and model: means over sizes and seeds in points."""
-    queries = by_direction(rows, _CELL)
-    return {name: by_model(queries[queries["scope"] == name], "mrr_star_entity", models) for name in DIRECTIONS}
+    queries = runs.directed
+    return {name: by_model(queries[queries["scope"] == name], "mrr_star_entity", runs.models) for name in DIRECTIONS}
 
 
 def leader(estimates: Mapping[str, Estimate]) -> tuple[str, float, dict[str, float]] | None:
@@ -114,6 +110,15 @@ class Answers:
     #: source of the entities that every repeat has: those that are shown as answers
     source: str
 
+    @classmethod
+    def of(cls, experiment: Experiment) -> Answers:
+        """The answers that were ranked in an experiment."""
+        relation = experiment.params.affordances.relation
+        tails = experiment.triples.loc[experiment.triples["relation"] == relation, "tail"]
+        kinds = experiment.entities.loc[experiment.entities["entity"].isin(tails), "kind"]
+        ranks, source = experiment.analyses["affordances"], experiment.settings.graph.source
+        return cls(ranks, experiment.entities, relation, sorted(kinds.unique()), source)
+
     @property
     def plural(self) -> str:
         """The kinds in words: affordances."""
@@ -128,7 +133,7 @@ class Answers:
         ranks = self.about(entity)
         known = ranks[(ranks["model"] == model) & (ranks["answer"].map(self.entities["source"]) == self.source)]
         best = known.groupby("answer")["rank"].mean().sort_values(kind="stable").index[:TOP]
-        return [(str(answer), str(kind)) for answer, kind in self.entities.loc[best, ["entity", "kind"]].to_numpy()]
+        return list(self.entities.loc[best, ["entity", "kind"]].itertuples(index=False, name=None))
 
     def judged(self, model: str, entities: Sequence[str], afforded: Mapping[str, Sequence[str]]) -> dict[str, int]:
         """How many of the answers about some entities are of the relation's kinds, and how many are wrong.
@@ -144,6 +149,19 @@ class Answers:
             counts["unlikely"] = len(hits) - counts["plausible"]
         return counts
 
+    def ranked(self, entities: Sequence[str], models: Sequence[str]) -> list[dict[str, Any]]:
+        """The first answers about some entities, a column an initializer; those of another kind are marked."""
+        marks = {
+            (entity, model): [f"{'' if kind in self.kinds else '× '}{answer} ({kind})"
+                              for answer, kind in self.top(model, entity)] + TOP * ["–"]
+            for entity in entities for model in models
+        }  # fmt: skip
+        return [
+            {"entity": f"{entity} (n = {self.about(entity)['seed'].nunique()})", "": f"{place + 1}."}
+            | {label(model): marks[entity, model][place] for model in models}
+            for entity in entities for place in range(TOP)
+        ]  # fmt: skip
+
     @property
     def hits(self) -> pd.DataFrame:
         """The highest-ranked answers of all inserted entities, and whether they are of the relation's kinds."""
@@ -155,56 +173,29 @@ class Answers:
         """Of the highest-ranked answers of all inserted entities, how many are of these kinds, in per cent."""
         return means(self.hits, "hit")
 
+    def shares_table(self, initializers: Sequence[str]) -> list[dict[str, Any]]:
+        """How often the highest-ranked answers are of the relation's kinds, over everything that was inserted."""
+        hits, titles = self.hits, (f"top {TOP}: {self.plural} %", f"first: {joined(self.kinds)} %")
+        shares = [over_seeds(rows, ["model"], {"hit": "hit"})["hit"] for rows in (hits, hits[hits["rank"] == 1])]
+        return [
+            {
+                "initializer": label(name),
+                **{title: share.get(name) for title, share in zip(titles, shares, strict=True)},
+            }
+            for name in initializers
+        ]
+
 
 def affordances(results: Results) -> Iterator[Content]:
     """Table 3: what can be done with entities right after insertion, as the embedding ranks it."""
-    if results.affordances is None:
-        return
-    settings, experiment = results.params.affordances, results.affordances.experiment
-    answers, initializers = answers_of(results.affordances, settings.relation), experiment.initializers
-    first = [*isi(initializers), *([BASELINE] if BASELINE in initializers else [])]
-    others = [name for name in initializers if name not in first]
-    numbers = {
-        "answers": answers, "top": TOP, "source": results.source_title(answers.source), "others": others,
-        "tested": contenders(initializers), "controls": controls(initializers),
-        "inserted": int((experiment.novel["session"] == 1).sum()),
-        "number": int(answers.entities["kind"].isin(answers.kinds).sum()),
-    }  # fmt: skip
-    yield Content(numbers, [
-        ReportTable.of("table3_affordances", ranked(answers, settings.entities, first)),
-        ReportTable.of("table3_others", ranked(answers, settings.entities, others)),
-        affordance_shares(answers, initializers),
-    ])  # fmt: skip
-
-
-def answers_of(analysis: Analysis[pd.DataFrame], relation: str) -> Answers:
-    """The answers of the analysis; ``relation``: of its queries."""
-    experiment = analysis.experiment
-    tails = experiment.triples.loc[experiment.triples["relation"] == relation, "tail"]
-    kind_of = experiment.entities.set_index("entity")["kind"]
-    kinds = sorted(kind_of[tails.unique()].unique())
-    return Answers(analysis.result, experiment.entities, relation, kinds, experiment.settings.graph.source)
-
-
-def ranked(answers: Answers, entities: Sequence[str], models: Sequence[str]) -> list[dict[str, Any]]:
-    """The first answers about some entities, a column an initializer; those of another kind are marked."""
-    marks = {
-        (entity, model): [f"{'' if kind in answers.kinds else '× '}{answer} ({kind})"
-                          for answer, kind in answers.top(model, entity)] + TOP * ["–"]
-        for entity in entities for model in models
-    }  # fmt: skip
-    return [
-        {"entity": f"{entity} (n = {answers.about(entity)['seed'].nunique()})", "": f"{place + 1}."}
-        | {label(model): marks[entity, model][place] for model in models}
-        for entity in entities for place in range(TOP)
-    ]  # fmt: skip
-
-
-def affordance_shares(answers: Answers, initializers: Sequence[str]) -> ReportTable:
-    """How often the highest-ranked answers are of the relation's kinds, over everything that was inserted."""
-    hits, titles = answers.hits, (f"top {TOP}: {answers.plural} %", f"first: {joined(answers.kinds)} %")
-    shares = [over_seeds(rows, ["model"], {"hit": "hit"})["hit"] for rows in (hits, hits[hits["rank"] == 1])]
-    return ReportTable.of("affordance_shares", [
-        {"initializer": label(name), **{title: share.get(name) for title, share in zip(titles, shares, strict=True)}}
-        for name in initializers
-    ])  # fmt: skip
+    for experiment, _ in results.analysis("affordances"):
+        answers, initializers = Answers.of(experiment), experiment.initializers
+        entities = results.params.affordances.entities
+        first = [*isi(initializers), *({BASELINE} & set(initializers))]
+        others = [name for name in initializers if name not in first]
+        tables = {
+            "table3_affordances": answers.ranked(entities, first),
+            "table3_others": answers.ranked(entities, others),
+            "affordance_shares": answers.shares_table(initializers),
+        }
+        yield Content({"answers": answers, "experiment": experiment, "others": others, "top": TOP}, tables)

@@ -13,8 +13,8 @@ from isi.report import glossary
 from isi.report.data import Experiment, Results
 from isi.report.section import Content, of_each
 from isi.report.sections.variants import relations_by_kind
-from isi.report.tables import Column, ReportTable
-from isi.report.words import HALVES, SCOPES, in_order, label
+from isi.report.tables import Column
+from isi.report.words import HALVES, JOINT, SCOPES, in_order, label
 
 _TRIPLE = ["source", "head", "relation", "tail", "count"]
 
@@ -27,33 +27,34 @@ def guide(results: Results) -> Iterator[Content]:
 def graph(results: Results) -> Iterator[Content]:
     """Each graph of its own, then the training on all."""
     yield from of_each(results.standalone, lambda experiment: _of_graph(results, experiment))
-    yield Content({"of_all": True, "several": len(results.standalone) > 1}, [_training(results)])
+    yield Content({"of_all": True}, {"training": _training(results)})
 
 
 def _of_graph(results: Results, experiment: Experiment) -> Content:
     paper, entities, triples = results.paper["graph"], experiment.entities, experiment.triples
     observations = results.observed[experiment.settings.graph.source].observations
-    has_scenes = bool(observations["scene"].notna().any())
     kinds = in_order(entities["kind"].unique(), results.vocabulary["kinds"])
     ours = {"observations": int(triples["count"].sum()), "unique_triples": len(triples), "entities": len(entities),
             **{f"{kind} entities": int((entities["kind"] == kind).sum()) for kind in kinds}}  # fmt: skip
-    shown = [ReportTable.of("graph_totals", [
+    totals = [
         {"": name.replace("_", " "), "this run": number, "paper": paper.get(name)} for name, number in ours.items()
-    ])]  # fmt: skip
-    if has_scenes:
-        shown.append(table1(observations, paper["median_per_environment"], results.vocabulary["relations"]))
+    ]
+    tables: dict[str, Any] = {"graph_totals": totals}
+    if observations["scene"].notna().any():
+        words = results.vocabulary["relations"]
+        tables["table1_graph_statistics"] = table1(observations, paper["median_per_environment"], words)
     by_kind = relations_by_kind(entities, triples)
     numbers = {
-        "of_all": False, "ours": ours, "paper": paper, "has_scenes": has_scenes,
-        "predicted": int(by_kind.max(axis=1).sum()), "relations": triples["relation"].nunique(),
+        "of_all": False, "ours": ours, "predicted": int(by_kind.max(axis=1).sum()),
+        "relations": triples["relation"].nunique(),
         "leads": [f"{kind} to {relation}" for kind, relation in by_kind.idxmax(axis=1).items()],
     }  # fmt: skip
-    return Content(numbers, shown)
+    return Content(numbers, tables)
 
 
 def table1(
     observations: pd.DataFrame, paper: Mapping[str, Mapping[str, float]], words: Mapping[str, str]
-) -> ReportTable:
+) -> pd.DataFrame:
     """Table 1: the median counts of one environment, by room type, beside the paper's; ``words``: of relations."""
     rows = observations[observations["scene"].notna()]
     counts = rows.groupby(["scene", "relation"]).size().unstack(fill_value=0)
@@ -68,25 +69,24 @@ def table1(
             theirs = "entities" if name == "object types" else str(name)
             lines[room] |= {str(name): value, f"{theirs} (paper)": paper.get(room, {}).get(theirs, np.nan)}
     frame = pd.DataFrame(lines).T.rename_axis("room").reset_index()
-    return ReportTable.of("table1_graph_statistics", frame.dropna(axis=1, how="all"))
+    return frame.dropna(axis=1, how="all")
 
 
-def _training(results: Results) -> ReportTable:
+def _training(results: Results) -> list[dict[Any, Any]]:
     """How long Θ⁰ and the joint model trained, what validation MRR* they reached, and the coordinates in use."""
-    rows = []
+    rows = list[dict[Any, Any]]()
     for experiment in results.experiments.values():
-        breakdown = results.query_breakdown.get(experiment.name)
-        for name, log in (("theta0", experiment.theta0_log), ("joint", experiment.joint_log)):
+        for name, log in (("theta0", experiment.theta0_log), (JOINT, experiment.joint_log)):
             epochs = log.groupby(["size", "seed"])["epoch"].max()
             best = log[log["kept"]].groupby(["size", "seed"]).last()
-            rows.append(
-                {Column("experiment", words=results.titles): experiment.name, "model": name, "trained": len(epochs)}
-                | {"epochs": epochs.mean(), "best epoch": best["epoch"].mean()}
-                | {f"validation {shown}": 100 * best[column].mean() for column, shown in HALVES.items()}
-                | {"std": 100 * best["mrr_star"].std(ddof=1)}
-                | (in_use(breakdown.used) if name == "joint" and breakdown else {})
-            )
-    return ReportTable.of("training", rows)
+            used = experiment.analyses.get("query_breakdown") if name == JOINT else None
+            rows.append({
+                Column("experiment", words=results.titles): experiment.name, "model": name, "trained": len(epochs),
+                "epochs": epochs.mean(), "best epoch": best["epoch"].mean(),
+                **{f"validation {shown}": 100 * best[column].mean() for column, shown in HALVES.items()},
+                "std": 100 * best["mrr_star"].std(ddof=1), **({} if used is None else in_use(used)),
+            })  # fmt: skip
+    return rows
 
 
 def in_use(used: pd.DataFrame) -> dict[str, float]:
@@ -98,14 +98,11 @@ def in_use(used: pd.DataFrame) -> dict[str, float]:
 def definitions(results: Results) -> Iterator[Content]:
     """What the word vectors could leak: triples that a definition gives away."""
     meaning = dict(zip(results.definitions["phrase"], results.definitions["definition"], strict=True))
-    graphs = [(one.entities, one.triples) for one in results.experiments.values()]
-    words = results.params.words
-    frame, number = leaks(graphs, meaning)
-    counts = frame["defined"].value_counts()
-    used = words.source == "shipped" and words.text == "definition"
-    numbers = {"used": used, "number": number, "heads": counts.get("head", 0), "tails": counts.get("tail", 0)}
+    frame, number = leaks([(one.entities, one.triples) for one in results.experiments.values()], meaning)
+    counts, words = frame["defined"].value_counts(), results.params.words
     frame = frame.rename(columns={"defined": "defined end", "definition": "its definition"})
-    yield Content(numbers, [ReportTable.of("definition_leaks", frame)])
+    used = words.source == "shipped" and words.text == "definition"
+    yield Content({"used": used, "number": number, "counts": counts}, {"definition_leaks": frame})
 
 
 def leaks(
@@ -146,13 +143,13 @@ def run(results: Results) -> Iterator[Content]:
                  for name, one in experiments.items()],
         "inserted": [f"{len(one.inserted) // max(one.inserted['model'].nunique(), 1):,} in {name}"
                      for name, one in experiments.items()],
-        "listings": results.run, **results.run,
-        "uncovered": dict.fromkeys(coverage.loc[coverage["served_by"].isna(), "entity"], ""),
+        **results.run, "uncovered": dict.fromkeys(coverage.loc[coverage["served_by"].isna(), "entity"], ""),
     }  # fmt: skip
     left_out = pd.DataFrame({Column(name, title=one.title): _left_out(one) for name, one in experiments.items()})
-    yield Content(numbers, [
-        ReportTable.of("left_out", left_out.rename_axis("").reset_index()), ties(experiments), fallbacks(experiments),
-    ])  # fmt: skip
+    yield Content(numbers, {
+        "left_out": left_out.rename_axis("").reset_index(), "ties": ties(experiments),
+        "fallbacks": fallbacks(experiments),
+    })  # fmt: skip
 
 
 def _left_out(experiment: Experiment) -> dict[str, int]:
@@ -183,31 +180,32 @@ def orphans(entities: pd.DataFrame, triples: pd.DataFrame, splits: pd.DataFrame,
     return lost
 
 
-def ties(experiments: Mapping[str, Experiment]) -> ReportTable:
+def ties(experiments: Mapping[str, Experiment]) -> list[dict[Any, Any]]:
     """Rivals whose score is tied with the answer's, right after insertion: they count half in a rank."""
     titles = {name: experiment.title for name, experiment in experiments.items()}
     counts = {name: one.ties.groupby(["model", "scope"])["ties"].sum() for name, one in experiments.items()}
-    return ReportTable.of("ties", [
+    return [
         {Column("experiment", words=titles): name, "model": label(model)}
         | {scope: int(counts[name].get((model, scope), 0)) for scope in ("all", "novel")}
         for name, experiment in experiments.items() for model in experiment.models
-    ])  # fmt: skip
+    ]  # fmt: skip
 
 
-def fallbacks(experiments: Mapping[str, Experiment]) -> ReportTable:
+def fallbacks(experiments: Mapping[str, Experiment]) -> pd.DataFrame:
     """How often each initializer lacked what it needs, and what it fell back to."""
     titles = {name: experiment.title for name, experiment in experiments.items()}
     rows = [
         (name, label(model), fallback, number)
         for name, experiment in experiments.items()
-        for model, fallback, number in (
-            experiment.inserted.groupby(["model", "fallback"]).size().reset_index().to_numpy()
-        )
+        for model, fallback, number in experiment.inserted.groupby(["model", "fallback"])
+        .size()
+        .reset_index()
+        .to_numpy()
     ]
     columns = [Column("experiment", words=titles), "initializer", "fell back to", "inserted entities"]
-    return ReportTable.of("fallbacks", pd.DataFrame(rows, columns=columns))
+    return pd.DataFrame(rows, columns=columns)
 
 
-def departures(results: Results) -> Iterator[Content]:
+def departures(_: Results) -> Iterator[Content]:
     """Where this differs from the paper, and where it decides what the paper leaves open."""
-    yield Content({"params": results.params})
+    yield Content()

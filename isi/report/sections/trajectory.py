@@ -11,9 +11,8 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.patheffects import withStroke
 
 from isi.report.data import Results
-from isi.report.figures import Figure, legend, panels
+from isi.report.figures import legend, panels
 from isi.report.section import Content
-from isi.report.tables import ReportTable
 from isi.report.words import colour, isi, label
 
 #: The way of one entity (``TRAJECTORY``), by name.
@@ -22,9 +21,11 @@ Traces = Mapping[str, np.ndarray]
 
 def trajectory(results: Results) -> Iterator[Content]:
     """Figure 1 and its distances."""
-    if results.trajectory is None:
-        return
-    traces, names = results.trajectory.result, results.trajectory.experiment.entities["entity"]
+    for experiment, traces in results.analysis("trajectory"):
+        yield _figure1(traces, experiment.entities["entity"])
+
+
+def _figure1(traces: Traces, names: pd.Series) -> Content:
     models = [name.removesuffix(".path") for name in traces if name.endswith(".path")]
     vectors = traces["theta0"][traces["known"]]  # [N, d]
     rows, titles = [], {}
@@ -38,12 +39,11 @@ def trajectory(results: Results) -> Iterator[Content]:
             "indicators": ", ".join(names[traces[f"{model}.indicators"]]),
         })  # fmt: skip
     numbers = {
-        "settings": results.params.trajectory, "share": 100 * plane(vectors)[2], "dimension": vectors.shape[1],
+        "share": 100 * plane(vectors)[2], "dimension": vectors.shape[1],
         "name": str(names[int(traces["entity"][0])]),
         "away": np.linalg.norm(vectors - vectors.mean(0), axis=1).mean(),
     }  # fmt: skip
-    yield Content(numbers, [Figure("figure1_trajectory", _drawn(traces, vectors, titles, names)),
-                            ReportTable.of("trajectory", rows)])  # fmt: skip
+    return Content(numbers, {"trajectory": rows}, {"figure1_trajectory": _drawn(traces, vectors, titles, names)})
 
 
 def plane(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from isi.graph.graph import MinedSource, new_entities
 from isi.report import stats
 from isi.report.data import Experiment, Results
-from isi.report.figures import Figure
 from isi.report.section import Content
 from isi.report.sections import forgetting
-from isi.report.significance import LEVEL, Pair, pairs_table
+from isi.report.significance import Pair, pairs_table
 from isi.report.stats import epochs_summary, halves, values, wide
-from isi.report.tables import Column, Estimate, ReportTable
-from isi.report.words import BASELINE, JOINT, capitalized, contenders, label
+from isi.report.tables import Column, Estimate
+from isi.report.words import BASELINE, JOINT, label
 
 
 def transfer(results: Results) -> Iterator[Content]:
@@ -29,34 +28,27 @@ def _of_experiment(results: Results, experiment: Experiment) -> Content:
     settings, name, runs = experiment.settings, experiment.name, experiment.immediate
     extend, (size, *_) = settings.graph.extend, settings.sessions.sizes
     assert extend is not None  # noqa: S101  # as of all that are extended
-    paper, means = results.paper["transfer"], stats.mrr_star(runs, experiment.initializers)
     base, triples = results.source_title(settings.graph.source), experiment.triples
     heldout = runs[(runs["scope"] == "novel_heldout") & (runs["model"] == JOINT)]
     numbers: dict[str, Any] = {
-        "title": capitalized(experiment.title), "name": name, "base": base, "size": size, "paper": paper,
-        "repeats": settings.sessions.seeds,
+        "experiment": experiment, "base": base, "size": size, "heldout": heldout["queries"],
         "relations": sorted(triples.loc[triples["source"] == extend.source, "relation"].unique()),
-        "everything": means.get("all", {}), "novel": means.get("novel", {}), "baseline": BASELINE, "level": LEVEL,
-        "epochs": stats.epochs(experiment.convergence, experiment.initializers).get("all", {}),
-        "unconverged": stats.unconverged(experiment.convergence, experiment.initializers).get("all", {}),
-        "drops": values(drops(runs)), "tested": contenders(experiment.initializers),
-        "heldout": heldout["queries"].mean(), "none_heldout": int((heldout["queries"] == 0).sum()),
-        "all_heldout": len(heldout), "curve_size": experiment.curve_size, "ended": [], "order": None,
+        "drops": values(drops(runs)), "ended": [], "order": None,
     }  # fmt: skip
     steps = dict(results.mined[extend.source].itertuples(index=False, name=None))
-    shown: list[ReportTable | Figure] = [
-        mined(name, steps, experiment.entities, triples, results.observed[extend.source], base,
-              extend.min_observations, settings.sessions.steps * size),
-        _immediate(experiment, paper),
-    ]  # fmt: skip
+    tables: dict[str, Any] = {
+        f"{name}_mined": mined(steps, experiment.entities, triples, results.observed[extend.source], base,
+                               extend.min_observations, settings.sessions.steps * size),
+        f"{name}_immediate": _immediate(experiment, results.paper["transfer"]),
+    }  # fmt: skip
+    figures = {}
     if experiment.curve_size is not None:
-        curves = forgetting.with_finetune_only(results, experiment)
+        curves = forgetting.with_finetune_only(experiment)
         pairs = forgetting.at_the_end(curves)
         numbers |= {"ended": forgetting.ended(pairs), "order": _order(results, experiment, pairs)}
-        every_pair = [pair for of_scope in pairs.values() for pair in of_scope]
-        shown += [Figure(f"figure4_{name}", forgetting.drawn(curves, experiment.models)),
-                  pairs_table(f"{name}_at_the_end", every_pair)]  # fmt: skip
-    return Content(numbers, shown)
+        tables[f"{name}_at_the_end"] = pairs_table(chain(*pairs.values()))
+        figures[f"figure4_{name}"] = forgetting.drawn(curves, experiment.models)
+    return Content(numbers, tables, figures)
 
 
 def _order(results: Results, experiment: Experiment, pairs: Mapping[str, Sequence[Pair]]) -> dict[str, Any] | None:
@@ -71,14 +63,14 @@ def _order(results: Results, experiment: Experiment, pairs: Mapping[str, Sequenc
         significant = any(of_model[name].significant for of_model in (here, there) for name in both)
         if both:
             return {"title": base.title, "pairs": [there[name] for name in both], "reversed": turned,
-                    "number": len(both), "significant": significant}  # fmt: skip
+                    "significant": significant}  # fmt: skip
     return None
 
 
 def mined(
-    name: str, steps: Mapping[str, int], entities: pd.DataFrame, triples: pd.DataFrame, seen: MinedSource, base: str,
+    steps: Mapping[str, int], entities: pd.DataFrame, triples: pd.DataFrame, seen: MinedSource, base: str,
     minimum: int, inserted: int,
-) -> ReportTable:  # fmt: skip
+) -> list[dict[str, Any]]:  # fmt: skip
     """What another source adds to a graph.
 
     Args:
@@ -96,23 +88,22 @@ def mined(
         "unique triples of the candidates": int((triples["source"] == seen.source).sum()),
         "inserted in a repeat": inserted,
     }
-    return ReportTable.of(f"{name}_mined", [{"": step, "count": count} for step, count in counts.items()])
+    return [{"": step, "count": count} for step, count in counts.items()]
 
 
-def _immediate(experiment: Experiment, paper: Mapping[str, Mapping[str, float]]) -> ReportTable:
+def _immediate(experiment: Experiment, paper: Mapping[str, Mapping[str, float]]) -> dict[Any, list[Any]]:
     """MRR* right after insertion, epochs to convergence, and the drop on earlier knowledge, beside the paper's."""
     runs, models, dropped = experiment.immediate, experiment.models, drops(experiment.immediate)
     theirs = {key: [numbers.get(model) for model in models] for key, numbers in paper.items()}
     summary = epochs_summary(experiment.convergence, ["scope", "model"]).drop(columns="std")
     titles = {scope: f"epochs, {scope}" for scope in ("all", "novel_heldout")}
-    columns: dict[Any, list[Any]] = {
+    return {
         "model": list(map(label, models)),
         **halves(runs, models, "all"), Column("paper", "all"): theirs["all_queries"],
         **halves(runs, models, "novel"), Column("paper", "novel"): theirs["novel_queries"],
         "drop %": [dropped.get(model) for model in models], Column("paper", "drop %"): theirs["drop"],
         **wide(summary, [(model,) for model in models], titles), Column("paper", "epochs"): theirs["epochs"],
     }  # fmt: skip
-    return ReportTable.of(f"{experiment.name}_immediate", columns)
 
 
 def drops(runs: pd.DataFrame) -> dict[str, Estimate]:
@@ -120,14 +111,10 @@ def drops(runs: pd.DataFrame) -> dict[str, Estimate]:
 
     With known candidates only, nothing has changed for earlier knowledge, so this is what inserting costs.
     """
-
-    def lost(means: np.ndarray) -> np.ndarray:
-        share: np.ndarray = 100 * (1 - means[..., 0] / means[..., 1])
-        return share
-
-    shown, scopes = runs[(runs["model"] != JOINT)], list(forgetting.SCOPES)
-    costs = {
-        str(model): stats.of_means(lost, rows.pivot_table("mrr_star", "seed", "scope").reindex(columns=scopes))
-        for model, rows in shown[shown["scope"].isin(scopes)].groupby("model")
-    }
-    return {model: drop for model, drop in costs.items() if not np.isnan(drop.mean)}
+    scopes = list(forgetting.SCOPES)
+    pairs = {}
+    for model, rows in runs[runs["scope"].isin(scopes) & (runs["model"] != JOINT)].groupby("model"):
+        cells = rows.pivot_table("mrr_star", "seed", "scope").reindex(columns=scopes)
+        known, closed = (cells[[scope]].set_axis(["mrr_star"], axis=1) for scope in scopes)
+        pairs[str(model)] = (known, closed)
+    return stats.relative(pairs, sign=-1)

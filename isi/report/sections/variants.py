@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import groupby
 from math import inf
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from isi.analyses.variants import Variant
-from isi.report.data import Experiment, Results, VariantRuns
-from isi.report.figures import Figure, by_row
+from isi.report.data import Experiment, GraphRuns, ModelRuns, Results, VariantRuns
+from isi.report.figures import by_row
 from isi.report.section import Content
 from isi.report.sections.gain import ZERO
 from isi.report.significance import Difference, by_seed, difference, signed
 from isi.report.stats import values
-from isi.report.tables import Column, Estimate, ReportTable
+from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, JOINT, isi, label
 
 #: The initializer with which stronger ones are compared, by seed.
@@ -30,34 +30,29 @@ _PAIRS = (("ers", BASELINE), ("ers", "kind_mean"), ("es", "es_permuted_kinds"), 
 
 def stronger(results: Results) -> Iterator[Content]:
     """Initializers that the paper does not have: a table for each graph, the best with the novel entity given first."""
-    for runs in results.variants_of("baselines").values():
-        given = {name: values(runs.given_means(name)) for name in runs.experiments}
-        best = {name: max((means[method] for method in isi(runs.initializers)), default=inf)
-                for name, means in given.items()}  # fmt: skip
-        above = {name: {model: means[model] for model in sorted(runs.initializers, key=lambda model: -means[model])
-                        if means[model] > best[name]} for name, means in given.items()}  # fmt: skip
-        numbers = {
-            "rivals": [name for name in runs.initializers if name not in results.params.initializers],
-            "size": runs.variant.size, "titles": results.titles, "given": given, "best": best, "above": above,
-            "reference": REFERENCE, "joint": JOINT,
-        }  # fmt: skip
-        tables = []
-        for experiment, means in given.items():
-            over_all, novel = (runs.immediate_means(experiment, scope) for scope in ("all", "novel"))
-            cells, estimates = 100 * _given_by_seed(runs, experiment), runs.given_means(experiment)
+    for variant, group in groupby(results.variants_of("baselines"), key=lambda runs: runs.variant):
+        listed, tables, above = list(group), {}, []
+        for runs in listed:
+            given, over_all, novel = runs.given_means, runs.immediate_means("all"), runs.immediate_means("novel")
+            best = max((given[method].mean for method in isi(runs.initializers)), default=inf)
+            cells, order = _given_by_seed(runs), sorted(runs.models, key=lambda model: -given[model].mean)
             reference = cells[REFERENCE] if REFERENCE in cells else pd.Series(np.nan, cells.index)
-            tables.append(ReportTable.of(f"strong_{experiment}", [
+            tables[f"strong_{runs.name}"] = [
                 {"model": label(model), "all": over_all.get(model), "novel": novel.get(model),
-                 "novel entity given": estimates[model],
+                 "novel entity given": given[model],
                  f"novel entity given, minus {label(REFERENCE)}": difference(by_seed(cells[model], reference))}
-                for model in sorted(runs.models, key=lambda model: -means[model])
-            ]))  # fmt: skip
-        yield Content(numbers, tables)
+                for model in order
+            ]  # fmt: skip
+            stronger = {model: given[model].mean for model in order if given[model].mean > best and model != JOINT}
+            above.append((runs, best, stronger))
+        ran = dict.fromkeys(name for runs in listed for name in runs.initializers)
+        rivals = [name for name in ran if name not in results.params.initializers]
+        yield Content({"rivals": rivals, "size": variant.size, "above": above, "reference": REFERENCE}, tables)
 
 
-def _given_by_seed(runs: VariantRuns, experiment: str) -> pd.DataFrame:
-    """The entity half of the queries that give the novel entity: a row a seed and size, a column a model."""
-    return runs.given_in(experiment).pivot_table("mrr_star_entity", ["seed", "size"], "model")
+def _given_by_seed(runs: ModelRuns) -> pd.DataFrame:
+    """The entity half of the queries that give the novel entity, in points: a row a seed and size, a column a model."""
+    return 100 * runs.given_queries.pivot_table("mrr_star_entity", ["seed", "size"], "model")
 
 
 def _of_models(means: Mapping[str, Estimate]) -> dict[Any, Any]:
@@ -66,45 +61,36 @@ def _of_models(means: Mapping[str, Estimate]) -> dict[Any, Any]:
 
 def n_insert_triples(results: Results) -> Iterator[Content]:
     """By the number of insert triples: a figure, and its numbers."""
-    for first in [*results.variants_of("insert_triples").values()][:1]:
-        experiment, models = first.experiments[0], first.models
-        listed = [runs for runs in results.variants_of("insert_triples").values() if experiment in runs.experiments]
+    variants = results.variants_of("insert_triples")
+    for first in variants[:1]:
+        listed = [runs for runs in variants if runs.name == first.name]
         limits = [runs.variant.max_insert_triples for runs in listed]
         numbers = ["all" if limit is None else str(limit) for limit in limits]
-        rows = [runs.given_means(experiment) for runs in listed]
-        means = pd.DataFrame([values(row) for row in rows])
+        means = pd.DataFrame([values(runs.given_means) for runs in listed])
         lowest = {name: int(means[name].to_numpy().argmin()) for name in first.initializers}
-        across = "insert triples of each novel entity, at most"
-        figure = Figure("n_insert_triples", by_row({"": dict(zip(numbers, rows, strict=True))}, models, across))
-        table = [{"insert triples": number, **_of_models(row)} for number, row in zip(numbers, rows, strict=True)]
-        yield Content(
-            {
-                "size": first.variant.size, "initializers": first.initializers, "fewest": means.iloc[0].to_dict(),
-                "most": means.iloc[-1].to_dict(), "numbers": numbers, "joint": JOINT,
-                "worse": [(name, means[name].iloc[place], numbers[place]) for name, place in lowest.items()
-                          if means[name].iloc[0] - means[name].iloc[place] >= ZERO],
-            },
-            [figure, ReportTable.of("n_insert_triples", table)],
-        )  # fmt: skip
+        figure = by_row({"": {number: runs.given_means for number, runs in zip(numbers, listed, strict=True)}},
+                        first.models, "insert triples of each novel entity, at most")  # fmt: skip
+        table = [{"insert triples": number, **_of_models(runs.given_means)}
+                 for number, runs in zip(numbers, listed, strict=True)]  # fmt: skip
+        worse = [(name, means[name].iloc[place], numbers[place]) for name, place in lowest.items()
+                 if means[name].iloc[0] - means[name].iloc[place] >= ZERO]  # fmt: skip
+        about = {"variant": first, "fewest": means.iloc[0], "most": means.iloc[-1], "numbers": numbers, "worse": worse}
+        yield Content(about, {"n_insert_triples": table}, {"n_insert_triples": figure})
 
 
 def _by_graph(
-    results: Results, variants: Mapping[str, VariantRuns], column: str,
-    means: Callable[[VariantRuns, str], Mapping[str, Estimate]],
-) -> list[dict[Any, Any]]:  # fmt: skip
+    variants: Sequence[VariantRuns], column: str, means: Callable[[VariantRuns], Mapping[str, Estimate]]
+) -> list[dict[Any, Any]]:
     """A row for each experiment and variant that ran on it: the estimates by model."""
-    return [
-        {"graph": results.titles[experiment], column: runs.title, **_of_models(means(runs, experiment))}
-        for experiment in dict.fromkeys(name for runs in variants.values() for name in runs.experiments)
-        for runs in variants.values() if experiment in runs.experiments
-    ]  # fmt: skip
+    names = list(dict.fromkeys(runs.name for runs in variants))
+    return [{"graph": runs.title, column: runs.variant.title, **_of_models(means(runs))}
+            for runs in sorted(variants, key=lambda runs: names.index(runs.name))]  # fmt: skip
 
 
 def other_words(results: Results) -> Iterator[Content]:
     """A row for each kind of word vectors and each graph."""
     if variants := results.variants_of("words"):
-        rows = _by_graph(results, variants, "words", VariantRuns.given_means)
-        yield Content(shown=[ReportTable.of("other_words", rows)])
+        yield Content(tables={"other_words": _by_graph(variants, "words", lambda runs: runs.given_means)})
 
 
 def embeddings(results: Results) -> Iterator[Content]:
@@ -112,25 +98,19 @@ def embeddings(results: Results) -> Iterator[Content]:
     variants = results.variants_of("embeddings")
     if not variants:
         return
-    pairs = [(runs.title, experiment, runs.given_means(experiment))
-             for runs in variants.values() for experiment in runs.experiments]  # fmt: skip
-    names = list(dict.fromkeys(name for runs in variants.values() for name in runs.initializers))
+    names = list(dict.fromkeys(name for runs in variants for name in runs.initializers))
     rows: dict[str, dict[str, Mapping[str, Estimate]]] = {}
-    for title, experiment, given in pairs:
-        rows.setdefault(results.titles[experiment], {})[title] = given
+    for runs in variants:
+        rows.setdefault(runs.title, {})[runs.variant.title] = runs.given_means
+    means = {"immediate": lambda runs: runs.immediate_means("novel"), "novel_given": lambda runs: runs.given_means,
+             "epochs": VariantRuns.epochs_means}  # fmt: skip
     numbers = {
-        "methods": isi(names), "baseline": BASELINE, "pairs": len(pairs),
-        "ahead": sum(_best_of(given, [BASELINE, *isi(names)]) in isi(names) for *_, given in pairs),
-        "best": Counter(_best_of(given, names) for *_, given in pairs).most_common(),
+        "methods": isi(names), "pairs": len(variants),
+        "ahead": sum(_best_of(runs.given_means, [BASELINE, *isi(names)]) in isi(names) for runs in variants),
+        "best": Counter(_best_of(runs.given_means, names) for runs in variants).most_common(),
     }  # fmt: skip
-    means: dict[str, Callable[[VariantRuns, str], Mapping[str, Estimate]]] = {
-        "immediate": lambda runs, experiment: runs.immediate_means(experiment, "novel"),
-        "novel_given": VariantRuns.given_means,
-        "epochs": lambda runs, experiment: runs.epochs_means(experiment, results.params),
-    }
-    tables = [ReportTable.of(f"embeddings_{name}", _by_graph(results, variants, "embedding", of))
-              for name, of in means.items()]  # fmt: skip
-    yield Content(numbers, [Figure("embeddings", by_row(rows, next(iter(variants.values())).models)), *tables])
+    tables = {f"embeddings_{name}": _by_graph(variants, "embedding", of) for name, of in means.items()}
+    yield Content(numbers, tables, {"embeddings": by_row(rows, variants[0].models)})
 
 
 def _best_of(means: Mapping[str, Estimate], names: Iterable[str]) -> str | None:
@@ -142,51 +122,49 @@ def other_graphs(results: Results) -> Iterator[Content]:
     """All graphs side by side, what they share, and the same runs on each."""
     if not results.other_graphs:
         return
-    others = {one.runs.title: one.runs for one in results.other_graphs.values()}
-    graphs = {one.title: (one.entities, one.triples) for one in results.standalone}
-    graphs |= {one.runs.title: (one.entities, one.triples) for one in results.other_graphs.values()}
-    first = next(iter(others.values()))
-    main = {one.title: _as_variant(one, results, first.variant)
-            for one in results.standalone if one.name in results.query_breakdown}  # fmt: skip
-    runs_of = {title: runs for title, runs in (main | others).items() if runs.experiments}
-    given = {title: runs.given_means(runs.experiments[0]) for title, runs in runs_of.items()}
+    others, like = results.other_graphs, results.other_graphs[0].variant
+    graphs: list[Experiment | GraphRuns] = [*results.standalone, *others]
+    main = []
+    for graph in (graph for graph in results.standalone if graph.queries is not None):
+        initializers = [name for name in like.initializers if name in graph.initializers]
+        main.append(replace(graph.of_size(like.size), initializers=initializers))
+    runs_of = {runs.title: runs for runs in (*main, *others) if len(runs.runs)}
     gains: dict[str, dict[tuple[str, str], Difference]] = {}
     for title, runs in runs_of.items():
-        cells = 100 * _given_by_seed(runs, runs.experiments[0])
+        cells = _given_by_seed(runs)
         gains[title] = {(first, second): difference(by_seed(cells[first], cells[second]))
                         for first, second in _PAIRS if first in cells and second in cells}  # fmt: skip
     rows: dict[str, dict[str, dict[Any, Any]]] = {
-        "immediate": {title: _of_models(runs.immediate_means(runs.experiments[0], "novel"))
-                      for title, runs in runs_of.items()},
-        "novel_given": {title: _of_models(means) for title, means in given.items()},
+        "immediate": {title: _of_models(runs.immediate_means("novel")) for title, runs in runs_of.items()},
+        "novel_given": {title: _of_models(runs.given_means) for title, runs in runs_of.items()},
         "gains": {title: {Column(f"{label(first)} minus {label(second)}", form=signed): points
                           for (first, second), points in pairs.items()} for title, pairs in gains.items()},
-        "epochs": {title: _of_models(_finetuned(runs, results).epochs_means(runs.experiments[0], results.params))
-                   for title, runs in runs_of.items()},
+        "epochs": {title: _of_models(runs.epochs_means()) for title, runs in runs_of.items()},
     }  # fmt: skip
     compared = {pair: [pairs[pair] for pairs in gains.values() if pair in pairs] for pair in _PAIRS}
-    numbers = {"size": first.variant.size, "pairs": [
+    numbers = {"size": like.size, "pairs": [
         (pair, sum(points.low > 0 for points in of_graphs), sum(points.high < 0 for points in of_graphs),
          len(of_graphs)) for pair, of_graphs in compared.items() if of_graphs
     ]}  # fmt: skip
-    tables = [ReportTable.of(f"graphs_{name}", [{"graph": title, **row} for title, row in lines.items()])
-              for name, lines in rows.items()]  # fmt: skip
-    yield Content(numbers, [
-        ReportTable.of("graphs", sizes(graphs)), ReportTable.of("graphs_shared", shared(graphs)),
-        Figure("graphs", by_row({"": given}, first.models)), *tables,
-    ])  # fmt: skip
+    tables: dict[str, Any] = {"graphs": sizes(graphs), "graphs_shared": shared(graphs)} | {
+        f"graphs_{name}": [{"graph": title, **row} for title, row in lines.items()] for name, lines in rows.items()
+    }
+    given = {title: runs.given_means for title, runs in runs_of.items()}
+    yield Content(numbers, tables, {"graphs": by_row({"": given}, others[0].models)})
 
 
-def sizes(graphs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]]) -> list[dict[str, Any]]:
-    """A row for each graph; of each its entities and triples (``ENTITIES`` and ``TRIPLES``)."""
+def sizes(graphs: Iterable[Experiment | GraphRuns]) -> list[dict[str, Any]]:
+    """A row for each graph."""
     return [
         {
-            "graph": title, "observations": int(triples["count"].sum()), "unique triples": len(triples),
-            "relations": triples["relation"].nunique(), "entities": len(entities),
-            "kinds": ", ".join(f"{number} {kind}" for kind, number in entities["kind"].value_counts().items()),
-            "predicted by kind %": 100 * (relations_by_kind(entities, triples).max(axis=1).sum() / len(triples)),
+            "graph": graph.title, "observations": int(graph.triples["count"].sum()),
+            "unique triples": len(graph.triples), "relations": graph.triples["relation"].nunique(),
+            "entities": len(graph.entities),
+            "kinds": ", ".join(f"{number} {kind}" for kind, number in graph.entities["kind"].value_counts().items()),
+            "predicted by kind %": 100 * (relations_by_kind(graph.entities, graph.triples).max(axis=1).sum()
+                                          / len(graph.triples)),
         }
-        for title, (entities, triples) in graphs.items()
+        for graph in graphs
     ]  # fmt: skip
 
 
@@ -196,22 +174,8 @@ def relations_by_kind(entities: pd.DataFrame, triples: pd.DataFrame) -> pd.DataF
     return triples.groupby([kinds.rename("kind"), "relation"]).size().unstack(fill_value=0)
 
 
-def shared(graphs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]]) -> list[dict[str, Any]]:
+def shared(graphs: Iterable[Experiment | GraphRuns]) -> list[dict[str, Any]]:
     """How many entities each two graphs share, by phrase."""
-    phrases = {title: set(entities["phrase"]) for title, (entities, _) in graphs.items()}
+    phrases = {graph.title: set(graph.entities["phrase"]) for graph in graphs}
     return [{"graph": title, **{other: len(here & there) for other, there in phrases.items()}}
             for title, here in phrases.items()]  # fmt: skip
-
-
-def _as_variant(experiment: Experiment, results: Results, like: Variant) -> VariantRuns:
-    """A main experiment as if it were a variant, at another's size."""
-    frames, name = (experiment.runs, results.query_breakdown[experiment.name].queries), experiment.name
-    entry = like.model_copy(update={"title": experiment.title, "experiments": [name], "changes": {}})
-    return VariantRuns(entry, *(rows[rows["size"] == like.size].assign(experiment=name) for rows in frames))
-
-
-def _finetuned(runs: VariantRuns, results: Results) -> VariantRuns:
-    """The runs without those of a main experiment that were not fine-tuned."""
-    main = results.experiments.get(runs.experiments[0])
-    left_out = set(main.initializers) - set(main.finetuned) if main else set()
-    return replace(runs, runs=runs.runs[~runs.runs["model"].isin(left_out)])
