@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ import isi
 from isi.bundle.calibration import answer, fit_platt
 from isi.bundle.folder import InsertionRecord
 from isi.bundle.insert import InsertedEntity, NewEntity, ablations, before, insert_entity
-from isi.bundle.query import Query, find, open_bundle, plain, queries_of
+from isi.bundle.query import Query, find, open_bundle, queries_of
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
 from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, WORDS, new_entity, opened, small, written
@@ -104,15 +103,6 @@ def test_probabilities_rise_with_the_score_whatever_its_unit(
     ordered = probabilities[table.argsort()]
     assert (ordered.diff() >= -1e-15).all()  # equal scores may differ in the last bit, by their place in the vector
     torch.testing.assert_close(fit_platt(scale * table, known)(scale * table), probabilities, rtol=1e-3, atol=1e-4)
-
-
-def test_a_sample_of_many_unknown_answers_stands_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(0)
-    scores = torch.from_numpy(np.concatenate([rng.normal(2, 1, 100), rng.normal(0, 1, 9000)]))
-    known, asked = torch.arange(9100) < 100, torch.linspace(-1, 4, 11)
-    whole = fit_platt(scores, known)(asked)
-    monkeypatch.setattr("isi.bundle.calibration.MOST_UNKNOWN", 1000)
-    torch.testing.assert_close(fit_platt(scores, known)(asked), whole, rtol=0.02, atol=1e-4)
 
 
 def test_uninformative_scores_give_the_share_of_known_answers() -> None:
@@ -210,17 +200,6 @@ def test_without_its_only_piece_nothing_is_inserted() -> None:
     assert (found.left_out, found.initializer, found.cosine) == ("words", None, None)
 
 
-def test_an_indicator_named_like_a_relation_removes_no_other_triples() -> None:
-    named = opened(entity_names=[*NAMES[:-1], "hasAffordance"])
-    inserted = insert_entity(named, stove())
-    shown = [replace(inserted.indicators()[0], id=LIE_ON, entity="hasAffordance")]
-    *_, found = ablations(inserted.opened, inserted.record, shown, [], 1)
-    fewer = insert_entity(named.part(np.arange(5)), stove())  # which knows what its triples are of
-    own, vector = (one.vector.astype(float) for one in (inserted, fewer))
-    assert found.what == "hasAffordance"
-    assert found.moved == pytest.approx(np.linalg.norm(own - vector) / np.linalg.norm(own))
-
-
 # Names
 
 
@@ -238,11 +217,6 @@ def test_a_name_as_it_is_written_goes_first_and_none_is_guessed() -> None:
         find("aple", ["apple", "pear"], "ENTITY", "an entity")
     with pytest.raises(InputError, match=r"got 'zz' \(there are 'apple', 'pear'\)$"):
         find("zz", ["apple", "pear"], "ENTITY", "an entity")
-
-
-@given(st.text())
-def test_a_plain_name_is_plain(text: str) -> None:
-    assert plain(plain(text)) == plain(text)
 
 
 # What does not fit

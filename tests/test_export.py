@@ -153,12 +153,3 @@ def test_an_embedding_leaves_with_what_it_predicts_itself() -> None:
         ("kettle", "atLocation", "kettle", 10.0, 1), ("bed", "atLocation", "kettle", 5.0, 1),
         ("kettle", "hasAffordance", "kettle", 4.0, 1), ("bed", "hasAffordance", "bed", 4.0, 1),
     ]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("form", "file"), [("pykeen-tsv", "x.predictions.tsv"), ("property-csv", "x.tsv/predictions.csv")]
-)
-def test_earlier_predictions_go_where_none_are_asked_for(folder: Path, form: str, file: str) -> None:
-    for more, there in ((["--predictions", "1"], True), ([], False)):
-        main(["export", "home", "--format", form, "--out", "x.tsv", *more])
-        assert (folder / file).exists() == there

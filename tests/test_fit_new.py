@@ -10,7 +10,7 @@ import torch
 
 import isi
 from isi.errors import InputError
-from isi.insertion.arguments import checked_model, stack_of_one
+from isi.insertion.arguments import stack_of_one
 from isi.insertion.result import Inserted
 from tests.small_embedding import ABOUT, BETWEEN, ENTITIES, KNOWN, NAMES, NEW, TOLD, call, fit
 from tests.small_graphs import random_embedding
@@ -128,14 +128,6 @@ def test_interference_queries_the_known_triples_or_a_sample() -> None:
     assert done.interference(most=2) == done.interference(most=2)
     with pytest.raises(InputError, match="expected triples of known entities, to ask about"):
         call(known_triples=None).interference()
-
-
-def test_a_model_object_serves() -> None:
-    family = checked_model("transe", {"margin": 2.0, "squared": True}, 2)
-    by_name = isi.insert(**LINE | {"model": "transe"}, triples=[(4, 0, 1)], new=1,
-                         model_options={"margin": 2.0, "squared": True})  # fmt: skip
-    own = isi.insert(**LINE | {"model": family}, triples=[(4, 0, 1)], new=1)
-    np.testing.assert_array_equal(own.entities, by_name.entities)
 
 
 def test_transe_with_the_norm_of_city_blocks() -> None:

@@ -20,7 +20,7 @@ from isi.bundle.insert import phrase_vector
 from isi.cli import lines
 from isi.graph.words import read_vectors
 from isi.tables import paths
-from tests.small_bundle import files, opened, random_bundle, small, without_words, written
+from tests.small_bundle import files, opened, small, without_words, written
 
 ROOT = Path(__file__).parent.parent
 STOVE = ["insert", "stove", "--kind", "object", "--fact", "at location", "Kitchen", "--fact", "hasaffordance", "turnOn"]
@@ -98,21 +98,6 @@ def test_a_likely_answer_that_was_not_given_and_no_indicator_has_is_unexpected()
         assert not replace(likely, **changed).unexpected  # type: ignore[arg-type]
 
 
-def test_unexpected_answers_are_looked_for_beyond_those_that_are_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    """Every third answer is right, so that none is unlikely."""
-    written(Path("dense"), random_bundle(600))
-    command = ["insert", "new", "--fact", "in", "e1", "--initializer", "rs", "--set", "k=1", "--embedding", "dense"]
-    results = [parsed(capsys, *command, "--top", top) for top in ("1", "2", "20", "30")]
-    assert all(result["unexpected"] == results[0]["unexpected"] for result in results)
-    assert {len(query["answers"]) for result in results[:2] for query in result["answers"]} == {1, 2}
-    shown = [answer for query in results[2]["answers"] for answer in query["answers"] if answer["unexpected"]]
-    assert sorted(answer["probability"] for answer in shown) == sorted(
-        triple["probability"] for triple in results[2]["unexpected"]
-    )
-    assert len(shown) > 20
-    assert max(answer["rank"] for answer in shown) == 20
-
-
 def test_a_fact_unlike_all_that_is_known_of_its_relation_is_noted(capsys: pytest.CaptureFixture[str]) -> None:
     odd = ["--fact", "atLocation", "lie on", "--inverse-fact", "kitchen", "hasAffordance"]
     expected = [
@@ -167,12 +152,6 @@ def test_the_enlarged_embedding_is_read_by_every_command(capsys: pytest.CaptureF
     assert (best["entity"], best["known"]) == ("turn on", True)
     assert parsed(capsys, "nearest", "stove", *larger)["entity"] == "stove"
     assert "stove" in printed(capsys, "insert", "hob", "--fact", "atlocation", "stove", *larger)
-
-
-def test_equal_insertions_write_equal_bytes(capsys: pytest.CaptureFixture[str]) -> None:
-    for seed, out in (("3", "one"), ("3", "two"), ("4", "three")):
-        printed(capsys, *STOVE, "--initializer", "gaussian", "--seed", seed, "--out", out)
-    assert files(Path("one")) == files(Path("two")) != files(Path("three"))
 
 
 # Word vectors

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from isi.config import read
 from tools import docs
 
 PAGES = [*docs.pages(), *(docs.ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md"))]
@@ -39,13 +38,6 @@ def test_links_lead_somewhere(page: Path) -> None:
 def slug(heading: str) -> str:
     """What a heading is linked by, as forges make it."""
     return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
-
-
-def test_the_method_lists_every_stage() -> None:
-    text = (docs.ROOT / "docs/method.md").read_text(encoding="utf-8")
-    section = text.partition("## The stages\n")[2].partition("\n## ")[0]
-    listed = re.findall(r"^\| `(\w+)", section, re.MULTILINE)
-    assert listed == list(read(docs.ROOT / "dvc.yaml")["stages"])
 
 
 def test_what_the_method_says_of_rates_and_batches_is_in_its_tables() -> None:

@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isi.config import read
-from isi.tables import paths
 from tests.procthor import house, thing
 from tools import sources
 
@@ -50,22 +48,6 @@ def test_a_picture_shows_how_often_each_object_was_seen_in_each_room(homes: sour
     shown = axes.get_images()[0].get_array()
     assert shown is not None
     assert np.ma.filled(shown, 0).tolist() == [[1, 0], [1, 3]]
-
-
-def test_any_mapping_of_sources_is_run_and_those_that_cannot_be_are_told(capsys: pytest.CaptureFixture[str]) -> None:
-    mapping = {
-        "gone": {**MADE, "path": "nowhere.jsonl"},
-        "mp3d": read(paths.PARAMS)["sources"]["mp3d"],
-        "odd": {"reader": "whales"},
-    }
-    measured = list(sources.measure(mapping, 0))
-    assert [one.name for one in measured] == ["mp3d"]
-    assert (measured[0].scenes, measured[0].instances) == (0, 0)
-    assert int(measured[0].counts.sum()) == measured[0].left["without structure"]
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 2
-    assert lines[0].startswith("left out gone: nowhere.jsonl: ")
-    assert lines[1].startswith("left out odd: ")
 
 
 def test_the_command_writes_a_table_and_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,12 +6,11 @@ import ast
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import pytest
 import yaml
 
 from isi.params import load
-from tools import compare, repro, workspace
+from tools import repro, workspace
 
 ROOT = Path(__file__).parent.parent
 
@@ -115,31 +114,3 @@ def test_a_lock_file_that_was_cut_short_is_as_before_and_a_whole_one_stays(
         assert (path.read_text(encoding="utf-8") if path.exists() else None) == expected
     assert ("was cut short" in capsys.readouterr().out) is not whole
     assert not list((tmp_path / ".dvc/tmp").iterdir())
-
-
-@pytest.mark.parametrize(
-    ("notes", "stay"), [("", False), ('{"read": {"a', False), ("{}", True), ('{"read": {}}', True)]
-)
-def test_notes_of_dvc_that_were_cut_short_go(tmp_path: Path, notes: str, stay: bool) -> None:
-    path = tmp_path / "rwlock"
-    path.write_text(notes, encoding="utf-8")
-    repro.mend_notes(path)
-    assert (path.read_text(encoding="utf-8") if path.exists() else None) == (notes if stay else None)
-    repro.mend_notes(tmp_path / "none")
-
-
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        ({}, ""),
-        ({"mrr": [0.5, 0.25]}, "columns mrr"),
-        ({"extra": [1, 2]}, "only in one: extra"),
-        ({"seed": [0]}, "2 rows against 1"),
-    ],
-)
-def test_tables_are_compared_by_their_values(tmp_path: Path, change: dict[str, Any], expected: str) -> None:
-    columns: dict[str, Any] = {"seed": [0, 1], "mrr": [0.5, 0.75]}
-    pd.DataFrame(columns).to_parquet(tmp_path / "one.parquet")
-    changed = {name: values[: len(change.get("seed", [0, 1]))] for name, values in (columns | change).items()}
-    pd.DataFrame(changed).astype({"seed": "int64"}).to_parquet(tmp_path / "other.parquet", compression="zstd")
-    assert compare.difference(tmp_path / "one.parquet", tmp_path / "other.parquet") == expected

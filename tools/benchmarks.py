@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from isi.report.figures import STYLE
 from isi.training.batches import DENSE_LIMIT
+from tools.docs import BENCHMARKS, write_table
 
-FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 COLOURS = {"tables": "#d55e00", "lists": "#0072b2"}
 
 
@@ -174,15 +174,9 @@ def main() -> None:
         str(name): pd.DataFrame([{**run["extra_info"], "median": run["stats"]["median"]} for run in runs])
         for name, runs in pd.Series(results["benchmarks"]).groupby([run["group"] for run in results["benchmarks"]])
     }
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    (FOLDER / "machine.md").write_text(machine(results), encoding="utf-8")
+    (BENCHMARKS / "machine.md").write_text(machine(results), encoding="utf-8")
     for name, rows in groups.items():
-        shown = pd.DataFrame(TABLES.get(name, facts)(rows))
-        text = shown.to_markdown(
-            index=False, disable_numparse=True, colalign=["left", *["right"] * (shown.shape[1] - 1)]
-        )
-        (FOLDER / f"{name}.md").write_text(text + "\n", encoding="utf-8")
-        print(f"\n{text}")
+        write_table(BENCHMARKS / f"{name}.md", pd.DataFrame(TABLES.get(name, facts)(rows)), 1)
     if "growth" in groups:
         _grown(groups["growth"])
 
@@ -192,12 +186,12 @@ def _grown(rows: pd.DataFrame) -> None:
     even = float(f"{crossing(rows):.2g}")
     same = f"Tables and lists cost the same on a graph of {even:,.0f} possible triples"
     switch = f"{same}; batches become lists above {DENSE_LIMIT:,}."
-    (FOLDER / "switch.md").write_text(switch + "\n", encoding="utf-8")
+    (BENCHMARKS / "switch.md").write_text(switch + "\n", encoding="utf-8")
     print(f"\n{switch}")
     with mpl.rc_context(STYLE):
         canvas = scaling(rows)
-        canvas.savefig(FOLDER / "scaling.svg", metadata={"Date": None})
-        canvas.savefig(FOLDER / "scaling.png")
+        canvas.savefig(BENCHMARKS / "scaling.svg", metadata={"Date": None})
+        canvas.savefig(BENCHMARKS / "scaling.png")
 
 
 if __name__ == "__main__":

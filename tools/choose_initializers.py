@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,8 +30,8 @@ from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.stack import Embedding
 from isi.params import Params, load
 from isi.random import stream
+from tools.docs import BENCHMARKS, write_table
 
-FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 Setting = tuple[str, dict[str, Any]]
 
 
@@ -165,15 +164,11 @@ def shown(options: dict[str, Any]) -> str:
 
 def write(table: pd.DataFrame, listed: dict[str, dict[str, Any]]) -> None:
     """All settings as CSV; the best of each initializer, and what params say of it, for people."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    table.to_csv(FOLDER / "initializers.csv", index=False)
+    table.to_csv(BENCHMARKS / "initializers.csv", index=False)
     chosen = [
         one == shown(listed.get(name, {})) for name, one in zip(table["initializer"], table["options"], strict=True)
     ]
-    rows = table[~table["initializer"].duplicated() | np.array(chosen)]
-    text = rows.astype(str).to_markdown(index=False, disable_numparse=True)
-    (FOLDER / "initializers.md").write_text(text + "\n", encoding="utf-8")
-    print(text)
+    write_table(BENCHMARKS / "initializers.md", table[~table["initializer"].duplicated() | np.array(chosen)])
 
 
 if __name__ == "__main__":

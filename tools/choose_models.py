@@ -8,26 +8,24 @@ from __future__ import annotations
 
 import argparse
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from isi.experiment.grid import GridPoints
 from isi.experiment.runner import run
 from isi.experiment.store import Store
-from isi.experiment.train import TrainConfig, train_config, train_stack
+from isi.experiment.train import TrainConfig, train_config
 from isi.models.model import make_model
 from isi.params import Params, load
+from tools.choose_rates import best_valid
+from tools.docs import BENCHMARKS, write_table
 
-FOLDER = Path(__file__).parent.parent / "docs" / "benchmarks"
 
-
-def settings_of(params: Params, name: str, asked: argparse.Namespace) -> list[dict[str, float | bool]]:
+def settings_of(params: Params, name: str, given: argparse.Namespace) -> list[dict[str, float | bool]]:
     """The grid of a model: rates, decays, and what its options may be."""
-    grid: dict[str, list[float] | list[bool]] = {"learning_rate": asked.rates, "weight_decay": asked.decays}
+    grid: dict[str, list[float] | list[bool]] = {"learning_rate": given.rates, "weight_decay": given.decays}
     if "margin" in params.models[name]:
-        grid["margin"] = asked.margins
+        grid["margin"] = given.margins
     if "squared" in params.models[name]:
         grid["squared"] = [False, True]
     return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
@@ -41,11 +39,6 @@ def learning_of(params: Params, name: str, setting: dict[str, float | bool]) -> 
     return train_config(params, model, params.training.model_copy(update=rates))
 
 
-def best_valid(points: GridPoints, config: TrainConfig) -> float:
-    """Best validation MRR* of the joint models, averaged."""
-    return float(train_stack(points, config).log.groupby("seed")["mrr_star"].max().mean())
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--models", nargs="+", help="default: all")
@@ -53,25 +46,21 @@ def main() -> None:
     parser.add_argument("--rates", type=float, nargs="+", default=[0.05, 0.1, 0.2])
     parser.add_argument("--decays", type=float, nargs="+", default=[0.0, 1e-4, 1e-3])
     parser.add_argument("--margins", type=float, nargs="+", default=[0.5, 1.0, 2.0, 4.0, 8.0])
-    asked = parser.parse_args()
+    given = parser.parse_args()
     params = load()
     experiment = params.compare_models.experiment or next(iter(params.experiments))
-    points = Store(experiment).grid(asked.seeds, seeds=asked.seeds)[0]
+    points = Store(experiment).grid(given.seeds, seeds=given.seeds)[0]
     joint = points.all_known
     rows, tasks = [], []
-    for name in asked.models or params.models:
-        for setting in settings_of(params, name, asked):
+    for name in given.models or params.models:
+        for setting in settings_of(params, name, given):
             rows.append({"model": name, **setting})
             tasks.append((joint, learning_of(params, name, setting)))
-    found = 100 * np.array(run(best_valid, tasks, params.compute, "models"))
-    table = pd.DataFrame(rows).assign(**{"validation MRR*": found.round(2)})
+    measured = 100 * np.mean(run(best_valid, tasks, params.compute, "models"), axis=1)
+    table = pd.DataFrame(rows).assign(**{"validation MRR*": measured.round(2)})
     shown = table.sort_values(["model", "validation MRR*"], ascending=[True, False]).astype(object).fillna("–")
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    shown.to_csv(FOLDER / "models.csv", index=False)
-    best = shown.groupby("model", sort=False).head(3)
-    text = best.astype(str).to_markdown(index=False, disable_numparse=True)
-    (FOLDER / "models.md").write_text(text + "\n", encoding="utf-8")
-    print(text)
+    shown.to_csv(BENCHMARKS / "models.csv", index=False)
+    write_table(BENCHMARKS / "models.md", shown.groupby("model", sort=False).head(3))
 
 
 if __name__ == "__main__":

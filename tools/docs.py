@@ -18,12 +18,17 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ruamel.yaml import YAML
 
 from isi.process import one_line
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 ROOT = Path(__file__).parent.parent
+BENCHMARKS = ROOT / "docs" / "benchmarks"
 PLACE = re.compile(r"(<!-- (table|value): ([^>]+?) -->)(.*?)(<!-- end -->)", re.DOTALL)
 BLOCK = re.compile(r"(?<=^```console\n)(.*?)(?=^```)", re.DOTALL | re.MULTILINE)
 COMMAND = re.compile(r"^\$ (isi .*)\n((?:[^$\n].*\n)*)", re.MULTILINE)
@@ -82,6 +87,15 @@ def with_output(page: str, folder: Path) -> str:
         return f"$ {line}\n{printed if before else ''}"
 
     return BLOCK.sub(lambda block: COMMAND.sub(run, block[1]), page)
+
+
+def write_table(path: Path, table: pd.DataFrame, left: int | None = None, behind: str = "") -> None:
+    """Print a table, and write it in Markdown with what stands behind it; ``left`` columns are aligned so."""
+    align = None if left is None else ["left"] * left + ["right"] * (table.shape[1] - left)
+    text = table.astype(str).to_markdown(index=False, disable_numparse=True, colalign=align) + "\n"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text + behind, encoding="utf-8")
+    print(text)
 
 
 def main(named: list[str]) -> None:

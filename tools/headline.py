@@ -8,10 +8,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 #: Title in two lines, and where its numbers are in ``metrics.json``.
 COLUMNS = (
     ("MRR* at once", "all", "immediate_mrr_star", "all"),
-    ("", "novel", "immediate_mrr_star", "novel"),
+    ("MRR* at once", "novel", "immediate_mrr_star", "novel"),
     ("gain %", "all", "improvement_over_xavier_percent", "all"),
     ("epochs", "all", "epochs_to_convergence", "all"),
     ("never %", "all", "unconverged_percent", "all"),
@@ -20,16 +22,11 @@ COLUMNS = (
 )
 
 
-def headline(title: str, metrics: Mapping[str, Any]) -> str:
+def headline(metrics: Mapping[str, Any]) -> str:
     """One experiment's numbers, a line a model."""
+    columns = {(upper, lower): metrics.get(section, {}).get(scope, {}) for upper, lower, section, scope in COLUMNS}
     models = list(dict.fromkeys(model for scope in metrics["immediate_mrr_star"].values() for model in scope))
-    first = max(map(len, [title, *models])) + 2
-    lines = [f"{title:{first}}" + "".join(f"{upper:>14}" for upper, *_ in COLUMNS)]
-    lines.append(f"{'':{first}}" + "".join(f"{lower:>14}" for _, lower, *_ in COLUMNS))
-    for model in models:
-        values = [metrics.get(section, {}).get(scope, {}).get(model) for *_, section, scope in COLUMNS]
-        lines.append(f"{model:{first}}" + "".join(f"{'' if value is None else f'{value:.2f}':>14}" for value in values))
-    return "\n".join(lines)
+    return pd.DataFrame(columns, index=models).to_string(float_format="{:.2f}".format, na_rep="")
 
 
 def main(folder: Path) -> None:
@@ -43,7 +40,7 @@ def main(folder: Path) -> None:
         sys.exit(f"headline: {path}: expected the metrics of a report ({error}): run `dvc repro report`")
     others = {name: value for name, value in metrics.items() if "immediate_mrr_star" in value}
     for title, own in {"": metrics, **others}.items():
-        print(f"\n{headline(title, own)}")
+        print(f"\n{title}\n{headline(own)}".replace("\n\n", "\n"))
     print(f"\nThe report: {folder / 'index.html'}")
 
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 
 import pandas as pd
 
 from isi.analyses.hidden_entities import HIDDEN_ENTITIES, Hidden, seconds_path
 from isi.params import load, load_beyond
 from isi.process import one_line
+from tools.docs import BENCHMARKS, write_table
 
-TABLE = Path(__file__).parent.parent / "docs" / "benchmarks" / "hidden.md"
 ALL = "all"
 #: Queries, and how the columns of their measures begin.
 QUERIES = {"known": "known ends", "hidden": "hidden ones"}
@@ -83,11 +82,7 @@ def main() -> None:
         title = f"- **{settings.title}** ({len(times)} times {round(times.mean())} hidden)."
         lines.append(" ".join([title, *sentences_of(mean, settings, default)]))
     if tables:
-        shown = pd.concat(tables).fillna("")
-        aligned = ["left", "left", *["right"] * (shown.shape[1] - 2)]
-        text = shown.to_markdown(index=False, disable_numparse=True, colalign=aligned)
-        TABLE.write_text(text + "\n\n" + "\n".join(lines) + "\n", encoding="utf-8")
-        print(text)
+        write_table(BENCHMARKS / "hidden.md", pd.concat(tables).fillna(""), 2, "\n" + "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

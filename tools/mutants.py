@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pandas as pd
 
+from tools.docs import BENCHMARKS, write_table
+
 FOLDER = Path("mutants")
-TABLE = Path(__file__).parents[1] / "docs" / "benchmarks" / "mutants.md"
 #: By the exit status of its tests, as mutmut has it; what has another was killed.
 FATES = {0: "live", 5: "met by no test", 33: "met by no test", None: "not tried", 34: "not tried"}
 
@@ -24,23 +25,22 @@ def fates(folder: Path = FOLDER) -> dict[str, dict[str, str]]:
     return of_file
 
 
-def table(of_file: dict[str, dict[str, str]]) -> str:
+def table(of_file: dict[str, dict[str, str]]) -> pd.DataFrame:
     """A row for each package, and one for all."""
     counts: dict[str, Counter[str]] = {}
     for name, mutants in of_file.items():
         counts.setdefault(str(Path(name).parent), Counter()).update(mutants.values())
     counts["all"] = sum(counts.values(), Counter())
-    shown = pd.DataFrame([
+    return pd.DataFrame([
         {"code": name, "mutants": f"{count.total():,}"}
         | {fate: f"{count[fate]:,}" for fate in ("killed", "live", "met by no test")}
         | {"killed of all": f"{100 * count['killed'] / count.total():.1f} %"}
         for name, count in counts.items() if count
     ])  # fmt: skip
-    return str(shown.to_markdown(index=False, disable_numparse=True, colalign=("left", *["right"] * 5))) + "\n"
 
 
 if __name__ == "__main__":
-    TABLE.write_text(table(fates()), encoding="utf-8")
+    write_table(BENCHMARKS / "mutants.md", table(fates()), 1)
     for path, mutants in fates().items():
         for mutant, fate in mutants.items():
             if fate != "killed":

@@ -29,8 +29,8 @@ from isi.report.figures import STYLE, rendered
 from isi.sources import Source
 from isi.tables import paths
 from tools import make_houses
+from tools.docs import BENCHMARKS, write_table
 
-DOCS = Path(__file__).parent.parent / "docs"
 TRIPLE = ["head", "relation", "tail"]
 #: Name of the houses that are made, and how many: as ProcTHOR-10K has in its training set.
 MADE, HOUSES = "procthor_made", 10_000
@@ -159,13 +159,11 @@ def most_frequent(seen: pd.DataFrame) -> pd.DataFrame:
 
 def write(measured: Sequence[Measured], folder: Path) -> None:
     """Pictures and the table, into the folder of the documents."""
-    for name in ("sources", "benchmarks"):
-        (folder / name).mkdir(parents=True, exist_ok=True)
+    (folder / "sources").mkdir(parents=True, exist_ok=True)
     for source in measured:
         if drawn := picture(source):
             (folder / "sources" / f"{source.name}.png").write_bytes(rendered(drawn, "png"))
-    text = table(measured).to_markdown(index=False, disable_numparse=True)
-    (folder / "benchmarks" / "sources.md").write_text(text + "\n", encoding="utf-8")
+    write_table(folder / "benchmarks" / "sources.md", table(measured))
 
 
 def _number(value: int) -> str:
@@ -179,7 +177,7 @@ def main() -> None:
     parser.add_argument("--houses", type=int, default=HOUSES, help=f"how many are made ({HOUSES:,})")
     parser.add_argument("--docs", type=Path, help="where the table and the pictures go (docs)")
     given = parser.parse_args()
-    docs = given.docs or (None if given.names else DOCS)
+    docs = given.docs or (None if given.names else BENCHMARKS.parent)
     try:
         sources = source_settings([paths.PARAMS, paths.BEYOND_PARAMS, *given.params])
         readers = {settings.get("reader") for settings in sources.values()}
@@ -195,9 +193,10 @@ def main() -> None:
             if MADE in chosen:
                 make_houses.write(houses, given.houses)
             measured = list(measure(chosen, read(paths.PARAMS)["seed"]))
-        print(table(measured).to_markdown(index=False, disable_numparse=True))
         if docs:
             write(measured, docs)
+        else:
+            print(table(measured).to_markdown(index=False, disable_numparse=True))
     except InputError as error:
         sys.exit(str(error))
 

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
-from isi.errors import InputError, short
+from isi.cli import settings
+from isi.config import value_of
+from isi.errors import InputError
 from isi.process import one_line
 
 ROOT = Path(__file__).parent.parent
@@ -78,7 +79,8 @@ def change(params: dict[str, Any], key: str, value: Any) -> None:
 def change_all(params: dict[str, Any], changes: dict[str, Any]) -> None:
     """Make those changes that are of something that params have; what is dropped goes from all lists, too."""
     for key, value in changes.items():
-        if _has_parent(params, key):
+        parent = key.rpartition(".")[0]
+        if not parent or value_of(params, parent) is not None:
             change(params, key, value)
     forget(params, {key.rpartition(".")[2] for key, value in changes.items() if value is DROP})
 
@@ -91,14 +93,6 @@ def forget(values: Any, names: set[str]) -> None:
         forget(value, names)
 
 
-def _has_parent(params: dict[str, Any], key: str) -> bool:
-    for part in key.split(".")[:-1]:
-        if part not in params:
-            return False
-        params = params[part]
-    return True
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
@@ -106,16 +100,11 @@ def main() -> None:
     parser.add_argument("--drop", nargs="*", default=[], metavar="KEY", help="params to leave out")
     given = parser.parse_args()
     with one_line("workspace"):
-        changes = dict(map(_setting, given.set)) | dict.fromkeys(given.drop, DROP)
-        make(given.folder, QUICK | changes)
-
-
-def _setting(text: str) -> tuple[str, Any]:
-    key, found, value = text.partition("=")
-    try:
-        return key, YAML_1_2.load(value if found else "]")
-    except (YAMLError, ValueError, RecursionError) as error:
-        raise InputError("--set", "", f"expected KEY=VALUE, the value in YAML, got {short(text)}") from error
+        try:
+            changes = settings(given.set)
+        except ValueError as error:
+            raise InputError("--set", "", str(error)) from error
+        make(given.folder, QUICK | changes | dict.fromkeys(given.drop, DROP))
 
 
 if __name__ == "__main__":
