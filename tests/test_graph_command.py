@@ -100,7 +100,7 @@ def test_several_files_make_one_graph(folder: Path, capsys: pytest.CaptureFixtur
 def test_a_graph_that_can_be_split_is_described_so(folder: Path) -> None:
     rows = [f"thing{h},near,thing{t}" for h in range(9) for t in range(9)]
     (folder / "dense.csv").write_text("head,relation,tail\n" + "\n".join(rows), encoding="utf-8")
-    graph = build_tables(together([read(folder / "dense.csv", None, {}, 0).seen]))
+    graph = build_tables(together([read(folder / "dense.csv", None, {}, 0)[2]]))
     described = describe(graph, read_params(paths.PARAMS))
     assert (described["triples_for_validation_and_test"], described["triples_that_can_leave_train"] >= 16) == (16, True)
     assert described["with_one_triple,_which_stays_in_train"] == "0"

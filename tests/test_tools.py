@@ -1,16 +1,33 @@
-"""The tools around the pipeline: what they say, and what they refuse."""
+"""The tools around the pipeline: progress, workspaces, the choice of settings, sources and words."""
 
 from __future__ import annotations
 
 import ast
+import json
+import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
 import pytest
+import torch
 import yaml
 
+from isi.errors import InputError
+from isi.evaluation.query_sets import novel_query_set
+from isi.evaluation.ranking import evaluate
+from isi.experiment.grid import GridPoints
+from isi.graph.sessions import OUT, TEST, TRAIN, VALID
+from isi.graph.words import read_vectors
 from isi.params import load
-from tools import repro, workspace
+from isi.sources.triples import shipped_names
+from isi.tables import paths
+from tests.procthor import house, thing
+from tests.small_graphs import points_of, random_embedding, random_graph
+from tools import repro, sources, wordnet, workspace
+from tools.choose_initializers import about, hide
+from tools.embed_phrases import WORDNET, read
 
 ROOT = Path(__file__).parent.parent
 
@@ -114,3 +131,167 @@ def test_a_lock_file_that_was_cut_short_is_as_before_and_a_whole_one_stays(
         assert (path.read_text(encoding="utf-8") if path.exists() else None) == expected
     assert ("was cut short" in capsys.readouterr().out) is not whole
     assert not list((tmp_path / ".dvc/tmp").iterdir())
+
+
+ENTITIES, RELATIONS = 20, 3
+
+
+def hidden(draw: int = 0) -> tuple[GridPoints, GridPoints]:
+    points = points_of(random_graph(ENTITIES, RELATIONS, 140), 3, [0, 1, 2])
+    return points, hide(points, 4, draw, 0, 0.5)
+
+
+def test_known_entities_are_hidden_and_neither_novel_ones_nor_test_triples_have_a_part() -> None:
+    points, pseudo = hidden()
+    for model in range(3):
+        known = points.session(0).trained()[model].nonzero().flatten().tolist()
+        assert set(pseudo.novel[model, 0].tolist()) <= set(known)
+        touched = np.isin(points.graph.triples[:, [0, 2]], points.novel[model]).any(1)
+        assert (pseudo.splits[model][touched] == OUT).all()
+    assert (pseudo.splits[points.splits == TEST] == OUT).all()
+    kept = pseudo.splits != OUT
+    assert (pseudo.splits[kept] == points.splits[kept]).all()
+    assert set(pseudo.splits[kept].tolist()) == {TRAIN, VALID}
+    assert not (pseudo.session(0).entities.gather(1, pseudo.novel_in(1))).any()
+    assert (pseudo.novel != hidden(draw=1)[1].novel).any()
+
+
+def test_half_of_the_training_triples_of_hidden_entities_is_told() -> None:
+    _, pseudo = hidden()
+    told = pseudo.insert_triples
+    for session, model, place, triple in told.tolist():
+        head, _, tail = pseudo.graph.triples[triple].tolist()
+        assert session == 1
+        assert pseudo.splits[model, triple] == TRAIN
+        assert pseudo.novel[model, 0, place] in (head, tail)
+    number = pd.DataFrame(told).groupby([1, 2]).size()
+    for (model, place), count in number.items():  # type: ignore[misc]
+        ends = torch.from_numpy(np.isin(pseudo.graph.triples[:, [0, 2]], pseudo.novel[model, 0]))
+        own = (pseudo.graph.triples[:, [0, 2]] == pseudo.novel[model, 0, place]).any(1)
+        usable = own & (ends.sum(1) == 1) & torch.from_numpy(pseudo.splits[model] == TRAIN)
+        assert count == max(1, int(usable.sum()) // 2)
+
+
+def test_half_of_the_queries_for_entities_are_about_the_novel_one() -> None:
+    _, pseudo = hidden()
+    queries = novel_query_set(pseudo.session(1), pseudo.novel_in(1), pseudo.insert_mask(1))["novel"]
+    some = about(queries, pseudo.novel_in(1))
+    theta = random_embedding(3, ENTITIES, RELATIONS, 8)
+    found = evaluate(theta, {"about": some})["about"].measures[:, 1]
+    assert some.rows is not None
+    torch.testing.assert_close(some.rows.entity_weight.sum(1), torch.ones(3))
+    rows = some.rows
+    for model in range(3):
+        novel = set(pseudo.novel[model, 0].tolist())
+        heads, _, tails = (ids[model].tolist() for ids in rows.ids)
+        for place, (head, tail) in enumerate(zip(heads, tails, strict=True)):
+            weights = rows.entity_weight[model, [place, place + len(heads)]]
+            asked = bool(queries.rows.entity_weight[model, place] > 0)  # type: ignore[union-attr]
+            assert (weights > 0).tolist() == [asked and tail in novel, asked and head in novel]
+    assert ((found > 0) & (found < 1)).all()
+
+
+MADE = {"reader": "procthor_houses", "sha256": None, "materials": "suncg"}
+
+
+@pytest.fixture(scope="module")
+def homes(tmp_path_factory: pytest.TempPathFactory) -> sources.Measured:
+    """Two houses: three mugs in kitchens, a mug and a sofa in a living room, and a mug in no room."""
+    path = tmp_path_factory.mktemp("homes") / "homes.jsonl"
+    mugs = [thing(f"Mug|2|{place}", 1, 1) for place in range(2)]
+    first = house(*mugs, thing("Sofa|3|0", 8, 1, thing("Mug|surface|3|0", 8, 1)))
+    second = house(mugs[0], thing("Mug|2|1", -9, 1))
+    path.write_text(f"{json.dumps(first)}\n{json.dumps(second)}\n", encoding="utf-8")
+    return sources.run("homes", {**MADE, "path": str(path)}, 0)
+
+
+def test_a_row_counts_what_a_source_gave(homes: sources.Measured) -> None:
+    row = sources.table([homes]).iloc[0]
+    assert list(row[["source", "scenes", "rooms", "instances", "relations"]]) == ["homes", "2", "2", "5", "3"]
+    assert "2 room" in row["of these"]
+    assert row["counted by mining"] == "6 instances; 1 dropped, in no room of their house"
+    at = homes.counts.xs("atLocation", level="relation")
+    assert at.to_dict() == {
+        ("mug", "kitchen"): 3, ("mug", "living room"): 1, ("mug", "sofa"): 1, ("sofa", "living room"): 1,
+    }  # fmt: skip
+    assert row["observations"] == str(homes.counts.sum())
+    assert row["unique triples"] == str(len(homes.counts))
+
+
+def test_a_picture_shows_how_often_each_object_was_seen_in_each_room(homes: sources.Measured) -> None:
+    drawn = sources.picture(homes)
+    assert drawn is not None
+    axes = drawn.axes[0]
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["living room (2)", "kitchen (1)"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["sofa", "mug"]
+    shown = axes.get_images()[0].get_array()
+    assert shown is not None
+    assert np.ma.filled(shown, 0).tolist() == [[1, 0], [1, 3]]
+
+
+def test_the_command_writes_a_table_and_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def command(*arguments: str) -> None:
+        monkeypatch.setattr(sys, "argv", ["sources", *arguments])
+        sources.main()
+
+    command("--houses", "2", "--docs", str(tmp_path), "published", sources.MADE)
+    lines = (tmp_path / "benchmarks/sources.md").read_text(encoding="utf-8").splitlines()
+    assert [line.split("|")[1].strip() for line in lines[2:]] == ["published", sources.MADE]
+    pictures = {path.name: path.stat().st_size for path in (tmp_path / "sources").iterdir()}
+    assert set(pictures) == {"published.png", f"{sources.MADE}.png"}
+    assert all(1_000 < size < 150_000 for size in pictures.values())
+
+
+DATA = (
+    "  1 A licence, on lines that begin with two spaces.\n"
+    "00000051 06 n 01 mug 0 000 | a face\n"
+    '00000087 06 n 02 mug 1 cup 0 000 | with a handle; holds tea; "he drank a mug"; "of milk"  \n'
+)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """WordNet's files for nouns: ``mug`` of two senses, the second of which is the only one of ``cup``."""
+    offsets = [DATA.index(start) for start in ("00000051", "00000087")]
+    (tmp_path / "data.noun").write_text(DATA, encoding="latin-1")
+    (tmp_path / "index.noun").write_text(
+        f"  1 A licence.\ncup n 1 0 1 0 {offsets[1]:08d}  \nmug n 2 1 @ 2 1 {offsets[0]:08d} {offsets[1]:08d}  \n",
+        encoding="latin-1",
+    )
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("synset", "expected"),
+    [("mug.n.01", "a face"), ("mug.n.02", "with a handle; holds tea"), ("cup.n.01", "with a handle; holds tea")],
+)
+def test_a_definition_is_the_gloss_of_a_sense_without_its_examples(folder: Path, synset: str, expected: str) -> None:
+    assert wordnet.definition(folder, synset) == expected
+
+
+@pytest.mark.parametrize("synset", ["mug.n.03", "mug.n.00", "jug.n.01", "mug", "mug.x.01", "mug.n.1"])
+def test_a_sense_that_wordnet_lacks_is_refused(folder: Path, synset: str) -> None:
+    with pytest.raises(InputError, match=rf"wordnet\.csv: synset '{synset}'"):
+        wordnet.definition(folder, synset)
+
+
+# What ships
+
+
+def test_every_phrase_is_there_once_in_order_and_defined_where_it_has_a_synset() -> None:
+    table = pd.read_csv(WORDNET, keep_default_na=False, dtype=str)
+    assert table["phrase"].is_monotonic_increasing
+    assert table["phrase"].is_unique
+    assert ((table["definition"] != "") == (table["synset"] != "")).all()
+
+
+def test_the_graphs_that_ship_have_all_their_phrases_in_it() -> None:
+    listed = set(read(WORDNET)["phrase"])
+    published = pd.read_csv(paths.PUBLISHED_PHRASES)
+    assert {*shipped_names()["phrase"], *published["phrase"]} <= listed
+
+
+def test_every_phrase_of_wordnet_has_a_vector_of_unit_length() -> None:
+    words = read_vectors(paths.shipped_vectors("wordnet"))
+    assert words.index_to_key == list(read(WORDNET).index)
+    assert (abs((words.vectors**2).sum(1) - 1) < 1e-5).all()

@@ -119,9 +119,9 @@ def insert_entity(opened: OpenBundle, new: NewEntity) -> InsertedEntity:
         words=None if new.vector is None else words, kinds=[*opened.kinds, new.kind],
         initializer=request.requested_initializer, options=request.options, seed=request.seed,
     )  # fmt: skip
-    given = {name: getattr(request, name) for name in InsertionRequest.model_fields}
-    given["insert_triples"] = list(dict.fromkeys(request.insert_triples))
-    record = InsertionRecord(**given, initializer=result.initializer, why=result.why, fallback=result.fallback[0])
+    known = {"insert_triples": list(dict.fromkeys(request.insert_triples)), "initializer": result.initializer,
+             "why": result.why, "fallback": result.fallback[0]}  # fmt: skip
+    record = InsertionRecord(**{**request.model_dump(), **known})
     manifest = opened.manifest.model_copy(update={"inserted": [*opened.manifest.inserted, record]})
     larger = replace(
         opened, manifest=manifest, entities=result.entities, entity_names=[*opened.entity_names, request.entity],

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -47,37 +46,27 @@ def graph(
     values = config.read(paths.PARAMS)
     seed, options = check(values.get("seed"), Seed, "seed"), settings(set)
     readings = [read(file, reader, options, seed) for file in files]
-    tables = build_tables(together([reading.seen for reading in readings]), min_count)
+    tables = build_tables(together([seen for *_, seen in readings]), min_count)
     if tables.triples.empty:
         raise InputError(files[0], "", f"no triple was observed {min_count} times")
     described = describe(tables, values)
     if out:
         ENTITIES.write_file(out / "entities.parquet", tables.entities, "isi graph")
         TRIPLES.write_file(out / "triples.parquet", tables.triples, "isi graph")
-    pairs = zip(files, readings, strict=True)
-    show({str(file): {"reader": reading.reader, **reading.counts} for file, reading in pairs} | described)
+    rows = zip(files, readings, strict=True)
+    show({str(file): {"reader": name, **counts} for file, (name, counts, _) in rows} | described)
 
 
-@dataclass(frozen=True)
-class Reading:
-    """What a file was read as, what its reader counted, and what it observed, added up by triple."""
+def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) -> tuple[str, Counter[str], MinedSource]:
+    """The reader of a file, what it counted, and what it observed, added up by triple.
 
-    reader: str
-    counts: Counter[str]
-    seen: MinedSource
-
-
-def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) -> Reading:
-    """The observations of a file.
+    An ``InputError`` where no reader is plain, it does not take these settings, or the file is broken.
 
     Args:
         file: or folder, for a reader that reads one.
         reader: of ``isi.sources``; guessed from the file where it is null.
         given: settings of the reader beside the file.
         seed: root of every random stream.
-
-    Raises:
-        InputError: where no reader is plain, it does not take these settings, or the file is broken.
     """
     known, name = all_readers(), reader or guess(file)
     if name not in known:
@@ -93,7 +82,7 @@ def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) ->
     except InputError as error:
         raise (InputError("", *error.args[1:]) if error.file == str(paths.PARAMS) else error) from error
     parts = [_added_up(part.select([*COLUMNS, "count"]).to_pandas()) for part in source.tables()]
-    return Reading(name, source.counts, MinedSource(file.name, _added_up(pd.concat(parts)), source.kinds))
+    return name, source.counts, MinedSource(file.name, _added_up(pd.concat(parts)), source.kinds)
 
 
 def _added_up(rows: pd.DataFrame) -> pd.DataFrame:
@@ -119,22 +108,17 @@ def guess(file: Path) -> str:
     suffix, known = suffix_of(file), all_readers()
     fitting = [name for name, reader in known.items() if suffix in reader.suffixes]
     if not fitting and suffix in (".json", ".jsonl"):
-        value = _first(file)
+        with reading(file, "UTF-8 text"), open_text(file) as text:
+            line = text.readline(MOST)
+            try:
+                value = parse_json(Any, line, file)  # what JSON Lines begin with
+            except InputError:
+                value = parse_json(Any, line + text.read(MOST), file)
         fitting = [name for name, reader in known.items() if reader.reads_json(value)]
     if not fitting:
         expected = f"expected a file whose form is plain; else name its reader by --reader: {', '.join(known)}"
         raise InputError(file, "", expected)
     return fitting[0]
-
-
-def _first(file: Path) -> Any:
-    """What JSON Lines begin with, or else what JSON holds."""
-    with reading(file, "UTF-8 text"), open_text(file) as text:
-        line = text.readline(MOST)
-        try:
-            return parse_json(Any, line, file)
-        except InputError:
-            return parse_json(Any, line + text.read(MOST), file)
 
 
 def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:

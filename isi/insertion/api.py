@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -114,13 +114,13 @@ def insert(
         expected = "expected a triple with a known entity, or a word vector, or an initializer that needs neither"
         raise refusal(bare, expected)
     theta0 = stack_of_one(rows, given.relations, given.model)
-    choice = choose(initializer, options, theta0, len(insert_triples) > 0, words_serve)
-    name, results = choice.registered.name, []
+    chosen, used, why, together = choose(initializer, options, theta0, len(insert_triples) > 0, words_serve)
+    name, results = chosen.name, []
     try:
-        for part in torch.split(torch.arange(known, len(rows)), choice.together):
+        for part in torch.split(torch.arange(known, len(rows)), together):
             context = what_is_seen(theta0, part, known, insert_triples, given.known_triples, vectors, kind_ids, seed)
             with argument("initializer"):
-                results.append(choice.registered.initialize(context, choice.options))
+                results.append(chosen.initialize(context, used))
     except NoRelationMap as error:
         raise refusal(has_triple & ~has_words, f"expected a word vector, which {name} goes by") from error
     except NotFinite as error:
@@ -138,34 +138,25 @@ def insert(
         entities=rows, relations=given.relations, model=given.model, entity_names=names.names,
         relation_names=given.relation_names.names, new=list(range(known, len(rows))), insert_triples=insert_triples,
         between=given.triples[~one_new_end], known_triples=given.known_triples,
-        initializer=name, options=choice.options, why=choice.why,
+        initializer=name, options=used, why=why,
         fallback=[FALLBACKS[code] for result in results for code in result.fallback[0].tolist()],
         weights=torch.cat(weights).numpy() if few else None,
         indicators=[row.nonzero()[:, 0].tolist() for mask in masks for row in mask] if masks else None,
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Choice:
-    """An initializer, its options, why it was chosen, and how many new entities it takes in one table, at most."""
+def choose(
+    initializer: Any, options: Any, theta0: Embedding, triples: bool, words: bool
+) -> tuple[Registered, dict[str, Any], str, int]:
+    """The initializer of a name, or the best for what is known; its options, why, and how many entities at a time.
 
-    registered: Registered
-    options: Mapping[str, Any]
-    why: str
-    together: int
-
-
-def choose(initializer: Any, options: Any, theta0: Embedding, triples: bool, words: bool) -> Choice:
-    """The initializer of a name; without one, the best for what is known.
+    An ``InputError`` where there is no such initializer, it takes other options, the embedding is too large for it, or
+    the model lacks what it needs.
 
     Args:
         theta0: of known and new entities.
         triples: whether a new entity has an insert triple.
         words: whether a new entity and a known one have word vectors.
-
-    Raises:
-        InputError: where there is no such initializer, it takes other options, the embedding is too large for it, or
-            the model lacks what it needs.
     """
     given, model, (_, entities, dimension) = options_by_name(options, "options"), theta0.model, theta0.entity.shape
     possible = 2 * theta0.relation.shape[1] * entities
@@ -185,7 +176,7 @@ def choose(initializer: Any, options: Any, theta0: Embedding, triples: bool, wor
     numbers = max(entities, theta0.relation.shape[1] * dimension)  # of one new entity
     if registered.cost == "triples":
         numbers = possible if model.linear else possible * dimension
-    return Choice(registered, checked, why, max(1, BUDGET // numbers))
+    return registered, checked, why, max(1, BUDGET // numbers)
 
 
 def best(small: bool, triples: bool, words: bool, model: Model) -> tuple[str, str]:
@@ -221,15 +212,13 @@ def what_is_seen(
     theta0: Embedding, new: Tensor, known: int, insert_triples: np.ndarray, known_triples: np.ndarray,
     words: np.ndarray | None, kinds: np.ndarray | None, seed: int,
 ) -> InitContext:  # fmt: skip
-    """What an initializer sees of some new entities.
+    """What an initializer sees of some new entities; every known one may be an indicator where no triples are known.
 
     Args:
         theta0: a stack of one.
         new: ids, one after the other; shape (n,).
         known: number of known entities, whose ids come first.
-        insert_triples: ids, shape (I, 3).
-        known_triples: ids, shape (K, 3); where there are none, which would say what was trained, every known entity may
-            be an indicator.
+        insert_triples: ids, shape (I, 3), as ``known_triples``, (K, 3).
         words: shape (E, w), float32.
     """
     session = trained_session(np.concatenate([insert_triples, known_triples]), theta0, kinds)

@@ -145,9 +145,9 @@ def _lawful(observations: pd.DataFrame, kinds: pd.DataFrame) -> str:
 
 def guessed(file: str) -> str:
     """Read a file as ``isi graph`` does, which tells its reader by what is in it."""
-    given = read(Path(file), None, {}, 0)
-    graph = build_tables(given.seen)
-    return f"{given.reader} {graph.triples.to_csv()} {graph.entities.to_csv()}"
+    name, _, seen = read(Path(file), None, {}, 0)
+    graph = build_tables(seen)
+    return f"{name} {graph.triples.to_csv()} {graph.entities.to_csv()}"
 
 
 def houses() -> str:

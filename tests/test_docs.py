@@ -1,0 +1,116 @@
+"""The README and the pages of docs/ show what was made, their links lead somewhere, and their code runs."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from isi.__main__ import main
+from isi.bundle.folder import ManifestFile
+from isi.cli import COMMANDS
+from tests.documented import blocks, commands
+from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, files, written
+from tools import docs
+
+PAGES = [*docs.pages(), *(docs.ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md"))]
+LINK = re.compile(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)")
+HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
+
+each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+
+
+@each_page
+def test_what_pages_show_is_what_was_made(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert docs.filled(text) == text, "make readme"
+    assert len(re.findall("<!-- (?:table|value):", text)) == len(docs.PLACE.findall(text)), "a place without an end"
+    assert not re.search("^ {0,3}<!-- value", text, re.MULTILINE), "it would end the paragraph"
+
+
+@each_page
+def test_links_lead_somewhere(page: Path) -> None:
+    for path, anchor in LINK.findall(page.read_text(encoding="utf-8")):
+        if path.startswith("https://"):
+            continue
+        target = page.parent / path if path else page
+        assert target.exists(), path
+        if anchor:
+            assert anchor in {slug(heading) for heading in HEADING.findall(target.read_text(encoding="utf-8"))}, anchor
+
+
+def slug(heading: str) -> str:
+    """What a heading is linked by, as forges make it."""
+    return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+
+
+def test_what_the_method_says_of_rates_and_batches_is_in_its_tables() -> None:
+    training, tuning = (
+        {rate: float(docs.value(["docs/benchmarks/rates", row, str(rate)])) for rate in rates}
+        for row, rates in (("training", (0.1, 0.2, 0.4)), ("fine-tuning", (0.01, 0.02, 0.04, 0.08, 0.16)))
+    )
+    assert max(training.values()) - min(training.values()) <= 1
+    assert min(rate for rate in tuning if tuning[rate] >= max(tuning.values()) - 0.5) == 0.04
+    assert docs.value(["params", "finetuning.learning_rate"]) == "0.04"
+    assert docs.value(["params", "training.learning_rate"]) == "0.1"
+    for row in ("training", "fine-tuning"):
+        small, large = (float(docs.value(["docs/benchmarks/batch_sizes", row, size])) for size in ("512", "2,048"))
+        assert 0 <= round(small - large, 1) <= 0.5
+
+
+@pytest.mark.parametrize("of_pykeen", [False, True])
+@pytest.mark.parametrize("page", ["insert.md", "insert_reference.md"])
+def test_code_runs_as_it_stands(page: str, of_pykeen: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    if of_pykeen:
+        pytest.importorskip("pykeen")
+    left: dict[str, Any] = {}
+    for place, block in enumerate(block for block in blocks(page, "python") if ("pykeen" in block) == of_pykeen):
+        exec(compile(block, f"block {place}", "exec"), left)  # noqa: S102
+    if of_pykeen:
+        larger = left["larger" if page == "insert.md" else "model"]
+        assert larger.num_entities == left["more" if page == "insert.md" else "factory"].num_entities > 132
+    else:
+        assert left["done"].entities[:5].tobytes() == left["entities"].tobytes()
+        assert capsys.readouterr().out
+
+
+def test_commands_about_entities_run_as_they_stand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written(tmp_path / "data" / "final_models" / "ai2thor")
+    monkeypatch.chdir(tmp_path)
+    shown = [line for line in commands("insert.md") if line.startswith("isi ")]
+    assert len(shown) == 5
+    for line in shown:
+        main(shlex.split(line)[1:])
+        assert capsys.readouterr().out
+
+
+PAGE = (Path(__file__).parent.parent / "docs" / "command.md").read_text(encoding="utf-8")
+
+
+def test_its_commands_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine").mkdir()
+    for name, listed in (("entities", NAMES), ("relations", BETWEEN)):
+        Path("mine", f"{name}.txt").write_text("\n".join(listed) + "\n", encoding="utf-8")
+    np.savez("mine/tables.npz", entities=np.array(VECTORS, float), relations=np.array(RELATIONS, float))
+    lines = re.findall(r"^\$ isi (.+)$", PAGE, re.MULTILINE)
+    assert lines
+    for line in lines:
+        main(shlex.split(line))
+
+
+def test_it_lists_the_files_of_a_folder(tmp_path: Path) -> None:
+    section = PAGE.partition("## The folder of a bundle")[2].partition("## ")[0]
+    assert set(re.findall(r"^\| `([\w.]+)` \|", section, re.MULTILINE)) == set(files(written(tmp_path / "one")))
+    assert "format and version" in section
+    assert {"format", "version"} <= set(ManifestFile.model_fields)
+
+
+def test_it_lists_the_commands_about_embeddings() -> None:
+    assert set(re.findall(r"`isi ([a-z]+)", PAGE)) == set(COMMANDS)
