@@ -1,0 +1,53 @@
+"""The whole pipeline on a small grid in a folder of its own, and DVC there."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tests.environment import ENVIRONMENT
+from tools import workspace
+
+EXPERIMENTS = ("ai2thor", "transfer", "published")
+INITIALIZERS = ("xavier", "iu", "es", "rs", "ers")
+SMALL: dict[str, Any] = {
+    "experiments.ai2thor.sessions.seeds": 3, "experiments.ai2thor.sessions.sizes": [1, 2],
+    "experiments.ai2thor.full_curves.sizes": [2], "experiments.transfer.sessions.seeds": 3,
+    "experiments.published.sessions.seeds": 2, "experiments.published.sessions.sizes": [2],
+    "experiments.published.full_curves.sizes": [2], "experiments.published.initializers": ["xavier", "ers"],
+    "embedding.dimension": 8, "training.max_epochs": 4, "training.evaluate_every": 2, "finetuning.max_epochs": 3,
+    "compute.stack": 2, "sweep.k": [1, 8], "sweep.size": 2, "sweep.seeds": 2, "rate_sweep.size": 2,
+    "trajectory.size": 2, "trajectory.epochs": 2, "cross_validation.folds": 3, "cross_validation.dimension": [12],
+    "cross_validation.ratio": [], "cross_validation.learning_rate": [0.2], "cross_validation.weight_decay": [],
+    "compare_models.seeds": 2, "explorer.size": 2, "explorer.epochs": 2, "explorer.best": "iu", "explorer.answers": 3,
+}  # fmt: skip
+LEFT_OUT = {
+    "initializers": ("mean", "kind_mean", "gaussian", "gaussian_centred", "es_permuted", "es_permuted_kinds",
+                     "soft_hybrid", "map_soft_hybrid"),
+    "compare_models.models": ("analogy", "distmult", "rotate"),
+}  # fmt: skip
+SMALL |= {f"{key}.{name}": workspace.DROP for key, names in LEFT_OUT.items() for name in names}
+
+
+def dvc(folder: Path, *arguments: str) -> str:
+    """Run DVC in a folder; its output."""
+    command = [sys.executable, "-m", "dvc", *arguments]
+    process = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=ENVIRONMENT)
+    assert process.returncode == 0, process.stdout + process.stderr
+    return process.stdout
+
+
+def stages_run(output: str) -> set[str]:
+    """The stages that ``dvc repro`` says it ran."""
+    return {line.split("'")[1] for line in output.splitlines() if line.startswith("Running stage")}
+
+
+def set_param(folder: Path, key: str, value: object) -> None:
+    path = folder / "params.yaml"
+    params = yaml.safe_load(path.read_text(encoding="utf-8"))
+    workspace.change(params, key, value)
+    path.write_text(yaml.safe_dump(params, sort_keys=False, allow_unicode=True), encoding="utf-8")
