@@ -35,12 +35,12 @@ class StageContext:
 
 
 def stage(body: Callable[..., None]) -> Callable[[], None]:
-    """Make a function of a context and of names the command of the DVC stage of its own name."""
+    """Make a function of a context and of names the command of the DVC stage of its name; its module says the help."""
     name, arguments = body.__name__, list(inspect.signature(body).parameters)[1:]
+    description, form = body.__globals__["__doc__"], argparse.RawDescriptionHelpFormatter
 
     def main() -> None:
-        form = argparse.RawDescriptionHelpFormatter
-        parser = _StageParser(prog=f"python -m stages.{name}", description=inspect.getdoc(body), formatter_class=form)
+        parser = _StageParser(prog=f"python -m stages.{name}", description=description, formatter_class=form)
         for argument in arguments:
             parser.add_argument(argument)
         names = vars(parser.parse_args())

@@ -11,7 +11,6 @@ from isi.stage import StageContext, stage
 
 @stage
 def break_down_queries(context: StageContext, experiment: str) -> None:
-    """Break down what every model answers right after insertion, by the kind of query."""
     params, store, model = context.params, Store(experiment), model_of(context.params)
     initializers = params.initializers_of(experiment)
     tasks = [

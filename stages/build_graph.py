@@ -8,7 +8,6 @@ from isi.stage import StageContext, stage
 
 @stage
 def build_graph(context: StageContext, experiment: str) -> None:
-    """Count a source's observations into the unique triples of an experiment's graph."""
     settings, root = context.params.experiments[experiment].graph, context.params.seed
     tables = graphs.build_tables(mined(settings.source), settings.min_count)
     if (other := settings.extend) is not None:

@@ -12,7 +12,6 @@ from isi.training.trainer import Training
 
 @stage
 def compare_models(context: StageContext, experiment: str, model: str) -> None:
-    """Train the joint model with one embedding model, and measure it over all queries."""
     params, settings = context.params, context.params.compare_models
     grid = Store(experiment).grid(stack_height(params.compute), seeds=settings.seeds)
     shared = {

@@ -11,7 +11,6 @@ from isi.stage import StageContext, stage
 
 @stage
 def cross_validate(context: StageContext, experiment: str) -> None:
-    """Train the joint model with several settings on all but one fold, and measure it on that."""
     params, graph, config = context.params, Store(experiment).graph(), train_config(context.params)
     number, height = params.cross_validation.folds, stack_height(params.compute)
     grid = fold_points(experiment, graph, params.seed, number, height)

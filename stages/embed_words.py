@@ -11,7 +11,6 @@ from isi.tables import paths
 
 @stage
 def embed_words(context: StageContext, experiment: str) -> None:
-    """Look up the word vector of every entity."""
     entities = ENTITIES.read(experiment=experiment)
     with at(paths.PARAMS, "words"):
         words = look_up(load_vectors(context.params.words), list(entities["phrase"]))

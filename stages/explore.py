@@ -1,4 +1,4 @@
-"""An experiment on a graph of its own, from its source to what its models answer."""
+"""Run an experiment on a graph of its own: mine, draw sessions, train, insert, and fine-tune until convergence."""
 
 import pandas as pd
 import pyarrow as pa
@@ -25,7 +25,6 @@ from isi.tables import paths
 
 @stage
 def explore(context: StageContext, graph: str) -> None:
-    """Run an experiment on a graph of its own: mine, draw sessions, train, insert, and fine-tune until convergence."""
     key, settings, params = f"graphs.{graph}", context.beyond.graphs[graph], context.params
     with at(paths.BEYOND_PARAMS, key):
         tables = build_tables(mined(graph, settings, params.seed, f"{key}.source"), settings.min_count)

@@ -1,4 +1,7 @@
-"""Fine-tune Θ⁰ on what it knows, with nothing inserted, and measure that after every epoch."""
+"""Fine-tune Θ⁰ on what it knows, with nothing inserted, and measure that after every epoch.
+
+For as many epochs as insertion has for its full curves, and at the same sizes.
+"""
 
 from isi.analyses import finetuning
 from isi.analyses.finetuning import FINETUNE_ONLY
@@ -11,10 +14,6 @@ from isi.tables.table import concat
 
 @stage
 def finetune_only(context: StageContext, experiment: str) -> None:
-    """Fine-tune Θ⁰ on what it knows, with nothing inserted, and measure that after every epoch.
-
-    For as many epochs as insertion has for its full curves, and at the same sizes.
-    """
     params, store, model = context.params, Store(experiment), model_of(context.params)
     sizes = params.experiments[experiment].full_curves.sizes
     tasks = [

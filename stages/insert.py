@@ -1,4 +1,7 @@
-"""Insert novel entities into Θ⁰ with one initializer, measure immediately, and fine-tune."""
+"""Insert novel entities into Θ⁰ with one initializer, measure immediately, and fine-tune.
+
+An initializer that the experiment does not list leaves tables without rows.
+"""
 
 import torch
 
@@ -11,10 +14,6 @@ from isi.tables.table import concat
 
 @stage
 def insert(context: StageContext, experiment: str, initializer: str) -> None:
-    """Insert novel entities into Θ⁰ with one initializer, measure immediately, and fine-tune.
-
-    An initializer that the experiment does not list leaves tables without rows.
-    """
     params, store = context.params, Store(experiment)
     entry = params.experiments[experiment]
     config = insert_config(params, initializer, entry.full_curves.sizes_of(initializer))

@@ -1,4 +1,4 @@
-"""Hide entities of a graph from PyKEEN's training, and insert them."""
+"""Hide entities of a graph, let PyKEEN train on the others, insert the hidden, and query them."""
 
 import sys
 from importlib.util import find_spec
@@ -24,7 +24,6 @@ from isi.tables import io
 
 @stage
 def insert_hidden(context: StageContext, graph: str) -> None:
-    """Hide entities of a graph, let PyKEEN train on the others, insert the hidden, and query them."""
     settings, params = context.beyond.hidden[graph], context.params
     triples, phrases = of_package(graph) if settings.source == "pykeen" else of_pipeline(graph)
     words = None if settings.words is None else look_up(load_vectors(settings.words), phrases).vectors

@@ -7,7 +7,6 @@ from isi.stage import StageContext, stage
 
 @stage
 def make_sessions(context: StageContext, experiment: str) -> None:
-    """Draw splits, novel entities and insert triples for every size and seed."""
     params, key = context.params, f"experiments.{experiment}.sessions"
     entities = ENTITIES.read(experiment=experiment)
     graph = build_graph(entities, TRIPLES.read(experiment=experiment), TRIPLES.path(experiment=experiment))

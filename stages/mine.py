@@ -10,7 +10,6 @@ from isi.tables import paths
 
 @stage
 def mine(context: StageContext, source: str) -> None:
-    """Mine a source into observations, and name its entities."""
     key = f"sources.{source}"
     with at(paths.PARAMS, key):
         mined = Source(context.params.sources[source], key, context.params.seed)

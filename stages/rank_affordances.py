@@ -12,7 +12,6 @@ from isi.tables.table import concat
 
 @stage
 def rank_affordances(context: StageContext, experiment: str) -> None:
-    """Rank what can be done with inserted entities, from the vectors that were inserted."""
     params, store, model = context.params, Store(experiment), model_of(context.params)
     grid, relations, name = (
         store.grid(stack_height(params.compute)),

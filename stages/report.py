@@ -20,7 +20,6 @@ _SOURCES = ("isi", "stages", "data/raw")  # dependencies of the stage, whole
 
 @stage
 def report(context: StageContext) -> None:
-    """Render the report: tables, figures, metrics and the page."""
     values = context.params.model_dump(exclude=set(UNUSED), exclude_unset=True)
     page.write(paths.REPORTS, data.read(context.params, what_was_run(values)), page.SECTIONS)
     print(f"report: {paths.REPORTS / 'index.html'}")

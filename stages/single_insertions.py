@@ -14,7 +14,6 @@ from isi.stage import StageContext, stage
 
 @stage
 def single_insertions(context: StageContext, experiment: str) -> None:
-    """Show single insertions, entity by entity."""
     params, explorer, store = context.params, context.params.explorer, Store(experiment)
     model, words, seeds = model_of(params), store.words(), first_seeds(store.table(NOVEL), explorer.size)
     configs = [insert_config(params, name).training(max_epochs=explorer.epochs) for name in (*SHOWN, explorer.best)]

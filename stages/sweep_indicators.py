@@ -13,7 +13,6 @@ from isi.tables import paths
 
 @stage
 def sweep_indicators(context: StageContext, experiment: str, initializer: str) -> None:
-    """Insert novel entities with indicator sets of several sizes, by one initializer, until convergence."""
     params, sweep, store = context.params, context.params.sweep, Store(experiment)
     options = sweep.initializers[initializer]
     sizes = [k for k in sweep.k if k <= options.get("candidates", k)]  # ERS chooses among these: more are the same set

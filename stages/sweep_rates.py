@@ -11,7 +11,6 @@ from isi.stage import StageContext, stage
 
 @stage
 def sweep_rates(context: StageContext, experiment: str, initializer: str) -> None:
-    """Insert novel entities with one initializer again, fine-tuned until convergence at other rates."""
     params, store, config = context.params, Store(experiment), insert_config(context.params, initializer)
     grid, rate = store.grid(stack_height(params.compute), params.rate_sweep.size), config.optimizer.learning_rate
     factors = [factor for factor in params.rate_sweep.factors for _ in grid]

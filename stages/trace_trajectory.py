@@ -15,7 +15,6 @@ from isi.tables import paths
 
 @stage
 def trace_trajectory(context: StageContext, experiment: str) -> None:
-    """Follow one novel entity through fine-tuning, from where each initializer puts it."""
     params, settings, store = context.params, context.params.trajectory, Store(experiment)
     points = next((points for points in store.grid(1, settings.size) if points.seeds == [settings.seed]), None)
     if points is None:

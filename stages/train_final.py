@@ -1,4 +1,7 @@
-"""Train an embedding of all of an experiment's graph, which commands of ``isi`` insert into."""
+"""Train an embedding of all of an experiment's graph, which commands of ``isi`` insert into.
+
+Trained as joint models are, for as many epochs as they usually took.
+"""
 
 from isi.analyses import joint_models
 from isi.bundle.folder import MODEL, Bundle, Manifest, WordSource, write
@@ -13,10 +16,6 @@ from isi.tables.table import as_text
 
 @stage
 def train_final(context: StageContext, experiment: str) -> None:
-    """Train an embedding of all of an experiment's graph, which commands of ``isi`` insert into.
-
-    Trained as joint models are, for as many epochs as they usually took.
-    """
     params, store = context.params, Store(experiment)
     entities, graph, words = as_text(store.entities()), store.graph(), params.words
     epochs = joint_models.usual_epochs(TRAINING_LOG.read(experiment=experiment, model=JOINT_MODEL))

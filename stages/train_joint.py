@@ -11,7 +11,6 @@ from isi.stage import StageContext, stage
 
 @stage
 def train_joint(context: StageContext, experiment: str) -> None:
-    """Train the joint models of every session, and measure each in the scopes of its session."""
     store, config, compute = Store(experiment), train_config(context.params), context.params.compute
     grid = store.grid(stack_height(compute))
     tasks = joint_tasks(grid, config)

@@ -11,7 +11,6 @@ from isi.tables import io
 
 @stage
 def train_theta0(context: StageContext, experiment: str) -> None:
-    """Train Θ⁰ on D⁰, for every size and seed."""
     store, config, compute = Store(experiment), train_config(context.params), context.params.compute
     grid = store.grid(stack_height(compute))
     trained = run(train_stack, [(points, config) for points in grid], compute, f"{experiment}, theta0")

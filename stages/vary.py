@@ -1,4 +1,4 @@
-"""Run experiments again under other conditions, beside their main runs."""
+"""Run experiments again under other conditions: train if need be, insert, and fine-tune until convergence."""
 
 from isi.analyses.variants import VARIANT_QUERIES, VARIANT_RUNS, changed, results
 from isi.experiment.store import Store
@@ -7,7 +7,6 @@ from isi.stage import StageContext, stage
 
 @stage
 def vary(context: StageContext, variant: str) -> None:
-    """Run experiments again under other conditions: train if need be, insert, and fine-tune until convergence."""
     settings = context.beyond.variants[variant]
     params, stores = changed(context.params, settings.changes), [Store(name) for name in settings.experiments]
     runs, answers = results(params, settings, stores, variant)
