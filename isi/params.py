@@ -131,19 +131,14 @@ class Beyond(Section):
 def load(path: Path = paths.PARAMS) -> Params:
     """Read and check all of ``params.yaml``.
 
-    Raises:
-        InputError: where the file is missing, is no YAML, or holds an unknown key, a wrong type, a value out of range,
-            or what does not agree with another section; the message gives the key's path.
+    InputError, which gives the key's path, where the file is no YAML, or holds an unknown key, a wrong type, a value
+    out of range, or what does not agree with another section.
     """
     return _load(path, Params, check_params)
 
 
 def load_beyond(params: Params, path: Path | None = paths.BEYOND_PARAMS) -> Beyond:
-    """Read and check all of ``beyond/params.yaml``; empty where there is no file.
-
-    Raises:
-        InputError: like ``load``, or where the file does not agree with ``params.yaml``.
-    """
+    """Read and check all of ``beyond/params.yaml``, also beside ``params.yaml``; empty where there is no file."""
     if path is None or not path.exists():
         return Beyond(graphs={}, hidden={}, variants={})
     return _load(path, Beyond, lambda beyond: check_beyond(beyond, params))
@@ -161,11 +156,7 @@ def _load(path: Path, kind: type[S], agree: Callable[[S], None]) -> S:
 
 
 def check_params(params: Params) -> None:
-    """Check the sections of ``params.yaml`` beside each other and beside the code.
-
-    Raises:
-        InputError: where a name, a size or an option is none that there is.
-    """
+    """Check the sections beside each other and the code; InputError for a name, size or option that there is not."""
     if "joint" in params.initializers:
         raise InputError("", "initializers.joint", "is the name of the joint model")
     for key, listed, known in _listed_names(params):
@@ -232,11 +223,7 @@ def _check_study(study: Study, params: Params, name: str) -> None:
 
 
 def check_beyond(beyond: Beyond, params: Params) -> None:
-    """Check the entries of ``beyond/params.yaml`` beside each other and beside ``params.yaml``.
-
-    Raises:
-        InputError: where a name, an option or a change is none that there is.
-    """
+    """Check the entries of ``beyond/params.yaml`` beside each other and beside ``params.yaml``, likewise."""
     for name, variant in beyond.variants.items():
         _check_names(variant.experiments, params.experiments, f"variants.{name}.experiments")
         _check_variant(variant, params, f"variants.{name}")

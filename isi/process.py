@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import NoReturn
@@ -25,36 +25,32 @@ STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
 def tie_to_parent(parent: int | None = None) -> None:
-    """End this process when the one that started it ends, however that ends.
+    """End this process when the one that started it ends, however that ends (``parent``, where its id is known).
 
     Linux signals it at once (``PR_SET_PDEATHSIG``); elsewhere a thread looks twice a second.
-
-    Args:
-        parent: process id of the parent, where known: it may have ended before this call.
     """
     parent = parent or os.getppid()
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:  # it ended before the call
             os._exit(1)
-    else:
-        threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+        return
 
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
 
-def _watch(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(0.5)
-    os._exit(1)
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def lives(process: str) -> bool:
     """Whether there is another process of that id on this machine."""
     try:
-        os.kill(int(process), 0)
+        with suppress(PermissionError):  # someone else's
+            os.kill(int(process), 0)
     except (ValueError, ProcessLookupError, OverflowError):
         return False
-    except PermissionError:  # someone else's
-        pass
     return int(process) != os.getpid()
 
 
@@ -66,14 +62,10 @@ def serve(parent: int) -> None:
 
 
 def stop_in_one_line(name: str, then: str = "run it again") -> None:
-    """Have Ctrl-C and SIGTERM end this process with one line and the status that shells give such an end.
+    """Have Ctrl-C and SIGTERM end this process with one line, ``then`` at its end, and the status that shells give.
 
     The work is left as by any exception, so that temporary files go; a second signal ends it at once. A signal that
     the parent of the process ignores stays ignored.
-
-    Args:
-        name: of the command.
-        then: how to go on.
     """
     process = os.getpid()
 
@@ -102,9 +94,7 @@ class Parser(argparse.ArgumentParser):
 def one_line(name: str, then: str = "run it again") -> Iterator[None]:
     """End the process with one line on what its user did wrong, or what stands in the way: a disk, a signal.
 
-    Args:
-        name: of the command.
-        then: how to go on after a signal.
+    ``name`` is that of the command; ``then`` says how to go on after a signal.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names may be of letters that a terminal lacks
@@ -119,7 +109,7 @@ def one_line(name: str, then: str = "run it again") -> Iterator[None]:
         if isinstance(sys.stdout, io.TextIOWrapper):  # let nothing more be written, which Python would try at its end
             with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
                 os.dup2(nowhere.fileno(), sys.stdout.fileno())
-        sys.exit(141 if isinstance(error, BrokenPipeError) else f"{name}: {_explained(error)}")
+        sys.exit(141 if isinstance(error, BrokenPipeError) else f"{name}: {_of_system(error)}")
     except MemoryError:
         sys.exit(f"{name}: not enough memory: lower compute.workers or compute.stack in params.yaml, or its input")
     finally:
@@ -128,7 +118,7 @@ def one_line(name: str, then: str = "run it again") -> Iterator[None]:
                 signal.signal(stopping, handler)
 
 
-def _explained(error: OSError) -> InputError:
+def _of_system(error: OSError) -> InputError:
     if isinstance(error, FileNotFoundError) and isinstance(error.filename, str):
         from isi.stage import missing  # which few commands need
 

@@ -51,11 +51,7 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
 
 
 def context_of(name: str, names: Mapping[str, str]) -> StageContext:
-    """The context of a stage with its arguments, of which params have each.
-
-    Raises:
-        InputError: where params hold a mistake, or do not have an argument.
-    """
+    """The context of a stage with its arguments; InputError where params hold a mistake, or lack an argument."""
     from isi import params  # here: its classes are of all packages, of which a stage needs a few
 
     pipeline, entry = _entry(name)

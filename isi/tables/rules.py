@@ -1,4 +1,4 @@
-"""Rules that the rows of a table hold, and the first row that breaks one."""
+"""Rules that the rows of a table hold, and the place of a row that breaks one."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ import pandas as pd
 LONGEST, SHOWN = 1000, 40
 #: Observations of a table, at most: training passes over all of them in every epoch.
 MOST_OBSERVED = 10**9
+#: Whether rows break a rule; shape: (rows,), bool.
+Broken = np.ndarray | pd.Series
 #: By how much single-precision means may differ.
 ROUNDING = 1e-6
 
@@ -24,17 +26,8 @@ class Rule:
     says: str
     #: whose values a message shows of a row that breaks it
     columns: Sequence[str]
-    #: rows of a table that break it; shape: (rows,), bool
-    broken: Callable[[pd.DataFrame], np.ndarray]
-
-
-def first_breach(frame: pd.DataFrame, rules: Iterable[Rule]) -> tuple[str, str] | None:
-    """Of the first rule that is broken: the place of the first row that breaks it, and what was expected."""
-    for rule in rules:
-        broken = rule.broken(frame)
-        if broken.any():
-            return place_of(frame, int(broken.argmax()), rule.columns), rule.says
-    return None
+    #: of a table
+    broken: Callable[[pd.DataFrame], Broken]
 
 
 def place_of(frame: pd.DataFrame, row: int, columns: Iterable[str]) -> str:
@@ -47,34 +40,40 @@ def _shown(value: object) -> str:
     return text if len(text) <= SHOWN else f"{text[:SHOWN]}…"
 
 
+def _each(columns: Iterable[str], says: str, broken: Callable[[pd.Series], Broken]) -> list[Rule]:
+    """A rule about the values of each column, which its text names in place of ``{}``."""
+
+    def of(name: str) -> Rule:
+        return Rule(says.format(repr(name)), [name], lambda frame: broken(frame[name]))
+
+    return [of(name) for name in columns]
+
+
 def present(*columns: str) -> list[Rule]:
     """No value is null."""
-    return [_of(name, f"expected a value in column {name!r}", lambda values: values.isna()) for name in columns]
+    return _each(columns, "expected a value in column {}", pd.Series.isna)
 
 
 def at_least(low: float, *columns: str) -> list[Rule]:
     """No number is below; null is allowed."""
-    return [_of(name, f"expected {name!r} from {low:g} on", lambda values: values < low) for name in columns]
+    return _each(columns, f"expected {{}} from {low:g} on", lambda values: values < low)
 
 
 def within(low: float, high: float, *columns: str) -> list[Rule]:
     """Numbers lie in an interval; null is allowed."""
-
-    def outside(values: pd.Series) -> pd.Series:
-        return (values < low - ROUNDING) | (values > high + ROUNDING)
-
-    return [_of(name, f"expected {name!r} from {low:g} to {high:g}", outside) for name in columns]
+    says = f"expected {{}} from {low:g} to {high:g}"
+    return _each(columns, says, lambda values: (values < low - ROUNDING) | (values > high + ROUNDING))
 
 
 def finite(*columns: str) -> list[Rule]:
     """Numbers are not infinite; null is allowed."""
-    return [_of(name, f"expected {name!r} to be finite", lambda values: np.isinf(values)) for name in columns]
+    return _each(columns, "expected {} to be finite", lambda values: np.isinf(values))
 
 
 def one_of(column: str, names: Collection[str]) -> list[Rule]:
     """Text is in a list; null is allowed."""
-    says = f"expected {column!r} among {', '.join(names)}"
-    return [_of(column, says, lambda values: ~(values.isin(list(names)) | values.isna()))]
+    says = f"expected {{}} among {', '.join(names)}"
+    return _each([column], says, lambda values: ~(values.isin(list(names)) | values.isna()))
 
 
 def named(*columns: str) -> list[Rule]:
@@ -83,18 +82,14 @@ def named(*columns: str) -> list[Rule]:
     def nameless(name: str) -> bool:
         return not name.strip() or len(name) > LONGEST or any(ord(char) < 32 or ord(char) == 127 for char in name)
 
-    says = f"a name, not blank, of {LONGEST:,} characters at most and no control character"
-    return [
-        _of(column, f"expected {column!r} to be {says}",
-            lambda values: values.isin([name for name in values.dropna().unique() if nameless(name)]))
-        for column in columns
-    ]  # fmt: skip
+    says = f"expected {{}} to be a name, not blank, of {LONGEST:,} characters at most and no control character"
+    return _each(columns, says, lambda values: values.isin([*filter(nameless, values.dropna().unique())]))
 
 
 def unique(*key: str) -> list[Rule]:
     """No two rows have the same values in these columns."""
     says = f"expected no second row of the same {', '.join(key)}"
-    return [Rule(says, key, lambda frame: frame.duplicated(list(key)).to_numpy())]
+    return [Rule(says, key, lambda frame: frame.duplicated(list(key)))]
 
 
 def ascending(*key: str) -> list[Rule]:
@@ -116,7 +111,8 @@ def in_blocks(block: str, *key: str) -> list[Rule]:
 def counted(column: str = "count") -> list[Rule]:
     """Numbers of observations: each at least 1, and at most ``MOST_OBSERVED`` altogether."""
     says = f"expected {MOST_OBSERVED:,} observations at most, altogether"
-    return [*at_least(1, column), _of(column, says, lambda values: values.astype(np.int64).cumsum() > MOST_OBSERVED)]
+    too_many = _each([column], says, lambda values: values.astype(np.int64).cumsum() > MOST_OBSERVED)
+    return [*at_least(1, column), *too_many]
 
 
 def measured(measures: Sequence[str], queries: str) -> list[Rule]:
@@ -124,7 +120,7 @@ def measured(measures: Sequence[str], queries: str) -> list[Rule]:
     says = f"expected null where {queries!r} is 0, and nowhere else"
 
     def broken(name: str) -> Rule:
-        return Rule(says, (name, queries), lambda frame: (frame[name].isna() != (frame[queries] == 0)).to_numpy())
+        return Rule(says, (name, queries), lambda frame: frame[name].isna() != (frame[queries] == 0))
 
     return [*at_least(0, queries), *within(0, 1, *measures), *map(broken, measures)]
 
@@ -142,12 +138,7 @@ def mean_of(whole: str, *halves: str) -> list[Rule]:
 def not_above(lesser: str, greater: str) -> list[Rule]:
     """A number is not above another."""
     says = f"expected {lesser!r} not above {greater!r}"
-    return [Rule(says, (lesser, greater), lambda frame: (frame[lesser] > frame[greater]).to_numpy())]
-
-
-def _of(column: str, says: str, broken: Callable[[pd.Series], pd.Series]) -> Rule:
-    """A rule about one column."""
-    return Rule(says, (column,), lambda frame: np.asarray(broken(frame[column])))
+    return [Rule(says, (lesser, greater), lambda frame: frame[lesser] > frame[greater])]
 
 
 def _descending(columns: Sequence[np.ndarray]) -> np.ndarray:

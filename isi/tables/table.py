@@ -10,12 +10,13 @@ from pathlib import Path
 from string import Formatter
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 
 from isi.errors import InputError
 from isi.tables import io
-from isi.tables.rules import Rule, ascending, first_breach, present, unique
+from isi.tables.rules import Rule, ascending, place_of, present, unique
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -53,11 +54,7 @@ class DataFile:
         return match and match.groupdict()
 
     def check_file(self, path: Path) -> None:
-        """Read a file whole.
-
-        Raises:
-            InputError: where it is missing or broken, or its content is not as declared.
-        """
+        """Read a file whole; InputError where it is missing or broken, or its content is not as declared."""
         raise NotImplementedError
 
 
@@ -80,23 +77,18 @@ class Table(DataFile):
         return pa.schema(list(self.columns.items()))
 
     def check(self, frame: pd.DataFrame, path: Path) -> None:
-        """Check the rows of a table.
-
-        Raises:
-            InputError: names the first row of the file (from 0, as ids are) that breaks a rule, and the rule.
-        """
+        """InputError that names the first row of a table (from 0, as ids are) that breaks a rule, and the rule."""
         required = present(*(name for name in self.columns if name not in self.nullable))
         of_key = (ascending if self.ordered else unique)(*self.key) if self.key else []
-        breach = first_breach(frame, [*required, *self.checks, *of_key])
-        if breach:
-            raise InputError(path, *breach)
+        for rule in (*required, *self.checks, *of_key):
+            broken = np.asarray(rule.broken(frame))
+            if broken.any():
+                raise InputError(path, place_of(frame, int(broken.argmax()), rule.columns), rule.says)
 
     def read(self, **names: str | int) -> pd.DataFrame:
         """Read the table of these names; text that repeats becomes categories.
 
-        Raises:
-            InputError: where the file is missing or broken, a column is missing or of another type, or a row breaks a
-                rule.
+        InputError where the file is broken, a column is missing or of another type, or a row breaks a rule.
         """
         return self.read_file(self.path(**names))
 
@@ -114,14 +106,10 @@ class Table(DataFile):
         self.read_file(path)
 
     def write(self, frame: pd.DataFrame, stage: str, **names: str | int) -> None:
-        """Write the table of these names whole, or not at all.
+        """Write the table of these names whole, or not at all; the file's metadata names the stage.
 
-        Args:
-            frame: has the columns, among others; where the table is ordered, its rows may come in any order.
-            stage: that writes; the file's metadata names it.
-
-        Raises:
-            InputError: where a row breaks a rule, or the file cannot be written.
+        The frame has the columns, among others; where the table is ordered, its rows may come in any order. InputError
+        where a row breaks a rule, or the file cannot be written.
         """
         self.write_file(self.path(**names), frame, stage)
 
@@ -133,8 +121,7 @@ class Table(DataFile):
     def write_parts(self, path: Path, parts: Iterable[pa.Table], stage: str) -> int:
         """Like ``write_file``, of parts that come one by one: each is checked by itself, and is a row group.
 
-        Returns:
-            how many rows the table has.
+        Gives the number of rows.
         """
         rows = 0
 
@@ -154,11 +141,7 @@ class TensorFile(DataFile):
     """A safetensors file; all numbers in it are finite."""
 
     def read(self, tensors: Sequence[str], **names: str | int) -> dict[str, Tensor]:
-        """Read named tensors of the file of these names.
-
-        Raises:
-            InputError: where the file is missing or broken, lacks a tensor, or a number is not finite.
-        """
+        """Read named tensors of the file of these names (``io.read_tensors``)."""
         return io.read_tensors(self.path(**names), tensors)
 
     def shape(self, tensor: str, **names: str | int) -> tuple[int, ...]:
@@ -169,11 +152,7 @@ class TensorFile(DataFile):
         io.read_tensors(path)
 
     def write(self, tensors: Mapping[str, Tensor], stage: str, **names: str | int) -> None:
-        """Write the file of these names whole, or not at all.
-
-        Raises:
-            InputError: where a number is not finite, or the file cannot be written.
-        """
+        """Write the file of these names whole, or not at all; InputError where a number is not finite."""
         io.write_tensors(self.path(**names), tensors, stage)
 
 
