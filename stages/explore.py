@@ -16,7 +16,7 @@ from isi.graph.graph import (
     build_graph,
     build_tables,
 )
-from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS, session_tables
+from isi.graph.sessions import session_tables
 from isi.graph.words import load_vectors, look_up
 from isi.sources import OBSERVATIONS, Source
 from isi.stage import StageContext, stage
@@ -56,8 +56,7 @@ def in_memory(context: StageContext, graph: str, tables: GraphTables, settings: 
     drawn = session_tables(ids, entities, settings.sessions, params.sessions, params.seed, key)
     missing = words.served_by.count(None)
     print(tables, f"{len(entities) - missing} of {len(entities)} entities have a word vector", sep="\n")
-    sessions = {SPLITS: drawn.splits, NOVEL: drawn.novel, INSERT_TRIPLES: drawn.insert_triples}
-    return Store(graph, {ENTITIES: entities, TRIPLES: triples, **sessions}, words.vectors)
+    return Store(graph, {ENTITIES: entities, TRIPLES: triples, **drawn}, words.vectors)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Draw splits, novel entities and insert triples for every size and seed."""
 
 from isi.graph.graph import ENTITIES, TRIPLES, build_graph
-from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS, session_tables
+from isi.graph.sessions import session_tables
 from isi.stage import StageContext, stage
 
 
@@ -11,10 +11,8 @@ def make_sessions(context: StageContext, experiment: str) -> None:
     entities = ENTITIES.read(experiment=experiment)
     graph = build_graph(entities, TRIPLES.read(experiment=experiment), TRIPLES.path(experiment=experiment))
     sessions = params.experiments[experiment].sessions
-    drawn = session_tables(graph, entities, sessions, params.sessions, params.seed, key)
-    SPLITS.write(drawn.splits, context.stage, experiment=experiment)
-    NOVEL.write(drawn.novel, context.stage, experiment=experiment)
-    INSERT_TRIPLES.write(drawn.insert_triples, context.stage, experiment=experiment)
+    for table, drawn in session_tables(graph, entities, sessions, params.sessions, params.seed, key).items():
+        table.write(drawn, context.stage, experiment=experiment)
 
 
 if __name__ == "__main__":

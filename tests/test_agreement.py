@@ -37,7 +37,7 @@ def split(*codes: int) -> dict[int, np.ndarray]:
 def splits_are_whole(
     splits: dict[int, np.ndarray], graph: Graph = GRAPH, sources: np.ndarray = HOME, drawn: pd.DataFrame | None = None
 ) -> None:
-    agreement.splits_are_whole(FILE, splits, SPLIT_NAMES, graph, sources, novel() if drawn is None else drawn)
+    agreement.splits_are_whole(FILE, splits, graph, sources, novel() if drawn is None else drawn)
 
 
 def refused(says: str) -> pytest.RaisesExc[InputError]:

@@ -37,7 +37,6 @@ from isi.sources.ai2thor import (  # fmt: skip
 from isi.sources.names import entity_name
 from isi.sources.recordings import Scene, SceneObject, locate, read_recording
 from isi.tables import paths
-from tests.houses import houses
 from tests.observing import TRIPLE, observations_of, observe, source_of
 
 PROPERTIES = (
@@ -76,34 +75,24 @@ BEDROOM = [
     thing("TVStand", 1, ["Floor|1"], ["Wood"], "receptacle", "openable"),
     thing("AlarmClock", 1, ["TVStand|1"], ["Metal", "Glass"], "toggleable"),
 ]
-#: (scene, room, instance, head, relation, tail), written out by hand.
+#: What is written out by hand of each instance: its locations, materials and affordances.
+BY_HAND = {
+    ("FloorPlan1", "kitchen", "CounterTop|1", "counter top"): (["kitchen"], ["stone", "wood"], []),
+    ("FloorPlan1", "kitchen", "Sink|1", "sink"): (["kitchen"], [], []),
+    ("FloorPlan1", "kitchen", "Mug|1", "mug"): (
+        ["kitchen", "counter top", "sink"], ["ceramic"], ["pick up", "put", "fill", "empty", "break"]
+    ),
+    ("FloorPlan1", "kitchen", "Mug|2", "mug"): (["kitchen"], [], ["pick up", "put"]),
+    ("FloorPlan302", "bedroom", "TVStand|1", "tv stand"): (["bedroom"], ["wood"], ["open", "close"]),
+    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock"): (
+        ["bedroom", "tv stand"], ["metal", "glass"], ["turn on", "turn off"]
+    ),
+}  # fmt: skip
 EXPECTED = [
-    ("FloorPlan1", "kitchen", "CounterTop|1", "counter top", "atLocation", "kitchen"),
-    ("FloorPlan1", "kitchen", "CounterTop|1", "counter top", "hasMaterial", "stone"),
-    ("FloorPlan1", "kitchen", "CounterTop|1", "counter top", "hasMaterial", "wood"),
-    ("FloorPlan1", "kitchen", "Sink|1", "sink", "atLocation", "kitchen"),
-    ("FloorPlan1", "kitchen", "Mug|1", "mug", "atLocation", "kitchen"),
-    ("FloorPlan1", "kitchen", "Mug|1", "mug", "atLocation", "counter top"),
-    ("FloorPlan1", "kitchen", "Mug|1", "mug", "atLocation", "sink"),
-    ("FloorPlan1", "kitchen", "Mug|1", "mug", "hasMaterial", "ceramic"),
-    ("FloorPlan1", "kitchen", "Mug|1", "mug", "hasAffordance", "pick up"),
-    ("FloorPlan1", "kitchen", "Mug|1", "mug", "hasAffordance", "put"),
-    ("FloorPlan1", "kitchen", "Mug|1", "mug", "hasAffordance", "fill"),
-    ("FloorPlan1", "kitchen", "Mug|1", "mug", "hasAffordance", "empty"),
-    ("FloorPlan1", "kitchen", "Mug|1", "mug", "hasAffordance", "break"),
-    ("FloorPlan1", "kitchen", "Mug|2", "mug", "atLocation", "kitchen"),
-    ("FloorPlan1", "kitchen", "Mug|2", "mug", "hasAffordance", "pick up"),
-    ("FloorPlan1", "kitchen", "Mug|2", "mug", "hasAffordance", "put"),
-    ("FloorPlan302", "bedroom", "TVStand|1", "tv stand", "atLocation", "bedroom"),
-    ("FloorPlan302", "bedroom", "TVStand|1", "tv stand", "hasMaterial", "wood"),
-    ("FloorPlan302", "bedroom", "TVStand|1", "tv stand", "hasAffordance", "open"),
-    ("FloorPlan302", "bedroom", "TVStand|1", "tv stand", "hasAffordance", "close"),
-    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock", "atLocation", "bedroom"),
-    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock", "atLocation", "tv stand"),
-    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock", "hasMaterial", "metal"),
-    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock", "hasMaterial", "glass"),
-    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock", "hasAffordance", "turn on"),
-    ("FloorPlan302", "bedroom", "AlarmClock|1", "alarm clock", "hasAffordance", "turn off"),
+    (*instance, relation, tail)
+    for instance, tails in BY_HAND.items()
+    for relation, names in zip(("atLocation", "hasMaterial", "hasAffordance"), tails, strict=True)
+    for tail in names
 ]
 
 
@@ -279,32 +268,6 @@ def test_a_scene_draws_the_same_materials_whatever_else_is_mined(shares: pd.Data
 
 
 # Many scenes
-
-#: Kitchens, then bedrooms, whose names kitchens lack.
-MANY = list(houses([Scene("FloorPlan1", 1, "kitchen", KITCHEN)], 50))
-MANY += list(houses([Scene("FloorPlan302", 302, "bedroom", BEDROOM)], 50))
-#: The last scene holds an object whose receptacle is missing.
-BROKEN = [*MANY, Scene("House7777", 7777, "kitchen", [thing("Mug", 9, ["Shelf|3"])])]
-
-
-def mine_to(path: Path, scenes: list[Scene], materials_of: MaterialsOf) -> bytes:
-    """The bytes of the table of some scenes."""
-    source = source_of(mine(scenes, materials_of, Path("recording.json"), Counter()))
-    OBSERVATIONS.write_parts(path, source.tables(), "mine")
-    return path.read_bytes()
-
-
-def test_a_mistake_in_a_late_scene_is_told_in_one_line_and_the_old_table_stays(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "table.parquet"
-    path.write_bytes(b"the last good one")
-    with pytest.raises(InputError) as refused:
-        mine_to(path, BROKEN, reported_materials)
-    missing = "its parent receptacle 'Shelf|3' is not in the scene"
-    assert str(refused.value) == f"recording.json: House7777, object Mug|9: {missing}"
-    assert path.read_bytes() == b"the last good one"
-    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_scenes_are_taken_only_as_they_are_needed() -> None:

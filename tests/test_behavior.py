@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from isi.config import read as read_params
-from isi.errors import InputError
 from isi.sources.behavior import CATEGORIES, PROPERTIES, SCENES, STEPS
 from isi.tables import paths
 from tests.observing import Observations, observations_of
@@ -72,22 +71,6 @@ def test_each_object_is_in_its_room_and_has_the_affordances_of_its_properties_on
         "burn": "affordance", "cabinet": "object", "child's room": "room", "close": "affordance", "heat": "affordance",
         "kitchen": "room", "locker": "object", "open": "affordance", "stove": "object",
     }  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("changes", "named"),
-    [
-        ({"names": {**SETTINGS["names"], "stove.n.01": "../stove"}}, r"names\.stove\.n\.01: expected a name without"),
-        ({"names": {**SETTINGS["names"], "kitchen": "k" * 201}}, r"names\.kitchen: expected a name of at most"),
-        ({"structure": ["wall.n.02"]}, f"{CATEGORIES}: synset 'wall.n.02'"),
-        ({"affordances": {"openible": ["open"]}}, f"{PROPERTIES}: property 'openible'"),
-        ({"names": {}}, r"'cabinet': expected another name for cabinet\.n\.03 in the setting names"),
-        ({"affordances": {"openable": ["open\n"]}}, r"affordances\.openable\.0: expected a name without"),
-    ],
-)
-def test_settings_that_do_not_fit_are_refused(tmp_path: Path, changes: dict[str, Any], named: str) -> None:
-    with pytest.raises(InputError, match=named):
-        mined(folder_of(tmp_path), **changes)
 
 
 def has_package() -> bool:

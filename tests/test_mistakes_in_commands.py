@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
+import runpy
+import shlex
 import shutil
 import sys
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.mistakes import assert_names
+import isi
+from isi.__main__ import main
+from isi.errors import InputError
+from isi.insertion.result import Inserted
+from isi.params import load, load_beyond
+from isi.process import one_line
+from tests.mistakes import assert_names, of_pykeen
 from tests.mistakes.calls import Called, Program, Typed, lay_out
 from tests.mistakes.commands import ASK_CASES, EXPLAIN_CASES, INSERT_CASES, ISI_CASES, NEAREST_CASES
 from tests.mistakes.folders import FOLDER_CASES
@@ -17,8 +30,8 @@ from tests.mistakes.imports import IMPORT_CASES
 from tests.mistakes.library import FIT_CASES, INTERFERENCE_CASES, REPORT_CASES
 from tests.mistakes.library import INSERT_CASES as OF_INSERT
 from tests.mistakes.of_pykeen import PYKEEN_CASES
-from tests.mistakes.running import files, line_of, message_of
 from tests.mistakes.settings import HEADLINE_CASES, OTHER_CASES, PARAMS_CASES, RECORD_CASES, SOURCES_CASES
+from tests.small_embedding import call, fit
 
 ISI = [*ISI_CASES, *INSERT_CASES, *ASK_CASES, *NEAREST_CASES, *EXPLAIN_CASES, *FOLDER_CASES, *IMPORT_CASES,
        *GRAPH_CASES, *EXPORT_CASES]  # fmt: skip
@@ -41,6 +54,58 @@ TYPED = [
     pytest.param(program, case, id=f"{program.name}: {case.what}") for program in PROGRAMS for case in program.cases
 ]
 CALLED = [pytest.param(name, case, id=f"{name}: {case.what}") for name, cases in CALLS.items() for case in cases]
+
+
+@cache
+def inserted() -> Inserted:
+    return call()
+
+
+#: What takes the arguments, by the name of what is called.
+LIBRARY: dict[str, Callable[..., object]] = {
+    "isi.insert": call,
+    "isi.fit_new": lambda **given: fit(inserted(), **given),
+    "Inserted.report": lambda **given: inserted().report(**given),
+    "Inserted.interference": lambda **given: inserted().interference(**given),
+    "isi.pykeen.insert": lambda **given: isi.pykeen.insert(**{**of_pykeen.sound(), **given}),
+}
+
+
+def line_of(program: Program, case: Typed) -> tuple[str, object, str]:
+    """What a command says on the standard error, its status, and what it prints."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as ended:
+        _run(program.module, shlex.split(case.typed))
+    status = ended.value.code
+    if isinstance(status, str):  # as Python ends a program that is left so
+        return status, 1, out.getvalue()
+    return err.getvalue().removesuffix("\n"), status, out.getvalue()
+
+
+def _run(module: str, arguments: list[str]) -> None:
+    """As ``python -m`` does, in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", [module, *arguments])
+        if module == "isi":
+            main(arguments)
+        elif module == "isi.params":  # pydantic resolves its types in the module of that name
+            with one_line("params"):
+                load_beyond(load())
+            sys.exit(0)
+        else:
+            runpy.run_module(module, run_name="__main__")
+
+
+def message_of(name: str, given: dict[str, Any]) -> str:
+    """What the library says of arguments."""
+    with pytest.raises(InputError) as refused:
+        LIBRARY[name](**given)
+    return str(refused.value)
+
+
+def files() -> dict[Path, bytes]:
+    """What lies in this folder."""
+    return {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import pytest
 
 from isi.config import read as read_params
 from isi.errors import InputError
-from isi.sources import READERS, Mining, settings_of
+from isi.sources import settings_of
 from isi.sources.ai2thor import read_shares, reported_materials
 from isi.sources.mp3d import STEPS
 from isi.sources.names import entity_name
@@ -134,17 +133,6 @@ def test_houses_are_found_in_folders_below_and_read_in_order(tmp_path: Path) -> 
     assert left == [19, 13, 7, 5]
 
 
-def test_a_house_is_read_only_when_it_is_mined(tmp_path: Path) -> None:
-    write(tmp_path / "words.yaml", WORDS)
-    write(tmp_path / "a.house", house(name="a"))
-    write(tmp_path / "b.house", "broken")
-    settings = {"folder": str(tmp_path), "category": "mpcat40", "vocabulary": str(tmp_path / "words.yaml")}
-    rows = iter(READERS.get("mp3d_houses").read(Mining(0), rooms=LABELS, **settings))
-    assert len(list(islice(rows, len(EXPECTED)))) == len(EXPECTED)
-    with pytest.raises(InputError, match=r"b\.house"):
-        next(rows)
-
-
 @pytest.mark.parametrize(
     ("kind", "records"),
     [("I", "images"), ("P 0f3a", "panoramas"), ("P 0 0", "portals"), ("V", "vertices"), ("S", "surfaces"),
@@ -155,21 +143,6 @@ def test_a_header_that_counts_other_records_than_there_are_is_refused(tmp_path: 
     first = next(number for number, line in enumerate(lines) if line.startswith(f"{kind} "))
     line = refusal(tmp_path, "\n".join(lines[:first] + lines[first + 1 :]))
     assert all(part in line for part in ("line 2", records, f"({kind[0]})"))
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "places"),
-    [
-        ("ASCII 1.1\nH", "ASCII 1.1\nX", ["line 2", "record H"]),
-        ("ASCII 1.1", "ASCII 1.0", ["line 2", "the header counts"]),
-        ("O 3 5 1", "O 3 6 1", ["line 25", "object 3", "R 6"]),
-        ("O 3 5 1", "O 3 five 1", ["line 25", "whole number", "'five'"]),
-        ("R 4 0", "R 3 0", ["R 3"]),
-    ],
-)
-def test_a_broken_record_is_refused_with_its_line(tmp_path: Path, old: str, new: str, places: list[str]) -> None:
-    line = refusal(tmp_path, house().replace(old, new))
-    assert all(place in line for place in places), line
 
 
 # Tallies

@@ -36,24 +36,6 @@ HOUSES: dict[str, object] = {
 }  # fmt: skip
 
 
-def refusal(tmp_path: Path, text: str | bytes) -> str:
-    """The one line that refuses a file of this text."""
-    path = tmp_path / "params.yaml"
-    path.write_bytes(text.encode() if isinstance(text, str) else text)
-    with pytest.raises(InputError) as refused:
-        load(path)
-    line = str(refused.value)
-    assert line.startswith(f"{path}: ")
-    assert "\n" not in line
-    return line.removeprefix(f"{path}: ")
-
-
-def renamed(key: str, misspelt: str) -> str:
-    text = paths.PARAMS.read_text(encoding="utf-8")
-    assert text.count(key) == 1
-    return text.replace(key, misspelt)
-
-
 def test_the_params_of_the_repository_load_with_the_papers_values() -> None:
     params = load()
     sessions = params.experiments["ai2thor"].sessions
@@ -61,21 +43,6 @@ def test_the_params_of_the_repository_load_with_the_papers_values() -> None:
     assert params.experiments["transfer"].sessions.sizes == [10]
     assert params.initializers["xavier"] == {}
     assert params.initializers["ers"] == {"k": 9, "candidates": 30}
-
-
-@pytest.mark.parametrize(
-    ("key", "misspelt", "named"),
-    [
-        ("\nfinetuning:", "\nfinetunning:", "finetunning"), ("insert_fraction:", "insert_fration:", "insert_fration"),
-        ("min_count: 1          #", "min_cuont: 1          #", "experiments.ai2thor.graph.min_cuont"),
-        ("candidates: 30          #", "canditates: 30          #", "initializers.ers.canditates"),
-        ("\n  ers:\n    k", "\n  esr:\n    k", "'ers'"),  # a line of dvc plots is of it
-        ("\n  mp3d:\n", "\n  mp3:\n", "'mp3d'"),
-        ("\n  ai2thor:                  #", "\n  ai2tor:                  #", "'ai2thor'"),
-    ],
-)  # fmt: skip
-def test_a_misspelt_key_is_refused_by_name(tmp_path: Path, key: str, misspelt: str, named: str) -> None:
-    assert named in refusal(tmp_path, renamed(key, misspelt))
 
 
 @pytest.mark.parametrize(
@@ -195,26 +162,6 @@ def test_values_at_the_edge_of_their_range_are_accepted(tmp_path: Path, changes:
 def test_a_missing_key_is_refused_by_its_path(tmp_path: Path, key: str) -> None:
     with pytest.raises(InputError, match=rf"params\.yaml: {key}: "):
         changed(tmp_path, {key: DROP})
-
-
-@pytest.mark.parametrize(
-    ("text", "place"),
-    [
-        ("seed: 0\nai2thor: [\n", "line 3"),
-        ("seed: 0\n\tgraph: 1\n", "line 2"),
-        (b"seed: \xff\xfe\n", ""),
-        ("", "mapping"),
-        ("- seed\n", "mapping"),
-        ("a photograph, not YAML", "mapping"),
-    ],
-)
-def test_what_is_no_yaml_mapping_is_refused_with_its_line(tmp_path: Path, text: str | bytes, place: str) -> None:
-    assert place in refusal(tmp_path, text)
-
-
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"params\.yaml: "):
-        load(tmp_path / "params.yaml")
 
 
 def test_params_cannot_be_changed_after_they_were_checked() -> None:

@@ -198,25 +198,6 @@ def test_a_house_may_be_a_line_or_a_file_plain_or_packed(tmp_path: Path, indent:
     assert [item.id for item in read.objects or ()] == ["Mug|2|0"]
 
 
-LINE = json.dumps(house(thing("Mug|2|0", 1, 1))).encode() + b"\n"
-
-
-def test_files_that_are_missing_folders_too_long_or_others_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "x.jsonl"
-    with pytest.raises(InputError, match=r"x\.jsonl: .*No such file"):
-        list(read_houses(path, None))
-    with pytest.raises(InputError, match="directory"):
-        list(read_houses(tmp_path, None))
-    path.write_bytes(LINE)
-    with pytest.raises(InputError, match=f"expected {'0' * 64} as its sha256, got "):
-        list(read_houses(path, "0" * 64))
-    monkeypatch.setattr(procthor, "LONGEST", 100)
-    with pytest.raises(InputError, match="line 1: expected at most 100 bytes"):
-        list(read_houses(path, None))
-
-
 @pytest.mark.parametrize(
     ("identifier", "kind", "room"),
     [

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rdflib import RDF, Graph, URIRef
+from rdflib import Graph, URIRef
 
 from isi.sources.rdf import BLANK, LITERALS, STRUCTURE, local_name
-from tests.observing import TRIPLE, observe, refusal, refused
+from tests.observing import TRIPLE, observe, refused
 
 HOME = """@prefix : <http://home.example/things#> .
 @prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
@@ -108,38 +108,6 @@ def test_two_things_of_one_name_are_refused_unless_they_go_by_their_iris(tmp_pat
     path = written(tmp_path / "log.nt", text)
     refused("rdf", path, ["line 2", "'tea'", f"<{NAMES}tea>", "names: iri"])
     assert len(observe("rdf", path, names="iri").kinds) == 4
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "expected"),
-    [
-        ("a.nt", line("a", "r", "b") + line("c", "r", "d")[:-6], ["line 2", "N-Triples"]),
-        ("a.nt", line("a", "r", "b" * 3_000_000), ["line 1", "N-Triples"]),
-        ("a.nt", line("a", "r", "..%2F..%2Fb"), ["line 1", "'../'"]),
-        ("a.nt", line("a", "r", "b").encode("utf-16"), ["UTF-8"]),
-        ("a.nt", line("a", "r", "b") + f"<{NAMES}a> <{RDF.type}> <{NAMES}A> .\n<{NAMES}a> <{RDF.type}> <{NAMES}B> .\n",
-         ["line 3", "one type of 'a'", "B beside A"]),
-        ("a.ttl", HOME[:-40], ["Turtle"]),
-        ("a.ttl", "[" * 100_000, ["Turtle"]),
-        ("a.ttl.gz", HOME, ["gzipped"]),
-        ("a.ttl.gz", gzip.compress(HOME.encode())[:-9], ["end-of-stream"]),
-    ],
-)  # fmt: skip
-def test_broken_rdf_is_refused_by_its_line(
-    tmp_path: Path, name: str, content: str | bytes | None, expected: list[str]
-) -> None:
-    path = tmp_path / name
-    if content is not None:
-        written(path, content)
-    refused("rdf", path, [name, *expected])
-
-
-@given(st.text(alphabet=' \n<>"@:.;,[]()_a#\\^%é\x00', max_size=40), st.sampled_from([".nt", ".ttl"]))
-def test_whatever_else_it_is_it_is_read_or_refused_in_one_line(
-    tmp_path_factory: pytest.TempPathFactory, text: str, form: str
-) -> None:
-    path = written(tmp_path_factory.getbasetemp() / f"any{form}", line("a", "r", "b") + text)
-    assert refusal("rdf", path).isprintable()
 
 
 @given(st.lists(st.tuples(*[st.sampled_from("abcde")] * 3), min_size=1))

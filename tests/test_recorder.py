@@ -184,24 +184,6 @@ def test_an_answer_without_the_scene_is_refused(
     assert message in refusal(program, tmp_path / "r", **changes)
 
 
-@pytest.mark.parametrize(
-    ("changes", "problem"),
-    [
-        ({"platform": "Linux64"}, "params.yaml: recorder.platform: Linux64: No valid X display found "),
-        ({"scenes": []}, "params.yaml: recorder.scenes: "),
-        ({"retries": -1}, "params.yaml: recorder.retries"),
-        ({"seconds": 0}, "params.yaml: recorder.seconds"),
-        ({"server": "http"}, "params.yaml: recorder.server"),
-    ],
-)
-def test_settings_that_cannot_be_are_refused_by_their_key_and_nothing_is_started(
-    tmp_path: Path, changes: dict[str, object], problem: str
-) -> None:
-    with pytest.raises(InputError, match=f"^{problem}"):
-        recorded("unused", tmp_path / "r", **changes)
-    assert not (tmp_path / "r").exists()
-
-
 def test_groups_and_ranges_list_floor_plans_in_order() -> None:
     recorder = config.check({**RAW["recorder"], "scenes": ["FloorPlan_Val1_2-3", "ithor"]}, Recorder, "recorder")
     plans = [layout.plan for layout in recorder.layouts]

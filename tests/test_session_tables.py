@@ -10,7 +10,8 @@ import pytest
 
 from isi.errors import InputError
 from isi.graph.graph import Graph
-from isi.graph.sessions import SessionsOf, SessionTables, Shares, session_tables
+from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS, SessionsOf, Shares, session_tables
+from isi.tables.table import Table
 from tests.small_graphs import random_graph
 
 KEY = "experiments.home.sessions"
@@ -22,7 +23,7 @@ TWO_SOURCES = ["a", "b", *["a", "b"] * (NUMBER // 2 - 1)]
 ADDED = set(range(1, NUMBER, 2))
 
 
-def sessions(graph: Graph = GRAPH, sources: list[str] = TWO_SOURCES, **how: Any) -> SessionTables:
+def sessions(graph: Graph = GRAPH, sources: list[str] = TWO_SOURCES, **how: Any) -> dict[Table, pd.DataFrame]:
     entities = pd.DataFrame({"kind": ["object", "room", "material"] * (NUMBER // 3), "source": sources})
     values: dict[str, Any] = {"novel": "any", "sizes": [2], "seeds": 8, **how}
     return session_tables(graph, entities, SessionsOf(**values), SHARES, 3, KEY)
@@ -56,26 +57,26 @@ def test_more_novel_entities_than_there_may_be_are_refused_by_their_key(how: dic
 
 def test_a_list_of_kinds_as_novel_draws_of_these_kinds_alone() -> None:
     tables = sessions(novel=["room", "material"], seeds=20)
-    assert set(tables.novel["entity"]) == {row for row in range(NUMBER) if row % 3}
-    assert (tables.splits.groupby("seed").size() == len(GRAPH.triples)).all()  # who is not drawn is known
+    assert set(tables[NOVEL]["entity"]) == {row for row in range(NUMBER) if row % 3}
+    assert (tables[SPLITS].groupby("seed").size() == len(GRAPH.triples)).all()  # who is not drawn is known
 
 
 def test_all_added_may_be_novel_at_once_and_one_known_entity_is_enough_otherwise() -> None:
-    assert set(sessions(novel="added", sizes=[6]).novel["entity"]) == ADDED
-    assert len(sessions(sizes=[11], seeds=1).novel) == 11
+    assert set(sessions(novel="added", sizes=[6])[NOVEL]["entity"]) == ADDED
+    assert len(sessions(sizes=[11], seeds=1)[NOVEL]) == 11
 
 
 def test_added_are_those_of_another_source_than_the_first_and_take_no_part_where_they_are_not_drawn() -> None:
     tables = sessions(novel="added", steps=2)
-    assert set(tables.novel["entity"]) == ADDED
+    assert set(tables[NOVEL]["entity"]) == ADDED
     ends = GRAPH.triples[:, [0, 2]].numpy()
-    for seed, rows in tables.splits.groupby("seed"):
-        novel = tables.novel[tables.novel["seed"] == seed]
+    for seed, rows in tables[SPLITS].groupby("seed"):
+        novel = tables[NOVEL][tables[NOVEL]["seed"] == seed]
         absent = list(ADDED - set(novel["entity"]))
         assert rows["triple"].tolist() == np.flatnonzero(~np.isin(ends, absent).any(1)).tolist()
         number = rows["split"].value_counts()
         assert number["valid"] == number["test"] == round(0.1 * len(rows))
-        given = tables.insert_triples[tables.insert_triples["seed"] == seed]
+        given = tables[INSERT_TRIPLES][tables[INSERT_TRIPLES]["seed"] == seed]
         assert set(given["triple"]) <= set(rows.loc[rows["split"] == "train", "triple"])
         assert (ends[given["triple"]] == given["entity"].to_numpy()[:, None]).any(1).all()
         assert len(given.merge(novel, on=["entity", "session"])) == len(given)
@@ -83,14 +84,14 @@ def test_added_are_those_of_another_source_than_the_first_and_take_no_part_where
 
 def test_all_take_part_where_others_than_the_added_are_novel() -> None:
     one, two = sessions(sources=["a"] * NUMBER), sessions()
-    for name in ("splits", "novel", "insert_triples"):
-        pd.testing.assert_frame_equal(getattr(one, name), getattr(two, name))
-    assert sorted(two.splits["triple"].unique()) == list(range(len(GRAPH.triples)))
+    for table in one:
+        pd.testing.assert_frame_equal(one[table], two[table])
+    assert sorted(two[SPLITS]["triple"].unique()) == list(range(len(GRAPH.triples)))
 
 
 @pytest.mark.parametrize(("sizes", "seeds"), [([2], 1), ([1, 2], 1), ([2, 1], 3)])
 def test_each_seed_has_one_split_whatever_the_sizes(sizes: list[int], seeds: int) -> None:
     found = sessions(sizes=sizes, seeds=seeds)
-    assert not found.splits.duplicated(["seed", "triple"]).any()
-    assert len(found.splits) == seeds * len(GRAPH.triples)
-    assert len(found.novel) == seeds * sum(sizes)
+    assert not found[SPLITS].duplicated(["seed", "triple"]).any()
+    assert len(found[SPLITS]) == seeds * len(GRAPH.triples)
+    assert len(found[NOVEL]) == seeds * sum(sizes)

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from contextlib import chdir
 from pathlib import Path
 
 import pandas as pd
-import pyarrow.parquet as pq
 import pytest
 import torch
 
@@ -22,9 +18,9 @@ from isi.errors import LONGEST, InputError, cut, meant, short
 from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, THETA0, TIES
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
-from isi.graph.words import COVERAGE, WORD_VECTORS
+from isi.graph.words import WORD_VECTORS
 from isi.sources import KINDS as KIND_TABLE
-from isi.sources import MINED, OBSERVATIONS
+from isi.sources import OBSERVATIONS
 from isi.stage import missing
 from isi.tables import io, paths
 from isi.tables.table import concat
@@ -46,11 +42,6 @@ from tests.stage_workspace import (
 
 __all__ = ["says", "workspace"]  # fixtures
 
-HOUSES: dict[str, object] = {
-    "reader": "mp3d_houses", "folder": "houses", "category": "mpcat40", "rooms": {"k": "kitchen"},
-    "vocabulary": "data/raw/mp3d/vocabulary.yaml",
-}  # fmt: skip
-
 
 def run_stage(workspace: Path, *command: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
@@ -65,19 +56,12 @@ def run_stage(workspace: Path, *command: str) -> subprocess.CompletedProcess[str
     ("old", "new", "command", "names"),
     [
         ("\nseed:", "\nsede:", "mine ai2thor", "sede: unknown key; did you mean 'seed'?"),
-        ("\nexperiments:", "\nexperimets:", "build_graph ai2thor", "experimets"),
-        ("\ncompute:", "\ncomptue:", "build_graph ai2thor", "comptue"),
         ("reader: ai2thor", "reader: ai2tor", "mine ai2thor", "sources.ai2thor.reader"),
-        ("min_count: 1", "min_count: 0", "build_graph ai2thor", "experiments.ai2thor.graph.min_count"),
-        ("min_count: 1", "min_cuont: 1", "build_graph ai2thor", "experiments.ai2thor.graph.min_cuont"),
         ("min_count: 1 ", f"min_count: 1{'0' * 30}", "build_graph ai2thor", "experiments.ai2thor.graph.min_count"),
         ("novel: any ", "novel: object ", "make_sessions ai2thor", "sessions.novel: expected a list, got the text"),
-        ("sizes: [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14]", "sizes: 5", "make_sessions ai2thor", "sessions.sizes"),
-        ("text: definition", "text: definitions", "embed_words ai2thor", "words.text"),
         ("source: shipped", f"source: {'ab' * 5000}", "embed_words ai2thor", ""),  # a file of that name
         ("\n  model: analogy", "\n  model: analog", "train_theta0 ai2thor", "embedding.model"),
         ("\n    k: 8", "\n    kk: 8", "insert ai2thor es", "initializers.es.kk"),
-        ("\n    initializers: all", "\n    initializers: al", "insert ai2thor es", "experiments.ai2thor.initializers"),
     ],
 )
 def test_a_mistake_in_params_is_named_by_its_key(
@@ -130,116 +114,6 @@ def test_broken_yaml_is_one_short_line_and_runs_nothing(workspace: Path, says: S
 
 
 # Files
-
-
-def mined(source: str) -> list[Path]:
-    return [table.path(source=source) for table in (OBSERVATIONS, KIND_TABLE, MINED)]
-
-
-def recording() -> str:
-    scenes: dict[str, list[list[object]]] = {
-        key: [[] for _ in range(30)] for key in ("kitchens", "living_rooms", "bedrooms", "bathrooms")
-    }
-    scenes["kitchens"][4] = [{"objectType": "Mug", "objectId": "Mug|1", "parentReceptacles": ["Shelf|1"]}]
-    return json.dumps(scenes)
-
-
-def source(content: str | None, file: str, **settings: object) -> Callable[[Path], None]:
-    """A file that a source of params reads; null: no such file."""
-
-    def write_file(workspace: Path) -> None:
-        name, _, key = str(settings.pop("key", "ai2thor.from")).partition(".")
-        if content is not None:
-            (workspace / file).parent.mkdir(exist_ok=True)
-            (workspace / file).write_text(content, encoding="utf-8")
-        changes: dict[str, object] = {f"sources.{name}": settings} if settings else {}
-        set_params(workspace, {**changes, f"sources.{name}.{key}": file})
-        if name == "ai2thor":
-            sha256 = hashlib.sha256((content or "").encode()).hexdigest()
-            set_params(workspace, {"sources.ai2thor.sha256": sha256})
-
-    return write_file
-
-
-def truncated_house(workspace: Path) -> None:
-    (workspace / "houses").mkdir()
-    (workspace / "houses/x.house").write_text("ASCII 1.1\nH x - 0 0 0 0 0 1 0 0 0 0\n", encoding="utf-8")
-    set_params(workspace, {"sources.mp3d": HOUSES})
-
-
-LOG = {"reader": "table", "kinds": {"atLocation": {"head": "object", "tail": "room"}}}
-VOCABULARIES = [(None, "cannot be read"), ("structure: [\n", "line 2"), ("structure: wall\nsame_as: {}\n", "structure"),
-                ("structure: [wall]\nsame_as: {wall: painting}\n", "same_as")]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("before", "command", "names"),
-    [
-        (source(recording()[:-3], "mine.json"), "mine ai2thor", "mine.json|JSON"),
-        (source(recording(), "mine.json"), "mine ai2thor", "mine.json|FloorPlan5|Mug|1|Shelf"),
-        (source(None, "mine.json"), "mine ai2thor", "mine.json"),
-        (source("head,relation,tail\na,b\n", "log.csv", key="own.path", **LOG), "mine own",
-         "sources.own: log.csv: line 2"),
-        *((source(content, "words.yaml", key="mp3d.vocabulary", **settings), "mine mp3d", f"sources.mp3d|{place}")
-          for content, place in VOCABULARIES for settings in ({}, HOUSES)),
-        (lambda workspace: set_params(workspace, {"sources.mp3d": HOUSES}), "mine mp3d", "sources.mp3d|houses"),
-        (truncated_house, "mine mp3d", "x.house|line 2|objects"),
-        (lambda workspace: set_params(workspace, {"sources.ai2thor.sha256": "0" * 64}), "mine ai2thor",
-         "sources.ai2thor|ai2thor-object-metadata.json|sha256"),
-    ],
-)  # fmt: skip
-def test_a_broken_file_is_named_and_the_earlier_observations_stay(
-    workspace: Path, says: Says, before: Callable[[Path], None], command: str, names: str
-) -> None:
-    leave(workspace, *mined(command.split()[1]))
-    before(workspace)
-    line = says(command)
-    assert all(name in line for name in names.split("|")), line
-
-
-@pytest.mark.parametrize("content", ["2 3\nmug 1 2 3\nbowl 1 x 3\n", "2 2\nmug 1 2 3\nbowl 1 2 3\n"])
-def test_broken_word_vectors_are_named_and_the_earlier_ones_stay(workspace: Path, says: Says, content: str) -> None:
-    leave(workspace, WORD_VECTORS.path(experiment="ai2thor"), COVERAGE.path(experiment="ai2thor"))
-    graph(workspace, "ai2thor")
-    (workspace / "my.vec").write_text(content, encoding="utf-8")
-    set_params(workspace, {"words.source": "my.vec"})
-    assert "my.vec: line" in says("embed_words ai2thor")
-
-
-def test_a_table_that_lacks_a_column_is_named_and_the_earlier_graph_stays(workspace: Path, says: Says) -> None:
-    leave(workspace, ENTITIES.path(experiment="ai2thor"), TRIPLES.path(experiment="ai2thor"))
-    observed(workspace, "ai2thor", OBSERVED, KINDS)
-    table = workspace / OBSERVATIONS.path(source="ai2thor")
-    pq.write_table(pq.read_table(table).drop_columns(["room"]), table)
-    assert f"{OBSERVATIONS.path(source='ai2thor')}: column 'room'" in says("build_graph ai2thor")
-
-
-@pytest.mark.parametrize(
-    ("head", "count", "names"),
-    [
-        ("mug", 6, "params.yaml: experiments.transfer.graph.extend.always: 'fan'"),
-        ("fan", 5, "params.yaml: experiments.transfer.graph.extend.always: 'fan'"),
-        ("oven", 6, f"{OBSERVATIONS.path(source='mp3d')}: object 'oven'"),
-    ],
-    ids=["none of that name", "too few", "another kind"],
-)
-def test_entities_that_cannot_join_the_graph_are_named(
-    workspace: Path, says: Says, head: str, count: int, names: str
-) -> None:
-    leave(workspace, ENTITIES.path(experiment="transfer"), TRIPLES.path(experiment="transfer"))
-    made_of = OBSERVED.assign(relation="hasMaterial", tail="oven")
-    kinds = pd.concat([KINDS, pd.DataFrame({"entity": ["oven"], "kind": ["material"], "phrase": ["oven"]})])
-    observed(workspace, "ai2thor", pd.concat([OBSERVED, made_of]), kinds)
-    seen = OBSERVED.assign(scene=None, instance=None, head=head, count=count)
-    observed(workspace, "mp3d", seen, KINDS.replace("mug", head))
-    assert names in says("build_graph transfer")
-
-
-def test_a_graph_that_is_too_small_has_no_sessions(workspace: Path, says: Says) -> None:
-    graph(workspace, "ai2thor")
-    assert "params.yaml: experiments.ai2thor.sessions.sizes" in says("make_sessions ai2thor")
-    write(workspace, TRIPLES.path(experiment="ai2thor"), OBSERVED[:0].assign(source=""), TRIPLES)
-    assert "params.yaml: experiments.ai2thor.sessions: expected a graph" in says("make_sessions ai2thor")
 
 
 # What is sound

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from isi.errors import InputError
 from isi.sources import CHUNK, Source
 from isi.sources.names import name_fault, phrase
-from tests.observing import TRIPLE, observe, refusal, refused
+from tests.observing import TRIPLE, observe, refused
 
 LOG = """head,relation,tail,count,room,instance
 mug,atLocation,kitchen,3,kitchen,mug_1
@@ -127,33 +127,6 @@ def test_a_table_of_entities_goes_before_relations(log: Path, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "expected"),
-    [
-        ("a.csv", "", ["line 1", "head, relation, tail", "none"]),
-        ("a.csv", "head,relation,tail,tail\n", ["line 1", "'tail', 'tail'"]),
-        ("a.csv", 'head,relation,tail\n"a\nb",b,c\n', ["line 2", "control"]),
-        ("a.csv", "head,relation,tail\na,\x00,c\n", ["line 2", "control"]),
-        ("a.csv", "head,relation,tail\n../../etc/passwd,b,c\n", ["line 2", "'../'"]),
-        ("a.csv", "head,relation,tail\n" + "," * 3_000_000, ["table of UTF-8 text"]),
-        ("a.csv", "head,relation,tail,room\na,b,c,\u202ekitchen\n", ["line 2", "control"]),
-        ("a.csv", "head,relation,tail\na,b,c\n".encode("utf-16"), ["UTF-8"]),
-        ("a.csv", gzip.compress(LOG.encode()), ["UTF-8"]),
-        ("a.csv.gz", LOG, ["gzipped"]),
-        ("a.csv.gz", gzip.compress(LOG.encode())[:-9], ["Truncated"]),
-        ("a.parquet", LOG, ["Parquet"]),
-        ("a.xlsx", LOG, [".csv, .tsv"]),
-    ],
-)  # fmt: skip
-def test_a_broken_table_is_refused_by_its_line(
-    tmp_path: Path, name: str, content: str | bytes | None, expected: list[str]
-) -> None:
-    path = tmp_path / name
-    if content is not None:
-        written(path, content)
-    refused("table", path, [name, *expected])
-
-
-@pytest.mark.parametrize(
     ("columns", "expected"),
     [
         ({"tail": ["c"]}, ["columns", "'head', 'tail'"]),
@@ -169,17 +142,3 @@ def test_a_broken_parquet_table_is_refused_by_its_row(
     tmp_path: Path, columns: dict[str, object], expected: list[str]
 ) -> None:
     refused("table", parquet(tmp_path / "a.parquet", head=["a"], **columns), ["a.parquet", *expected])
-
-
-def test_a_truncated_parquet_table_is_refused(tmp_path: Path) -> None:
-    path = parquet(tmp_path / "a.parquet", head=["a"] * 9, relation=["b"] * 9, tail=["c"] * 9)
-    refused("table", written(path, path.read_bytes()[:-20]), ["a.parquet", "Parquet"])
-
-
-@given(st.binary(max_size=60), st.sampled_from([".csv", ".tsv", ".csv.gz", ".parquet"]))
-def test_whatever_else_it_is_it_is_read_or_refused_in_one_line(
-    tmp_path_factory: pytest.TempPathFactory, content: bytes, form: str
-) -> None:
-    head = b"" if form == ".parquet" else b"head,relation,tail\n"
-    path = written(tmp_path_factory.getbasetemp() / f"any{form}", head + content)
-    assert refusal("table", path).isprintable()

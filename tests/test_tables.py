@@ -159,37 +159,6 @@ def test_a_column_of_another_type_is_named_with_both_types(
         TRIPLES.read_file(tmp_path / "t.parquet")
 
 
-def truncated(path: Path) -> bytes:
-    return novel(path).read_bytes()[:-10]
-
-
-def overwritten(path: Path) -> bytes:
-    raw = novel(path).read_bytes()
-    return raw[:4] + b"\xff" * 40 + raw[44:]
-
-
-def text(_path: Path) -> bytes:
-    return b"size,seed,entity\n1,0,4\n"
-
-
-def empty(_path: Path) -> bytes:
-    return b""
-
-
-@pytest.mark.parametrize("damage", [truncated, overwritten, text, empty])
-def test_what_is_no_parquet_is_named_in_one_line(tmp_path: Path, damage: Any) -> None:
-    path = tmp_path / "novel.parquet"
-    path.write_bytes(damage(path))
-    with pytest.raises(InputError, match=r"novel\.parquet: expected a Parquet table") as refused:
-        NOVEL.read_file(path)
-    assert "\n" not in str(refused.value)
-
-
-def test_a_missing_table_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"nowhere\.parquet: no such file"):
-        NOVEL.read_file(tmp_path / "nowhere.parquet")
-
-
 # Tensors
 
 
@@ -207,14 +176,6 @@ def test_a_missing_tensor_is_named(tmp_path: Path) -> None:
     io.write_tensors(tmp_path / "t.safetensors", {"entity": torch.zeros(1)}, MADE)
     with pytest.raises(InputError, match=r"t\.safetensors: tensor 'relation': missing"):
         io.read_tensors(tmp_path / "t.safetensors", ["entity", "relation"])
-
-
-@pytest.mark.parametrize("content", [None, b"", b"no tensors here", b"\x10\0\0\0\0\0\0\0{}"])
-def test_what_is_no_safetensors_file_is_named(tmp_path: Path, content: bytes | None) -> None:
-    if content is not None:
-        (tmp_path / "t.safetensors").write_bytes(content)
-    with pytest.raises(InputError, match=r"t\.safetensors: (expected a safetensors file|no such file)"):
-        io.read_tensors(tmp_path / "t.safetensors", ["entity"])
 
 
 # Writes

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from isi.graph.graph import GraphTables, MinedSource, build_tables
 from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL
-from isi.sources.triples import KINDS_BY_SUFFIX, published_phrases, read_ids, shipped_names
-from isi.tables import paths
+from isi.sources.triples import KINDS_BY_SUFFIX, read_ids, shipped_names
 from tests.observing import observations_of
 
 FILES = {
@@ -161,10 +160,3 @@ def test_what_is_found_in_a_room_is_an_object_though_others_be_made_of_it(graph:
     made_of = set(graph.triples.loc[graph.triples["relation"] == HAS_MATERIAL, "tail"])
     assert heads & made_of == {"fabric", "mirror"}
     assert set(graph.entities.loc[graph.entities["entity"].isin(heads), "kind"]) == {"object"}
-
-
-def test_every_phrase_names_a_synset_of_the_triples() -> None:
-    listed = published_phrases()
-    triples = pd.read_csv(paths.PUBLISHED_TRIPLES)
-    assert sorted(listed["synset"]) == sorted({*triples["head"], *triples["tail"]})
-    assert len(listed) == 101

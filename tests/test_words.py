@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import hashlib
 import json
 import struct
 from collections.abc import Callable
@@ -143,54 +142,6 @@ def test_vectors_are_aligned_with_the_phrases(known: KeyedVectors) -> None:
 # Broken files
 
 
-def _line(number: int, line: str, whole: bytes) -> bytes:
-    """A text with one line (counted from 1) replaced."""
-    lines = whole.decode().splitlines()
-    lines[number - 1] = line
-    return ("\n".join(lines) + "\n").encode()
-
-
-NAN = VECTORS | {"plant": [0.0, float("nan"), 0.0]}
-
-
-@pytest.mark.parametrize(
-    ("content", "place"),
-    [
-        pytest.param(_line(4, "house_plant 1 2", text()), "line 4", id="text: too few numbers"),
-        pytest.param(_line(4, "house_plant 1 2 3 4", text()), "line 4", id="text: too many numbers"),
-        pytest.param(_line(4, "house_plant 1 x 3", text()), "line 4", id="text: no number"),
-        pytest.param(_line(1, "5 4", text()), "line [12]", id="text: dimension too large"),
-        pytest.param(_line(1, "5 2", text()), "line [12]", id="text: dimension too small"),
-        pytest.param(
-            _line(1, "6 3", text()), "line 1|end of file", id="text: more vectors in the header than there are"
-        ),
-        pytest.param(text(NAN), "plant", id="text: not a number"),
-        pytest.param(binary(NAN), "plant", id="binary: not a number"),
-        pytest.param(text(VECTORS | {"clock": [0.0, float("inf"), 0.0]}), "clock", id="text: infinite"),
-        pytest.param(binary(header="5 2"), ".", id="binary: dimension too small"),
-        pytest.param(binary(header="6 3"), ".", id="binary: more vectors in the header than there are"),
-        pytest.param(binary()[:-6], ".", id="binary: truncated in a vector"),
-        pytest.param(binary()[:4], ".", id="binary: truncated after the header"),
-        pytest.param(_line(3, "house_plant 1_0 2 3", glove()), "line 3", id="GloVe: 1_0"),
-        pytest.param(_line(3, ". 1 2 3 4", glove()), "line 3", id="GloVe: a number behind the token"),
-        pytest.param(_line(3, "house  1 2 3", glove()), "line 3", id="GloVe: two spaces"),
-        pytest.param(glove()[:-1], "line 5", id="GloVe: no line end behind the last vector"),
-        pytest.param(b"", "", id="empty"),
-        pytest.param(b"\n", "", id="an empty line"),
-        pytest.param(b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "", id="no word vectors at all"),
-        pytest.param(b"a photograph, not word vectors\n", "line 1", id="prose"),
-    ],
-)
-def test_a_broken_file_is_named_with_the_place(tmp_path: Path, content: bytes, place: str) -> None:
-    path = tmp_path / "broken.vec"
-    with pytest.raises(InputError) as refused:
-        loaded(path, content)
-    file, where, _ = refused.value.args
-    assert file == str(path)
-    assert pd.Series([where]).str.contains(place).all(), where
-    assert "\n" not in str(refused.value)
-
-
 @pytest.mark.parametrize("token", ["\u00a0", "\u0085", "\u3000", ". . .", "at name@domain.com", "snake_case"])
 def test_tokens_of_real_files_are_read(tmp_path: Path, token: str) -> None:
     """Blanks other than those between numbers, and GloVe's tokens of several pieces."""
@@ -199,24 +150,9 @@ def test_tokens_of_real_files_are_read(tmp_path: Path, token: str) -> None:
     assert found[token].tolist() == [3.0, 4.0]
 
 
-@pytest.mark.parametrize("name", ["words.zst", "words.gz", "words.xz", "words.bz2"])
-def test_what_is_not_compressed_as_its_name_says_is_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises(
-        InputError, match=r"words\.\w+: (expected word vectors in word2vec or GloVe format|cannot be read)"
-    ):
-        loaded(tmp_path / name, glove())
-
-
 def test_a_download_that_nothing_can_check_is_refused_without_asking_the_network() -> None:
     with pytest.raises(InputError, match="expected null for a gensim download"):
         words.load_vectors(Words(source="glove-wiki-gigaword-50", text="definition", sha256="0" * 64))
-
-
-@pytest.mark.parametrize("wrong", [383, 385, 192, 768, 300, 1])
-def test_the_shipped_vectors_under_a_header_of_another_dimension_are_refused(tmp_path: Path, wrong: int) -> None:
-    count, rest = paths.shipped_vectors("definition").read_bytes().split(b" 384\n", 1)
-    with pytest.raises(InputError, match=r"shipped\.bin"):
-        loaded(tmp_path / "shipped.bin", count + f" {wrong}\n".encode() + rest)
 
 
 @pytest.mark.parametrize("damage", [lambda raw: raw[: len(raw) // 2], lambda raw: raw[:20] + b"\0\0\0" + raw[23:]])
@@ -224,20 +160,6 @@ def test_a_damaged_gz_file_is_named(tmp_path: Path, damage: Callable[[bytes], by
     compressed = gzip.compress(text({f"token{n}": [n * 0.1, n * 0.7, n * 1.3] for n in range(2000)}))
     with pytest.raises(InputError, match=r"words\.txt\.gz"):
         loaded(tmp_path / "words.txt.gz", damage(compressed))
-
-
-@pytest.mark.parametrize("name", ["nowhere.bin", "nowhere/vectors"])
-def test_a_missing_path_is_named_without_asking_the_network(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match=rf"{name}.*no such file"):
-        words.load_vectors(named(tmp_path / name))
-
-
-def test_a_file_of_another_hash_is_refused_with_both_hashes(tmp_path: Path) -> None:
-    got = hashlib.sha256(text()).hexdigest()
-    assert len(loaded(tmp_path / "words.txt", text())) == len(VECTORS)
-    assert len(words.load_vectors(named(tmp_path / "words.txt", got))) == len(VECTORS)
-    with pytest.raises(InputError, match=rf"words\.txt.*{'0' * 64}.*sha256.*{got}"):
-        words.load_vectors(named(tmp_path / "words.txt", "0" * 64))
 
 
 # The shipped vectors

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from isi.errors import InputError, short
+from isi.graph.graph import Graph
+from isi.graph.sessions import OUT, SPLIT_NAMES, TRAIN
 from isi.tables.rules import place_of
 
-if TYPE_CHECKING:
-    from isi.graph.graph import Graph
-
-#: Codes of splits, and of a triple that takes no part (``isi.graph.sessions``).
-OUT, TRAIN = -1, 0
 ENDS = [0, 2]
 
 
@@ -40,17 +36,12 @@ def rows_are_entities(path: Path, table: pd.DataFrame, entities: pd.DataFrame) -
 
 
 def splits_are_whole(
-    path: Path, splits: Mapping[int, np.ndarray], names: Sequence[str], graph: Graph, sources: np.ndarray,
-    novel: pd.DataFrame,
-) -> None:  # fmt: skip
+    path: Path, splits: Mapping[int, np.ndarray], graph: Graph, sources: np.ndarray, novel: pd.DataFrame
+) -> None:
     """Every triple has a split, but those of entities that another source adds and the seed does not draw.
 
-    Each split has triples, and each entity and relation with triples has one to train on.
-
-    Args:
-        splits: of each triple, by seed, places in ``names``; shapes: (T,).
-        sources: of the entities; shape: (E,).
-        novel: ``NOVEL``.
+    Each split has triples, and each entity and relation with triples has one to train on. Shapes: of splits by seed,
+    (T,); of the sources of entities, (E,). ``novel`` is ``NOVEL``.
     """
     triples = graph.triples.numpy()
     for seed, split in splits.items():
@@ -61,7 +52,7 @@ def splits_are_whole(
             has = "has no split" if split[wrong[0]] == OUT else "has a split"
             expected = "expected one of each triple, but of added entities that the seed does not draw"
             raise InputError(path, f"seed {seed}, triple {wrong[0]}", f"{has}: {expected}")
-        for code, name in enumerate(names):
+        for code, name in enumerate(SPLIT_NAMES):
             if not (split == code).any():
                 raise InputError(path, f"seed {seed}", f"expected triples in {name}, as in every split")
         for slots, named in ((ENDS, graph.entities), ([1], graph.relations)):
@@ -91,10 +82,7 @@ def insert_triples_fit(
 ) -> None:
     """Insert triples train, and are of an entity that their session inserts; their other end is known by then.
 
-    Args:
-        given: ``INSERT_TRIPLES``.
-        novel: ``NOVEL``.
-        splits: of each triple, by seed; shapes: (T,).
+    ``given`` is ``INSERT_TRIPLES``, ``novel`` is ``NOVEL``; splits of triples by seed are of shape (T,).
     """
     point = ["size", "seed"]
     inserted_in = novel.set_index([*point, "entity"])["session"]

@@ -147,7 +147,7 @@ class Store:
         agreement.ids_below(path, novel, "entity", len(graph.entities), "graph's entities")
         agreement.novel_sets_are_whole(path, novel, list(splits))
         sources = self.entities()["source"].to_numpy(str)
-        agreement.splits_are_whole(self._path(SPLITS), splits, SPLIT_NAMES, graph, sources, novel)
+        agreement.splits_are_whole(self._path(SPLITS), splits, graph, sources, novel)
         chosen = novel if size is None else novel[novel["size"] == size]
         if seeds is not None:
             chosen = chosen[chosen["seed"] < seeds]

@@ -221,11 +221,7 @@ def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFram
 def sample_candidates(enough: pd.Series[int], settings: Extension, key: str, root: int) -> list[str]:
     """Draw entities at random (all where there are fewer), some of them always; in alphabetical order.
 
-    Args:
-        enough: by name, those that can be drawn; InputError where one that must be there is not among them.
-        settings: which are always drawn, and how many.
-        key: where the settings stand in params.
-        root: of every random stream.
+    InputError at ``key``, where the settings stand in params, where one that is always drawn is not ``enough`` seen.
     """
     for name in set(settings.always) - set(enough.index):
         which = f"that the graph lacks, observed {settings.min_observations} times or more"

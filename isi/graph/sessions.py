@@ -227,19 +227,10 @@ def later_key(session: int) -> tuple[int, ...]:
     return (session,) if session > 1 else ()
 
 
-@dataclass(frozen=True)
-class SessionTables:
-    """The sessions of an experiment: ``SPLITS``, ``NOVEL`` and ``INSERT_TRIPLES``."""
-
-    splits: pd.DataFrame
-    novel: pd.DataFrame
-    insert_triples: pd.DataFrame
-
-
 def session_tables(
     graph: Graph, entities: pd.DataFrame, settings: SessionsOf, shares: Shares, root: int, key: str
-) -> SessionTables:
-    """The sessions of a graph with these ``ENTITIES``, drawn for every size and seed.
+) -> dict[Table, pd.DataFrame]:
+    """``SPLITS``, ``NOVEL`` and ``INSERT_TRIPLES`` of a graph with these ``ENTITIES``, drawn for every size and seed.
 
     D of the last session is all of the graph, but of added entities those alone that are drawn; the triples of the
     others have no split. InputError at ``key``, where the settings stand in params, where there are too few that may
@@ -253,7 +244,8 @@ def session_tables(
     if settings.steps * max(settings.sizes) > len(candidates) - (settings.novel != "added"):
         few = f"expected fewer novel entities than the {len(candidates)} that may be novel"
         raise InputError(paths.PARAMS, f"{key}.sizes", few)
-    splits, novel, given = list[pd.DataFrame](), list[tuple[int, ...]](), list[tuple[int, ...]]()
+    splits = list[pd.DataFrame]()
+    drawn_rows: dict[Table, list[tuple[int, ...]]] = {NOVEL: [], INSERT_TRIPLES: []}
     for size, seed in product(sorted(settings.sizes), range(settings.seeds)):
         drawn = sample_novel(candidates, root, size, seed, settings.steps)
         absent = np.setdiff1d(added, drawn) if settings.novel == "added" else added[:0]
@@ -264,8 +256,8 @@ def session_tables(
         if size == min(settings.sizes):  # once for each seed
             splits.append(pd.DataFrame({"seed": seed, "triple": triples, "split": np.array(SPLIT_NAMES)[codes]}))
         for session, inserted in enumerate(drawn, 1):
-            novel += [(size, seed, entity, session) for entity in inserted]
+            drawn_rows[NOVEL] += [(size, seed, entity, session) for entity in inserted]
             pairs = sample_insert_triples(part, codes, drawn, session, root, seed, shares.insert_fraction)
-            given += [(size, seed, entity, int(triples[triple]), session) for entity, triple in pairs]
-    tables = pd.DataFrame(novel, columns=list(NOVEL.columns)), pd.DataFrame(given, columns=list(INSERT_TRIPLES.columns))
-    return SessionTables(pd.concat(splits), *tables)
+            drawn_rows[INSERT_TRIPLES] += [(size, seed, entity, int(triples[row]), session) for entity, row in pairs]
+    rows = {table: pd.DataFrame(listed, columns=list(table.columns)) for table, listed in drawn_rows.items()}
+    return {SPLITS: pd.concat(splits), **rows}

@@ -39,12 +39,9 @@ def behavior(
 ) -> Iterator[Observation]:
     """Observations of the scenes: objects go by the words of their synset; their materials are not known.
 
-    Args:
-        mining: counts what is left after each step.
-        from_: ``package``, the data in the package ``bddl``, or the path of a folder of the same files.
-        structure: synsets that are parts of the building, left out.
-        names: of the synsets and types of rooms that do not go by their own words.
-        affordances: what can be done with an object that has a property; other properties are left out.
+    ``from_`` is ``package``, the data in the package ``bddl``, or the path of a folder of the same files; ``structure``
+    are synsets of parts of the building, left out; ``names`` are those of synsets and types of rooms that do not go by
+    their own words; ``affordances`` are what can be done with an object that has a property.
     """
     content = "the scenes of BEHAVIOR-1K"
     folder = packaged("bddl", "bddl/generated_data", content) if from_ == "package" else Path(from_)

@@ -66,12 +66,8 @@ def mp3d_houses(
 ) -> Iterator[Observation]:
     """Observations of objects in rooms, from Matterport3D's houses.
 
-    Args:
-        mining: counts what is left after each step.
-        folder: has the files ``*.house``, in it or in folders below.
-        category: which of their two names objects go by.
-        rooms: room of each label of a region.
-        vocabulary: as of the published tallies.
+    ``folder`` has the files ``*.house``, in it or in folders below; ``category`` says which of their two names objects
+    go by; ``rooms`` has the room of each label of a region; ``vocabulary`` is as of the published tallies.
     """
     return mine(_read_houses(Path(folder), CATEGORY_FIELD[category]), rooms, Path(vocabulary), mining.counts)
 

@@ -11,11 +11,10 @@ import argparse
 import multiprocessing
 import os
 import sys
-import time
-from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
+import pandas as pd
 from tqdm import tqdm
 
 from tests.fuzz.campaign import Counts, try_format, try_giants
@@ -23,6 +22,9 @@ from tests.fuzz.formats import FORMATS
 
 FAULTS = Path(".fuzz")
 TABLE = Path("docs/benchmarks/fuzz.md")
+COLUMNS = [
+    "changed files of", "inputs", "read", "refused in one line", "faults", "longest s (of a processor)", "peak MiB"
+]  # fmt: skip
 
 
 def main() -> None:
@@ -34,7 +36,6 @@ def main() -> None:
     given = parser.parse_args()
     names = [given.format] if given.format else list(FORMATS)
     share = -(-given.inputs // len(names))
-    start = time.perf_counter()
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(2, os.cpu_count() or 1), mp_context=context) as pool:
         waiting = [pool.submit(try_format, name, share, given.seed) for name in names]
@@ -44,11 +45,13 @@ def main() -> None:
     counts = [future.result() for future in waiting]
     for of_format in counts:
         write_faults(of_format)
+    rows = pd.DataFrame([of_format.row() for of_format in counts], columns=COLUMNS)
+    total = {"changed files of": "all", **rows[COLUMNS[1:5]].sum(), **{name: rows[name].max() for name in COLUMNS[5:]}}
     if not given.format:
-        given.out.write_text(table(counts), encoding="utf-8")
-    faults, inputs = sum(len(of_format.faults) for of_format in counts), sum(of_format.inputs for of_format in counts)
-    print(f"{inputs:,} inputs in {time.perf_counter() - start:.0f} s, {faults} faults")
-    sys.exit(f"{faults} faults: their files are under {FAULTS}/" if faults else 0)
+        table = pd.concat([rows, pd.DataFrame([total])])
+        given.out.write_text(table.to_markdown(index=False, intfmt=",", floatfmt=".1f") + "\n", encoding="utf-8")
+    print(f"{total['inputs']:,} inputs, {total['faults']} faults")
+    sys.exit(f"{total['faults']} faults: their files are under {FAULTS}/" if total["faults"] else 0)
 
 
 def write_faults(counts: Counts) -> None:
@@ -59,26 +62,6 @@ def write_faults(counts: Counts) -> None:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(content)
         print(f"{counts.format} ({folder}): {problem.strip().splitlines()[-1][:200]}")
-
-
-def table(counts: Sequence[Counts]) -> str:
-    """Rows of formats, and one of all."""
-    total = Counts("all")
-    for of_format in counts:
-        total.read += of_format.read
-        total.refused += of_format.refused
-        total.seconds, total.mib = max(total.seconds, of_format.seconds), max(total.mib, of_format.mib)
-        total.faults += of_format.faults
-    lines = [
-        "| changed files of | inputs | read | refused in one line | faults | longest s (of a processor) | peak MiB |",
-        "| --- | ---: | ---: | ---: | ---: | ---: | ---: |",
-        *(
-            f"| {row.format} | {row.inputs:,} | {row.read:,} | {row.refused:,} | {len(row.faults)} "
-            f"| {row.seconds:.1f} | {row.mib:,} |"
-            for row in [*counts, total]
-        ),
-    ]
-    return "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":

@@ -36,6 +36,11 @@ class Counts:
     def inputs(self) -> int:
         return self.read + self.refused + len(self.faults)
 
+    def row(self) -> tuple[object, ...]:
+        """Of the table."""
+        faults = len(self.faults)
+        return self.format, self.inputs, self.read, self.refused, faults, self.seconds, self.mib
+
 
 def read_changed(name: str, inputs: int, root: int, worker: Worker) -> Counts:
     """Change the files of a format so many times, and read them."""

@@ -24,17 +24,11 @@ def things(number: int) -> bytes:
 def crossing(number: int) -> bytes:
     """Objects of a scene, each in all others."""
     ids = [str(n) for n in range(number)]
-    rows = [
-        {
-            "objectId": name,
-            "objectType": "Mug",
-            key: [other for other in ids if other != name],
-            "receptacleObjectIds": [],
-        }
-        for key in ("parentReceptacles",)
-        for name in ids
-    ]
-    return json.dumps([row | {"receptacleObjectIds": row["parentReceptacles"]} for row in rows]).encode()
+    others = {name: [other for other in ids if other != name] for name in ids}
+    return json.dumps([
+        {"objectId": name, "objectType": "Mug", "parentReceptacles": rest, "receptacleObjectIds": rest}
+        for name, rest in others.items()
+    ]).encode()  # fmt: skip
 
 
 def line(objects: bytes) -> bytes:

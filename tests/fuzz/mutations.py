@@ -39,19 +39,8 @@ ODD_FIELDS = [
     b"kitchen",
 ]  # fmt: skip
 ODD_BYTES = [
-    b"\x00",
-    b"\xff",
-    b"\xef\xbb\xbf",
-    b"\n",
-    b"\r",
-    b"\t",
-    b",",
-    b'"',
-    b"{",
-    b"[" * 3_000,
-    b"\xed\xa0\x80",
-    b"9" * 30,
-]
+    b"\x00", b"\xff", b"\xef\xbb\xbf", b"\n", b"\r", b"\t", b",", b'"', b"{", b"[" * 3_000, b"\xed\xa0\x80", b"9" * 30,
+]  # fmt: skip
 
 
 @st.composite

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import struct
 
 from tests.fuzz.formats import BINARY, GLOVE, HOUSE, NT
@@ -9,8 +10,8 @@ from tests.mistakes import LOG, LONG, Case, changed, entities, log, vectors
 
 SHARES, CATEGORIES = "data/raw/suncg/material_shares.csv", "data/raw/suncg/categories.csv"
 TALLIES, TRIPLES = "data/raw/mp3d/room_object_counts.csv", "data/raw/published/triples.csv"
+VOCABULARY = "data/raw/mp3d/vocabulary.yaml"
 SCENES, MAPPED = "behavior/combined_room_object_list.json", "behavior/category_mapping.csv"
-PROPERTIES = "behavior/propagated_annots_canonical.json"
 
 TABLE_CASES = [
     Case("no file", "table, CSV", {"log.csv": None}, "log.csv", {"entities": None}),
@@ -28,6 +29,10 @@ TABLE_CASES = [
     log("a count that is too large", "head,relation,tail,count\na,b,c,3000000000\n", "line 2"),
     log("counts that are too large together", "head,relation,tail,count\n" + "a,b,c,1000000000\n" * 2, "1,000,000,000"),
     log("no triples", "head,relation,tail\n", ""),
+    log("a column twice", "head,relation,tail,tail\n", "line 1"),
+    log("a line end in a name", 'head,relation,tail\n"a\nb",b,c\n', "line 2"),
+    Case("a compressed file that is cut short", "table, TSV", {"log.tsv.gz": gzip.compress(LOG.encode())[:-9]},
+         "log.tsv.gz"),
     Case("a Parquet file that is none", "table, Parquet", {"log.parquet": b"PAR1 and so on"}, "log.parquet"),
     entities("an entity twice", "mug,object,cup\n", "entities.csv|line 7"),
     entities("an entity without a name", ",object,cup\n", "entities.csv|line 7"),
@@ -49,6 +54,7 @@ TABLE_CASES = [
 RDF_CASES = [
     Case("a name that tells no form", "RDF, Turtle", {}, "log.rdf", {"path": "log.rdf"}),
     Case("no file", "RDF, N-Triples", {"log.nt": None}, "log.nt"),
+    Case("no compressed file", "RDF, Turtle", {"log.ttl.gz": "<a:b>"}, "log.ttl.gz", {"path": "log.ttl.gz"}),
     Case("a line that is no triple", "RDF, N-Triples", {"log.nt": NT + "mug atLocation kitchen\n"}, "log.nt|line 7"),
     Case("Turtle that is none", "RDF, Turtle", {"log.ttl": "<a:b> <a:c> [ .\n"}, "log.ttl|line 1"),
     Case("a letter that there is not", "RDF, N-Triples", {"log.nt": "<urn:a:\\UFFFFFFFF> <urn:a:c> <urn:a:d> .\n"},
@@ -87,6 +93,8 @@ MP3D_CASES = [
     changed("a blank object", "tallies of Matterport3D", TALLIES, "air conditioner,bathroom", ",bathroom", ""),
     changed("a tally twice", "tallies of Matterport3D", TALLIES, "air conditioner,bathroom",
             "air conditioner,balcony", "'air conditioner'"),
+    Case("a vocabulary that is no YAML", "tallies of Matterport3D", {VOCABULARY: "structure: [\n"},
+         f"{VOCABULARY}|line 2"),
     Case("a room that the tallies lack", "tallies of Matterport3D", {}, "'cave'", {"rooms": {"cave": "kitchen"}}),
 ]  # fmt: skip
 
@@ -132,6 +140,7 @@ BEHAVIOR_CASES = [
     changed("a category twice", "BEHAVIOR", MAPPED, "3,walls,", "3,stove,", "'stove'"),
     Case("a setting of what is not there", "BEHAVIOR", {}, "'boat.n.01'", {"structure": ["boat.n.01"]}),
     Case("an action that is no name", "BEHAVIOR", {}, "affordances", {"affordances": {"openable": [" open"]}}),
+    Case("a name that is none", "BEHAVIOR", {}, "names.stove.n.01", {"names": {"stove.n.01": "../stove"}}),
     Case("two synsets of one name", "BEHAVIOR", {}, "'stove'", {"names": {"cabinet.n.01": "stove"}}),
 ]  # fmt: skip
 
@@ -141,6 +150,9 @@ WORD_CASES = [
     vectors("a line cut in the middle", GLOVE[:-9], "line 3"),
     vectors("a number cut in the middle", GLOVE[:-2], "line 3|is cut short"),
     vectors("what is no number", GLOVE + b"bowl 1 x 2\n", "line 4"),
+    vectors("too many numbers", b"3 3\n" + GLOVE.replace(b" 0.1", b" 0.1 4"), "line 2"),
+    vectors("a number behind the token", GLOVE + b". 1 2 3 4\n", "line 4"),
+    vectors("two spaces", GLOVE + b"bowl  1 2 3\n", "line 4"),
     vectors("no token", GLOVE + b" 1 2 3\n", "line 4"),
     vectors("a header of three words, and one", b"3 3\nmug 1 2 3\n", "line 1"),
     vectors("a header of a dimension of none", b"3 0\nmug\n", "line 1"),

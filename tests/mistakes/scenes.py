@@ -90,6 +90,7 @@ RECORDING_CASES = [
 
 HOUSE_CASES = [
     Case("no file", "houses of ProcTHOR", {"houses.jsonl": None}, "houses.jsonl|line 1"),
+    Case("another file than params vouch for", "houses of ProcTHOR", {}, "houses.jsonl|sha256", {"sha256": "0" * 64}),
     Case("no houses", "houses of ProcTHOR", {"houses.jsonl": "\n"}, "houses.jsonl"),
     Case("a line that is no JSON", "houses of ProcTHOR", {"houses.jsonl": house() + "\n{"}, "houses.jsonl|line 2"),
     Case("half a character", "houses of ProcTHOR", {"houses.jsonl": house(procthor.thing("Mug\ud800", 1, 1))},

@@ -78,6 +78,7 @@ PARAMS_CASES = [
 
 RECORD_CASES = [
     Typed("a build that there is not", "--platform nowhere/thor", "params.yaml|recorder.platform"),
+    Typed("a build that needs a display", "--platform Linux64", "params.yaml|recorder.platform|Linux64"),
     Typed("a folder as the build", "--platform .", "params.yaml|recorder.platform"),
     Typed("floor plans twice", "--scenes FloorPlan1 FloorPlan1-3", "params.yaml|recorder.scenes"),
     Typed("a range that ends before it begins", "--scenes FloorPlan3-1", "params.yaml|recorder.scenes"),
