@@ -49,7 +49,7 @@ def recorded(program: object, output: Path, **changes: object) -> list[str]:
 def names(output: Path) -> list[str]:
     """Of the scenes in a recording, in their order."""
     _, *scenes = (json.loads(line) for line in gzip.decompress(output.read_bytes()).splitlines())
-    return [Layout(scene["scene"], scene["spawn"]).name for scene in scenes]
+    return [Layout(scene=scene["scene"], spawn=scene["spawn"]).name for scene in scenes]
 
 
 def refusal(program: object, output: Path, **changes: object) -> str:
@@ -186,7 +186,7 @@ def test_an_answer_without_the_scene_is_refused(
 
 def test_groups_and_ranges_list_floor_plans_in_order() -> None:
     recorder = config.check({**RAW["recorder"], "scenes": ["FloorPlan_Val1_2-3", "ithor"]}, Recorder, "recorder")
-    plans = [layout.plan for layout in recorder.layouts]
+    plans = [layout.scene for layout in recorder.layouts]
     assert plans[:3] == ["FloorPlan_Val1_2", "FloorPlan_Val1_3", "FloorPlan1"]
     assert len(plans) == 122
     apartments = config.check({**RAW["recorder"], "scenes": ["robothor"]}, Recorder, "recorder").layouts

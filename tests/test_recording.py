@@ -135,7 +135,7 @@ def write(path: Path, *layouts: Layout) -> None:
 
 def test_what_is_written_is_what_the_simulator_gave_less_what_is_not_mined_and_is_read_again(tmp_path: Path) -> None:
     path = tmp_path / "folder" / "r.jsonl.gz"
-    write(path, Layout("FloorPlan5", None), Layout("FloorPlan5", 3))
+    write(path, Layout(scene="FloorPlan5", spawn=None), Layout(scene="FloorPlan5", spawn=3))
     header, *scenes = (json.loads(line) for line in gzip.decompress(path.read_bytes()).splitlines())
     assert header == HEADER
     assert scenes[1] == scene(spawn=3, objects=[{key: value for key, value in MUG.items() if key != "position"}])
@@ -144,7 +144,7 @@ def test_what_is_written_is_what_the_simulator_gave_less_what_is_not_mined_and_i
 
 
 def test_a_recording_that_is_killed_anywhere_in_a_scene_goes_on_behind_the_last_whole_one(tmp_path: Path) -> None:
-    path, first, second = tmp_path / "r", Layout("FloorPlan1", None), Layout("FloorPlan2", None)
+    path, first, second = tmp_path / "r", Layout(scene="FloorPlan1", spawn=None), Layout(scene="FloorPlan2", spawn=None)
     write(path, first)
     one = path.read_bytes()
     write(path, second)
@@ -177,7 +177,7 @@ def test_what_is_no_recording_is_refused_and_left_as_it_is(
     tmp_path: Path, damage: Callable[[bytes], bytes], place: str
 ) -> None:
     path = tmp_path / "r"
-    write(path, Layout("FloorPlan1", None))
+    write(path, Layout(scene="FloorPlan1", spawn=None))
     broken = damage(path.read_bytes())
     path.write_bytes(broken)
     with pytest.raises(InputError, match=rf"/r: {place}"):
@@ -195,7 +195,7 @@ def test_another_local_build_of_the_same_name_does_not_go_on_with_a_recording(tm
         headers.append(header(check({**section, "platform": str(program)}, Recorder, "recorder")))
     digits = [hashlib.sha256(content).hexdigest()[:16] for content in (b"one", b"other")]
     assert [made["build"] for made in headers] == [f"thor-Linux64 {first}" for first in digits]
-    Recording(tmp_path / "r", headers[0]).append(Layout("FloorPlan1", None), [MUG])
+    Recording(tmp_path / "r", headers[0]).append(Layout(scene="FloorPlan1", spawn=None), [MUG])
     with pytest.raises(
         InputError, match=f"line 1: was recorded with build 'thor-Linux64 {digits[0]}', not .*{digits[1]}"
     ):
@@ -208,14 +208,14 @@ def test_another_local_build_of_the_same_name_does_not_go_on_with_a_recording(tm
 def test_what_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(InputError, match="file/r: cannot be written"):
-        write(tmp_path / "file" / "r", Layout("FloorPlan1", None))
+        write(tmp_path / "file" / "r", Layout(scene="FloorPlan1", spawn=None))
 
 
 def test_a_line_that_cannot_be_cut_off_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(_path: Path, _length: int) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    write(tmp_path / "r", Layout("FloorPlan1", None))
+    write(tmp_path / "r", Layout(scene="FloorPlan1", spawn=None))
     cut = (tmp_path / "r").read_bytes() + gzip.compress(b"killed")[:-9]
     (tmp_path / "r").write_bytes(cut)
     monkeypatch.setattr("os.truncate", refuse)
@@ -229,7 +229,7 @@ def test_a_line_is_unpacked_up_to_the_longest_that_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: bool
 ) -> None:
     path = tmp_path / "r"
-    write(path, Layout("FloorPlan1", None))
+    write(path, Layout(scene="FloorPlan1", spawn=None))
     monkeypatch.setattr("isi.sources.recorder.MOST_BYTES", 400)
     assert Recording(path, SIMULATOR).names == {"FloorPlan1"}
     bomb = gzip.compress(b" " * 50_000_000)

@@ -65,7 +65,7 @@ class Recording:
         for number, (end, line) in enumerate(lines, 1):
             whole = end
             if number > 1:
-                self.names.add(parse_json(RecordedScene, line, path, f"line {number}").layout.name)
+                self.names.add(parse_json(RecordedScene, line, path, f"line {number}").name)
                 continue
             header = recordings.check_header(path, line)
             for key, value in self._header.items():
@@ -81,7 +81,7 @@ class Recording:
     def append(self, layout: Layout, objects: Iterable[SceneObject]) -> None:
         """Add a scene: of each object what mining reads; on the disk when this returns, or else InputError."""
         fields = [{key: thing[key] for key in recordings.FIELDS if key in thing} for thing in objects]
-        scene = _member({"scene": layout.plan, "spawn": layout.spawn, "objects": fields})
+        scene = _member(layout.model_dump() | {"objects": fields})
         if not self.path.exists():
             whole = _member(self._header) + scene
             io.atomically(self.path, lambda temporary: temporary.write_bytes(whole))
@@ -180,9 +180,9 @@ class Simulator:
     def _observed(self, layout: Layout) -> list[SceneObject]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what the controller warns of is said here in one line
-            event = self._player.reset(layout.plan) if self._player else self._start(layout.plan)
+            event = self._player.reset(layout.scene) if self._player else self._start(layout.scene)
             got = str(event.metadata["sceneName"]).removesuffix("_physics")
-            if got != layout.plan:
+            if got != layout.scene:
                 raise RuntimeError(f"this is {got}")
             if layout.spawn is not None and self._player:
                 event = self._player.step("InitialRandomSpawn", randomSeed=layout.spawn, raise_for_failure=True)

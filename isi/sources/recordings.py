@@ -84,15 +84,21 @@ _PLANS = [f"FloorPlan_{apartment}_{objects}" for apartment in _APARTMENTS for ob
 ROBOTHOR = (FloorPlans("robothor", "apartment", 501, _PLANS, [f"RoboTHOR{place}" for place in range(1, 76)]),)
 
 
-class Layout(NamedTuple):
+class Layout(BaseModel):
     """A floor plan, as it is built (null) or with its objects placed anew by a seed."""
 
-    plan: str
+    scene: _Text
     spawn: int | None
 
     @property
     def name(self) -> str:
-        return self.plan if self.spawn is None else f"{self.plan}#{self.spawn}"
+        return self.scene if self.spawn is None else f"{self.scene}#{self.spawn}"
+
+
+class RecordedScene(Layout):
+    """A line of a recording, whose objects are checked by ``check_objects``."""
+
+    objects: Any
 
 
 def locate(from_: str, simulator: str = "ai2thor") -> Path:
@@ -136,14 +142,14 @@ def _recorded_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]
     seen: set[str] = set()
     for number, line in lines:
         recorded = parse_json(RecordedScene, line, path, f"line {number}")
-        layout = recorded.layout
-        fault = name_fault(layout.name) or f"{layout.name} is there twice" * (layout.name in seen)
-        if layout.plan not in known:
-            fault = f"expected a floor plan of this source, such as {next(iter(known))}, got {short(layout.plan)}"
+        name, plan = recorded.name, recorded.scene
+        fault = name_fault(name) or f"{name} is there twice" * (name in seen)
+        if plan not in known:
+            fault = f"expected a floor plan of this source, such as {next(iter(known))}, got {short(plan)}"
         if fault:
             raise InputError(path, f"line {number}", fault)
-        seen.add(layout.name)
-        yield Scene(layout.name, *known[layout.plan], check_objects(path, layout.name, recorded.objects))
+        seen.add(name)
+        yield Scene(name, *known[plan], check_objects(path, name, recorded.objects))
     if not seen:
         raise InputError(path, "", "expected scenes behind the header, got none")
 
@@ -166,18 +172,6 @@ def check_header(path: Path, line: bytes) -> dict[str, Any]:
     if got != FORMAT:
         raise InputError(path, "line 1", f"expected a header with {json.dumps(FORMAT)}, got {cut(short(got), 100)}")
     return header
-
-
-class RecordedScene(BaseModel):
-    """A line of a recording, whose objects are checked by ``check_objects``."""
-
-    scene: _Text
-    spawn: int | None
-    objects: Any
-
-    @property
-    def layout(self) -> Layout:
-        return Layout(self.scene, self.spawn)
 
 
 #: Builds that the package ``ai2thor`` downloads.
@@ -227,7 +221,8 @@ class Recorder(Section):
     @property
     def layouts(self) -> list[Layout]:
         """All that is to be recorded, in order."""
-        return [Layout(plan, spawn) for item in self.scenes for plan in floor_plans(item) for spawn in self.spawns]
+        plans = [plan for item in self.scenes for plan in floor_plans(item)]
+        return [Layout(scene=plan, spawn=spawn) for plan in plans for spawn in self.spawns]
 
     @property
     def executable(self) -> Path | None:

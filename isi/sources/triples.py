@@ -21,7 +21,6 @@ ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"
 #: Of what kind an entity is, by the last part of its name.
 KINDS_BY_SUFFIX = {"o": "object", "l": "location", "r": "room", "a": "action", "s": "state", "m": "material"}
 SHIPPED = ("virtualhome", "thor_u")
-NO_NAMES = pd.DataFrame(columns=["name", "phrase"])
 Triple = tuple[str, str, str]
 
 
@@ -66,25 +65,21 @@ def naming(entities: str | None, kinds: KindsByRelation | None, household: bool)
     return named
 
 
-def published_entities(triples: pd.DataFrame, _rooms: Collection[str]) -> pd.DataFrame:
-    """Entities of the paper's graph in alphabetical order, with the kinds and phrases that they were given by hand."""
-    listed = published_phrases()
-    is_there = listed["entity"].isin({*triples["head"], *triples["tail"]})
-    return listed.loc[is_there, ["entity", "kind", "phrase"]].sort_values("entity").reset_index(drop=True)
-
-
-@reader("published", published_entities)
-def published(_mining: Mining) -> Iterator[Observation]:
+@reader("published", Naming())
+def published(mining: Mining) -> Iterator[Observation]:
     """Observations of the paper's graph, added up by triple: of which scene and instance they were is not published.
 
-    InputError where a file is missing or broken, lists a triple twice, or has a synset of no entity.
+    Its entities have the kinds and phrases that they were given by hand. InputError where a file is missing or broken,
+    lists a triple twice, or has a synset of no entity.
     """
-    entity_of = published_phrases().set_index("synset")["entity"]
+    described = published_phrases().set_index("synset")
+    of_entity = described.set_index("entity")
+    mining.name_entities = Naming(kind_of=dict(of_entity["kind"]), phrase_of=dict(of_entity["phrase"]))
     path = paths.PUBLISHED_TRIPLES
     listed = read_table(path, [*TRIPLE, "count"], TRIPLE)
     for slot in ("head", "tail"):
-        refuse(path, listed[slot], ~listed[slot].isin(entity_of.index), "expected a synset that has an entity")
-        listed[slot] = listed[slot].map(entity_of)
+        refuse(path, listed[slot], ~listed[slot].isin(described.index), "expected a synset that has an entity")
+        listed[slot] = listed[slot].map(described["entity"])
     for row in listed.itertuples(index=False, name=None):
         yield None, None, None, *row
 
@@ -94,41 +89,28 @@ def published_phrases() -> pd.DataFrame:
     return read_table(paths.PUBLISHED_PHRASES, ["synset", "entity", "phrase", "kind"], ["synset"], ["entity"])
 
 
-def shipped_entities(triples: pd.DataFrame, _rooms: Collection[str]) -> pd.DataFrame:
-    """Entities of VirtualHome or THOR_U, in alphabetical order, with kind and phrase."""
-    return folder_entities(triples, (), shipped_names().drop_duplicates("entity").set_index("entity"))
-
-
-def folder_entities(triples: pd.DataFrame, _rooms: Collection[str], listed: pd.DataFrame = NO_NAMES) -> pd.DataFrame:
-    """Entities of a folder, likewise; they go by their name in the file: ``bowl.o`` is another than ``bowl``.
-
-    The kind is that of the name in the file; the phrase is its words, where no other is listed.
-    """
-    rows = []
-    for entity in sorted({*triples["head"], *triples["tail"]}):
-        name = listed["name"].get(entity, entity)
-        stem, _, suffix = name.rpartition(".")
-        kind = KINDS_BY_SUFFIX.get(suffix) if stem else None
-        words = (stem if kind else name).replace("_", " ")
-        rows.append((entity, kind or ENTITY, listed["phrase"].get(entity, words)))
-    return pd.DataFrame(rows, columns=["entity", "kind", "phrase"])
-
-
-@reader("triples_with_ids", shipped_entities, path="from_")
+@reader("triples_with_ids", Naming(), path="from_")
 def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = None) -> Iterator[Observation]:
     """Observations, added up by triple: their scenes and instances are not known.
 
     ``from_`` is ``virtualhome`` or ``thor_u``, which ship, or the path of a folder with the files ``entity2id.txt`` and
     ``relation2id.txt``; ``triples`` are files of triples in it, whose repeats are observations (null: ``gt2id.txt``).
+    The kind of an entity is that of its name in the file, and its phrase the words of that, where no other is listed.
     """
-    entity_of: dict[str, str] = {}
     if from_ in SHIPPED:
-        listed = read_table(paths.RAW / from_ / "triples.csv", [*TRIPLE, "count"], TRIPLE)
-        counts = {(head, rel, tail): count for head, rel, tail, count in listed.itertuples(index=False, name=None)}
-        entity_of = dict(shipped_names()[["name", "entity"]].itertuples(index=False, name=None))
+        shipped = read_table(paths.RAW / from_ / "triples.csv", [*TRIPLE, "count"], TRIPLE)
+        counts = {(head, rel, tail): count for head, rel, tail, count in shipped.itertuples(index=False, name=None)}
+        listed = list(shipped_names()[["name", "entity", "phrase"]].itertuples(index=False, name=None))
     else:
-        counts = read_ids(Path(from_), triples or [ALL])
-        mining.name_entities = folder_entities
+        counts, listed = read_ids(Path(from_), triples or [ALL]), []
+    entity_of = {name: entity for name, entity, _ in listed}
+    mining.name_entities = named = Naming()
+    unlisted = ((name, name, "") for head, _, tail in counts for name in (head, tail))  # ``bowl.o`` is not ``bowl``
+    for name, entity, phrase in (*listed, *unlisted):
+        stem, _, suffix = name.rpartition(".")
+        kind = KINDS_BY_SUFFIX.get(suffix) if stem else None
+        named.kind_of.setdefault(entity, kind or ENTITY)
+        named.phrase_of.setdefault(entity, phrase or (stem if kind else name).replace("_", " "))
     for (head, relation, tail), count in sorted(counts.items()):
         yield None, None, None, entity_of.get(head, head), relation, entity_of.get(tail, tail), count
 
