@@ -192,11 +192,7 @@ class InteractionModel(Model):
 
 
 def table_of(model: PykeenModel) -> Table:
-    """The table that a model's entities are the rows of.
-
-    Raises:
-        InputError: where there is none, or more than one.
-    """
+    """The table that a model's entities are the rows of; an ``InputError`` where there is none, or more than one."""
     parts = model.entity_representations if isinstance(model, ERModel) else []
     if len(parts) != 1 or not isinstance(parts[0], Table):
         raise InputError("argument 'model'", type(model).__name__, "expected a model with one vector for each entity")
@@ -204,13 +200,9 @@ def table_of(model: PykeenModel) -> Table:
 
 
 def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Embedding:
-    """A model as a stack of one embedding.
+    """A model as a stack of one embedding; the scores of its triples say the margin of distances, if none is given.
 
-    Args:
-        triples: that it was trained on; their scores say the margin of distances where none is given.
-
-    Raises:
-        InputError: where it has several vectors per entity, or relations that are inverses of others.
+    An ``InputError`` where it has several vectors per entity, or relations that are inverses of others.
     """
     form, entity = _read(table_of(model))
     if model.use_inverse_triples:

@@ -14,8 +14,8 @@ ENTITIES, RELATIONS, DIMENSION = 12, 3, 8
 KNOWN = [f"e{number}" for number in range(ENTITIES)]
 NEW = ["cup", "mug"]
 BETWEEN = ["in", "on", "has"]
-TOLD = [("cup", "in", "e1"), ("e3", "on", "cup"), ("mug", "has", "e2"), ("cup", "on", "mug")]
-ABOUT = [("e0", "in", "e1"), ("e2", "on", "e3"), ("e4", "has", "e5"), ("e6", "in", "e7"), ("e1", "on", "e2")]
+TRIPLES = [("cup", "in", "e1"), ("e3", "on", "cup"), ("mug", "has", "e2"), ("cup", "on", "mug")]
+KNOWN_TRIPLES = [("e0", "in", "e1"), ("e2", "on", "e3"), ("e4", "has", "e5"), ("e6", "in", "e7"), ("e1", "on", "e2")]
 
 
 def tables(seed: int = 0, dtype: type[np.floating[Any]] = np.float32) -> dict[str, np.ndarray]:
@@ -29,8 +29,8 @@ def words(seed: int = 0) -> np.ndarray:
 
 def named(**changed: Any) -> dict[str, Any]:
     """Arguments of a call by names."""
-    return {**tables(), "triples": TOLD, "new": NEW, "model": "analogy", "entity_names": KNOWN,
-            "relation_names": BETWEEN, "known_triples": ABOUT, **changed}  # fmt: skip
+    return {**tables(), "triples": TRIPLES, "new": NEW, "model": "analogy", "entity_names": KNOWN,
+            "relation_names": BETWEEN, "known_triples": KNOWN_TRIPLES, **changed}  # fmt: skip
 
 
 def call(**changed: Any) -> Inserted:
@@ -40,7 +40,7 @@ def call(**changed: Any) -> Inserted:
 NAMES = {"entity_names": [*KNOWN, *NEW], "relation_names": BETWEEN}
 
 
-def fit(done: Inserted, triples: Any = TOLD, **changed: Any) -> tuple[np.ndarray, np.ndarray]:
+def fit(done: Inserted, triples: Any = TRIPLES, **changed: Any) -> tuple[np.ndarray, np.ndarray]:
     return isi.fit_new(
         done.entities, done.relations, triples,
         **{"new": 2, "model": done.model, "epochs": 20, **NAMES, **changed},

@@ -52,22 +52,22 @@ def again(inserted: InsertedEntity, record: InsertionRecord) -> InsertedEntity:
 
 
 def test_answers_are_ranked_by_score_among_those_of_a_kind_that_can_answer() -> None:
-    found = answer(opened(), Query(KETTLE, AT, TAIL), 5)  # rooms alone: 3 · 1 and 1 · 1
-    assert [(one.entity, one.rank, one.score, one.percentile, one.known) for one in found] == [
+    result = answer(opened(), Query(KETTLE, AT, TAIL), 5)  # rooms alone: 3 · 1 and 1 · 1
+    assert [(one.entity, one.rank, one.score, one.percentile, one.known) for one in result] == [
         ("kitchen", 1, 3.0, 1.0, True), ("bedroom", 2, 1.0, 0.0, False),
     ]  # fmt: skip
 
 
 def test_heads_are_predicted_too_and_indicators_with_the_answer_are_named() -> None:
-    found = answer(opened(), Query(LIE_ON, HAS, HEAD), 5, indicators=[BED, KETTLE])
-    assert [(one.entity, one.score, one.known) for one in found] == [("bed", 2.0, True), ("kettle", 0.0, False)]
-    found = answer(opened(), Query(KETTLE, HAS, TAIL), 5, indicators=[BED, KETTLE])
-    assert [(one.entity, one.shared_by) for one in found] == [("turn on", ["kettle"]), ("lie on", ["bed"])]
+    result = answer(opened(), Query(LIE_ON, HAS, HEAD), 5, indicators=[BED, KETTLE])
+    assert [(one.entity, one.score, one.known) for one in result] == [("bed", 2.0, True), ("kettle", 0.0, False)]
+    result = answer(opened(), Query(KETTLE, HAS, TAIL), 5, indicators=[BED, KETTLE])
+    assert [(one.entity, one.shared_by) for one in result] == [("turn on", ["kettle"]), ("lie on", ["bed"])]
 
 
 def test_without_kinds_all_entities_are_candidates_but_the_given_one() -> None:
-    found = answer(opened(kinds=[""] * 6), Query(KETTLE, AT, TAIL), 9)
-    assert [(one.entity, one.score, one.percentile) for one in found] == [
+    result = answer(opened(kinds=[""] * 6), Query(KETTLE, AT, TAIL), 9)
+    assert [(one.entity, one.score, one.percentile) for one in result] == [
         ("bed", 5.0, 1.0), ("kitchen", 3.0, 0.75), ("bedroom", 1.0, 0.5), ("turn on", 0.0, 0.0), ("lie on", 0.0, 0.0),
     ]  # fmt: skip
     looped = np.array([[KETTLE, AT, KETTLE]])
@@ -75,8 +75,8 @@ def test_without_kinds_all_entities_are_candidates_but_the_given_one() -> None:
 
 
 def test_without_known_triples_there_is_a_percentile_but_no_probability() -> None:
-    found = answer(opened(triples=np.zeros((0, 3), np.int64)), Query(KETTLE, AT, TAIL), 2)
-    assert [(one.probability, one.percentile) for one in found] == [(None, 1.0), (None, 0.75)]
+    result = answer(opened(triples=np.zeros((0, 3), np.int64)), Query(KETTLE, AT, TAIL), 2)
+    assert [(one.probability, one.percentile) for one in result] == [(None, 1.0), (None, 0.75)]
 
 
 def test_only_fitting_queries_are_made() -> None:
@@ -127,10 +127,10 @@ def test_uninformative_scores_give_the_share_of_known_answers() -> None:
 # Indicators
 
 
-@pytest.mark.parametrize("told", ["both", "words", "triples"])
+@pytest.mark.parametrize("pieces", ["both", "words", "triples"])
 @pytest.mark.parametrize("name", ["soft_hybrid", "soft_es", "soft_rs"])
-def test_weights_are_those_of_the_initializer(name: str, told: str) -> None:
-    changed = {"both": {}, "words": {"triples": []}, "triples": {"vector": None}}[told]
+def test_weights_are_those_of_the_initializer(name: str, pieces: str) -> None:
+    changed = {"both": {}, "words": {"triples": []}, "triples": {"vector": None}}[pieces]
     given = opened()
     inserted = insert_entity(given, stove(initializer=name, **changed))
     assert inserted.result.weights is not None
@@ -170,8 +170,8 @@ def test_an_insertion_is_that_of_the_library_and_leaves_what_is_known() -> None:
 def inserted_twice() -> InsertedEntity:
     """A stove, then a hob with a triple about the stove."""
     first = insert_entity(opened(), stove())
-    told = [("hob", "atLocation", "stove"), ("hob", "hasAffordance", "turn on")]
-    return insert_entity(first.opened, stove(name="hob", triples=told, vector=None))
+    triples = [("hob", "atLocation", "stove"), ("hob", "hasAffordance", "turn on")]
+    return insert_entity(first.opened, stove(name="hob", triples=triples, vector=None))
 
 
 def test_an_insertion_is_reproduced_whatever_came_after_it() -> None:
@@ -186,13 +186,13 @@ def test_an_ablation_is_an_insertion_without_one_piece() -> None:
     record = inserted.opened.insertions()["stove"]
     shown = again(inserted, record).indicators()
     queries = [Query(6, AT, TAIL)]
-    found = list(ablations(inserted.opened, record, shown, queries, 1))
-    assert [one.left_out for one in found] == ["fact", "fact", "words", *["indicator"] * len(shown)]
+    result = list(ablations(inserted.opened, record, shown, queries, 1))
+    assert [one.left_out for one in result] == ["fact", "fact", "words", *["indicator"] * len(shown)]
     own = inserted.opened.entities[6].astype(float)
     fewer = insert_entity(opened(), stove(triples=FACTS[1:])).vector.astype(float)
-    assert found[0].cosine == pytest.approx(own @ fewer / math.sqrt((own @ own) * (fewer @ fewer)))
-    assert found[0].moved == pytest.approx(np.linalg.norm(own - fewer) / np.linalg.norm(own))
-    named = next(one for one in found if one.left_out == "indicator")
+    assert result[0].cosine == pytest.approx(own @ fewer / math.sqrt((own @ own) * (fewer @ fewer)))
+    assert result[0].moved == pytest.approx(np.linalg.norm(own - fewer) / np.linalg.norm(own))
+    named = next(one for one in result if one.left_out == "indicator")
     row = NAMES.index(named.what)
     rest = [number for number in range(6) if number != row]
     triples = [triple for triple in small().triples.tolist() if row not in (triple[0], triple[2])]
@@ -209,8 +209,8 @@ def test_an_ablation_is_an_insertion_without_one_piece() -> None:
 def test_without_its_only_piece_nothing_is_inserted() -> None:
     inserted = insert_entity(opened(), stove(triples=[]))
     record = inserted.record
-    (found,) = ablations(inserted.opened, record, [], [], 1)
-    assert (found.left_out, found.initializer, found.cosine) == ("words", None, None)
+    (result,) = ablations(inserted.opened, record, [], [], 1)
+    assert (result.left_out, result.initializer, result.cosine) == ("words", None, None)
 
 
 # Names
@@ -265,20 +265,20 @@ def model() -> OpenBundle:
 
 
 def calibration_of(of: OpenBundle, **changed: Any) -> HeldOutCalibration:
-    told = [("new", "in", "e1"), ("e2", "on", "new")]
+    triples = [("new", "in", "e1"), ("e2", "on", "new")]
     return HeldOutCalibration(
-        insert_entity(of, new_entity(**{"name": "new", "triples": told, "vector": np.ones(4), **changed}))
+        insert_entity(of, new_entity(**{"name": "new", "triples": triples, "vector": np.ones(4), **changed}))
     )
 
 
 @pytest.mark.parametrize("changed", [{}, {"vector": None}, {"initializer": "rs", "options": {"k": 3}}])
 def test_held_out_entities_are_inserted_as_the_new_one_was(changed: dict[str, Any]) -> None:
     known = model()
-    found = calibration_of(known, **changed)
-    assert len(found.held_out) == ENTITIES
+    result = calibration_of(known, **changed)
+    assert len(result.held_out) == ENTITIES
     names, labels = known.entity_names, known.relation_names
-    hidden = {one.entity for one in found.held_out[:3]}  # a tenth of them, together
-    for one in found.held_out[:3]:
+    hidden = {one.entity for one in result.held_out[:3]}  # a tenth of them, together
+    for one in result.held_out[:3]:
         assert len(one.insert_triples) == 2
         assert (one.insert_triples[:, [HEAD, TAIL]] == one.entity).sum() == 2
         assert np.isin(one.insert_triples[:, [HEAD, TAIL]], list(hidden)).sum() == 2
@@ -288,35 +288,37 @@ def test_held_out_entities_are_inserted_as_the_new_one_was(changed: dict[str, An
         words = None if "vector" in changed else known.words
         given = {"name": names[one.entity], "triples": facts, "vector": None if words is None else words[one.entity]}
         alone = insert_entity(
-            rest, new_entity(**{"initializer": found.inserted.result.initializer, **changed, **given})
+            rest, new_entity(**{"initializer": result.inserted.result.initializer, **changed, **given})
         )
         np.testing.assert_allclose(one.vector.numpy(), alone.vector, rtol=1e-4, atol=1e-5)
 
 
 def test_a_curve_goes_through_answers_that_are_no_insert_triples() -> None:
     known = model()
-    found = calibration_of(known)
+    result = calibration_of(known)
     scores, right = [], []
     everyone = set(range(ENTITIES))
-    for one in found.held_out:
+    for one in result.held_out:
         true = known.answers.get(Query(one.entity, 1, HEAD))
         if true:
-            told = {head for head, relation, tail in one.insert_triples.tolist() if (relation, tail) == (1, one.entity)}
-            for other in sorted(everyone - {one.entity} - told):
+            triples = {
+                head for head, relation, tail in one.insert_triples.tolist() if (relation, tail) == (1, one.entity)
+            }
+            for other in sorted(everyone - {one.entity} - triples):
                 vectors = (known.embedding.entity[0, other], known.embedding.relation[0, 1], one.vector)
                 scores.append(float(known.model.score(*vectors)))
                 right.append(other in true)
     expected = fit_platt(torch.tensor(scores).double(), torch.tensor(right))
-    curve = found.curve(1, HEAD)
+    curve = result.curve(1, HEAD)
     assert curve is not None
     assert (curve.slope, curve.offset) == pytest.approx((expected.slope, expected.offset), rel=1e-3, abs=1e-4)
 
 
 def test_held_out_calibration_serves_the_inserted_entity_alone() -> None:
-    found = calibration_of(model())
-    opened = found.inserted.opened
-    for entity, curve in ((ENTITIES, found.curve(0, TAIL)), (3, fit_curve(opened, 0, TAIL))):
-        (best,) = answer(opened, Query(entity, 0, TAIL), 1, found)
+    result = calibration_of(model())
+    opened = result.inserted.opened
+    for entity, curve in ((ENTITIES, result.curve(0, TAIL)), (3, fit_curve(opened, 0, TAIL))):
+        (best,) = answer(opened, Query(entity, 0, TAIL), 1, result)
         assert curve is not None
         assert best.probability == pytest.approx(curve(torch.tensor([best.score])).item())
 
@@ -324,23 +326,23 @@ def test_held_out_calibration_serves_the_inserted_entity_alone() -> None:
 def test_with_too_few_right_answers_a_curve_is_shared_or_missing() -> None:
     known = model()
     few = replace(known, triples=np.concatenate([known.triples[known.triples[:, 1] == 0], [[3, 1, 4]]]))
-    found = calibration_of(few)
-    assert found.curve(1, TAIL) == found.curve(1, HEAD) is not None  # of all relations
+    result = calibration_of(few)
+    assert result.curve(1, TAIL) == result.curve(1, HEAD) is not None  # of all relations
     assert calibration_of(replace(known, triples=np.zeros((0, 3), np.int64))).curve(0, TAIL) is None
 
 
 def test_the_curve_of_all_relations_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    found, drawn = calibration_of(model()), list[int]()
+    result, drawn = calibration_of(model()), list[int]()
     monkeypatch.setattr(calibration, "LEAST_RIGHT", 60)  # more than those of one relation and slot
     monkeypatch.setattr(
         calibration, "fit_platt", lambda scores, right: drawn.append(len(scores)) or fit_platt(scores, right)
     )
-    curves = {found.curve(relation, slot) for relation in range(LABELS) for slot in (HEAD, TAIL)}
+    curves = {result.curve(relation, slot) for relation in range(LABELS) for slot in (HEAD, TAIL)}
     assert len(curves) == len(drawn) == 1
 
 
 def test_where_no_entity_is_left_none_is_held_out() -> None:
     alone = replace(model().part(np.array([1])), triples=np.array([[0, 0, 0]]))
-    found = calibration_of(alone, triples=[], vector=None, initializer="mean")
-    assert found.held_out == []
-    assert found.curve(0, TAIL) is None
+    result = calibration_of(alone, triples=[], vector=None, initializer="mean")
+    assert result.held_out == []
+    assert result.curve(0, TAIL) is None

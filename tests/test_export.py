@@ -50,36 +50,36 @@ def export(form: str, out: str, *more: str) -> None:
 @pytest.mark.parametrize(("form", "parser"), [("turtle", "turtle"), ("jsonld", "json-ld")])
 def test_rdf_tells_kinds_phrases_and_predictions_where_they_are_asked_for(form: str, parser: str) -> None:
     export(form, "home", "--labels", "--predictions", "1")
-    found = Graph().parse("home", format=parser)
+    read = Graph().parse("home", format=parser)
     mug, first = URIRef("urn:isi:home:entity:mug"), URIRef("urn:isi:home:prediction:1")
-    assert len(found) == len(TRIPLES) + 2 * len(ENTITIES) + 5 * 6
-    assert found.value(mug, RDFS.label) == Literal("mug")
-    assert found.value(mug, RDF.type) == URIRef("urn:isi:home:kind:object")
-    assert found.value(first, RDF.subject) == mug
-    assert found.value(first, URIRef("urn:isi:home:prediction:score")).toPython() == 3.0  # type: ignore[union-attr]
-    assert found.value(first, URIRef("urn:isi:home:prediction:rank")).toPython() == 1  # type: ignore[union-attr]
+    assert len(read) == len(TRIPLES) + 2 * len(ENTITIES) + 5 * 6
+    assert read.value(mug, RDFS.label) == Literal("mug")
+    assert read.value(mug, RDF.type) == URIRef("urn:isi:home:kind:object")
+    assert read.value(first, RDF.subject) == mug
+    assert read.value(first, URIRef("urn:isi:home:prediction:score")).toPython() == 3.0  # type: ignore[union-attr]
+    assert read.value(first, URIRef("urn:isi:home:prediction:rank")).toPython() == 1  # type: ignore[union-attr]
 
 
 def test_what_is_written_as_turtle_is_read_as_a_source_again(folder: Path) -> None:
     export("turtle", "home.ttl", "--labels", "--predictions", "2")
-    found = observe("rdf", folder / "home.ttl")
-    assert set(found.rows(*TRIPLE)) == ROWS
-    assert found.kind_of() == dict(zip(ENTITIES["entity"], ENTITIES["kind"], strict=True))
+    read = observe("rdf", folder / "home.ttl")
+    assert set(read.rows(*TRIPLE)) == ROWS
+    assert read.kind_of() == dict(zip(ENTITIES["entity"], ENTITIES["kind"], strict=True))
 
 
 @pytest.mark.usefixtures("folder")
 def test_graphml_opens_in_networkx() -> None:
     export("graphml", "home.graphml", "--predictions", "2")
-    found = nx.read_graphml("home.graphml", force_multigraph=True)
-    edges = sorted(found.edges(data=True), key=lambda edge: "rank" in edge[2])
-    told = {(head, data["relation"], tail): data["count"] for head, tail, data in edges if "count" in data}
-    assert told == {tuple(row[:3]): row[3] for row in TRIPLES.itertuples(index=False)}
+    read = nx.read_graphml("home.graphml", force_multigraph=True)
+    edges = sorted(read.edges(data=True), key=lambda edge: "rank" in edge[2])
+    counted = {(head, data["relation"], tail): data["count"] for head, tail, data in edges if "count" in data}
+    assert counted == {tuple(row[:3]): row[3] for row in TRIPLES.itertuples(index=False)}
     expected = {
         (head, data["relation"], tail, data["score"], data["rank"]) for head, tail, data in edges if "rank" in data
     }
     assert expected == set(BEST)
-    assert found.nodes["mug"] == {"kind": "object", "phrase": "mug"}
-    assert len({key for *_, key in found.edges(keys=True)}) == len(edges)
+    assert read.nodes["mug"] == {"kind": "object", "phrase": "mug"}
+    assert len({key for *_, key in read.edges(keys=True)}) == len(edges)
 
 
 def test_csv_of_a_property_graph_has_nodes_edges_and_predictions(folder: Path) -> None:
@@ -130,9 +130,9 @@ def test_the_same_graph_is_the_same_bytes_whatever_order_hashes_give(folder: Pat
 @pytest.mark.usefixtures("folder")
 def test_another_seed_predicts_by_its_own_model_among_those_it_knows() -> None:
     export("pykeen-tsv", "home.tsv", "--predictions", "9", "--seed", "7")
-    found = pd.read_csv("home.predictions.tsv", sep="\t", header=None, names=[*TRIPLE, "score", "rank"])
-    assert 'Öfen 5"' not in {*found["head"], *found["tail"]}
-    best = found[(found["head"] == "mug") & (found["relation"] == "atLocation")]
+    read = pd.read_csv("home.predictions.tsv", sep="\t", header=None, names=[*TRIPLE, "score", "rank"])
+    assert 'Öfen 5"' not in {*read["head"], *read["tail"]}
+    best = read[(read["head"] == "mug") & (read["relation"] == "atLocation")]
     # seed 7 has the coordinates of each entity swapped: mug (1, 1), so scores are tails' second: first of VECTORS
     assert list(best["tail"]) == ["tea/pot", "fill", "mug"]
     assert list(best["score"]) == [2.0, 1.0, 1.0]
@@ -148,8 +148,8 @@ def test_an_embedding_leaves_with_what_it_predicts_itself() -> None:
     entities, relations = bundle.entity_names, bundle.relation_names
     named = {(entities[h], relations[r], entities[t]) for h, r, t in bundle.triples.tolist()}
     assert set(pd.read_csv("small.tsv", sep="\t", header=None).itertuples(index=False, name=None)) == named
-    found = pd.read_csv("small.predictions.tsv", sep="\t", header=None)
-    assert list(found.itertuples(index=False, name=None)) == [
+    read = pd.read_csv("small.predictions.tsv", sep="\t", header=None)
+    assert list(read.itertuples(index=False, name=None)) == [
         ("kettle", "atLocation", "kettle", 10.0, 1), ("bed", "atLocation", "kettle", 5.0, 1),
         ("kettle", "hasAffordance", "kettle", 4.0, 1), ("bed", "hasAffordance", "bed", 4.0, 1),
     ]  # fmt: skip

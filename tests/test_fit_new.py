@@ -12,26 +12,26 @@ import isi
 from isi.errors import InputError
 from isi.insertion.arguments import stack_of_one
 from isi.insertion.result import Inserted
-from tests.small_embedding import ABOUT, BETWEEN, ENTITIES, KNOWN, NAMES, NEW, TOLD, call, fit
+from tests.small_embedding import BETWEEN, ENTITIES, KNOWN, KNOWN_TRIPLES, NAMES, NEW, TRIPLES, call, fit
 from tests.small_graphs import random_embedding
 
 
 def margins(entities: np.ndarray, relations: np.ndarray, done: Inserted) -> np.ndarray:
     """How far the triples that are told score above what is expected with other heads and tails."""
     stack, names = stack_of_one(entities, relations, done.model), [*KNOWN, *NEW]
-    told = [(names.index(head), BETWEEN.index(relation), names.index(tail)) for head, relation, tail in TOLD]
-    head, relation, tail = torch.tensor(told).T[:, None]
+    triples = [(names.index(head), BETWEEN.index(relation), names.index(tail)) for head, relation, tail in TRIPLES]
+    head, relation, tail = torch.tensor(triples).T[:, None]
     others = stack.score_tails(head, relation).mean(-1) + stack.score_heads(relation, tail).mean(-1)
     return (stack.score(head, relation, tail) - others / 2)[0].numpy()
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("known", [None, ABOUT])
+@pytest.mark.parametrize("known", [None, KNOWN_TRIPLES])
 def test_new_rows_move_alone_and_the_others_stay_the_same_bytes(dtype: Any, known: Any) -> None:
     done = call(initializer="mean")
     given = done.entities.astype(dtype), done.relations.astype(dtype)
     before = [part.copy() for part in given]
-    entities, relations = isi.fit_new(*given, TOLD, new=2, model=done.model, epochs=20, known_triples=known, **NAMES)
+    entities, relations = isi.fit_new(*given, TRIPLES, new=2, model=done.model, epochs=20, known_triples=known, **NAMES)
     assert (entities.dtype, relations.dtype) == (dtype, dtype)
     assert entities[:ENTITIES].tobytes() == before[0][:ENTITIES].tobytes()
     assert relations.tobytes() == before[1].tobytes()
@@ -44,17 +44,17 @@ def test_trained_triples_stand_out_between_new_entities_too() -> None:
     done = call(initializer="mean", entities=wide.entity[0].numpy(), relations=wide.relation[0].numpy())
     before, after = margins(done.entities, done.relations, done), margins(*fit(done, epochs=200), done)
     assert after.mean() > before.mean() + 1
-    alone = fit(done, TOLD[:3], epochs=50)
+    alone = fit(done, TRIPLES[:3], epochs=50)
     assert not np.array_equal(alone[0], fit(done, epochs=50)[0])
 
 
 def test_all_rows_move_afterwards_if_asked() -> None:
     done = call(initializer="mean")
-    first, _ = fit(done, known_triples=ABOUT)
-    entities, relations = fit(done, known_triples=ABOUT, all_epochs=5)
+    first, _ = fit(done, known_triples=KNOWN_TRIPLES)
+    entities, relations = fit(done, known_triples=KNOWN_TRIPLES, all_epochs=5)
     assert not np.array_equal(entities[:ENTITIES], first[:ENTITIES])
     assert not np.array_equal(relations, done.relations)
-    straight, _ = fit(done, known_triples=ABOUT, epochs=0, all_epochs=5)
+    straight, _ = fit(done, known_triples=KNOWN_TRIPLES, epochs=0, all_epochs=5)
     assert not np.array_equal(straight[:ENTITIES], done.entities[:ENTITIES])
 
 
@@ -102,11 +102,11 @@ def test_coordinates_in_which_all_known_are_the_same_count_for_no_distance(apart
 
 def test_interference_by_hand() -> None:
     """Of (0, 1): heads by score are 3·2, 2·2, 1·2, 0.5·2, -4·2, and tails 3, 2, 1, 0.5, -4."""
-    found = on_a_line().interference([(0, 0, 1)])
-    assert found.queries == 2
-    assert found.above == [0.0]
-    assert (found.rank_before, found.rank_after) == (2.5, 2.5)  # 3rd as head, 2nd as tail
-    assert found.mrr_before == pytest.approx((1 / 3 + 1 / 2) / 2)
+    result = on_a_line().interference([(0, 0, 1)])
+    assert result.queries == 2
+    assert result.above == [0.0]
+    assert (result.rank_before, result.rank_after) == (2.5, 2.5)  # 3rd as head, 2nd as tail
+    assert result.mrr_before == pytest.approx((1 / 3 + 1 / 2) / 2)
     lowest = on_a_line().interference([(3, 0, 1)])  # heads by 2: -4 last; tails by -4: -4, 0.5 before 1, 2, 3
     assert lowest.above == [0.5]  # as tail, but as head it is told to be right
     assert (lowest.rank_before, lowest.rank_after) == ((4 + 3) / 2, (4 + 4) / 2)
@@ -117,13 +117,13 @@ def test_interference_by_hand() -> None:
 
 def test_right_answers_do_not_compete() -> None:
     done = isi.insert(**LINE, triples=[(4, 0, 1)], new=1, initializer="mean", known_triples=[(2, 0, 1), (0, 0, 1)])
-    found = done.interference([(0, 0, 1)])
-    assert (found.rank_before, found.rank_after) == ((2 + 2) / 2, (2 + 2) / 2)  # 2 is right as a head of 1
+    result = done.interference([(0, 0, 1)])
+    assert (result.rank_before, result.rank_after) == ((2 + 2) / 2, (2 + 2) / 2)  # 2 is right as a head of 1
 
 
 def test_interference_queries_the_known_triples_or_a_sample() -> None:
     done = call()
-    assert done.interference().queries == 2 * len(ABOUT)
+    assert done.interference().queries == 2 * len(KNOWN_TRIPLES)
     assert done.interference(most=2).queries == 4
     assert done.interference(most=2) == done.interference(most=2)
     with pytest.raises(InputError, match="expected triples of known entities, to ask about"):
@@ -132,14 +132,14 @@ def test_interference_queries_the_known_triples_or_a_sample() -> None:
 
 def test_transe_with_the_norm_of_city_blocks() -> None:
     entities = np.array([[1.0, 2.0], [0.0, 0.0], [-1.0, 3.0]], np.float32)
-    how: dict[str, Any] = {"new": 1, "model": "transe_l1", "model_options": {"margin": 4.0}}
-    told, relations = [(0, 0, 3), (1, 1, 3)], np.array([[1.0, -1.0], [2.0, 1.0]], np.float32)
-    done = isi.insert(entities, relations, told, initializer="er_avg", **how)
+    options: dict[str, Any] = {"new": 1, "model": "transe_l1", "model_options": {"margin": 4.0}}
+    triples, relations = [(0, 0, 3), (1, 1, 3)], np.array([[1.0, -1.0], [2.0, 1.0]], np.float32)
+    done = isi.insert(entities, relations, triples, initializer="er_avg", **options)
     np.testing.assert_array_equal(done.entities[3], [2.0, 1.0])  # where both put it
     stack = done.embedding
     assert stack.score(torch.tensor([[0, 2]]), torch.tensor([[0, 1]]), torch.tensor([[3, 3]])).tolist() == [[4.0, 0.0]]
-    learned, _ = isi.fit_new(done.entities, relations, told, epochs=5, **how)
+    learned, _ = isi.fit_new(done.entities, relations, triples, epochs=5, **options)
     assert learned[:3].tobytes() == entities.tobytes()
     assert (learned[3] != done.entities[3]).any()
     with pytest.raises(InputError, match=r"^argument 'model': margin: Field required$"):
-        isi.insert(entities, relations, told, new=1, model="transe_l1")
+        isi.insert(entities, relations, triples, new=1, model="transe_l1")

@@ -74,9 +74,9 @@ def test_names_may_begin_with_a_mark_and_there_may_be_no_triples() -> None:
     folder = write_lists(entities=ENTITIES, relations=LABELS)
     (folder / "entities.txt").write_text("\n".join(NAMES), encoding="utf-8-sig")
     (folder / "triples.tsv").write_bytes(b"")
-    found = imported("mine", "--family", "distmult")
-    assert found.entity_names == NAMES
-    assert found.triples.shape == (0, 3)
+    bundle = imported("mine", "--family", "distmult")
+    assert bundle.entity_names == NAMES
+    assert bundle.triples.shape == (0, 3)
 
 
 def test_halves_of_complex_vectors_are_joined_and_complex_numbers_parted() -> None:

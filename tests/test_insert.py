@@ -19,14 +19,14 @@ from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, InitContext
 from isi.tables import paths
 from tests.small_embedding import (
-    ABOUT,
     BETWEEN,
     DIMENSION,
     ENTITIES,
     KNOWN,
+    KNOWN_TRIPLES,
     NEW,
     RELATIONS,
-    TOLD,
+    TRIPLES,
     call,
     tables,
     words,
@@ -86,9 +86,9 @@ def test_the_order_of_new_names_is_the_order_of_ids() -> None:
 
 def test_ids_do_what_names_do() -> None:
     ids = {name: number for number, name in enumerate([*KNOWN, *NEW])}
-    told = np.array([[ids[head], BETWEEN.index(relation), ids[tail]] for head, relation, tail in TOLD])
-    about = np.array([[ids[head], BETWEEN.index(relation), ids[tail]] for head, relation, tail in ABOUT])
-    done = call(triples=told, new=2, entity_names=None, relation_names=None, known_triples=about)
+    triples = np.array([[ids[head], BETWEEN.index(relation), ids[tail]] for head, relation, tail in TRIPLES])
+    known = np.array([[ids[head], BETWEEN.index(relation), ids[tail]] for head, relation, tail in KNOWN_TRIPLES])
+    done = call(triples=triples, new=2, entity_names=None, relation_names=None, known_triples=known)
     np.testing.assert_array_equal(done.entities, call().entities)
     assert [entity.name for entity in done.report()] == [12, 13]
     mixed = [("cup", 0, 1), (3, "on", 12), ("mug", np.int64(2), "e2"), (12, 1, "mug")]
@@ -96,15 +96,15 @@ def test_ids_do_what_names_do() -> None:
 
 
 def test_a_triple_that_repeats_counts_once() -> None:
-    np.testing.assert_array_equal(call(triples=[*TOLD, *TOLD[::-1]]).entities, call().entities)
+    np.testing.assert_array_equal(call(triples=[*TRIPLES, *TRIPLES[::-1]]).entities, call().entities)
 
 
 def test_triples_between_new_entities_are_counted() -> None:
     done = call(initializer="er_avg")
     assert [(one.insert_triples, one.between) for one in done.report()] == [(2, 1), (1, 1)]
-    without = call(initializer="er_avg", triples=TOLD[:3])
+    without = call(initializer="er_avg", triples=TRIPLES[:3])
     np.testing.assert_array_equal(done.entities, without.entities)
-    own = call(triples=[*TOLD, ("mug", "in", "mug")])
+    own = call(triples=[*TRIPLES, ("mug", "in", "mug")])
     assert [one.between for one in own.report()] == [1, 2]
 
 
@@ -149,7 +149,7 @@ def test_the_default_on_a_large_graph_looks_at_entities_and_not_at_all_triples()
 def test_an_entity_without_triples_or_words_falls_back_and_says_to_what() -> None:
     vectors = words()
     vectors[ENTITIES] = 0
-    done = call(words=vectors, triples=TOLD[:2], initializer="ers")
+    done = call(words=vectors, triples=TRIPLES[:2], initializer="ers")
     assert done.fallback == ["rs", "es"]
     assert [one.fallback for one in done.report()] == done.fallback
 
@@ -161,8 +161,8 @@ def test_words_may_be_vectors_or_texts_by_name() -> None:
     np.testing.assert_array_equal(call(words=by_name).entities, table)
     texts = {name: f"text of {name}" for name in by_name}
 
-    def embed(asked: Any) -> np.ndarray:
-        return np.stack([by_name[text.removeprefix("text of ")] for text in asked])
+    def embed(texts_to_embed: Any) -> np.ndarray:
+        return np.stack([by_name[text.removeprefix("text of ")] for text in texts_to_embed])
 
     np.testing.assert_array_equal(call(words=texts, word_source=embed).entities, table)
     np.testing.assert_array_equal(call(words=by_name | {"cup": "text of cup"}, word_source=embed).entities, table)

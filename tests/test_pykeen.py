@@ -119,16 +119,16 @@ def test_ranks_of_known_triples_are_unchanged_when_new_candidates_are_masked(
 ) -> None:
     model = model_of(name, options, factory)
     larger, more = isi.pykeen.insert(model, factory, NEW)
-    found = []
+    ranked = []
     for one, own in ((model, factory), (larger, more)):
         evaluator = RankBasedEvaluator(clear_on_finalize=False)
         evaluator.evaluate(
             one, factory.mapped_triples, batch_size=8, additional_filter_triples=own.mapped_triples,
             restrict_entities_to=range(ENTITIES), pre_filtered_triples=True, use_tqdm=False,
         )  # fmt: skip
-        found.append({key: np.concatenate(values) for key, values in evaluator.ranks.items()})
-    for key, ranks in found[0].items():
-        np.testing.assert_array_equal(ranks, found[1][key])
+        ranked.append({key: np.concatenate(values) for key, values in evaluator.ranks.items()})
+    for key, ranks in ranked[0].items():
+        np.testing.assert_array_equal(ranks, ranked[1][key])
 
 
 def test_saved_and_loaded_it_is_the_same(tmp_path: Path, factory: Any) -> None:
@@ -165,8 +165,8 @@ def test_it_predicts_and_trains_on_from_what_it_knows(name: str, factory: Any) -
 def test_a_factory_without_labels_goes_by_ids(factory: Any) -> None:
     plain = factory.to_core_triples_factory()
     model = model_of("distmult", {}, plain)
-    told = torch.tensor([[20, 0, 1], [3, 1, 20], [21, 2, 2], [20, 1, 21]])
-    larger, more = isi.pykeen.insert(model, plain, told, new=2)
+    triples = torch.tensor([[20, 0, 1], [3, 1, 20], [21, 2, 2], [20, 1, 21]])
+    larger, more = isi.pykeen.insert(model, plain, triples, new=2)
     named, _ = isi.pykeen.insert(model, factory, NEW)
     for key, value in larger.state_dict().items():
         torch.testing.assert_close(value, named.state_dict()[key], rtol=0, atol=0)

@@ -177,7 +177,7 @@ def test_half_of_the_queries_for_entities_are_about_the_novel_one() -> None:
     queries = novel_query_set(pseudo.session(1), pseudo.novel_in(1), pseudo.insert_mask(1))["novel"]
     some = about(queries, pseudo.novel_in(1))
     theta = random_embedding(3, ENTITIES, RELATIONS, 8)
-    found = evaluate(theta, {"about": some})["about"].measures[:, 1]
+    measured = evaluate(theta, {"about": some})["about"].measures[:, 1]
     assert some.rows is not None
     torch.testing.assert_close(some.rows.entity_weight.sum(1), torch.ones(3))
     rows = some.rows
@@ -188,7 +188,7 @@ def test_half_of_the_queries_for_entities_are_about_the_novel_one() -> None:
             weights = rows.entity_weight[model, [place, place + len(heads)]]
             asked = bool(queries.rows.entity_weight[model, place] > 0)  # type: ignore[union-attr]
             assert (weights > 0).tolist() == [asked and tail in novel, asked and head in novel]
-    assert ((found > 0) & (found < 1)).all()
+    assert ((measured > 0) & (measured < 1)).all()
 
 
 MADE = {"reader": "procthor_houses", "sha256": None, "materials": "suncg"}

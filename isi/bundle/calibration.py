@@ -62,12 +62,9 @@ def answer(
     opened: OpenBundle, query: Query, most: int, held_out: HeldOutCalibration | None = None,
     indicators: Collection[int] | None = None,
 ) -> list[Answer]:  # fmt: skip
-    """The best answers, best first; of equal scores, the entity of lower id goes first.
+    """The best answers, ``most`` at most, best first; of equal scores, the entity of lower id goes first.
 
-    Args:
-        most: answers, at most.
-        held_out: of an inserted entity, which calibrates queries about it.
-        indicators: ids of entities whose known answers are compared.
+    ``held_out`` calibrates queries about its inserted entity; ``indicators`` have known answers to compare.
     """
     entities, scores = opened.ranked(query)
     shown, names = scores[:most], opened.entity_names

@@ -164,9 +164,7 @@ def ablations(
 ) -> Iterator[Ablation]:
     """The insertion without each insert triple, without its words, and as if each of the indicators were unknown.
 
-    Args:
-        queries: whose best answers are compared.
-        most: answers that are compared, at most.
+    The best answers of each query are compared, ``most`` at most.
     """
     known, new = before(opened, record)
     row, own = len(known.entities), torch.from_numpy(opened.entities[len(known.entities)]).double()

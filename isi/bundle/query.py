@@ -147,17 +147,12 @@ def open_bundle(folder: Path) -> OpenBundle:
     return opened
 
 
-def queries_of(
-    opened: OpenBundle, entity: int, indicators: Mapping[int, float], most: int = MOST_QUERIES
-) -> list[Query]:
+def queries_of(opened: OpenBundle, entity: int, indicators: Mapping[int, float]) -> list[Query]:
     """The queries that fit an entity: each relation and slot in which it, or enough similar entities, have answers.
 
     All relations and slots, where no answers are known of any of these. Of too many, those in which the entity itself
-    has answers, then those of most similar entities. Similar are those of its kind; where that is unknown, indicators.
-
-    Args:
-        indicators: weights by id.
-        most: queries, at most.
+    has answers, then those of most similar entities: those of its kind, or, where that is unknown, its indicators, by
+    their weights.
     """
     kind, enough = opened.kinds[entity], 0.0
     similar: Mapping[int, float] = {row: 1.0 for row, other in enumerate(opened.kinds) if other == kind}
@@ -175,7 +170,7 @@ def queries_of(
         for slot in (TAIL, HEAD)
     }
     fit = [query for query in weights if weights[query] > enough] or list(weights)
-    best = sorted(fit, key=weights.__getitem__, reverse=True)[:most]
+    best = sorted(fit, key=weights.__getitem__, reverse=True)[:MOST_QUERIES]
     return [query for query in fit if query in best]
 
 

@@ -105,11 +105,9 @@ class GraphExport:
 
 
 def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
-    """The graph of an experiment or of the second pipeline, and predictions of the experiment's joint model.
+    """The graph of an experiment or of the second pipeline, and predictions of the joint model of a seed.
 
-    Args:
-        most: predictions for each head and relation.
-        seed: whose joint model predicts; the first where it is null.
+    ``most`` are predictions for each head and relation; the first seed predicts where it is null.
     """
     files = ENTITIES.path(experiment=experiment), TRIPLES.path(experiment=experiment)
     second = GRAPH_ENTITIES.path(graph=experiment), GRAPH_TRIPLES.path(graph=experiment)
@@ -181,9 +179,6 @@ def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> 
     Args:
         known: entities that the embedding knows; shape (E,), bool.
         most: tails for each head and relation.
-
-    Returns:
-        columns head, relation, tail (names), score, rank.
     """
     names, tables = np.array(graph.entities, dtype=object), [pd.DataFrame(columns=PREDICTED)]
     for relation in range(len(graph.relations) if most else 0):

@@ -122,12 +122,7 @@ def guess(file: Path) -> str:
 
 
 def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:
-    """What is in a graph.
-
-    Args:
-        tables: of at least one triple.
-        values: of ``params.yaml``: its seed, its words and its shares of validation and test.
-    """
+    """What is in a graph of at least one triple, by the seed, words and shares of validation and test of params."""
     entities, triples = tables.entities, tables.triples
     served = look_up(load_vectors(check(values.get("words"), Words, "words")), list(entities["phrase"])).served_by
     pairs = triples[["head", "tail"]].astype(str)

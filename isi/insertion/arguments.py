@@ -64,7 +64,7 @@ def options_by_name(values: Any, name: str) -> dict[str, Any]:
 
 def table(values: Any, name: str, width: int | None = None, dtype: type[np.floating[Any]] | None = None) -> np.ndarray:
     """A table of finite real numbers, of a width if one is given."""
-    with argument(name), np.errstate(over="ignore", invalid="ignore"):
+    with argument(name), np.errstate(over="ignore"):
         try:
             numbers = np.asarray(values, dtype)
         except (TypeError, ValueError, RuntimeError, OverflowError) as error:  # RuntimeError: of a tensor
@@ -76,8 +76,7 @@ def table(values: Any, name: str, width: int | None = None, dtype: type[np.float
             raise InputError("", "", f"expected a table of floats (rows, numbers), got {numbers.dtype} {numbers.shape}")
         if width is not None and numbers.shape[1] != width:
             raise InputError("", "", f"expected rows of {width} numbers, got rows of {numbers.shape[1]}")
-        finite = np.isfinite(numbers.sum())  # quick, but sums of finite numbers may overflow
-        if not finite and not (rows := np.isfinite(numbers).all(1)).all():
+        if not (rows := np.isfinite(numbers).all(1)).all():
             raise InputError("", f"row {int(np.argmin(rows))}", "expected finite numbers, got NaN or infinity")
     return numbers
 
@@ -195,10 +194,10 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
 
 
 def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
-    """A number for the kind of each entity, shape (E,), int64; null where there are no kinds.
+    """A number for the kind of each entity, known and new ones, shape (E,), int64; null where there are no kinds.
 
-    Args:
-        kinds: of known and new entities, in order, or by name (those that it lacks are of one more kind)."""
+    They are given in order, or by name: entities without one are of one more kind.
+    """
     if kinds is None:
         return None
     with argument("kinds"):
@@ -215,10 +214,7 @@ def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
 def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray | None:
     """Word vectors of known and new entities, zero where there is none, (E, w), float32; null where none is given.
 
-    Args:
-        words: such a table; or, by name or id of an entity, its vector, or a text (a phrase, or a phrase with its
-            definition).
-        source: what makes vectors of texts.
+    They are given as such a table, or by name or id of an entity: its vector, or a text, of which ``source`` makes one.
     """
     if words is None or (isinstance(words, Mapping) and not words):
         return None

@@ -191,11 +191,7 @@ def ranked_above(embedding: Embedding, known: int, queried: Tensor, insert_tripl
 
 
 def _ranks(embedding: Embedding, queried: np.ndarray, right: np.ndarray, known: int) -> list[Tensor]:
-    """Filtered ranks of the answers, among known entities and among all; shapes (2Q,).
-
-    Args:
-        right: triples, of which the queried ones come first; shape (T, 3).
-    """
+    """Filtered ranks of answers, (2Q,), among known entities and all; ``right``, (T, 3), begins with ``queried``."""
     triples, place = np.unique(right, axis=0, return_inverse=True)
     session = trained_session(triples, embedding)
     is_queried = torch.zeros(1, len(triples), dtype=torch.bool)

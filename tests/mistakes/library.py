@@ -11,7 +11,7 @@ import torch
 from isi.errors import short
 from isi.models.distance import TransE
 from tests.mistakes.calls import Called
-from tests.small_embedding import KNOWN, TOLD, tables, words
+from tests.small_embedding import KNOWN, TRIPLES, tables, words
 
 NAN = np.float32("nan")
 TABLES = tables()
@@ -43,14 +43,14 @@ INSERT_CASES = [
     *wrong("triples", [5], [("cup", "in")], [{"cup": 0, "in": 1, "e1": 2}], [("cup", "under", "e1")],
            [("cup", "in", "kup")], [("cup", "in", True)], [(14, 0, 1)], np.array([[12, 0, -1]]), place="triple 0"),
     *wrong("triples", np.array([[12, 0, 1], [13, 3, 1]]), place="triple 1"),
-    *wrong("triples", [*TOLD, ("e1", "in", "e2")], place="(e1, in, e2)"),
-    *wrong("triples", TOLD, entity_names=None, new=1, place="triple 0"),
-    *wrong("known_triples", TOLD[:1], place="(cup, in, e1)"),
+    *wrong("triples", [*TRIPLES, ("e1", "in", "e2")], place="(e1, in, e2)"),
+    *wrong("triples", TRIPLES, entity_names=None, new=1, place="triple 0"),
+    *wrong("known_triples", TRIPLES[:1], place="(cup, in, e1)"),
     *wrong("known_triples", 5),
-    Called("nothing is known of an entity", {"triples": TOLD[:2]}, "new entity 'mug'"),
+    Called("nothing is known of an entity", {"triples": TRIPLES[:2]}, "new entity 'mug'"),
     Called("an entity is known by new ones alone", {"triples": [("cup", "in", "e1"), ("cup", "in", "mug")]},
            "new entity 'mug'"),
-    Called("words of new entities alone", {"triples": TOLD[:2], "words": {"mug": [1.0], "cup": [2.0]}},
+    Called("words of new entities alone", {"triples": TRIPLES[:2], "words": {"mug": [1.0], "cup": [2.0]}},
            "new entity 'mug'"),
     *wrong("new", [], None, 2, "cup", ["cup", 7]),
     Called("names where entities have none", {"entity_names": None}, "argument 'new'"),
@@ -78,7 +78,7 @@ INSERT_CASES = [
 
 FIT_CASES = [
     *wrong("triples", [("e1", "in", "e2")], [], None),
-    *wrong("known_triples", TOLD),
+    *wrong("known_triples", TRIPLES),
     *wrong("new", 0, 14, ["cup", "mug"]),
     *wrong("epochs", 0, "ten"),
     *wrong("all_epochs", -1, 1),
@@ -91,4 +91,4 @@ FIT_CASES = [
 
 REPORT_CASES = wrong("nearest", -1, "all")
 
-INTERFERENCE_CASES = [*wrong("triples", TOLD, 5), *wrong("most", 0), *wrong("seed", None)]
+INTERFERENCE_CASES = [*wrong("triples", TRIPLES, 5), *wrong("most", 0), *wrong("seed", None)]
