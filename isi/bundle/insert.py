@@ -18,13 +18,7 @@ from torch.nn.functional import cosine_similarity
 from isi.bundle.folder import MODEL, InsertionRecord, InsertionRequest, WordSource
 from isi.bundle.query import OpenBundle, Query
 from isi.errors import InputError
-from isi.initializers.similarity import (
-    has_insert_triples,
-    has_words,
-    mean_relational_score,
-    word_eligible,
-    word_similarity,
-)
+from isi.initializers import similarity
 from isi.insertion.api import insert, what_is_seen
 from isi.insertion.result import Inserted
 from isi.tables import paths
@@ -81,10 +75,9 @@ class InsertedEntity:
             result.embedding, torch.tensor(result.new), result.known, result.insert_triples, result.known_triples,
             self.opened.words, None, 0,
         )  # fmt: skip
-        words, triples = bool(has_words(seen)), bool(has_insert_triples(seen))
-        similar, related, named = (
-            score(seen)[0, 0] for score in (word_similarity, mean_relational_score, word_eligible)
-        )
+        words, triples = bool(similarity.has_words(seen)), bool(similarity.has_insert_triples(seen))
+        named, related = similarity.word_eligible(seen)[0, 0], similarity.mean_relational_score(seen)[0, 0]
+        similar = similarity.word_similarity(seen)[0, 0]
         likeness = similar * named * words + related * triples
         weight, rank = None, likeness.masked_fill(~seen.eligible[0], -torch.inf)
         if result.weights is not None and result.weights[0].min() < result.weights[0].max():  # else they say nothing

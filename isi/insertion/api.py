@@ -24,21 +24,8 @@ from isi.initializers.api import (
     context_of,
     options_of,
 )
-from isi.insertion.arguments import (
-    Names,
-    Source,
-    Triple,
-    all_names,
-    argument,
-    checked_arguments,
-    is_whole,
-    kinds_of,
-    options_by_name,
-    stack_of_one,
-    table,
-    trained_session,
-    word_table,
-)
+from isi.insertion import arguments
+from isi.insertion.arguments import Names, Source, Triple, argument, stack_of_one, table
 from isi.insertion.result import Inserted
 from isi.models.model import Model
 from isi.models.stack import Embedding, NotFinite
@@ -94,12 +81,12 @@ def insert(
     """
     check(seed, Seed, "", "argument 'seed'")
     rows = table(entities, "entities")
-    known, names = len(rows), all_names(len(rows), entity_names, new)
+    known, names = len(rows), arguments.all_names(len(rows), entity_names, new)
     rows = np.concatenate([rows, np.zeros((names.number - known, rows.shape[1]), rows.dtype)])
-    given = checked_arguments(
+    given = arguments.checked_arguments(
         rows, relations, model, model_options, names, relation_names, known, triples, known_triples
     )
-    vectors, kind_ids = word_table(words, word_source, names), kinds_of(kinds, names)
+    vectors, kind_ids = arguments.word_table(words, word_source, names), arguments.kinds_of(kinds, names)
     one_new_end = (given.triples[:, [HEAD, TAIL]] >= known).sum(1) == 1
     insert_triples = given.triples[one_new_end]
     has_triple = np.isin(np.arange(known, len(rows)), insert_triples[:, [HEAD, TAIL]])
@@ -158,7 +145,8 @@ def choose(
         triples: whether a new entity has an insert triple.
         words: whether a new entity and a known one have word vectors.
     """
-    given, model, (_, entities, dimension) = options_by_name(options, "options"), theta0.model, theta0.entity.shape
+    given, model = arguments.options_by_name(options, "options"), theta0.model
+    _, entities, dimension = theta0.entity.shape
     possible = 2 * theta0.relation.shape[1] * entities
     check(initializer, str | None, "", "argument 'initializer'")  # type: ignore[arg-type]
     with argument("initializer"):
@@ -221,7 +209,7 @@ def what_is_seen(
         insert_triples: ids, shape (I, 3), as ``known_triples``, (K, 3).
         words: shape (E, w), float32.
     """
-    session = trained_session(np.concatenate([insert_triples, known_triples]), theta0, kinds)
+    session = arguments.trained_session(np.concatenate([insert_triples, known_triples]), theta0, kinds)
     session.splits[:, : len(insert_triples)] = OUT
     session.entities[:, known:] = False
     place = torch.from_numpy(insert_triples[:, [HEAD, TAIL]].max(1)) - new[0]  # new ids are the larger
@@ -269,10 +257,10 @@ def fit_new(
     for name, value in (("seed", seed), ("epochs", epochs), ("all_epochs", all_epochs)):
         check(value, Seed, "", f"argument {name!r}")
     rows = table(entities, "entities")
-    if not is_whole(new) or not 0 < new < len(rows):
+    if not arguments.is_whole(new) or not 0 < new < len(rows):
         raise InputError("argument 'new'", "", f"expected a number from 1 to {len(rows) - 1}, got {short(new)}")
     names, known = Names("entity_names", len(rows), entity_names), len(rows) - int(new)
-    given = checked_arguments(
+    given = arguments.checked_arguments(
         rows, relations, model, model_options, names, relation_names, known, triples, known_triples
     )
     for name, wrong, expected in (
@@ -284,7 +272,7 @@ def fit_new(
         if wrong:
             raise InputError(f"argument {name!r}", "", expected)
     theta = stack_of_one(rows, given.relations, given.model)
-    session = trained_session(np.concatenate([given.triples, given.known_triples]), theta)
+    session = arguments.trained_session(np.concatenate([given.triples, given.known_triples]), theta)
     settings = {"batch_size": batch_size, "learning_rate": learning_rate, "weight_decay": weight_decay,
                 "new_rows_first": epochs, "max_epochs": epochs + all_epochs}  # fmt: skip
     sampling = {"mode": "expected" if is_dense(session.graph) else "sampled", "ratio": ratio, "head_pool": "unseen"}
