@@ -17,8 +17,7 @@ from isi.__main__ import main
 from isi.bundle.folder import Bundle, read
 from isi.bundle.query import OpenBundle, open_bundle
 from isi.graph.graph import HEAD, TAIL
-from tests.import_folders import ENTITIES, LABELS, write_lists, write_openke
-from tests.small_bundle import BETWEEN, NAMES, RELATIONS, TRIPLES, VECTORS
+from tests.small_bundle import BETWEEN, ENTITIES, LABELS, NAMES, RELATIONS, TRIPLES, VECTORS, write_lists, write_openke
 
 
 def imported(*arguments: str) -> Bundle:

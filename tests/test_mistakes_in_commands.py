@@ -23,20 +23,17 @@ from isi.params import load, load_beyond
 from isi.process import one_line
 from tests.mistakes import assert_names, of_pykeen
 from tests.mistakes.calls import Called, Program, Typed, lay_out
-from tests.mistakes.commands import ASK_CASES, EXPLAIN_CASES, INSERT_CASES, ISI_CASES, NEAREST_CASES
+from tests.mistakes.commands import COMMAND_CASES
 from tests.mistakes.folders import FOLDER_CASES
 from tests.mistakes.graphs import EXPORT_CASES, GRAPH_CASES
 from tests.mistakes.imports import IMPORT_CASES
-from tests.mistakes.library import FIT_CASES, INTERFERENCE_CASES, REPORT_CASES
-from tests.mistakes.library import INSERT_CASES as OF_INSERT
+from tests.mistakes.library import FIT_CASES, INSERT_CASES, INTERFERENCE_CASES, REPORT_CASES
 from tests.mistakes.of_pykeen import PYKEEN_CASES
 from tests.mistakes.settings import HEADLINE_CASES, OTHER_CASES, PARAMS_CASES, RECORD_CASES, SOURCES_CASES
 from tests.small_embedding import call, fit
 
-ISI = [*ISI_CASES, *INSERT_CASES, *ASK_CASES, *NEAREST_CASES, *EXPLAIN_CASES, *FOLDER_CASES, *IMPORT_CASES,
-       *GRAPH_CASES, *EXPORT_CASES]  # fmt: skip
 PROGRAMS = [
-    Program("isi", "isi", "isi", ISI),
+    Program("isi", "isi", "isi", [*COMMAND_CASES, *FOLDER_CASES, *IMPORT_CASES, *GRAPH_CASES, *EXPORT_CASES]),
     Program("make record", "stages.record", "record: ", RECORD_CASES),
     Program("make repro, of params", "isi.params", "", PARAMS_CASES),
     Program("make repro, at its end", "tools.headline", "headline: ", HEADLINE_CASES),
@@ -44,12 +41,9 @@ PROGRAMS = [
     *(Program(f"python -m {name}", name, "", cases) for name, cases in OTHER_CASES.items()),
 ]
 CALLS = {
-    "isi.insert": OF_INSERT,
-    "isi.fit_new": FIT_CASES,
-    "Inserted.report": REPORT_CASES,
-    "Inserted.interference": INTERFERENCE_CASES,
-    "isi.pykeen.insert": PYKEEN_CASES,
-}
+    "isi.insert": INSERT_CASES, "isi.fit_new": FIT_CASES, "Inserted.report": REPORT_CASES,
+    "Inserted.interference": INTERFERENCE_CASES, "isi.pykeen.insert": PYKEEN_CASES,
+}  # fmt: skip
 TYPED = [
     pytest.param(program, case, id=f"{program.name}: {case.what}") for program in PROGRAMS for case in program.cases
 ]

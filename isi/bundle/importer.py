@@ -38,14 +38,12 @@ PICKLE = "trained_model.pkl"
 FORMS = (".npy", ".npz", ".safetensors", ".json", ".pt", ".pth")
 #: What tools call the tables of entities and relations; of two, the halves of complex vectors: real, then imaginary.
 NAMES = {
-    "entities": [
-        ("entities",), ("entity",), ("ent_emb",), ("ent_embeddings.weight",), ("ent_emb.weight",),
-        ("ent_re_embeddings.weight", "ent_im_embeddings.weight"), ("re_ent_emb.weight", "im_ent_emb.weight"),
-    ],
-    "relations": [
-        ("relations",), ("relation",), ("rel_emb",), ("rel_embeddings.weight",), ("rel_emb.weight",),
-        ("rel_re_embeddings.weight", "rel_im_embeddings.weight"), ("re_rel_emb.weight", "im_rel_emb.weight"),
-    ],
+    slot: [
+        (slot,), (single,), (f"{short}_emb",), (f"{short}_embeddings.weight",), (f"{short}_emb.weight",),
+        (f"{short}_re_embeddings.weight", f"{short}_im_embeddings.weight"),
+        (f"re_{short}_emb.weight", f"im_{short}_emb.weight"),
+    ]
+    for slot, single, short in (("entities", "entity", "ent"), ("relations", "relation", "rel"))
 }  # fmt: skip
 #: What PyKEEN calls them: rows of complex numbers have real and imaginary parts in turn.
 OF_PYKEEN = ("entity_representations.0._embeddings.weight", "relation_representations.0._embeddings.weight")

@@ -45,8 +45,6 @@ def inserted_elsewhere() -> None:
     inserted("as asked", "other", "wash")()
 
 
-ISI_CASES = [Typed("no command", "", "COMMAND", status=2)]
-
 #: What a message names, and what is typed behind ``isi insert`` and before ``--embedding home``.
 INSERT = [
     ("'stove'", "stove"),
@@ -68,7 +66,8 @@ INSERT = [
     ("log.csv", f"{FACT} --out log.csv"),
     ("log.csv/x", f"{FACT} --out log.csv/x"),
 ]
-INSERT_CASES = [
+COMMAND_CASES = [
+    Typed("no command", "", "COMMAND", status=2),
     *(Typed(typed[:60], f"insert {typed} --embedding home", names) for names, typed in INSERT),
     *(Typed(typed, f"insert {typed} --embedding home", names, status=2) for names, typed in (
         ("--fact", "x --fact atLocation"), ("--seed", f"{FACT} --seed -1"), ("--out", f"{FACT} --out ."),
@@ -88,25 +87,16 @@ INSERT_CASES = [
           before=inserted_elsewhere),
     Typed("vectors that are too large to be inserted among", f"insert {FACT} --embedding home --out out",
           "home/vectors.safetensors|entities", before=large),
-]  # fmt: skip
-
-ASK_CASES = [
     Typed("half a question", "ask kettle --embedding home", "--relation"),
     Typed("both ends", "ask kettle atLocation --tail bed --embedding home", "--relation"),
     Typed("an end twice", "ask kettle atLocation --head bed --embedding home", "--head"),
     Typed("a misspelt entity", "ask ketle atLocation --embedding home", "ENTITY"),
     Typed("an unknown relation", "ask kettle located --embedding home", "RELATION"),
     Typed("a number of answers that is none", "ask kettle atLocation --top 0 --embedding home", "--top", status=2),
-]
-
-NEAREST_CASES = [
     Typed("no name", "nearest '' --embedding home", "ENTITY"),
     Typed("no such folder", "nearest bed --embedding nowhere", "nowhere"),
     Typed("a name of a folder that is too long", f"nearest bed --embedding {LARGEST}", "xxx...xxx"),
     Typed("the pipeline's embedding, which is not there yet", "nearest bed", "data/final_models/ai2thor"),
-]
-
-EXPLAIN_CASES = [
     Typed("an entity that was not inserted", "explain bed --embedding home", "home"),
     Typed("what moves a terminal's cursor, in what the folder says of it", "explain 'lie on' --embedding home",
           "home/embedding.json|inserted.0.why", before=inserted("\x1b[2J")),

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 
 from isi.bundle.importer import OF_PYKEEN
-from tests.import_folders import ENTITIES, LABELS, write_lists, write_openke
 from tests.mistakes.calls import Typed, packed
 from tests.mistakes.commands import inserted_elsewhere
+from tests.small_bundle import ENTITIES, LABELS, write_lists, write_openke
 
 TYPED = "import mine --family distmult --out out"
 THEIRS = "import theirs --family distmult --out out"

@@ -1,9 +1,13 @@
-"""``isi insert``, ``ask``, ``nearest`` and ``explain``: what they print and write."""
+"""The command ``isi`` and what it does with entities: what it prints and writes, its help, and how it ends."""
 
 from __future__ import annotations
 
 import json
+import os
 import re
+import signal
+import subprocess
+import sys
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,7 +24,7 @@ from isi.bundle.insert import phrase_vector
 from isi.cli import lines
 from isi.graph.words import read_vectors
 from isi.tables import paths
-from tests.small_bundle import files, opened, small, without_words, written
+from tests.small_bundle import NAMES, files, opened, small, without_words, written
 
 ROOT = Path(__file__).parent.parent
 STOVE = ["insert", "stove", "--kind", "object", "--fact", "at location", "Kitchen", "--fact", "hasaffordance", "turnOn"]
@@ -234,3 +238,56 @@ def test_an_explanation_leaves_each_thing_out(capsys: pytest.CaptureFixture[str]
     bundle.entities[6] += 1
     written(Path("larger"), bundle)
     assert "reproduced: no" in printed(capsys, "explain", "stove", "--embedding", "larger")
+
+
+# The command itself
+
+
+@pytest.mark.parametrize("command", [[], ["insert"], ["ask"], ["nearest"], ["explain"]])
+def test_help_loads_nothing_that_is_slow(command: list[str]) -> None:
+    code = (
+        f"import sys; from isi.__main__ import main; main({[*command, '--help']})\n"
+        "print(sorted({'torch', 'pandas', 'gensim', 'isi.cli.graph'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("[]\n")
+    shown = {"--embedding"} if command else {"ask:", "explain:", "export:", "graph:", "insert:", "nearest:"}
+    assert shown <= set(done.stdout.split())
+
+
+def test_a_closed_pipe_gives_no_traceback(home: Path) -> None:
+    command = f"{sys.executable} -m isi nearest bed --embedding {home} | true"  # which reads nothing
+    done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)  # noqa: S602
+    assert done.stderr == ""
+
+
+def test_a_terminal_that_lacks_a_letter_shows_its_number(tmp_path: Path) -> None:
+    home = written(tmp_path / "abroad", replace(small(), entity_names=[*NAMES[:-1], "naïve"]))
+    command = [sys.executable, "-m", "isi", "nearest", "bed", "--embedding", str(home)]
+    ascii_alone = os.environ | {"PYTHONIOENCODING": "ascii"}
+    for more, shown in ((), r"na\xefve"), (("--json",), r'"na\u00efve"'):
+        done = subprocess.run(
+            [*command, *more], cwd=ROOT, env=ascii_alone, capture_output=True, text=True, check=True
+        )
+        assert shown in done.stdout
+
+
+def test_an_interrupt_gives_one_line(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("isi.cli.entity.open_folder", lambda _: signal.raise_signal(signal.SIGINT))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(SystemExit) as ended:
+            main(["nearest", "bed", "--embedding", "home"])
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert ended.value.code == 130
+    said = "isi nearest: stopped by SIGINT; no file is half-written; run it again\n"
+    assert capfd.readouterr() == ("", said)
+
+
+def test_another_python_than_that_of_the_environment_says_so_in_one_line() -> None:
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    command = [sys.executable, "-S", "-m", "isi", "check"]
+    ended = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert re.fullmatch(r"isi: \S+ lacks the package \w+: activate \.venv, or use its `isi`\n", ended.stderr)
