@@ -32,10 +32,9 @@ def explore(context: StageContext, graph: str) -> None:
             raise InputError("", "source", f"expected triples that are observed {settings.min_count} times")
         store = in_memory(context, graph, tables, settings, f"{key}.sessions")
     runs, answers = results(changed(params, settings.changes), settings.variant(graph), [store], graph)
-    GRAPH_ENTITIES.write(tables.entities, context.stage, graph=graph)
-    GRAPH_TRIPLES.write(tables.triples, context.stage, graph=graph)
-    GRAPH_RUNS.write(runs, context.stage, graph=graph)
-    GRAPH_QUERIES.write(answers, context.stage, graph=graph)
+    for table, rows in ((GRAPH_ENTITIES, tables.entities), (GRAPH_TRIPLES, tables.triples), (GRAPH_RUNS, runs),
+                        (GRAPH_QUERIES, answers)):  # fmt: skip
+        table.write(rows, context.stage, graph=graph)
 
 
 def mined(graph: str, settings: GraphExperiment, root: int, key: str) -> MinedSource:
@@ -52,8 +51,9 @@ def in_memory(context: StageContext, graph: str, tables: GraphTables, settings: 
     """The graph with its word vectors and its sessions."""
     entities, triples, params = tables.entities, tables.triples, context.params
     words = look_up(load_vectors(settings.words), list(entities["phrase"]))
-    ids = build_graph(entities, triples)
-    drawn = session_tables(ids, entities, settings.sessions, params.sessions, params.seed, key)
+    drawn = session_tables(
+        build_graph(entities, triples), entities, settings.sessions, params.sessions, params.seed, key
+    )
     missing = words.served_by.count(None)
     print(tables, f"{len(entities) - missing} of {len(entities)} entities have a word vector", sep="\n")
     return Store(graph, {ENTITIES: entities, TRIPLES: triples, **drawn}, words.vectors)

@@ -17,12 +17,10 @@ def insert(context: StageContext, experiment: str, initializer: str) -> None:
     params, store = context.params, Store(experiment)
     entry = params.experiments[experiment]
     config = insert_config(params, initializer, entry.full_curves.sizes_of(initializer))
-    if initializer in entry.immediate_only:
-        config = config.training(max_epochs=0)
+    config = config.training(max_epochs=0) if initializer in entry.immediate_only else config
     grid = store.grid(stack_height(params.compute)) if is_listed(entry.initializers, initializer) else []
-    results = run(
-        insert_stack, insert_tasks(store, params, grid, config), params.compute, f"{experiment}, {initializer}"
-    )
+    tasks = insert_tasks(store, params, grid, config)
+    results = run(insert_stack, tasks, params.compute, f"{experiment}, {initializer}")
     vectors: dict[str, list[torch.Tensor]] = {}
     for points, result in zip(grid, results, strict=True):
         vectors.setdefault(f"size={points.size:02d}", []).append(torch.from_numpy(result.vectors))

@@ -13,11 +13,8 @@ from isi.tables.table import concat
 @stage
 def rank_affordances(context: StageContext, experiment: str) -> None:
     params, store, model = context.params, Store(experiment), model_of(context.params)
-    grid, relations, name = (
-        store.grid(stack_height(params.compute)),
-        store.graph().relations,
-        params.affordances.relation,
-    )
+    grid, relations = store.grid(stack_height(params.compute)), store.graph().relations
+    name = params.affordances.relation
     if name not in relations:
         expected = f"expected a relation of {experiment}: {', '.join(relations)}"
         raise InputError(paths.PARAMS, "affordances.relation", expected)

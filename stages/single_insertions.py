@@ -17,11 +17,9 @@ def single_insertions(context: StageContext, experiment: str) -> None:
     params, explorer, store = context.params, context.params.explorer, Store(experiment)
     model, words, seeds = model_of(params), store.words(), first_seeds(store.table(NOVEL), explorer.size)
     configs = [insert_config(params, name).training(max_epochs=explorer.epochs) for name in (*SHOWN, explorer.best)]
-    tasks = [
-        (points, store.theta0(points, model), store.joint(points, model), words, configs, seeds, explorer)
-        for points in store.grid(stack_height(params.compute), explorer.size)
-        if set(points.seeds) & set(seeds.values())
-    ]
+    tasks = [(points, store.theta0(points, model), store.joint(points, model), words, configs, seeds, explorer)
+             for points in store.grid(stack_height(params.compute), explorer.size)
+             if set(points.seeds) & set(seeds.values())]  # fmt: skip
     results = run(analysis.single_insertions, tasks, params.compute, f"{experiment}, entity by entity")
     for name, (table, order) in TABLES.items():
         frame = pd.concat(result[name] for result in results).sort_values(order, kind="stable")

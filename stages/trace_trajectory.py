@@ -25,13 +25,10 @@ def trace_trajectory(context: StageContext, experiment: str) -> None:
     if place is None:
         expected = f"expected a seed with a novel {settings.kind} that has a word vector and insert triples"
         raise InputError(paths.PARAMS, "trajectory.seed", expected)
-    configs = [insert_config(params, name).training(max_epochs=settings.epochs) for name in TRACED]
-    tasks = [(points, theta0, words, config, place) for config in configs]
-    tensors = {
-        "entity": torch.from_numpy(points.novel[0, 0, place : place + 1]),
-        "known": points.session(0).entities[0],
-        "theta0": theta0.entity[0],
-    }
+    tasks = [(points, theta0, words, insert_config(params, name).training(max_epochs=settings.epochs), place)
+             for name in TRACED]  # fmt: skip
+    entity = torch.from_numpy(points.novel[0, 0, place : place + 1])
+    tensors = {"entity": entity, "known": points.session(0).entities[0], "theta0": theta0.entity[0]}
     traces = run(analysis.trace_trajectory, tasks, params.compute, "trajectory")
     for name, (path, indicators) in zip(TRACED, traces, strict=True):
         tensors |= {f"{name}.path": torch.from_numpy(path), f"{name}.indicators": torch.from_numpy(indicators)}

@@ -23,8 +23,7 @@ def train_final(context: StageContext, experiment: str) -> None:
     (trained,) = run(joint_models.train_final, tasks, params.compute, f"{experiment}, final model")
     of_package = MODEL if words.shipped and words.text != "glove" else None
     model, options = params.embedding.model, params.models[params.embedding.model]
-    sections = ("words", "embedding", "negatives", "training")
-    settings = {name: getattr(params, name).model_dump(exclude_unset=True) for name in sections}
+    settings = params.model_dump(include={"words", "embedding", "negatives", "training"}, exclude_unset=True)
     made = {"experiment": experiment, "epochs": epochs,
             "params": {"seed": params.seed, f"models.{model}": options, **settings}}  # fmt: skip
     source = WordSource(source=words.source, text=words.text, model=of_package)

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from isi.report.section import Content
-from isi.report.sections import explorer
-from isi.report.sections.explorer import indicators_of, maps_of, queries_of, start
+from isi.report.sections import insertions
+from isi.report.sections.insertions import indicators_of, maps_of, queries_of, start
 from tests.reports import ROOT, of_experiment, small_results
 
 STEPS = [("joint", 0), ("es", 0)]
@@ -22,7 +22,7 @@ def shown(**changes: pd.DataFrame) -> list[Content]:
     """The section for small results whose explorer has other tables."""
     results = small_results(["home"])
     tables = results.experiments["home"].analyses["explorer"]
-    return list(explorer.explorer(of_experiment(results, "home", analyses={"explorer": {**tables, **changes}})))
+    return list(insertions.explorer(of_experiment(results, "home", analyses={"explorer": {**tables, **changes}})))
 
 
 def test_queries_by_hand() -> None:

@@ -13,7 +13,7 @@ from matplotlib.colors import to_hex
 
 from isi.evaluation.query_sets import epochs_to_convergence
 from isi.report import figures, stats
-from isi.report.sections import choices, convergence, forgetting, paper, run, trajectory
+from isi.report.sections import choices, finetuning, insertions, paper, run
 from isi.report.tables import Column, Estimate, ReportTable, csv, number
 from isi.report.words import colour, label
 from tests.reports import INITIALIZERS, frame_of, of_experiment, runs, small_params, small_results
@@ -225,8 +225,8 @@ def test_initializers_are_ordered_at_every_rate() -> None:
 
     def cells(*rows: dict[str, Any]) -> pd.DataFrame:
         every = [
-            run("es", convergence.AS_CHOSEN, 3),
-            run("rs", convergence.AS_CHOSEN, 4),
+            run("es", finetuning.AS_CHOSEN, 3),
+            run("rs", finetuning.AS_CHOSEN, 4),
             run("es", 0.5, 6),
             run("rs", 0.5, 8),
         ]
@@ -234,10 +234,10 @@ def test_initializers_are_ordered_at_every_rate() -> None:
 
     same, tied = cells(run("es", 2, 1), run("rs", 2, 2)), cells(run("es", 2, 1), run("rs", 2, 1))
     models = ["es", "rs"]
-    assert set(convergence.orders(same, models, "all").values()) == {"ES, RS"}
-    assert convergence.orders(tied, models, "all") == {0.5: "ES, RS", 1: "ES, RS", 2: "ES = RS"}
-    assert convergence.orders(tied, models, "novel_heldout") == {}
-    table = frame_of(convergence.by_rate(tied, models)).set_index("initializer")
+    assert set(finetuning.orders(same, models, "all").values()) == {"ES, RS"}
+    assert finetuning.orders(tied, models, "all") == {0.5: "ES, RS", 1: "ES, RS", 2: "ES = RS"}
+    assert finetuning.orders(tied, models, "novel_heldout") == {}
+    table = frame_of(finetuning.by_rate(tied, models)).set_index("initializer")
     assert table.loc["RS", ["×0.5: mean", "×1: mean", "×2: mean"]].tolist() == [8, 4, 1]
 
 
@@ -246,7 +246,7 @@ def test_interference_is_what_is_lost_with_the_novel_entities_alone() -> None:
         [("es", "known", 5, seed, epoch, value - seed / 10) for seed in (0, 1)
          for epoch, value in enumerate((0.7, 0.5, 0.8))] + [("es", "known_closed", 5, 0, 0, 0.9)]
     )  # fmt: skip
-    frame = frame_of(forgetting.by_scope(rows.assign(mrr_star_entity=0.1, mrr_star_relation=1.0), ["es", "rs"]))
+    frame = frame_of(finetuning.interference(rows.assign(mrr_star_entity=0.1, mrr_star_relation=1.0), ["es", "rs"]))
     assert frame[["model", "scope"]].to_numpy().tolist() == [["ES", "known"], ["ES", "known_closed"]]
     columns = ["lowest MRR*", "immediately: MRR*", "at the end: MRR*"]
     assert frame.loc[0, columns].tolist() == pytest.approx([45, 65, 75])
@@ -254,7 +254,7 @@ def test_interference_is_what_is_lost_with_the_novel_entities_alone() -> None:
 
 
 def pairs_at_the_end(rows: pd.DataFrame) -> dict[tuple[str, str, str], float]:
-    pairs = forgetting.at_the_end(rows)
+    pairs = finetuning.at_the_end(rows)
     return {(scope, pair.first, pair.second): round(pair.difference.mean, 6)
             for scope, of_scope in pairs.items() for pair in of_scope}  # fmt: skip
 
@@ -269,7 +269,7 @@ def test_earlier_knowledge_is_compared_with_before_and_with_nothing_inserted() -
     nothing = runs([("finetune_only", "known_closed", 5, seed, epoch, 0.7 + 0.05 * epoch + seed / 10)
                     for seed in (0, 1) for epoch in (0, 1)])  # fmt: skip
     every = pd.concat([runs(rows), nothing], ignore_index=True)
-    changed = forgetting.since_before(every).groupby(["model", "scope", "epoch"])["mrr_star"].mean()
+    changed = finetuning.since_before(every).groupby(["model", "scope", "epoch"])["mrr_star"].mean()
     assert changed["es", "known"].tolist() == pytest.approx([-0.2, 0.05])  # of seeds that had 0.7 and 0.8
     assert changed["es", "known_closed"].tolist() == pytest.approx([0, 0.1])
     assert changed["finetune_only", "known_closed"].tolist() == pytest.approx([0, 0.05])
@@ -278,9 +278,9 @@ def test_earlier_knowledge_is_compared_with_before_and_with_nothing_inserted() -
         ("known", "es", "xavier"): 15, ("known_closed", "es", "xavier"): 10,
         ("known_closed", "es", "finetune_only"): 5, ("known_closed", "xavier", "finetune_only"): -5,
     }  # fmt: skip
-    names = [line.get_label() for line in forgetting.drawn(every, ["xavier", "es", "joint"]).axes[1].lines]
+    names = [line.get_label() for line in finetuning.drawn(every, ["xavier", "es", "joint"]).axes[1].lines]
     assert names == ["Xavier", "ES", "Nothing inserted", "Joint"]
-    ended = {(scope, model): pairs for scope, model, pairs in forgetting.ended(forgetting.at_the_end(every))}
+    ended = {(scope, model): pairs for scope, model, pairs in finetuning.ended(finetuning.at_the_end(every))}
     (es,) = ended["known_closed", "finetune_only"]
     assert es.difference.parts == pytest.approx((5, 5, 5))
     assert not es.significant
@@ -294,7 +294,7 @@ def test_indicator_set_sizes_are_compared_with_the_one_of_this_run() -> None:
 
 def test_the_plane_is_that_of_the_covariances_first_eigenvectors() -> None:
     vectors = np.random.default_rng(0).normal(size=(30, 6)) * [1, 5, 1, 1, 3, 1] + 7
-    centre, axes, share = trajectory.plane(vectors.astype(np.float32))
+    centre, axes, share = insertions.plane(vectors.astype(np.float32))
     values, eigenvectors = np.linalg.eigh(np.cov(vectors.T))
     assert np.allclose(centre, vectors.mean(0), atol=1e-5)
     assert np.allclose(np.abs(axes @ eigenvectors[:, :-3:-1]), np.eye(2), atol=1e-4)
@@ -347,16 +347,16 @@ def test_a_long_legend_has_two_rows_that_are_read_one_after_the_other() -> None:
     ],
 )
 def test_names_lie_a_gap_apart_and_near_what_they_name(heights: list[float], placed: list[float]) -> None:
-    assert trajectory.spread(np.array(heights), 0.1) == pytest.approx(placed)
+    assert insertions.spread(np.array(heights), 0.1) == pytest.approx(placed)
 
 
 def test_what_is_lost_after_the_best_epoch_has_its_interval() -> None:
     rows = runs([("es", "novel_heldout", 5, seed, epoch, value + seed / 10)
                  for seed in (0, 1) for epoch, value in enumerate((0.5, 0.7, 0.6))])  # fmt: skip
-    ((model, best, epoch, end, last, change),) = convergence.best_epochs(rows, ["xavier", "es", "rs"])
+    ((model, best, epoch, end, last, change),) = finetuning.best_epochs(rows, ["xavier", "es", "rs"])
     assert (model, best, epoch, end, last) == ("es", pytest.approx(75), 1, pytest.approx(65), 2)
     assert change.parts == pytest.approx((-10, -10, -10))
-    assert convergence.best_epochs(rows, ["xavier"]) == []
+    assert finetuning.best_epochs(rows, ["xavier"]) == []
 
 
 def test_convergence_has_means_medians_and_shares() -> None:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from isi.errors import InputError
 from isi.report import data, page, paper_values
-from isi.report.sections import explorer
+from isi.report.sections import insertions
 from isi.tables import paths
 from tests.reports import INITIALIZERS, ROOT, of_experiment, part_of, shown, small_results
 from tests.strange import STRANGE, changed, of_experiments, tied
@@ -80,7 +80,7 @@ def test_missing_rows_of_the_explorer_are_reported_in_one_line(table: str, left:
     rows = {**analyses["explorer"], table: of_models.iloc[:left]}
     lacking = of_experiment(found, "home", analyses={"explorer": rows})
     with pytest.raises(InputError, match=r"^data/analyses/explorer/home\.\*\.parquet: expected .*places and answers"):
-        list(explorer.explorer(lacking))
+        list(insertions.explorer(lacking))
 
 
 def test_a_collapsed_model_is_named() -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
+from itertools import product
 from typing import Any
 
 import matplotlib as mpl
@@ -101,8 +102,7 @@ def by_size(
         entities: of the graph, of which the upper axis gives the share.
     """
     canvas, axes = panels(len(measures) * len(scopes), len(scopes), height=0.6 + 3 * len(measures))
-    shown = [(measure, scope) for measure in measures for scope in scopes]
-    for panel, (measure, scope) in zip(axes, shown, strict=True):
+    for panel, (measure, scope) in zip(axes, product(measures, scopes), strict=True):
         for place, model in enumerate(models):
             rows = immediate[(immediate["scope"] == scope) & (immediate["model"] == model)]
             if len(rows):  # the lines lie a little aside of each other; controls are thinner
@@ -112,7 +112,8 @@ def by_size(
                                lw=0.9 if control else 1.2, marker="o", ms=2 if control else 3)  # fmt: skip
         panel.set(title=f"{SCOPES.get(scope, scope)}: {_HALVES[measure]}", xlabel="novel entities |ξ|", ylabel="points")
         panel.set_xticks(sorted(immediate["size"].unique()))
-        above = panel.secondary_xaxis("top", functions=(_scaled(100 / entities), _scaled(entities / 100)))
+        shares = (lambda size: np.asarray(size) * (100 / entities), lambda share: np.asarray(share) * (entities / 100))
+        above = panel.secondary_xaxis("top", functions=shares)
         above.set_xlabel("% of |E|", fontsize=8)
         above.tick_params(labelsize=8)
     legend(canvas, axes)
@@ -132,14 +133,10 @@ def by_epoch(
     canvas, axes = panels(len(scopes))
     for panel, scope in zip(axes, scopes, strict=True):
         shown = runs[runs["scope"] == scope]
-        for model in models:
-            rows = shown[shown["model"] == model]
-            if len(rows):  # controls have no band: more bands would hide each other
-                epochs, mean, low, high = line_over_seeds(rows, "epoch", "mrr_star")
-                control = bool(controls([model]))
-                panel.plot(epochs, mean, **line_style(model, models), lw=1 if control else 1.4)
-                if not control:
-                    panel.fill_between(epochs, low, high, color=colour(model, models), alpha=0.1, lw=0)
+        for model in models:  # controls have no band: more bands would hide each other
+            band = 0 if controls([model]) else 0.1
+            with_band(panel, shown[shown["model"] == model], "epoch", "mrr_star", 100, band,
+                      lw=1.4 if band else 1, **line_style(model, models))  # fmt: skip
         joint = 100 * shown.loc[shown["model"] == JOINT, "mrr_star"].mean()
         panel.axhline(joint, color=colour(JOINT, models), lw=1.2, label=label(JOINT))
         if margin is not None:
@@ -147,6 +144,18 @@ def by_epoch(
         panel.set(title=SCOPES[scope], xlabel="epoch of fine-tuning", ylabel=ylabel)
     legend(canvas, axes)
     return canvas
+
+
+def with_band(
+    panel: Axes, rows: pd.DataFrame, by: str, column: str, scale: float, band: float, **style: Any
+) -> np.ndarray:
+    """Draw a line through means over seeds of what rows there are, with intervals as a band of some opacity."""
+    values, mean, low, high = line = line_over_seeds(rows, by, column, scale)
+    if len(rows):
+        panel.plot(values, mean, **style)
+        if band:
+            panel.fill_between(values, low, high, color=style["color"], alpha=band, lw=0)
+    return line
 
 
 def by_row(
@@ -183,10 +192,6 @@ def legend(canvas: Canvas, axes: Sequence[Axes]) -> None:
         columns = -(-len(entries) // -(-len(entries) // _LEGEND_ROW))
         filled = [name for first in range(columns) for name in list(entries)[first::columns]]
         canvas.legend([entries[name] for name in filled], filled, loc="outside lower center", ncols=columns)
-
-
-def _scaled(factor: float) -> Callable[[Any], Any]:
-    return lambda value: np.asarray(value) * factor
 
 
 def rounded(svg: str) -> str:
@@ -226,20 +231,20 @@ def colours(figures: Iterable[str]) -> dict[str, str]:
 
 def dark(name: str) -> str:
     """A colour where it is dark: greys change sides, and what has a hue is lightened until it stands out."""
-    colour = tuple(int(name[place : place + 2], 16) for place in (0, 2, 4))
+    colour = tuple(bytes.fromhex(name))
     if max(colour) - min(colour) < _GREY:
         light = (sum(colour) / (3 * 255)) ** _FAINT
-        return _hex(tuple(ink + (paper - ink) * light for ink, paper in zip(_INK, _PAPER, strict=True)))
+        return _hex(ink + (paper - ink) * light for ink, paper in zip(_INK, _PAPER, strict=True))
     lighter = (tuple(part + (255 - part) * share / 20 for part in colour) for share in range(21))
     paper = luminance(_PAPER) + 0.05
     return _hex(next(shade for shade in lighter if luminance(shade) + 0.05 >= _CONTRAST * paper))
 
 
-def _hex(colour: tuple[float, ...]) -> str:
+def _hex(colour: Iterable[float]) -> str:
     return "#" + "".join(f"{round(part):02x}" for part in colour)
 
 
-def luminance(colour: tuple[float, ...]) -> float:
+def luminance(colour: Iterable[float]) -> float:
     """Relative luminance (WCAG 2.2)."""
-    parts = [part / 255 / 12.92 if part <= 10 else ((part / 255 + 0.055) / 1.055) ** 2.4 for part in colour]
-    return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2]
+    red, green, blue = (part / 255 / 12.92 if part <= 10 else ((part / 255 + 0.055) / 1.055) ** 2.4 for part in colour)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue

@@ -97,9 +97,8 @@ class ReportSection:
         template = _ENVIRONMENT.from_string(self.text) if self.text else _ENVIRONMENT.get_template(f"{self.name}.md.j2")
         title, flag, blocks = "", "", list[Block]()
         for number, content in enumerate(self.contents(results)):
-            about: dict[str, Any] = {"results": results, "params": results.params, "tables": content.tables}
-            text = template.render({**about, "heading": content.heading, "first": number == 0, **content.numbers})
-            for block in parsed(text, content):
+            about = {"results": results, "params": results.params, "tables": content.tables, "heading": content.heading}
+            for block in parsed(template.render({**about, "first": number == 0, **content.numbers}), content):
                 if block.kind == "section":
                     title, flag = block.title, block.text
                 elif block.kind == "list" and blocks and blocks[-1].kind == "list":
@@ -119,24 +118,14 @@ def of_each(experiments: Iterable[Experiment], content_of: Callable[[Experiment]
     contents = [(one, content) for one in experiments if (content := content_of(one)) is not None]
     for place, (experiment, content) in enumerate(contents):
         heading = f"## {words.capitalized(experiment.title)}{' | folded' if place else ''}"
-        yield replace(
-            content,
-            numbers={"experiment": experiment, **content.numbers},
-            suffix=experiment.suffix,
-            heading=heading if len(contents) > 1 else "",
-            title=experiment.title if experiment.suffix else "",
-        )
+        yield replace(content, numbers={"experiment": experiment, **content.numbers}, suffix=experiment.suffix,
+                      heading=heading if len(contents) > 1 else "",
+                      title=experiment.title if experiment.suffix else "")  # fmt: skip
 
 
-def of_each_graph(
-    content_of: Callable[[Results, Experiment], Content | None],
-) -> Callable[[Results], Iterator[Content]]:
+def of_each_graph(contents: Callable[[Results, Experiment], Content | None]) -> Callable[[Results], Iterator[Content]]:
     """A section that shows the same of every graph of its own, by what it shows of one."""
-
-    def contents(results: Results) -> Iterator[Content]:
-        return of_each(results.standalone, lambda experiment: content_of(results, experiment))
-
-    return contents
+    return lambda results: of_each(results.standalone, lambda experiment: contents(results, experiment))
 
 
 def parsed(text: str, content: Content) -> Iterator[Block]:
@@ -160,32 +149,23 @@ def parsed(text: str, content: Content) -> Iterator[Block]:
             name, (title, _, flag) = title, flag.partition(" | ")
             shown: Any = content.numbers.get(name)
             if mark in ("@table", "@figure"):
-                title, full_name = title + (f" ({content.title})" if content.title else ""), name + content.suffix
-                is_table = mark == "@table"
-                shown = (
-                    ReportTable.of(full_name, content.tables[name])
-                    if is_table
-                    else Figure(full_name, content.figures[name])
-                )
+                title += f" ({content.title})" if content.title else ""
+                made: Any = (ReportTable.of, content.tables) if mark == "@table" else (Figure, content.figures)
+                shown = made[0](f"{name}{content.suffix}", made[1][name])
             yield Block(mark[1:], " ".join(" ".join(others).split()), (), title, flag == "folded", shown)
         else:
             yield Block("paragraph", " ".join(part.split()))
 
 
-_ENVIRONMENT = Environment(  # makes text, which the page escapes
+_ENVIRONMENT = Environment(
     loader=PackageLoader("isi.report", "templates/sections"), undefined=StrictUndefined, trim_blocks=True,
     lstrip_blocks=True, autoescape=False,  # noqa: S701  # makes text, which the page escapes
 )  # fmt: skip
-_ENVIRONMENT.filters |= {
-    "joined": words.joined, "with_values": words.with_values, "listed_epochs": words.listed_epochs,
-    "label": words.label, "described": words.described, "capitalized": words.capitalized, "num": format,
-    "labels": lambda models: words.joined(map(words.label, models)),
-    "isi": words.isi, "contenders": words.contenders, "controls": words.controls,
+_FILTERS = (words.joined, words.with_values, words.listed_epochs, words.label, words.described, words.capitalized,
+            words.isi, words.contenders, words.controls)  # fmt: skip
+_ENVIRONMENT.filters |= {function.__name__: function for function in _FILTERS} | {
+    "num": format, "labels": lambda models: words.joined(map(words.label, models)),
 }  # fmt: skip
-_ENVIRONMENT.globals |= {
-    "SCOPES": words.SCOPES,
-    "BASELINE": words.BASELINE,
-    "JOINT": words.JOINT,
-    "LEVEL": LEVEL,
-    "nan": nan,
-}
+_ENVIRONMENT.globals |= {name: getattr(words, name) for name in ("SCOPES", "BASELINE", "JOINT")} | {
+    "LEVEL": LEVEL, "nan": nan,
+}  # fmt: skip

@@ -82,12 +82,13 @@ class ReportTable:
     @property
     def frame(self) -> pd.DataFrame:
         """As files have it: the mean and the bounds of estimates in three columns."""
-        values: dict[str, list[Any]] = {}
+        values: dict[str, Any] = {}
         for column, cells in self.by_column:
             if any(isinstance(cell, Estimate) for cell in cells):
                 parts = zip(*map(_numbers, cells), strict=True)
-                values |= {f"{column.header}{end}": list(part)
-                           for end, part in zip(("", " low", " high"), parts, strict=True)}  # fmt: skip
+                values |= {
+                    f"{column.header}{end}": part for end, part in zip(("", " low", " high"), parts, strict=True)
+                }
             else:
                 values[column.header] = cells
         return pd.DataFrame(values)
@@ -95,16 +96,13 @@ class ReportTable:
     @property
     def is_text(self) -> list[bool]:
         """Of each column, whether it holds text; one with a form of its own holds numbers."""
-        return [
-            column.form is None and any(isinstance(cell, str) for cell in cells) for column, cells in self.by_column
-        ]
+        return [not column.form and any(isinstance(cell, str) for cell in cells) for column, cells in self.by_column]
 
     @property
     def texts(self) -> list[list[tuple[str, str]]]:
         """Of each row, the cells as people read them: the value, and its interval in brackets."""
-        columns = [[_shown(cell, form) for cell in cells] for column, cells in self.by_column
-                   for form in [column.form or _plain(cells)]]  # fmt: skip
-        return [list(row) for row in zip(*columns, strict=True)]
+        forms = [column.form or _plain(cells) for column, cells in self.by_column]
+        return [[_shown(cell, form) for cell, form in zip(row, forms, strict=True)] for row in self.rows]
 
     @property
     def shown(self) -> pd.DataFrame:
@@ -120,11 +118,9 @@ class ReportTable:
         latex = self.shown.replace("–", "--").style.hide(axis="index").format(escape="latex")
         latex = latex.format_index(escape="latex", axis=1)
         tex: str = latex.to_latex(hrules=True, column_format="".join(side[0] for side in sides))
-        return {
-            "csv": csv(self.frame, [column.header for column in self.columns if column.any_size]),
-            "md": f"{markdown}\n",
-            "tex": tex.replace("ξ", r"$\xi$").replace("Θ", r"$\Theta$"),
-        }
+        any_size = [column.header for column in self.columns if column.any_size]
+        tex = tex.replace("ξ", r"$\xi$").replace("Θ", r"$\Theta$")
+        return {"csv": csv(self.frame, any_size), "md": f"{markdown}\n", "tex": tex}
 
 
 def number(value: Any, any_size: bool = False) -> Any:

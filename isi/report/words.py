@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from isi.initializers.api import INITIALIZERS, Registered, Role
-from isi.report.tables import Column, Estimate
+from isi.report.tables import Column
 
 JOINT = "joint"
 #: Θ⁰ trained on without any insertion.
@@ -19,32 +19,20 @@ BASELINE = "xavier"
 _SPARE = ("#cc79a7", "#56b4e9", "#f0e442", "#8c564b")
 #: The queries of each scope.
 SCOPES = {
-    "all": "all queries",
-    "novel": "novel entities",
-    "novel_heldout": "novel entities, held-out triples",
-    "known": "earlier knowledge",
-    "known_closed": "earlier knowledge, known candidates only",
-}
+    "all": "all queries", "novel": "novel entities", "novel_heldout": "novel entities, held-out triples",
+    "known": "earlier knowledge", "known_closed": "earlier knowledge, known candidates only",
+}  # fmt: skip
 #: MRR* and its halves, and headers of files; where the page has other words, ``WORDS`` has them.
 HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity half", "mrr_star_relation": "relation half"}
 SCOPE = Column("scope", words=SCOPES)
 #: Headers of files that the page spells out.
 WORDS = SCOPES | {
-    "entity half": "entity prediction",
-    "relation half": "relation prediction",
-    "std": "deviation",
-    "scope": "queries",
-    "scope's filter": "usual filter",
-    "all true": "all true triples left out",
-    "unconverged %": "never converged, %",
-    "p (Holm)": "p, corrected",
-    "of these differ": "seeds that differ",
-    "share %": "share, %",
-    "gain %": "gain, %",
-    "drop %": "drop, %",
-    "epochs, all": "epochs: all queries",
+    "entity half": "entity prediction", "relation half": "relation prediction", "std": "deviation", "scope": "queries",
+    "scope's filter": "usual filter", "all true": "all true triples left out", "unconverged %": "never converged, %",
+    "p (Holm)": "p, corrected", "of these differ": "seeds that differ", "share %": "share, %", "gain %": "gain, %",
+    "drop %": "drop, %", "epochs, all": "epochs: all queries",
     "epochs, novel_heldout": "epochs: novel entities, held-out triples",
-}
+}  # fmt: skip
 
 
 def _registered(initializer: str) -> Registered:
@@ -105,9 +93,7 @@ def joined(parts: Iterable[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def with_values(
-    values: Mapping[str, float | Estimate], models: Iterable[str] | None = None, form: str = "{:.1f}"
-) -> str:
+def with_values(values: Mapping[str, float], models: Iterable[str] | None = None, form: str = "{:.1f}") -> str:
     """Each model with its value, of those that have one."""
     names = values if models is None else [model for model in models if model in values]
     return joined(f"{label(model)} {form.format(values[model])}" for model in names)

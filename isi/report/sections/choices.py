@@ -13,7 +13,7 @@ from matplotlib.figure import Figure as Canvas
 from isi.evaluation.query_sets import CONVERGING
 from isi.models.model import MODELS
 from isi.report.data import Results
-from isi.report.figures import legend, line_over_seeds, panels
+from isi.report.figures import legend, panels, with_band
 from isi.report.section import Content
 from isi.report.stats import over_seeds
 from isi.report.tables import Column
@@ -158,15 +158,12 @@ def _by_size(
     canvas, axes = panels(len(shown))
     for panel, (scope, title, ylabel) in zip(axes, shown, strict=True):
         for model in models:
-            of_model = rows[(rows["model"] == model) & (rows["scope"] == scope)]
-            if len(of_model):
-                (sizes, mean, low, high), color = line_over_seeds(of_model, "k", "value", 1), colour(model, models)
-                panel.plot(sizes, mean, color=color, label=label(model), lw=1.4)
-                panel.fill_between(sizes, low, high, color=color, alpha=0.15, lw=0)
-                for who, mark in _MARKS.items():
-                    if (k := chosen[who].get(model)) is not None:
-                        height = np.interp(k, sizes, mean, left=np.nan, right=np.nan)
-                        panel.plot(k, height, color=color, ls="", clip_on=False, **mark)
+            of_model, color = rows[(rows["model"] == model) & (rows["scope"] == scope)], colour(model, models)
+            sizes, mean, *_ = with_band(panel, of_model, "k", "value", 1, 0.15, color=color, label=label(model), lw=1.4)
+            for who, mark in _MARKS.items():
+                if len(sizes) and (k := chosen[who].get(model)) is not None:
+                    height = np.interp(k, sizes, mean, left=np.nan, right=np.nan)
+                    panel.plot(k, height, color=color, ls="", clip_on=False, **mark)
         panel.set(title=title, xlabel="indicators k", ylabel=ylabel)
         panel.set_ylim(bottom=lowest)
     for who, mark in _MARKS.items():

@@ -14,7 +14,7 @@ from isi.report.data import Experiment, ModelRuns, Results, VariantRuns
 from isi.report.figures import by_epoch
 from isi.report.section import Content
 from isi.report.sections import choices, queries, run, transfer
-from isi.report.sections.convergence import CURVES, table2
+from isi.report.sections.finetuning import CURVES, table2
 from isi.report.tables import Column
 from isi.report.words import BASELINE, JOINT, SCOPES, isi, joined, label
 

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import json
+import platform
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from isi.params import Params
 from isi.report import glossary
 from isi.report.data import Experiment, Results
 from isi.report.section import Content, of_each
@@ -16,6 +22,10 @@ from isi.report.sections.variants import relations_by_kind
 from isi.report.tables import Column
 from isi.report.words import HALVES, JOINT, SCOPES, in_order, label
 
+_PACKAGES = ("dvc", "gensim", "matplotlib", "numpy", "pandas", "procthor", "pyarrow", "scipy", "torch")
+#: Sections of params that change nothing in the report.
+UNUSED = ("compute", "recorder", "plots", "finetune_only", "final_model")
+_SOURCES = ("isi", "stages", "data/raw")  # dependencies of the stage, whole
 _TRIPLE = ["source", "head", "relation", "tail", "count"]
 
 
@@ -150,6 +160,29 @@ def run(results: Results) -> Iterator[Content]:
         "left_out": left_out.rename_axis("").reset_index(), "ties": ties(experiments),
         "fallbacks": fallbacks(experiments),
     })  # fmt: skip
+
+
+def what_was_run(params: Params) -> dict[str, dict[str, Any]]:
+    """Params, versions and hashes: the same for equal runs, whenever and wherever they ran."""
+    values = params.model_dump(exclude=set(UNUSED), exclude_unset=True)
+    files = sorted(path for source in _SOURCES for path in Path(source).rglob("*")
+                   if path.is_file() and "__pycache__" not in path.parts and not path.name.startswith("."))  # fmt: skip
+    hashes = {
+        "code and shipped inputs": sha256(b"".join(str(path).encode() + path.read_bytes() for path in files)),
+        "params": sha256(json.dumps(values, sort_keys=True).encode()),
+    }
+    recorded = {name: settings.get("sha256") for name, settings in (values.get("sources") or {}).items()}
+    versions = {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES}
+    return {
+        "Hashes (SHA-256)": {name: code.hexdigest() for name, code in hashes.items()}
+        | {f"recording of {name}": code for name, code in recorded.items() if code},
+        "Params": dict(_flat(values)), "Versions": versions,
+    }  # fmt: skip
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in values.items():
+        yield from _flat(value, f"{prefix}{key}.") if isinstance(value, dict) and value else [(prefix + key, value)]
 
 
 def _left_out(experiment: Experiment) -> dict[str, int]:

@@ -12,7 +12,7 @@ from isi.graph.graph import MinedSource, new_entities
 from isi.report import stats
 from isi.report.data import Experiment, Results
 from isi.report.section import Content
-from isi.report.sections import forgetting
+from isi.report.sections import finetuning
 from isi.report.significance import Pair, pairs_table
 from isi.report.stats import epochs_summary, halves, values, wide
 from isi.report.tables import Column, Estimate
@@ -43,11 +43,11 @@ def _of_experiment(results: Results, experiment: Experiment) -> Content:
     }  # fmt: skip
     figures = {}
     if experiment.curve_size is not None:
-        curves = forgetting.with_finetune_only(experiment)
-        pairs = forgetting.at_the_end(curves)
-        numbers |= {"ended": forgetting.ended(pairs), "order": _order(results, experiment, pairs)}
+        curves = finetuning.with_finetune_only(experiment)
+        pairs = finetuning.at_the_end(curves)
+        numbers |= {"ended": finetuning.ended(pairs), "order": _order(results, experiment, pairs)}
         tables[f"{name}_at_the_end"] = pairs_table(chain(*pairs.values()))
-        figures[f"figure4_{name}"] = forgetting.drawn(curves, experiment.models)
+        figures[f"figure4_{name}"] = finetuning.drawn(curves, experiment.models)
     return Content(numbers, tables, figures)
 
 
@@ -56,8 +56,8 @@ def _order(results: Results, experiment: Experiment, pairs: Mapping[str, Sequenc
     source = experiment.settings.graph.source
     graphs = [one for one in results.standalone if one.settings.graph.source == source and one.curve_size is not None]
     for base in graphs[:1]:
-        here, there = (forgetting.against(of_scope["known_closed"], BASELINE)
-                       for of_scope in (pairs, forgetting.at_the_end(base.curves)))  # fmt: skip
+        here, there = (finetuning.against(of_scope["known_closed"], BASELINE)
+                       for of_scope in (pairs, finetuning.at_the_end(base.curves)))  # fmt: skip
         both = [name for name in here if name in there]
         turned = [name for name in both if here[name].difference.mean * there[name].difference.mean < 0]
         significant = any(of_model[name].significant for of_model in (here, there) for name in both)
@@ -111,7 +111,7 @@ def drops(runs: pd.DataFrame) -> dict[str, Estimate]:
 
     With known candidates only, nothing has changed for earlier knowledge, so this is what inserting costs.
     """
-    scopes = list(forgetting.SCOPES)
+    scopes = list(finetuning.EARLIER)
     pairs = {}
     for model, rows in runs[runs["scope"].isin(scopes) & (runs["model"] != JOINT)].groupby("model"):
         cells = rows.pivot_table("mrr_star", "seed", "scope").reindex(columns=scopes)

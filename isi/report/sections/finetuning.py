@@ -1,25 +1,29 @@
-"""How soon fine-tuning converges: Figure 3b and Table 2 (section 6.2), and Table 2 at other rates."""
+"""What fine-tuning does: Figure 3b and Table 2 (section 6.2), also at other rates; interference and forgetting."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain, product
 from typing import Any
 
 import pandas as pd
+from matplotlib.figure import Figure as Canvas
 
 from isi.evaluation.query_sets import CONVERGING
 from isi.report.data import Experiment, Results
 from isi.report.figures import by_epoch
 from isi.report.section import Content, of_each_graph
-from isi.report.significance import difference
-from isi.report.stats import epochs_summary, ordered_rows, over_seeds, wide
+from isi.report.significance import Pair, compare, difference, pairs_table
+from isi.report.stats import CELL, cells_of, epochs_summary, ordered_rows, over_seeds, wide
 from isi.report.tables import Column
-from isi.report.words import SCOPE, isi, label
+from isi.report.words import BASELINE, FINETUNE_ONLY, HALVES, JOINT, SCOPE, SCOPES, contenders, isi, label
 
 #: Factor on the fine-tuning rate of the main runs.
 AS_CHOSEN = 1.0
 #: Of Figure 3b.
 CURVES = ("all", "novel_heldout")
+#: About earlier knowledge: with the novel entities among the candidates, and without.
+EARLIER = ("known", "known_closed")
 
 
 @of_each_graph
@@ -103,3 +107,87 @@ def orders(epochs: pd.DataFrame, initializers: Sequence[str], scope: str) -> dic
         listed = pd.Series({label(model): means[factor][model] for model in initializers if model in means[factor]})
         lines[float(factor)] = ", ".join(" = ".join(listed.index[listed == mean]) for mean in sorted(set(listed)))
     return lines
+
+
+@of_each_graph
+def forgetting(_: Results, experiment: Experiment) -> Content:
+    """What is lost right after insertion, and by epoch at the size whose curves are drawn."""
+    if experiment.curve_size is None:
+        return Content()
+    runs = with_finetune_only(experiment)
+    pairs = at_the_end(runs)
+    tables = {
+        "forgetting": interference(runs, [*experiment.models, FINETUNE_ONLY]),
+        "earlier_at_the_end": pairs_table(chain(*pairs.values())),
+    }
+    return Content({"ended": ended(pairs)}, tables, {"forgetting": drawn(runs, experiment.models)})
+
+
+def with_finetune_only(experiment: Experiment) -> pd.DataFrame:
+    """The runs whose curves are drawn, those with nothing inserted among them where there are any."""
+    if "finetune_only" not in experiment.analyses:
+        return experiment.curves
+    runs: pd.DataFrame = experiment.analyses["finetune_only"]
+    shown = runs[(runs["size"] == experiment.curve_size) & (runs["scope"] == "known_closed")]
+    return pd.concat([experiment.curves, shown.assign(model=FINETUNE_ONLY)], ignore_index=True)
+
+
+def since_before(runs: pd.DataFrame) -> pd.DataFrame:
+    """Runs about known entities, minus what Θ⁰ had in the same session before anything was inserted.
+
+    That is MRR* in known_closed right after insertion, the same for all but the joint model.
+    """
+    shown = runs[runs["scope"].isin(EARLIER)]
+    inserted = ~shown["model"].isin([JOINT, FINETUNE_ONLY])
+    start = shown[(shown["scope"] == "known_closed") & (shown["epoch"] == 0) & inserted]
+    before = start.drop_duplicates(CELL).set_index(CELL)["mrr_star"].rename("before")
+    both = shown.join(before, on=CELL)
+    return both.assign(mrr_star=both["mrr_star"] - both["before"])
+
+
+def drawn(runs: pd.DataFrame, models: Sequence[str]) -> Canvas:
+    """By epoch, a panel for each scope: how far from before anything was inserted."""
+    lines = [*(model for model in models if model != JOINT), FINETUNE_ONLY]
+    return by_epoch(since_before(runs), lines, EARLIER, ylabel="MRR* minus before (points)")
+
+
+def at_the_end(runs: pd.DataFrame) -> dict[str, list[Pair]]:
+    """Contenders, and nothing inserted, in pairs after the last epoch, in points; by scope."""
+    epoch = runs["epoch"].max()
+    last = runs[runs["epoch"] == epoch]
+    ran = list(dict.fromkeys(last["model"]))
+    models = [*contenders(ran), *({FINETUNE_ONLY} & set(ran))]
+    pairs = {}
+    for scope in EARLIER:
+        queried = set(last.loc[last["scope"] == scope, "model"])
+        compared = [model for model in models if model in queried]
+        measure = {f"{SCOPES[scope]}, epoch {epoch}": 100 * cells_of(last, compared, scope, "mrr_star")}
+        pairs[scope] = compare(measure, compared)
+    return pairs
+
+
+def against(pairs: Sequence[Pair], model: str) -> dict[str, Pair]:
+    """ISI against one model, by initializer."""
+    return {pair.first: pair for pair in pairs if pair.second == model and isi([pair.first])}
+
+
+def ended(pairs: Mapping[str, Sequence[Pair]]) -> list[tuple[str, str, list[Pair]]]:
+    """Interference and forgetting at the end, ISI against Xavier and against nothing inserted: scope, model, pairs."""
+    shown = (("known_closed", BASELINE), ("known", BASELINE), ("known_closed", FINETUNE_ONLY))
+    lines = [(scope, model, list(against(pairs[scope], model).values())) for scope, model in shown]
+    return [line for line in lines if line[2]]
+
+
+def interference(runs: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, Any]]:
+    """Known against known_closed: interference against forgetting, in runs of one size."""
+    groups, rows = dict(list(runs.groupby(["model", "scope"]))), []
+    for model, scope in product(models, EARLIER):
+        if (model, scope) in groups:
+            shown = groups[model, scope]
+            lowest = 100 * shown.groupby("epoch")["mrr_star"].mean().min()
+            row: dict[Any, Any] = {"model": label(model), SCOPE: scope, "lowest MRR*": lowest}
+            for when, epoch in (("immediately", shown["epoch"].min()), ("at the end", shown["epoch"].max())):
+                means = over_seeds(shown[shown["epoch"] == epoch], ["epoch"], HALVES).iloc[0]
+                row |= {Column(half, when): means[half] for half in HALVES.values()}
+            rows.append(row)
+    return rows

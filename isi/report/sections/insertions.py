@@ -1,4 +1,4 @@
-"""Single insertions to look through: indicators, a map, and ranked answers, entity by entity."""
+"""Single insertions: Figure 1, from initial vectors to where training takes them, and the explorer of the page."""
 
 from __future__ import annotations
 
@@ -6,13 +6,117 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+from matplotlib.patheffects import withStroke
 
 from isi.analyses.single_insertions import HIDDEN, SHOWN, SINGLE_ANSWERS, THETA0, TRUE, ExplorerParams
 from isi.errors import InputError
 from isi.report.data import Experiment, Results
+from isi.report.figures import legend, panels
 from isi.report.section import Content
-from isi.report.words import JOINT, colour, label
+from isi.report.words import JOINT, colour, isi, label
+
+#: The way of one entity (``TRAJECTORY``), by name.
+Traces = Mapping[str, np.ndarray]
+
+
+def trajectory(results: Results) -> Iterator[Content]:
+    """Figure 1 and its distances."""
+    for experiment, traces in results.analysis("trajectory"):
+        yield _figure1(traces, experiment.entities["entity"])
+
+
+def _figure1(traces: Traces, names: pd.Series) -> Content:
+    models = [name.removesuffix(".path") for name in traces if name.endswith(".path")]
+    vectors = traces["theta0"][traces["known"]]  # [N, d]
+    rows, titles = [], {}
+    for model in models:
+        path = traces[f"{model}.path"].astype(np.float64)  # in all dimensions
+        away = float(np.linalg.norm(path[0] - vectors.mean(0, dtype=np.float64)))
+        moved = float(np.linalg.norm(path[-1] - path[0]))
+        titles[model] = f"{label(model)}: {away:.1f} from the centre, {moved:.1f} to its end"
+        rows.append({
+            "initializer": label(model), "from the centre": away, "from where training takes it": moved,
+            "indicators": ", ".join(names[traces[f"{model}.indicators"]]),
+        })  # fmt: skip
+    numbers = {
+        "share": 100 * plane(vectors)[2], "dimension": vectors.shape[1],
+        "name": str(names[int(traces["entity"][0])]),
+        "away": np.linalg.norm(vectors - vectors.mean(0), axis=1).mean(),
+    }  # fmt: skip
+    return Content(numbers, {"trajectory": rows}, {"figure1_trajectory": _drawn(traces, vectors, titles, names)})
+
+
+def plane(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """The plane of the two principal components of vectors, (N, d).
+
+    Returns:
+        their centre (d), two orthonormal axes (2, d), each with its largest part positive, and the share of
+        the variance that lies in the plane.
+    """
+    centre = vectors.mean(0, dtype=np.float64)
+    _, strength, axes = np.linalg.svd(vectors - centre, full_matrices=False)
+    largest = np.abs(axes[:2]).argmax(1)
+    turned = axes[:2] * np.sign(axes[[0, 1], largest])[:, None]
+    return centre, turned, float((strength[:2] ** 2).sum() / (strength**2).sum())
+
+
+def _drawn(traces: Traces, vectors: np.ndarray, titles: Mapping[str, str], names: pd.Series) -> Canvas:
+    """A panel for each initializer with indicators, and one for the others."""
+    centre, axes, _ = plane(vectors)
+    models = list(titles)
+    groups = [[model] for model in isi(models)] + [[model for model in models if model not in isi(models)]]
+    canvas, places = panels(len(groups), height=6.6)
+    for panel, group in zip(places, groups, strict=True):
+        panel.plot(*((vectors - centre) @ axes.T).T, ls="", marker="o", ms=2.5, color="#b5bac2", mew=0, zorder=1)
+        for model in group:
+            points = (traces[f"{model}.path"] - centre) @ axes.T
+            _path(panel, points, colour(model, models), label(model) if len(group) > 1 else "")
+        for model in isi(group):
+            chosen = np.flatnonzero(traces[f"{model}.indicators"])
+            points = (traces["theta0"][chosen] - centre) @ axes.T
+            _indicators(panel, points, names[chosen].tolist(), colour(model, models))
+        panel.set(xticks=[], yticks=[])
+        panel.set_title("\n".join(titles[model] for model in group), fontsize=9)
+    for marker, size, shade, name in (("o", 2.5, "#b5bac2", "known entity"), ("^", 5, "#555555", "indicator"),
+                                      ("*", 11, "#555555", "novel entity as inserted")):  # fmt: skip
+        places[0].plot([], [], ls="", marker=marker, ms=size, color=shade, label=name)
+    places[0].plot([], [], color="#555555", lw=1.4, label="to where training takes it")
+    legend(canvas, places)
+    return canvas
+
+
+def _indicators(axes: Axes, points: np.ndarray, names: Sequence[str], color: str) -> None:
+    """Triangles, each with its name in the margin at the right: last, since it reads the panel's limits."""
+    axes.plot(*points.T, ls="", marker="^", ms=5, color=color, mec="white", mew=0.4, zorder=3)
+    order = points[:, 1].argsort(kind="stable")
+    low, high = axes.get_ylim()
+    arrow = {"arrowstyle": "-", "lw": 0.4, "color": "#8a919c", "shrinkA": 1, "shrinkB": 2, "relpos": (0, 0.5)}
+    for height, number in zip(spread((points[order, 1] - low) / (high - low), 0.055), order, strict=True):
+        axes.annotate(names[number], tuple(points[number]), (1.03, height), fontsize=6.5, textcoords="axes fraction",
+                      va="center", annotation_clip=False, arrowprops=arrow)  # fmt: skip
+
+
+def spread(heights: np.ndarray, gap: float) -> np.ndarray:
+    """Ascending heights in [0, 1], pushed up to lie a gap apart and down to stay below 1; a smaller gap for many."""
+    steps = min(gap, 1 / max(len(heights), 1)) * np.arange(len(heights))
+    spread_out: np.ndarray = np.minimum(np.maximum.accumulate(heights - steps), 1 - steps[-1:].sum()) + steps
+    return spread_out
+
+
+def _path(axes: Axes, points: np.ndarray, color: str, name: str) -> None:
+    """A star where the entity is put, its name where there are several, and an arrow to where training takes it."""
+    axes.plot(*points.T, color=color, lw=0.8, alpha=0.7, zorder=4)
+    halo = [withStroke(linewidth=2.5, foreground="white")]
+    axes.annotate(name, tuple(points[0]), (7, -10), fontsize=8, textcoords="offset points", color=color, zorder=6,
+                  path_effects=halo)  # fmt: skip
+    axes.plot(*points[0], ls="", marker="*", ms=11, color=color, mec="black", mew=0.5, zorder=5)
+    arrow = {"arrowstyle": "-|>", "color": color, "lw": 1.4, "shrinkA": 4, "shrinkB": 0}
+    axes.annotate("", tuple(points[-1]), tuple(points[0]), zorder=4, arrowprops=arrow)
+
 
 #: A model, and the epoch after which it is shown.
 Step = tuple[str, int]
