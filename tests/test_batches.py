@@ -94,18 +94,6 @@ def test_expected_negatives_are_the_mean_of_sampled_ones(head_pool: str) -> None
     assert ((total / draws - expected).abs() <= 5 * (expected / draws).sqrt() + 1e-4).all()
 
 
-def test_sampled_negatives_are_ratio_times_positives_of_each_kind() -> None:
-    data = one_triple("unseen", count=7, relations=3)
-    drawn = sampled(data, 9, 0, 1)[0, 0]
-    heads = drawn[0, :, 1].clone()
-    heads[0] = 0  # 0 is a head of relation 0 and not in its pool: a corrupted tail
-    assert drawn[0, 0].sum() == 63
-    assert heads.sum() == 63
-    assert drawn[1:, 0, 1].sum() == 63
-    assert drawn.sum() == 3 * 63
-    assert (drawn[1:, 0, 1] > 0).all()
-
-
 def test_sampled_negatives_stay_in_the_session_and_with_their_batch() -> None:
     points = small_points()
     data = training_data(points.session(0), "test", points.keys(), "unseen")

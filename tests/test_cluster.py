@@ -18,7 +18,6 @@ from typing import TypeVar
 
 import pytest
 import torch
-import yaml
 
 from isi.errors import InputError
 from isi.experiment import runner
@@ -26,7 +25,6 @@ from isi.experiment.grid import GridPoints
 from isi.experiment.insert import insert_stack
 from isi.experiment.runner import Compute, TaskError, run
 from isi.experiment.train import TrainConfig, TrainResult, train_stack
-from isi.tables import paths
 from tests.small_grid import insert_tasks, inserted_bytes, theta0, trained_bytes, training_tasks
 
 pytest.importorskip("distributed")
@@ -131,27 +129,6 @@ def test_a_cluster_gives_the_bytes_of_processes_though_a_worker_is_killed(cluste
     told = insert_tasks(2, "ers", theta0(steps=2), steps=2)
     inserted, again = (run(insert_stack, told, compute, "ers") for compute in (PROCESSES, cluster.compute))
     assert inserted_bytes(inserted) == inserted_bytes(again)
-
-
-def test_a_scheduler_out_of_reach_ends_a_stage_in_one_line_that_names_the_key(tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]  # free, once closed
-    compute = {"workers": 1, "stack": 1, "engine": "dask", "scheduler": f"tcp://127.0.0.1:{port}"}
-    params = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8")) | {"compute": compute}
-    (tmp_path / paths.PARAMS).write_text(yaml.safe_dump(params), encoding="utf-8")
-    (tmp_path / paths.PIPELINE).write_text(yaml.safe_dump({"stages": {"nothing": {}}}), encoding="utf-8")
-    stage = (
-        "from isi.stage import stage; from isi.experiment.runner import run\n"
-        "def nothing(context): run(print, [], context.params.compute, 'nothing')\n"
-        "stage(nothing)()"
-    )
-    ended = subprocess.run(
-        [sys.executable, "-c", stage], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True, text=True, timeout=30,
-    )  # fmt: skip
-    (line,) = ended.stderr.splitlines()
-    assert f"params.yaml: compute.scheduler: no Dask scheduler answers at tcp://127.0.0.1:{port}" in line
-    assert ended.returncode == 1
 
 
 @pytest.mark.parametrize("says", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"], ids=["nothing", "another protocol"])

@@ -16,7 +16,7 @@ from isi.models.model import Model, make_model
 from isi.models.scoring import Distance, Interaction
 from isi.models.stack import uniform
 from isi.training import trainer
-from isi.training.batches import Negatives, TrainingData, batches, sample_epoch, training_data
+from isi.training.batches import Negatives, TrainingData, training_data
 from isi.training.trainer import Optimizer, State, is_compiled, run_epoch, start
 from tests.small_graphs import points_of, random_embedding, random_graph
 
@@ -67,16 +67,6 @@ def test_some_hundred_updates_give_the_numbers_of_batches_of_one(kind: str, deca
     assert not torch.allclose(compiled.embedding.entity, begin(points, kind).embedding.entity, atol=0.1)
 
 
-def test_a_graph_too_large_for_tables_learns_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    points = small_points()
-    data = training_data(points.session(0), "test", points.keys(), "unseen")
-    small, large = begin(points), begin(points)
-    run_epoch(small, data, SAMPLED, SINGLY, 0, 1)
-    monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 0)
-    run_epoch(large, data, SAMPLED.model_copy(update={"mode": "expected"}), SINGLY, 0, 1)
-    assert same(small, large)
-
-
 def test_no_observation_is_no_update() -> None:
     points = small_points()
     data = training_data(points.session(0), "test", points.keys(), "unseen")
@@ -89,23 +79,6 @@ def test_no_observation_is_no_update() -> None:
     assert not changed[~members].any()
     run_epoch(before, replace(data, counts=counts * 0), SAMPLED, SINGLY, 0, 1)
     assert same(before, begin(points))
-
-
-def test_draws_of_an_epoch_are_those_of_its_batches_of_one() -> None:
-    points = small_points()
-    data = training_data(points.session(0), "test", points.keys(), "unseen")
-    whole = sample_epoch(data, 3, 0, 1)
-    positives = torch.stack([number for _, number in batches(data, SAMPLED, 1, 0, 1)])
-    assert torch.equal(positives.sum(0), data.counts.sum(1))
-    assert positives.max() == 1
-    for model, one in enumerate(whole):
-        number = int(data.counts[model].sum())
-        assert one.negatives().shape == (9 * number, 3)
-        assert torch.equal(one.at(number - 1).triples[0], one.triples[-1])
-        assert len(one.at(number).negatives()) == 0
-    other = sample_epoch(replace(data, purpose="other"), 3, 0, 1)
-    assert not torch.equal(whole[0].negatives(), other[0].negatives())
-    assert not torch.equal(whole[0].negatives(), sample_epoch(data, 3, 0, 2)[0].negatives())
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 import torch
 
+from isi.analyses.finetuning import finetune_only
 from isi.analyses.joint_models import (
     CrossValidation,
     Setting,
@@ -23,11 +24,13 @@ from isi.analyses.single_insertions import place_of_interest, trace_trajectory
 from isi.analyses.variants import train_models
 from isi.evaluation.query_sets import CONVERGING
 from isi.experiment import runner
+from isi.experiment.grid import GridPoints
 from isi.experiment.insert import InsertTask, JointTargets, init_context, insert_sessions, insert_stack
 from isi.experiment.runner import Compute
-from isi.experiment.train import TrainResult, as_tensors, evaluate_stack, joint_tasks, train_stack
+from isi.experiment.train import TrainResult, evaluate_stack, train_stack
 from isi.graph.sessions import TRAIN
-from isi.models.model import MODELS, make_model
+from isi.models.stack import Embedding
+from isi.training import trainer
 from tests.small_graphs import points_of
 from tests.small_grid import (
     ENTITIES,
@@ -35,8 +38,8 @@ from tests.small_grid import (
     INITIALIZERS,
     LEARNING,
     MARGIN,
-    MODEL_OPTIONS,
     OPTIMIZER,
+    SAMPLED,
     SCOPES,
     SEEDS,
     SIZE,
@@ -82,26 +85,6 @@ def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_sta
             for inserted in (*one.values(), *two.values())
         ]
         assert all(grid == grids[0] for grid in grids)
-
-
-@pytest.mark.parametrize("name", MODELS.names())
-def test_every_model_gives_the_same_bits_for_any_height_of_stacks(name: str) -> None:
-    config = replace(LEARNING, model=make_model(name, MODEL_OPTIONS.get(name, {}), f"models.{name}"))
-    vectors = theta0(config)
-    trained = [trained_bytes([train_stack(points.all_known, config) for points in stacks(n)]) for n in (1, 2, 4)]
-    inserted = [inserted_bytes([insert_stack(*task) for task in insert_tasks(n, "ers", vectors)]) for n in (1, 2, 4)]
-    for grids in (trained, inserted):
-        assert grids[0] == grids[1] == grids[2]
-
-
-def test_theta0_knows_no_novel_entity_and_the_joint_model_knows_all() -> None:
-    (points,) = stacks(4, steps=2)
-    initial, joint = train_stack(points, LEARNING), train_stack(points.all_known, LEARNING)
-    for model, novel in enumerate(points.novel):
-        assert set(np.flatnonzero(~initial.known[model])) == set(novel.ravel().tolist())
-        assert set(np.flatnonzero((initial.theta.entity[model] == 0).all(-1))) == set(novel.ravel().tolist())
-    assert joint.known.all()
-    assert (joint.theta.entity != 0).any(-1).all()
 
 
 def test_novel_sets_and_queries_are_shared_by_all_initializers() -> None:
@@ -183,19 +166,6 @@ def test_the_joint_model_of_a_session_has_not_seen_what_arrives_later() -> None:
     assert np.array_equal(last.entity, alone.entity)  # of the last session, what it is with any number of sessions
 
 
-def test_with_one_session_there_is_one_joint_model_of_each_seed() -> None:
-    grid = [*stacks(2), points_of(GRAPH, 1, SEEDS)]
-    tasks = joint_tasks(grid, LEARNING)
-    assert [points.seeds for points, *_ in tasks] == [SEEDS[:2], SEEDS[2:]]
-    tensors = as_tensors((task[0], task[2], train_stack(*task)) for task in tasks)
-    assert set(tensors) == {"entity", "relation", "known", "seed"}
-    assert tensors["seed"].tolist() == SEEDS
-    for points in grid:
-        _, (joint,) = train_models(points, LEARNING)
-        rows = [SEEDS.index(seed) for seed in points.seeds]
-        assert np.array_equal(joint.entity, tensors["entity"][rows].numpy())
-
-
 # Sessions that insert one after the other
 
 
@@ -259,14 +229,6 @@ def test_insertion_gives_rows_of_every_session() -> None:
     known = inserted.runs.query("scope == 'known' and epoch == 0").set_index(["session", "seed"])["queries"]
     for seed in SEEDS:
         assert known[2, seed] > known[1, seed]
-
-
-@pytest.mark.parametrize("session", [1, 2])
-def test_each_session_stops_at_its_own_target(session: int) -> None:
-    targets = [2.0, 2.0]
-    targets[session - 1] = np.nan
-    last = insert_stack(*two_sessions("es", *targets)).runs.groupby("session")["epoch"].max()
-    assert last.to_dict() == {session: 0, 3 - session: OPTIMIZER.max_epochs}
 
 
 # Analyses
@@ -341,3 +303,35 @@ def test_the_best_validation_on_a_fold_is_the_last_that_was_kept() -> None:
     best = best_validations(TrainResult(theta0(), np.zeros(0), log), FEW[0])
     assert best.set_index("fold")["mrr_star"].to_dict() == {0: 0.5, 1: 0.6}
     assert best.set_index("fold")["epoch"].to_dict() == {0: 4, 1: 2}
+
+
+MEASURES = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "queries"]
+
+
+def finetuned(points: GridPoints, trained: Embedding) -> pd.DataFrame:
+    return finetune_only(points, trained, 0, SAMPLED, OPTIMIZER)
+
+
+def test_before_training_it_is_what_every_insertion_starts_from() -> None:
+    trained = theta0()
+    runs = finetuned(points_of(GRAPH, SIZE, SEEDS), trained).query("epoch == 0").set_index("seed")
+    (inserting,) = insert_tasks(len(SEEDS), "es", trained)
+    inserted = insert_stack(*inserting).runs.query("epoch == 0 and scope == 'known_closed'").set_index("seed")
+    pd.testing.assert_frame_equal(runs[MEASURES], inserted[MEASURES], check_exact=True)
+
+
+def test_known_entities_move_and_novel_ones_never_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended: list[Embedding] = []
+
+    def recorded(*arguments: object) -> Embedding:
+        ended.append(trainer.train(*arguments))  # type: ignore[arg-type]
+        return ended[-1]
+
+    monkeypatch.setattr("isi.analyses.finetuning.train", recorded)
+    points, trained = points_of(GRAPH, SIZE, SEEDS), theta0()
+    finetuned(points, trained)
+    (after,), before = ended, trained
+    still = (after.entity == before.entity).all(-1)
+    for model, novel in enumerate(points.novel[:, 0].tolist()):
+        assert set(torch.where(still[model])[0].tolist()) == set(novel)
+    assert not torch.equal(after.relation, before.relation)

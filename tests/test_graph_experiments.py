@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
 import yaml
 
 from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VARIANT_RUNS
-from isi.errors import InputError
 from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES
-from isi.params import load as load_params
-from isi.params import load_beyond
 from isi.tables import paths
 from stages.build_graph import build_graph
 from stages.embed_words import embed_words
@@ -24,43 +19,26 @@ from stages.explore import explore
 from stages.make_sessions import make_sessions
 from stages.mine import mine
 from stages.vary import vary
+from tests.beyond_entries import GRAPH, ROOT, SESSIONS, WORDS, copy_pipelines, list_entries
 
-ROOT = Path(__file__).parent.parent
-SESSIONS = {"novel": "any", "sizes": [3], "seeds": 2}
-WORDS = {"source": "shipped", "text": "phrase", "sha256": None}
-RUN = {"initializers": ["xavier", "es"], "changes": {"embedding.dimension": 8, "training.max_epochs": 2,
-                                                     "finetuning.max_epochs": 2}}  # fmt: skip
-GRAPH = {
-    "title": "again",
-    "source": {"reader": "published"},
-    "min_count": 2,
-    "words": WORDS,
-    "sessions": SESSIONS,
-} | RUN
-VARIANT = {"title": "first", "group": "causes", "experiments": ["published"], "size": 3, "seeds": 2, "trained": True}
+FIRST = {name: GRAPH[name] for name in ("initializers", "changes")} | {
+    "title": "first", "group": "causes", "experiments": ["published"], "size": 3, "seeds": 2, "trained": True,
+}  # fmt: skip
 
 
 @pytest.fixture
-def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A folder with the pipelines, and the graph that the first one calls published as one of the second's own."""
     monkeypatch.chdir(tmp_path)
-    for path in (paths.PIPELINE, paths.BEYOND_PIPELINE):
-        path.parent.mkdir(exist_ok=True)
-        shutil.copy(ROOT / path, path)
+    copy_pipelines(tmp_path)
     paths.DATA.mkdir()
     paths.RAW.symlink_to(ROOT / paths.RAW)
-    params = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8"))
+    params = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
     params["experiments"]["published"] |= {"graph": {"source": "published", "min_count": 2}, "sessions": SESSIONS}
     params["words"] = WORDS
     params["compute"] |= {"workers": 1, "stack": 2}
     paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")
-    list_graphs()
-    return tmp_path
-
-
-def list_graphs(**changed: Any) -> None:
-    listed = {"graphs": {"again": GRAPH | changed}, "variants": {"first": VARIANT | RUN}}
-    paths.BEYOND_PARAMS.write_text(yaml.safe_dump(listed), encoding="utf-8")
+    list_entries(graphs={"again": GRAPH}, variants={"first": FIRST})
 
 
 def ran(monkeypatch: pytest.MonkeyPatch, stage: Callable[[], None], name: str) -> None:
@@ -91,31 +69,11 @@ def test_an_experiment_on_a_graph_is_what_the_first_pipeline_would_have_run(monk
 
 
 @pytest.mark.usefixtures("workspace")
-@pytest.mark.parametrize(
-    ("wrong", "line"),
-    [
-        ({"source": {"reader": "publish"}}, "source.reader: expected one of "),
-        ({"source": {"reader": "published", "path": "x"}}, "source.path: unknown key"),
-        ({"sessions": SESSIONS | {"sizes": [1, 2]}}, "sessions.sizes: List should have at most 1 item"),
-        ({"initializers": ["es", "soft_es"]}, "initializers: expected names among "),
-        ({"changes": {"sessions.valid": 2.0}}, "changes.sessions.valid: "),
-        ({"words": WORDS | {"text": "gloss"}}, "words.text: Input should be "),
-        ({"size": 3}, "size: unknown key"),
-    ],
-)
-def test_what_a_graph_cannot_have_is_refused_in_one_line(wrong: dict[str, Any], line: str) -> None:
-    list_graphs(**wrong)
-    with pytest.raises(InputError) as refused:
-        load_beyond(load_params())
-    assert str(refused.value).startswith(f"beyond/params.yaml: graphs.again.{line}")
-
-
-@pytest.mark.usefixtures("workspace")
 def test_a_graph_with_too_few_entities_is_refused_and_nothing_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
-    list_graphs(sessions=SESSIONS | {"sizes": [500]})
+    list_entries(graphs={"again": GRAPH | {"sessions": SESSIONS | {"sizes": [500]}}})
     with pytest.raises(SystemExit, match=r"^explore: beyond/params\.yaml: graphs\.again: .*sessions\.sizes.*fewer"):
         ran(monkeypatch, explore, "again")
-    list_graphs(min_count=10_000)
+    list_entries(graphs={"again": GRAPH | {"min_count": 10_000}})
     with pytest.raises(SystemExit, match=r"graphs\.again\.source: expected triples .* 10000 times"):
         ran(monkeypatch, explore, "again")
     assert not GRAPH_RUNS.path(graph="again").parent.exists()

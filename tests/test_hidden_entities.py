@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 import yaml
@@ -18,17 +18,15 @@ from isi.config import check
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import Graph
-from isi.params import load as load_params
-from isi.params import load_beyond
 from isi.tables import paths
-from tests.hidden_ring import ENTRY
+from tests.beyond_entries import HIDDEN, ROOT, copy_pipelines, list_entries
+from tools import hidden as hidden_table
 
-ROOT = Path(__file__).parent.parent
 ENTITIES, RELATIONS = 30, 3
 
 
 def settings_of(**changed: Any) -> Hidden:
-    return check(ENTRY | changed, Hidden, "hidden.ring")
+    return check(HIDDEN | changed, Hidden, "hidden.ring")
 
 
 @pytest.fixture(scope="module")
@@ -154,11 +152,8 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(tmp_path: Path, mo
     from stages.insert_hidden import insert_hidden as hide_stage
 
     monkeypatch.chdir(tmp_path)
-    for path in (paths.PIPELINE, paths.BEYOND_PIPELINE):
-        path.parent.mkdir(exist_ok=True)
-        shutil.copy(ROOT / path, path)
-    entry = ENTRY | {"seeds": 2, "max_insert_triples": [None]}
-    paths.BEYOND_PARAMS.write_text(yaml.safe_dump({"variants": {}, "hidden": {"nations": entry}}), encoding="utf-8")
+    copy_pipelines(tmp_path)
+    list_entries(hidden={"nations": HIDDEN | {"seeds": 2, "max_insert_triples": [None]}})
     params, written = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8")), []
     for workers in (1, 2):
         paths.PARAMS.write_text(yaml.safe_dump(params | {"compute": params["compute"] | {"workers": workers}}))
@@ -173,25 +168,54 @@ def test_the_stage_writes_the_same_with_any_number_of_workers(tmp_path: Path, mo
     assert {row["method"] for row in took} == {"known", *found["method"]}
 
 
-@pytest.mark.parametrize(
-    ("wrong", "line"),
-    [
-        ({"fewest": 1}, "hidden.umls.fewest: "),
-        ({"initializers": ["best"]}, "hidden.umls.initializers: expected names among "),
-        ({"source": "graphs"}, "hidden.umls: expected names among "),
-        ({"epoch": 1}, "hidden.umls.epoch: unknown key; did you mean 'epochs'?"),
-    ],
-)
-def test_what_cannot_be_hidden_is_refused_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict[str, Any], line: str
-) -> None:
-    monkeypatch.chdir(ROOT)
-    params = load_params()
-    assert [*load_beyond(params).hidden] == ["umls", "nations", "behavior", "virtualhome"]
+#: Method, told, and mean reciprocal ranks of known ends by two seeds.
+FOUND = [
+    ("insert", 1, (0.5, 0.7)), ("mean", 1, (0.3, 0.3)), ("own_all_rows", 1, (0.2, 0.2)),
+    ("insert", None, (0.6, 0.6)), ("mean", None, (0.7, 0.7)), ("own_all_rows", None, (0.8, 1.0)),
+    ("retrained", None, (0.4, 0.4)),
+]  # fmt: skip
+INITIALIZERS = {"insert": "map_mean", "mean": "mean"}
+
+
+@pytest.fixture
+def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    paths.BEYOND_PARAMS.parent.mkdir()
-    listed = {"variants": {}, "hidden": {"umls": ENTRY | wrong}}
-    paths.BEYOND_PARAMS.write_text(yaml.safe_dump(listed), encoding="utf-8")
-    with pytest.raises(InputError) as refused:
-        load_beyond(params)
-    assert str(refused.value).startswith(f"beyond/params.yaml: {line}")
+    monkeypatch.setattr(hidden_table, "TABLE", tmp_path / "hidden.md")
+    rows = [
+        {"method": method, "initializer": INITIALIZERS.get(method), "told": told, "seed": seed,
+         "asked": asked, "entities": 4, "queries": 10, "mrr": mrr if asked == "known" else 0.125, "hits_at_10": 0.25}
+        for method, told, both in FOUND for seed, mrr in enumerate(both) for asked in ("known", "hidden", "earlier")
+    ]  # fmt: skip
+    copy_pipelines(tmp_path)
+    list_entries(hidden={"ring": HIDDEN | {"max_insert_triples": [1, None]}, "later": HIDDEN})
+    HIDDEN_ENTITIES.write(pd.DataFrame(rows), "hide", graph="ring")
+    took = [{"method": method, "told": told, "seconds": 12.34 if told else 0.0123} for method, told, _ in FOUND]
+    seconds_path("ring").write_text(json.dumps(took), encoding="utf-8")
+    return tmp_path / "hidden.md"
+
+
+def test_means_stand_in_the_table_and_who_is_first_beneath(written: Path) -> None:
+    hidden_table.main()
+    head, _, *lines = written.read_text(encoding="utf-8").splitlines()
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in (head, *lines) if line.startswith("|")]
+    columns = ["known ends, 1", "known ends, all", "hidden ones, 1", "hidden ones, all"]
+    same = ["0.125", "0.125", "0.250", "0.125", "0.012"]
+    assert cells == [
+        ["graph", "", *columns, "Hits@10", "earlier", "s"],
+        ["Ring", "`isi.pykeen.insert`: `map_mean`, its default", "0.600", "0.600", *same],
+        ["", "`isi.pykeen.insert`: `mean`", "0.300", "0.700", *same],
+        ["", "PyKEEN's own, then 3 epochs of all rows", "0.200", "0.900", *same],
+        ["", "all trained again", "", "0.400", "", *same[1:]],
+    ]  # fmt: skip
+    assert lines[-1] == (
+        "- **Ring** (2 times 4 hidden). Told 1, first is `isi.pykeen.insert`: `map_mean`, its default (0.600). "
+        "Told all, first is PyKEEN's own, then 3 epochs of all rows (0.900), and of those that train nothing "
+        "`isi.pykeen.insert`: `mean` (0.700); the default stands at place 3 of 4 (0.600). "
+        "Earlier triples have 0.125 with the default, and 0.125 where all is trained again."
+    )
+
+
+def test_where_nothing_was_hidden_nothing_is_written(written: Path) -> None:
+    HIDDEN_ENTITIES.path(graph="ring").unlink()
+    hidden_table.main()
+    assert not written.exists()

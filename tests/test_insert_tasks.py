@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import chdir
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +10,10 @@ import pytest
 
 from isi.errors import InputError
 from isi.evaluation.query_sets import CONVERGING
-from isi.experiment.insert import insert_config, insert_tasks, joint_targets
-from isi.experiment.store import RUNS, Store
-from isi.graph.sessions import INSERT_TRIPLES
+from isi.experiment.insert import insert_config, joint_targets
+from isi.experiment.store import RUNS
 from isi.params import load
 from isi.tables import paths
-from tests import small
-from tests.small import NAME
 from tests.small_graphs import points_of, random_graph
 
 POINTS = points_of(random_graph(12, 2, 80), 2, [4, 6], steps=2)
@@ -69,31 +64,3 @@ def test_params_say_how_an_initializer_inserts(name: str, options: dict[str, int
     assert config.training(max_epochs=0).optimizer == PARAMS.finetuning.model_copy(update={"max_epochs": 0})
     with pytest.raises(InputError, match=rf"^params\.yaml: initializers\.{name}\.k: "):
         insert_config(PARAMS, name, options={**options, "k": 0})
-
-
-@pytest.fixture(scope="module")
-def _made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """The tables and tensors of a small experiment."""
-    folder: Path = tmp_path_factory.mktemp("tasks")
-    small.run_all(folder)
-    with chdir(folder):
-        yield
-
-
-@pytest.mark.usefixtures("_made")
-def test_tasks_are_made_of_what_the_experiment_has_for_their_cells() -> None:
-    store, config = Store(NAME), insert_config(PARAMS, "es")
-    grid = store.grid(1)
-    tasks = insert_tasks(store, PARAMS, grid, config)
-    assert [points for points, *_ in tasks] == grid
-    given, runs = INSERT_TRIPLES.read(experiment=NAME), RUNS.read(experiment=NAME, model="joint")
-    for points, theta0, words, joint, same in tasks:
-        (seed,), size = points.seeds, points.size
-        assert same is config
-        rows = given[(given["size"] == size) & (given["seed"] == seed)]
-        assert points.insert_triples[:, 3].tolist() == rows["triple"].tolist()
-        np.testing.assert_array_equal(words, store.words())
-        measured = runs[(runs["size"] == size) & (runs["seed"] == seed) & (runs["epoch"] == 0)].set_index("scope")
-        for (_, scope), values in joint.items():
-            np.testing.assert_array_equal(values, [measured.loc[scope, "mrr_star"]])
-        np.testing.assert_array_equal(theta0.entity, store.theta0(points, theta0.model).entity)

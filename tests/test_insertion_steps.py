@@ -18,8 +18,6 @@ from isi.experiment.insert import (
     insert_sessions,
     with_vectors,
 )
-from isi.graph.sessions import TEST, TRAIN, VALID
-from isi.initializers.api import NovelEntities
 from isi.models.stack import Embedding
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data
@@ -46,27 +44,7 @@ def test_the_mask_is_of_each_models_own_insert_triples() -> None:
     rows = np.array([[1, 0, 0, 1], [1, 0, 2, 4], [1, 1, 1, 0], [2, 0, 0, 3]])
     points = replace(POINTS, splits=np.zeros((2, 6), dtype=np.int8), insert_triples=rows)
     expected = [[False, True, False, False, True, False], [True] + [False] * 5]
-    given = NovelEntities(points.novel_in(1), torch.as_tensor(points.insert_triples_in(1)), torch.zeros(1, 1))
-    assert points.insert_mask(1).tolist() == given.mask(6).tolist() == expected
-
-
-def test_immediate_queries_are_of_triples_with_a_novel_entity_that_are_no_insert_triples() -> None:
-    """Measures count triples, of each of which all three slots are hidden."""
-    (_, result), triples = inserted(), WORLD.graph.triples.tolist()
-    runs = result.runs[result.runs["scope"] == "novel"].set_index("seed")["queries"]
-    by_entity = result.entities.set_index(["seed", "entity"])["queries"]
-    for model, seed in enumerate(POINTS.seeds):
-        novel = set(NOVEL[model].tolist())
-        given = {triple for of, _, triple in WORLD.insert_triples.tolist() if of == model}
-        queried = [
-            (head, tail)
-            for triple, (head, _, tail) in enumerate(triples)
-            if WORLD.splits[model, triple] in (TRAIN, VALID, TEST) and triple not in given and {head, tail} & novel
-        ]  # fmt: skip
-        assert given
-        assert runs[seed] == len(queried)
-        for entity in NOVEL[model].tolist():
-            assert by_entity[seed, entity] == sum(entity in ends for ends in queried)
+    assert points.insert_mask(1).tolist() == expected
 
 
 def test_the_insert_triples_of_each_are_packed_to_the_left() -> None:

@@ -214,21 +214,6 @@ def test_an_impossible_dimension_is_refused_by_name(name: str, dimension: int) -
         uniform(torch.ones(1, 3, dtype=torch.bool), 2, BATTERY[name], dimension, 0.1, 0, torch.zeros(1, 2))
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "expected"),
-    [
-        ("transe", {"squared": True}, "key.margin: Field required"),
-        ("transe", {"margin": -1.0, "squared": False}, "key.margin: Input should be greater than 0"),
-        ("rotate", {"margin": 1.0, "squared": "yes"}, "key.squared: Input should be a valid boolean"),
-        ("distmult", {"margin": 1.0}, "key.margin: unknown key"),
-        ("hole", {}, "key: expected one of analogy, complex, distmult, rotate, str"),
-    ],
-)
-def test_options_are_checked_by_name(name: str, options: dict[str, object], expected: str) -> None:
-    with pytest.raises(InputError, match=expected):
-        make_model(name, options, "key")
-
-
 # By hand
 
 
@@ -274,13 +259,6 @@ def test_maps_by_hand(name: str, relation: list[float], there: list[float], back
     vector, row = torch.tensor([1.0, 2.0, 3.0, -1.0]), torch.tensor(relation)
     torch.testing.assert_close(BATTERY[name].transform(vector, row), torch.tensor(there, dtype=torch.float32))
     torch.testing.assert_close(BATTERY[name].inverse(vector, row), torch.tensor(back, dtype=torch.float32))
-
-
-def test_rotate_starts_with_phases_all_around() -> None:
-    start = uniform(torch.ones(2, 5, dtype=torch.bool), 200, BATTERY["rotate"], 8, 0.01, 0, torch.zeros(2, 2).long())
-    assert start.relation.shape == (2, 200, 4)
-    assert start.entity.abs().max() <= 0.01
-    assert 3.1 < start.relation.abs().max() <= math.pi
 
 
 @pytest.mark.parametrize("dimension", [4, 12, 100])

@@ -51,14 +51,6 @@ def test_groups_put_together_are_the_measures_of_their_scope() -> None:
     assert compared == len(found) == 3 * 3 * 3 * 2
 
 
-def test_without_any_true_triple_among_the_candidates_the_true_rank_is_one() -> None:
-    rows = break_down(*random_task([0, 1, 2]))
-    true, learned = (rows[rows["filter"] == which] for which in ("true", "learned"))
-    assert true["mrr_star"].tolist() == pytest.approx(true["mrr"].tolist())
-    assert (learned["mrr_star"] - learned["mrr"]).abs().max() > 0.1
-    assert true["queries"].tolist() == learned["queries"].tolist()
-
-
 def test_a_cells_groups_are_the_same_whatever_stands_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
     together = break_down(*random_task([0, 1, 2]))
     alone = pd.concat([break_down(*random_task([seed])) for seed in (0, 1, 2)])
@@ -134,27 +126,6 @@ def test_coordinates_above_a_thousandth_are_in_use() -> None:
     assert set(distmult["part"]) == {"scalars"}
     transe = make_model("transe", {"margin": 1.0, "squared": True}, "")
     assert used_coordinates(transe, relation, [5], ["on", "in"]).empty
-
-
-def rows_of(*groups: tuple[str, str, int, float, int]) -> pd.DataFrame:
-    """Groups of one cell: relation, hidden, queries, MRR*, observations."""
-    columns = ["relation", "hidden", "queries", "mrr_star", "observations"]
-    return pd.DataFrame(groups, columns=columns).assign(model="es", size=1, seed=0)
-
-
-def test_parts_weigh_queries_within_a_relation_and_observations_between() -> None:
-    rows = rows_of(
-        ("on", "head", 2, 0.2, 3), ("on", "tail", 1, 0.8, 3), ("in", "tail", 5, 0.9, 1),
-        ("on", "relation", 1, 0.5, 3), ("in", "relation", 3, 0.8, 1),
-    )  # fmt: skip
-    (found,) = combined(rows, ["model", "size", "seed"]).to_dict("records")
-    assert found["mrr_star_entity"] == pytest.approx((3 * 0.4 + 0.9) / 4)
-    assert found["mrr_star_relation"] == pytest.approx((0.5 + 3 * 0.8) / 4)
-    assert found["mrr_star"] == pytest.approx((0.525 + 0.725) / 2)
-    split = pd.concat([rows, rows_of(("on", "head", 4, 0.8, 3))])  # as where the novel entity is elsewhere
-    assert combined(split, ["seed"])["mrr_star_entity"].tolist() == pytest.approx([(3 * (4.4 / 7) + 0.9) / 4])
-    by_relation = combined(rows, ["seed", "relation"]).set_index("relation")["mrr_star_entity"]
-    assert by_relation.to_dict() == pytest.approx({"on": 0.4, "in": 0.9})
 
 
 # Affordances

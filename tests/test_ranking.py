@@ -117,20 +117,6 @@ def test_embedding_without_opinion_by_hand(value: float) -> None:
     assert found == pytest.approx([(entity + 1 / 1.5) / 2, entity, 1 / 1.5, (1 / 2.5 + 1 / 1.5) / 2])
 
 
-def test_all_zero_embedding_scores_as_chance_and_not_above() -> None:
-    graph, guesses = random_graph(30, 3, 150), 200
-    points = points_of(graph, 1, [0])
-    queries = validation(points.last_session)
-    zero_vectors = Embedding(torch.zeros(1, 30, 8), torch.zeros(1, 3, 8), ANALOGY)
-    zero = evaluate(zero_vectors, queries)["valid"].measures[0]
-    guessed = random_embedding(guesses, 30, 3, 8)
-    points = points_of(graph, 1, [0] * guesses)
-    chance = evaluate(guessed, validation(points.last_session))["valid"].measures.mean(0)
-    assert (zero <= chance).all()
-    assert zero[1] < 0.1  # 28 rivals or so: an expected rank of about 15 where 1 would be right
-    assert chance[1] < 0.25
-
-
 def test_queries_ranked_in_pieces_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     points = points_of(random_graph(13, 3, 300), 2, [0, 1])
     embedding, novel = random_embedding(2, 13, 3, 8), points.novel_in(1)

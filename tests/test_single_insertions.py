@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,18 +13,16 @@ from isi.analyses.single_insertions import (
     Plane,
     ShownEntities,
     first_answers,
-    first_seeds,
     queries_of,
     single_insertions,
     turn,
 )
 from isi.experiment.grid import GridPoints
-from isi.experiment.insert import init_context, insert_stack
+from isi.experiment.insert import insert_stack
 from isi.graph.sessions import OUT, TEST, TRAIN, VALID
-from isi.initializers.baselines import soft_hybrid
 from isi.models.stack import Embedding
 from tests.small_graphs import ANALOGY, graph_of
-from tests.small_grid import ENTITIES, EXPLORER, SOFT, WORDS, explorer_task, insert_tasks, stacks, theta0
+from tests.small_grid import ENTITIES, EXPLORER, WORDS, explorer_task, insert_tasks, stacks, theta0
 
 (POINTS,), TRAINED = stacks(4), theta0()
 SEEDS_OF = explorer_task()[5]
@@ -35,11 +31,6 @@ SEEDS_OF = explorer_task()[5]
 @pytest.fixture(scope="module")
 def found() -> dict[str, pd.DataFrame]:
     return single_insertions(*explorer_task())
-
-
-def test_an_entity_is_shown_in_the_first_seed_whose_first_session_inserts_it() -> None:
-    rows = [(2, 1, 7, 1), (2, 0, 8, 1), (2, 0, 9, 2), (1, 0, 7, 1), (2, 2, 8, 1), (2, 2, 7, 1)]
-    assert first_seeds(pd.DataFrame(rows, columns=["size", "seed", "entity", "session"]), 2) == {8: 0, 7: 1}
 
 
 # Places
@@ -83,17 +74,6 @@ def test_places_are_of_the_map_of_the_entitys_own_seed(found: dict[str, pd.DataF
 
 
 # Indicators
-
-
-def test_weights_of_a_soft_hybrid_are_those_that_make_its_vector() -> None:
-    wordless = WORDS * (np.arange(ENTITIES) % 4 > 0)[:, None]
-    rows = POINTS.insert_triples
-    alone = replace(POINTS, insert_triples=rows[rows[:, 1] > 0])  # the first has none
-    context = init_context(alone, TRAINED, wordless, 0)
-    initial = soft_hybrid(context, **SOFT.options)  # type: ignore[arg-type]
-    assert initial.weights is not None
-    assert torch.allclose(initial.weights.float() @ context.theta0.entity, initial.vectors, atol=1e-6)
-    assert len(initial.fallback.unique()) > 2
 
 
 def test_indicators_are_those_whose_centroid_was_taken(found: dict[str, pd.DataFrame]) -> None:
@@ -145,10 +125,6 @@ def test_answers_by_hand() -> None:
         ("relation 1", "tail"): [(2, 1, "")],
         ("relation 1", "head"): [(2, 1, "")],
     }
-
-
-def test_an_entity_that_is_shown_elsewhere_is_not_asked_about() -> None:
-    assert len(ShownEntities.of(BY_HAND, {3: 8}).entity) == 0
 
 
 def test_answers_are_those_of_every_model_as_inserted_and_after_training(found: dict[str, pd.DataFrame]) -> None:

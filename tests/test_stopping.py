@@ -191,14 +191,6 @@ def test_ctrl_c_on_dvc_shows_no_traceback_and_leaves_no_process(pipeline: Path) 
         assert not session(dvc.pid)
 
 
-def test_dvc_that_is_terminated_takes_its_stage_along(pipeline: Path) -> None:
-    with running(DVC, pipeline, asleep(pipeline / "asleep")) as dvc:
-        dvc.terminate()
-        _, err = dvc.communicate(timeout=30)
-        assert (dvc.returncode, err) == (-signal.SIGTERM, "")  # which a shell gives as 143
-        assert wait_until(lambda: not session(dvc.pid), 10)
-
-
 @SIGNALS
 def test_make_repro_that_is_stopped_ends_in_one_line_with_all_that_it_began(
     pipeline: Path, signalled: signal.Signals, status: int
@@ -209,12 +201,6 @@ def test_make_repro_that_is_stopped_ends_in_one_line_with_all_that_it_began(
         assert err == f"repro: stopped by {signalled.name}; no file is half-written; `make repro` goes on from here\n"
         assert repro.returncode == status
         assert wait_until(lambda: not session(repro.pid), 10)
-
-
-def test_make_repro_that_is_killed_takes_all_that_it_began_along(pipeline: Path) -> None:
-    with running(REPRO, pipeline, asleep(pipeline / "asleep")) as repro:
-        repro.kill()
-        assert wait_until(lambda: not session(repro.pid), 10), session(repro.pid)
 
 
 @pytest.mark.parametrize("first", [DVC, REPRO], ids=["dvc", "make"])

@@ -12,7 +12,7 @@ from torch.nn.functional import logsigmoid
 from isi.evaluation.query_sets import epoch_query_sets, validation
 from isi.evaluation.ranking import evaluate
 from isi.experiment.grid import GridPoints
-from isi.graph.sessions import OUT, TRAIN, membership, session_of
+from isi.graph.sessions import membership
 from isi.models.stack import Embedding, select, uniform
 from isi.training.batches import DenseBatch, ListBatch, Negatives, batches, training_data
 from isi.training.trainer import (
@@ -26,7 +26,7 @@ from isi.training.trainer import (
     train,
     train_until_best,
 )
-from tests.small_graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
+from tests.small_graphs import ANALOGY, points_of, random_embedding, random_graph
 
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
 EXPECTED = Negatives(mode="expected", ratio=3, head_pool="unseen")
@@ -105,17 +105,6 @@ def test_entities_outside_the_session_stay_zero(negatives: Negatives) -> None:
     assert (state.embedding.entity != before)[members].all()
 
 
-def test_weight_decay_acts_on_all_rows_of_the_session() -> None:
-    graph = graph_of({(0, 0, 1): 1, (2, 1, 3): 1}, 4, 2)  # 2 and 3 have no training triple
-    session = session_of(graph, torch.tensor([[TRAIN, OUT]], dtype=torch.int8))
-    state = start(random_embedding(1, 4, 2, 8))
-    before = state.embedding.entity.clone()
-    zero = Embedding(torch.zeros(1, 4, 8), torch.zeros(1, 2, 8), ANALOGY)
-    settings = Optimizer(batch_size=1, learning_rate=1e-4, weight_decay=0.5, max_epochs=1)
-    adagrad(state, zero, torch.tensor([1]), ~session.entities, settings)
-    assert (state.embedding.entity.abs() < before.abs()).all()
-
-
 FITTING = Training(
     batch_size=60, learning_rate=0.1, weight_decay=1e-3, max_epochs=30, evaluate_every=2, patience=2
 )  # fmt: skip
@@ -156,12 +145,6 @@ def test_fit_looks_at_the_last_epoch_too() -> None:
     settings = FITTING.model_copy(update={"max_epochs": 5, "evaluate_every": 3})
     _, validations = fitted([0], settings)
     assert validations["epoch"].tolist() == [3, 5]
-
-
-def test_a_plateau_is_no_better_one() -> None:
-    _, validations = fitted([0], FITTING.model_copy(update={"learning_rate": 1e-12}))
-    assert len({score for _, score, _ in validations_of(0, validations)}) == 1
-    assert [is_best for _, _, is_best in validations_of(0, validations)] == [True, *[False] * FITTING.patience]
 
 
 @pytest.fixture(params=["tables", "lists"])

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import shutil
+import re
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,9 @@ from isi.params import load as load_params
 from isi.params import load_beyond
 from isi.tables import paths
 from tests import small
+from tests.beyond_entries import GRAPH as GRAPH_EXPERIMENT
+from tests.beyond_entries import HIDDEN, SESSIONS, VARIANT, copy_pipelines, list_entries
+from tests.beyond_entries import WORDS as SHIPPED_WORDS
 from tests.small_graphs import points_of
 from tests.small_grid import GRAPH, INITIALIZERS, LEARNING, MARGIN, OPTIMIZER, SAMPLED, SEEDS, WORDS
 
@@ -75,24 +78,6 @@ def test_insert_triples_are_drawn_anew_for_each_entity_and_root() -> None:
     assert 0 < sum(row != first[row[:3]] for row in one) < len(one)  # neither always nor never the first
 
 
-def test_each_session_draws_for_itself() -> None:
-    rows = np.array([(session, 0, 0, triple) for session in (1, 2) for triple in range(12)])
-    points = replace(points_of(GRAPH, 1, [0], steps=2), insert_triples=rows)
-    first, second = ({row[3] for row in rows_of(at_most(points, 6, 0)) if row[0] == session} for session in (1, 2))
-    assert len(first) == len(second) == 6
-    assert first != second
-
-
-def test_an_entity_keeps_the_same_whatever_stands_beside_its_grid_point() -> None:
-    points = points_of(GRAPH, 2, SEEDS, steps=2)
-    together = [(row[0], SEEDS[row[1]], *row[2:]) for row in rows_of(at_most(points, 2, 0))]
-    alone = []
-    for seed in SEEDS:
-        own = points_of(GRAPH, 2, [seed], steps=2)
-        alone += [(row[0], seed, *row[2:]) for row in rows_of(at_most(own, 2, 0))]
-    assert sorted(together) == sorted(alone)
-
-
 # What params change
 
 
@@ -111,12 +96,6 @@ def test_a_change_of_what_may_not_be_changed_is_refused_by_its_key(dotted: str) 
     with pytest.raises(InputError) as refused:
         changed(load_params(), {"words.text": "phrase", dotted: 1})
     assert dotted.split(".")[0] in str(refused.value)
-
-
-VARIANT: dict[str, Any] = {
-    "title": "own", "group": "causes", "experiments": ["ai2thor"], "initializers": ["xavier", "es"], "size": 5,
-    "seeds": 2,
-}  # fmt: skip
 
 
 def test_a_variant_knows_what_its_changes_concern() -> None:
@@ -189,46 +168,46 @@ def test_what_ships_is_of_experiments_and_initializers_that_there_are(monkeypatc
 
 
 @pytest.fixture
-def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the pipelines and the params."""
-    for path in (paths.PARAMS, paths.PIPELINE, paths.BEYOND_PARAMS, paths.BEYOND_PIPELINE):
-        (tmp_path / path).parent.mkdir(exist_ok=True)
-        shutil.copy(ROOT / path, tmp_path / path)
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    copy_pipelines(tmp_path)
     monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def list_variants(**listed: Mapping[str, Any]) -> None:
-    paths.BEYOND_PARAMS.write_text(yaml.safe_dump({"variants": listed}), encoding="utf-8")
 
 
 @pytest.mark.usefixtures("workspace")
 @pytest.mark.parametrize(
-    ("wrong", "line"),
+    ("section", "wrong", "line"),
     [
-        ({"experiments": ["published", "there"]},
+        ("variants", {"experiments": ["published", "there"]},
          "experiments: expected names among ai2thor, transfer, published, got 'there'"),
-        ({"initializers": ["es", "soft_es"]}, "initializers: expected names among xavier, iu, es, "),
-        ({"options": {"soft_e": {}}, "initializers": ["soft_e"]}, "options.soft_e: expected one of "),
-        ({"options": {"soft_es": {"temper": 1.0}}}, "options.soft_es.temper: unknown key; did you mean 'temperature'?"),
-        ({"changes": {"training.weight_deca": 0.1}}, "changes.training.weight_deca: unknown key; did you mean "),
-        ({"changes": {"negatives.mode": "drawn"}}, "changes.negatives.mode: Input should be 'sampled' or 'expected'"),
-        ({"changes": {"sessions.valid": 0.2}}, "changes.sessions.valid: expected keys below "),
-        ({"group": "baseline"}, "group: Input should be 'baselines', "),
-        ({"seed": 3}, "seed: unknown key"),
+        ("variants", {"initializers": ["es", "soft_es"]}, "initializers: expected names among xavier, iu, es, "),
+        ("variants", {"options": {"soft_e": {}}, "initializers": ["soft_e"]}, "options.soft_e: expected one of "),
+        ("variants", {"options": {"soft_es": {"temper": 1.0}}},
+         "options.soft_es.temper: unknown key; did you mean 'temperature'?"),
+        ("variants", {"changes": {"training.weight_deca": 0.1}},
+         "changes.training.weight_deca: unknown key; did you mean "),
+        ("variants", {"changes": {"negatives.mode": "drawn"}},
+         "changes.negatives.mode: Input should be 'sampled' or 'expected'"),
+        ("variants", {"changes": {"sessions.valid": 0.2}}, "changes.sessions.valid: expected keys below "),
+        ("variants", {"group": "baseline"}, "group: Input should be 'baselines', "),
+        ("variants", {"seed": 3}, "seed: unknown key"),
+        ("graphs", {"source": {"reader": "publish"}}, "source.reader: expected one of "),
+        ("graphs", {"source": {"reader": "published", "path": "x"}}, "source.path: unknown key"),
+        ("graphs", {"sessions": SESSIONS | {"sizes": [1, 2]}}, "sessions.sizes: List should have at most 1 item"),
+        ("graphs", {"initializers": ["es", "soft_es"]}, "initializers: expected names among "),
+        ("graphs", {"changes": {"sessions.valid": 2.0}}, "changes.sessions.valid: "),
+        ("graphs", {"words": SHIPPED_WORDS | {"text": "gloss"}}, "words.text: Input should be "),
+        ("hidden", {"fewest": 1}, "fewest: "),
+        ("hidden", {"initializers": ["best"]}, "initializers: expected names among "),
+        ("hidden", {"source": "graphs"}, " expected names among "),
+        ("hidden", {"epoch": 1}, "epoch: unknown key; did you mean 'epochs'?"),
     ],
 )  # fmt: skip
-def test_what_a_variant_cannot_have_is_refused_in_one_line(wrong: dict[str, Any], line: str) -> None:
-    list_variants(sound=VARIANT, own=VARIANT | wrong)
+def test_what_an_entry_cannot_have_is_refused_in_one_line(section: str, wrong: dict[str, Any], line: str) -> None:
+    sound = {"variants": VARIANT, "graphs": GRAPH_EXPERIMENT, "hidden": HIDDEN}[section]
+    list_entries(**{section: {"own": sound | wrong}})
     with pytest.raises(InputError) as refused:
         load_beyond(load_params())
-    assert str(refused.value).startswith(f"beyond/params.yaml: variants.own.{line}")
-
-
-@pytest.mark.usefixtures("workspace")
-def test_options_of_its_own_make_an_initializer_known_to_a_variant() -> None:
-    list_variants(own=VARIANT | {"options": {"soft_es": {"temperature": 0.1}}, "initializers": ["soft_es"]})
-    load_beyond(load_params())
+    assert re.match(rf"beyond/params\.yaml: {section}\.own[.:]{re.escape(line)}", str(refused.value))
 
 
 # The stage
@@ -248,7 +227,7 @@ def varied(experiment: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., t
     monkeypatch.chdir(experiment)
 
     def run(stack: int = 2, **settings: Any) -> tuple[pd.DataFrame, pd.DataFrame]:
-        list_variants(own=VARIANT | {"experiments": [small.NAME], "size": 2} | settings)
+        list_entries(variants={"own": VARIANT | {"experiments": [small.NAME], "size": 2} | settings})
         params = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
         params["compute"]["stack"] = stack
         paths.PARAMS.write_text(yaml.safe_dump(params), encoding="utf-8")

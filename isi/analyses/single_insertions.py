@@ -32,11 +32,9 @@ TRUE_NAMES = ("told", "learned", "held_out")
 SINGLE_INSERTIONS = Table(
     "data/analyses/explorer/{experiment}.parquet",
     {"entity": INT, "seed": INT, "told": INT, "shown": REAL, "fitted": REAL},
-    key=["entity"],
-    ordered=True,
+    key=["entity"], ordered=True, entity_ids=["entity"],
     checks=[*at_least(0, "entity", "seed", "told"), *within(0, 1, "shown", "fitted")],
-    entity_ids=["entity"],
-)
+)  # fmt: skip
 #: Indicators of each entity with their weights; ``fallback``: of the initializer that it fell back to. ``by_words``:
 #: cosine of word vectors; ``by_relations``: mean of cos(v_e, ᾱ_r) over the relations of the insert triples.
 SINGLE_INDICATORS = Table(
@@ -46,17 +44,15 @@ SINGLE_INDICATORS = Table(
     key=["entity", "model", "indicator"],
     checks=[*at_least(0, "entity", "indicator"), *one_of("fallback", FALLBACK_NAMES), *within(0, 1, "weight"),
             *within(-1, 1, "by_words", "by_relations")],
-    nullable=["fallback", "by_words", "by_relations"],
-    entity_ids=["entity", "indicator"],
+    nullable=["fallback", "by_words", "by_relations"], entity_ids=["entity", "indicator"],
 )  # fmt: skip
 #: Places on the map of a seed: the known entities in Θ⁰, others in a model after an epoch.
 SINGLE_PLACES = Table(
     "data/analyses/explorer/{experiment}.places.parquet",
     {"seed": INT, "entity": INT, "model": NAME, "epoch": INT, "x": REAL, "y": REAL},
-    key=["seed", "entity", "model", "epoch"],
+    key=["seed", "entity", "model", "epoch"], entity_ids=["entity"],
     checks=[*at_least(0, "seed", "entity", "epoch"), *finite("x", "y")],
-    entity_ids=["entity"],
-)
+)  # fmt: skip
 #: The first answers to (entity, relation, ?) and (?, relation, entity), and the true ones, ranked among all entities
 #: of the session. ``true``: in which way an answer is true; null: it is not.
 SINGLE_ANSWERS = Table(
@@ -66,8 +62,7 @@ SINGLE_ANSWERS = Table(
     key=["entity", "model", "epoch", "relation", "hidden", "answer"],
     checks=[*at_least(0, "entity", "epoch", "answer"), *at_least(1, "rank"), *one_of("hidden", ("tail", "head")),
             *one_of("true", TRUE_NAMES), *unique("entity", "model", "epoch", "relation", "hidden", "rank")],
-    nullable=["true"],
-    entity_ids=["entity", "answer"],
+    nullable=["true"], entity_ids=["entity", "answer"],
 )  # fmt: skip
 
 #: The paper's initializers whose path is traced, and those that are shown beside the one that params name.
@@ -220,8 +215,13 @@ def single_insertions(
         steps += [(config.initializer, 0, inserted, inserted.entity)]
         steps += [(config.initializer, settings.epochs, trained, trained.entity)]
         if initial.weights is not None:
-            rows = indicator_rows(init_context(points, theta, words, config.root), initial, initial.weights, shown)
-            indicators.append(first_rows(rows, config.initializer, settings.indicators))
+            context = init_context(points, theta, words, config.root)
+            rows = indicator_rows(context, initial, initial.weights, shown)
+            # most similar first, of equal weights
+            similar = ["by_words", "by_relations"] if config.initializer == "es" else ["by_relations", "by_words"]
+            rows = rows.sort_values(["weight", *similar], ascending=False, kind="stable")
+            first = rows.groupby("entity", sort=False).head(settings.indicators).sort_values("entity", kind="stable")
+            indicators.append(first.assign(model=config.initializer))
     queried, truth = queries_of(points, shown)
     answers = list[pd.DataFrame]()
     for name, epoch, embedding, entity in steps:
@@ -253,13 +253,6 @@ def indicator_rows(context: InitContext, initial: InitResult, weights: Tensor, s
         **{name: shown.pick(values)[k, indicator].double().cpu().numpy() for name, values in columns.items()},
         "fallback": np.array(FALLBACKS, dtype=object)[shown.pick(initial.fallback)[k].cpu().numpy()],
     })  # fmt: skip
-
-
-def first_rows(rows: pd.DataFrame, model: str, most: int) -> pd.DataFrame:
-    """The entities of largest weight in the centre of each vector (``SINGLE_INDICATORS``), most similar first."""
-    similar = ["by_words", "by_relations"] if model == "es" else ["by_relations", "by_words"]
-    rows = rows.sort_values(["weight", *similar], ascending=False, kind="stable")
-    return rows.groupby("entity", sort=False).head(most).sort_values("entity", kind="stable").assign(model=model)
 
 
 def known_places(points: GridPoints, shown: ShownEntities, entity: Tensor, planes: Sequence[Plane]) -> pd.DataFrame:

@@ -40,11 +40,9 @@ def runs_table(template: str, by: Mapping[str, pa.DataType] | None = None, check
     return Table(
         template,
         {**(by or {}), **SIZE_AND_SEED, "epoch": INT, "scope": NAME, **MEASURE_COLUMNS, "queries": INT, "session": INT},
-        key=[*(by or {}), "size", "seed", "session", "epoch", "scope"],
-        ordered=True,
+        key=[*(by or {}), "size", "seed", "session", "epoch", "scope"], ordered=True, nullable=MEASURES,
         checks=[*checks, *SESSION_CHECKS, *at_least(0, "epoch"), *one_of("scope", SCOPES),
                 *measured(MEASURES, "queries"), *HALVES],
-        nullable=MEASURES,
     )  # fmt: skip
 
 
@@ -56,11 +54,9 @@ JOINT = TensorFile("data/embeddings/{experiment}/joint.safetensors")
 TRAINING_LOG = Table(
     "data/embeddings/{experiment}/{model}.log.parquet",
     {**SIZE_AND_SEED, "epoch": INT, **MEASURE_COLUMNS, "kept": BOOL},
-    key=["size", "seed", "epoch"],
-    ordered=True,
+    key=["size", "seed", "epoch"], ordered=True, nullable=MEASURES,  # of a model without validation triples
     checks=[*at_least(0, "size", "seed"), *at_least(1, "epoch"), *within(0, 1, *MEASURES), *HALVES],
-    nullable=MEASURES,  # of a model without validation triples
-)
+)  # fmt: skip
 #: Of each initializer, and of the joint model. ``queries`` counts triples, of each of which all three slots are hidden.
 RUNS = runs_table("data/runs/{experiment}/{model}.parquet")
 #: Vectors of the novel entities before training: tensors ``size=NN``, shape (S, n, d), in the order of ``NOVEL``.
@@ -70,21 +66,17 @@ INSERTED = Table(
     "data/runs/{experiment}/{initializer}.inserted.parquet",
     {**SIZE_AND_SEED, "entity": INT, "kind": NAME, "fallback": NAME, **MEASURE_COLUMNS, "queries": INT, "ties": INT,
      "session": INT},
-    key=["size", "seed", "session", "entity"],
-    ordered=True,
+    key=["size", "seed", "session", "entity"], ordered=True, nullable=["fallback", *MEASURES], entity_ids=["entity"],
     checks=[*SESSION_CHECKS, *at_least(0, "entity", "ties"), *named("kind"), *one_of("fallback", FALLBACK_NAMES),
             *measured(MEASURES, "queries"), *HALVES],
-    nullable=["fallback", *MEASURES],
-    entity_ids=["entity"],
 )  # fmt: skip
 #: Candidates whose score is tied with the answer's, at epoch 0.
 TIES = Table(
     "data/runs/{experiment}/{model}.ties.parquet",
     {**SIZE_AND_SEED, "scope": NAME, "ties": INT, "session": INT},
-    key=["size", "seed", "session", "scope"],
-    ordered=True,
+    key=["size", "seed", "session", "scope"], ordered=True,
     checks=[*SESSION_CHECKS, *at_least(0, "ties"), *one_of("scope", SCOPES)],
-)
+)  # fmt: skip
 
 
 def write_runs(runs: pd.DataFrame, stage: str, experiment: str, model: str) -> None:

@@ -39,12 +39,6 @@ class NovelEntities:
     insert_triples: Tensor  #: (model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 3)
     words: Tensor  #: word vectors, zero where there is none; shape: (E, w)
 
-    def mask(self, triples: int) -> Tensor:
-        """The insert triples of each model; shape (M, T), bool."""
-        mask = torch.zeros(len(self.novel), triples, dtype=torch.bool)
-        mask[self.insert_triples[:, 0], self.insert_triples[:, 2]] = True
-        return mask
-
 
 @dataclass(frozen=True)
 class InitContext:

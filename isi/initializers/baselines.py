@@ -18,11 +18,10 @@ _WEIGHTS = [4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0]
 _TEMPERATURES = [0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2]
 
 
-@initializer(
-    "soft_es", label="Soft ES", role="baseline", colour="#56a3d9", cost="entities", needs=("words",),
-    defaults={"temperature": 0.07}, grid={"temperature": _TEMPERATURES},
-    description="Soft ES: the mean of all known entities, weighted by the similarity of their names.",
-)  # fmt: skip
+@initializer("soft_es", label="Soft ES", role="baseline", colour="#56a3d9", cost="entities", needs=("words",),
+             defaults={"temperature": 0.07}, grid={"temperature": _TEMPERATURES},
+             description="Soft ES: the mean of all known entities, weighted by the similarity of their "
+                         "names.")  # fmt: skip
 def soft_entity_similarity(context: InitContext, temperature: Positive) -> InitResult:
     """Mean by softmax(cos / temperature) of word vectors (Nadaraya and Watson's estimate; ConSE); else soft RS."""
     return similarity.mean_of_first(
@@ -32,24 +31,20 @@ def soft_entity_similarity(context: InitContext, temperature: Positive) -> InitR
     )
 
 
-@initializer(
-    "soft_rs", label="Soft RS", role="baseline", colour="#4cc2a0", cost="entities", needs=("insert_triples", "inverse"),
-    defaults={"temperature": 0.02}, grid={"temperature": _TEMPERATURES},
-    description="Soft RS: the mean of all known entities, weighted by how near they are to where the insert triples "
-    "point.",
-)  # fmt: skip
+@initializer("soft_rs", label="Soft RS", role="baseline", colour="#4cc2a0", cost="entities",
+             needs=("insert_triples", "inverse"), defaults={"temperature": 0.02}, grid={"temperature": _TEMPERATURES},
+             description="Soft RS: the mean of all known entities, weighted by how near they are to where the insert "
+                         "triples point.")  # fmt: skip
 def soft_relational_similarity(context: InitContext, temperature: Positive) -> InitResult:
     """Mean by softmax(score / temperature), the score of equation 5 over the number of relations seen."""
     return similarity.mean_of_first(context, triples=lambda: _soft_by_relations(context, temperature))
 
 
-@initializer(
-    "soft_hybrid", label="Soft hybrid", role="baseline", colour="#b8488f", cost="entities",
-    needs=("words", "insert_triples", "inverse"), defaults={"word_weight": 12.0, "relation_weight": 32.0},
-    grid={"word_weight": _WEIGHTS, "relation_weight": _WEIGHTS},
-    description="Soft hybrid: the mean of all known entities, weighted by names and by relations, each with its "
-    "temperature.",
-)  # fmt: skip
+@initializer("soft_hybrid", label="Soft hybrid", role="baseline", colour="#b8488f", cost="entities",
+             needs=("words", "insert_triples", "inverse"), defaults={"word_weight": 12.0, "relation_weight": 32.0},
+             grid={"word_weight": _WEIGHTS, "relation_weight": _WEIGHTS},
+             description="Soft hybrid: the mean of all known entities, weighted by names and by relations, each with "
+                         "its temperature.")  # fmt: skip
 def soft_hybrid(context: InitContext, word_weight: NotNegative, relation_weight: NotNegative) -> InitResult:
     """Mean by the softmax of ``word_weight`` · cosine of words + ``relation_weight`` · mean relational score.
 
@@ -76,11 +71,10 @@ def _soft_by_relations(context: InitContext, temperature: float) -> Tensor:
     return softmax(similarity.mean_relational_score(context) / temperature, context.eligible[:, None])
 
 
-@initializer(
-    "class_noise", label="Kind mean + noise", role="baseline", colour="#a6761d", cost="entities",
-    defaults={"fraction": 0.1}, grid={"fraction": [0.1, 0.25, 0.5, 1.0]},
-    description="Kind mean and noise: a random place among the known entities of the same kind (arXiv 2511.11118).",
-)  # fmt: skip
+@initializer("class_noise", label="Kind mean + noise", role="baseline", colour="#a6761d", cost="entities",
+             defaults={"fraction": 0.1}, grid={"fraction": [0.1, 0.25, 0.5, 1.0]},
+             description="Kind mean and noise: a random place among the known entities of the same kind (arXiv "
+                         "2511.11118).")  # fmt: skip
 def class_noise(context: InitContext, fraction: NotNegative) -> InitResult:
     """Kind mean + fraction · σ · N(0, 1), with the kind's deviation σ of each coordinate (see ``kind_mean``)."""
     kind, fallback = similarity.weights_of_first(context, nothing=lambda: similarity.same_kind(context))
@@ -95,11 +89,9 @@ def deviation(context: InitContext, among: Tensor) -> Tensor:
     return (weight @ entity.square() - (weight @ entity).square()).clamp(min=0).sqrt().float()
 
 
-@initializer(
-    "er_avg", label="ERAvg", role="baseline", colour="#9467bd", needs=("insert_triples", "inverse"), grid={},
-    description="ERAvg (Albooyeh et al. 2020): the mean of the known ends of the insert triples, each taken through "
-    "its relation.",
-)  # fmt: skip
+@initializer("er_avg", label="ERAvg", role="baseline", colour="#9467bd", needs=("insert_triples", "inverse"), grid={},
+             description="ERAvg (Albooyeh et al. 2020): the mean of the known ends of the insert triples, each taken "
+                         "through its relation.")  # fmt: skip
 def entity_relation_average(context: InitContext) -> InitResult:
     """Mean over the insert triples of where their known ends meet the novel one; the centroid where there are none."""
     weights = similarity.insert_triple_table(context).flatten(2)
@@ -107,20 +99,18 @@ def entity_relation_average(context: InitContext) -> InitResult:
     return _or_centroid(context, mean, triples=lambda: similarity.everyone_known(context))
 
 
-@initializer(
-    "neighbour_mean", label="Neighbour mean", role="baseline", colour="#c9a227", needs=("insert_triples",), grid={},
-    description="Neighbour mean: the mean of the known ends of the insert triples.",
-)  # fmt: skip
+@initializer("neighbour_mean", label="Neighbour mean", role="baseline", colour="#c9a227", needs=("insert_triples",),
+             grid={},
+             description="Neighbour mean: the mean of the known ends of the insert triples.")  # fmt: skip
 def neighbour_mean(context: InitContext) -> InitResult:
     """Mean of the known ends of the insert triples, each as often as they name it."""
     return similarity.mean_of_first(context, triples=lambda: similarity.insert_triple_table(context).sum((2, 3)))
 
 
-@initializer(
-    "projection", label="Projection", role="baseline", colour="#e377c2", cost="entities", needs=("words",),
-    defaults={"penalty": 0.3}, grid={"penalty": [0.03, 0.1, 0.3, 1.0, 3.0, 10.0]},
-    description="Projection: a linear map from word vectors to entities' vectors, learned on the known ones (DeViSE).",
-)  # fmt: skip
+@initializer("projection", label="Projection", role="baseline", colour="#e377c2", cost="entities", needs=("words",),
+             defaults={"penalty": 0.3}, grid={"penalty": [0.03, 0.1, 0.3, 1.0, 3.0, 10.0]},
+             description="Projection: a linear map from word vectors to entities' vectors, learned on the known ones "
+                         "(DeViSE).")  # fmt: skip
 def projection(context: InitContext, penalty: Positive) -> InitResult:
     """Ridge regression from word vectors of unit length; the centroid where there is none."""
     return _or_centroid(

@@ -21,7 +21,7 @@ from isi.initializers import similarity
 from isi.initializers.api import InitContext, InitResult, initializer
 from isi.initializers.baselines import soft_hybrid
 from isi.models.scoring import padded
-from isi.models.stack import Embedding, NotFinite, select
+from isi.models.stack import Embedding, NotFinite, mapped, select
 
 #: Share of an isotropic covariance of equal trace in that of the prior, whose rank is below d.
 SHRINKAGE = 0.1
@@ -85,7 +85,7 @@ def ridge_regression(context: InitContext, prior: InitResult, strength: float, r
     The vectors of the prior are μ, the answer where there is no insert triple; its strength is λ.
     """
     known = evidence(context, prior.vectors, strength, ratio)
-    alpha = similarity.cell_anchors(_double(context.theta0))
+    alpha = similarity.cell_anchors(mapped(context.theta0, Tensor.double))
     weight, mean = known.positive + known.negative, known.mean
     residual = known.positive - weight * (mean @ alpha.mT)
     step = solve(gram(alpha, weight) + known.precision[:, None], residual @ alpha)
@@ -100,7 +100,7 @@ def most_probable(context: InitContext, prior: InitResult, strength: float, rati
     ``STEPS`` of them lead to a local optimum, or near one. Each novel entity stops by itself. The vectors of the prior
     are μ, the answer where there is no insert triple; its strength is λ.
     """
-    known, theta0 = evidence(context, prior.vectors, strength, ratio), _double(context.theta0)
+    known, theta0 = evidence(context, prior.vectors, strength, ratio), mapped(context.theta0, Tensor.double)
     alpha = similarity.cell_anchors(theta0) if theta0.model.linear else None
     if alpha is None:
         known, theta0 = each_alone(known, theta0)
@@ -182,41 +182,35 @@ def gram(slopes: Tensor, weight: Tensor) -> Tensor:
     return torch.cat(parts, 1)
 
 
-def _double(embedding: Embedding) -> Embedding:
-    return replace(embedding, entity=embedding.entity.double(), relation=embedding.relation.double())
-
-
 _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio": [1, 3, 9]}
 
 
-@initializer(
-    "map_ers", label="MAP, ERS", role="baseline", colour="#d6604d", needs=("words", "insert_triples", "inverse"),
-    defaults={"k": 9, "candidates": 30, "strength": 0.2, "ratio": 1},
-    grid={"k": [9], "candidates": [30], **_PRIOR},
-    description="MAP around ERS: the most probable vector given the insert triples and a prior at the vector of ERS.",
-)  # fmt: skip
+@initializer("map_ers", label="MAP, ERS", role="baseline", colour="#d6604d",
+             needs=("words", "insert_triples", "inverse"),
+             defaults={"k": 9, "candidates": 30, "strength": 0.2, "ratio": 1},
+             grid={"k": [9], "candidates": [30], **_PRIOR},
+             description="MAP around ERS: the most probable vector given the insert triples and a prior at the vector "
+                         "of ERS.")  # fmt: skip
 def map_around_ers(context: InitContext, k: Count, candidates: Count, strength: Positive, ratio: Count) -> InitResult:
     """MAP with the vector of ERS as the mean of its prior."""
     return most_probable(context, similarity.nearest_by_both(context, k, candidates), strength, ratio)
 
 
-@initializer(
-    "map_mean", label="MAP, mean", role="baseline", colour="#f4a582", needs=("insert_triples",),
-    defaults={"strength": 0.1, "ratio": 1}, grid=_PRIOR,
-    description="MAP around the mean: the most probable vector given the insert triples and a prior at the centroid "
-    "of the known entities.",
-)  # fmt: skip
+@initializer("map_mean", label="MAP, mean", role="baseline", colour="#f4a582", needs=("insert_triples",),
+             defaults={"strength": 0.1, "ratio": 1}, grid=_PRIOR,
+             description="MAP around the mean: the most probable vector given the insert triples and a prior at the "
+                         "centroid of the known entities.")  # fmt: skip
 def map_around_mean(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
     """MAP with the centroid of the known entities as the mean of its prior."""
     return most_probable(context, _mean_of_known(context), strength, ratio)
 
 
-@initializer(
-    "map_soft_hybrid", label="MAP", role="baseline", colour="#b2182b", needs=("words", "insert_triples", "inverse"),
-    defaults={"word_weight": 16.0, "relation_weight": 16.0, "strength": 0.2, "ratio": 1},
-    grid={"word_weight": [12.0, 16.0], "relation_weight": [8.0, 16.0], **_PRIOR},
-    description="MAP: the most probable vector given the insert triples and a prior at the soft hybrid's vector.",
-)  # fmt: skip
+@initializer("map_soft_hybrid", label="MAP", role="baseline", colour="#b2182b",
+             needs=("words", "insert_triples", "inverse"),
+             defaults={"word_weight": 16.0, "relation_weight": 16.0, "strength": 0.2, "ratio": 1},
+             grid={"word_weight": [12.0, 16.0], "relation_weight": [8.0, 16.0], **_PRIOR},
+             description="MAP: the most probable vector given the insert triples and a prior at the soft hybrid's "
+                         "vector.")  # fmt: skip
 def map_around_soft_hybrid(
     context: InitContext, word_weight: NotNegative, relation_weight: NotNegative, strength: Positive, ratio: Count
 ) -> InitResult:
@@ -224,12 +218,11 @@ def map_around_soft_hybrid(
     return most_probable(context, soft_hybrid(context, word_weight, relation_weight), strength, ratio)
 
 
-@initializer(
-    "ridge", label="Ridge", role="baseline", colour="#8c6d46", needs=("insert_triples", "inverse", "linear_score"),
-    defaults={"strength": 1e-4, "ratio": 3},
-    grid={"strength": [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1], "ratio": [1, 3, 9]},
-    description="Ridge: the vector whose scores are nearest to 1 for insert triples and to 0 for their corruptions.",
-)  # fmt: skip
+@initializer("ridge", label="Ridge", role="baseline", colour="#8c6d46",
+             needs=("insert_triples", "inverse", "linear_score"), defaults={"strength": 1e-4, "ratio": 3},
+             grid={"strength": [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1], "ratio": [1, 3, 9]},
+             description="Ridge: the vector whose scores are nearest to 1 for insert triples and to 0 for their "
+                         "corruptions.")  # fmt: skip
 def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
     """Weighted least squares around the centroid of the known (see ``ridge_regression``); not for distances."""
     return ridge_regression(context, _mean_of_known(context), strength, ratio)

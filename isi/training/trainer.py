@@ -90,8 +90,7 @@ def train(
 
 def start(embedding: Embedding) -> State:
     """A copy of an embedding with fresh accumulators."""
-    entity, relation = (torch.full_like(table, ACCUMULATOR) for table in (embedding.entity, embedding.relation))
-    return mapped(State(embedding, replace(embedding, entity=entity, relation=relation)), spaced)
+    return mapped(State(embedding, mapped(embedding, lambda table: torch.full_like(table, ACCUMULATOR))), spaced)
 
 
 def _copy_rows(source: Embedding, chosen: Tensor, target: Embedding, models: Tensor) -> None:

@@ -1,0 +1,42 @@
+"""Entries of the params of the second pipeline, and a folder with both pipelines, for tests to share."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from isi.tables import paths
+
+ROOT = Path(__file__).parent.parent
+TRAINING = {"dimension": 4, "batch_size": 64, "learning_rate": 0.05, "negatives": 2, "valid": 0.1, "max_epochs": 4,
+            "frequency": 2, "patience": 1}  # fmt: skip
+HIDDEN: dict[str, Any] = {
+    "title": "Ring", "source": "pykeen", "words": None, "seeds": 1, "fraction": 0.1, "fewest": 4, "queries": 0.25,
+    "max_insert_triples": [1, 3, None], "initializers": ["mean"], "training": TRAINING, "epochs": 3,
+}  # fmt: skip
+SESSIONS = {"novel": "any", "sizes": [3], "seeds": 2}
+WORDS = {"source": "shipped", "text": "phrase", "sha256": None}
+GRAPH: dict[str, Any] = {
+    "title": "again", "source": {"reader": "published"}, "min_count": 2, "words": WORDS, "sessions": SESSIONS,
+    "initializers": ["xavier", "es"],
+    "changes": {"embedding.dimension": 8, "training.max_epochs": 2, "finetuning.max_epochs": 2},
+}  # fmt: skip
+VARIANT: dict[str, Any] = {
+    "title": "own", "group": "causes", "experiments": ["ai2thor"], "initializers": ["xavier", "es"], "size": 5,
+    "seeds": 2,
+}  # fmt: skip
+
+
+def copy_pipelines(folder: Path) -> None:
+    """The descriptions of both pipelines, and the params of the first."""
+    for path in (paths.PARAMS, paths.PIPELINE, paths.BEYOND_PIPELINE):
+        (folder / path).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / path, folder / path)
+
+
+def list_entries(**sections: Any) -> None:
+    """Write the params of the second pipeline."""
+    paths.BEYOND_PARAMS.write_text(yaml.safe_dump({"variants": {}, **sections}), encoding="utf-8")
