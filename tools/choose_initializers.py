@@ -143,7 +143,7 @@ def table_of(settings: list[Setting], results: dict[str, np.ndarray]) -> pd.Data
     columns = {
         f"{experiment}: {name}".removeprefix(": "): values[:, measure].round(2)
         for experiment, values in means.items()
-        for measure, name in enumerate(("MRR*", "asked about"))
+        for measure, name in enumerate(("MRR*", "novel entity given"))
     }
     names, options = zip(*settings, strict=True)
     table = pd.DataFrame({"initializer": names, "options": [shown(one) for one in options]} | columns)
