@@ -10,12 +10,9 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-import networkx as nx
 import pandas as pd
 import pyarrow as pa
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from isi.config import read as read_params
 from isi.errors import InputError
@@ -176,25 +173,6 @@ def test_receptacles_that_lie_in_what_they_hold_stay_or_are_dropped_and_counted(
     observations, counts = mine_one(*objects, circular="drop")
     assert locations(observations) == outside
     assert counts == {IN_CYCLE: 5}
-
-
-@given(st.lists(st.sets(st.integers(0, 6)), min_size=1, max_size=7))
-def test_what_is_dropped_is_what_lies_in_a_cycle_of_receptacles(inside: list[set[int]]) -> None:
-    edges = [
-        (child, parent)
-        for child, parents in enumerate(inside)
-        for parent in sorted(parents)
-        if parent < len(inside) and parent != child
-    ]
-    part_of = {node: part for part in nx.strongly_connected_components(nx.DiGraph(edges)) for node in part}
-    objects = [thing(f"Box{letter}", 1, []) for letter, _ in zip("abcdefg", inside, strict=False)]
-    for child, parent in edges:
-        objects[child]["parentReceptacles"].append(objects[parent]["objectId"])
-    observations, counts = mine_one(*objects, circular="drop")
-    outside = [(child, parent) for child, parent in edges if parent not in part_of[child]]
-    name = [entity_name(box["objectType"]) for box in objects]
-    assert locations(observations) == sorted((name[child], name[parent]) for child, parent in outside)
-    assert counts[IN_CYCLE] == len(edges) - len(outside)
 
 
 SHELF = {**thing("Shelf"), "receptacleObjectIds": ["Mug|1", "Mug|2", "Mug|3", "Mug|4"]}

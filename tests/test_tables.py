@@ -16,8 +16,8 @@ from safetensors import safe_open
 from isi.errors import InputError
 from isi.experiment.store import RUNS, TIES
 from isi.graph.graph import ENTITIES, TRIPLES
-from isi.graph.sessions import NOVEL, SPLITS
-from isi.sources import KINDS, OBSERVATIONS
+from isi.graph.sessions import NOVEL
+from isi.sources import KINDS
 from isi.tables import io
 from isi.tables.table import Table, concat
 from tests.example_tables import ROWS, rows_of
@@ -50,23 +50,6 @@ def test_a_table_comes_back_as_it_was_written(tmp_path: Path, table: Table) -> N
     assert list(read.columns) == list(table.columns)
     assert plain(read) == plain(rows_of(table))
     assert set(read.select_dtypes("number").dtypes.astype(str)) <= {"int32", "int64", "float64"}
-
-
-@pytest.mark.parametrize(
-    ("table", "repeated"),
-    [
-        (OBSERVATIONS, {"scene", "room", "head", "relation", "tail"}),
-        (KINDS, {"kind"}),
-        (ENTITIES, {"kind", "source"}),
-        (TRIPLES, {"head", "relation", "tail", "source"}),
-        (SPLITS, {"split"}),
-        (RUNS, {"scope"}),
-    ],
-)
-def test_strings_that_repeat_are_dictionary_encoded_on_disk(tmp_path: Path, table: Table, repeated: set[str]) -> None:
-    table.write_file(tmp_path / "table.parquet", rows_of(table), MADE)
-    on_disk = pq.read_schema(tmp_path / "table.parquet")
-    assert {field.name for field in on_disk if pa.types.is_dictionary(field.type)} == repeated
 
 
 @pytest.mark.parametrize("cut", [0, 1, 3])
@@ -179,21 +162,6 @@ def test_a_missing_tensor_is_named(tmp_path: Path) -> None:
 
 
 # Writes
-
-
-def test_an_exception_halfway_through_a_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
-    path = tmp_path / "table.parquet"
-    path.write_bytes(b"the last good one")
-
-    def half(temporary: Path) -> None:
-        temporary.write_bytes(b"half of the n")
-        assert path.read_bytes() == b"the last good one"
-        raise RuntimeError("no space left")
-
-    with pytest.raises(RuntimeError, match="no space left"):
-        io.atomically(path, half)
-    assert path.read_bytes() == b"the last good one"
-    assert names(tmp_path) == ["table.parquet"]
 
 
 def test_a_frame_that_does_not_fit_its_schema_leaves_the_old_table(tmp_path: Path) -> None:

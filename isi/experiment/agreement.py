@@ -11,15 +11,9 @@ import pandas as pd
 from isi.errors import InputError, short
 from isi.graph.graph import Graph
 from isi.graph.sessions import OUT, SPLIT_NAMES, TRAIN
-from isi.tables.rules import place_of
+from isi.tables.rules import refuse
 
 ENDS = [0, 2]
-
-
-def refuse(path: Path, table: pd.DataFrame, wrong: np.ndarray, columns: Sequence[str], expected: str) -> None:
-    """Name the first row that is wrong, if one is."""
-    if wrong.any():
-        raise InputError(path, place_of(table, int(wrong.argmax()), columns), expected)
 
 
 def ids_below(path: Path, table: pd.DataFrame, column: str, number: int, of: str) -> None:

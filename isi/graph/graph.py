@@ -21,7 +21,7 @@ from isi.config import Count, EachOnce, Name, Section
 from isi.errors import InputError
 from isi.random import stream
 from isi.tables import paths
-from isi.tables.rules import MOST_OBSERVED, counted, in_blocks, named, place_of
+from isi.tables.rules import MOST_OBSERVED, counted, in_blocks, named, refuse
 from isi.tables.table import INT, NAME, TEXT, Table, as_text
 
 #: Row numbers are ids, here and of triples; rows of one source stand together, first those that others extend.
@@ -115,8 +115,7 @@ def build_graph(entities: pd.DataFrame, triples: pd.DataFrame, path: Path | str 
 
 def _ids(triples: pd.DataFrame, column: str, names: list[str], path: Path | str) -> np.ndarray:
     ids = pd.Index(names).get_indexer(pd.Index(triples[column].astype(str)))
-    if (ids < 0).any():
-        raise InputError(path, place_of(triples, int(ids.argmin()), [column]), "expected a name in entities.parquet")
+    refuse(path, triples, ids < 0, [column], "expected a name in entities.parquet")
     return ids.astype(np.int64)
 
 

@@ -9,6 +9,7 @@ from itertools import compress
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import pandas as pd
 
 from isi.config import Sha256
@@ -186,10 +187,12 @@ def suncg_materials(shares: pd.DataFrame, root: int) -> MaterialsOf:
 
     There is one stream per scene: a scene's draws depend on its number and its objects alone.
     """
+    table = np.vstack([shares.to_numpy(dtype=float), np.zeros(shares.shape[1])])
 
     def draw(scene: int, objects: Sequence[SceneObject]) -> list[list[str]]:
-        table = shares.reindex([entity_name(thing["objectType"]) for thing in objects], fill_value=0.0).to_numpy()
-        drawn = stream(root, "materials", scene).random(table.shape) < table
+        names = pd.Index([entity_name(thing["objectType"]) for thing in objects], dtype=shares.index.dtype)
+        rows = shares.index.get_indexer(names)  # -1 is the last row
+        drawn = stream(root, "materials", scene).random((len(rows), shares.shape[1])) < table[rows]
         return [list(compress(shares.columns, has_material)) for has_material in drawn.tolist()]
 
     return draw

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from isi.errors import InputError
+
 #: Characters of a name, and of a value that a message repeats, at most.
 LONGEST, SHOWN = 1000, 40
 #: Observations of a table, at most: training passes over all of them in every epoch.
@@ -33,6 +35,13 @@ class Rule:
 def place_of(frame: pd.DataFrame, row: int, columns: Iterable[str]) -> str:
     """A row by its number, from 0 as ids are, and by the values in some columns."""
     return f"row {row} ({', '.join(f'{name} {_shown(frame[name].iloc[row])}' for name in columns)})"
+
+
+def refuse(path: object, frame: pd.DataFrame, wrong: Broken, columns: Iterable[str], expected: str) -> None:
+    """InputError that names the first row of a table that is wrong, if one is."""
+    rows = np.flatnonzero(wrong)
+    if len(rows):
+        raise InputError(path, place_of(frame, int(rows[0]), columns), expected)
 
 
 def _shown(value: object) -> str:

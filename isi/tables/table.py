@@ -10,13 +10,11 @@ from pathlib import Path
 from string import Formatter
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from isi.errors import InputError
 from isi.tables import io
-from isi.tables.rules import Rule, ascending, place_of, present, unique
+from isi.tables.rules import Rule, ascending, present, refuse, unique
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -81,9 +79,7 @@ class Table(DataFile):
         required = present(*(name for name in self.columns if name not in self.nullable))
         of_key = (ascending if self.ordered else unique)(*self.key) if self.key else []
         for rule in (*required, *self.checks, *of_key):
-            broken = np.asarray(rule.broken(frame))
-            if broken.any():
-                raise InputError(path, place_of(frame, int(broken.argmax()), rule.columns), rule.says)
+            refuse(path, frame, rule.broken(frame), rule.columns, rule.says)
 
     def read(self, **names: str | int) -> pd.DataFrame:
         """Read the table of these names; text that repeats becomes categories.
