@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -45,22 +44,6 @@ def test_triples_that_are_the_same_but_for_one_slot_are_found(tiny: graph.Graph)
     assert found(graph.HEAD) == [{0, 2}, {1}, {0, 2}, {3}, {4}]
     assert found(graph.TAIL) == [{0}, {1, 2}, {1, 2}, {3}, {4}]
     assert found(graph.RELATION) == [{0}, {1}, {2}, {3}, {4}]
-
-
-def test_tables_read_from_parquet_give_the_same_graph(tiny: graph.Graph, tmp_path: Path) -> None:
-    made = "build_graph"
-    entities = pd.DataFrame({"entity": tiny.entities, "kind": KINDS, "source": "x", "phrase": tiny.entities})
-    entities = entities.sort_values("entity", ignore_index=True)
-    tiny = graph.build_graph(entities, TRIPLES)
-    graph.ENTITIES.write_file(tmp_path / "entities", entities, made)
-    graph.TRIPLES.write_file(tmp_path / "triples", TRIPLES, made)
-    read = graph.build_graph(
-        graph.ENTITIES.read_file(tmp_path / "entities"), graph.TRIPLES.read_file(tmp_path / "triples")
-    )
-    assert (read.entities, read.relations) == (tiny.entities, tiny.relations)
-    assert torch.equal(read.triples, tiny.triples)
-    assert torch.equal(read.counts, tiny.counts)
-    assert torch.equal(read.kinds, tiny.kinds)
 
 
 def test_a_triple_of_an_unknown_entity_is_refused() -> None:
