@@ -266,9 +266,7 @@ def test_a_terminal_that_lacks_a_letter_shows_its_number(tmp_path: Path) -> None
     command = [sys.executable, "-m", "isi", "nearest", "bed", "--embedding", str(home)]
     ascii_alone = os.environ | {"PYTHONIOENCODING": "ascii"}
     for more, shown in ((), r"na\xefve"), (("--json",), r'"na\u00efve"'):
-        done = subprocess.run(
-            [*command, *more], cwd=ROOT, env=ascii_alone, capture_output=True, text=True, check=True
-        )
+        done = subprocess.run([*command, *more], cwd=ROOT, env=ascii_alone, capture_output=True, text=True, check=True)
         assert shown in done.stdout
 
 

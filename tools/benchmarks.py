@@ -153,8 +153,8 @@ def scaling(rows: pd.DataFrame) -> Figure:
         right.semilogx(part["entities"], part["training_mib"], **style)
     switches = (DENSE_LIMIT, "--", "where batches become lists"), (crossing(rows), ":", "where both cost the same")
     for axes in (left, right):
-        for cells, line, what in switches:
-            axes.axvline((cells / relations(rows)) ** 0.5, color="black", lw=0.8, ls=line, label=what)
+        for cells, line, label in switches:
+            axes.axvline((cells / relations(rows)) ** 0.5, color="black", lw=0.8, ls=line, label=label)
         axes.set_xlabel("entities (ten triples each)")
     left.set(title="an epoch of one model", ylabel="µs per observation")
     right.set(title="peak memory of the process", ylabel="MiB", ylim=(0, None))

@@ -128,7 +128,7 @@ def main() -> None:
     parser.add_argument("--stack", type=int, default=5)
     given = parser.parse_args()
     params = load()
-    fitting = [name for name, one in params.experiments.items() if given.size in one.sessions.sizes]
+    fitting = [name for name, about in params.experiments.items() if given.size in about.sessions.sizes]
     settings, results = settings_of(given.initializers, params.initializers), {}
     for experiment in given.experiments or fitting:
         tasks = tasks_of(params, experiment, given, settings)
@@ -146,7 +146,7 @@ def table_of(settings: list[Setting], results: dict[str, np.ndarray]) -> pd.Data
         for measure, name in enumerate(("MRR*", "novel entity given"))
     }
     names, options = zip(*settings, strict=True)
-    table = pd.DataFrame({"initializer": names, "options": [shown(one) for one in options]} | columns)
+    table = pd.DataFrame({"initializer": names, "options": list(map(shown, options))} | columns)
     ordered = table.sort_values("MRR*", ascending=False, kind="stable")
     parts = [ordered[ordered["initializer"] == name] for name in dict.fromkeys(names)]
     return pd.concat([part.assign(**{"±": deviations(part.index, results)}) for part in parts])
@@ -165,10 +165,8 @@ def shown(options: dict[str, Any]) -> str:
 def write(table: pd.DataFrame, listed: dict[str, dict[str, Any]]) -> None:
     """All settings as CSV; the best of each initializer, and what params say of it, for people."""
     table.to_csv(BENCHMARKS / "initializers.csv", index=False)
-    chosen = [
-        one == shown(listed.get(name, {})) for name, one in zip(table["initializer"], table["options"], strict=True)
-    ]
-    write_table(BENCHMARKS / "initializers.md", table[~table["initializer"].duplicated() | np.array(chosen)])
+    chosen = [shown(listed.get(name, {})) for name in table["initializer"]] == table["options"].to_numpy()
+    write_table(BENCHMARKS / "initializers.md", table[~table["initializer"].duplicated() | chosen])
 
 
 if __name__ == "__main__":

@@ -28,11 +28,11 @@ def main() -> None:
     for text, sentences in {"definition": defined(ours), "phrase": ours["phrase"], "wordnet": defined(theirs)}.items():
         path, tokens = paths.shipped_vectors(text), list(sentences.index)
         vectors = embed(list(sentences))
-        kept = reuse(tokens, vectors, read_vectors(path)) if path.exists() else 0
+        reused = reuse(tokens, vectors, read_vectors(path)) if path.exists() else 0
         words = KeyedVectors(vectors.shape[1])
         words.add_vectors(tokens, vectors)
         atomically(path, lambda temporary, w=words: w.save_word2vec_format(str(temporary), binary=True))
-        print(f"{path}: {len(words)} vectors of {words.vector_size}, {kept} of them as they were")
+        print(f"{path}: {len(words)} vectors of {words.vector_size}, {reused} of them as they were")
 
 
 def read(path: Path) -> pd.DataFrame:
@@ -57,19 +57,13 @@ def embed(sentences: list[str]) -> np.ndarray:
 
 
 def reuse(tokens: Sequence[str], vectors: np.ndarray, stored: KeyedVectors) -> int:
-    """Put stored vectors in the place of those that are the same but for rounding; gives how many.
-
-    Args:
-        tokens: of the vectors.
-        vectors: changed in place; shape (tokens, dimension), float32.
-        stored: vectors of an earlier time, of some tokens.
-    """
-    kept = 0
+    """Put stored vectors in place of those, (tokens, dimension), that are the same but for rounding; gives how many."""
+    reused = 0
     for row, token in enumerate(tokens):
         if token in stored and np.allclose(stored[token], vectors[row], rtol=0, atol=ROUNDING):
             vectors[row] = stored[token]
-            kept += 1
-    return kept
+            reused += 1
+    return reused
 
 
 if __name__ == "__main__":

@@ -39,11 +39,7 @@ def main() -> None:
 
 
 def read_wink(path: Path) -> tuple[int, Mapping[str, Sequence[float]]]:
-    """The dimension, and by word a vector with its length and its rank behind it.
-
-    Raises:
-        InputError: where the file is missing, or of another form.
-    """
+    """The dimension, and by word a vector with its length and its rank behind it."""
     try:
         content = json.loads(path.read_bytes())
         return int(content["dimensions"]), content["vectors"]

@@ -39,8 +39,8 @@ def main(folder: Path) -> None:
     except (OSError, ValueError) as error:
         sys.exit(f"headline: {path}: expected the metrics of a report ({error}): run `dvc repro report`")
     others = {name: value for name, value in metrics.items() if "immediate_mrr_star" in value}
-    for title, own in {"": metrics, **others}.items():
-        print(f"\n{title}\n{headline(own)}".replace("\n\n", "\n"))
+    for title, part in {"": metrics, **others}.items():
+        print(f"\n{title}\n{headline(part)}".replace("\n\n", "\n"))
     print(f"\nThe report: {folder / 'index.html'}")
 
 

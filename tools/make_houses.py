@@ -36,15 +36,12 @@ Rectangle = tuple[float, float, float, float]
 class Catalogue:
     """What the package says."""
 
-    #: ids, by type
-    assets: Mapping[str, list[str]]
-    #: weights of types, by room
-    floor: Mapping[str, Mapping[str, float]]
+    assets: Mapping[str, list[str]]  #: ids, by type
+    floor: Mapping[str, Mapping[str, float]]  #: weights of types, by room, as of ``wall``
     wall: Mapping[str, Mapping[str, float]]
     #: how likely something is on or in something else, by the type of the latter, then of the former
     holds: Mapping[str, Mapping[str, float]]
-    #: types that may be there, by room
-    fitting: Mapping[str, set[str]]
+    fitting: Mapping[str, set[str]]  #: types that may be there, by room
 
 
 def catalogue() -> Catalogue:

@@ -44,7 +44,7 @@ class Experiment:
             self.counts[relation, head, tail] = count
         self.words = load_file(f"data/words/{name}/vectors.safetensors")["vectors"].astype(float)
         self.novel = self._by_cell("novel", "entity")
-        self.told = self._by_cell("insert_triples", "entity", "triple")
+        self.insert_triples = self._by_cell("insert_triples", "entity", "triple")
         self.splits: dict[int, dict[str, set[Triple]]] = {}
         for seed, triple, split in zip(
             *columns(f"sessions/{name}/splits.parquet", "seed", "triple", "split"), strict=True
@@ -54,12 +54,12 @@ class Experiment:
 
     def _by_cell(self, table: str, *names: str) -> dict[tuple[int, int, int], list[Any]]:
         """Rows of a table of sessions, by size, seed and session, in their order."""
-        found: dict[tuple[int, int, int], list[Any]] = {}
+        by_cell: dict[tuple[int, int, int], list[Any]] = {}
         for size, seed, session, *row in zip(
             *columns(f"sessions/{self.name}/{table}.parquet", "size", "seed", "session", *names), strict=True
         ):
-            found.setdefault((int(size), int(seed), int(session)), []).append(tuple(map(int, row)))
-        return found
+            by_cell.setdefault((int(size), int(seed), int(session)), []).append(tuple(map(int, row)))
+        return by_cell
 
     def row(self, size: int, seed: int) -> int:
         """Where a seed stands in the tensors of a size."""
@@ -68,15 +68,15 @@ class Experiment:
     @cached_property
     def runs(self) -> dict[str, dict[tuple[int, int, int, str], list[tuple[int, Any]]]]:
         """Epochs with their MRR* and halves, in order, by model and then by size, seed, session and scope."""
-        found: dict[str, Any] = {}
+        by_cell: dict[str, Any] = {}
         for model in [*self.initializers, "joint"]:
-            own = found.setdefault(model, {})
+            group = by_cell.setdefault(model, {})
             for size, seed, session, scope, epoch, *values in zip(
                 *columns(f"runs/{self.name}/{model}.parquet", "size", "seed", "session", "scope", "epoch", *HALVES),
                 strict=True,
             ):
-                own.setdefault((int(size), int(seed), int(session), scope), []).append((int(epoch), values))
-        return found
+                group.setdefault((int(size), int(seed), int(session), scope), []).append((int(epoch), values))
+        return by_cell
 
 
 class Session:
@@ -98,8 +98,8 @@ class Session:
         self.members = everyone - later
         self.known = self.members - self.novel
         self.eligible = self.known & {end for h, _, t in self.old(self.train) for end in (h, t)}
-        rows = experiment.told.get((size, seed, 1), [])
-        self.told = {entity: [experiment.triples[t] for e, t in rows if e == entity] for entity in self.order}
+        rows = experiment.insert_triples.get((size, seed, 1), [])
+        self.insert_triples = {entity: [experiment.triples[t] for e, t in rows if e == entity] for entity in self.order}
 
     def old(self, triples: Iterable[Triple]) -> set[Triple]:
         """Triples without a novel end."""
@@ -108,13 +108,13 @@ class Session:
     def scopes(self) -> dict[str, tuple[set[Triple], set[Triple], set[int]]]:
         """What is asked, what is filtered, and who may answer."""
         true, learned = self.train | self.valid | self.test, self.train | self.valid
-        told = {triple for triples in self.told.values() for triple in triples}
+        given = {triple for triples in self.insert_triples.values() for triple in triples}
         heldout = self.valid | self.test
         return {
             "all": (self.test, learned, self.members),
             "known": (self.old(self.test), learned, self.members),
             "known_closed": (self.old(self.test), learned, self.known),
-            "novel": (true - self.old(true) - told, self.old(learned) | told, self.members),
+            "novel": (true - self.old(true) - given, self.old(learned) | given, self.members),
             "novel_heldout": (heldout - self.old(heldout), self.train, self.members),
         }
 
@@ -152,8 +152,7 @@ class Around:
 
     session: Session
     entity: int
-    #: Θ⁰ of the cell
-    vectors: np.ndarray
+    vectors: np.ndarray  #: Θ⁰ of the cell, as ``relations``
     relations: np.ndarray
 
     @property
@@ -166,10 +165,10 @@ class Around:
     def related(self) -> np.ndarray:
         """Sum over relations of the cosine with the mean of where insert triples put the entity; shape (E,)."""
         placed: dict[int, list[np.ndarray]] = {}
-        for head, relation, tail in self.session.told[self.entity]:
+        for head, relation, tail in self.session.insert_triples[self.entity]:
             way, other = (there, head) if tail == self.entity else (back, tail)
             placed.setdefault(relation, []).append(way(self.vectors[other], self.relations[relation]))
-        means = [unit(np.mean(own, axis=0)) for own in placed.values()]
+        means = [unit(np.mean(group, axis=0)) for group in placed.values()]
         return sum((unit(self.vectors) @ mean for mean in means), np.zeros(len(self.vectors)))
 
     @property
@@ -178,7 +177,7 @@ class Around:
 
     @property
     def has_insert_triples(self) -> bool:
-        return bool(self.session.told[self.entity])
+        return bool(self.session.insert_triples[self.entity])
 
     @property
     def named(self) -> set[int]:
@@ -197,23 +196,27 @@ def best(scores: np.ndarray, among: set[int], k: int) -> Chosen:
     return set(order[:k]), float(gap)
 
 
-def mean(one: Around, **_: int) -> Chosen:
-    return one.session.known, np.inf
+def mean(around: Around, **_: int) -> Chosen:
+    return around.session.known, np.inf
 
 
-def es(one: Around, k: int) -> Chosen:
-    return best(one.words, one.named, k) if one.has_word and one.named else rs(one, k)
+def es(around: Around, k: int) -> Chosen:
+    return best(around.words, around.named, k) if around.has_word and around.named else rs(around, k)
 
 
-def rs(one: Around, k: int) -> Chosen:
-    return best(one.related, one.session.eligible, k) if one.has_insert_triples and one.session.eligible else mean(one)
+def rs(around: Around, k: int) -> Chosen:
+    return (
+        best(around.related, around.session.eligible, k)
+        if around.has_insert_triples and around.session.eligible
+        else mean(around)
+    )
 
 
-def ers(one: Around, k: int, candidates: int) -> Chosen:
-    if not (one.has_word and one.has_insert_triples and one.named):
-        return rs(one, k) if one.has_insert_triples else es(one, k)
-    preliminary, gap = best(one.words, one.named, candidates)
-    chosen, last = best(one.related, preliminary, k)
+def ers(around: Around, k: int, candidates: int) -> Chosen:
+    if not (around.has_word and around.has_insert_triples and around.named):
+        return rs(around, k) if around.has_insert_triples else es(around, k)
+    preliminary, gap = best(around.words, around.named, candidates)
+    chosen, last = best(around.related, preliminary, k)
     return chosen, min(gap, last)
 
 
@@ -233,8 +236,8 @@ def mrr_star(
         scores: by relation, head and tail.
         tie: below which share of the largest score of a row a difference is none.
     """
-    asked, filtered, candidates = scope
-    if not asked:
+    queried, filtered, candidates = scope
+    if not queried:
         return (np.nan,) * 3
     counts = session.experiment.counts
     barred = np.zeros(counts.shape, dtype=bool)
@@ -244,7 +247,7 @@ def mrr_star(
     everything = np.ones(len(counts), dtype=bool)
     of_relation: dict[int, list[float]] = {}
     relation_terms = []
-    for head, relation, tail in asked:
+    for head, relation, tail in queried:
         ends = of_relation.setdefault(relation, [])
         tables = scores, counts, barred
         ends.append(term(*(table[relation, :, tail] for table in tables), may_answer, head, tie))
@@ -252,7 +255,7 @@ def mrr_star(
         relation_terms.append(term(*(table[:, head, tail] for table in tables), everything, relation, tie))
     true = session.train | session.valid | session.test
     weights = {r: sum(counts[t[1], t[0], t[2]] for t in true if t[1] == r) for r in of_relation}
-    entity = sum(weights[r] * np.mean(own) for r, own in of_relation.items()) / sum(weights.values())
+    entity = sum(weights[r] * np.mean(group) for r, group in of_relation.items()) / sum(weights.values())
     half = float(np.mean(relation_terms))
     return (entity + half) / 2, entity, half
 

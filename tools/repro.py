@@ -64,7 +64,7 @@ class Progress:
 def main(arguments: list[str]) -> int:
     """Run DVC, passing its output on; its exit status."""
     known = {**(_read(SHIPPED) if Path.cwd() == ROOT else {}), **_read(HERE)}
-    pipeline = next((one for one in PIPELINES if str(one) in arguments), PIPELINES[0])
+    pipeline = next((path for path in PIPELINES if str(path) in arguments), PIPELINES[0])
     lock = LockFile(pipeline.with_name("dvc.lock"))
     lock.mend()
     mend_notes()
@@ -134,11 +134,11 @@ def run(command: list[str], progress: Progress, lock: LockFile) -> int:
     ) as dvc:  # fmt: skip
         try:
             for line in dvc.stdout or ():
-                found = BEGINS.match(line)
-                if found and found["stage"]:
+                match = BEGINS.match(line)
+                if match and match["stage"]:
                     lock.back_up()
-                said = progress.begin(found["stage"] or found["same"], bool(found["stage"])) if found else None
-                print(*filter(None, [said, line]), sep="\n", end="", flush=True)
+                progress_line = progress.begin(match["stage"] or match["same"], bool(match["stage"])) if match else None
+                print(*filter(None, [progress_line, line]), sep="\n", end="", flush=True)
         except BaseException:
             dvc.terminate()
             raise
@@ -167,7 +167,7 @@ def alone() -> Iterator[None]:
 
 def _note(progress: Progress) -> None:
     """Keep how long stages took, where there is room for it."""
-    here = {name for one in PIPELINES if one.exists() for name in stages(one)}
+    here = {name for path in PIPELINES if path.exists() for name in stages(path)}
     there = {name: took for name, took in progress.seconds.items() if name in here}
     with suppress(OSError):
         HERE.parent.mkdir(parents=True, exist_ok=True)
@@ -181,8 +181,8 @@ def stages(pipeline: Path) -> list[str]:
         return _stage_names(lock)
     from dvc.repo import Repo  # which takes seconds to import
 
-    own = str(pipeline.resolve())
-    return [stage.addressing.rpartition(":")[2] for stage in Repo().index.stages if stage.path == own]
+    path = str(pipeline.resolve())
+    return [stage.addressing.rpartition(":")[2] for stage in Repo().index.stages if stage.path == path]
 
 
 def _stage_names(lock: Path) -> list[str]:

@@ -48,12 +48,9 @@ class Measured:
     name: str
     scenes: int
     instances: int
-    #: observations of each unique triple
-    counts: pd.Series[int]
-    #: entities (``tables.KINDS``)
-    kinds: pd.DataFrame
-    #: what mining counted
-    left: Mapping[str, int]
+    counts: pd.Series[int]  #: observations of each unique triple
+    kinds: pd.DataFrame  #: entities (``tables.KINDS``)
+    left: Mapping[str, int]  #: what mining counted
     seconds: float
 
     def of_kind(self, kind: str) -> list[str]:
@@ -61,11 +58,7 @@ class Measured:
 
 
 def source_settings(files: Iterable[Path]) -> dict[str, Any]:
-    """Settings of the sources that files of params have, by name, and of those of their graphs.
-
-    Raises:
-        InputError: where a file is missing or no YAML, or has a source that is no mapping, or of a name that is there.
-    """
+    """Settings of the sources and graphs that files of params have, by name; an ``InputError`` where one is broken."""
     settings: dict[str, Any] = {}
     for file in files:
         params = read(file)
@@ -141,13 +134,9 @@ def picture(measured: Measured) -> Figure | None:
 
 
 def most_frequent(seen: pd.DataFrame) -> pd.DataFrame:
-    """The most frequent objects of each room, at least one of each; those that one room has most of stand together.
+    """Observations (a row for each object, a column for each room) of the most frequent objects, at least one a room.
 
-    Args:
-        seen: observations; a row for each object, a column for each room.
-
-    Returns:
-        the same of those objects; columns are rooms, by their number of kinds of objects, with that number.
+    Objects that one room has most of stand together; rooms are in the order of their number of kinds, and bear it.
     """
     kinds = (seen > 0).sum().sort_values(ascending=False)
     ordered = seen[kinds.index]

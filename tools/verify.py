@@ -27,7 +27,7 @@ UNDECIDED = 1e-5
 class Check:
     """How far what was computed again is from what stands in a table."""
 
-    what: str
+    about: str
     #: of a difference, in the units of what is compared
     tolerance: float
     number: int = 0
@@ -43,8 +43,8 @@ class Check:
         self.worst = max(self.worst, apart)
         if apart > self.tolerance:
             most = int(np.nan_to_num(np.abs(here - there), nan=np.inf).argmax()) if here.shape == there.shape else 0
-            one, other = here.flat[most], there.flat[most]
-            self.disagreements.append(f"{self.what}, {where}: {one:.6g} here, {other:.6g} there")
+            ours, theirs = here.flat[most], there.flat[most]
+            self.disagreements.append(f"{self.about}, {where}: {ours:.6g} here, {theirs:.6g} there")
 
 
 def check_vectors(experiment: Experiment, size: int, seed: int, options: dict[str, Any], check: Check) -> int:
@@ -74,8 +74,8 @@ def check_mrr_star(experiment: Experiment, size: int, seed: int, check: Check) -
     theta0 = load_file(f"data/embeddings/{experiment.name}/theta0/size={size:02d}.safetensors")
     joint = load_file(f"data/embeddings/{experiment.name}/joint.safetensors")
     for model in [*experiment.initializers, "joint"]:
-        table, own = (joint, joint["seed"].tolist().index(seed)) if model == "joint" else (theta0, row)
-        vectors, relations = (table[name][own].astype(float) for name in ("entity", "relation"))
+        table, place = (joint, joint["seed"].tolist().index(seed)) if model == "joint" else (theta0, row)
+        vectors, relations = (table[name][place].astype(float) for name in ("entity", "relation"))
         if model != "joint":
             stored = load_file(f"data/runs/{experiment.name}/{model}.safetensors")[f"size={size:02d}"][row]
             vectors[session.order] = stored[: len(session.order)]
@@ -113,19 +113,20 @@ def check_epochs(experiment: Experiment, suffix: str, params: dict[str, Any], me
         rows += [(row["scope"], int(row["size"]), row["mean"], row["unconverged %"])
                  for row in by_size if row["initializer"] == line["initializer"]]  # fmt: skip
         for scope, size, mean_epochs, unconverged in rows:
-            own = [e for cell, e in epochs.items() if cell[3] == scope and size in (None, cell[0])]
+            chosen = [e for cell, e in epochs.items() if cell[3] == scope and size in (None, cell[0])]
             where = f"{model}, scope {scope}, {experiment.name}, size {size or 'any'}"
-            mean.compare(where, np.mean([most if e is None else e for e in own]), mean_epochs or np.nan)
-            share.compare(where, 100 * np.mean([e is None for e in own]), unconverged or np.nan)
+            mean.compare(where, np.mean([most if e is None else e for e in chosen]), mean_epochs or np.nan)
+            share.compare(where, 100 * np.mean([e is None for e in chosen]), unconverged or np.nan)
 
 
 def experiments_of(params: dict[str, Any]) -> list[Experiment]:
     """With the initializers that each runs, in the order of params."""
-    found = []
+    experiments = []
     for name, of_one in params["experiments"].items():
         listed = of_one.get("initializers", "all")
-        found.append(Experiment(name, [one for one in params["initializers"] if listed == "all" or one in listed]))
-    return found
+        names = [key for key in params["initializers"] if listed == "all" or key in listed]
+        experiments.append(Experiment(name, names))
+    return experiments
 
 
 def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
@@ -134,7 +135,12 @@ def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
     checks = [Check("initial vectors", 1e-5), Check("MRR* at once", 1e-5), Check("mean epochs", 6e-3),
               Check("unconverged %", 6e-3)]  # fmt: skip
     vectors, at_once, epochs, unconverged = checks
-    cells = [(one, size, seed) for one in experiments for size, seed, session in one.novel if session == 1]
+    cells = [
+        (experiment, size, seed)
+        for experiment in experiments
+        for size, seed, session in experiment.novel
+        if session == 1
+    ]
     if params["embedding"]["model"] == "analogy":
         chosen = [cells[place] for place in np.random.default_rng(seed).permutation(len(cells))[:number]]
         left_open = sum(check_vectors(*cell, params["initializers"], vectors) for cell in chosen)
@@ -145,9 +151,9 @@ def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
               f"vectors whose last indicator is less than {UNDECIDED:.0e} ahead of the next.")  # fmt: skip
     else:
         print("Not computed again: vectors and MRR*, which is done for ANALOGY alone.")
-    for place, one in enumerate(experiments):
-        if not params["experiments"][one.name]["graph"].get("extend"):
-            check_epochs(one, f"_{one.name}" if place else "", params, epochs, unconverged)
+    for place, experiment in enumerate(experiments):
+        if not params["experiments"][experiment.name]["graph"].get("extend"):
+            check_epochs(experiment, f"_{experiment.name}" if place else "", params, epochs, unconverged)
     return checks
 
 
@@ -162,7 +168,9 @@ def main() -> None:
         sys.exit(f"verify: {error}")
     print(f"\n{'compared':18}{'number':>8}{'largest difference':>20}{'tolerance':>11}{'disagreements':>15}")
     for check in checks:
-        print(f"{check.what:18}{check.number:8}{check.worst:20.1e}{check.tolerance:11.0e}{len(check.disagreements):15}")
+        print(
+            f"{check.about:18}{check.number:8}{check.worst:20.1e}{check.tolerance:11.0e}{len(check.disagreements):15}"
+        )
     for line in [line for check in checks for line in check.disagreements][:20]:
         print(line)
     sys.exit(any(check.disagreements for check in checks))

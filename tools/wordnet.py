@@ -58,12 +58,12 @@ def definition(folder: Path, synset: str) -> str:
 @cache
 def _index(path: Path) -> dict[str, list[int]]:
     """Where the synsets of each word stand, by sense."""
-    found = {}
+    offsets = {}
     for line in _content(path).decode("latin-1").splitlines():
         if not line.startswith(" "):
             fields = line.split()
-            found[fields[0]] = [int(offset) for offset in fields[-int(fields[2]) :]]
-    return found
+            offsets[fields[0]] = [int(offset) for offset in fields[-int(fields[2]) :]]
+    return offsets
 
 
 @cache

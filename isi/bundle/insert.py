@@ -160,7 +160,7 @@ def ablations(
     The best answers of each query are compared, ``most`` at most.
     """
     known, new = before(opened, record)
-    row, own = len(known.entities), torch.from_numpy(opened.entities[len(known.entities)]).double()
+    row, stored = len(known.entities), torch.from_numpy(opened.entities[len(known.entities)]).double()
 
     def without(triples: list[tuple[str, str, str]]) -> NewEntity:
         return replace(new, request=new.request.model_copy(update={"insert_triples": triples}))
@@ -186,7 +186,8 @@ def ablations(
         entities = opened.entities.copy()
         entities[row] = other.vector
         vector = torch.from_numpy(entities[row]).double()
-        cosine, moved = cosine_similarity(vector, own, dim=0), (vector - own).norm() / own.norm().clamp(min=1e-12)
+        cosine = cosine_similarity(vector, stored, dim=0)
+        moved = (vector - stored).norm() / stored.norm().clamp(min=1e-12)
         changes = list(_changes(opened, replace(opened, entities=entities), queries, most))
         yield Ablation(left_out, piece, other.result.initializer, cosine.item(), moved.item(), changes)
 
