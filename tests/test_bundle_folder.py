@@ -136,16 +136,16 @@ def test_the_usual_epochs_are_the_lower_median_of_the_last_that_were_kept() -> N
 
 
 def test_all_triples_are_learned_in_as_many_epochs() -> None:
-    graph, how = random_graph(12, 2, 40), LEARNING
+    graph, config = random_graph(12, 2, 40), LEARNING
     points = whole_graph("home", graph)
-    learned, again = (train_final(points, how, 3) for _ in range(2))
-    assert learned.entity.tobytes() == again.entity.tobytes()
+    learned, again = (train_final(points, config, 3) for _ in range(2))
+    assert torch.equal(learned.entity, again.entity)
     session, keys = points.last_session, torch.tensor([[0, 0]])
     assert (session.splits == 0).all()
-    state = start(uniform(session.entities, 2, how.model, how.dimension, how.init_range, how.root, keys))
-    data = training_data(session, "training", keys, how.negatives.head_pool)
+    state = start(uniform(session.entities, 2, config.model, config.dimension, config.init_range, config.root, keys))
+    data = training_data(session, "training", keys, config.negatives.head_pool)
     assert data.counts.sum() == graph.counts.sum()
     for epoch in (1, 2, 3):
-        run_epoch(state, data, how.negatives, how.training, how.root, epoch)
-    assert learned.entity.tobytes() == state.embedding.entity.numpy().tobytes()
-    assert learned.relation.tobytes() == state.embedding.relation.numpy().tobytes()
+        run_epoch(state, data, config.negatives, config.training, config.root, epoch)
+    assert torch.equal(learned.entity, state.embedding.entity)
+    assert torch.equal(learned.relation, state.embedding.relation)
