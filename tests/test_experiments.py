@@ -12,14 +12,7 @@ import pytest
 import torch
 
 from isi.analyses.finetuning import finetune_only
-from isi.analyses.joint_models import (
-    CrossValidation,
-    Setting,
-    best_validations,
-    changed_config,
-    compare,
-    fold_points,
-)
+from isi.analyses.joint_models import CrossValidation, Setting, best_validations, changed_config, compare, fold_points
 from isi.analyses.single_insertions import place_of_interest, trace_trajectory
 from isi.analyses.variants import train_models
 from isi.evaluation.query_sets import CONVERGING

@@ -30,16 +30,7 @@ from isi.tables import paths
 from tests.init_contexts import initialize as insert
 from tests.init_contexts import stacked
 from tests.small_graphs import dense
-from tests.small_insertion import (
-    DIMENSION,
-    ENTITIES,
-    NOVEL,
-    RELATIONS,
-    World,
-    insertion,
-    seen,
-    world,
-)
+from tests.small_insertion import DIMENSION, ENTITIES, NOVEL, RELATIONS, World, insertion, seen, world
 
 EVERYONE: dict[str, dict[str, Option]] = {
     "xavier": {}, "iu": {}, "es": {"k": 3}, "rs": {"k": 4}, "ers": {"k": 2, "candidates": 5},

@@ -10,14 +10,7 @@ import torch
 
 from isi.evaluation.query_sets import CONVERGING
 from isi.experiment.grid import GridPoints
-from isi.experiment.insert import (
-    InsertConfig,
-    InsertResult,
-    finetune,
-    init_context,
-    insert_sessions,
-    with_vectors,
-)
+from isi.experiment.insert import InsertConfig, InsertResult, finetune, init_context, insert_sessions, with_vectors
 from isi.models.stack import Embedding
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data

@@ -37,10 +37,10 @@ def test_it_stops_before_mrr_star_is_a_point_below_the_best(mrr_star: list[float
     assert select_size([1, 2, 3, 4, 5, 6], mrr_star, [60, 50, 40, 30, 20, 10]) == picked
 
 
-def test_neighbours_are_those_of_the_list() -> None:
-    assert select_size([1, 4, 10, 30], [0.6] * 4, [30, 20, 10, 0]) == 10
-
-
-@pytest.mark.parametrize("sizes", [[3], [3, 5]])
-def test_too_few_to_have_neighbours_give_the_first(sizes: list[int]) -> None:
-    assert select_size(sizes, [0.6] * len(sizes), [9.0] * len(sizes)) == 3
+@pytest.mark.parametrize(
+    ("sizes", "epochs", "picked"), [([1, 4, 10, 30], [30.0, 20, 10, 0], 10), ([3], [9.0], 3), ([3, 5], [9.0, 9], 3)]
+)
+def test_neighbours_are_those_of_the_list_and_too_few_give_the_first(
+    sizes: list[int], epochs: list[float], picked: int
+) -> None:
+    assert select_size(sizes, [0.6] * len(sizes), epochs) == picked

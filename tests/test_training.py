@@ -141,12 +141,6 @@ def test_fit_keeps_the_best_and_respects_patience() -> None:
     assert len(lengths) > 1  # or no model left the stack early
 
 
-def test_fit_looks_at_the_last_epoch_too() -> None:
-    settings = FITTING.model_copy(update={"max_epochs": 5, "evaluate_every": 3})
-    _, validations = fitted([0], settings)
-    assert validations["epoch"].tolist() == [3, 5]
-
-
 @pytest.fixture(params=["tables", "lists"])
 def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Batches in either form."""

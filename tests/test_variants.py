@@ -139,11 +139,6 @@ def test_from_stored_embeddings_the_runs_are_those_of_the_first_pipeline() -> No
     pd.testing.assert_frame_equal(answers.reset_index(drop=True), same.reset_index(drop=True))
 
 
-def test_embeddings_of_its_own_are_those_that_the_first_pipeline_would_train() -> None:
-    for trained, read in zip(run_variant(*task(LEARNING)), run_variant(*task(stored())), strict=True):
-        pd.testing.assert_frame_equal(trained, read)
-
-
 def test_queries_are_the_same_whatever_the_number_of_insert_triples() -> None:
     start = stored()
     everything, nothing, one = (run_variant(*task(start, most)) for most in (None, 0, 1))

@@ -108,7 +108,7 @@ def hide(triples: np.ndarray, entities: int, settings: Hidden, key: str, root: i
 
 
 def _draw(triples: np.ndarray, entities: int, number: int, fewest: int, rng: np.random.Generator) -> np.ndarray | None:
-    """Entities, (E,), that have enough triples with a known end; all others, and relations, keep a triple; or null."""
+    """Which entities, (E,), to hide: they have enough triples with a known end, and all else keeps one; or null."""
     hidden = np.zeros(entities, dtype=bool)
     for entity in rng.permutation(entities):
         hidden[entity] = True

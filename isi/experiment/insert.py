@@ -79,7 +79,7 @@ class InsertConfig:
 def insert_config(
     params: Params, initializer: str, full_curves: Sequence[int] = (), options: Mapping[str, Any] | None = None
 ) -> InsertConfig:
-    """How an initializer inserts, with its options in params or others; an ``InputError`` where it takes them not."""
+    """How an initializer inserts, with its options in params or others; an ``InputError`` where they do not fit."""
     options = params.initializers[initializer] if options is None else options
     trainer.compile_ahead(model_of(params), params.finetuning.batch_size)
     return InsertConfig(

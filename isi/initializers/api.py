@@ -145,12 +145,10 @@ class Registered:
         """What the initializer needs that a model lacks; null where it lacks nothing."""
         if "inverse" in self.needs and not model.invertible:
             return "the inverse of a relation"
-        if "linear_score" in self.needs and not model.linear:
-            return "a score that is linear in a vector"
-        return None
+        return "a score that is linear in a vector" if "linear_score" in self.needs and not model.linear else None
 
     def check(self, model: Model) -> None:
-        """Refuse a model that lacks what the initializer needs, by an ``InputError`` that names those without need."""
+        """Refuse a model that lacks what the initializer needs; the ``InputError`` names those that do without it."""
         if lacking := self.misses(model):
             others = [name for name in INITIALIZERS.names() if not INITIALIZERS.get(name, name).misses(model)]
             message = f"{type(model).__name__} lacks {lacking}: expected one of {', '.join(others)}"
@@ -179,5 +177,5 @@ def initializer(name: str, *, label: str | None = None, **about: Any) -> Callabl
 
 
 def options_of(name: str, given: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """The options of an initializer, as keyword arguments; an ``InputError`` at a key where there is no such one."""
+    """The options of an initializer, as keyword arguments, or an ``InputError`` at a key where they do not fit."""
     return keywords(INITIALIZERS.get(name, key).function, given, key)

@@ -171,6 +171,6 @@ def register_model(name: str) -> Callable[[M], M]:
 
 
 def make_model(name: str, options: Mapping[str, Any], key: str) -> Model:
-    """The model of a name, with its options, or an ``InputError`` at a key where there is no such one."""
+    """The model of a name, with its options, or an ``InputError`` at a key where they do not fit."""
     kind = MODELS.get(name, key)
     return kind(**keywords(kind.__init__, options, key))

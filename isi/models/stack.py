@@ -65,7 +65,7 @@ def rows(table: Tensor, ids: Tensor) -> Tensor:
 
 
 def select(stacked: T, models: Tensor) -> T:
-    """The same for some embeddings of a stack, by a mask or places; what its ``metadata`` say is ``shared`` stays."""
+    """The same value for some embeddings of a stack, by a mask or places; fields marked as ``shared`` stay."""
     return mapped(stacked, lambda tensor: tensor[models], shared=False)
 
 
@@ -87,7 +87,7 @@ def mapped(value: T, function: Callable[[Tensor], Tensor], shared: bool = True) 
 def uniform(
     entities: Tensor, relations: int, model: Model, dimension: int, half_range: float, root: int, keys: Tensor
 ) -> Embedding:
-    """Tables uniform in ± half_range (of relations: ``Model.half_range``), zero for entities, (M, E), without a part.
+    """Tables uniform in ± half_range (of relations: ``Model.half_range``), zero outside of ``entities``, (M, E), bool.
 
     The random stream of each embedding is keyed by the root seed and a row of ``keys``.
     """
