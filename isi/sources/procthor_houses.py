@@ -19,9 +19,9 @@ from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, Name, e
 from isi.sources.readers import json_lines, packaged, parse_json, read_text
 from isi.sources.recordings import AFFORDANCES, Scene, SceneObject, locate, read_recording
 
-#: The largest house that is read, in bytes, objects, rooms, and corners of a floor; those of ProcTHOR-10K have a few
-#: hundred thousand, a few hundred, ten, and a dozen at most.
-LONGEST, MOST_OBJECTS, MOST_ROOMS, MOST_CORNERS = 16 * 2**20, 10_000, 100, 200
+#: The largest house that is read, in bytes, objects, and corners of floors; those of ProcTHOR-10K have a few hundred
+#: thousand, hundred and dozen at most.
+LONGEST, MOST_OBJECTS, MOST_CORNERS = 16 * 2**20, 10_000, 2_000
 #: Corners of floors are rounded to it (metres).
 ROUNDED = 0.001
 INSTANCES = "instances"
@@ -51,7 +51,7 @@ class Room(_Fields):
 
     id: Annotated[str, Field(pattern=r"^room\|[0-9]{1,9}$")]
     type: Annotated[str, Field(alias="roomType", pattern=r"^[A-Za-z][A-Za-z ]{0,59}$")]
-    floor: Annotated[list[Point], Field(alias="floorPolygon", min_length=3, max_length=MOST_CORNERS)]
+    floor: Annotated[list[Point], Field(alias="floorPolygon", min_length=3)]
 
 
 class _Metadata(_Fields):
@@ -67,7 +67,9 @@ class Item(_Fields):
     children: list[Item] | None = None
 
 
-def _distinct_ids(rooms: list[Room]) -> list[Room]:
+def _check_rooms(rooms: list[Room]) -> list[Room]:
+    if sum(len(room.floor) for room in rooms) > MOST_CORNERS:
+        raise ValueError(f"expected at most {MOST_CORNERS:,} corners of floors")
     if not distinct(room.id for room in rooms):
         raise ValueError("two rooms have the same id")
     return rooms
@@ -76,7 +78,7 @@ def _distinct_ids(rooms: list[Room]) -> list[Room]:
 class House(_Fields):
     """A house in the format of ProcTHOR-10K, of either version, with its objects as a forest."""
 
-    rooms: Annotated[list[Room], Field(min_length=1, max_length=MOST_ROOMS), AfterValidator(_distinct_ids)]
+    rooms: Annotated[list[Room], Field(min_length=1), AfterValidator(_check_rooms)]
     objects: list[Item] | None
     metadata: _Metadata | None = None
 
