@@ -57,11 +57,7 @@ def rendered(canvas: Canvas, form: str) -> bytes:
 
 
 def panels(number: int, columns: int = 2, height: float = 3.6, width: float = 8) -> tuple[Canvas, list[Axes]]:
-    """A canvas of a number of panels, ``columns`` of them in each row; what the last row has more stays blank.
-
-    Args:
-        height: of all, in inches; likewise ``width``.
-    """
+    """A canvas of panels, ``columns`` in each row, the rest of the last row blank; height and width are in inches."""
     canvas = Canvas(figsize=(width, height), layout="constrained")
     axes = list(canvas.subplots(-(-number // columns), columns, squeeze=False).flat)
     for blank in axes[number:]:
@@ -97,9 +93,7 @@ def by_size(
 ) -> Canvas:
     """MRR* right after insertion against the number of novel entities: a row for each measure, a panel for each scope.
 
-    Args:
-        measures: columns of runs.
-        entities: of the graph, of which the upper axis gives the share.
+    ``measures`` are columns of runs; the upper axis gives the share of the graph's number of entities.
     """
     canvas, axes = panels(len(measures) * len(scopes), len(scopes), height=0.6 + 3 * len(measures))
     for panel, (measure, scope) in zip(axes, product(measures, scopes), strict=True):
@@ -124,11 +118,9 @@ def by_epoch(
     runs: pd.DataFrame, models: Sequence[str], scopes: Sequence[str], ylabel: str = "MRR* (points)",
     margin: float | None = None,
 ) -> Canvas:  # fmt: skip
-    """MRR* by epoch of fine-tuning, a panel for each scope, with the joint model's level.
+    """MRR* by epoch of fine-tuning of runs of one size, a panel for each scope, with the joint model's level.
 
-    Args:
-        runs: of one size, the joint model's among them.
-        margin: also draw where a run of mean joint performance counts as converged.
+    With a margin, also where a run of mean joint performance counts as converged.
     """
     canvas, axes = panels(len(scopes))
     for panel, scope in zip(axes, scopes, strict=True):
@@ -207,12 +199,7 @@ def rounded(svg: str) -> str:
 
 
 def inline(svg: str, name: str) -> Markup:
-    """A figure as an element of the page.
-
-    Args:
-        svg: by matplotlib, with text as text.
-        name: stands before its ids, each of which a page has once.
-    """
+    """A figure by matplotlib as an element of the page; ``name`` stands before its ids, which a page has once."""
     text = re.sub(r"<metadata>.*?</metadata>|<style .*?</style>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
     text = re.sub(r"font-family: [^;\"]*;? ?", "", text)
     text = re.sub(r' id="', f' id="{name}-', text)

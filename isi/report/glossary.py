@@ -10,7 +10,7 @@ from markupsafe import Markup, escape
 
 from isi.report.data import Results
 from isi.report.section import text_of
-from isi.report.words import JOINT, described, label
+from isi.report.words import JOINT, capitalized, described, label
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,8 @@ def of_models(results: Results) -> list[Term]:
     every_run = [*results.experiments.values(), *results.variants]
     titles = {name: label(name) for runs in every_run for name in runs.initializers}
     meanings = {name: described(name).removeprefix(title).lstrip(",: ") for name, title in titles.items()}
-    terms = [
-        Term(title, meanings[name][:1].upper() + meanings[name][1:], in_text=title.isupper() or title == "Xavier")
-        for name, title in titles.items()
-    ]
+    terms = [Term(title, capitalized(meanings[name]), in_text=title.isupper() or title == "Xavier")
+             for name, title in titles.items()]  # fmt: skip
     return [*terms, Term(label(JOINT), "The joint model: trained from the start on everything.", in_text=False)]
 
 

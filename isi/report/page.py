@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Collection, Mapping, Sequence
-from itertools import groupby
+from itertools import groupby, product
 from pathlib import Path
 from typing import Any
 
@@ -87,20 +87,13 @@ def html(
     terms = [*glossary.of_the_page(), *glossary.of_models(results)]
     marker = glossary.Marker([term for term in terms if term.id in ids])
     return environment.get_template("page.html").render(
-        verdict=verdict,
-        colours=figures.colours(drawings.values()),
-        style=Markup(text_of("style.css")),  # noqa: S704
-        script=Markup(text_of("page.js")),  # noqa: S704
-        groups=[(name, list(group)) for name, group in groupby(parts, key=lambda part: part.group)],
-        headed=headed,
+        verdict=verdict, colours=figures.colours(drawings.values()), figures=drawings, in_words=in_words, headed=headed,
+        style=Markup(text_of("style.css")), script=Markup(text_of("page.js")),  # noqa: S704
+        groups=[(name, list(group)) for name, group in groupby(parts, key=lambda part: part.group)], marker=marker,
         marked_up=lambda text: Markup(marker.text(marked_up(text, ids))),  # noqa: S704
-        marker=marker,
-        figures=drawings,
-        in_words=in_words,
-        header=header,
-        column_groups=column_groups,
+        header=header, column_groups=column_groups,
         json=lambda data: htmlsafe_json_dumps(data, separators=(",", ":")),
-    )
+    )  # fmt: skip
 
 
 def headed(blocks: Sequence[Block]) -> list[tuple[Block | None, list[Block]]]:
@@ -145,18 +138,15 @@ def metrics(results: Results) -> dict[str, Any]:
 
 
 def _headlines(experiment: Experiment) -> dict[str, Any]:
-    numbers: dict[str, Any] = {
-        "immediate_mrr_star": experiment.mrr_star,
-        "epochs_to_convergence": experiment.epochs(),
-        "unconverged_percent": experiment.unconverged,
-    }
+    numbers: dict[str, Any] = {"immediate_mrr_star": experiment.mrr_star, "epochs_to_convergence": experiment.epochs(),
+                               "unconverged_percent": experiment.unconverged}  # fmt: skip
     if experiment.settings.graph.extend is None:
         triples = experiment.triples
         graph = {"observations": int(triples["count"].sum()), "unique_triples": len(triples),
                  "entities": len(experiment.entities)}  # fmt: skip
         gains = {scope: stats.values(stats.improvements(experiment.immediate, scope)) for scope in ("all", "novel")}
-        gains = {scope: {name: gain for name, gain in of_scope.items() if name not in (BASELINE, JOINT)}
-                 for scope, of_scope in gains.items()}  # fmt: skip
+        for of_scope, name in product(gains.values(), (BASELINE, JOINT)):
+            of_scope.pop(name, None)
         numbers = {"graph": graph, **numbers, "improvement_over_xavier_percent": gains}
     else:
         numbers["drop_percent"] = stats.values(transfer.drops(experiment.immediate))

@@ -20,10 +20,8 @@ from isi.report.words import isi, label
 LEVEL = 0.05
 #: A difference, as people read it.
 signed = "{:+.2f}".format
-#: Up to as many seeds that differ, every way to flip their signs is counted; ...
-_COUNTED = 40
-#: ... beyond, as many ways are drawn.
-_DRAWN = 99_999
+#: Up to as many seeds that differ, every way to flip their signs is counted; beyond, as many ways are drawn.
+_COUNTED, _DRAWN = 40, 99_999
 
 
 @dataclass(frozen=True)
@@ -56,10 +54,8 @@ class Pair:
 def compare(measures: Mapping[str, pd.DataFrame], models: Sequence[str]) -> list[Pair]:
     """Every pair of models by every measure.
 
-    A pair of one of ISI and another has ISI first; otherwise the order is that of the models.
-
-    Args:
-        measures: by name, a column a model and a row a cell, whose index names its seed.
+    A pair of one of ISI and another has ISI first; otherwise the order is that of the models. Measures have a column a
+    model and a row a cell, whose index names its seed.
     """
     pairs, methods = [], isi(models)
     for measure, cells in measures.items():
@@ -109,14 +105,11 @@ def difference(values: np.ndarray) -> Difference:
 
 
 def sign_flip(values: np.ndarray) -> float:
-    """How many of the 2ⁿ ways to give n differences a sign make a mean at least as far from zero.
+    """The share of the 2ⁿ ways to give n differences a sign that make a mean at least as far from zero.
 
-    Exact, by meeting in the middle: the signed sums of one half of the differences are sorted, and those of
-    the other half count in them. In whole billionths, so that ties are ties. Seeds that do not differ have
-    no sign. Where there are too many to count, signs are drawn, and the differences' own are one more way.
-
-    Returns:
-        the share of such ways; null where no seed differs.
+    Exact, by meeting in the middle: the signed sums of one half of the differences are sorted, and those of the other
+    half count in them. In whole billionths, so that ties are ties. Seeds that do not differ have no sign; null where
+    none does. Where there are too many to count, signs are drawn, and the differences' own are one more way.
     """
     units = np.rint(np.abs(values[values != 0]) * 1e9).astype(np.int64)
     reached = abs(int(np.rint(values * 1e9).astype(np.int64).sum()))

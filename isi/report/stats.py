@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -63,10 +63,10 @@ def improvements(immediate: pd.DataFrame, scope: str) -> dict[str, Estimate]:
 
 
 def relative(pairs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], sign: int = 1) -> dict[str, Estimate]:
-    """By how much the means of some cells are above those of others, in per cent, averaged over cells.
+    """By how much means of cells over seeds are above those of others, in per cent, averaged over cells.
 
     Args:
-        pairs: by name, the cells and those to compare with: a row a seed and a column a cell, likewise in both.
+        pairs: by name, the cells and those to compare with: a row a seed and a column a cell; null values are left out.
         sign: -1 for how much they are below.
     """
 
@@ -74,8 +74,15 @@ def relative(pairs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], sign: int =
         share: np.ndarray = 100 * (sign * (means / base - 1)).mean(-1)
         return share
 
-    estimates = {name: of_means(above, cells.reindex(columns=base.columns), base)
-                 for name, (cells, base) in pairs.items()}  # fmt: skip
+    estimates = {}
+    for name, (cells, base) in pairs.items():
+        values = [frame.to_numpy(float) for frame in (cells.reindex(columns=base.columns), base)]
+        with np.errstate(invalid="ignore"):  # a cell without any value makes null
+            mean = float(above(*(np.nansum(cell, axis=0) / (~np.isnan(cell)).sum(0) for cell in values)))
+            resampled = [_resampled(np.nan_to_num(cell.T)) / _resampled(~np.isnan(cell.T) * 1.0)
+                         for cell in values if len(base) > 1]  # fmt: skip
+            bounds = _bounds(above(*(cells.T for cells in resampled))[None])[0].tolist() if resampled else ()
+        estimates[name] = Estimate(mean, *bounds)
     return {name: estimate for name, estimate in estimates.items() if not np.isnan(estimate.mean)}
 
 
@@ -106,9 +113,7 @@ def halves(runs: pd.DataFrame, models: Sequence[str], *scopes: str) -> dict[Any,
 def ordered_rows(means: pd.DataFrame, models: Sequence[str], **orders: Sequence[Any]) -> pd.DataFrame:
     """Groups as rows of a table, sorted level by level: models by their order and under their labels.
 
-    Args:
-        means: by group; one level is ``model``.
-        orders: of other levels, where that is not ascending; values that an order lacks are left out.
+    ``orders`` are those of other levels where that is not ascending; values that an order lacks are left out.
     """
     levels, frame = list(map(str, means.index.names)), means.reset_index()
     for name, order in {"model": models, **orders}.items():
@@ -126,12 +131,8 @@ def cells_of(rows: pd.DataFrame, models: Sequence[str], scope: str, column: str)
 def over_seeds(rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str], scale: float = 100.0) -> pd.DataFrame:
     """Means of columns over the rows of each group, with 95 % intervals over seeds (see ``ratios``).
 
-    Args:
-        rows: with a column ``seed``; all that a seed has is resampled with it. Null values are left out.
-        columns: to be averaged, and their names in the result.
-
-    Returns:
-        estimates by group, a column each.
+    All that a seed has is resampled with it; null values are left out. ``columns``: to be averaged, and their names in
+    the result, which has estimates by group.
     """
     if rows.empty:
         return pd.DataFrame(columns=[*by, *columns.values()], dtype=object).set_index(list(by))
@@ -152,12 +153,9 @@ def by_model(rows: pd.DataFrame, column: str, models: Sequence[str], scale: floa
 def ratios(over: np.ndarray, under: np.ndarray) -> np.ndarray:
     """Of each row, the sum of ``over`` by that of ``under``, and its 95 % interval over seeds; shape: (rows, 3).
 
-    With numbers of values as ``under`` these are means. The interval is the bootstrap's, by percentiles:
-    that method stays defined where values are nearly constant; BCa does not. Of one seed there is none.
-
-    Args:
-        over: a column a seed.
-        under: likewise; a seed for which it is null takes no part.
+    Both have a column a seed; one for which ``under`` is null takes no part. With numbers of values as ``under`` these
+    are means. The interval is the bootstrap's, by percentiles: that stays defined where values are nearly constant,
+    BCa does not. Of one seed there is none.
     """
     estimates, present = np.full((len(over), 3), np.nan), ~np.isnan(under)
     for pattern in np.unique(present, axis=0):
@@ -187,24 +185,6 @@ def _resampled(values: np.ndarray) -> np.ndarray:
     return sums
 
 
-def of_means(function: Callable[..., np.ndarray], *cells: pd.DataFrame) -> Estimate:
-    """A function of the means over seeds of each cell, and its 95 % interval over seeds.
-
-    Args:
-        function: of means, one for each frame: their last axis is the cells.
-        cells: a row a seed and a column a cell, likewise in each; null values are left out.
-    """
-    if cells[0].empty:
-        return Estimate(np.nan)
-    values = [frame.to_numpy(float) for frame in cells]
-    with np.errstate(invalid="ignore"):  # a cell without any value makes null
-        value = float(function(*(np.nansum(cell, axis=0) / (~np.isnan(cell)).sum(0) for cell in values)))
-        means = [(_resampled(np.nan_to_num(cell.T)) / _resampled(~np.isnan(cell.T) * 1.0)).T for cell in values]
-        resampled = function(*means) if len(cells[0]) > 1 else np.array([])
-    low, high = _bounds(resampled[None])[0].tolist() if len(resampled) else (np.nan, np.nan)
-    return Estimate(value, low, high)
-
-
 @cache
 def resamples(seeds: int) -> np.ndarray:
     """How often each resample of so many seeds has each of them; shape: (RESAMPLES, seeds).
@@ -221,12 +201,8 @@ def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     The entity half is the mean over the head and tail queries of each relation, averaged over the relations
     with their observations as weights; the relation half is the mean over relation queries.
 
-    Args:
-        rows: some of ``QUERY_BREAKDOWN``.
-        by: columns, those that tell cells apart (size and seed) among them.
-
-    Returns:
-        columns of ``by`` and ``HALVES``; a half without queries is null, and MRR* where one is.
+    A half without queries is null, and MRR* where one is. ``rows`` are some of ``QUERY_BREAKDOWN``; ``by`` are columns,
+    those that tell cells apart (size and seed) among them.
     """
     weighted = rows.assign(total=rows["mrr_star"] * rows["queries"])
     of_relations = rows["hidden"] == "relation"
@@ -235,10 +211,8 @@ def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     shares = pd.DataFrame({"mean": weight * sums["total"] / sums["queries"], "weight": weight})
     shares = shares.groupby(level=list(by)).sum()
     relations = weighted[of_relations].groupby(list(by), observed=True)[["total", "queries"]].sum()
-    halves = pd.DataFrame({
-        "mrr_star_entity": shares["mean"] / shares["weight"],
-        "mrr_star_relation": relations["total"] / relations["queries"],
-    })  # fmt: skip
+    entity, relation = shares["mean"] / shares["weight"], relations["total"] / relations["queries"]
+    halves = pd.DataFrame({"mrr_star_entity": entity, "mrr_star_relation": relation})
     halves["mrr_star"] = halves.mean(axis=1, skipna=False)
     return halves[list(HALVES)].reset_index()
 

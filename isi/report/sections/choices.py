@@ -28,12 +28,9 @@ _MARKS: dict[str, dict[str, Any]] = {
     "this run": {"marker": "s", "fillstyle": "full", "ms": 5}, "paper": {"marker": "D", "fillstyle": "none", "ms": 9},
     "picked by the rule": {"marker": "*", "fillstyle": "full", "ms": 11},
 }  # fmt: skip
-#: The rule for the size: each size is averaged with the one before it and the one after, ...
-NEIGHBOURS = 3
-#: ... the set grows while this many epochs are gained, ...
-EPOCHS = 1.0
-#: ... and while MRR* is at most this far below the best.
-LOSS = 0.01
+#: The rule for the size: each size is averaged with the one before it and the one after, and the set grows while so
+#: many epochs are gained and while MRR* is at most so far below the best.
+NEIGHBOURS, EPOCHS, LOSS = 3, 1.0, 0.01
 
 
 def indicators(results: Results) -> Iterator[Content]:
@@ -106,21 +103,17 @@ def picked_sizes(means: pd.DataFrame) -> dict[str, int]:
 def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequence[float]) -> int:
     """The indicator set size that the paper's rule picks (section 5.3).
 
-    The paper "increased the indicator set size while the average number of epochs for three neighboring
-    sizes decreased by 1 epoch or the MRR* went 1% point below the best performance". Read here as: grow
-    while the former holds, and stop before the latter. Where the wording is open, it is taken so:
+    The paper "increased the indicator set size while the average number of epochs for three neighboring sizes decreased
+    by 1 epoch or the MRR* went 1% point below the best performance". Read here as: grow while the former holds, and
+    stop before the latter. Where the wording is open, it is taken so:
 
-    - Neighbours are those of the list, however far apart; the mean of a size is over it and its two
-      neighbours. The first and the last size have no such mean, so growth is first tested from the
-      second size to the third, and the last size is never picked.
-    - The best performance is that of the sizes up to this one: what a larger set would have does not
-      count against a smaller one, and a rise at small sizes stops nothing.
+    - Neighbours are those of the list, however far apart; the mean of a size is over it and its two neighbours. The
+      first and the last have none, so growth is first tested from the second to the third; the last is never picked.
+    - The best performance is that of the sizes up to this one: what a larger set would have does not count against a
+      smaller one, and a rise at small sizes stops nothing.
     - The first size is picked where the second is too far below it, or where there are fewer than three.
 
-    Args:
-        sizes: ascending.
-        mrr_star: immediate MRR* of each, in [0, 1].
-        epochs: mean epochs to convergence of each.
+    Sizes ascend; each has its immediate MRR*, in [0, 1], and its mean epochs to convergence.
     """
     means = [sum(epochs[place - 1 : place + 2]) / NEIGHBOURS for place in range(1, len(sizes) - 1)]
     picked = 0
@@ -152,8 +145,7 @@ def _by_size(
 ) -> Canvas:  # fmt: skip
     """Means and intervals of ``value`` by k, with the sizes that were chosen; those beyond a line have no mark.
 
-    Args:
-        shown: scope, title and label of the y-axis of each panel.
+    A panel for each scope that is shown, with its title and the label of its y-axis.
     """
     canvas, axes = panels(len(shown))
     for panel, (scope, title, ylabel) in zip(axes, shown, strict=True):

@@ -78,11 +78,9 @@ def table2(
 
 def _by_size(epochs: pd.DataFrame, initializers: Sequence[str]) -> pd.DataFrame:
     """Table 2 for each size, with the number of queries that decide it."""
-    by = ["scope", "size", "model"]
-    groups = epochs.groupby(by)
-    frame = epochs_summary(epochs, by).drop(columns="std")
+    by, titles = ["scope", "size", "model"], {"model": "initializer", "scope": SCOPE}
+    groups, frame = epochs.groupby(by), epochs_summary(epochs, by).drop(columns="std")
     frame = frame.assign(**{"triples queried": groups["queries"].mean(), "sets": groups.size()})
-    titles: dict[Any, Any] = {"model": "initializer", "scope": SCOPE}
     return ordered_rows(frame, initializers).rename(columns=titles)
 
 

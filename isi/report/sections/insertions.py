@@ -53,9 +53,7 @@ def _figure1(traces: Traces, names: pd.Series) -> Content:
 def plane(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """The plane of the two principal components of vectors, (N, d).
 
-    Returns:
-        their centre (d), two orthonormal axes (2, d), each with its largest part positive, and the share of
-        the variance that lies in the plane.
+    Their centre (d), two orthonormal axes (2, d), each with its largest part positive, and the share of variance.
     """
     centre = vectors.mean(0, dtype=np.float64)
     _, strength, axes = np.linalg.svd(vectors - centre, full_matrices=False)
@@ -120,10 +118,8 @@ def _path(axes: Axes, points: np.ndarray, color: str, name: str) -> None:
 
 #: A model, and the epoch after which it is shown.
 Step = tuple[str, int]
-#: Indicators whose share of a centre is below this are left out.
-LEAST = 0.005
-#: Entities in no set that are named, at most.
-FEW = 12
+#: Indicators with a smaller share of a centre are left out; entities in no set are named where they are no more.
+LEAST, FEW = 0.005, 12
 
 
 def explorer(results: Results) -> Iterator[Content]:

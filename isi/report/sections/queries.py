@@ -138,8 +138,7 @@ class Answers:
     def judged(self, model: str, entities: Sequence[str], afforded: Mapping[str, Sequence[str]]) -> dict[str, int]:
         """How many of the answers about some entities are of the relation's kinds, and how many are wrong.
 
-        Args:
-            afforded: what is plausible, by entity; where all are judged, also how many are that, and unlikely.
+        Where ``afforded`` has what is plausible for each of them, also how many are that, and how many unlikely.
         """
         tops = [(entity, *answer) for entity in entities for answer in self.top(model, entity)]
         hits = [(entity, answer) for entity, answer, kind in tops if kind in self.kinds]

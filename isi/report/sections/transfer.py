@@ -71,13 +71,9 @@ def mined(
     steps: Mapping[str, int], entities: pd.DataFrame, triples: pd.DataFrame, seen: MinedSource, base: str,
     minimum: int, inserted: int,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """What another source adds to a graph.
+    """What another source adds to a graph with the title ``base``: instances after each step of mining, then counts.
 
-    Args:
-        steps: instances after each step of mining.
-        entities: of the experiment, likewise ``triples``.
-        seen: by the other source.
-        base: the title of the graph.
+    Entities and triples are those of the experiment; ``seen`` is what the other source observed.
     """
     unknown = new_entities(seen, entities[entities["source"] != seen.source])
     counts = dict(steps) | {

@@ -155,17 +155,17 @@ def other_graphs(results: Results) -> Iterator[Content]:
 
 def sizes(graphs: Iterable[Experiment | GraphRuns]) -> list[dict[str, Any]]:
     """A row for each graph."""
-    return [
-        {
-            "graph": graph.title, "observations": int(graph.triples["count"].sum()),
-            "unique triples": len(graph.triples), "relations": graph.triples["relation"].nunique(),
-            "entities": len(graph.entities),
-            "kinds": ", ".join(f"{number} {kind}" for kind, number in graph.entities["kind"].value_counts().items()),
-            "predicted by kind %": 100 * (relations_by_kind(graph.entities, graph.triples).max(axis=1).sum()
-                                          / len(graph.triples)),
-        }
-        for graph in graphs
-    ]  # fmt: skip
+    rows = []
+    for graph in graphs:
+        entities, triples = graph.entities, graph.triples
+        kinds = ", ".join(f"{number} {kind}" for kind, number in entities["kind"].value_counts().items())
+        predicted = 100 * (relations_by_kind(entities, triples).max(axis=1).sum() / len(triples))
+        rows.append({
+            "graph": graph.title, "observations": int(triples["count"].sum()), "unique triples": len(triples),
+            "relations": triples["relation"].nunique(), "entities": len(entities), "kinds": kinds,
+            "predicted by kind %": predicted,
+        })  # fmt: skip
+    return rows
 
 
 def relations_by_kind(entities: pd.DataFrame, triples: pd.DataFrame) -> pd.DataFrame:
