@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import scipy.optimize
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from torch import Tensor
 from torch.nn.functional import cosine_similarity
 
@@ -382,3 +384,34 @@ def test_known_vectors_that_do_not_differ_name_their_models(name: str) -> None:
         insert(name, replace(of, theta0=replace(of.theta0, entity=of.theta0.entity.masked_fill(same, 0))), **MAP)
     assert failed.value.models == [1, 3]
     assert "no covariance" in failed.value.message
+
+
+def test_es_permuted_within_kinds_is_es_with_permuted_words() -> None:
+    of = four_novel()
+    (permuted,) = dealt_words(of, "es_permuted_kinds", of.kinds)
+    for k in (1, 3):
+        result = insert("es_permuted_kinds", of, k=k)
+        expected = insert("es", replace(of, words=of.words[permuted]), k=k)
+        assert torch.equal(result.vectors, expected.vectors)
+        assert torch.equal(result.fallback, expected.fallback)
+
+
+@pytest.mark.parametrize("name", ["soft_es", "soft_rs"])
+def test_soft_similarities_are_the_mean_at_high_and_the_nearest_at_low_temperature(name: str) -> None:
+    of = four_novel()
+    hot, cold = (insert(name, of, temperature=temperature).vectors[0, :2] for temperature in (1e6, 1e-4))
+    torch.testing.assert_close(hot, mean_of(of, *KNOWN).expand(2, -1), atol=1e-5, rtol=0)
+    torch.testing.assert_close(cold, insert(name.removeprefix("soft_"), of, k=1).vectors[0, :2])
+
+
+@given(st.integers(0, 1000))
+@settings(max_examples=10)
+def test_the_covariance_is_that_of_the_known_shrunk_to_a_sphere(seed: int) -> None:
+    of = four_novel(seed=seed)
+    known = of.theta0.entity[0, list(KNOWN)].double().numpy()
+    plain = np.cov(known.T, bias=True)
+    result = evidence.covariance(of)[0].numpy()
+    assert np.trace(result) == pytest.approx(np.trace(plain))
+    away = result - (1 - evidence.SHRINKAGE) * plain
+    np.testing.assert_allclose(away, np.eye(DIMENSION) * away[0, 0], atol=1e-12)
+    assert np.linalg.eigvalsh(result).min() > 0

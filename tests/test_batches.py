@@ -147,3 +147,41 @@ def test_a_batch_has_the_form_that_suits_the_graph(
             assert isinstance(batch, ListBatch)
             assert torch.equal(torch.bincount(batch.triples.model[batch.positive > 0], minlength=4), positives)
     assert torch.equal(total, data.counts.sum(1))
+
+
+def test_a_relation_whose_pool_is_empty_leaves_that_of_others_as_it_is() -> None:
+    graph = graph_of({(0, 0, 1): 1, (1, 0, 2): 1, (2, 0, 0): 1, (1, 1, 0): 1}, 3, 2)
+    data = training_data(session_of(graph, torch.zeros(1, 4, dtype=torch.int8)), "t", torch.tensor([[0, 0]]), "unseen")
+    assert data.head_pool[0].tolist() == [[1, 1, 1], [1, 0, 1]]
+
+
+def test_sampled_negatives_are_ratio_times_positives_of_each_kind() -> None:
+    data = one_triple("unseen", count=7, relations=3)
+    drawn = sampled(data, 9, 0, 1)[0, 0]
+    heads = drawn[0, :, 1].clone()
+    heads[0] = 0  # 0 is a head of relation 0 and not in its pool: a corrupted tail
+    assert drawn[0, 0].sum() == 63
+    assert heads.sum() == 63
+    assert drawn[1:, 0, 1].sum() == 63
+    assert drawn.sum() == 3 * 63
+    assert (drawn[1:, 0, 1] > 0).all()
+
+
+def test_true_relation_is_never_a_corrupted_one() -> None:
+    data = one_triple("unseen", count=50, relations=2, entities=5)
+    drawn = sampled(data, 9, 0, 1)[0, 0]
+    assert drawn[1, 0, 1] == 450
+    assert drawn[1].sum() == 450
+
+
+def test_many_negatives_on_one_triple_do_not_overflow() -> None:
+    data = one_triple("unseen", count=5000)
+    drawn = sampled(data, 9, 0, 1)
+    assert drawn[0, 0, 1, 0, 1].item() == 45_000
+
+
+def test_data_count_training_observations_alone() -> None:
+    points = small_points()
+    data = training_data(points.last_session, "test", points.keys(), "all")
+    train = torch.from_numpy(points.splits) == TRAIN
+    assert torch.equal(data.counts, torch.where(train, points.graph.counts, 0))

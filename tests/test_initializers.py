@@ -25,12 +25,13 @@ from isi.initializers.api import (
     options_of,
     without_weights,
 )
+from isi.initializers.paper import dealt_words
 from isi.models.stack import select
 from isi.tables import paths
 from tests.init_contexts import initialize as insert
 from tests.init_contexts import stacked
 from tests.small_graphs import dense
-from tests.small_insertion import DIMENSION, ENTITIES, NOVEL, RELATIONS, World, insertion, seen, world
+from tests.small_insertion import DIMENSION, ENTITIES, NOVEL, RELATIONS, WORDLESS, World, insertion, seen, world
 
 EVERYONE: dict[str, dict[str, Option]] = {
     "xavier": {}, "iu": {}, "es": {"k": 3}, "rs": {"k": 4}, "ers": {"k": 2, "candidates": 5},
@@ -318,3 +319,62 @@ def test_what_an_initializer_needs_and_its_defaults_are_those_of_its_function(na
     assert torch.equal(wordless.vectors, whole.vectors) == ("words" not in registered.needs)
     if not (whole.fallback == RS).any():
         assert torch.equal(alone.vectors, whole.vectors) == ("insert_triples" not in registered.needs)
+
+
+def test_an_insertion_holds_the_insert_triples_and_no_other() -> None:
+    of = world()
+    given = seen(of)
+    for model in range(2):
+        for place in range(3):
+            listed = [
+                (other, relation, is_tail)
+                for other, relation, is_tail, there in zip(
+                    given.other[model, place].tolist(), given.relation[model, place].tolist(),
+                    given.novel_is_tail[model, place].tolist(), given.observed[model, place].tolist(), strict=True,
+                ) if there
+            ]  # fmt: skip
+            assert sorted(listed) == sorted(Plain(of, model, place).observed)
+
+
+def test_xavier_and_iu_draw_from_streams_of_their_own() -> None:
+    given = insertion()
+    unit = given.known[..., None] * torch.linspace(-1, 1, ENTITIES)[:, None].expand(ENTITIES, DIMENSION)
+    low, high = unit[0].min(), unit[0].max()
+    given = replace(given, theta0=replace(given.theta0, entity=unit.contiguous()))
+    bound = 6 / DIMENSION**0.5
+    uniform = (initial("xavier", given).vectors[0] + bound) / (2 * bound)
+    assert not torch.allclose((initial("iu", given).vectors[0] - low) / (high - low), uniform, atol=0.01)
+
+
+def test_es_permuted_is_the_plain_es_under_the_permuted_words() -> None:
+    of = world()
+    given = seen(of)
+    dealt, fallbacks = dealt_words(given, "es_permuted", torch.zeros_like(given.kinds)).numpy(), set()
+    for k in (1, 3, 8, 40):
+        result = insert("es_permuted", given, k=k)
+        assert result.indicators is not None
+        for model in range(2):
+            permuted = replace(of, words=of.words[dealt[model]])
+            for place in range(3):
+                indicators, fallback = Plain(permuted, model, place).expected("es", k)
+                assert result.indicators[model, place].nonzero().flatten().tolist() == sorted(indicators)
+                assert FALLBACKS[result.fallback[model, place]] == fallback
+                fallbacks.add(fallback)
+    assert fallbacks == {None, "rs"}  # 9 has no word vector, and is dealt none
+
+
+def test_words_are_permuted_by_model_among_entities_that_have_one() -> None:
+    given = insertion()
+    keys = torch.tensor([[size, seed] for size in range(20) for seed in range(50)])
+    many = replace(given, novel=given.novel[:1].expand(len(keys), -1), keys=keys)
+    together = torch.zeros_like(given.kinds)
+    dealt = dealt_words(many, "es_permuted", together).numpy()
+    worded = [e for e in range(ENTITIES) if e not in WORDLESS]
+    assert (dealt[:, WORDLESS] == WORDLESS).all()
+    assert (np.sort(dealt[:, worded], axis=1) == worded).all()
+    shares = np.array([[(dealt[:, e] == other).mean() for other in worded] for e in worded])
+    chance = 1 / len(worded)
+    assert abs(shares - chance).max() < 5 * (chance / len(keys)) ** 0.5  # each gets each as often
+    other_way = dealt_words(replace(many, keys=keys.flip(0)), "es_permuted", together).numpy()
+    assert (other_way[::-1] == dealt).all()
+    assert (dealt_words(replace(many, root=1), "es_permuted", together).numpy() != dealt).any(1).all()

@@ -302,3 +302,16 @@ def test_numbers_apart_from_their_neighbours_are_bit_identical() -> None:
         whole = padded(function, values)
         assert all(torch.equal(padded(function, values[first:]), whole[first:]) for first in range(40))
         assert torch.equal(padded(function, values[:1000].view(10, 100)).flatten(), whole[:1000])
+
+
+def test_rotate_starts_with_phases_all_around() -> None:
+    start = uniform(torch.ones(2, 5, dtype=torch.bool), 200, BATTERY["rotate"], 8, 0.01, 0, torch.zeros(2, 2).long())
+    assert start.relation.shape == (2, 200, 4)
+    assert start.entity.abs().max() <= 0.01
+    assert 3.1 < start.relation.abs().max() <= math.pi
+
+
+def test_a_halves_stand_before_b_halves() -> None:
+    relation = torch.tensor([1.0, 1, 1, 1, 2, 3, 5, 7])  # blocks (x, y): (2, 5) and (3, 7)
+    vector = torch.tensor([0.0, 0, 0, 0, 1, 0, 0, 1])  # blocks (a, b): (1, 0) and (0, 1)
+    assert ANALOGY.transform(vector, relation).tolist() == [0, 0, 0, 0, 2, -7, 5, 3]

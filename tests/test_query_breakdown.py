@@ -154,3 +154,41 @@ def test_ranks_follow_the_scores_of_each_answer_one_by_one() -> None:
         assert dict(zip(found["answer"], found["rank"], strict=True)) == expected
         assert set(found["seed"]) == {3}
         assert set(found["entity"]) == {5}
+
+
+def test_without_any_true_triple_among_the_candidates_the_true_rank_is_one() -> None:
+    rows = break_down(*random_task([0, 1, 2]))
+    true, learned = (rows[rows["filter"] == which] for which in ("true", "learned"))
+    assert true["mrr_star"].tolist() == pytest.approx(true["mrr"].tolist())
+    assert (learned["mrr_star"] - learned["mrr"]).abs().max() > 0.1
+    assert true["queries"].tolist() == learned["queries"].tolist()
+
+
+def rows_of(*groups: tuple[str, str, int, float, int]) -> pd.DataFrame:
+    """Groups of one cell: relation, hidden, queries, MRR*, observations."""
+    columns = ["relation", "hidden", "queries", "mrr_star", "observations"]
+    return pd.DataFrame(groups, columns=columns).assign(model="es", size=1, seed=0)
+
+
+def test_parts_weigh_queries_within_a_relation_and_observations_between() -> None:
+    rows = rows_of(
+        ("on", "head", 2, 0.2, 3), ("on", "tail", 1, 0.8, 3), ("in", "tail", 5, 0.9, 1),
+        ("on", "relation", 1, 0.5, 3), ("in", "relation", 3, 0.8, 1),
+    )  # fmt: skip
+    (found,) = combined(rows, ["model", "size", "seed"]).to_dict("records")
+    assert found["mrr_star_entity"] == pytest.approx((3 * 0.4 + 0.9) / 4)
+    assert found["mrr_star_relation"] == pytest.approx((0.5 + 3 * 0.8) / 4)
+    assert found["mrr_star"] == pytest.approx((0.525 + 0.725) / 2)
+    split = pd.concat([rows, rows_of(("on", "head", 4, 0.8, 3))])  # as where the novel entity is elsewhere
+    assert combined(split, ["seed"])["mrr_star_entity"].tolist() == pytest.approx([(3 * (4.4 / 7) + 0.9) / 4])
+    by_relation = combined(rows, ["seed", "relation"]).set_index("relation")["mrr_star_entity"]
+    assert by_relation.to_dict() == pytest.approx({"on": 0.4, "in": 0.9})
+
+
+def test_a_half_that_is_not_asked_is_null() -> None:
+    rows = rows_of(("on", "head", 2, 0.25, 3), ("on", "relation", 2, 0.75, 3))
+    (entities,) = combined(rows[rows["hidden"] == "head"], ["seed"]).to_dict("records")
+    (relations,) = combined(rows[rows["hidden"] == "relation"], ["seed"]).to_dict("records")
+    assert entities["mrr_star_entity"] == 0.25
+    assert relations["mrr_star_relation"] == 0.75
+    assert np.isnan([entities["mrr_star"], entities["mrr_star_relation"], relations["mrr_star"]]).all()

@@ -14,7 +14,8 @@ from torch import Tensor
 
 from isi.evaluation.query_sets import entity_query_sets, epoch_query_sets, novel_query_set, validation
 from isi.evaluation.ranking import Result, evaluate
-from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session
+from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, Timeline
+from isi.models.model import make_model
 from isi.models.stack import Embedding
 from tests.small_graphs import ANALOGY, Triple, graph_of
 
@@ -193,3 +194,16 @@ def test_validation_asks_the_sessions_own_triples_among_its_own_entities(world: 
         return world.of(model, VALID), world.of(model, TRAIN, VALID), world.members[model]
 
     check(world, evaluate(world.embedding, validation(world.session))["valid"], expected)
+
+
+def test_validation_of_d0_leaves_novel_entities_out() -> None:
+    counts = {(0, 0, 1): 1, (2, 0, 1): 1, (3, 0, 1): 1, (0, 0, 2): 1}
+    splits = torch.tensor([[TRAIN, TRAIN, VALID, VALID]], dtype=torch.int8)
+    session = Timeline.of_novel(graph_of(counts, 4, 1), splits, torch.tensor([[[3]]])).session(0)
+    entity, relation = torch.tensor([[[0.0], [1.0], [2.0], [9.0]]]), torch.tensor([[[1.0]]])
+    products = Embedding(entity, relation, make_model("distmult", {}, "models.distmult"))
+    result = evaluate(products, validation(session))["valid"]
+    # (0, 0, 2) alone is queried. All tails score 0: 0 ties, 1 is filtered, 3 is no candidate, so R_P = 1 + 1/2.
+    # Heads of 2 score 0, 2, 4: R_P = 3. R_G = 1 for both.
+    assert result.queries.tolist() == [1]
+    assert result.measures[0, 1].item() == pytest.approx((1 / 1.5 + 1 / 3) / 2)

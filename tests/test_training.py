@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,7 +14,7 @@ from torch.nn.functional import logsigmoid
 from isi.evaluation.query_sets import epoch_query_sets, validation
 from isi.evaluation.ranking import evaluate
 from isi.experiment.grid import GridPoints
-from isi.graph.sessions import membership
+from isi.graph.sessions import OUT, TRAIN, membership, session_of
 from isi.models.stack import Embedding, select, uniform
 from isi.training.batches import DenseBatch, ListBatch, Negatives, batches, training_data
 from isi.training.trainer import (
@@ -26,7 +28,7 @@ from isi.training.trainer import (
     train,
     train_until_best,
 )
-from tests.small_graphs import ANALOGY, points_of, random_embedding, random_graph
+from tests.small_graphs import ANALOGY, graph_of, points_of, random_embedding, random_graph
 
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
 EXPECTED = Negatives(mode="expected", ratio=3, head_pool="unseen")
@@ -229,3 +231,47 @@ def test_new_rows_move_alone_at_first_and_everything_after_that() -> None:
 
 def tables(embedding: Embedding) -> tuple[Tensor, Tensor]:
     return embedding.entity, embedding.relation
+
+
+def test_weight_decay_acts_on_all_rows_of_the_session() -> None:
+    graph = graph_of({(0, 0, 1): 1, (2, 1, 3): 1}, 4, 2)  # 2 and 3 have no training triple
+    session = session_of(graph, torch.tensor([[TRAIN, OUT]], dtype=torch.int8))
+    state = start(random_embedding(1, 4, 2, 8))
+    before = state.embedding.entity.clone()
+    zero = Embedding(torch.zeros(1, 4, 8), torch.zeros(1, 2, 8), ANALOGY)
+    settings = Optimizer(batch_size=1, learning_rate=1e-4, weight_decay=0.5, max_epochs=1)
+    adagrad(state, zero, torch.tensor([1]), ~session.entities, settings)
+    assert (state.embedding.entity.abs() < before.abs()).all()
+
+
+def test_fit_looks_at_the_last_epoch_too() -> None:
+    settings = FITTING.model_copy(update={"max_epochs": 5, "evaluate_every": 3})
+    _, looks = fitted([0], settings)
+    assert looks["epoch"].tolist() == [3, 5]
+
+
+def test_a_plateau_is_no_better_one() -> None:
+    _, validations = fitted([0], FITTING.model_copy(update={"learning_rate": 1e-12}))
+    assert len({score for _, score, _ in validations_of(0, validations)}) == 1
+    assert [is_best for _, _, is_best in validations_of(0, validations)] == [True, *[False] * FITTING.patience]
+
+
+@pytest.mark.usefixtures("form")
+def test_no_observation_is_no_step() -> None:
+    points = small_points()
+    data = training_data(points.last_session, "test", points.keys(), "all")
+    only = replace(data, counts=data.counts * 0)
+    state, before = start(start_of(points)), start_of(points)
+    run_epoch(state, only, EXPECTED, TUNING, 0, 1)
+    assert same(state.embedding, before)
+
+
+def test_new_rows_first_leaves_to_all_the_epochs_that_are_left() -> None:
+    points = small_points()
+    data = training_data(points.last_session, "test", points.keys(), "unseen", points.novel_in(1))
+    begin = uniform(points.last_session.entities, 3, ANALOGY, 12, 0.5, 0, points.keys())
+    alone = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 6}), 0)
+    assert torch.equal(alone.relation, begin.relation)
+    both = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 3}), 0)
+    assert not torch.equal(both.relation, begin.relation)
+    assert not same(both, train(begin, data, EXPECTED, TUNING, 0))
