@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -62,10 +63,7 @@ def answer(
     opened: OpenBundle, query: Query, most: int, held_out: HeldOutCalibration | None = None,
     indicators: Collection[int] | None = None,
 ) -> list[Answer]:  # fmt: skip
-    """The best answers, ``most`` at most, best first; of equal scores, the entity of lower id goes first.
-
-    ``held_out`` calibrates queries about its inserted entity; ``indicators`` have known answers to compare.
-    """
+    """The best answers, ``most`` at most; ``held_out`` calibrates those about its entity."""
     entities, scores = opened.ranked(query)
     shown, names = scores[:most], opened.entity_names
     lower = torch.searchsorted(scores.flip(0), shown).tolist()
@@ -165,8 +163,7 @@ def _logistic_regression(inputs: Tensor, target: Tensor, weight: Tensor) -> Tens
     return coefficients
 
 
-@dataclass(frozen=True, eq=False)
-class HeldOutEntity:
+class HeldOutEntity(NamedTuple):
     """A known entity that was hidden and inserted."""
 
     entity: int

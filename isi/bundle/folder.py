@@ -142,10 +142,7 @@ class Bundle:
 
 
 def write(folder: Path, bundle: Bundle) -> None:
-    """Write a bundle as a folder, which replaces an earlier bundle at once: it is whole or it is not there.
-
-    An ``InputError`` where a name fits into no table, or the folder has other files or inserted entities than these.
-    """
+    """Write a bundle as a folder, which replaces an earlier bundle, and nothing else, at once."""
     tensors = {"entities": bundle.entities, "relations": bundle.relations, "words": bundle.words}
     rows = {
         ENTITIES: zip(bundle.entity_names, bundle.kinds, bundle.phrases, strict=True),

@@ -64,8 +64,7 @@ class Labels:
 def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files: Sequence[Path]) -> Bundle:
     """A bundle of labels and files of tensors.
 
-    A distance model without a margin gets one halfway between the mean scores of known and of corrupted triples. An
-    ``InputError`` names the argument of ``isi.insert``, or the file, that is wrong or does not fit the others.
+    A distance model without a margin gets one halfway between the mean scores of known and of corrupted triples.
     """
     tensors = {name: values for file in files for name, values in read_tensors(file).items()}
     with argument("model"):
@@ -135,10 +134,7 @@ def tensors_in(folder: Path, form: str) -> list[Path]:
 
 
 def read_tensors(path: Path) -> dict[str, np.ndarray]:
-    """The tables of a file, by name; that of ``.npy`` has the file's name.
-
-    An ``InputError`` where the file is missing, broken, or of another form, or would run code when it is read.
-    """
+    """The tables of a file, by name (of ``.npy``, the file's); what would run code is refused by an ``InputError``."""
     if path.suffix not in FORMS or not path.is_file():
         raise InputError(path, "", f"no such file of tensors: expected one of {', '.join(FORMS)}")
     try:
@@ -202,11 +198,7 @@ def _tables(tensors: Mapping[str, np.ndarray], model: str) -> tuple[np.ndarray, 
 
 
 def read_labels(folder: Path) -> Labels:
-    """Names and known triples of a folder of PyKEEN's, of OpenKE's, or with lists of names.
-
-    PyKEEN's pickle of metadata is not read. Without a file of triples in the others, there are none. An ``InputError``
-    where it is none of these, or a file is missing or broken.
-    """
+    """Names and known triples of a folder of PyKEEN's, of OpenKE's, or with lists of names; no pickle is read."""
     if (folder / PYKEEN).is_dir():
         return _pykeen_labels(folder / PYKEEN)
     if (folder / ENTITY2ID).exists():

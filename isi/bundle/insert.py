@@ -155,10 +155,7 @@ class Ablation:
 def ablations(
     opened: OpenBundle, record: InsertionRecord, shown: Sequence[Indicator], queries: Sequence[Query], most: int
 ) -> Iterator[Ablation]:
-    """The insertion without each insert triple, without its words, and as if each of the indicators were unknown.
-
-    The best answers of each query are compared, ``most`` at most.
-    """
+    """The insertion without each insert triple, its words, and each indicator, and which answers change."""
     known, new = before(opened, record)
     row, stored = len(known.entities), torch.from_numpy(opened.entities[len(known.entities)]).double()
 
@@ -205,10 +202,7 @@ def _changes(opened: OpenBundle, changed: OpenBundle, queries: Sequence[Query], 
 
 
 def phrase_vector(opened: OpenBundle, phrase: str, definition: str | None) -> tuple[np.ndarray | None, str]:
-    """The word vector of a new phrase, made as those of the bundle's phrases were, and where it comes from.
-
-    Null and the reason, where there is none.
-    """
+    """The word vector of a new phrase, made as those of the bundle, and where it comes from; or null and the reason."""
     source = opened.manifest.words
     if opened.words is None or source is None:
         return None, "this embedding has no word vectors (--vectors FILE gives it some)"
@@ -220,10 +214,7 @@ def phrase_vector(opened: OpenBundle, phrase: str, definition: str | None) -> tu
 
 
 def with_vectors(opened: OpenBundle, phrase: str, path: Path) -> tuple[OpenBundle, np.ndarray | None, str]:
-    """The bundle with the word vectors of a file in place of its own; see ``phrase_vector`` for the others.
-
-    An ``InputError`` where the file is broken, or has vectors of none of the phrases.
-    """
+    """The bundle with the word vectors of a file in place of its own; see ``phrase_vector`` for the others."""
     from isi.graph.words import look_up, read_vectors  # here, since it loads gensim
 
     *known, new = look_up(read_vectors(path), [*opened.phrases, phrase]).vectors

@@ -82,10 +82,7 @@ class OpenBundle(Bundle):
         return sorted(set(self.triples[self.triples[:, RELATION] == relation, slot].tolist()))
 
     def candidates(self, relation: int, slot: int) -> Tensor:
-        """Entities of the kinds that known triples of the relation have in the slot, or of no kind; ids.
-
-        All entities, where no known triple has one with a kind there.
-        """
+        """Entities of the kinds, if any, that known triples of the relation have in the slot, or of no kind; ids."""
         kinds = {self.kinds[row] for row in self.in_slot(relation, slot)} - {""}
         return torch.tensor([row for row, kind in enumerate(self.kinds) if not (kind and kinds) or kind in kinds])
 
@@ -150,9 +147,8 @@ def open_bundle(folder: Path) -> OpenBundle:
 def queries_of(opened: OpenBundle, entity: int, indicators: Mapping[int, float]) -> list[Query]:
     """The queries that fit an entity: each relation and slot in which it, or enough similar entities, have answers.
 
-    All relations and slots, where no answers are known of any of these. Of too many, those in which the entity itself
-    has answers, then those of most similar entities: those of its kind, or, where that is unknown, its indicators, by
-    their weights.
+    Similar are those of its kind, or, where that is unknown, its indicators, by their weights. Without any answer, all
+    relations and slots fit.
     """
     kind, enough = opened.kinds[entity], 0.0
     similar: Mapping[int, float] = {row: 1.0 for row, other in enumerate(opened.kinds) if other == kind}
@@ -185,10 +181,7 @@ def same_name(first: str, second: str) -> bool:
 
 
 def find(text: str, names: Collection[str], place: str, expected: str) -> str:
-    """The name that a user has typed, as written, else without regard to case and gaps (``turnOn`` is ``turn on``).
-
-    An ``InputError`` at the place where it was typed, if no name, or more than one, is the same.
-    """
+    """The name that a user has typed, as written, else without regard to case and gaps; else an ``InputError``."""
     same = [text] if text in names else [name for name in names if same_name(name, text)]
     if len(same) == 1:
         return same[0]

@@ -54,10 +54,7 @@ def catalogue() -> list[DataFile]:
 
 
 def check_data(params: Params) -> tuple[int, list[str]]:
-    """Check the files that runs of the pipelines write, each by itself and beside the others of its experiment.
-
-    The number of files, and the problems, one line each; ``params`` are those of the first pipeline.
-    """
+    """The number of files that the pipelines wrote, and a line for each problem of one, alone or beside the others."""
     problems, experiments = list[InputError](), defaultdict[str, list[Declared]](list)
 
     def attempt(check: Callable[..., object], *arguments: object) -> None:

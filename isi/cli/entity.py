@@ -1,6 +1,7 @@
 """Commands about entities of a bundle: ``isi insert``, ``isi ask``, ``isi nearest``, ``isi explain``.
 
-Each imports what it runs when it runs, so that its help waits for no PyTorch.
+Each imports what it runs when it runs, so that its help waits for no PyTorch. An ``InputError`` names a broken bundle
+or an unknown name.
 """
 
 from __future__ import annotations
@@ -39,10 +40,7 @@ def insert(
     seed: Annotated[int, Parameter(validator=FROM_ZERO, help="of initializers that draw at random")] = 0,
     out: Out = None, embedding: Embedding = DEFAULT, top: Top = 5, json: Json = False,
 ) -> None:  # fmt: skip
-    """Insert an entity and report what the bundle predicts about it.
-
-    An ``InputError`` where the bundle is broken, a name is unknown, or nothing is given about the entity.
-    """
+    """Insert an entity and report what the bundle predicts about it."""
     from pydantic import Field
 
     from isi.bundle.folder import InsertionRequest, Text, write
@@ -132,10 +130,7 @@ def ask(
     tail: Annotated[str | None, Parameter(help="the tail; the answer is the head")] = None,
     embedding: Embedding = DEFAULT, top: Top = 10, json: Json = False,
 ) -> None:  # fmt: skip
-    """Rank the answers of one query.
-
-    An ``InputError`` where the bundle is broken, a name is unknown, or not one end and the relation are given.
-    """
+    """Rank the answers of one query."""
     from isi.bundle.calibration import HeldOutCalibration, answer, calibrated_on
     from isi.bundle.insert import before, insert_entity
     from isi.bundle.query import Query, find
@@ -162,7 +157,7 @@ def nearest(
     entity: Annotated[str, Parameter(help="whose neighbours are listed")], *,
     embedding: Embedding = DEFAULT, top: Top = 10, json: Json = False,
 ) -> None:  # fmt: skip
-    """List the entities of nearest vectors; an ``InputError`` where the bundle is broken, or the entity unknown."""
+    """List the entities of nearest vectors."""
     from isi.bundle.query import find
 
     opened = open_folder(embedding)
@@ -178,10 +173,7 @@ def explain(
     entity: Annotated[str, Parameter(help="that isi insert --out has put into this bundle")], *,
     embedding: Embedding = DEFAULT, top: Top = 5, json: Json = False,
 ) -> None:  # fmt: skip
-    """Insert an entity again, and without each insert triple, its words and each indicator.
-
-    An ``InputError`` where the bundle is broken, or the entity was not inserted into it.
-    """
+    """Insert an entity again, and without each insert triple, its words and each indicator."""
     import numpy as np
     from tqdm import tqdm
 

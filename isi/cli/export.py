@@ -69,10 +69,7 @@ def export(
     ] = None,
     labels: Annotated[bool, Parameter(help="kinds and phrases of entities in RDF, too")] = False,
 ) -> None:  # fmt: skip
-    """Read the graph, predict, and write.
-
-    An ``InputError`` where the experiment has no graph, or no joint model of it, or the output cannot be written.
-    """
+    """Read the graph, predict, and write."""
     if out.suffix == ".gz":
         raise InputError(out, "", "expected another name: the output is not compressed")
     if (embedding is None) == (experiment is None):
@@ -105,10 +102,7 @@ class GraphExport:
 
 
 def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
-    """The graph of an experiment or of the second pipeline, and predictions of the joint model of a seed.
-
-    ``most`` are predictions for each head and relation; the first seed predicts where it is null.
-    """
+    """The graph of an experiment or of the second pipeline, and predictions of its joint model (``by_joint_model``)."""
     files = ENTITIES.path(experiment=experiment), TRIPLES.path(experiment=experiment)
     second = GRAPH_ENTITIES.path(graph=experiment), GRAPH_TRIPLES.path(graph=experiment)
     if not files[0].exists():
@@ -150,10 +144,7 @@ def check_names(files: tuple[Path, Path], entities: pd.DataFrame, triples: pd.Da
 
 
 def by_joint_model(store: Store, most: int, seed: int | None) -> pd.DataFrame:
-    """Predictions of the joint model of a seed, the first one where it is null (see ``best_tails``).
-
-    An ``InputError`` where there is no model, none of that seed, or it is not of this graph or model.
-    """
+    """Predictions of the joint model of a seed, the first one where it is null (see ``best_tails``)."""
     graph, path, values = store.graph(), JOINT.path(experiment=store.experiment), config.read(paths.PARAMS)
     tensors = JOINT.read(["entity", "relation", "known", "seed"], experiment=store.experiment)
     entity, relation, known, seeds = *list(tensors.values())[:3], tensors["seed"].tolist()
@@ -171,14 +162,10 @@ def by_joint_model(store: Store, most: int, seed: int | None) -> pd.DataFrame:
 
 
 def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> pd.DataFrame:
-    """The best tails for each head and relation that do not make a triple of the graph: link prediction.
+    """The best tails, ``most`` for each head and relation, that do not make a triple of the graph: link prediction.
 
-    Heads of a relation are the entities of every kind that heads one of its triples. Ranks start at 1; of equal scores,
-    the entity of lower id goes first.
-
-    Args:
-        known: entities that the embedding knows; shape (E,), bool.
-        most: tails for each head and relation.
+    Heads of a relation are the entities of every kind that heads one of its triples, and which the embedding knows
+    (shape (E,), bool). Ranks start at 1; of equal scores, the entity of lower id goes first.
     """
     names, tables = np.array(graph.entities, dtype=object), [pd.DataFrame(columns=PREDICTED)]
     for relation in range(len(graph.relations) if most else 0):

@@ -39,10 +39,7 @@ def graph(
     min_count: Annotated[int, Parameter(validator=FROM_ONE, help="drop triples that are observed less often")] = 1,
     out: Annotated[Path | None, Parameter(help="folder for entities.parquet and triples.parquet")] = None,
 ) -> None:  # fmt: skip
-    """Read, count, describe, and write.
-
-    An ``InputError`` where a file is broken, or ``params.yaml``, whose words and shares of sessions apply.
-    """
+    """Read, count, describe, and write; the words, seed and shares of sessions of ``params.yaml`` apply."""
     values = config.read(paths.PARAMS)
     seed, options = check(values.get("seed"), Seed, "seed"), settings(set)
     readings = [read(file, reader, options, seed) for file in files]
@@ -58,16 +55,7 @@ def graph(
 
 
 def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) -> tuple[str, Counter[str], MinedSource]:
-    """The reader of a file, what it counted, and what it observed, added up by triple.
-
-    An ``InputError`` where no reader is plain, it does not take these settings, or the file is broken.
-
-    Args:
-        file: or folder, for a reader that reads one.
-        reader: of ``isi.sources``; guessed from the file where it is null.
-        given: settings of the reader beside the file.
-        seed: root of every random stream.
-    """
+    """The reader of a file or folder (guessed where it is null), what it counted, and what it observed, by triple."""
     known, name = all_readers(), reader or guess(file)
     if name not in known:
         expected = f"expected one of {', '.join(known)}, got {short(name)}{meant(name, known)}"

@@ -50,12 +50,9 @@ class Graph:
 
     entities: list[str]
     relations: list[str]
-    #: head, relation, tail ids; shape: (T, 3), int64
-    triples: Tensor
-    #: observations of each unique triple; shape: (T,), int64
-    counts: Tensor
-    #: of each entity, numbered by the alphabet; shape: (E,), int64
-    kinds: Tensor
+    triples: Tensor  #: head, relation, tail ids; shape: (T, 3), int64
+    counts: Tensor  #: observations of each unique triple; shape: (T,), int64
+    kinds: Tensor  #: of each entity, numbered by the alphabet; shape: (E,), int64
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Travel to another process as plain arrays."""
@@ -74,10 +71,7 @@ class Graph:
         return replace(self, triples=self.triples[triples], counts=self.counts[triples])
 
     def same_but(self, slot: int, triples: Tensor) -> Tensor:
-        """The unique triples that are like given ones in all but one slot (themselves among them).
-
-        Of ids, shape (...), these are ids, padded with -1 to the longest list; shape (..., X).
-        """
+        """Ids of the triples, padded with -1, that equal given ones (...) in all but one slot; shape (..., X)."""
         key, order, ordered = self._by_other_slots[slot]
         first, last = torch.searchsorted(ordered, key[triples]), torch.searchsorted(ordered, key[triples], right=True)
         place = first[..., None] + torch.arange(int((last - first).max()))
@@ -100,10 +94,7 @@ def _from_arrays(entities: list[str], relations: list[str], *arrays: np.ndarray)
 
 
 def build_graph(entities: pd.DataFrame, triples: pd.DataFrame, path: Path | str = "triples.parquet") -> Graph:
-    """The graph of an experiment's tables: entity ids are row numbers, ids of relations and kinds alphabetical.
-
-    InputError, which names ``path``, where a triple is of an entity that the others lack.
-    """
+    """The graph of an experiment's tables: entity ids are row numbers, ids of relations and kinds alphabetical."""
     names = [str(name) for name in entities["entity"]]
     relations = sorted({str(name) for name in triples["relation"]})
     heads, tails = (_ids(triples, column, names, path) for column in ("head", "tail"))
@@ -124,8 +115,7 @@ class Extension(Section):
 
     source: Name
     min_observations: Count
-    #: how many are drawn, with those that always are
-    candidates: Count
+    candidates: Count  #: how many are drawn, with those that always are
     always: Annotated[list[str], EachOnce]
 
     @model_validator(mode="after")
@@ -150,8 +140,7 @@ class MinedSource:
     source: str
     observations: pd.DataFrame
     kinds: pd.DataFrame
-    #: that has the observations, for messages
-    file: Path | None = None
+    file: Path | None = None  #: that has the observations, for messages
 
     @property
     def place(self) -> Path | str:
@@ -176,10 +165,7 @@ class GraphTables:
 
 
 def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
-    """The graph of a source: unique triples with their counts, in alphabetical order, and their entities.
-
-    InputError where there are more observations than a table may count, or an entity has no kind.
-    """
+    """The graph of a source: unique triples with their counts, in alphabetical order, and their entities."""
     if seen.observations["count"].sum() > MOST_OBSERVED:
         raise InputError(seen.source, "observations", f"expected {MOST_OBSERVED:,} at most, altogether")
     key = ["head", "relation", "tail"]
@@ -218,10 +204,7 @@ def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFram
 
 
 def sample_candidates(enough: pd.Series[int], settings: Extension, key: str, root: int) -> list[str]:
-    """Draw entities at random (all where there are fewer), some of them always; in alphabetical order.
-
-    InputError at ``key``, where the settings stand in params, where one that is always drawn is not ``enough`` seen.
-    """
+    """Draw entities at random (all where there are fewer), some always; in alphabetical order; ``key`` is in params."""
     for name in set(settings.always) - set(enough.index):
         which = f"that the graph lacks, observed {settings.min_observations} times or more"
         expected = f"{name!r}: expected an entity of {settings.source} {which}"

@@ -58,12 +58,9 @@ INSERT_TRIPLES = Table(
 class Session:
     """A stack of M learning sessions over one graph: which entities and triples take part."""
 
-    #: which all of them share
-    graph: Graph = field(metadata={"shared": True})
-    #: shape: (M, E), bool
-    entities: Tensor
-    #: TRAIN, VALID, TEST or OUT; shape: (M, T), int8
-    splits: Tensor
+    graph: Graph = field(metadata={"shared": True})  #: which all of them share
+    entities: Tensor  #: shape: (M, E), bool
+    splits: Tensor  #: TRAIN, VALID, TEST or OUT; shape: (M, T), int8
 
     def members(self, *splits: int) -> Tensor:
         """Whether a unique triple belongs to one of the splits; shape: (M, T), bool."""
@@ -79,12 +76,9 @@ class Timeline:
     """Sessions D⁰, D¹, ... of a stack of M models over one graph: each has what has arrived by then (section 5.2)."""
 
     graph: Graph
-    #: session in which an entity arrives, 0 if it is known from the start; shape: (M, E), int64
-    entity_arrival: Tensor
-    #: the same of unique triples, of which none arrives before its ends; shape: (M, T), int64
-    triple_arrival: Tensor
-    #: TRAIN, VALID, TEST or OUT; shape: (M, T), int8
-    splits: Tensor
+    entity_arrival: Tensor  #: session in which an entity arrives, 0 if it is known from the start; shape: (M, E), int64
+    triple_arrival: Tensor  #: the same of unique triples, of which none arrives before its ends; shape: (M, T), int64
+    splits: Tensor  #: TRAIN, VALID, TEST or OUT; shape: (M, T), int8
 
     @classmethod
     def of_novel(cls, graph: Graph, splits: Tensor, novel: Tensor) -> Timeline:
@@ -233,8 +227,7 @@ def session_tables(
     """``SPLITS``, ``NOVEL`` and ``INSERT_TRIPLES`` of a graph with these ``ENTITIES``, drawn for every size and seed.
 
     D of the last session is all of the graph, but of added entities those alone that are drawn; the triples of the
-    others have no split. InputError at ``key``, where the settings stand in params, where there are too few that may
-    be novel or no triple, or a split would hold out less than its share.
+    others have no split. ``key`` is where the settings stand in params.
     """
     if not len(graph.triples):
         raise InputError(paths.PARAMS, key, "expected a graph with triples")

@@ -58,10 +58,8 @@ class Words(Section):
 class WordVectors:
     """Word vectors aligned with phrases."""
 
-    #: zero where a phrase has none; shape: (E, w), float32
-    vectors: np.ndarray
-    #: the tokens that served each phrase, separated by spaces; null where none did
-    served_by: list[str | None]
+    vectors: np.ndarray  #: zero where a phrase has none; shape: (E, w), float32
+    served_by: list[str | None]  #: the tokens that served each phrase, separated by spaces; null where none did
 
 
 def look_up(words: KeyedVectors, phrases: Sequence[str]) -> WordVectors:
@@ -78,10 +76,7 @@ def look_up(words: KeyedVectors, phrases: Sequence[str]) -> WordVectors:
 
 
 def load_vectors(given: Words) -> KeyedVectors:
-    """Load the word vectors that params name: those that ship, or a file, or else a gensim download.
-
-    InputError where the file is broken or another than it should be, or there is neither such a file nor download.
-    """
+    """Load the word vectors that params name: those that ship, or a file, or else a gensim download."""
     if given.shipped:
         return read_vectors(paths.shipped_vectors(given.text))
     path = Path(given.source)

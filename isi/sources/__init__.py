@@ -1,6 +1,7 @@
 """Sources of graphs: readers give observations (head, relation, tail) of scenes, tallies or tables.
 
 Each module registers its readers by the names that ``reader`` has in params; a source is a reader with its settings.
+What cannot be read (missing, broken, of another form) is refused by an ``InputError`` that names the file and place.
 """
 
 from __future__ import annotations
@@ -54,8 +55,7 @@ Read = Callable[..., Iterable[Observation]]
 class Mining:
     """What a reader is given beside its settings, and where it reports what the observations do not say."""
 
-    #: root of every random stream
-    seed: int
+    seed: int  #: root of every random stream
     #: what was dropped, or is left after each step; empty where a reader does not count
     counts: Counter[str] = field(default_factory=Counter)
     #: set where the settings or the file itself say how entities are named; else the reader's function names them
@@ -69,12 +69,9 @@ class Reader:
     #: gives observations from a ``Mining`` and settings, whose types and defaults are those of its parameters
     read: Read
     name_entities: NameEntities
-    #: the setting that names the file or folder to read; null where it reads what ships
-    path: str | None = None
-    #: suffixes of the files that it reads
-    suffixes: Collection[str] = ()
-    #: whether it reads JSON that begins with this value
-    reads_json: Callable[[Any], bool] = lambda _value: False
+    path: str | None = None  #: the setting that names the file or folder to read; null where it reads what ships
+    suffixes: Collection[str] = ()  #: suffixes of the files that it reads
+    reads_json: Callable[[Any], bool] = lambda _value: False  #: whether it reads JSON that begins with this value
     #: settings for a file alone, where its parameters have no default
     defaults: Mapping[str, Any] = field(default_factory=dict)
 
@@ -99,10 +96,7 @@ def all_readers() -> dict[str, Reader]:
 
 
 def settings_of(section: object, key: str) -> tuple[Reader, dict[str, Any]]:
-    """The reader that a section of params names, and its other keys as keyword arguments.
-
-    InputError where there is no such reader, or it does not take these settings; ``key`` is where they stand.
-    """
+    """The reader that a section of params names, and its other keys as keyword arguments; ``key`` is its place."""
     given = dict(config.check(section, dict[str, Any], key))
     name = config.check(given.pop("reader", None), config.Name, f"{key}.reader")
     chosen = READERS.get(name, f"{key}.reader")
@@ -124,8 +118,7 @@ def observed(
 class Source:
     """A reader with its settings: its observations table by table, then its entities."""
 
-    #: entities with kind and phrase (``KINDS``), once all observations have been read
-    kinds: pd.DataFrame
+    kinds: pd.DataFrame  #: entities with kind and phrase (``KINDS``), once all observations have been read
 
     def __init__(self, section: object, key: str, seed: int) -> None:
         """Choose the reader (see ``settings_of``); ``seed`` is the root of random streams, and nothing is read yet."""
@@ -136,12 +129,7 @@ class Source:
         self.counts = self._mining.counts
 
     def tables(self) -> Iterator[pa.Table]:
-        """Observations (``OBSERVATIONS``), at most ``CHUNK`` at once.
-
-        Raises:
-            InputError: where what is read is missing or broken, has no observations or too many, or text that is no
-                name; at the end, where an entity has no kind, or more than one.
-        """
+        """Observations (``OBSERVATIONS``), at most ``CHUNK`` at once; InputError also where an entity has no kind."""
         observations = iter(self._reader.read(self._mining, **self._settings))
         triples: set[tuple[str, str, str]] = set()
         rooms: set[str] = set()

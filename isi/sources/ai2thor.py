@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import compress
+from itertools import chain, compress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,17 +18,7 @@ from isi.random import stream
 from isi.sources import Mining, Observation, observed, reader
 from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, Name, entity_name, household, name_fault
 from isi.sources.readers import parse_json, read_table, read_text, refuse
-from isi.sources.recordings import (  # fmt: skip
-    AFFORDANCES,
-    ITHOR,
-    ROBOTHOR,
-    FloorPlans,
-    Scene,
-    SceneObject,
-    check_objects,
-    locate,
-    read_recording,
-)
+from isi.sources.recordings import AFFORDANCES, SIMULATORS, Scene, SceneObject, check_objects, locate, read_recording
 from isi.tables import paths
 
 FLOOR = "floor"
@@ -47,13 +37,13 @@ ELSEWHERE = "contents of receptacles dropped that lie elsewhere"
 ROOMLESS = "objects without a room: neither the scene's name nor the setting room tells it"
 #: Gives the materials of each object of a scene, from the scene's number and the types of its objects.
 MaterialsOf = Callable[[int, Sequence[SceneObject]], list[list[str]]]
-_FILE_ALONE = {"sha256": None, "materials": "simulator", "broken": "error"}
 
 
-def _register(simulator: str, plans: Sequence[FloorPlans], **known: Any) -> None:
+def _register(simulator: str, **known: Any) -> None:
     """A reader of a simulator's recorded scenes."""
+    file_alone = {"sha256": None, "materials": "simulator", "broken": "error"}
 
-    @reader(simulator, household, path="from_", defaults=_FILE_ALONE, **known)
+    @reader(simulator, household, path="from_", defaults=file_alone, **known)
     def read(
         mining: Mining, from_: str, sha256: Sha256 | None, materials: Materials, broken: Broken,
         circular: Circular = "keep",
@@ -65,12 +55,8 @@ def _register(simulator: str, plans: Sequence[FloorPlans], **known: Any) -> None
         the package's iTHOR are ``circular``, of cabinets that overlap.
         """
         path = locate(from_, simulator)
-        scenes = read_recording(path, sha256, plans)
+        scenes = read_recording(path, sha256, SIMULATORS[simulator])
         return mine(scenes, materials_of(materials, mining.seed), path, mining.counts, broken, circular)
-
-
-def _is_recording(value: Any) -> bool:
-    return isinstance(value, dict) and not {"format", "kitchens"}.isdisjoint(value)
 
 
 def _is_scene(value: Any) -> bool:
@@ -78,8 +64,8 @@ def _is_scene(value: Any) -> bool:
     return isinstance(value, list) or is_mapping
 
 
-_register("ai2thor", ITHOR, reads_json=_is_recording)
-_register("robothor", ROBOTHOR)
+_register("ai2thor", reads_json=lambda value: isinstance(value, dict) and not {"format", "kitchens"}.isdisjoint(value))
+_register("robothor")
 
 
 @reader("ai2thor_scene", household, path="path", reads_json=_is_scene)
@@ -102,7 +88,7 @@ def ai2thor_scene(
     if not isinstance(objects, list) or not objects:
         raise InputError(path, "", "expected a scene: a list of objects, or a mapping with the key objects")
     plan = re.sub("_physics$|#[0-9]+$", "", name)
-    of_plan = next((plans.room for plans in (*ITHOR, *ROBOTHOR) if plan in plans.names), "")
+    of_plan = next((plans.room for plans in chain(*SIMULATORS.values()) if plan in plans.names), "")
     scene = Scene(name, 0, room or of_plan, check_objects(file, name, objects))
     if not scene.room:
         mining.counts[ROOMLESS] = len(scene.objects)
@@ -183,10 +169,7 @@ def reported_materials(_scene: int, objects: Sequence[SceneObject]) -> list[list
 
 
 def suncg_materials(shares: pd.DataFrame, root: int) -> MaterialsOf:
-    """Draw each material of each instance with the share of its category in SUNCG; none without a category.
-
-    There is one stream per scene: a scene's draws depend on its number and its objects alone.
-    """
+    """Draw each material of each instance with the share of its category in SUNCG, by one stream per scene."""
     table = np.vstack([shares.to_numpy(dtype=float), np.zeros(shares.shape[1])])
 
     def draw(scene: int, objects: Sequence[SceneObject]) -> list[list[str]]:
@@ -201,8 +184,7 @@ def suncg_materials(shares: pd.DataFrame, root: int) -> MaterialsOf:
 def read_shares(shares: Path, categories: Path) -> pd.DataFrame:
     """Share of instances with each material: one row per object name, one column per material.
 
-    ``shares`` is a CSV of ``concept,material,share`` (SUNCG categories), ``categories`` one of ``object,category``;
-    InputError where one is broken, or maps to a category without shares.
+    ``shares`` is a CSV of ``concept,material,share`` (SUNCG categories), ``categories`` one of ``object,category``.
     """
     listed = read_table(shares, ["concept", "material", "share"], ["concept", "material"])
     wrong = ~pd.to_numeric(listed["share"], errors="coerce").between(0, 1)

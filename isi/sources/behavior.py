@@ -14,16 +14,14 @@ from isi.sources import Mining, Observation, observed, reader
 from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, Name, household, name_fault
 from isi.sources.readers import packaged, parse_json, read_table, read_text, refuse
 
-SCENES, CATEGORIES, PROPERTIES = (
-    "combined_room_object_list.json", "category_mapping.csv", "propagated_annots_canonical.json"
-)  # fmt: skip
+SCENES, CATEGORIES = "combined_room_object_list.json", "category_mapping.csv"
+PROPERTIES = "propagated_annots_canonical.json"
 #: What is left after each step of mining.
 STEPS = ("instances", "without structure")
 SYNSET = re.compile(r"([^\s.]{1,60})\.[nvars]\.[0-9]{2}")
 #: How many objects of each model stand in a room: a model is a category and six letters.
-_Models = dict[
-    Annotated[str, Field(pattern=r"^[\w-]{1,60}-[a-z]{6}$")], Annotated[int, Field(ge=1, le=1_000_000)]
-]  # fmt: skip
+_Model = Annotated[str, Field(pattern=r"^[\w-]{1,60}-[a-z]{6}$")]
+_Models = dict[_Model, Annotated[int, Field(ge=1, le=1_000_000)]]
 #: By room (its type and a number), and by scene.
 _Rooms = dict[Annotated[str, Field(pattern=r"^[a-z_]{1,60}_[0-9]{1,6}$")], Annotated[_Models, Field(min_length=1)]]
 _Scenes = dict[Annotated[str, Field(pattern=r"^\w{1,100}$")], Annotated[_Rooms, Field(min_length=1)]]
@@ -54,7 +52,7 @@ def behavior(
     _check_known(categories, "synset", structure, synset_of.values())
     _check_known(listed, "property", affordances, {name for of_synset in properties.values() for name in of_synset})
     synset_named: dict[str, str] = {}
-    in_rooms = [(scene, room, models) for scene, rooms in scenes.items() for room, models in rooms.items()]
+    in_rooms = ((scene, room, models) for scene, rooms in scenes.items() for room, models in rooms.items())
     for scene, room, model, count in (
         (scene, room, *entry) for scene, room, models in in_rooms for entry in models.items()
     ):

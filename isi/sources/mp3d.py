@@ -53,10 +53,7 @@ class Vocabulary(Section):
 
 @reader("mp3d_tallies", household)
 def mp3d_tallies(mining: Mining, rooms: Rooms, vocabulary: str) -> Iterator[Observation]:
-    """Observations of objects in rooms, from published tallies.
-
-    ``rooms`` has the room of each type of region; other regions are left out. ``vocabulary`` is the path of a file.
-    """
+    """Observations from published tallies; ``rooms`` is by type of region, ``vocabulary`` the path of a file."""
     return mine([read_tallies(paths.MP3D_TALLIES, rooms)], rooms, Path(vocabulary), mining.counts)
 
 
@@ -64,10 +61,9 @@ def mp3d_tallies(mining: Mining, rooms: Rooms, vocabulary: str) -> Iterator[Obse
 def mp3d_houses(
     mining: Mining, folder: str, category: Category, rooms: HouseRooms, vocabulary: str
 ) -> Iterator[Observation]:
-    """Observations of objects in rooms, from Matterport3D's houses.
+    """Observations from Matterport3D's houses, the files ``*.house`` in ``folder`` and below.
 
-    ``folder`` has the files ``*.house``, in it or in folders below; ``category`` says which of their two names objects
-    go by; ``rooms`` has the room of each label of a region; ``vocabulary`` is as of the published tallies.
+    ``category`` says which of their two names objects go by; ``rooms`` has the room of each label of a region.
     """
     return mine(_read_houses(Path(folder), CATEGORY_FIELD[category]), rooms, Path(vocabulary), mining.counts)
 
@@ -77,8 +73,8 @@ def mine(
 ) -> Iterator[Observation]:
     """Observations of batches of tallies such as houses, one by one; equal ones of a batch are added up.
 
-    A tally counts the objects of one category in one region: columns ``COLUMNS``. The vocabulary is a file of its own,
-    since DVC parses the params once a stage. ``counts`` grows by the instances that are left after each of ``STEPS``.
+    A tally counts the objects of one category in one region: columns ``COLUMNS``. ``counts`` grows by the instances
+    that are left after each of ``STEPS``. The vocabulary is a file, since DVC parses the params once a stage.
     """
     words = config.check(config.read(vocabulary), Vocabulary, "", vocabulary)
     for batch in batches:

@@ -84,21 +84,14 @@ class Naming:
     """Names the entities of triples: the kind of each by its name, else by its relations, else ``ENTITY``."""
 
     kinds: KindsByRelation | None = None
-    #: whether relations and kinds are those of a household
-    household: bool = False
-    #: of entities that a table or the file itself describes
-    kind_of: dict[str, str] = field(default_factory=dict)
+    household: bool = False  #: whether relations and kinds are those of a household
+    kind_of: dict[str, str] = field(default_factory=dict)  #: of entities that a table or the file itself describes
     phrase_of: dict[str, str] = field(default_factory=dict)
-    #: whether every entity must be given a kind
-    strict: bool = False
-    #: gives the phrase of any other entity
-    words: Callable[[str], str] = phrase
+    strict: bool = False  #: whether every entity must be given a kind
+    words: Callable[[str], str] = phrase  #: gives the phrase of any other entity
 
     def __call__(self, triples: pd.DataFrame, rooms: Collection[str]) -> pd.DataFrame:
-        """Entities of unique triples in alphabetical order, with kind and phrase (``KINDS``).
-
-        InputError where an entity has no kind, its relations give it two, or a relation is none that is expected.
-        """
+        """Entities of unique triples in alphabetical order, with kind and phrase (``KINDS``), each of one kind."""
         relations = set(triples["relation"])
         if unknown := set(self.kinds or ()) - relations:
             raise InputError("kinds", f"relation {min(unknown)!r}", "no triple has it")

@@ -154,10 +154,7 @@ def affordances_of(objects: Sequence[SceneObject]) -> list[str]:
 
 
 def recorded_materials(recorded: RecordedTypes, root: int) -> MaterialsOf:
-    """Draw a recorded object of the same type, and take its materials; none where none was recorded.
-
-    There is one stream per house: a house's draws depend on its number and its objects alone.
-    """
+    """Draw a recorded object of the same type, and take its materials (none of an unknown type); a stream per house."""
     materials = {name: reported_materials(0, objects) for name, objects in recorded.items()}
 
     def draw(house: int, objects: Sequence[SceneObject]) -> list[list[str]]:
@@ -169,11 +166,7 @@ def recorded_materials(recorded: RecordedTypes, root: int) -> MaterialsOf:
 
 
 def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room | None]:
-    """The room on or above whose floor each object is, or else that it borders, as far as corners are rounded.
-
-    Of several rooms, it is the one that the object's id names, or the first. A point on the border of two floors lies
-    in one of them alone.
-    """
+    """The room on or above whose floor each object is, or else borders; of several, that of its id, or the first."""
     x, z = np.array([(thing.position.x, thing.position.z) for thing in objects]).reshape(-1, 2).T
     scores = np.zeros((len(rooms), len(objects)), dtype=int)
     for room, score in zip(rooms, scores, strict=True):
@@ -195,14 +188,11 @@ def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room
 
 
 def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, list[HouseObject]]]:
-    """The houses of a file by their lines, with their objects: JSON Lines, or one house where it is ``*.json``.
-
-    InputError where the file is broken or another, or a line is no house, or has an object of no known type.
-    """
+    """The houses of a file by their lines, with their objects: JSON Lines, or one house where it is ``*.json``."""
     types, line = asset_types(), 0
     for line, content in json_lines(path, sha256, LONGEST, "a house as JSON", whole=".json" in path.suffixes[-2:]):
         house = parse_json(House, content, path, f"line {line}")
-        objects = house_objects(house, types)
+        objects = list(house_objects(house.objects, types))
         if len(objects) > MOST_OBJECTS:
             raise InputError(path, f"line {line}, objects", f"expected at most {MOST_OBJECTS:,}")
         if unknown := next((thing.id for thing in objects if not thing.type), None):
@@ -213,20 +203,15 @@ def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, li
         raise InputError(path, "", "expected houses, found none")
 
 
-def house_objects(house: House, types: Mapping[str, str]) -> list[HouseObject]:
-    """The objects of a house, each before those on or in it.
-
-    Their types are those that their ids name, else those of their assets (``small|2|0``); empty where neither says it.
-    """
-    objects = []
-    waiting: list[tuple[Item, str | None]] = [(item, None) for item in reversed(house.objects or ())]
-    while waiting:
-        item, parent = waiting.pop()
+def house_objects(
+    items: Sequence[Item] | None, types: Mapping[str, str], parent: str | None = None
+) -> Iterator[HouseObject]:
+    """Objects, each before those on or in it, of the types that their ids name, else of those of their assets."""
+    for item in items or ():
         named, room = type_and_room(item.id)
         kind = named or types.get(item.asset, "")
-        objects.append(HouseObject(item.id, kind, item.position, parent, room))
-        waiting.extend((child, kind) for child in reversed(item.children or ()))
-    return objects
+        yield HouseObject(item.id, kind, item.position, parent, room)
+        yield from house_objects(item.children, types, kind)
 
 
 @lru_cache(maxsize=2**16)
@@ -239,7 +224,7 @@ def type_and_room(identifier: str) -> tuple[str | None, str | None]:
 
 
 def asset_types() -> dict[str, str]:
-    """The type of each asset of ProcTHOR's, from the package ``procthor``; InputError where that is not installed."""
+    """The type of each asset of ProcTHOR's, from the package ``procthor``."""
     content = "the assets of houses"
     path = packaged("procthor", "procthor/databases/asset-database.json", content)
     listed = parse_json(dict[str, list[dict[str, Any]]], read_text(path, content), path)

@@ -37,13 +37,11 @@ def rdf(
 ) -> Iterator[Observation]:  # fmt: skip
     """Observations of an RDF graph, ``.nt`` or ``.ttl`` (``.gz`` behind it or not). Types are kinds, labels phrases.
 
-    Other settings are those of the source ``table``, and what its table of ``entities`` says goes before the file; a
-    room is what has the type ``room``. ``names`` says what entities and relations go by: the ``local`` part of their
-    IRI, or all of it; no two IRIs share one.
+    Other settings are those of the source ``table``, whose table of ``entities`` goes before the file. ``names`` says
+    what entities and relations go by: the ``local`` part of their IRI, or all of it; no two IRIs share one.
     """
     logging.getLogger("rdflib").setLevel(logging.ERROR)  # it warns of IRIs that are none
-    named = naming(entities, kinds, household)
-    mining.name_entities = named
+    mining.name_entities = named = naming(entities, kinds, household)
     entities_by_name, relations_by_name = dict[str, str](), dict[str, str]()  # IRIs
     types = dict[str, list[tuple[str, Node]]]()  # of each IRI, and where they stand
     labels = dict[str, tuple[str, str]]()
@@ -106,40 +104,37 @@ def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
     """The triples of a file behind their places; those of Turtle are in order, and no place of them is known."""
     if suffix_of(path) not in SUFFIXES:
         raise InputError(path, "", "expected a name that ends in .nt or .ttl (.gz behind it or not)")
-    with reading(path, "RDF in UTF-8 text"):
-        if suffix_of(path) == ".nt":
-            yield from _of_lines(path)
-            return
-        text = read_text(path, "Turtle, which is read as a whole,")
-        try:
-            graph = Graph().parse(data=text, format="turtle", publicID="file:///")
-        except Exception as error:  # text that ends too early, or is too deep, makes the parser stumble in any way
-            place, problem = "", f"{type(error).__name__}: {error}"
-            if isinstance(error, BadSyntax):
-                place, problem = f"line {error.lines + 1}", str(error._why)
-            raise InputError(path, place, f"expected Turtle ({cut(problem, 120)})") from error
-        yield from (("", triple) for triple in sorted(graph))
+    if suffix_of(path) == ".nt":
+        yield from _of_lines(path)
+        return
+    text = read_text(path, "Turtle, which is read as a whole,")
+    try:
+        graph = Graph().parse(data=text, format="turtle", publicID="file:///")
+    except Exception as error:  # text that ends too early, or is too deep, makes the parser stumble in any way
+        place, problem = "", f"{type(error).__name__}: {error}"
+        if isinstance(error, BadSyntax):
+            place, problem = f"line {error.lines + 1}", str(error._why)
+        raise InputError(path, place, f"expected Turtle ({cut(problem, 120)})") from error
+    yield from (("", triple) for triple in sorted(graph))
 
 
-class _Sink(DummySink):
+class _Sink(list[Nodes], DummySink):
     """Takes the triples that the parser reads in a line."""
 
-    def __init__(self) -> None:
-        self.triples: list[Nodes] = []
-
     def triple(self, s: Node, p: Node, o: Node) -> None:
-        self.triples.append((s, p, o))
+        self.append((s, p, o))
 
 
 def _of_lines(path: Path) -> Iterator[tuple[str, Nodes]]:
     sink = _Sink()
     parser = W3CNTriplesParser(sink)
-    with open_text(path) as file:
+    with reading(path, "RDF in UTF-8 text"), open_text(path) as file:
         for number, line in enumerate(iter(lambda: file.readline(BLOCK), ""), 1):
-            parser.line, sink.triples = line.rstrip("\r\n"), []
+            parser.line = line.rstrip("\r\n")
+            sink.clear()
             try:
                 parser.parseline()
             except (ParserError, ValueError, OverflowError) as error:
                 expected = f"expected a triple of N-Triples, got {short(line.strip())}"
                 raise InputError(path, f"line {number}", expected) from error
-            yield from ((f"line {number}", triple) for triple in sink.triples)
+            yield from ((f"line {number}", triple) for triple in sink)

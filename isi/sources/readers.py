@@ -82,10 +82,9 @@ def read_text(path: Path, content: str) -> str:
 def json_lines(
     path: Path, sha256: str | None, most: int, content: str, whole: bool = False
 ) -> Iterator[tuple[int, bytes]]:
-    """The lines of a plain or compressed file that are not blank, with their numbers from 1.
+    """The lines, of ``most`` bytes each, of a plain or compressed file that are not blank, with their numbers from 1.
 
-    A line has ``most`` bytes at most; ``whole`` takes the file as one line. InputError where the file is missing,
-    truncated, not of ``sha256`` (if that is given), or has a line that is too long; ``content`` is what was expected.
+    ``whole`` takes the file as one line; ``content`` is what was expected; ``sha256`` is checked if it is given.
     """
     check_sha256(path, sha256)
     number = 0
@@ -122,7 +121,7 @@ def read_table(
     """A table of names that is read as a whole; its index has the numbers of lines (see ``read_batches``).
 
     Its ``columns`` hold names, but for ``COUNT``; in those of a key no two rows are alike. The names of ``optional``
-    columns may be empty; where that is null, it may have any others, which are skipped. InputError where it is not so.
+    columns may be empty; where that is null, it may have any others, which are skipped.
     """
     batches: list[pd.DataFrame] = []
     for batch in read_batches(path, columns, optional or (), others=optional is None):
@@ -146,7 +145,7 @@ def read_batches(
 
     The required columns and those optional ones that it has (any ``others`` are skipped, or else refused): text, empty
     where there is none, or ``COUNT`` as whole numbers. The index has the numbers of lines (blank ones not counted), or
-    of Parquet's rows from 1, and their unit as its name. InputError where the file is broken, or a count no number.
+    of Parquet's rows from 1, and their unit as its name.
     """
     form = suffix_of(path)
     if form not in (*SEPARATORS, ".parquet"):
@@ -162,7 +161,11 @@ def read_batches(
             expected += f" and, if at all, {', '.join(optional)}" * bool(optional)
             got = cut(", ".join(repr(name[:40]) for name in header) or "none", 100)
             raise InputError(path, "line 1" if is_text else "columns", f"{expected}; got {got}")
-        for batch in _text(path, SEPARATORS[form], header) if is_text else _parquet(path, names):
+        for batch in (
+            _text(path, SEPARATORS[form], header)
+            if is_text
+            else pq.ParquetFile(path).iter_batches(BATCH, columns=names)
+        ):
             columns = {name: batch[name].cast(pa.string()).fill_null("").to_pylist() for name in names}
             index = pd.RangeIndex(place, place := place + batch.num_rows, name=unit)
             frame = pd.DataFrame(columns, index, dtype=str)
@@ -177,11 +180,6 @@ def read_batches(
 def _header(path: Path, separator: str) -> list[str]:
     with open_text(path) as file:
         return next(csv.reader([file.readline(BLOCK)], delimiter=separator, skipinitialspace=True), [])
-
-
-def _parquet(path: Path, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
-    with pq.ParquetFile(path) as file:
-        yield from file.iter_batches(BATCH, columns=names)
 
 
 def _text(path: Path, separator: str, header: Sequence[str]) -> Iterator[pa.RecordBatch]:

@@ -51,10 +51,7 @@ class Recording:
     """Scenes on the disk, behind a header that is written with the first."""
 
     def __init__(self, path: Path, simulator: Mapping[str, Any]) -> None:
-        """Read which scenes there are, if any, and cut off a last line that is not whole.
-
-        InputError where the file is no recording, or one of another simulator, or such a line cannot be cut off.
-        """
+        """Read which scenes of this simulator there are, if any, and cut off a last line that is not whole."""
         self.path, self._header = path, recordings.FORMAT | dict(simulator)
         #: names of layouts
         self.names: set[str] = set()
@@ -62,8 +59,7 @@ class Recording:
             return
         whole = 0
         lines = ((end, line) for end, content in _members(path) for line in content.splitlines())
-        for number, (end, line) in enumerate(lines, 1):
-            whole = end
+        for number, (whole, line) in enumerate(lines, 1):  # noqa: B007
             if number > 1:
                 self.names.add(parse_json(RecordedScene, line, path, f"line {number}").name)
                 continue
@@ -138,22 +134,18 @@ class Simulator:
 
     def __init__(self, settings: Recorder) -> None:
         """Check that it can be started: InputError where there is no such build, or it lacks a display or a driver."""
-        self._settings = settings
+        self._settings, self._folder = settings, tempfile.TemporaryDirectory()
         self._player: Player | None = None
         self._started = Event()
-        program, problem = settings.executable, ""
-        if program:
-            if not os.access(program, os.X_OK) or program.is_dir():
-                problem = f"expected one of {', '.join(recordings.PLATFORMS)}, or a program, got {str(program)!r}"
-        else:
-            chosen, size = STR_PLATFORM_MAP[settings.platform], settings.width
-            request = Request(platform.system(), size, size, os.environ.get("DISPLAY"), headless=False)
-            if missing := chosen.validate(request):
-                hint = chosen.dependency_instructions(request) or ""
-                problem = f"{settings.platform}: {' '.join(missing)} {hint}"
+        program, chosen = settings.executable, STR_PLATFORM_MAP.get(settings.platform)
+        request = Request(platform.system(), settings.width, settings.width, os.environ.get("DISPLAY"), headless=False)
+        problem = ""
+        if program and (not os.access(program, os.X_OK) or program.is_dir()):
+            problem = f"expected one of {', '.join(recordings.PLATFORMS)}, or a program, got {str(program)!r}"
+        elif not program and (missing := chosen.validate(request)):
+            problem = f"{settings.platform}: {' '.join(missing)} {chosen.dependency_instructions(request) or ''}"
         if problem:
             raise InputError(paths.PARAMS, "recorder.platform", problem)
-        self._folder = tempfile.TemporaryDirectory()
 
     def close(self) -> None:
         """End it."""
@@ -161,10 +153,7 @@ class Simulator:
         self._folder.cleanup()
 
     def objects(self, layout: Layout) -> list[SceneObject]:
-        """The objects of a scene, as the simulator reports them; tried again when the player dies.
-
-        InputError where it cannot be started, dies too often, does not answer in time, or answers an error.
-        """
+        """The objects of a scene, as the simulator reports them; tried again when the player dies."""
         settings = self._settings
         for _ in range(settings.retries + 1):
             try:
@@ -233,10 +222,7 @@ class Player(Controller):  # type: ignore[misc]
     """A started player. One that cannot be started is ended, and none is started again unasked."""
 
     def __init__(self, local: Path | None, started: Event, **settings: Any) -> None:
-        """Start it, with the controller's settings; ``started`` is set when it has sent its first message.
-
-        ``local`` is a folder for logs of a local build, so that none go into the home directory.
-        """
+        """Start it; ``started`` is set when it has sent a message, ``local`` a folder for logs of a local build."""
         self._local, self._started = local, started
         self._served: Any = None
         try:
@@ -281,10 +267,7 @@ class Player(Controller):  # type: ignore[misc]
 
 
 class Fifo(FifoServer):  # type: ignore[misc]
-    """Named pipes, which by themselves wait for ever for a player that is gone before it has opened them.
-
-    To be used in the main thread: signals look after it.
-    """
+    """Named pipes, which do not wait for ever for a player that is gone: signals in the main thread look after it."""
 
     def receive(self, timeout: float | None = None) -> Any:
         with self._watched(timeout or self.timeout):

@@ -64,8 +64,7 @@ class FloorPlans(NamedTuple):
 
     key: str
     room: str
-    #: number of the first
-    first: int
+    first: int  #: number of the first
     #: in the simulator; and in the package's recording, where it does not say which floor plan each is
     names: Sequence[str]
     packaged: Sequence[str] = ()
@@ -82,6 +81,8 @@ ITHOR = tuple(
 _APARTMENTS = [f"{part}{walls}" for part, number in (("Train", 12), ("Val", 3)) for walls in range(1, number + 1)]
 _PLANS = [f"FloorPlan_{apartment}_{objects}" for apartment in _APARTMENTS for objects in range(1, 6)]
 ROBOTHOR = (FloorPlans("robothor", "apartment", 501, _PLANS, [f"RoboTHOR{place}" for place in range(1, 76)]),)
+#: By the reader of its recordings.
+SIMULATORS = {"ai2thor": ITHOR, "robothor": ROBOTHOR}
 
 
 class Layout(BaseModel):
@@ -96,9 +97,9 @@ class Layout(BaseModel):
 
 
 class RecordedScene(Layout):
-    """A line of a recording, whose objects are checked by ``check_objects``."""
+    """A line of a recording."""
 
-    objects: Any
+    objects: Any  # which ``check_objects`` checks
 
 
 def locate(from_: str, simulator: str = "ai2thor") -> Path:
@@ -111,11 +112,7 @@ def locate(from_: str, simulator: str = "ai2thor") -> Path:
 
 
 def read_recording(path: Path, sha256: str | None, plans: Sequence[FloorPlans] = ITHOR) -> Iterator[Scene]:
-    """Scenes of JSON as the package ``procthor`` has it, or of a recording of ``make record``, these one by one.
-
-    ``sha256`` is what the file must hash to, if it is to be checked. ``plans`` are all in the package's recording, and
-    one of ``make record`` has no others. InputError where the file is of neither form, or lacks scenes.
-    """
+    """Scenes of JSON as the package ``procthor`` has it, with all ``plans``; or of ``make record``, one by one."""
     check_sha256(path, sha256)
     with reading(path, "a recording of AI2-THOR's scenes"), path.open("rb") as file:
         is_compressed = file.read(len(GZIP)) == GZIP
@@ -187,8 +184,8 @@ def floor_plans(item: str) -> list[str]:
     parts = re.fullmatch(r"([A-Za-z]\w{0,98}?)([0-9]{1,6})(?:-([0-9]{1,6}))?", item, re.ASCII)
     numbers = range(int(parts[2]), int(parts[3] or parts[2]) + 1) if parts else range(0)
     if not parts or not numbers:
-        groups = ", ".join(GROUPS)
-        raise ValueError(f"expected {groups}, a floor plan or a range such as FloorPlan1-30, got {item[:80]!r}")
+        expected = f"expected {', '.join(GROUPS)}, a floor plan or a range such as FloorPlan1-30"
+        raise ValueError(f"{expected}, got {item[:80]!r}")
     return [f"{parts[1]}{number}" for number in numbers]
 
 
@@ -205,17 +202,13 @@ class Recorder(Section):
     #: of each floor plan: null as it is built, a number as ``InitialRandomSpawn`` with this seed leaves it
     spawns: Annotated[list[Seed | None], Field(min_length=1), EachOnce]
     output: _Text
-    #: one of ``PLATFORMS``, or the path of a local build
-    platform: _Text
+    platform: _Text  #: one of ``PLATFORMS``, or the path of a local build
     #: commit of the build to download; null: the package's own
     build: Annotated[str, Field(pattern=r"^[0-9a-f]{40}$")] | None
-    #: of a frame, which is square (pixels)
-    width: Count
+    width: Count  #: of a frame, which is square (pixels)
     server: Literal["wsgi", "fifo"]
-    #: times that a scene is tried again when the player has died
-    retries: Annotated[int, Field(ge=0)]
-    #: for an action, and for the start (s)
-    seconds: Positive
+    retries: Annotated[int, Field(ge=0)]  #: times that a scene is tried again when the player has died
+    seconds: Positive  #: for an action, and for the start (s)
     start_seconds: Positive
 
     @property

@@ -33,8 +33,7 @@ def table(
 
     Args:
         mining: is given how entities are named.
-        path: of a file with the columns ``head``, ``relation``, ``tail``, and perhaps ``count`` (else one each),
-            ``scene``, ``room``, ``instance``.
+        path: of a table with the columns ``TRIPLE``, and perhaps ``count`` (else one each) and ``PLACES``.
         entities: path of such a file with the column ``entity``, and perhaps ``kind`` and ``phrase``.
         kinds: of entities to which that gives none: those of each relation's heads and tails.
         household: whether these are the relations and kinds of homes, where a room is what the column ``room`` names.
@@ -49,10 +48,7 @@ def table(
 
 
 def naming(entities: str | None, kinds: KindsByRelation | None, household: bool) -> Naming:
-    """How to name entities by a table of them and by relation, either of which may be missing.
-
-    InputError where the table is broken or lists an entity twice, or kinds are given beside those of homes.
-    """
+    """How to name entities by a table of them and by relation, either of which may be missing."""
     if kinds and household:
         raise InputError("kinds", "", "expected none beside household, which has its own")
     named = Naming(kinds, household, strict=bool(kinds) or household)
@@ -67,11 +63,7 @@ def naming(entities: str | None, kinds: KindsByRelation | None, household: bool)
 
 @reader("published", Naming())
 def published(mining: Mining) -> Iterator[Observation]:
-    """Observations of the paper's graph, added up by triple: of which scene and instance they were is not published.
-
-    Its entities have the kinds and phrases that they were given by hand. InputError where a file is missing or broken,
-    lists a triple twice, or has a synset of no entity.
-    """
+    """Observations of the paper's graph, added up by triple; its entities have kinds and phrases given by hand."""
     described = published_phrases().set_index("synset")
     of_entity = described.set_index("entity")
     mining.name_entities = Naming(kind_of=dict(of_entity["kind"]), phrase_of=dict(of_entity["phrase"]))
@@ -91,7 +83,7 @@ def published_phrases() -> pd.DataFrame:
 
 @reader("triples_with_ids", Naming(), path="from_")
 def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = None) -> Iterator[Observation]:
-    """Observations, added up by triple: their scenes and instances are not known.
+    """Observations, added up by triple.
 
     ``from_`` is ``virtualhome`` or ``thor_u``, which ship, or the path of a folder with the files ``entity2id.txt`` and
     ``relation2id.txt``; ``triples`` are files of triples in it, whose repeats are observations (null: ``gt2id.txt``).
@@ -123,11 +115,7 @@ def shipped_names() -> pd.DataFrame:
 
 
 def read_ids(folder: Path, files: Collection[str]) -> dict[Triple, int]:
-    """How often each triple stands in files of ids, heads before tails before relations.
-
-    InputError where a file is broken, has another number of lines than it says or an id without a name, or where there
-    is no triple.
-    """
+    """How often each triple stands in files of ids, heads before tails before relations."""
     names, relations = read_id_names(folder / ENTITIES), read_id_names(folder / RELATIONS)
     counts: Counter[Triple] = Counter()
     for path in (folder / file for file in files):
@@ -144,8 +132,7 @@ def read_ids(folder: Path, files: Collection[str]) -> dict[Triple, int]:
 
 def read_id_names(path: Path) -> list[str]:
     """Names in the order of their ids: lines of a name, a tab and an id; InputError where one is missing or repeats."""
-    name_of: dict[int, str] = {}
-    names: set[str] = set()
+    name_of, names = dict[int, str](), set[str]()
     for number, line in _lines(path, r"(.+)\t([0-9]{1,9})\s*", "a name, a tab and an id"):
         name, row = line[1], int(line[2])
         is_there = row in name_of or name in names
