@@ -28,14 +28,10 @@ from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion.api import insert
 from isi.random import stream
 
-#: Probability from which on an answer may be unexpected.
-LIKELY = 0.2
-#: Answers in one curve, at most, and entities that are queried for it.
-MOST_ANSWERS, MOST_ENTITIES = 2**19, 256
-#: Unknown answers in one curve, at most.
-MOST_UNKNOWN = 2**14
-#: Steps of Newton's method, at most, and the relative gain at which it stops.
-STEPS, GAIN = 50, 1e-10
+LIKELY = 0.2  #: Probability from which on an answer may be unexpected.
+MOST_ANSWERS, MOST_ENTITIES = 2**19, 256  #: Answers in one curve, at most, and entities that are queried for it.
+MOST_UNKNOWN = 2**14  #: Unknown answers in one curve, at most.
+STEPS, GAIN = 50, 1e-10  #: Steps of Newton's method, at most, and the relative gain at which it stops.
 #: Hidden entities, at least; the share of all that are hidden together is 1 / ONE_IN; right answers that make a curve.
 LEAST_HIDDEN, ONE_IN, LEAST_RIGHT = 32, 10, 5
 

@@ -30,11 +30,9 @@ from isi.models.stack import LARGEST
 
 MANIFEST, VECTORS = "embedding.json", "vectors.safetensors"
 ENTITIES, RELATIONS, TRIPLES = "entities.tsv", "relations.tsv", "triples.tsv"
-COLUMNS = {
-    ENTITIES: ("entity", "kind", "phrase"), RELATIONS: ("relation",), TRIPLES: ("head", "relation", "tail"),
-}  # fmt: skip
-#: The sentence model whose vectors ship with the product (all but ``glove``).
-MODEL = "all-MiniLM-L6-v2"
+TRIPLE = "head", "relation", "tail"
+COLUMNS = {ENTITIES: ("entity", "kind", "phrase"), RELATIONS: ("relation",), TRIPLES: TRIPLE}
+MODEL = "all-MiniLM-L6-v2"  #: The sentence model whose vectors ship with the product (all but ``glove``).
 #: What version 1 of the format calls some fields.
 KEYS = {
     "model_name": "family", "model_options": "family_options", "insert_triples": "told",
@@ -53,8 +51,7 @@ def check_text(text: str) -> str:
 
 Text = Annotated[str, AfterValidator(check_text)]
 TEXTS = TypeAdapter(list[Text])
-#: Head, relation and tail by name; a list in JSON.
-NamedTriple = Annotated[tuple[str, str, str], Field(strict=False)]
+NamedTriple = Annotated[tuple[str, str, str], Field(strict=False)]  #: Head, relation and tail by name; a list in JSON.
 
 
 class ManifestSection(Section):
@@ -223,8 +220,8 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
                "dimension": tensors["entities"].shape[1]}  # fmt: skip
     with at(folder / MANIFEST):
         for key, number in numbers.items():
-            if getattr(manifest, key) != number:
-                raise InputError("", key, f"expected {number}, as the other files have, got {getattr(manifest, key)}")
+            if (got := getattr(manifest, key)) != number:
+                raise InputError("", key, f"expected {number}, as the other files have, got {got}")
         if [record.entity for record in manifest.inserted] != names[len(names) - len(manifest.inserted) :]:
             raise InputError("", "inserted", "expected the entities of the last rows, in their order")
         for number, record in enumerate(manifest.inserted):
@@ -236,9 +233,8 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
         if manifest.files.get(name) != _sha256(files[name]):
             raise InputError(folder / name, "", f"was changed: its SHA-256 is not the one in {MANIFEST}")
     about = Manifest(**{name: getattr(manifest, name) for name in Manifest.model_fields})
-    return Bundle(
-        about, tensors["entities"], tensors["relations"], names, kinds, phrases, labels, triples, tensors.get("words")
-    )
+    vectors = tensors["entities"], tensors["relations"]
+    return Bundle(about, *vectors, names, kinds, phrases, labels, triples, tensors.get("words"))
 
 
 def _rows(path: Path, content: bytes, columns: Sequence[str]) -> list[list[str]]:
@@ -270,7 +266,7 @@ def triple_ids(
     """Triples of names as ids, shape (T, 3), int64; an ``InputError`` for a name that is unknown names its line."""
     ids = []
     for line, row in enumerate(rows, first):
-        for slot, name, known in zip(COLUMNS[TRIPLES], row, (entities, relations, entities), strict=True):
+        for slot, name, known in zip(TRIPLE, row, (entities, relations, entities), strict=True):
             if name not in known:
                 raise InputError(path, f"line {line}", f"expected a known name as {slot}, got {name!r:.80}")
             ids.append(known[name])

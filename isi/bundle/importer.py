@@ -32,10 +32,8 @@ from isi.sources.triples import read_id_names, read_ids
 #: PyKEEN's folder and OpenKE's files; files of names, one a line, where there is neither.
 PYKEEN, ENTITY2ID, RELATION2ID, TRAIN2ID = "training_triples", "entity2id.txt", "relation2id.txt", "train2id.txt"
 ENTITY_NAMES, RELATION_NAMES, TRIPLES = "entities.txt", "relations.txt", "triples.tsv"
-#: What PyKEEN pickles a model as.
-PICKLE = "trained_model.pkl"
-#: Suffixes of files of tensors.
-FORMS = (".npy", ".npz", ".safetensors", ".json", ".pt", ".pth")
+PICKLE = "trained_model.pkl"  #: What PyKEEN pickles a model as.
+FORMS = (".npy", ".npz", ".safetensors", ".json", ".pt", ".pth")  #: Suffixes of files of tensors.
 #: What tools call the tables of entities and relations; of two, the halves of complex vectors: real, then imaginary.
 NAMES = {
     slot: [
@@ -47,8 +45,7 @@ NAMES = {
 }  # fmt: skip
 #: What PyKEEN calls them: rows of complex numbers have real and imaginary parts in turn.
 OF_PYKEEN = ("entity_representations.0._embeddings.weight", "relation_representations.0._embeddings.weight")
-#: Under which keys checkpoints hold a state dict.
-WITHIN = ("state_dict", "model_state_dict")
+WITHIN = ("state_dict", "model_state_dict")  #: Under which keys checkpoints hold a state dict.
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,9 +203,8 @@ def read_labels(folder: Path) -> Labels:
         path, form = folder / TRAIN2ID, "entity2id"
         rows: list[Any] = list(read_ids(folder, [TRAIN2ID])) if path.exists() else []
     elif (folder / ENTITY_NAMES).exists():
-        entities, relations = (
-            [name for (name,) in _split_lines(folder / file, 1)] for file in (ENTITY_NAMES, RELATION_NAMES)
-        )
+        files = folder / ENTITY_NAMES, folder / RELATION_NAMES
+        entities, relations = ([name for (name,) in _split_lines(path, 1)] for path in files)
         path, form = folder / TRIPLES, "arrays"
         rows = _split_lines(path, 3) if path.exists() else []
     else:

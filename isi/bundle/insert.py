@@ -23,8 +23,7 @@ from isi.insertion.api import insert, what_is_seen
 from isi.insertion.result import Inserted
 from isi.tables import paths
 
-#: Entities that are shown where all have a weight, at most, and the least weight of one.
-SHOWN, LEAST = 8, 0.01
+SHOWN, LEAST = 8, 0.01  #: Entities that are shown where all have a weight, at most, and the least weight of one.
 
 
 @dataclass(frozen=True)
@@ -185,20 +184,16 @@ def ablations(
         vector = torch.from_numpy(entities[row]).double()
         cosine = cosine_similarity(vector, stored, dim=0)
         moved = (vector - stored).norm() / stored.norm().clamp(min=1e-12)
-        changes = list(_changes(opened, replace(opened, entities=entities), queries, most))
+        changed = replace(opened, entities=entities)
+        each = (Change(opened.named(query), *_best_that_differ(opened, changed, query, most)) for query in queries)
+        changes = [change for change in each if change.dropped or change.added]
         yield Ablation(left_out, piece, other.result.initializer, cosine.item(), moved.item(), changes)
 
 
-def _changes(opened: OpenBundle, changed: OpenBundle, queries: Sequence[Query], most: int) -> Iterator[Change]:
-    """Queries whose best answers change."""
-    for query in queries:
-        was, now = (
-            [opened.entity_names[row] for row in bundle.ranked(query)[0][:most].tolist()]
-            for bundle in (opened, changed)
-        )
-        if set(was) != set(now):
-            dropped, added = [name for name in was if name not in now], [name for name in now if name not in was]
-            yield Change(opened.named(query), dropped, added)
+def _best_that_differ(first: OpenBundle, second: OpenBundle, query: Query, most: int) -> list[list[str]]:
+    """The best answers of each of two bundles that the other does not have."""
+    best = [bundle.ranked(query)[0][:most].tolist() for bundle in (first, second)]
+    return [[first.entity_names[row] for row in some if row not in other] for some, other in (best, best[::-1])]
 
 
 def phrase_vector(opened: OpenBundle, phrase: str, definition: str | None) -> tuple[np.ndarray | None, str]:
@@ -207,8 +202,7 @@ def phrase_vector(opened: OpenBundle, phrase: str, definition: str | None) -> tu
     if opened.words is None or source is None:
         return None, "this embedding has no word vectors (--vectors FILE gives it some)"
     vector, note = _from_source(source, phrase, definition)
-    width = opened.words.shape[1]
-    if vector is not None and vector.shape != (width,):
+    if vector is not None and vector.shape != (width := opened.words.shape[1],):
         return None, f"its word vector has {vector.size} numbers, those of the others {width}"
     return vector, note
 

@@ -23,12 +23,9 @@ from isi.insertion.arguments import checked_model, stack_of_one, table
 from isi.models.model import Model
 from isi.models.stack import Embedding
 
-#: Share of the similar entities that must stand in a slot for it to be queried.
-ENOUGH = 0.1
-#: Queries of one entity, at most.
-MOST_QUERIES = 24
-#: Names that are suggested, at most, and that are listed where none is similar.
-SUGGESTED, LISTED = 3, 8
+ENOUGH = 0.1  #: Share of the similar entities that must stand in a slot for it to be queried.
+MOST_QUERIES = 24  #: Queries of one entity, at most.
+SUGGESTED, LISTED = 3, 8  #: Names that are suggested, at most, and that are listed where none is similar.
 
 
 class Query(NamedTuple):
@@ -123,9 +120,8 @@ class OpenBundle(Bundle):
         new_id[rows] = np.arange(len(rows))
         triples = self.triples.copy()
         triples[:, [HEAD, TAIL]] = new_id[self.triples[:, [HEAD, TAIL]]]
-        names, kinds, phrases = (
-            [texts[row] for row in rows] for texts in (self.entity_names, self.kinds, self.phrases)
-        )
+        texts = self.entity_names, self.kinds, self.phrases
+        names, kinds, phrases = ([listed[row] for row in rows] for listed in texts)
         inserted = [record for record in self.manifest.inserted if record.entity in set(names)]
         return replace(
             self, manifest=self.manifest.model_copy(update={"inserted": inserted}), entities=self.entities[rows],

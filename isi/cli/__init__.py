@@ -16,10 +16,8 @@ from isi.errors import InputError, cut, short
 from isi.process import one_line
 from isi.tables import paths
 
-#: The embedding that the pipeline trains for the commands.
-DEFAULT = paths.final_model("ai2thor")
-#: Characters of a message about the command line, at most.
-MOST = 200
+DEFAULT = paths.final_model("ai2thor")  #: The embedding that the pipeline trains for the commands.
+MOST = 200  #: Characters of a message about the command line, at most.
 #: Commands: where their function is, and what they do.
 COMMANDS = {
     "insert": ("entity:insert", "Give a new entity a vector from what is known of it, and report the consequences."),
@@ -50,10 +48,6 @@ def settings(texts: Sequence[str]) -> dict[str, Any]:
     return values
 
 
-def _check_settings(_: object, texts: Sequence[str]) -> None:
-    settings(texts)
-
-
 def _check_folder(_: object, path: Path | None) -> None:
     if path is not None and path.name in ("", ".."):
         raise ValueError("expected a folder by its name")
@@ -64,7 +58,7 @@ FROM_ONE, FROM_ZERO = Number(gte=1, lt=10**9), Number(gte=0, lt=10**9)
 Embedding = Annotated[Path, Parameter(help="folder of a bundle, as --out, isi import and the pipeline write it")]
 Top = Annotated[int, Parameter(validator=FROM_ONE, help="answers, at most")]
 Json = Annotated[bool, Parameter(help="print JSON, for programs")]
-Settings = Annotated[tuple[str, ...], Parameter(validator=_check_settings, show_default=False)]
+Settings = Annotated[tuple[str, ...], Parameter(validator=lambda _, texts: settings(texts), show_default=False)]
 NewFolder = Annotated[Path, Parameter(validator=_check_folder, help="folder to write")]
 Out = Annotated[Path | None, Parameter(validator=_check_folder, help="write the enlarged bundle there")]
 

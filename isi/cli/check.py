@@ -29,10 +29,8 @@ from isi.stage import makers
 from isi.tables import io, paths
 from isi.tables.table import DataFile, Table, declared
 
-#: A file, what declares it, and the names in its path.
-Declared = tuple[Path, DataFile, Mapping[str, str]]
-#: Models of a stack, at most: all of a size.
-_ALL = 10**9
+Declared = tuple[Path, DataFile, Mapping[str, str]]  #: A file, what declares it, and the names in its path.
+_ALL = 10**9  #: Models of a stack, at most: all of a size.
 
 
 def check() -> None:

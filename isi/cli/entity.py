@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from isi.bundle.insert import InsertedEntity
     from isi.bundle.query import OpenBundle
 
-#: The number of best answers to a query that are examined.
-EXAMINED = 20
+EXAMINED = 20  #: The number of best answers to a query that are examined.
 Pair = tuple[str, str]
 
 

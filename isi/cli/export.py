@@ -35,16 +35,14 @@ from isi.tables import paths
 from isi.tables.io import atomically
 from isi.tables.table import as_text
 
-#: Of an experiment.
-NAME = re.compile(r"[a-z][a-z0-9_]*")
+NAME = re.compile(r"[a-z][a-z0-9_]*")  #: Of an experiment.
 TRIPLE, PREDICTED = ["head", "relation", "tail"], ["head", "relation", "tail", "score", "rank"]
 #: Headers of Neo4j's importer, by column.
 HEADERS = {
     "entity": ":ID", "phrase": "phrase", "kind": ":LABEL", "head": ":START_ID", "tail": ":END_ID", "relation": ":TYPE",
     "count": "count:int", "score": "score:float", "rank": "rank:int",
 }  # fmt: skip
-#: Numbers in one score matrix, at most.
-BUDGET = 2**24
+BUDGET = 2**24  #: Numbers in one score matrix, at most.
 
 
 def _check_name(_: object, name: str | None) -> None:
@@ -186,8 +184,7 @@ def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> 
     return pd.concat(tables, ignore_index=True)
 
 
-#: The text of files by path; null: an earlier file of that path is removed.
-Files = dict[Path, str | None]
+Files = dict[Path, str | None]  #: The text of files by path; null: an earlier file of that path is removed.
 
 
 def graphml(export: GraphExport, path: Path, _labels: bool) -> Files:
@@ -195,18 +192,13 @@ def graphml(export: GraphExport, path: Path, _labels: bool) -> Files:
     graph = nx.MultiDiGraph(name=export.name)
     for entity, kind, phrase in export.entities[["entity", "kind", "phrase"]].itertuples(index=False):
         graph.add_node(entity, kind=kind, phrase=phrase)
-    for table, values in ((export.triples, ["count"]), (export.predictions, ["score", "rank"])):
+    for table in (export.triples[[*TRIPLE, "count"]], export.predictions[PREDICTED]):
         for row in table.to_dict("records"):
-            attributes = {name: row[name] for name in ("relation", *values)}
+            attributes = {str(name): value for name, value in row.items() if name not in ("head", "tail")}
             graph.add_edge(row["head"], row["tail"], key=graph.number_of_edges(), **attributes)
     content = BytesIO()
     nx.write_graphml_xml(graph, content)
     return {path: content.getvalue().decode()}
-
-
-def turtle(export: GraphExport, path: Path, labels: bool) -> Files:
-    """RDF in Turtle."""
-    return {path: rdf_of(export, labels).serialize(format="turtle")}
 
 
 def jsonld(export: GraphExport, path: Path, labels: bool) -> Files:
@@ -270,5 +262,6 @@ def pykeen_tsv(export: GraphExport, path: Path, _labels: bool) -> Files:
 
 
 FORMATS: dict[str, Callable[[GraphExport, Path, bool], Files]] = {
-    "graphml": graphml, "jsonld": jsonld, "property-csv": property_csv, "pykeen-tsv": pykeen_tsv, "turtle": turtle
+    "graphml": graphml, "jsonld": jsonld, "property-csv": property_csv, "pykeen-tsv": pykeen_tsv,
+    "turtle": lambda export, path, labels: {path: rdf_of(export, labels).serialize(format="turtle")},
 }  # fmt: skip

@@ -21,12 +21,9 @@ from isi.sources import Source, all_readers
 from isi.sources.readers import open_text, parse_json, reading, suffix_of
 from isi.tables import paths
 
-#: Names that are listed, at most.
-LISTED = 8
-#: How many splits are drawn to see how many triples they can hold out.
-SPLITS = 5
-#: Characters of JSON that are read to see which reader fits, at most.
-MOST = 2**26
+LISTED = 8  #: Names that are listed, at most.
+SPLITS = 5  #: How many splits are drawn to see how many triples they can hold out.
+MOST = 2**26  #: Characters of JSON that are read to see which reader fits, at most.
 COLUMNS = ["head", "relation", "tail"]
 
 
@@ -69,13 +66,10 @@ def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) ->
         source = Source({"reader": name, **known[name].defaults, slot: str(file), **given}, "--set", seed)
     except InputError as error:
         raise (InputError("", *error.args[1:]) if error.file == str(paths.PARAMS) else error) from error
-    parts = [_added_up(part.select([*COLUMNS, "count"]).to_pandas()) for part in source.tables()]
-    return name, source.counts, MinedSource(file.name, _added_up(pd.concat(parts)), source.kinds)
-
-
-def _added_up(rows: pd.DataFrame) -> pd.DataFrame:
-    plain = rows.astype(dict.fromkeys(COLUMNS, str) | {"count": "int64"})
-    return plain.groupby(COLUMNS, sort=False)["count"].sum().reset_index()
+    types = dict.fromkeys(COLUMNS, str) | {"count": "int64"}
+    parts = (part.select(list(types)).to_pandas().astype(types) for part in source.tables())
+    observed = pd.concat([part.groupby(COLUMNS, sort=False)["count"].sum().reset_index() for part in parts])
+    return name, source.counts, MinedSource(file.name, observed, source.kinds)
 
 
 def together(sources: Sequence[MinedSource]) -> MinedSource:
@@ -117,7 +111,8 @@ def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:
     ends = pd.concat([pairs["head"], pairs.loc[pairs["head"] != pairs["tail"], "tail"]]).value_counts()
     shares, root = check(values.get("sessions"), Shares, "sessions"), check(values.get("seed"), Seed, "seed")
     built = build_graph(entities, triples)
-    draws = (split(built, root, seed, shares.valid, shares.test) for seed in range(SPLITS))
+    held_out = shares.valid, shares.test
+    draws = (split(built, root, seed, *held_out) for seed in range(SPLITS))
     relations = triples.astype({"relation": str}).groupby("relation")["count"].agg(["size", "sum"])
     return {
         "entities": len(entities), "unique_triples": len(triples), "observations": int(triples["count"].sum()),
@@ -129,9 +124,7 @@ def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:
         "without_a_word_vector": _first_names(entities.loc[pd.isna(pd.Series(served)), "entity"].tolist()),
         "with_one_triple,_which_stays_in_train": _first_names(sorted(ends.index[ends == 1])),
         "triples_observed_once": int((triples["count"] == 1).sum()),
-        "triples_for_validation_and_test": sum(
-            max(1, round(share * len(triples))) for share in (shares.valid, shares.test)
-        ),
+        "triples_for_validation_and_test": sum(max(1, round(share * len(triples))) for share in held_out),
         "triples_that_can_leave_train": min(int((splits != TRAIN).sum()) for splits in draws),
     }  # fmt: skip
 

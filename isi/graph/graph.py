@@ -40,8 +40,7 @@ TRIPLES = Table(
 #: The same of a graph of the second pipeline.
 GRAPH_ENTITIES = replace(ENTITIES, template="data/beyond/graphs/{graph}/entities.parquet")
 GRAPH_TRIPLES = replace(TRIPLES, template="data/beyond/graphs/{graph}/triples.parquet")
-#: Columns of ``Graph.triples``.
-HEAD, RELATION, TAIL = range(3)
+HEAD, RELATION, TAIL = range(3)  #: Columns of ``Graph.triples``.
 
 
 @dataclass(frozen=True)
@@ -56,15 +55,18 @@ class Graph:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Travel to another process as plain arrays."""
-        return _from_arrays, (self.entities, self.relations, *(tensor.numpy() for tensor in self._tensors))
+        return _from_arrays, (
+            self.entities,
+            self.relations,
+            self.triples.numpy(),
+            self.counts.numpy(),
+            self.kinds.numpy(),
+        )
 
     def on(self, device: torch.device) -> Graph:
         """The graph with its tensors on a device."""
-        return Graph(self.entities, self.relations, *(tensor.to(device) for tensor in self._tensors))
-
-    @property
-    def _tensors(self) -> tuple[Tensor, Tensor, Tensor]:
-        return self.triples, self.counts, self.kinds
+        tensors = {name: getattr(self, name).to(device) for name in ("triples", "counts", "kinds")}
+        return replace(self, **tensors)
 
     def part(self, triples: np.ndarray) -> Graph:
         """The graph of some unique triples, given by id; entities and relations stay."""
@@ -147,10 +149,6 @@ class MinedSource:
         """What messages name."""
         return self.file or self.source
 
-    @cached_property
-    def kind_of(self) -> dict[str, str]:
-        return _kinds(self.kinds)
-
 
 @dataclass(frozen=True)
 class GraphTables:
@@ -185,7 +183,7 @@ def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:
 
     InputError where a tail is neither such a head nor, by name and kind, one of the entities.
     """
-    here, there = _kinds(entities), seen.kind_of
+    here, there = _kinds(entities), _kinds(seen.kinds)
     totals = seen.observations["count"].groupby(seen.observations["head"].astype(str), sort=True).sum()
     for tail in sorted(set(seen.observations["tail"].astype(str)) - set(totals.index)):
         if here.get(tail) != there.get(tail):
@@ -199,7 +197,7 @@ def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFram
     enough, here = newcomers[newcomers >= minimum], _kinds(entities)
     for name in here.keys() & set(enough.index):
         also = f"is also a name in the graph, of kind {here[name]}; give it another one in its source"
-        raise InputError(seen.place, f"{seen.kind_of.get(name)} {name!r}", also)
+        raise InputError(seen.place, f"{_kinds(seen.kinds).get(name)} {name!r}", also)
     return enough
 
 
@@ -224,12 +222,9 @@ def extend(home: GraphTables, seen: MinedSource, added: Collection[str]) -> Grap
     of_added = observed[observed["head"].isin(added) & observed["tail"].isin(joined)]
     more = build_tables(replace(seen, observations=of_added))
     new = more.entities[~more.entities["entity"].isin(home.entities["entity"])]
-    return GraphTables(_behind(home.entities, new), _behind(home.triples, more.triples))
+    blocks = (home.entities, new), (home.triples, more.triples)
+    return GraphTables(*(pd.concat([as_text(old), rows[list(old)]], ignore_index=True) for old, rows in blocks))
 
 
 def _kinds(entities: pd.DataFrame) -> dict[str, str]:
     return dict(zip(entities["entity"], entities["kind"].astype(str), strict=True))
-
-
-def _behind(table: pd.DataFrame, more: pd.DataFrame) -> pd.DataFrame:
-    return pd.concat([as_text(table), more[list(table.columns)]], ignore_index=True)

@@ -24,11 +24,9 @@ from isi.tables import paths
 from isi.tables.rules import at_least, one_of, unique
 from isi.tables.table import INT, NAME, Table
 
-#: Split of a triple in a session; ``OUT`` where it takes no part.
-OUT, TRAIN, VALID, TEST = -1, 0, 1, 2
+OUT, TRAIN, VALID, TEST = -1, 0, 1, 2  #: Split of a triple in a session; ``OUT`` where it takes no part.
 SPLIT_NAMES = ("train", "valid", "test")
-#: Arrival of what takes part in no session.
-NEVER = 2**31 - 1
+NEVER = 2**31 - 1  #: Arrival of what takes part in no session.
 
 SPLITS = Table(
     "data/sessions/{experiment}/splits.parquet",

@@ -33,12 +33,9 @@ COVERAGE = Table(
     nullable=["served_by"],
 )
 
-#: What numbers of vectors lie within; those of word2vec and GloVe are below a hundred.
-LARGEST = 1e6
-#: The most numbers of a vector, and characters of a token.
-WIDEST, LONGEST = 100_000, 1_000
-#: Bytes of a line of text, and those that are read of binary vectors at once, at most.
-CHUNK = 2**21
+LARGEST = 1e6  #: What numbers of vectors lie within; those of word2vec and GloVe are below a hundred.
+WIDEST, LONGEST = 100_000, 1_000  #: The most numbers of a vector, and characters of a token.
+CHUNK = 2**21  #: Bytes of a line of text, and those that are read of binary vectors at once, at most.
 
 
 class Words(Section):

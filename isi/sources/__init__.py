@@ -42,8 +42,7 @@ MINED = Table(
     key=["step"],
     checks=at_least(0, "instances"),
 )
-#: Rows of a table of observations, which are held at once.
-CHUNK = 65_536
+CHUNK = 65_536  #: Rows of a table of observations, which are held at once.
 #: Scene, room and instance (null where there is none), head, relation, tail, count.
 Observation = tuple[str | None, str | None, str | None, str, str, str, int]
 #: Gives the entities of a source (``KINDS``) from its unique triples and the names of its rooms.

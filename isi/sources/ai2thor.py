@@ -28,8 +28,7 @@ FLOOR = "floor"
 Materials = Literal["suncg", "simulator"]
 Broken = Literal["error", "drop"]
 Circular = Literal["keep", "error", "drop"]
-#: Under what it is counted when it is dropped.
-MISSING = "receptacles dropped that their scene lacks"
+MISSING = "receptacles dropped that their scene lacks"  #: Under what it is counted when it is dropped.
 ITSELF = "receptacles dropped that are what they hold"
 IN_CYCLE = "receptacles dropped that lie in what they hold"
 NOT_THERE = "contents of receptacles dropped that their scene lacks"
@@ -99,10 +98,7 @@ def mine(
     scenes: Iterable[Scene], materials_of: MaterialsOf, file: Path, counts: Counter[str], broken: Broken = "error",
     circular: Circular = "keep",
 ) -> Iterator[Observation]:  # fmt: skip
-    """Observations of scenes, one held at once; ``counts`` grows by what is dropped.
-
-    InputError where an object lies where it cannot, and that is not to be dropped; names the file.
-    """
+    """Observations of scenes, one held at once; ``counts`` grows by what is dropped, ``file`` is named in faults."""
     for scene in scenes:
         receptacles: dict[str, list[str]] = {thing["objectId"]: [] for thing in scene.objects}
         for name, receptacle, fault in _containment(scene, find_cycles=circular != "keep"):

@@ -16,8 +16,7 @@ from isi.sources.readers import packaged, parse_json, read_table, read_text, ref
 
 SCENES, CATEGORIES = "combined_room_object_list.json", "category_mapping.csv"
 PROPERTIES = "propagated_annots_canonical.json"
-#: What is left after each step of mining.
-STEPS = ("instances", "without structure")
+STEPS = ("instances", "without structure")  #: What is left after each step of mining.
 SYNSET = re.compile(r"([^\s.]{1,60})\.[nvars]\.[0-9]{2}")
 #: How many objects of each model stand in a room: a model is a category and six letters.
 _Model = Annotated[str, Field(pattern=r"^[\w-]{1,60}-[a-z]{6}$")]
@@ -52,9 +51,9 @@ def behavior(
     _check_known(categories, "synset", structure, synset_of.values())
     _check_known(listed, "property", affordances, {name for of_synset in properties.values() for name in of_synset})
     synset_named: dict[str, str] = {}
-    in_rooms = ((scene, room, models) for scene, rooms in scenes.items() for room, models in rooms.items())
+    rooms = ((scene, room, models) for scene, of_scene in scenes.items() for room, models in of_scene.items())
     for scene, room, model, count in (
-        (scene, room, *entry) for scene, room, models in in_rooms for entry in models.items()
+        (scene, room, *entry) for scene, room, models in rooms for entry in models.items()
     ):
         synset = synset_of.get(model[:-7], "")
         if not SYNSET.fullmatch(synset) or synset not in properties:

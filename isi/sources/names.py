@@ -14,10 +14,8 @@ from pydantic import AfterValidator, Field
 from isi.config import Section
 from isi.errors import InputError, short
 
-#: Characters of a name, at most.
-LONGEST = 200
-#: Kind of an entity of which nothing says the kind.
-ENTITY = "entity"
+LONGEST = 200  #: Characters of a name, at most.
+ENTITY = "entity"  #: Kind of an entity of which nothing says the kind.
 AT_LOCATION, HAS_MATERIAL, HAS_AFFORDANCE = "atLocation", "hasMaterial", "hasAffordance"
 
 
@@ -69,8 +67,7 @@ class Ends(Section):
     tail: Name
 
 
-#: By relation.
-KindsByRelation = Annotated[dict[str, Ends], Field(min_length=1)]
+KindsByRelation = Annotated[dict[str, Ends], Field(min_length=1)]  #: By relation.
 #: The relations of a household; a location is a room where it bears a room's name.
 HOUSEHOLD = {
     AT_LOCATION: Ends(head="object", tail="object"),
@@ -123,5 +120,4 @@ class Naming:
         return {name: kind for name, (kind, _) in kind_and_place.items()}
 
 
-#: Names the entities of a household, which go by their own words.
-household = Naming(household=True, words=str)
+household = Naming(household=True, words=str)  #: Names the entities of a household, which go by their own words.

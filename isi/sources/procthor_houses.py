@@ -22,8 +22,7 @@ from isi.sources.recordings import AFFORDANCES, Scene, SceneObject, locate, read
 #: The largest house that is read, in bytes, objects, and corners of floors; those of ProcTHOR-10K have a few hundred
 #: thousand, hundred and dozen at most.
 LONGEST, MOST_OBJECTS, MOST_CORNERS = 16 * 2**20, 10_000, 2_000
-#: Corners of floors are rounded to it (metres).
-ROUNDED = 0.001
+ROUNDED = 0.001  #: Corners of floors are rounded to it (metres).
 INSTANCES = "instances"
 OUTSIDE = "dropped, in no room of their house"
 TAKEN = "dropped, with the id of another one in their house"
@@ -93,8 +92,7 @@ class HouseObject(NamedTuple):
     room: str | None
 
 
-#: By name of a type, the objects that were recorded of it.
-RecordedTypes = Mapping[str, Sequence[SceneObject]]
+RecordedTypes = Mapping[str, Sequence[SceneObject]]  #: By name of a type, the objects that were recorded of it.
 
 
 @reader(
@@ -192,7 +190,7 @@ def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, li
     types, line = asset_types(), 0
     for line, content in json_lines(path, sha256, LONGEST, "a house as JSON", whole=".json" in path.suffixes[-2:]):
         house = parse_json(House, content, path, f"line {line}")
-        objects = list(house_objects(house.objects, types))
+        objects = list(house_objects(house.objects or (), types, None))
         if len(objects) > MOST_OBJECTS:
             raise InputError(path, f"line {line}, objects", f"expected at most {MOST_OBJECTS:,}")
         if unknown := next((thing.id for thing in objects if not thing.type), None):
@@ -203,15 +201,13 @@ def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, li
         raise InputError(path, "", "expected houses, found none")
 
 
-def house_objects(
-    items: Sequence[Item] | None, types: Mapping[str, str], parent: str | None = None
-) -> Iterator[HouseObject]:
+def house_objects(items: Iterable[Item] | None, types: Mapping[str, str], parent: str | None) -> Iterator[HouseObject]:
     """Objects, each before those on or in it, of the types that their ids name, else of those of their assets."""
-    for item in items or ():
+    for item in items:
         named, room = type_and_room(item.id)
         kind = named or types.get(item.asset, "")
         yield HouseObject(item.id, kind, item.position, parent, room)
-        yield from house_objects(item.children, types, kind)
+        yield from house_objects(item.children or (), types, kind)
 
 
 @lru_cache(maxsize=2**16)

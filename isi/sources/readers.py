@@ -27,12 +27,9 @@ from isi.tables.rules import MOST_OBSERVED
 
 #: Bytes of a text table, and rows of a Parquet table, that are read at once; a line is not longer.
 BLOCK, BATCH = 2**20, 65_536
-#: Characters, and rows, of a file that is read as a whole, at most.
-MOST, MOST_ROWS = 2**26, 1_000_000
-#: The column of whole numbers from 1; all others hold text.
-COUNT = "count"
-#: What a file starts with that is compressed by gzip.
-GZIP = b"\x1f\x8b"
+MOST, MOST_ROWS = 2**26, 1_000_000  #: Characters, and rows, of a file that is read as a whole, at most.
+COUNT = "count"  #: The column of whole numbers from 1; all others hold text.
+GZIP = b"\x1f\x8b"  #: What a file starts with that is compressed by gzip.
 SEPARATORS = {".csv": ",", ".tsv": "\t"}
 #: What reading a broken file raises.
 UNREADABLE = (OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error, pa.ArrowException)

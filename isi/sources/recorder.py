@@ -37,10 +37,8 @@ from isi.sources.readers import parse_json
 from isi.sources.recordings import MOST_BYTES, Layout, RecordedScene, Recorder, SceneObject
 from isi.tables import io, paths
 
-#: Seconds between looks at whether the player lives.
-LOOK = 0.2
-#: The longest message of the simulator's that is passed on.
-_LONGEST = 300
+LOOK = 0.2  #: Seconds between looks at whether the player lives.
+_LONGEST = 300  #: The longest message of the simulator's that is passed on.
 _CHUNK, _GZIP = 2**20, 16 + zlib.MAX_WBITS
 #: What is raised where the player has died, by whichever way that was noticed.
 _DIED = (UnityCrashException, RestartError, BrokenPipeError)
@@ -134,9 +132,8 @@ class Simulator:
 
     def __init__(self, settings: Recorder) -> None:
         """Check that it can be started: InputError where there is no such build, or it lacks a display or a driver."""
-        self._settings, self._folder = settings, tempfile.TemporaryDirectory()
+        self._settings, self._started = settings, Event()
         self._player: Player | None = None
-        self._started = Event()
         program, chosen = settings.executable, STR_PLATFORM_MAP.get(settings.platform)
         request = Request(platform.system(), settings.width, settings.width, os.environ.get("DISPLAY"), headless=False)
         problem = ""
@@ -146,6 +143,7 @@ class Simulator:
             problem = f"{settings.platform}: {' '.join(missing)} {chosen.dependency_instructions(request) or ''}"
         if problem:
             raise InputError(paths.PARAMS, "recorder.platform", problem)
+        self._folder = tempfile.TemporaryDirectory()
 
     def close(self) -> None:
         """End it."""

@@ -81,8 +81,7 @@ ITHOR = tuple(
 _APARTMENTS = [f"{part}{walls}" for part, number in (("Train", 12), ("Val", 3)) for walls in range(1, number + 1)]
 _PLANS = [f"FloorPlan_{apartment}_{objects}" for apartment in _APARTMENTS for objects in range(1, 6)]
 ROBOTHOR = (FloorPlans("robothor", "apartment", 501, _PLANS, [f"RoboTHOR{place}" for place in range(1, 76)]),)
-#: By the reader of its recordings.
-SIMULATORS = {"ai2thor": ITHOR, "robothor": ROBOTHOR}
+SIMULATORS = {"ai2thor": ITHOR, "robothor": ROBOTHOR}  #: By the reader of its recordings.
 
 
 class Layout(BaseModel):
@@ -171,8 +170,7 @@ def check_header(path: Path, line: bytes) -> dict[str, Any]:
     return header
 
 
-#: Builds that the package ``ai2thor`` downloads.
-PLATFORMS = ("CloudRendering", "Linux64", "OSXIntel64")
+PLATFORMS = ("CloudRendering", "Linux64", "OSXIntel64")  #: Builds that the package ``ai2thor`` downloads.
 #: Floor plans that go by one word.
 GROUPS = {"ithor": [name for plans in ITHOR for name in plans.names], "robothor": _PLANS}
 
