@@ -201,7 +201,7 @@ def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, li
         raise InputError(path, "", "expected houses, found none")
 
 
-def house_objects(items: Iterable[Item] | None, types: Mapping[str, str], parent: str | None) -> Iterator[HouseObject]:
+def house_objects(items: Iterable[Item], types: Mapping[str, str], parent: str | None) -> Iterator[HouseObject]:
     """Objects, each before those on or in it, of the types that their ids name, else of those of their assets."""
     for item in items:
         named, room = type_and_room(item.id)
