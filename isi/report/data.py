@@ -102,7 +102,7 @@ class ModelRuns:
 
     @cached_property
     def directed(self) -> pd.DataFrame:
-        """Entity prediction about novel entities (``stats.by_direction``) by model, size and seed."""
+        """Entity prediction about novel entities by direction (``scope``), model, size and seed."""
         assert self.queries is not None  # noqa: S101
         return stats.by_direction(self.queries, ["model", "size", "seed"])
 
@@ -170,8 +170,7 @@ class Experiment(ModelRuns):
     def collapsed(self) -> dict[str, float]:
         """Of models that score nearly everything the same over all queries, how many rivals tie with an answer.
 
-        A triple has a head query and a tail query; a model counts as collapsed where, of both together, half as many
-        rivals as there are entities have the answer's score.
+        That is where, of a triple's head and tail query together, half as many rivals as there are entities do.
         """
         tied, runs = (rows[rows["scope"] == "all"].groupby("model") for rows in (self.ties, self.immediate))
         rivals = tied["ties"].sum() / runs["queries"].sum().replace(0, np.nan)
@@ -211,7 +210,7 @@ class GraphRuns(VariantRuns):
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """The experiments that were run and the analyses of them."""
+    """The experiments that were run and the analyses of them; variants and other graphs of the second pipeline."""
 
     params: Params
     #: params, versions and hashes, by title
@@ -223,7 +222,6 @@ class Results:
     #: by source: its observations, and what mining it left (``MINED``)
     observed: Mapping[str, MinedSource]
     mined: Mapping[str, pd.DataFrame]
-    #: of the second pipeline
     variants: Sequence[VariantRuns] = ()
     other_graphs: Sequence[GraphRuns] = ()
 
@@ -240,11 +238,6 @@ class Results:
     def source_title(self, source: str) -> str:
         """What people call a source: the experiment with its graph."""
         return next((one.title for one in self.standalone if one.settings.graph.source == source), source)
-
-    @property
-    def titles(self) -> dict[str, str]:
-        """What people call the experiments."""
-        return {name: experiment.title for name, experiment in self.experiments.items()}
 
     def analysis(self, name: str) -> list[tuple[Experiment, Any]]:
         """The experiments for which an analysis was run, each with its result."""
@@ -277,11 +270,7 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
 
 
 def read_variants(titles: Mapping[str, str], params: Params) -> list[VariantRuns]:
-    """Every variant of the second pipeline on each of the experiments (by name their titles) on which it has run.
-
-    Raises:
-        InputError: where its params or a table are broken.
-    """
+    """Every variant of the second pipeline on each of the experiments (by name their titles) on which it has run."""
     variants = []
     for name, variant in load_beyond(params).variants.items():
         if VARIANT_QUERIES.path(variant=name).exists():

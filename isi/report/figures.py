@@ -91,10 +91,7 @@ def _panel_in_words(axes: Axes) -> str:
 def by_size(
     immediate: pd.DataFrame, models: Sequence[str], scopes: Sequence[str], measures: Sequence[str], entities: int
 ) -> Canvas:
-    """MRR* right after insertion against the number of novel entities: a row for each measure, a panel for each scope.
-
-    ``measures`` are columns of runs; the upper axis gives the share of the graph's number of entities.
-    """
+    """MRR* right after insertion by the number (above: share) of novel entities: a row a column of runs, by scope."""
     canvas, axes = panels(len(measures) * len(scopes), len(scopes), height=0.6 + 3 * len(measures))
     for panel, (measure, scope) in zip(axes, product(measures, scopes), strict=True):
         for place, model in enumerate(models):
@@ -118,10 +115,7 @@ def by_epoch(
     runs: pd.DataFrame, models: Sequence[str], scopes: Sequence[str], ylabel: str = "MRR* (points)",
     margin: float | None = None,
 ) -> Canvas:  # fmt: skip
-    """MRR* by epoch of fine-tuning of runs of one size, a panel for each scope, with the joint model's level.
-
-    With a margin, also where a run of mean joint performance counts as converged.
-    """
+    """MRR* by epoch in runs of one size, by scope, with the joint model's level and, given a margin, convergence's."""
     canvas, axes = panels(len(scopes))
     for panel, scope in zip(axes, scopes, strict=True):
         shown = runs[runs["scope"] == scope]
@@ -172,10 +166,7 @@ def line_over_seeds(rows: pd.DataFrame, by: str, column: str, scale: float = 100
 
 
 def legend(canvas: Canvas, axes: Sequence[Axes]) -> None:
-    """Below the panels, what any of them shows: models as they were drawn, then lines and marks of other kinds.
-
-    In several rows where there are many entries; matplotlib fills columns, people read rows.
-    """
+    """Below the panels, what any of them shows, to be read row by row; matplotlib fills columns."""
     entries: dict[str, Any] = {}
     for panel in axes:
         for handle, name in zip(*panel.get_legend_handles_labels(), strict=True):

@@ -52,11 +52,7 @@ class Pair:
 
 
 def compare(measures: Mapping[str, pd.DataFrame], models: Sequence[str]) -> list[Pair]:
-    """Every pair of models by every measure.
-
-    A pair of one of ISI and another has ISI first; otherwise the order is that of the models. Measures have a column a
-    model and a row a cell, whose index names its seed.
-    """
+    """Every pair of models, ISI first, by every measure, which has a column a model and a row a cell of a seed."""
     pairs, methods = [], isi(models)
     for measure, cells in measures.items():
         names = [sorted(pair, key=lambda name: name not in methods) for pair in combinations(models, 2)]
@@ -70,28 +66,21 @@ def compare(measures: Mapping[str, pd.DataFrame], models: Sequence[str]) -> list
 def pairs_table(pairs: Iterable[Pair]) -> list[dict[Any, Any]]:
     """Every pair with its interval and test; "none" stands for the p of a pair that no seed tells apart."""
 
-    def shown(p: float, seeds: int) -> float | str:
-        return "none" if np.isnan(p) and seeds else p
+    def form(p: float) -> str:
+        return f"{p:.3f}" if p >= 0.001 else "< 0.001"
 
     return [
         {"measure": pair.measure, "first": label(pair.first), "second": label(pair.second),
-         Column("difference", form=signed): (points := pair.difference),
-         Column("p", form=_p, any_size=True): shown(points.p, points.seeds),
-         Column("p (Holm)", form=_p, any_size=True): shown(pair.holm, points.seeds),
-         "seeds": points.seeds, "of these differ": points.differing}
+         Column("difference", form=signed): (points := pair.difference)}
+        | {Column(name, form=form, any_size=True): "none" if np.isnan(p) and points.seeds else p
+           for name, p in (("p", points.p), ("p (Holm)", pair.holm))}
+        | {"seeds": points.seeds, "of these differ": points.differing}
         for pair in pairs
     ]  # fmt: skip
 
 
-def _p(value: float) -> str:
-    return f"{value:.3f}" if value >= 0.001 else "< 0.001"
-
-
 def by_seed(first: pd.Series, second: pd.Series) -> np.ndarray:
-    """First minus second over the cells that both have, averaged over sizes; shape: (seeds,).
-
-    Rounded to the ninth decimal, so that the order of a sum makes no difference and breaks no tie.
-    """
+    """First minus second where both have cells, by seed; rounded, so that the order of a sum breaks no tie."""
     means: pd.Series = (first - second).dropna().groupby("seed").mean()
     return means.to_numpy(float).round(9) + 0.0  # no -0
 
@@ -107,9 +96,8 @@ def difference(values: np.ndarray) -> Difference:
 def sign_flip(values: np.ndarray) -> float:
     """The share of the 2ⁿ ways to give n differences a sign that make a mean at least as far from zero.
 
-    Exact, by meeting in the middle: the signed sums of one half of the differences are sorted, and those of the other
-    half count in them. In whole billionths, so that ties are ties. Seeds that do not differ have no sign; null where
-    none does. Where there are too many to count, signs are drawn, and the differences' own are one more way.
+    Exact up to ``_COUNTED``: signed sums of one half of the differences count in the sorted ones of the other half, in
+    whole billionths, so that ties are ties. Seeds that do not differ have no sign; null where none does.
     """
     units = np.rint(np.abs(values[values != 0]) * 1e9).astype(np.int64)
     reached = abs(int(np.rint(values * 1e9).astype(np.int64).sum()))

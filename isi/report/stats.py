@@ -25,10 +25,8 @@ ByScope = dict[str, dict[str, float]]
 
 def by_scope(values: pd.Series, models: Sequence[str]) -> ByScope:
     """Values by (scope, model) as mappings, models in their order."""
-    return {
-        str(scope): {model: float(values[scope, model]) for model in models if (scope, model) in values.index}
-        for scope in values.index.unique("scope")
-    }
+    return {str(scope): {model: float(values[scope, model]) for model in models if (scope, model) in values.index}
+            for scope in values.index.unique("scope")}  # fmt: skip
 
 
 def means(rows: pd.DataFrame, column: str, by: str = "model", scale: float = 100) -> dict[str, float]:
@@ -53,21 +51,16 @@ def converged(
 
 
 def improvements(immediate: pd.DataFrame, scope: str) -> dict[str, Estimate]:
-    """Of each model over Xavier, in per cent: the ratio of means at each size, averaged over sizes (section 6.1).
-
-    Empty where Xavier was not run.
-    """
+    """Of each model over Xavier where it was run, in per cent: ratios of means averaged over sizes (section 6.1)."""
     cells = immediate[immediate["scope"] == scope].pivot_table("mrr_star", "seed", ["model", "size"], dropna=False)
     return relative({str(model): (pd.DataFrame(cells[model]), pd.DataFrame(cells[BASELINE]))
                      for model in cells.columns.unique("model") if BASELINE in cells})  # fmt: skip
 
 
 def relative(pairs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], sign: int = 1) -> dict[str, Estimate]:
-    """By how much means of cells over seeds are above those of others, in per cent, averaged over cells.
+    """By how much means over seeds (rows) are above those to compare with, in per cent, averaged over cells (columns).
 
-    Args:
-        pairs: by name, the cells and those to compare with: a row a seed and a column a cell; null values are left out.
-        sign: -1 for how much they are below.
+    ``sign`` is -1 for how much they are below; null values are left out.
     """
 
     def above(means: np.ndarray, base: np.ndarray) -> np.ndarray:
@@ -89,11 +82,18 @@ def relative(pairs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], sign: int =
 def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     """Epochs to convergence by group: mean, deviation, median and the share that never converges."""
     means = over_seeds(convergence, by, {"epochs": "mean"}, scale=1)
-    lost = convergence.assign(lost=~convergence["converged"])
-    never = over_seeds(lost, by, {"lost": "unconverged %"})
+    never = over_seeds(convergence.assign(lost=~convergence["converged"]), by, {"lost": "unconverged %"})
     groups = convergence.groupby(list(by))["epochs"]
     middle = pd.DataFrame({"std": groups.std(ddof=1), "median": groups.median()})
     return pd.concat([means, middle, never], axis=1)
+
+
+def by_label(
+    models: Sequence[str], columns: Mapping[Any, Mapping[str, Any]], header: str = "model"
+) -> dict[Any, list[Any]]:
+    """A table with a row for each model: its label, and what each column has of it."""
+    cells = {column: [of_model.get(model) for model in models] for column, of_model in columns.items()}
+    return {header: list(map(label, models)), **cells}
 
 
 def wide(frame: pd.DataFrame, rows: Sequence[tuple[Any, ...]], groups: Mapping[Any, str]) -> dict[Any, list[Any]]:
@@ -111,10 +111,7 @@ def halves(runs: pd.DataFrame, models: Sequence[str], *scopes: str) -> dict[Any,
 
 
 def ordered_rows(means: pd.DataFrame, models: Sequence[str], **orders: Sequence[Any]) -> pd.DataFrame:
-    """Groups as rows of a table, sorted level by level: models by their order and under their labels.
-
-    ``orders`` are those of other levels where that is not ascending; values that an order lacks are left out.
-    """
+    """Groups as rows of a table, sorted by their levels, those in ``orders`` (and only what these have) by them."""
     levels, frame = list(map(str, means.index.names)), means.reset_index()
     for name, order in {"model": models, **orders}.items():
         frame[name] = pd.Categorical(frame[name], list(order))
@@ -129,11 +126,7 @@ def cells_of(rows: pd.DataFrame, models: Sequence[str], scope: str, column: str)
 
 
 def over_seeds(rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str], scale: float = 100.0) -> pd.DataFrame:
-    """Means of columns over the rows of each group, with 95 % intervals over seeds (see ``ratios``).
-
-    All that a seed has is resampled with it; null values are left out. ``columns``: to be averaged, and their names in
-    the result, which has estimates by group.
-    """
+    """Means of columns (each with its new name) by group, with 95 % intervals over seeds, without nulls."""
     if rows.empty:
         return pd.DataFrame(columns=[*by, *columns.values()], dtype=object).set_index(list(by))
     seeds = rows.groupby([*by, "seed"])[list(columns)]
@@ -153,9 +146,8 @@ def by_model(rows: pd.DataFrame, column: str, models: Sequence[str], scale: floa
 def ratios(over: np.ndarray, under: np.ndarray) -> np.ndarray:
     """Of each row, the sum of ``over`` by that of ``under``, and its 95 % interval over seeds; shape: (rows, 3).
 
-    Both have a column a seed; one for which ``under`` is null takes no part. With numbers of values as ``under`` these
-    are means. The interval is the bootstrap's, by percentiles: that stays defined where values are nearly constant,
-    BCa does not. Of one seed there is none.
+    Columns are seeds, without those of null ``under``. The interval is the bootstrap's, by percentiles: that stays
+    defined where values are nearly constant, BCa does not. Of one seed there is none.
     """
     estimates, present = np.full((len(over), 3), np.nan), ~np.isnan(under)
     for pattern in np.unique(present, axis=0):
@@ -177,32 +169,22 @@ def _bounds(resampled: np.ndarray) -> np.ndarray:
 
 
 def _resampled(values: np.ndarray) -> np.ndarray:
-    """Sums of rows over each resample of their columns, the seeds; shape: (rows, resamples).
-
-    Without BLAS, whose threads cost more than they save on products this small.
-    """
+    """Sums of rows over each resample of their columns, the seeds; without BLAS, whose threads would cost more."""
     sums: np.ndarray = np.einsum("rs,bs->rb", np.ascontiguousarray(values), resamples(values.shape[1]))
     return sums
 
 
 @cache
 def resamples(seeds: int) -> np.ndarray:
-    """How often each resample of so many seeds has each of them; shape: (RESAMPLES, seeds).
-
-    The same wherever so many are resampled, so that what is paired stays so.
-    """
-    drawn = stream(0, "resamples", seeds).multinomial(seeds, np.full(seeds, 1 / seeds), RESAMPLES)
-    return drawn.astype(float)
+    """How often each resample has each seed, the same for equal numbers of seeds; shape: (RESAMPLES, seeds)."""
+    return stream(0, "resamples", seeds).multinomial(seeds, np.full(seeds, 1 / seeds), RESAMPLES).astype(float)
 
 
 def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     """MRR* of the queries of each group, with its halves, in [0, 1] (equation 7).
 
-    The entity half is the mean over the head and tail queries of each relation, averaged over the relations
-    with their observations as weights; the relation half is the mean over relation queries.
-
-    A half without queries is null, and MRR* where one is. ``rows`` are some of ``QUERY_BREAKDOWN``; ``by`` are columns,
-    those that tell cells apart (size and seed) among them.
+    The entity half averages head and tail queries by relation, then relations with their observations as weights. A
+    half without queries is null, and MRR* where one is. ``rows`` are of ``QUERY_BREAKDOWN``; ``by`` has size and seed.
     """
     weighted = rows.assign(total=rows["mrr_star"] * rows["queries"])
     of_relations = rows["hidden"] == "relation"

@@ -86,9 +86,7 @@ class ReportTable:
         for column, cells in self.by_column:
             if any(isinstance(cell, Estimate) for cell in cells):
                 parts = zip(*map(_numbers, cells), strict=True)
-                values |= {
-                    f"{column.header}{end}": part for end, part in zip(("", " low", " high"), parts, strict=True)
-                }
+                values |= zip((f"{column.header}{end}" for end in ("", " low", " high")), parts, strict=True)
             else:
                 values[column.header] = cells
         return pd.DataFrame(values)

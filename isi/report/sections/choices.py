@@ -45,10 +45,7 @@ def indicators(results: Results) -> Iterator[Content]:
         now = (("all", "all queries", "MRR* minus that with this run's k (points)"), ("novel", "novel entities", ""))
         later = (("all", "all queries: not immediately", "share of runs (%)"),
                  ("novel_heldout", "novel entities, held-out triples", "epochs to convergence"))  # fmt: skip
-        frame = means.reset_index()
-        frame = frame.assign(model=frame["model"].map(label)).rename(
-            columns={"model": "initializer", "k": "indicators"}
-        )
+        frame = means.rename(index=label, level="model").rename_axis(["initializer", "indicators"]).reset_index()
         yield Content(
             {"chosen": chosen, "models": models},
             {"indicator_sizes": indicator_sizes(means, chosen), "sensitivity": frame},
@@ -58,17 +55,14 @@ def indicators(results: Results) -> Iterator[Content]:
 
 
 def relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFrame:
-    """Runs with MRR* (points) minus that of the same initializer and seed with its reference size, as ``value``.
-
-    A size that was not swept is replaced by the nearest that was.
-    """
+    """Runs with MRR* (points) minus that with the swept size nearest to the initializer's reference, as ``value``."""
     parts, cell = [], ["scope", "size", "seed"]
     for model, runs in immediate.groupby("model"):
         swept = runs["k"].unique()
         k = swept[np.abs(swept - reference.get(str(model), swept.min())).argmin()]
-        parts.append(runs.join(runs[runs["k"] == k].set_index(cell)["mrr_star"].rename("base"), on=cell))
-    rows = pd.concat(parts, ignore_index=True)
-    return rows.assign(value=100 * (rows["mrr_star"] - rows["base"]))
+        base = runs[cell].join(runs[runs["k"] == k].set_index(cell)["mrr_star"], on=cell)["mrr_star"]
+        parts.append(runs.assign(value=100 * (runs["mrr_star"] - base)))
+    return pd.concat(parts, ignore_index=True)
 
 
 def means_of(immediate: pd.DataFrame, epochs: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
@@ -87,10 +81,10 @@ def chosen_sizes(
     means: pd.DataFrame, options: Mapping[str, Mapping[str, Any]], paper: Mapping[str, int]
 ) -> dict[str, dict[str, int]]:
     """Indicator set sizes by who chose them (options of this run, paper, rule) and initializer, of those with one."""
-    models = means.index.unique("model")
-    ours = {model: int(options[model]["k"]) for model in models if "k" in options.get(model, {})}
-    theirs = {model: paper[model] for model in models if model in paper}
-    return {"this run": ours, "paper": theirs, "picked by the rule": picked_sizes(means)}
+    picked = picked_sizes(means)
+    ours = {model: int(options[model]["k"]) for model in picked if "k" in options.get(model, {})}
+    theirs = {model: paper[model] for model in picked if model in paper}
+    return {"this run": ours, "paper": theirs, "picked by the rule": picked}
 
 
 def picked_sizes(means: pd.DataFrame) -> dict[str, int]:
@@ -105,13 +99,9 @@ def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequenc
 
     The paper "increased the indicator set size while the average number of epochs for three neighboring sizes decreased
     by 1 epoch or the MRR* went 1% point below the best performance". Read here as: grow while the former holds, and
-    stop before the latter. Where the wording is open, it is taken so:
-
-    - Neighbours are those of the list, however far apart; the mean of a size is over it and its two neighbours. The
-      first and the last have none, so growth is first tested from the second to the third; the last is never picked.
-    - The best performance is that of the sizes up to this one: what a larger set would have does not count against a
-      smaller one, and a rise at small sizes stops nothing.
-    - The first size is picked where the second is too far below it, or where there are fewer than three.
+    stop before the latter. Neighbours are those of the list, so growth is first tested from the second size to the
+    third, and the last is never picked; the best performance is that of the sizes up to this one. The first size is
+    picked where the second is too far below it, or where there are fewer than three.
 
     Sizes ascend; each has its immediate MRR*, in [0, 1], and its mean epochs to convergence.
     """
@@ -128,34 +118,29 @@ def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequenc
 
 def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> list[dict[Any, Any]]:
     """The indicator set size that the paper's rule picks, beside those of this run and of the paper."""
-    rows = []
-    for model, size in chosen["picked by the rule"].items():
-        mrr_star, epochs = (means[Column(*key)].loc[model] for key in (("MRR*", "novel"), ("epochs", "novel_heldout")))
-        rows.append(
-            {"initializer": label(model), **{who: sizes.get(model) for who, sizes in chosen.items()}}
-            | {Column("MRR*", "picked"): mrr_star[size], Column("epochs", "picked"): epochs[size],
-               "best MRR*": mrr_star.max(), "best at": mrr_star.idxmax() if mrr_star.notna().any() else None}
-        )  # fmt: skip
-    return rows
+    mrr_star, epochs = means[Column("MRR*", "novel")], means[Column("epochs", "novel_heldout")]
+    return [
+        {"initializer": label(model), **{who: sizes.get(model) for who, sizes in chosen.items()},
+         Column("MRR*", "picked"): mrr_star[model, size], Column("epochs", "picked"): epochs[model, size],
+         "best MRR*": mrr_star[model].max(),
+         "best at": mrr_star[model].idxmax() if mrr_star[model].notna().any() else None}
+        for model, size in chosen["picked by the rule"].items()
+    ]  # fmt: skip
 
 
 def _by_size(
     rows: pd.DataFrame, models: Sequence[str], chosen: Chosen, shown: Sequence[tuple[str, str, str]],
     lowest: float | None = None,
 ) -> Canvas:  # fmt: skip
-    """Means and intervals of ``value`` by k, with the sizes that were chosen; those beyond a line have no mark.
-
-    A panel for each scope that is shown, with its title and the label of its y-axis.
-    """
+    """Means and intervals of ``value`` by k with the chosen sizes; ``shown``: scope, title and y-label of panels."""
     canvas, axes = panels(len(shown))
     for panel, (scope, title, ylabel) in zip(axes, shown, strict=True):
         for model in models:
             of_model, color = rows[(rows["model"] == model) & (rows["scope"] == scope)], colour(model, models)
             sizes, mean, *_ = with_band(panel, of_model, "k", "value", 1, 0.15, color=color, label=label(model), lw=1.4)
-            for who, mark in _MARKS.items():
-                if len(sizes) and (k := chosen[who].get(model)) is not None:
-                    height = np.interp(k, sizes, mean, left=np.nan, right=np.nan)
-                    panel.plot(k, height, color=color, ls="", clip_on=False, **mark)
+            for who, k in ((who, chosen[who][model]) for who in _MARKS if len(sizes) and model in chosen[who]):
+                height = np.interp(k, sizes, mean, left=np.nan, right=np.nan)  # none beyond the line
+                panel.plot(k, height, color=color, ls="", clip_on=False, **_MARKS[who])
         panel.set(title=title, xlabel="indicators k", ylabel=ylabel)
         panel.set_ylim(bottom=lowest)
     for who, mark in _MARKS.items():
@@ -174,7 +159,7 @@ def cross_validation(results: Results) -> Iterator[Content]:
             return
         means = rows.groupby(list(choice), sort=False)["mrr_star"].mean().mul(100).reset_index()
         top = means.iloc[int(means["mrr_star"].to_numpy().argmax())]
-        best = {name: top[name] for name in choice}
+        best = dict(top[list(choice)])
         numbers = {"points": (_of_setting(means, choice)["mrr_star"].iloc[0], top["mrr_star"]), "choice": choice,
                    "best": best, "within": _within(rows, choice, best)}  # fmt: skip
         yield Content(numbers, {"cross_validation": cross_validation_table(rows, settings, paper)})
@@ -217,10 +202,7 @@ def _of_setting(rows: pd.DataFrame, setting: Setting) -> pd.DataFrame:
 
 
 def best(rows: pd.DataFrame, choice: Setting, factor: str) -> tuple[float, str]:
-    """The best value of one factor, the others as chosen, and how far it is above the choice where it is another.
-
-    The choice where it did as well; NaN of no folds.
-    """
+    """The best value of a factor (the choice where it did as well), and a note where it is another; NaN of no folds."""
     others = _of_setting(rows, {name: value for name, value in choice.items() if name != factor})
     if others["mrr_star"].isna().all():
         return nan, ""
@@ -237,9 +219,7 @@ def embedding_models(results: Results) -> Iterator[Content]:
     """The joint model as every embedding model, each trained as validation triples alone advise."""
     for experiment, rows in results.analysis("compare_models"):
         settings = results.params.compare_models
-        options = {
-            name: trained.model_dump() | results.params.models[name] for name, trained in settings.models.items()
-        }
+        options = {name: model.model_dump() | results.params.models[name] for name, model in settings.models.items()}
         means = 100 * rows.groupby("family")["mrr_star"].mean().sort_values(ascending=False, kind="stable")
         numbers = {
             "title": experiment.title, "main": class_name(results.params.embedding.model),

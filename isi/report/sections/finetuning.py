@@ -69,11 +69,9 @@ def table2(
     """Table 2: epochs to convergence over all sizes, beside the paper's."""
     summary = epochs_summary(epochs, ["scope", "model"])[["mean", "std", "median", "unconverged %"]]
     ours = wide(summary, [(model,) for model in initializers], {scope: scope for scope in CONVERGING})
-    theirs: dict[Any, list[Any]] = {
-        Column(title, "paper"): [paper.get(model, {}).get(column) for model in initializers]
-        for column, title in (("mean", "mean"), ("deviation", "std"))
-    }
-    return {"initializer": list(map(label, initializers))} | ours | theirs
+    theirs = {Column(title, "paper"): [paper.get(model, {}).get(column) for model in initializers]
+              for column, title in (("mean", "mean"), ("deviation", "std"))}  # fmt: skip
+    return {"initializer": list(map(label, initializers)), **ours, **theirs}
 
 
 def _by_size(epochs: pd.DataFrame, initializers: Sequence[str]) -> pd.DataFrame:
@@ -87,8 +85,7 @@ def _by_size(epochs: pd.DataFrame, initializers: Sequence[str]) -> pd.DataFrame:
 def by_rate(epochs: pd.DataFrame, initializers: Sequence[str]) -> dict[Any, list[Any]]:
     """Epochs to convergence at one size, by the factor on the fine-tuning rate."""
     by = ["factor", "scope", "model"]
-    groups = epochs.groupby(by)
-    summary = over_seeds(epochs, by, {"epochs": "mean"}, scale=1)
+    groups, summary = epochs.groupby(by), over_seeds(epochs, by, {"epochs": "mean"}, scale=1)
     summary["median"] = groups["epochs"].median()
     summary["unconverged %"] = 100 * (1 - groups["converged"].mean())
     rows = [(scope, model) for scope in CONVERGING if scope in set(epochs["scope"]) for model in initializers]
@@ -114,10 +111,8 @@ def forgetting(_: Results, experiment: Experiment) -> Content:
         return Content()
     runs = with_finetune_only(experiment)
     pairs = at_the_end(runs)
-    tables = {
-        "forgetting": interference(runs, [*experiment.models, FINETUNE_ONLY]),
-        "earlier_at_the_end": pairs_table(chain(*pairs.values())),
-    }
+    tables = {"forgetting": interference(runs, [*experiment.models, FINETUNE_ONLY]),
+              "earlier_at_the_end": pairs_table(chain(*pairs.values()))}  # fmt: skip
     return Content({"ended": ended(pairs)}, tables, {"forgetting": drawn(runs, experiment.models)})
 
 
@@ -131,16 +126,12 @@ def with_finetune_only(experiment: Experiment) -> pd.DataFrame:
 
 
 def since_before(runs: pd.DataFrame) -> pd.DataFrame:
-    """Runs about known entities, minus what Θ⁰ had in the same session before anything was inserted.
-
-    That is MRR* in known_closed right after insertion, the same for all but the joint model.
-    """
+    """Runs about known entities, minus what Θ⁰ had before: that of any initializer in known_closed immediately."""
     shown = runs[runs["scope"].isin(EARLIER)]
     inserted = ~shown["model"].isin([JOINT, FINETUNE_ONLY])
     start = shown[(shown["scope"] == "known_closed") & (shown["epoch"] == 0) & inserted]
-    before = start.drop_duplicates(CELL).set_index(CELL)["mrr_star"].rename("before")
-    both = shown.join(before, on=CELL)
-    return both.assign(mrr_star=both["mrr_star"] - both["before"])
+    before = shown[CELL].join(start.drop_duplicates(CELL).set_index(CELL)["mrr_star"], on=CELL)["mrr_star"]
+    return shown.assign(mrr_star=shown["mrr_star"] - before)
 
 
 def drawn(runs: pd.DataFrame, models: Sequence[str]) -> Canvas:
@@ -151,14 +142,12 @@ def drawn(runs: pd.DataFrame, models: Sequence[str]) -> Canvas:
 
 def at_the_end(runs: pd.DataFrame) -> dict[str, list[Pair]]:
     """Contenders, and nothing inserted, in pairs after the last epoch, in points; by scope."""
-    epoch = runs["epoch"].max()
+    epoch, pairs = runs["epoch"].max(), {}
     last = runs[runs["epoch"] == epoch]
     ran = list(dict.fromkeys(last["model"]))
-    models = [*contenders(ran), *({FINETUNE_ONLY} & set(ran))]
-    pairs = {}
     for scope in EARLIER:
         queried = set(last.loc[last["scope"] == scope, "model"])
-        compared = [model for model in models if model in queried]
+        compared = [model for model in (*contenders(ran), FINETUNE_ONLY) if model in queried]
         measure = {f"{SCOPES[scope]}, epoch {epoch}": 100 * cells_of(last, compared, scope, "mrr_star")}
         pairs[scope] = compare(measure, compared)
     return pairs
@@ -179,13 +168,12 @@ def ended(pairs: Mapping[str, Sequence[Pair]]) -> list[tuple[str, str, list[Pair
 def interference(runs: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, Any]]:
     """Known against known_closed: interference against forgetting, in runs of one size."""
     groups, rows = dict(list(runs.groupby(["model", "scope"]))), []
-    for model, scope in product(models, EARLIER):
-        if (model, scope) in groups:
-            shown = groups[model, scope]
-            lowest = 100 * shown.groupby("epoch")["mrr_star"].mean().min()
-            row: dict[Any, Any] = {"model": label(model), SCOPE: scope, "lowest MRR*": lowest}
-            for when, epoch in (("immediately", shown["epoch"].min()), ("at the end", shown["epoch"].max())):
-                means = over_seeds(shown[shown["epoch"] == epoch], ["epoch"], HALVES).iloc[0]
-                row |= {Column(half, when): means[half] for half in HALVES.values()}
-            rows.append(row)
+    for model, scope in (key for key in product(models, EARLIER) if key in groups):
+        shown = groups[model, scope]
+        lowest = 100 * shown.groupby("epoch")["mrr_star"].mean().min()
+        row: dict[Any, Any] = {"model": label(model), SCOPE: scope, "lowest MRR*": lowest}
+        for when, epoch in (("immediately", shown["epoch"].min()), ("at the end", shown["epoch"].max())):
+            means = over_seeds(shown[shown["epoch"] == epoch], ["epoch"], HALVES).iloc[0]
+            row |= {Column(half, when): means[half] for half in HALVES.values()}
+        rows.append(row)
     return rows

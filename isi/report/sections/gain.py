@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import groupby, product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -83,17 +82,14 @@ def counts(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
     return lines
 
 
-@dataclass(frozen=True)
-class Gain:
-    """What one model has that another has not, in one scope and half of immediate MRR*, in points."""
+class Gain(NamedTuple):
+    """What one model has that another has not, in one scope and half (a column) of immediate MRR*, in points."""
 
     scope: str
-    #: a column of runs
     half: str
     part: str
     first: str
     second: str
-    #: first minus second
     points: Difference
 
 
@@ -105,20 +101,15 @@ def controls(results: Results, experiment: Experiment) -> Content | None:
         return None
     immediate, initializers = experiment.immediate, experiment.initializers
     gains, shares = parts(immediate, initializers), shares_of_the_gain(immediate, initializers)
-    rows: dict[tuple[str, ...], dict[Any, Any]] = {}
+    rows = dict[tuple[str, ...], dict[Any, Any]]()
     for gain in gains:
-        head = {SCOPE: gain.scope, "part": gain.part, "what has it": label(gain.first), "minus": label(gain.second)}
-        row = rows.setdefault((gain.scope, gain.part, gain.first, gain.second), head)
+        key = gain.scope, gain.part, label(gain.first), label(gain.second)
+        row = rows.setdefault(key, dict(zip((SCOPE, "part", "what has it", "minus"), key, strict=True)))
         row[Column(HALVES[gain.half], form=signed)] = gain.points
-    numbers = {
-        "names": names, "shares": shares,
-        "centre": [gain.points for gain in gains
-                   if (gain.scope, gain.first, gain.second) == ("novel", "mean", BASELINE)],
-        "sentences": [
-            (scope, method, [composition(gains, scope, half, method) for half in HALVES])
-            for scope in ("all", "novel") for method in isi(initializers) if any(gain.scope == scope for gain in gains)
-        ],
-    }  # fmt: skip
+    centre = [gain.points for gain in gains if (gain.scope, gain.first, gain.second) == ("novel", "mean", BASELINE)]
+    sentences = [(scope, method, [composition(gains, scope, half, method) for half in HALVES])
+                 for scope in dict.fromkeys(gain.scope for gain in gains) for method in isi(initializers)]  # fmt: skip
+    numbers = {"names": names, "shares": shares, "centre": centre, "sentences": sentences}
     return Content(numbers, {"parts_of_the_gain": rows.values(), "shares_of_the_gain": shares})
 
 
@@ -148,10 +139,7 @@ def parts(immediate: pd.DataFrame, models: Sequence[str]) -> list[Gain]:
 
 
 def shares_of_the_gain(immediate: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, Any]]:
-    """Each control's share of each ISI initializer's gain, and the rest, of means by seed; none without Xavier.
-
-    No share where ISI gains nothing.
-    """
+    """Each control's share of each ISI initializer's gain where there is one, and the rest; none without Xavier."""
     rows = []
     for scope, half in product(("all", "novel") if BASELINE in models else (), HALVES):
         cells = 100 * cells_of(immediate, models, scope, half)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from math import nan
 from typing import Any
 
@@ -27,14 +28,14 @@ def paper(results: Results) -> Iterator[Content]:
     if not results.standalone:
         return
     first, *others = results.standalone
-    columns = [Column("this run", form=shown, any_size=True)]
-    columns += [Column(one.name, title=one.title, form=shown, any_size=True) for one in others]
-    ours = [{row[:2]: row[3] for row in rows_of(results, one)} for one in results.standalone]
+    columns = {"paper": "", "this run": ""} | {one.name: one.title for one in others}
+    rows = rows_of(results, first)
+    ours = [{row[:2]: row[3] for row in rows_of(results, one)} for one in others]
     yield Content({"others": others}, {"paper_against_this_run": [
-        {"where": where, "what": title, Column("paper", form=shown, any_size=True): theirs,
-         **{column: values.get((where, title), nan) for column, values in zip(columns, ours, strict=True)},
-         "note": note}
-        for where, title, theirs, _, note in rows_of(results, first)
+        {"where": where, "what": what, **{
+            Column(name, title=title, form=shown, any_size=True): number for (name, title), number in
+            zip(columns.items(), [*numbers, *(values.get((where, what), nan) for values in ours)], strict=True)
+        }, "note": note} for where, what, *numbers, note in rows
     ]})  # fmt: skip
 
 
@@ -57,8 +58,7 @@ def rows_of(results: Results, experiment: Experiment) -> list[Row]:
          _mean_of(gain, methods)),
         ("abstract", f"fewer epochs than Xavier, %: mean of {names}",
          results.paper["convergence"]["fewer_epochs_than_xavier"].get("mean", nan), _mean_of(fewer, methods)),
-        *_graph(results, experiment), *_settings(results, experiment, moved),
-        *_choices(results, experiment, moved),
+        *_graph(results, experiment), *_settings(results, experiment, moved), *_choices(results, experiment, moved),
         *_by_model("section 6.1", title, immediate["improvement_over_xavier"], gain),
         *_convergence(results.paper, experiment.convergence, fewer), *_transfer(results, moved),
         *_table3(results, experiment, moved),
@@ -88,9 +88,9 @@ def _graph(results: Results, experiment: Experiment) -> Iterator[Any]:
     """The size of the graph, and Table 1."""
     paper, words = results.paper["graph"], results.vocabulary
     entities, triples, ends = experiment.entities, experiment.triples, words["bowls_in_cabinets"]
-    kinds = entities["kind"].value_counts()
-    bowls = triples[np.logical_and.reduce([np.ones(len(triples), dtype=bool),
-                                           *(triples[end].isin(names) for end, names in ends.items())])]  # fmt: skip
+    kinds, bowls = entities["kind"].value_counts(), triples
+    for end, names in ends.items():
+        bowls = bowls[bowls[end].isin(names)]
     for name, title, ours in (
         ("relations", "relations", triples["relation"].nunique()),
         ("entities", "entities", len(entities)),
@@ -107,11 +107,10 @@ def _graph(results: Results, experiment: Experiment) -> Iterator[Any]:
         counts = run.table1(observations, paper["median_per_environment"], words["relations"]).set_index("room")
     titles = {word: f"{word} triples, median per environment" for word in words["relations"].values()}
     titles |= {"entities": "entities, median per environment", "rooms": "rooms"}
-    for room, numbers in paper["median_per_environment"].items():
-        for name, title in titles.items():
-            column = "object types" if name == "entities" else name
-            ours = float(counts[column][room]) if room in counts.index and column in counts else nan
-            yield "Table 1", f"{room}: {title}", numbers.get(name, nan), ours
+    counts = counts.rename(columns={"object types": "entities"})
+    for (room, numbers), (name, title) in product(paper["median_per_environment"].items(), titles.items()):
+        ours = float(counts[name][room]) if room in counts.index and name in counts else nan
+        yield "Table 1", f"{room}: {title}", numbers.get(name, nan), ours
 
 
 def _settings(results: Results, experiment: Experiment, moved: Experiment | None) -> Iterator[Any]:
@@ -175,10 +174,9 @@ def _convergence(paper: Mapping[str, Any], convergence: pd.DataFrame, fewer: Map
     theirs, title = paper["convergence"], "epochs to convergence"
     for scope, which in (("all", ""), ("novel_heldout", ", on held-out triples of the novel entities instead")):
         epochs = convergence[convergence["scope"] == scope].groupby("model")["epochs"]
-        means, deviations = epochs.mean(), epochs.std(ddof=1)
-        for name, numbers in theirs["epochs"].items():
-            for part, ours, words in (("mean", means, "mean"), ("deviation", deviations, "standard deviation")):
-                yield "Table 2", f"{label(name)}: {title}, {words}{which}", numbers[part], ours.get(name, nan)
+        parts = (("mean", epochs.mean(), "mean"), ("deviation", epochs.std(ddof=1), "standard deviation"))
+        for (name, numbers), (part, ours, words) in product(theirs["epochs"].items(), parts):
+            yield "Table 2", f"{label(name)}: {title}, {words}{which}", numbers[part], ours.get(name, nan)
     numbers = {name: theirs["fewer_epochs_than_xavier"].get(name, nan) for name in paper["indicators"]}
     yield from _by_model("section 6.2", "fewer epochs than Xavier, %", numbers, fewer)
 
@@ -200,9 +198,8 @@ def _table3(results: Results, experiment: Experiment, moved: Experiment | None) 
     answers = queries.Answers.of(analysis[0]) if analysis else None
     title = f"of {queries.TOP * len(entities)} answers shown, how many are"
     for name in (*results.paper["indicators"], BASELINE):
-        who, counts = "xavier" if name == BASELINE else "isi", {}
-        if answers and name in set(answers.ranks["model"]):
-            counts = answers.judged(name, entities, results.vocabulary["afforded"])
+        who, ran = "xavier" if name == BASELINE else "isi", answers and name in set(answers.ranks["model"])
+        counts = answers.judged(name, entities, results.vocabulary["afforded"]) if answers and ran else {}
         for verdict, number in {"affordances": paper[who], **paper["judged"][who]}.items():
             yield "Table 3", f"{label(name)}: {title} {verdict}", number, counts.get(verdict, nan)
 
@@ -227,11 +224,9 @@ def causes(results: Results) -> Iterator[Content]:
         "epochs": [row[slow] for row in (theirs, rows[0], rows[slowest])], "of_epochs": rows[slowest]["row"],
     }  # fmt: skip
     margin, paper = results.params.convergence.margin, results.paper["convergence"]["epochs"]
-    tables = {"causes": [*rows, theirs]} | {
-        f"convergence_{runs.id}": table2(runs.convergence, runs.initializers, paper) for runs in curves
-    }
+    tables = {f"convergence_{runs.id}": table2(runs.convergence, runs.initializers, paper) for runs in curves}
     figures = {f"curves_{runs.id}": by_epoch(runs.runs, runs.initializers, CURVES, margin=margin) for runs in curves}
-    yield Content(numbers, tables, figures)
+    yield Content(numbers, {"causes": [*rows, theirs], **tables}, figures)
 
 
 def _of_main(first: Experiment) -> Iterator[Line]:
@@ -267,13 +262,11 @@ def _line(title: str, runs: ModelRuns, column: str = "mrr_star") -> Line:
 
 def cause_row(name: str, now: Mapping[str, float], later: Mapping[str, float], methods: list[str]) -> dict[Any, Any]:
     """A line as a row of the table."""
-    mean, base = float(np.mean([now.get(method, nan) for method in methods])), now.get(BASELINE, nan)
-    return {
-        "row": name, "joint": now.get(JOINT, nan), label(BASELINE): base, "ISI": mean,
-        "gain %": 100 * (mean / base - 1),
-        Column(label(BASELINE), "epochs"): later.get(BASELINE, nan),
-        Column("ISI", "epochs"): float(np.mean([later.get(method, nan) for method in methods])),
-    }  # fmt: skip
+    mean, epochs = (float(np.mean([values.get(method, nan) for method in methods])) for values in (now, later))
+    base = now.get(BASELINE, nan)
+    return {"row": name, "joint": now.get(JOINT, nan), label(BASELINE): base, "ISI": mean,
+            "gain %": 100 * (mean / base - 1), Column(label(BASELINE), "epochs"): later.get(BASELINE, nan),
+            Column("ISI", "epochs"): epochs}  # fmt: skip
 
 
 def paper_row(paper: Mapping[str, Any], methods: list[str]) -> dict[Any, Any]:

@@ -11,7 +11,7 @@ import pandas as pd
 from isi.report.data import Experiment, ModelRuns, Results
 from isi.report.figures import by_size
 from isi.report.section import Content, of_each
-from isi.report.stats import DIRECTIONS, by_model, combined, means, over_seeds, values
+from isi.report.stats import DIRECTIONS, by_label, by_model, combined, means, values
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, contenders, isi, joined, label
 
@@ -48,8 +48,7 @@ def _breakdown(experiment: Experiment) -> Content:
     columns = {model: label(model) for model in models if model in pairs}
     pairs = pairs[["scope", "query", "novel entity", "queries", *columns]].rename(columns=columns | {"scope": SCOPE})
     tables: dict[str, Any] = {
-        "directions": [{"model": label(model), **{title: given[name].get(model) for name, title in DIRECTIONS.items()}}
-                       for model in models],
+        "directions": by_label(models, {title: given[name] for name, title in DIRECTIONS.items()}),
         "by_relation": pairs,
         "filters": [{SCOPE: scope, "model": label(model)}
                     | {Column(title, half): by_filter[column].get((scope, model, name))
@@ -73,10 +72,7 @@ def leader(estimates: Mapping[str, Estimate]) -> tuple[str, float, dict[str, flo
 
 
 def by_relation(rows: pd.DataFrame) -> pd.DataFrame:
-    """Entity queries by relation and direction: means over sizes and seeds in points, a column a model, with a number.
-
-    Those of scope novel stand first, by where the novel entity is; both then by relation and direction.
-    """
+    """Entity queries by scope, place of the novel entity, relation and direction: their number, and means by model."""
     rows = rows[(rows["filter"] == "learned") & rows["scope"].isin(["all", "novel"]) & (rows["hidden"] != "relation")]
     rows = rows.assign(novel=rows["novel"].where(rows["scope"] == "novel", "any"))
     means = 100 * combined(rows, [*_PAIR, *_CELL]).groupby([*_PAIR, "model"])["mrr_star_entity"].mean()
@@ -136,10 +132,7 @@ class Answers:
         return list(self.entities.loc[best, ["entity", "kind"]].itertuples(index=False, name=None))
 
     def judged(self, model: str, entities: Sequence[str], afforded: Mapping[str, Sequence[str]]) -> dict[str, int]:
-        """How many of the answers about some entities are of the relation's kinds, and how many are wrong.
-
-        Where ``afforded`` has what is plausible for each of them, also how many are that, and how many unlikely.
-        """
+        """How many answers about entities are of the relation's kinds, of these plausible (``afforded``), and wrong."""
         tops = [(entity, *answer) for entity in entities for answer in self.top(model, entity)]
         hits = [(entity, answer) for entity, answer, kind in tops if kind in self.kinds]
         counts = {"affordances": len(hits), "wrong": len(tops) - len(hits)}
@@ -150,16 +143,15 @@ class Answers:
 
     def ranked(self, entities: Sequence[str], models: Sequence[str]) -> list[dict[str, Any]]:
         """The first answers about some entities, a column an initializer; those of another kind are marked."""
-        marks = {
-            (entity, model): [f"{'' if kind in self.kinds else '× '}{answer} ({kind})"
-                              for answer, kind in self.top(model, entity)] + TOP * ["–"]
-            for entity in entities for model in models
-        }  # fmt: skip
-        return [
-            {"entity": f"{entity} (n = {self.about(entity)['seed'].nunique()})", "": f"{place + 1}."}
-            | {label(model): marks[entity, model][place] for model in models}
-            for entity in entities for place in range(TOP)
-        ]  # fmt: skip
+        rows = []
+        for entity in entities:
+            number = self.about(entity)["seed"].nunique()
+            marks = {label(model): [f"{'' if kind in self.kinds else '× '}{answer} ({kind})"
+                                    for answer, kind in self.top(model, entity)] + TOP * ["–"]
+                     for model in models}  # fmt: skip
+            rows += [{"entity": f"{entity} (n = {number})", "": f"{place + 1}."}
+                     | {name: answers[place] for name, answers in marks.items()} for place in range(TOP)]  # fmt: skip
+        return rows
 
     @property
     def hits(self) -> pd.DataFrame:
@@ -172,17 +164,12 @@ class Answers:
         """Of the highest-ranked answers of all inserted entities, how many are of these kinds, in per cent."""
         return means(self.hits, "hit")
 
-    def shares_table(self, initializers: Sequence[str]) -> list[dict[str, Any]]:
+    def shares_table(self, initializers: Sequence[str]) -> dict[str, list[Any]]:
         """How often the highest-ranked answers are of the relation's kinds, over everything that was inserted."""
-        hits, titles = self.hits, (f"top {TOP}: {self.plural} %", f"first: {joined(self.kinds)} %")
-        shares = [over_seeds(rows, ["model"], {"hit": "hit"})["hit"] for rows in (hits, hits[hits["rank"] == 1])]
-        return [
-            {
-                "initializer": label(name),
-                **{title: share.get(name) for title, share in zip(titles, shares, strict=True)},
-            }
-            for name in initializers
-        ]
+        first = self.hits[self.hits["rank"] == 1]
+        listed = {f"top {TOP}: {self.plural} %": self.hits, f"first: {joined(self.kinds)} %": first}
+        shares = {title: by_model(rows, "hit", initializers) for title, rows in listed.items()}
+        return by_label(initializers, shares, "initializer")
 
 
 def affordances(results: Results) -> Iterator[Content]:
@@ -192,9 +179,7 @@ def affordances(results: Results) -> Iterator[Content]:
         entities = results.params.affordances.entities
         first = [*isi(initializers), *({BASELINE} & set(initializers))]
         others = [name for name in initializers if name not in first]
-        tables = {
-            "table3_affordances": answers.ranked(entities, first),
-            "table3_others": answers.ranked(entities, others),
-            "affordance_shares": answers.shares_table(initializers),
-        }
+        tables = {"table3_affordances": answers.ranked(entities, first),
+                  "table3_others": answers.ranked(entities, others),
+                  "affordance_shares": answers.shares_table(initializers)}  # fmt: skip
         yield Content({"answers": answers, "experiment": experiment, "others": others, "top": TOP}, tables)

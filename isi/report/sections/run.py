@@ -46,10 +46,9 @@ def _of_graph(results: Results, experiment: Experiment) -> Content:
     kinds = in_order(entities["kind"].unique(), results.vocabulary["kinds"])
     ours = {"observations": int(triples["count"].sum()), "unique_triples": len(triples), "entities": len(entities),
             **{f"{kind} entities": int((entities["kind"] == kind).sum()) for kind in kinds}}  # fmt: skip
-    totals = [
+    tables: dict[str, Any] = {"graph_totals": [
         {"": name.replace("_", " "), "this run": number, "paper": paper.get(name)} for name, number in ours.items()
-    ]
-    tables: dict[str, Any] = {"graph_totals": totals}
+    ]}  # fmt: skip
     if observations["scene"].notna().any():
         words = results.vocabulary["relations"]
         tables["table1_graph_statistics"] = table1(observations, paper["median_per_environment"], words)
@@ -71,15 +70,14 @@ def table1(
     counts = counts[in_order(counts.columns, list(words))].rename(columns=words)
     counts["object types"] = rows.groupby("scene")["head"].nunique()
     rooms = rows.groupby("scene")["room"].first()
-    lines: dict[str, dict[str, float]] = {}
+    lines = list[dict[str, Any]]()
     for room in [*in_order(sorted(rooms.dropna().unique()), list(paper)), "all"]:
         of_room = counts if room == "all" else counts[rooms == room]
-        lines[room] = {}
+        lines.append({"room": room})
         for name, value in (of_room.median().to_dict() | {"rooms": len(of_room)}).items():
             theirs = "entities" if name == "object types" else str(name)
-            lines[room] |= {str(name): value, f"{theirs} (paper)": paper.get(room, {}).get(theirs, np.nan)}
-    frame = pd.DataFrame(lines).T.rename_axis("room").reset_index()
-    return frame.dropna(axis=1, how="all")
+            lines[-1] |= {str(name): float(value), f"{theirs} (paper)": paper.get(room, {}).get(theirs, np.nan)}
+    return pd.DataFrame(lines).dropna(axis=1, how="all")
 
 
 def _training(results: Results) -> list[dict[Any, Any]]:
@@ -91,7 +89,7 @@ def _training(results: Results) -> list[dict[Any, Any]]:
             best = log[log["kept"]].groupby(["size", "seed"]).last()
             used = experiment.analyses.get("query_breakdown") if name == JOINT else None
             rows.append({
-                Column("experiment", words=results.titles): experiment.name, "model": name, "trained": len(epochs),
+                _experiment(results.experiments): experiment.name, "model": name, "trained": len(epochs),
                 "epochs": epochs.mean(), "best epoch": best["epoch"].mean(),
                 **{f"validation {shown}": 100 * best[column].mean() for column, shown in HALVES.items()},
                 "std": 100 * best["mrr_star"].std(ddof=1), **({} if used is None else in_use(used)),
@@ -118,10 +116,7 @@ def definitions(results: Results) -> Iterator[Content]:
 def leaks(
     graphs: Iterable[tuple[pd.DataFrame, pd.DataFrame]], definitions: Mapping[str, str]
 ) -> tuple[pd.DataFrame, int]:
-    """Triples of which the definition (by phrase) of one end names the other, and the number of all unique triples.
-
-    Triples that several graphs have count once; of each graph, ``ENTITIES`` and ``TRIPLES``.
-    """
+    """Triples of graphs (entities and triples) with an end whose definition names the other; the number of all."""
     parts = []
     for entities, triples in graphs:
         phrase = dict(zip(entities["entity"], entities["phrase"], strict=True))
@@ -131,16 +126,15 @@ def leaks(
     every = pd.concat(parts).drop_duplicates([*_TRIPLE[:-1], "defined"])
     defined = every.dropna(subset=["definition"])
     given_away = [names(text, other) for text, other in zip(defined["definition"], defined["named"], strict=True)]
-    frame = defined.loc[given_away, [*_TRIPLE, "defined", "definition"]].reset_index(drop=True)
-    return frame, len(every) // 2
+    return defined.loc[given_away].drop(columns="named").reset_index(drop=True), len(every) // 2
 
 
 def names(text: str, phrase: str) -> bool:
     """Whether a text names a phrase, as it stands or with its first word in a regular inflection."""
     first, *rest = phrase.split()
     stem, double = re.escape(first.removesuffix("e")), re.escape(first[-1])
-    inflected = rf"{stem}(?:e|s|es|d|ed|en|n|ing|{double}(?:ed|ing))?"
-    pattern = r"\s+".join([rf"(?:{inflected}|{re.escape(first)})", *map(re.escape, rest)])
+    inflected = rf"(?:{stem}(?:e|s|es|d|ed|en|n|ing|{double}(?:ed|ing))?|{re.escape(first)})"
+    pattern = r"\s+".join([inflected, *map(re.escape, rest)])
     return re.search(rf"\b{pattern}\b", text) is not None
 
 
@@ -148,18 +142,13 @@ def run(results: Results) -> Iterator[Content]:
     """Counts over all experiments, then params, versions and hashes."""
     experiments = results.experiments
     coverage = pd.concat(one.coverage for one in experiments.values())
-    numbers = {
-        "sets": [f"{len(one.novel[['size', 'seed']].drop_duplicates())} in {name}"
-                 for name, one in experiments.items()],
-        "inserted": [f"{len(one.inserted) // max(one.inserted['model'].nunique(), 1):,} in {name}"
-                     for name, one in experiments.items()],
-        **results.run, "uncovered": dict.fromkeys(coverage.loc[coverage["served_by"].isna(), "entity"], ""),
-    }  # fmt: skip
+    sets = {name: len(one.novel[["size", "seed"]].drop_duplicates()) for name, one in experiments.items()}
+    inserted = {name: len(one.inserted) // max(one.inserted["model"].nunique(), 1) for name, one in experiments.items()}
+    uncovered = dict.fromkeys(coverage.loc[coverage["served_by"].isna(), "entity"], "")
     left_out = pd.DataFrame({Column(name, title=one.title): _left_out(one) for name, one in experiments.items()})
-    yield Content(numbers, {
-        "left_out": left_out.rename_axis("").reset_index(), "ties": ties(experiments),
-        "fallbacks": fallbacks(experiments),
-    })  # fmt: skip
+    tables = {"left_out": left_out.rename_axis("").reset_index(), "ties": ties(experiments),
+              "fallbacks": fallbacks(experiments)}  # fmt: skip
+    yield Content({"sets": sets, "inserted": inserted, **results.run, "uncovered": uncovered}, tables)
 
 
 def what_was_run(params: Params) -> dict[str, dict[str, Any]]:
@@ -188,10 +177,10 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
 def _left_out(experiment: Experiment) -> dict[str, int]:
     """What had no queries, or took no part: counted."""
     sets = experiment.immediate[experiment.immediate["model"] == experiment.initializers[0]]
-    empty = sets[sets["queries"] == 0].groupby("scope").size()
+    empty = (sets["queries"] == 0).groupby(sets["scope"]).sum()
     with_triples = experiment.insert_triples[["size", "seed", "entity"]].drop_duplicates()
     return {
-        **{f"sets without queries: {SCOPES[scope]}": int(empty.get(scope, 0)) for scope in sorted(set(sets["scope"]))},
+        **{f"sets without queries: {SCOPES[str(scope)]}": int(number) for scope, number in empty.items()},
         "entities without a word vector": int(experiment.coverage["served_by"].isna().sum()),
         "inserted entities without insert triples": len(experiment.novel) - len(with_triples),
         "known entities without training triples, over all sets": orphans(
@@ -203,22 +192,20 @@ def orphans(entities: pd.DataFrame, triples: pd.DataFrame, splits: pd.DataFrame,
     """Known entities that lose all their training triples with the novel ones, over all cells."""
     ids = {name: number for number, name in enumerate(entities["entity"])}
     ends = np.stack([triples[end].map(ids) for end in ("head", "tail")], axis=1)
-    split_of: dict[Any, pd.DataFrame] = dict(list(splits.groupby("seed")))
     lost = 0
     for (_, seed), cell in novel.groupby(["size", "seed"]):
-        split = split_of[seed]
-        old = ~np.isin(ends[split["triple"]], cell["entity"]).any(1)
-        known = np.setdiff1d(ends[split["triple"]], cell["entity"])
-        lost += len(np.setdiff1d(known, ends[split["triple"]][old & (split["split"] == "train").to_numpy()]))
+        split = splits[splits["seed"] == seed]
+        listed = ends[split["triple"]]
+        trained = ~np.isin(listed, cell["entity"]).any(1) & (split["split"] == "train").to_numpy()
+        lost += len(np.setdiff1d(np.setdiff1d(listed, cell["entity"]), listed[trained]))
     return lost
 
 
 def ties(experiments: Mapping[str, Experiment]) -> list[dict[Any, Any]]:
     """Rivals whose score is tied with the answer's, right after insertion: they count half in a rank."""
-    titles = {name: experiment.title for name, experiment in experiments.items()}
     counts = {name: one.ties.groupby(["model", "scope"])["ties"].sum() for name, one in experiments.items()}
     return [
-        {Column("experiment", words=titles): name, "model": label(model)}
+        {_experiment(experiments): name, "model": label(model)}
         | {scope: int(counts[name].get((model, scope), 0)) for scope in ("all", "novel")}
         for name, experiment in experiments.items() for model in experiment.models
     ]  # fmt: skip
@@ -226,17 +213,16 @@ def ties(experiments: Mapping[str, Experiment]) -> list[dict[Any, Any]]:
 
 def fallbacks(experiments: Mapping[str, Experiment]) -> pd.DataFrame:
     """How often each initializer lacked what it needs, and what it fell back to."""
-    titles = {name: experiment.title for name, experiment in experiments.items()}
-    rows = [
-        (name, label(model), fallback, number)
-        for name, experiment in experiments.items()
-        for model, fallback, number in experiment.inserted.groupby(["model", "fallback"])
-        .size()
-        .reset_index()
-        .to_numpy()
-    ]
-    columns = [Column("experiment", words=titles), "initializer", "fell back to", "inserted entities"]
+    numbers = {name: one.inserted.groupby(["model", "fallback"]).size() for name, one in experiments.items()}
+    rows = [(name, label(model), fallback, number) for name, of_name in numbers.items()
+            for model, fallback, number in of_name.reset_index().itertuples(index=False, name=None)]  # fmt: skip
+    columns = [_experiment(experiments), "initializer", "fell back to", "inserted entities"]
     return pd.DataFrame(rows, columns=columns)
+
+
+def _experiment(experiments: Mapping[str, Experiment]) -> Column:
+    """Names of experiments, for which the page has titles."""
+    return Column("experiment", words={name: experiment.title for name, experiment in experiments.items()})
 
 
 def departures(_: Results) -> Iterator[Content]:

@@ -17,7 +17,7 @@ from isi.report.figures import by_row
 from isi.report.section import Content
 from isi.report.sections.gain import ZERO
 from isi.report.significance import Difference, by_seed, difference, signed
-from isi.report.stats import values
+from isi.report.stats import by_label, values
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, JOINT, isi, label
 
@@ -37,12 +37,11 @@ def stronger(results: Results) -> Iterator[Content]:
             best = max((given[method].mean for method in isi(runs.initializers)), default=inf)
             cells, order = _given_by_seed(runs), sorted(runs.models, key=lambda model: -given[model].mean)
             reference = cells[REFERENCE] if REFERENCE in cells else pd.Series(np.nan, cells.index)
-            tables[f"strong_{runs.name}"] = [
-                {"model": label(model), "all": over_all.get(model), "novel": novel.get(model),
-                 "novel entity given": given[model],
-                 f"novel entity given, minus {label(REFERENCE)}": difference(by_seed(cells[model], reference))}
-                for model in order
-            ]  # fmt: skip
+            tables[f"strong_{runs.name}"] = by_label(order, {
+                "all": over_all, "novel": novel, "novel entity given": given,
+                f"novel entity given, minus {label(REFERENCE)}":
+                    {model: difference(by_seed(cells[model], reference)) for model in order},
+            })  # fmt: skip
             stronger = {model: given[model].mean for model in order if given[model].mean > best and model != JOINT}
             above.append((runs, best, stronger))
         ran = dict.fromkeys(name for runs in listed for name in runs.initializers)
@@ -51,7 +50,7 @@ def stronger(results: Results) -> Iterator[Content]:
 
 
 def _given_by_seed(runs: ModelRuns) -> pd.DataFrame:
-    """The entity half of the queries that give the novel entity, in points: a row a seed and size, a column a model."""
+    """Entity prediction with the novel entity given, in points: a row a seed and size, a column a model."""
     return 100 * runs.given_queries.pivot_table("mrr_star_entity", ["seed", "size"], "model")
 
 
@@ -65,16 +64,15 @@ def n_insert_triples(results: Results) -> Iterator[Content]:
     for first in variants[:1]:
         listed = [runs for runs in variants if runs.name == first.name]
         limits = [runs.variant.max_insert_triples for runs in listed]
-        numbers = ["all" if limit is None else str(limit) for limit in limits]
-        means = pd.DataFrame([values(runs.given_means) for runs in listed])
-        lowest = {name: int(means[name].to_numpy().argmin()) for name in first.initializers}
-        figure = by_row({"": {number: runs.given_means for number, runs in zip(numbers, listed, strict=True)}},
-                        first.models, "insert triples of each novel entity, at most")  # fmt: skip
-        table = [{"insert triples": number, **_of_models(runs.given_means)}
-                 for number, runs in zip(numbers, listed, strict=True)]  # fmt: skip
-        worse = [(name, means[name].iloc[place], numbers[place]) for name, place in lowest.items()
-                 if means[name].iloc[0] - means[name].iloc[place] >= ZERO]  # fmt: skip
-        about = {"variant": first, "fewest": means.iloc[0], "most": means.iloc[-1], "numbers": numbers, "worse": worse}
+        given = {"all" if limit is None else str(limit): runs.given_means
+                 for limit, runs in zip(limits, listed, strict=True)}  # fmt: skip
+        means = pd.DataFrame({number: values(estimates) for number, estimates in given.items()}).T
+        worse = [(name, means[name].min(), means[name].idxmin()) for name in first.initializers
+                 if means[name].iloc[0] - means[name].min() >= ZERO]  # fmt: skip
+        about = {"variant": first, "fewest": means.iloc[0], "most": means.iloc[-1], "numbers": list(given),
+                 "worse": worse}  # fmt: skip
+        table = [{"insert triples": number, **_of_models(estimates)} for number, estimates in given.items()]
+        figure = by_row({"": given}, first.models, "insert triples of each novel entity, at most")
         yield Content(about, {"n_insert_triples": table}, {"n_insert_triples": figure})
 
 
@@ -142,30 +140,24 @@ def other_graphs(results: Results) -> Iterator[Content]:
         "epochs": {title: _of_models(runs.epochs_means()) for title, runs in runs_of.items()},
     }  # fmt: skip
     compared = {pair: [pairs[pair] for pairs in gains.values() if pair in pairs] for pair in _PAIRS}
-    numbers = {"size": like.size, "pairs": [
-        (pair, sum(points.low > 0 for points in of_graphs), sum(points.high < 0 for points in of_graphs),
-         len(of_graphs)) for pair, of_graphs in compared.items() if of_graphs
-    ]}  # fmt: skip
+    pairs = [(pair, sum(points.low > 0 for points in of_graphs), sum(points.high < 0 for points in of_graphs),
+              len(of_graphs)) for pair, of_graphs in compared.items() if of_graphs]  # fmt: skip
     tables: dict[str, Any] = {"graphs": sizes(graphs), "graphs_shared": shared(graphs)} | {
         f"graphs_{name}": [{"graph": title, **row} for title, row in lines.items()] for name, lines in rows.items()
     }
     given = {title: runs.given_means for title, runs in runs_of.items()}
-    yield Content(numbers, tables, {"graphs": by_row({"": given}, others[0].models)})
+    yield Content({"size": like.size, "pairs": pairs}, tables, {"graphs": by_row({"": given}, others[0].models)})
 
 
 def sizes(graphs: Iterable[Experiment | GraphRuns]) -> list[dict[str, Any]]:
     """A row for each graph."""
-    rows = []
-    for graph in graphs:
-        entities, triples = graph.entities, graph.triples
-        kinds = ", ".join(f"{number} {kind}" for kind, number in entities["kind"].value_counts().items())
-        predicted = 100 * (relations_by_kind(entities, triples).max(axis=1).sum() / len(triples))
-        rows.append({
-            "graph": graph.title, "observations": int(triples["count"].sum()), "unique triples": len(triples),
-            "relations": triples["relation"].nunique(), "entities": len(entities), "kinds": kinds,
-            "predicted by kind %": predicted,
-        })  # fmt: skip
-    return rows
+    return [
+        {"graph": graph.title, "observations": int(triples["count"].sum()), "unique triples": len(triples),
+         "relations": triples["relation"].nunique(), "entities": len(entities),
+         "kinds": ", ".join(f"{number} {kind}" for kind, number in entities["kind"].value_counts().items()),
+         "predicted by kind %": 100 * (relations_by_kind(entities, triples).max(axis=1).sum() / len(triples))}
+        for graph in graphs for entities, triples in [(graph.entities, graph.triples)]
+    ]  # fmt: skip
 
 
 def relations_by_kind(entities: pd.DataFrame, triples: pd.DataFrame) -> pd.DataFrame:
