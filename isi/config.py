@@ -38,14 +38,18 @@ def distinct(values: Iterable[Any]) -> bool:
     return len(set(listed)) == len(listed)
 
 
-def _each_once(values: list[Any]) -> list[Any]:
-    if not distinct(values):
-        raise ValueError("expected each once")
-    return values
+def must(hold: Callable[[Any], bool], expected: str) -> AfterValidator:
+    """A rule about a value, as a part of its type."""
+
+    def checked(value: Any) -> Any:
+        if not hold(value):
+            raise ValueError(f"expected {expected}")
+        return value
+
+    return AfterValidator(checked)
 
 
-#: Of a list: no value repeats.
-EachOnce = AfterValidator(_each_once)
+EachOnce = must(distinct, "each once")
 Names = Annotated[list[Name], EachOnce]
 
 
@@ -69,10 +73,7 @@ class Section(BaseModel):
 
 
 class Study(Section):
-    """What is done beside the main pipeline, on the experiments that it lists.
-
-    What one run of it reads stands in a section of its own, so that another experiment in the list changes no run.
-    """
+    """What is done beside the main pipeline, on the experiments that it lists."""
 
     experiments: Names
 
@@ -109,10 +110,7 @@ def check(value: Any, kind: type[T], key: str, path: Path | str = paths.PARAMS) 
 
 @cache
 def options(function: Callable[..., Any]) -> type[Section]:
-    """The section that a function's options make: its parameters after the first, with their types and defaults.
-
-    One that Python's grammar reserves is named with an underscore behind it (``from_`` takes the option ``from``).
-    """
+    """The section that a function's options make, its parameters after the first; ``from_`` takes the key ``from``."""
     hints, fields = get_type_hints(function, include_extras=True), dict[str, Any]()
     for name, parameter in list(inspect.signature(function).parameters.items())[1:]:
         if name not in hints:
@@ -136,10 +134,7 @@ def value_of(values: Any, key: str) -> Any:
 
 
 class Plugins(Generic[T]):
-    """What the modules of a package register by name; they are imported where a name is not yet there.
-
-    Modules whose name begins with an underscore are not, nor those that are ``skipped``.
-    """
+    """What the modules of a package register by name; they are imported, but for those that are ``skipped``."""
 
     def __init__(self, package: str, skipped: Collection[str] = ()) -> None:
         self.package, self._skipped = package, skipped
@@ -158,6 +153,6 @@ class Plugins(Generic[T]):
     def names(self) -> list[str]:
         """Names of all that the package's modules register, and of what other modules have registered."""
         for module in pkgutil.iter_modules(importlib.import_module(self.package).__path__):
-            if not module.name.startswith("_") and module.name not in self._skipped:
+            if module.name not in self._skipped:
                 importlib.import_module(f"{self.package}.{module.name}")
         return sorted(self._registered)

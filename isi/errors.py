@@ -1,10 +1,4 @@
-"""A user's mistake as one line: the file, the place in it, what was found, what was expected, the way out.
-
-A function that finds a mistake says what it knows; whoever knows the file and the place adds them once, around it::
-
-    with at("log.csv", "line 3"):              # log.csv: line 3, column 'head': expected a name, got ''
-        raise InputError("", "column 'head'", f"expected a name, got {short(row[0])}")
-"""
+"""A user's mistake as one line: the file, the place in it, what was found, what was expected, the way out."""
 
 from __future__ import annotations
 
@@ -41,10 +35,12 @@ class InputError(Exception):
 
 @contextmanager
 def at(file: object, place: object = "") -> Iterator[None]:
-    """Add a file and a place to the mistakes that are found within, of pydantic, pyarrow or the system, too.
+    """Add a file and a place to mistakes found within, of pydantic, pyarrow or the system, too::
 
-    An ``InputError`` without a file gets this one; one of this file gets the place before its own; one of another file
-    is quoted whole: ``params.yaml: sources.mp3d: vocabulary.yaml: structure: expected a list``.
+        with at("log.csv", "line 3"):  # log.csv: line 3, column 'head': expected a name, got ''
+            raise InputError("", "column 'head'", f"expected a name, got {short(row[0])}")
+
+    A mistake in another file is quoted whole.
     """
     try:
         yield

@@ -1,11 +1,9 @@
-"""All of ``params.yaml`` and of ``beyond/params.yaml``: every section's own model, and what they must agree on.
-
-Each section's class stands beside what reads it, so that a stage depends on the sections that it reads.
-"""
+"""All of ``params.yaml`` and of ``beyond/params.yaml``: every section's own model, and what they must agree on."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, TypeVar
 
@@ -13,10 +11,10 @@ from pydantic import Field, model_validator
 
 from isi import config
 from isi.analyses import variants
-from isi.analyses.finetuning import FinetuneOnly, RateSweep, Sweep
+from isi.analyses.finetuning import RateSweep, Sweep
 from isi.analyses.hidden_entities import Hidden
-from isi.analyses.joint_models import CrossValidation, FinalModel, ModelComparison, Setting
-from isi.analyses.query_breakdown import Affordances, QueryBreakdown
+from isi.analyses.joint_models import CrossValidation, ModelComparison, Setting
+from isi.analyses.query_breakdown import Affordances
 from isi.analyses.single_insertions import SHOWN, TRACED, ExplorerParams, Trajectories
 from isi.analyses.variants import GraphExperiment, Variant
 from isi.config import Name, Names, Section, Seed, Study, distinct
@@ -49,8 +47,7 @@ class ExperimentOf(Section):
     graph: GraphOf
     sessions: SessionsOf
     initializers: InitializerList
-    #: which are not fine-tuned
-    immediate_only: Names
+    immediate_only: Names  #: which are not fine-tuned
     full_curves: FullCurves
 
     @model_validator(mode="after")
@@ -89,29 +86,28 @@ class Params(Section):
     convergence: Convergence
     initializers: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)]
     plots: Plots
-    finetune_only: FinetuneOnly
+    finetune_only: Study
     sweep: Sweep
     cross_validation: CrossValidation
     rate_sweep: RateSweep
     trajectory: Trajectories
     compare_models: ModelComparison
     affordances: Affordances
-    query_breakdown: QueryBreakdown
+    query_breakdown: Study
     compute: Compute
     recorder: Recorder
-    final_model: FinalModel
+    final_model: Study
     explorer: ExplorerParams
 
     @property
     def studies(self) -> dict[str, Study]:
         """The analyses beside the main pipeline, by section."""
-        sections = {name: getattr(self, name) for name in type(self).model_fields}
-        return {name: section for name, section in sections.items() if isinstance(section, Study)}
+        return {name: section for name, section in self if isinstance(section, Study)}
 
     @property
     def settings(self) -> list[Setting]:
         """What cross-validation compares; first the choice, with which all other experiments train."""
-        rates = {name: getattr(self.training, name) for name in ("learning_rate", "weight_decay")}
+        rates = self.training.model_dump(include={"learning_rate", "weight_decay"})
         choice = Setting(dimension=self.embedding.dimension, ratio=self.negatives.ratio, **rates)
         return self.cross_validation.settings(choice)
 
@@ -123,24 +119,20 @@ class Params(Section):
 class Beyond(Section):
     """Everything in ``beyond/params.yaml``."""
 
-    graphs: Annotated[dict[Name, GraphExperiment], Field(default_factory=dict)]
-    hidden: Annotated[dict[Name, Hidden], Field(default_factory=dict)]
-    variants: Annotated[dict[Name, Variant], Field(default_factory=dict)]
+    graphs: dict[Name, GraphExperiment] = Field(default_factory=dict)
+    hidden: dict[Name, Hidden] = Field(default_factory=dict)
+    variants: dict[Name, Variant] = Field(default_factory=dict)
 
 
 def load(path: Path = paths.PARAMS) -> Params:
-    """Read and check all of ``params.yaml``.
-
-    InputError, which gives the key's path, where the file is no YAML, or holds an unknown key, a wrong type, a value
-    out of range, or what does not agree with another section.
-    """
+    """Read and check all of ``params.yaml``; an InputError gives the path of the key that is wrong."""
     return _load(path, Params, check_params)
 
 
 def load_beyond(params: Params, path: Path | None = paths.BEYOND_PARAMS) -> Beyond:
     """Read and check all of ``beyond/params.yaml``, also beside ``params.yaml``; empty where there is no file."""
     if path is None or not path.exists():
-        return Beyond(graphs={}, hidden={}, variants={})
+        return Beyond()
     return _load(path, Beyond, lambda beyond: check_beyond(beyond, params))
 
 
@@ -172,12 +164,13 @@ def check_params(params: Params) -> None:
     models = {name: make_model(name, options, f"models.{name}") for name, options in params.models.items()}
     used, tried = params.embedding, params.cross_validation
     compared = params.compare_models.models if params.compare_models.experiments else ()
-    dimensions = [("embedding.dimension", model, used.dimension) for model in (used.model, *compared)]
-    for dimension in tried.dimension if tried.experiments else ():
-        dimensions.append(("cross_validation.dimension", used.model, dimension))
-    for key, model, dimension in dimensions:
+    for key, names, dimensions in (
+        ("embedding.dimension", (used.model, *compared), [used.dimension]),
+        ("cross_validation.dimension", (used.model,), tried.dimension if tried.experiments else []),
+    ):
         with at("", key):
-            models[model].width(dimension)
+            for model, dimension in product(names, dimensions):
+                models[model].width(dimension)
     if len(params.settings) > MOST_SETTINGS:
         expected = f"expected at most {MOST_SETTINGS} settings, got {len(params.settings)}"
         raise InputError("", "cross_validation", expected)
@@ -191,14 +184,15 @@ def _listed_names(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable
     yield "compare_models.models", params.compare_models.models, params.models
     for name, study in params.studies.items():
         yield f"{name}.experiments", study.experiments, params.experiments
-    needed: list[tuple[Study, str, Iterable[str], Iterable[str]]] = [
-        (params.sweep, "sweep.initializers", params.sweep.initializers, known),
-        (params.rate_sweep, "rate_sweep.initializers", params.rate_sweep.initializers, known),
-        (params.trajectory, "trajectory.experiments: its initializers", TRACED, known),
-        (params.explorer, "explorer.experiments: its initializers", SHOWN, known),
-        (params.explorer, "explorer.best", [params.explorer.best], [name for name in known if name not in SHOWN]),
-    ]
-    yield from ((key, listed, there) for study, key, listed, there in needed if study.experiments)
+    if params.sweep.experiments:
+        yield "sweep.initializers", params.sweep.initializers, known
+    if params.rate_sweep.experiments:
+        yield "rate_sweep.initializers", params.rate_sweep.initializers, known
+    if params.trajectory.experiments:
+        yield "trajectory.experiments: its initializers", TRACED, known
+    if params.explorer.experiments:
+        yield "explorer.experiments: its initializers", SHOWN, known
+        yield "explorer.best", [params.explorer.best], [name for name in known if name not in SHOWN]
     for name, experiment in params.experiments.items():
         key, extend, curves = f"experiments.{name}", experiment.graph.extend, experiment.full_curves
         yield f"{key}.graph.source", [experiment.graph.source], params.sources

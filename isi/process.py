@@ -25,10 +25,7 @@ STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
 def tie_to_parent(parent: int | None = None) -> None:
-    """End this process when the one that started it ends, however that ends (``parent``, where its id is known).
-
-    Linux signals it at once (``PR_SET_PDEATHSIG``); elsewhere a thread looks twice a second.
-    """
+    """End this process with the one that started it: by a signal on Linux, elsewhere by looking twice a second."""
     parent = parent or os.getppid()
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
@@ -62,11 +59,7 @@ def serve(parent: int) -> None:
 
 
 def stop_in_one_line(name: str, then: str = "run it again") -> None:
-    """Have Ctrl-C and SIGTERM end this process with one line, ``then`` at its end, and the status that shells give.
-
-    The work is left as by any exception, so that temporary files go; a second signal ends it at once. A signal that
-    the parent of the process ignores stays ignored.
-    """
+    """Have Ctrl-C and SIGTERM raise, so that temporary files go, and end this process with one line; again: at once."""
     process = os.getpid()
 
     def stop(number: int, _: FrameType | None) -> None:
@@ -92,10 +85,7 @@ class Parser(argparse.ArgumentParser):
 
 @contextmanager
 def one_line(name: str, then: str = "run it again") -> Iterator[None]:
-    """End the process with one line on what its user did wrong, or what stands in the way: a disk, a signal.
-
-    ``name`` is that of the command; ``then`` says how to go on after a signal.
-    """
+    """End the process with one line on what its user did wrong, or what stands in the way; ``then``: after a signal."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names may be of letters that a terminal lacks
     before = {stopping: signal.getsignal(stopping) for stopping in STOPPING}

@@ -1,8 +1,4 @@
-"""New entities for a model that PyKEEN has trained: ``isi.pykeen.insert(model, factory, triples)``.
-
-A model is read as an embedding of this project, ``isi.insert`` gives vectors, and copies of the model and of its
-factory take them. PyKEEN is an extra (``pip install '.[pykeen]'`` in the folder of isi), imported by this module alone.
-"""
+"""New entities for a model that PyKEEN has trained: it is read as an embedding, and a copy takes what is inserted."""
 
 from __future__ import annotations
 
@@ -116,10 +112,8 @@ def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> 
     larger.num_entities = len(done.entities)
     table = table_of(larger)
     values = Form(tuple(table.shape), table.is_complex).values(torch.from_numpy(done.entities[done.known :]))
-    if table.constrainer is not None:
-        values = table.constrainer(values)
-    if table.is_complex:
-        values = torch.view_as_real(values)
+    values = values if table.constrainer is None else table.constrainer(values)
+    values = torch.view_as_real(values) if table.is_complex else values
     weight = table._embeddings.weight
     new_rows = values.reshape(len(values), -1).to(weight)
     weight.data, weight.grad = torch.cat([weight.data, new_rows]), None  # it stays, which regularizers may watch
@@ -133,11 +127,7 @@ def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> 
 
 
 def warm(optimizer: Optimizer) -> Optimizer:
-    """The same optimizer, made such that PyKEEN's ``train(..., continue_training=True)`` takes it.
-
-    Without ``continue_training``, PyKEEN's training loops begin with new random vectors, whatever a model knows; with
-    it, they ask for an optimizer that has been used.
-    """
+    """The same optimizer, such that PyKEEN's ``train(..., continue_training=True)`` takes it, which keeps vectors."""
     for group in optimizer.param_groups:
         for parameter in group["params"]:
             optimizer.state[parameter]  # an entry, which is empty until the first step
@@ -200,10 +190,7 @@ def table_of(model: PykeenModel) -> Table:
 
 
 def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Embedding:
-    """A model as a stack of one embedding; the scores of its triples say the margin of distances, if none is given.
-
-    An ``InputError`` where it has several vectors per entity, or relations that are inverses of others.
-    """
+    """A model as a stack of one embedding; its triples' scores say the margin where none is given, or an InputError."""
     form, entity = _read(table_of(model))
     if model.use_inverse_triples:
         raise InputError("argument 'model'", "", "expected a model that was trained without inverse triples")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated
 
 import pandas as pd
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from isi.config import Count, Name, Option, Positive, Study, distinct
+from isi.config import Count, EachOnce, Name, Option, Positive, Study, must
 from isi.evaluation.query_sets import epoch_query_sets
 from isi.experiment.grid import GridPoints
 from isi.experiment.store import runs_table
@@ -34,42 +34,23 @@ class Sweep(Study):
     """``sweep`` in params: which sizes of indicator sets are tried, by which initializers, on which grid points."""
 
     initializers: Annotated[dict[Name, dict[str, Option]], Field(min_length=1)]  #: with their options beside k
-    k: Annotated[list[Count], Field(min_length=1)]
+    k: Annotated[list[Count], Field(min_length=1), EachOnce, must(lambda k: sorted(k) == k, "values that ascend")]
     size: Count
     seeds: Count
-
-    @model_validator(mode="after")
-    def _ascending(self) -> Self:
-        if sorted(set(self.k)) != self.k:
-            raise ValueError("k must ascend, without repeats")
-        return self
 
 
 class RateSweep(Study):
     """``rate_sweep`` in params: multiples of the fine-tuning rate, and the size at which they are tried."""
 
     initializers: list[Name]
-    factors: Annotated[list[Positive], Field(min_length=1)]
+    factors: Annotated[list[Positive], Field(min_length=1), EachOnce, must(lambda values: 1 not in values, "none of 1")]
     size: Count
-
-    @model_validator(mode="after")
-    def _distinct(self) -> Self:
-        if 1 in self.factors or not distinct(self.factors):
-            raise ValueError("factors must not repeat, nor be 1, which is the main experiment")
-        return self
-
-
-class FinetuneOnly(Study):
-    """``finetune_only`` in params."""
 
 
 def finetune_only(
     points: GridPoints, theta0: Embedding, root: int, negatives: Negatives, optimizer: Optimizer
 ) -> pd.DataFrame:
-    """Measures of earlier knowledge before Θ⁰ is trained on with its D⁰, and after every epoch (``FINETUNE_ONLY``).
-
-    The random streams are those of fine-tuning, so that runs with insertion differ by what was inserted.
-    """
+    """Measures of earlier knowledge before Θ⁰ is trained on with its D⁰, and after every epoch (``FINETUNE_ONLY``)."""
     queries = {SCOPE: epoch_query_sets(points.session(1), points.novel_in(1))[SCOPE]}
     watch = ConvergenceWatch(queries, {}, full_curves=True)
     data = training_data(points.session(0), "fine-tuning", points.keys(), negatives.head_pool)

@@ -88,10 +88,19 @@ class HiddenSplit:
 
 
 def hide(triples: np.ndarray, entities: int, settings: Hidden, key: str, root: int, seed: int) -> HiddenSplit:
-    """Draw entities to hide in triples, (T, 3); an ``InputError`` at a key of params where too few can be hidden."""
-    rng = stream(root, "hidden from another trainer", seed)
-    hidden = _draw(triples, entities, max(1, round(settings.fraction * entities)), settings.fewest, rng)
-    if hidden is None:
+    """Draw entities to hide in triples, (T, 3): each keeps enough with a known end, all else keeps one."""
+    rng, hidden = stream(root, "hidden from another trainer", seed), np.zeros(entities, dtype=bool)
+    for entity in rng.permutation(entities):
+        hidden[entity] = True
+        ends = hidden[triples[:, [HEAD, TAIL]]].sum(1)
+        inner, outer = triples[ends == 0], triples[ends == 1]
+        per_entity = np.bincount(outer[:, [HEAD, TAIL]].flatten(), minlength=entities)
+        learnable = np.isin(np.flatnonzero(~hidden), inner[:, [HEAD, TAIL]]).all()
+        has_relations = np.isin(triples[:, RELATION], inner[:, RELATION]).all()
+        hidden[entity] = learnable and has_relations and per_entity[hidden].min() >= settings.fewest
+        if hidden.sum() == max(1, round(settings.fraction * entities)):
+            break
+    else:
         raise InputError(paths.BEYOND_PARAMS, f"{key}.fraction", "expected a share that leaves enough triples")
     order, known = np.argsort(hidden, kind="stable"), int((~hidden).sum())
     renamed = triples.copy()
@@ -105,19 +114,3 @@ def hide(triples: np.ndarray, entities: int, settings: Hidden, key: str, root: i
     later = place - queried[inverse]
     inserted = later >= 0
     return HiddenSplit(order, known, renamed[ends == 0], rest[inserted], later[inserted], rest[~inserted], renamed)
-
-
-def _draw(triples: np.ndarray, entities: int, number: int, fewest: int, rng: np.random.Generator) -> np.ndarray | None:
-    """Which entities, (E,), to hide: they have enough triples with a known end, and all else keeps one; or null."""
-    hidden = np.zeros(entities, dtype=bool)
-    for entity in rng.permutation(entities):
-        hidden[entity] = True
-        ends = hidden[triples[:, [HEAD, TAIL]]].sum(1)
-        inner, outer = triples[ends == 0], triples[ends == 1]
-        per_entity = np.bincount(outer[:, [HEAD, TAIL]].flatten(), minlength=entities)
-        learnable = np.isin(np.flatnonzero(~hidden), inner[:, [HEAD, TAIL]]).all()
-        has_relations = np.isin(triples[:, RELATION], inner[:, RELATION]).all()
-        hidden[entity] = learnable and has_relations and per_entity[hidden].min() >= fewest
-        if hidden.sum() == number:
-            return hidden
-    return None

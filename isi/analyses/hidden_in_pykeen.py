@@ -8,6 +8,7 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
@@ -50,24 +51,25 @@ def hidden_in(
     train, valid = known.split([1 - training.valid, training.valid], random_state=seed)
     words = None if words is None else words[split.order]
     start = time.process_time()
-    case = Case(trained(train, valid, training, seed), train, valid, names, graph.relations, words, settings, seed)
+    case = Case(trained(train, valid, training, seed), train, valid, names, words, settings, seed)
     answers, seconds = list[dict[str, Any]](), [{"method": "known", "seconds": time.process_time() - start}]
     methods: dict[str, dict[str, Any]] = {
         "insert": {},
         **{name: {"initializer": name} for name in settings.initializers},
         "own": {"pykeen_rows": True},
-        "insert_new_rows": {"new_rows": True},
-        "own_new_rows": {"pykeen_rows": True, "new_rows": True},
-        "own_all_rows": {"pykeen_rows": True, "all_rows": True},
+        "insert_new_rows": {"then": "new_rows"},
+        "own_new_rows": {"pykeen_rows": True, "then": "new_rows"},
+        "own_all_rows": {"pykeen_rows": True, "then": "all_rows"},
+        "retrained": {"then": "retrain"},
     }
-    for number in settings.max_insert_triples:
-        retrained = {"retrained": {"retrain": True}} if number is None else {}
-        for name, options in {**methods, **retrained}.items():
-            start = time.process_time()
-            model, result = case.enlarged(split.insert_triples(number), **options)
-            row = {"method": name, "initializer": result and result.initializer, "told": number}
-            seconds.append(row | {"seconds": time.process_time() - start})
-            answers += [row | measures for measures in measured(model, split, valid.mapped_triples.numpy())]
+    for number, (name, options) in product(settings.max_insert_triples, methods.items()):
+        if name == "retrained" and number is not None:
+            continue
+        start = time.process_time()
+        model, result = case.enlarged(split.insert_triples(number), **options)
+        row = {"method": name, "initializer": result and result.initializer, "told": number}
+        seconds.append(row | {"seconds": time.process_time() - start})
+        answers += [row | measures for measures in measured(model, split, valid.mapped_triples.numpy())]
     return pd.DataFrame(answers).assign(seed=seed, entities=len(names) - split.known), pd.DataFrame(seconds)
 
 
@@ -79,24 +81,23 @@ class Case:
     train: TriplesFactory
     valid: TriplesFactory
     names: list[str]  #: of known entities, then of hidden ones
-    relations: list[str]
     words: np.ndarray | None
     settings: Hidden
     seed: int
 
     def enlarged(
         self, insert_triples: np.ndarray, initializer: str | None = None, pykeen_rows: bool = False,
-        new_rows: bool = False, all_rows: bool = False, retrain: bool = False,
+        then: Literal["new_rows", "all_rows", "retrain"] | None = None,
     ) -> tuple[Model, Inserted | None]:  # fmt: skip
         """The model with the hidden entities in it, and, if that began with an initializer, what was inserted.
 
         Rows begin by an initializer of ``isi.pykeen.insert``, null for its default, or as PyKEEN itself begins rows;
-        the new rows are trained after that, or all rows; or else a model of all triples is trained from nothing.
+        ``then`` the new rows are trained, or all rows; or else a model of all triples is trained from nothing.
         """
         known, training = self.train.num_entities, self.settings.training
         triples = np.concatenate([self.train.mapped_triples.numpy(), insert_triples])
-        larger = factory_of(triples, self.names, self.relations)
-        if retrain:
+        larger = factory_of(triples, self.names, list(self.train.relation_to_id))
+        if then == "retrain":
             return trained(larger, self.valid, training, self.seed), None
         result = inserted(
             self.model, self.train, insert_triples, new=self.names[known:], words=self.words,
@@ -106,20 +107,16 @@ class Case:
         if pykeen_rows:
             fresh = read_model(untrained(larger, training, self.seed), larger.mapped_triples, None)
             entities = np.concatenate([entities[:known], fresh.entity[0, known:].numpy()])
-        if new_rows:
+        if then == "new_rows":
             entities, _ = fit_new(
                 entities, result.relations, insert_triples, new=len(result.new), model=result.model,
                 epochs=self.settings.epochs, seed=self.seed,
             )  # fmt: skip
         model, _ = enlarge(self.model, self.train, replace(result, entities=entities))
-        if all_rows:
+        if then == "all_rows":
             torch.manual_seed(self.seed)
-            loop(model.train(), larger, training).train(
-                larger, self.settings.epochs, training.batch_size, use_tqdm=False, pin_memory=False,
-                continue_training=True,
-            )  # fmt: skip
-            model.eval()
-        return model, None if pykeen_rows else result
+            fit(model.train(), larger, training, self.settings.epochs, continue_training=True)
+        return model.eval(), None if pykeen_rows else result
 
 
 def factory_of(triples: np.ndarray, entities: Sequence[str], relations: Sequence[str]) -> TriplesFactory:
@@ -141,18 +138,16 @@ def trained(factory: TriplesFactory, valid: TriplesFactory, settings: HiddenTrai
             model, RankBasedEvaluator(), factory, valid, evaluation_batch_size=BATCH, frequency=settings.frequency,
             patience=settings.patience, metric="mrr", relative_delta=0.0, best_model_path=Path(folder, "best.pt"),
         )  # fmt: skip
-        loop(model, factory, settings).train(
-            factory, settings.max_epochs, settings.batch_size, stopper=stopper, use_tqdm=False, pin_memory=False
-        )
+        fit(model, factory, settings, settings.max_epochs, stopper=stopper)
     return model.eval()
 
 
-def loop(model: Model, factory: TriplesFactory, settings: HiddenTraining) -> SLCWATrainingLoop:
+def fit(model: Model, factory: TriplesFactory, settings: HiddenTraining, epochs: int, **more: Any) -> None:
     """PyKEEN's training against wrong triples, with an optimizer that lets it go on where a model is trained."""
-    return SLCWATrainingLoop(
+    SLCWATrainingLoop(
         model=model, triples_factory=factory, optimizer=warm(Adam(model.parameters(), lr=settings.learning_rate)),
         negative_sampler_kwargs={"num_negs_per_pos": settings.negatives},
-    )  # fmt: skip
+    ).train(factory, epochs, settings.batch_size, use_tqdm=False, pin_memory=False, **more)  # fmt: skip
 
 
 def measured(model: Model, split: HiddenSplit, valid: np.ndarray) -> Iterator[dict[str, Any]]:
@@ -164,15 +159,16 @@ def measured(model: Model, split: HiddenSplit, valid: np.ndarray) -> Iterator[di
         "hidden": [("head", of_heads), ("tail", of_tails)],
         "earlier": [("head", valid), ("tail", valid)],
     }
+    measures = {"mrr": "inverse_harmonic_mean_rank", "hits_at_10": "hits_at_10"}
     for name, parts in queries.items():
         ranked = []
-        for slot, triples in ((slot, triples) for slot, triples in parts if len(triples)):
-            metric = RankBasedEvaluator().evaluate(
-                model, torch.from_numpy(triples), targets=(slot,), additional_filter_triples=true, batch_size=BATCH,
-                use_tqdm=False,
-            ).get_metric  # fmt: skip
-            measures = "inverse_harmonic_mean_rank", "hits_at_10"
-            ranked.append((len(triples), *(metric(f"{slot}.realistic.{measure}") for measure in measures)))
-        number, mrr, hits = np.array(ranked).T
-        total = number.sum()
-        yield {"asked": name, "queries": int(total), "mrr": mrr @ number / total, "hits_at_10": hits @ number / total}
+        for slot, triples in parts:
+            if len(triples):
+                metric = RankBasedEvaluator().evaluate(
+                    model, torch.from_numpy(triples), targets=(slot,), additional_filter_triples=true,
+                    batch_size=BATCH, use_tqdm=False,
+                ).get_metric  # fmt: skip
+                ranked.append([len(triples), *(metric(f"{slot}.realistic.{measure}") for measure in measures.values())])
+        number, *values = np.array(ranked).T
+        means = {measure: each @ number / number.sum() for measure, each in zip(measures, values, strict=True)}
+        yield {"asked": name, "queries": int(number.sum())} | means

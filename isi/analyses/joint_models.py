@@ -86,10 +86,6 @@ class ModelComparison(Study):
     models: dict[Name, ModelTraining]
 
 
-class FinalModel(Study):
-    """``final_model`` in params."""
-
-
 def fold_points(experiment: str, graph: Graph, root: int, number: int, stack: int) -> list[GridPoints]:
     """The folds in stacks, each held out once, with its number as seed; an ``InputError`` where one would be empty."""
     splits = folds(graph, root, number)
@@ -102,9 +98,8 @@ def fold_points(experiment: str, graph: Graph, root: int, number: int, stack: in
 
 def changed_config(choice: TrainConfig, setting: Setting) -> TrainConfig:
     """The choice with another setting."""
-    rates = {"learning_rate": setting.learning_rate, "weight_decay": setting.weight_decay}
-    negatives = choice.negatives.model_copy(update={"ratio": setting.ratio})
-    training = choice.training.model_copy(update=rates)
+    negatives = choice.negatives.model_copy(update=setting.model_dump(include={"ratio"}))
+    training = choice.training.model_copy(update=setting.model_dump(include={"learning_rate", "weight_decay"}))
     return replace(choice, dimension=setting.dimension, negatives=negatives, training=training)
 
 

@@ -1,22 +1,19 @@
-"""What models answer right after insertion: by kind of query, and what can be done with a novel entity (Table 3).
-
-The kind of a query is its relation, the slot that it hides, and where it has a novel entity.
-"""
+"""What models answer right after insertion: by relation, hidden slot and novel end of the query, and as Table 3."""
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Self
+from itertools import product
+from typing import Annotated
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import torch
-from pydantic import Field, model_validator
+from pydantic import Field
 from torch import Tensor
 
-from isi.config import Study, distinct
+from isi.config import EachOnce, Study
 from isi.evaluation.query_sets import epoch_query_sets, novel_query_set
 from isi.evaluation.ranking import Queries, RankedQueries, make_queries, observations, rank_queries
 from isi.experiment.grid import JOINT_MODEL, GridPoints
@@ -74,41 +71,28 @@ AFFORDANCES = Table(
 )
 
 
-class QueryBreakdown(Study):
-    """``query_breakdown`` in params."""
-
-
 class Affordances(Study):
     """``affordances`` in params: of which experiment, by which relation, and whose the table shows."""
 
     relation: str
-    entities: Annotated[list[str], Field(min_length=1)]
-
-    @model_validator(mode="after")
-    def _once(self) -> Self:
-        if not distinct(self.entities):
-            raise ValueError("entities must not repeat")
-        return self
+    entities: Annotated[list[str], Field(min_length=1), EachOnce]
 
 
 def break_down(
     points: GridPoints, theta0: Embedding, joint: Embedding, inserted: Mapping[str, np.ndarray]
 ) -> pd.DataFrame:
-    """Means over the queries of each group (``QUERY_BREAKDOWN``), by the vectors that initializers inserted, (M, n, d),
-    and by the joint model."""
+    """Means over groups of queries (``QUERY_BREAKDOWN``), by inserted vectors, (M, n, d), and by the joint model."""
     session, novel, groups = points.session(1), points.novel_in(1), list[pd.DataFrame]()
     is_novel = membership(novel, len(points.graph.entities))
     models = {name: with_vectors(theta0, novel, torch.as_tensor(rows)) for name, rows in inserted.items()}
-    for name, embedding in {**models, JOINT_MODEL: joint}.items():
-        for query_sets in query_sets_with_filters(points):
-            terms = defaultdict[tuple[str, str], list[pd.DataFrame]](list)
-            for piece in rank_queries(embedding, query_sets):
-                for key, ranked in piece.items():
-                    terms[key].append(query_terms(ranked, is_novel))
-            for (scope, which), frames in terms.items():
-                by_group = pd.concat(frames).groupby(GROUP)
-                means = by_group.mean().assign(queries=by_group.size()).reset_index()
-                groups.append(means.assign(model=name, scope=scope, filter=which))
+    cases = product({**models, JOINT_MODEL: joint}.items(), query_sets_with_filters(points))
+    for (name, embedding), query_sets in cases:
+        pieces = [{key: query_terms(ranked, is_novel) for key, ranked in piece.items()}
+                  for piece in rank_queries(embedding, query_sets)]  # fmt: skip
+        for scope, which in query_sets:
+            terms = pd.concat(piece[scope, which] for piece in pieces).groupby(GROUP)
+            means = terms.mean().assign(queries=terms.size()).reset_index()
+            groups.append(means.assign(model=name, scope=scope, filter=which))
     table = pd.concat(groups)
     columns = {
         "relation": np.array(points.graph.relations)[table["relation"]],
@@ -154,14 +138,12 @@ def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
 
 def used_coordinates(model: Model, relation: Tensor, seeds: Sequence[int], names: Sequence[str]) -> pd.DataFrame:
     """Coordinates that the relations, (M, R, w), of joint models use (``USED_COORDINATES``); none without blocks."""
-    parts = []
+    parts, by = [], pd.MultiIndex.from_product([seeds, [*names, None]], names=["seed", "relation"])
     for part, magnitude in model.magnitudes(relation).items() if isinstance(model, BlockModel) else ():
         uses = magnitude > USED  # (M, R, parts)
-        counts = torch.cat([uses.sum(-1), uses.any(1).sum(-1, keepdim=True)], 1)
-        rows = pd.MultiIndex.from_product([seeds, [*names, None]], names=["seed", "relation"]).to_frame(index=False)
-        parts.append(rows.assign(model=JOINT_MODEL, part=part, used=counts.flatten().numpy(), of=uses.shape[-1]))
-    table = concat(parts, USED_COORDINATES)
-    return table[table["of"] > 0]
+        used = torch.cat([uses.sum(-1), uses.any(1).sum(-1, keepdim=True)], 1).flatten().numpy()
+        parts.append(by.to_frame(index=False).assign(model=JOINT_MODEL, part=part, used=used, of=uses.shape[-1]))
+    return concat(parts, USED_COORDINATES).query("of > 0")
 
 
 def rank_answers(

@@ -25,8 +25,11 @@ from isi.training.trainer import never_stop
 
 #: ``entity``, ``known``, ``theta0``, and of each initializer ``NAME.path`` and ``NAME.indicators``.
 TRAJECTORY = TensorFile("data/analyses/trajectory/{experiment}.safetensors")
-#: What a true answer is to a session.
-TRUE_NAMES = ("told", "learned", "held_out")
+#: What a true answer is to a session; none: not true.
+TRUE = (None, "told", "learned", "held_out")
+TOLD, LEARNED, HELD_OUT = 1, 2, 3
+#: Columns of triples with the end that a query hides, and with the one that it gives.
+HIDDEN = {"tail": (TAIL, HEAD), "head": (HEAD, TAIL)}
 #: One row per entity. ``told``: number of its insert triples. ``shown``: share of the known entities' variance on the
 #: two axes of its map. ``fitted``: share of it that the joint model's vectors of them have in common with Θ⁰'s.
 SINGLE_INSERTIONS = Table(
@@ -61,7 +64,7 @@ SINGLE_ANSWERS = Table(
      "true": NAME},
     key=["entity", "model", "epoch", "relation", "hidden", "answer"],
     checks=[*at_least(0, "entity", "epoch", "answer"), *at_least(1, "rank"), *one_of("hidden", ("tail", "head")),
-            *one_of("true", TRUE_NAMES), *unique("entity", "model", "epoch", "relation", "hidden", "rank")],
+            *one_of("true", TRUE[1:]), *unique("entity", "model", "epoch", "relation", "hidden", "rank")],
     nullable=["true"], entity_ids=["entity", "answer"],
 )  # fmt: skip
 
@@ -74,11 +77,6 @@ TABLES = {
     "entities": (SINGLE_INSERTIONS, "entity"), "indicators": (SINGLE_INDICATORS, "entity"),
     "places": (SINGLE_PLACES, "seed"), "answers": (SINGLE_ANSWERS, "entity"),
 }  # fmt: skip
-#: Columns of triples with the end that a query hides, and with the one that it gives.
-HIDDEN = {"tail": (TAIL, HEAD), "head": (HEAD, TAIL)}
-#: What a true answer is to a session; none: not true.
-TRUE = (None, *TRUE_NAMES)
-TOLD, LEARNED, HELD_OUT = 1, 2, 3
 
 
 class Trajectories(Study):
@@ -103,10 +101,7 @@ class ExplorerParams(Study):
 def trace_trajectory(
     points: GridPoints, theta: Embedding, words: np.ndarray, config: InsertConfig, place: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Follow a novel entity of the first session, at its place in ``novel``, through fine-tuning; a stack of height 1.
-
-    Its vectors before training and after each epoch are (epochs + 1, d); its indicators, if it has any, (E,), bool.
-    """
+    """Vectors of a novel entity before training and after each epoch, (epochs + 1, d), and its indicators, (E,)."""
     novel, initial, path = points.novel_in(1), initialize(points, theta, words, config), list[Tensor]()
 
     def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
@@ -152,10 +147,7 @@ class Plane:
 
 
 def turn(vectors: Tensor, onto: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
-    """Vectors moved, turned and scaled so that the known ones lie as near to others as they can (Procrustes).
-
-    Both are (M, E, d); also the share of the variance of the others that the known ones, (M, E), then have, (M,).
-    """
+    """Vectors, (M, E, d), brought onto others by Procrustes over the known; the share of variance explained, (M,)."""
     moved, shares = [], []
     for model, target, mask in zip(vectors.double(), onto.double(), known, strict=True):
         centre, target_centre = model[mask].mean(0), target[mask].mean(0)
@@ -234,8 +226,8 @@ def single_insertions(
         **shown.columns, "told": (truth == TOLD).sum((1, 2, 3)).cpu().numpy(),
         "shown": [planes[model].share for model in shown.model.tolist()], "fitted": fitted[shown.model].cpu().numpy(),
     })  # fmt: skip
-    parts = {"indicators": indicators, "places": places, "answers": answers}
-    return {"entities": entities, **{name: pd.concat(frames) for name, frames in parts.items()}}
+    parts = [entities], indicators, places, answers
+    return {name: pd.concat(frames) for name, frames in zip(TABLES, parts, strict=True)}
 
 
 def indicator_rows(context: InitContext, initial: InitResult, weights: Tensor, shown: ShownEntities) -> pd.DataFrame:
@@ -266,10 +258,7 @@ def known_places(points: GridPoints, shown: ShownEntities, entity: Tensor, plane
 
 
 def queries_of(points: GridPoints, shown: ShownEntities) -> tuple[Tensor, Tensor]:
-    """Which ends of relations are queried, those that entities of a kind are known to have, and what each answer is.
-
-    By relation and what is hidden, in the order of ``HIDDEN``: (K, R, 2), bool, and places in ``TRUE``, (K, R, 2, E).
-    """
+    """Which ends of relations entities of a kind are known to have, (K, R, 2), and what answers are, (K, R, 2, E)."""
     graph, session = points.graph, points.session(1)
     code = torch.where(session.splits == TRAIN, torch.where(points.insert_mask(1), TOLD, LEARNED), HELD_OUT)
     code = code.masked_fill(session.splits == OUT, 0).to(torch.int8)

@@ -69,8 +69,6 @@ class Variant(Section):
 
 
 class OneSize(SessionsOf):
-    """Sessions of one size."""
-
     sizes: Annotated[list[Count], Field(min_length=1, max_length=1)]
 
 
@@ -113,18 +111,15 @@ def changed(params: Params, changes: Mapping[str, Any]) -> Params:
 
 
 def results(params: Params, variant: Variant, stores: Sequence[Store], name: str) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs of a variant, and what its models answer immediately (``VARIANT_RUNS`` and ``VARIANT_QUERIES``).
-
-    The params have the variant's changes; the name is what the progress bar shows.
-    """
-    runs, answers = list[pd.DataFrame](), list[pd.DataFrame]()
-    for store in stores:
-        about = f"{name}, {store.experiment}" if len(stores) > 1 else name
-        for parts in run(run_variant, tasks(params, variant, store), params.compute, about):
-            for frames, part in zip((runs, answers), parts, strict=True):
-                frames.append(part.assign(experiment=store.experiment))
-    ordered = pd.concat(runs).sort_values(["experiment", "model", "size", "seed", "session", "epoch", "scope"])
-    return ordered, pd.concat(answers).sort_values(["experiment", "size", "seed"], kind="stable")
+    """Runs of a variant, and what its models answer immediately; the params have the variant's changes."""
+    parts = [
+        [frame.assign(experiment=store.experiment) for frame in frames]
+        for store in stores
+        for frames in run(run_variant, tasks(params, variant, store), params.compute, f"{name}, {store.experiment}")
+    ]
+    runs, answers = (pd.concat(frames) for frames in zip(*parts, strict=True))
+    ordered = runs.sort_values(["experiment", "model", "size", "seed", "session", "epoch", "scope"])
+    return ordered, answers.sort_values(["experiment", "size", "seed"], kind="stable")
 
 
 #: Θ⁰ and the joint model of each session.
@@ -151,10 +146,7 @@ def tasks(params: Params, variant: Variant, store: Store) -> list[VariantTask]:
 
 
 def run_variant(*task: *VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs of every model at grid points, and what it answers right after insertion (without the experiment).
-
-    Queries are the same whatever an initializer sees: triples with a novel entity that are no insert triples.
-    """
+    """Runs of every model at grid points, and what it answers right after insertion, whatever an initializer sees."""
     points, start, words, configs, most = task
     theta0, joint = train_models(points, start) if isinstance(start, TrainConfig) else start
     measured = evaluate_stack(points, joint)
@@ -177,11 +169,11 @@ def train_models(points: GridPoints, config: TrainConfig) -> Models:
 def at_most(points: GridPoints, most: int | None, root: int) -> np.ndarray:
     """At most so many insert triples of each novel entity, drawn at random; the fewer are part of the more; (I, 4)."""
     triples = points.insert_triples
-    if most is None:
+    if most is None or not len(triples):
         return triples
     slots, number = np.unique(triples[:, :3], axis=0, return_counts=True)
     orders = [
         stream(root, "told", points.size, points.seeds[model], place, *later_key(session)).permutation(count)
         for (session, model, place), count in zip(slots.tolist(), number.tolist(), strict=True)
     ]
-    return triples[np.concatenate([np.empty(0, dtype=np.int64), *orders]) < most]
+    return triples[np.concatenate(orders) < most]

@@ -32,20 +32,15 @@ def rows_are_entities(path: Path, table: pd.DataFrame, entities: pd.DataFrame) -
 def splits_are_whole(
     path: Path, splits: Mapping[int, np.ndarray], graph: Graph, sources: np.ndarray, novel: pd.DataFrame
 ) -> None:
-    """Every triple has a split, but those of entities that another source adds and the seed does not draw.
-
-    Each split has triples, and each entity and relation with triples has one to train on. Shapes: of splits by seed,
-    (T,); of the sources of entities, (E,). ``novel`` is ``NOVEL``.
-    """
+    """Every triple has a split, but those of added entities that a seed does not draw; all of it is trained on."""
     triples = graph.triples.numpy()
     for seed, split in splits.items():
         absent = np.setdiff1d(np.flatnonzero(sources != sources[0]), novel.loc[novel["seed"] == seed, "entity"])
-        takes_part = ~np.isin(triples[:, ENDS], absent).any(axis=1)
-        wrong = np.flatnonzero(takes_part != (split != OUT))
-        if len(wrong):
-            has = "has no split" if split[wrong[0]] == OUT else "has a split"
+        is_absent = np.isin(triples[:, ENDS], absent).any(axis=1)
+        for wrong in np.flatnonzero(is_absent != (split == OUT))[:1].tolist():
+            has = "has no split" if split[wrong] == OUT else "has a split"
             expected = "expected one of each triple, but of added entities that the seed does not draw"
-            raise InputError(path, f"seed {seed}, triple {wrong[0]}", f"{has}: {expected}")
+            raise InputError(path, f"seed {seed}, triple {wrong}", f"{has}: {expected}")
         for code, name in enumerate(SPLIT_NAMES):
             if not (split == code).any():
                 raise InputError(path, f"seed {seed}", f"expected triples in {name}, as in every split")
@@ -61,11 +56,10 @@ def novel_sets_are_whole(path: Path, novel: pd.DataFrame, seeds: Sequence[int]) 
     if novel.empty:
         raise InputError(path, "", "expected at least one set of novel entities")
     columns = ["size", "seed", "session"]
-    drawn = novel.groupby(columns)["entity"].transform("size").to_numpy()
+    of_set = novel.groupby(columns)["entity"]
     expected = "expected as many rows of each size, seed and session as the size"
-    refuse(path, novel, drawn != novel["size"].to_numpy(), columns, expected)
-    sets = novel["size"].nunique() * novel["seed"].nunique() * novel["session"].max()
-    if len(novel[columns].drop_duplicates()) != sets:
+    refuse(path, novel, of_set.transform("size") != novel["size"], columns, expected)
+    if of_set.ngroups != novel["size"].nunique() * novel["seed"].nunique() * novel["session"].max():
         raise InputError(path, "", "expected the same seeds, and the same sessions from 1 on, of every size")
     if not set(novel["seed"]) <= set(seeds):
         raise InputError(path, "column 'seed'", "expected seeds that have splits")
@@ -74,10 +68,7 @@ def novel_sets_are_whole(path: Path, novel: pd.DataFrame, seeds: Sequence[int]) 
 def insert_triples_fit(
     path: Path, given: pd.DataFrame, novel: pd.DataFrame, splits: Mapping[int, np.ndarray], graph: Graph
 ) -> None:
-    """Insert triples train, and are of an entity that their session inserts; their other end is known by then.
-
-    ``given`` is ``INSERT_TRIPLES``, ``novel`` is ``NOVEL``; splits of triples by seed are of shape (T,).
-    """
+    """Insert triples train, and are of an entity that their session inserts; their other end is known by then."""
     point = ["size", "seed"]
     inserted_in = novel.set_index([*point, "entity"])["session"]
 

@@ -1,7 +1,4 @@
-"""The grid of insertions: a grid point is a size and a seed; a worker's task has a stack of them, of one size.
-
-It carries plain values and arrays and depends on nothing else, so that results are the same wherever tasks run.
-"""
+"""The grid of insertions: a grid point is a size and a seed; a worker's task has a stack of them, of one size."""
 
 from __future__ import annotations
 

@@ -102,14 +102,13 @@ def joint_targets(joint: pd.DataFrame, points: GridPoints) -> JointTargets:
     """MRR* of the joint models by session and scope, or an ``InputError`` where their runs lack one."""
     rows = joint[(joint["size"] == points.size) & (joint["epoch"] == 0)]
     mrr_star = rows.set_index(["session", "scope", "seed"])["mrr_star"].to_dict()
-    targets = {}
-    for session, scope in product(range(1, points.sessions + 1), CONVERGING):
-        if missing := [seed for seed in points.seeds if (session, scope, seed) not in mrr_star]:
+    slots = list(product(range(1, points.sessions + 1), CONVERGING))
+    for (session, scope), seed in product(slots, points.seeds):
+        if (session, scope, seed) not in mrr_star:
             where = f"size {points.size}, session {session}, scope {scope}"
-            expected = f"expected a row of seed {missing[0]} at epoch 0"
+            expected = f"expected a row of seed {seed} at epoch 0"
             raise InputError(RUNS.path(experiment=points.experiment, model=JOINT_MODEL), where, expected)
-        targets[session, scope] = np.array([mrr_star[session, scope, seed] for seed in points.seeds])
-    return targets
+    return {slot: np.array([mrr_star[*slot, seed] for seed in points.seeds]) for slot in slots}
 
 
 @dataclass(frozen=True)
@@ -131,11 +130,7 @@ def insert_stack(*task: *InsertTask) -> InsertResult:
 def insert_sessions(
     points: GridPoints, theta0: Embedding, words: np.ndarray, joint: JointTargets, config: InsertConfig
 ) -> Iterator[tuple[Embedding, InsertResult]]:
-    """Insert the novel entities of a session, measure immediately in every scope, and after every epoch of fine-tuning.
-
-    Word vectors, (E, w), are zero where there is none. Each session gives Θ as it was when it had converged or after
-    the last epoch, and measures on the way.
-    """
+    """Θ after each session that inserts and fine-tunes, and its measures from epoch 0 on; words are (E, w)."""
     theta = theta0
     for number in range(1, points.sessions + 1):
         session, novel, mask = points.session(number), points.novel_in(number), points.insert_mask(number)

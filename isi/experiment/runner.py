@@ -60,11 +60,9 @@ def run(
     function: Callable[[GridPoints, *Arguments], Done], tasks: Sequence[tuple[GridPoints, *Arguments]],
     compute: Compute, name: str,
 ) -> list[Done]:  # fmt: skip
-    """Call a function with the arguments of each task, where ``compute`` says; results come in the order of the tasks.
+    """Call a function with each task's arguments, where ``compute`` says; results come in the order of the tasks.
 
-    Raises:
-        TaskError: as soon as one task fails; the others are given up.
-        InputError: where there is no such engine, scheduler or device, memory does not do, or a model diverges.
+    ``TaskError`` as soon as one fails; ``InputError`` for want of an engine or memory, or where a model diverges.
     """
     engine = _dask if compute.engine == "dask" else _processes
     models = sum(len(points.seeds) for points, *_ in tasks)
@@ -92,11 +90,9 @@ def run(
 def run_task(
     function: Callable[[GridPoints, *Arguments], Done], task: tuple[GridPoints, *Arguments], device: str
 ) -> Done:
-    """Run a task on one thread, and without denormal numbers (slow, and far below what a rank can tell).
+    """Run a task on one thread, without denormal numbers (slow, far below what a rank can tell), and give CPU tensors.
 
-    Both are set in the thread that runs the task, which is the engine's choice, and never reset: tasks that share a
-    process cannot disturb each other. A GPU holds all tensors of the task; what the task gives back is on the CPU.
-    Where a model diverges, an ``InputError`` says which one, and what to turn down.
+    Both are set in the thread that the engine chose and never reset, so that tasks cannot disturb each other.
     """
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
@@ -128,10 +124,7 @@ def stack_height(compute: Compute) -> int:
 
 @contextmanager
 def _processes(compute: Compute) -> Iterator[Executor]:
-    """Worker processes of this machine: children of the stage, which die with it.
-
-    Forked ones need not import everything again (seconds a stage), but cannot use a GPU.
-    """
+    """Worker processes of this machine; forked ones need not import everything again, but cannot use a GPU."""
     forked = sys.platform == "linux" and compute.device == "cpu"
     context = multiprocessing.get_context("fork" if forked else "spawn")
     with ProcessPoolExecutor(_workers(compute), context, initializer=serve, initargs=(os.getpid(),)) as executor:

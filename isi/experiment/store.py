@@ -87,10 +87,7 @@ def write_runs(runs: pd.DataFrame, stage: str, experiment: str, model: str) -> N
 
 @dataclass(frozen=True)
 class Store:
-    """Reads the files of one experiment, each table once.
-
-    A file that does not agree with another one (``isi.experiment.agreement``) is refused as an ``InputError``.
-    """
+    """Reads the files of one experiment, each table once; InputError where two do not agree."""
 
     experiment: str
     tables: dict[Table, pd.DataFrame] = field(default_factory=dict, repr=False)  #: in memory, which are not read
@@ -141,8 +138,7 @@ class Store:
         sources = self.entities()["source"].to_numpy(str)
         agreement.splits_are_whole(self._path(SPLITS), splits, graph, sources, novel)
         chosen = novel if size is None else novel[novel["size"] == size]
-        if seeds is not None:
-            chosen = chosen[chosen["seed"] < seeds]
+        chosen = chosen if seeds is None else chosen[chosen["seed"] < seeds]
         if chosen.empty:
             raise InputError(path, "column 'size'", f"expected a set of {size} novel entities: see sessions in params")
         given, grid = self.insert_triples(), []
@@ -162,7 +158,6 @@ class Store:
 
     @property
     def _seeds(self) -> list[int]:
-        """Of the sessions of every size."""
         return sorted(self.table(NOVEL)["seed"].unique().tolist())
 
     def theta0(self, points: GridPoints, model: Model) -> Embedding:
@@ -184,11 +179,11 @@ class Store:
         *tensors, seed = self._arrays(file, *names, size=points.size)
         agreement.seeds_are(path, seed, self._seeds, *tensors)
         entity, relation, known = (tensor[np.isin(seed, points.seeds)] for tensor in tensors)
-        (models, entities), dimension = session.entities.shape, entity.shape[-1]
+        shape, dimension = session.entities.shape, entity.shape[-1]
         width = len(points.graph.relations), model.width(dimension)
-        agreement.has_shape(path, "entity", entity, (models, entities, dimension))
-        agreement.has_shape(path, "relation", relation, (models, *width))
-        agreement.has_shape(path, "known", known, (models, entities), np.bool_)
+        agreement.has_shape(path, "entity", entity, (*shape, dimension))
+        agreement.has_shape(path, "relation", relation, (shape[0], *width))
+        agreement.has_shape(path, "known", known, shape, np.bool_)
         agreement.known_are(path, known, session.entities.numpy(), entity)
         return Embedding(torch.from_numpy(entity), torch.from_numpy(relation), model)
 

@@ -75,10 +75,7 @@ def train_stack(points: GridPoints, config: TrainConfig, session: int = 0) -> Tr
 
 
 def joint_tasks(grid: Sequence[GridPoints], config: TrainConfig) -> list[tuple[GridPoints, TrainConfig, int]]:
-    """Training of the joint models of every session that inserts.
-
-    Of the last session, whose D is that of every size, there is one model for each seed.
-    """
+    """Training of the joint models of every session; of the last, which is that of every size, one for each seed."""
     last = [(points.all_known, config, 0) for points in grid if points.size == grid[0].size]
     return [*last, *((points, config, session) for points in grid for session in range(1, points.sessions))]
 

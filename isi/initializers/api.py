@@ -1,7 +1,4 @@
-"""What an initializer of novel entities sees and gives, and the registry of initializers.
-
-An initializer stands between an embedding that is trained and its fine-tuning: it gives each novel entity a vector.
-"""
+"""What an initializer sees and gives, and their registry: it gives each novel entity a vector before fine-tuning."""
 
 from __future__ import annotations
 
@@ -42,10 +39,7 @@ class NovelEntities:
 
 @dataclass(frozen=True)
 class InitContext:
-    """All that an initializer may look at, for a stack of M models and n novel entities each.
-
-    It holds no validation or test triple.
-    """
+    """All that an initializer may look at, for M models and n novel entities each: no validation or test triple."""
 
     theta0: Embedding  #: Θ⁰; rows of novel entities are zero
     known: Tensor  #: entities of D⁰; shape: (M, E), bool
@@ -68,10 +62,7 @@ class InitContext:
 
 
 def context_of(theta: Embedding, before: Session, given: NovelEntities, root: int, keys: Tensor) -> InitContext:
-    """What an initializer may see: Θ, the entities of the session before, word vectors, and the insert triples.
-
-    The graph of ``before`` holds the insert triples, its splits do not.
-    """
+    """What an initializer may see: Θ, the session before, words, and insert triples, which have no split there."""
     novel, (model, place, triple) = given.novel, given.insert_triples.T
     slot = model * novel.shape[1] + place
     number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)  # within its entity; slots ascend
@@ -97,11 +88,9 @@ class InitResult:
 
     vectors: Tensor  #: shape: (M, n, d)
     fallback: Tensor  #: index into ``FALLBACKS``; shape: (M, n)
-    #: what each known entity weighs in the vector, or, for MAP and ridge, in the mean of the prior; rows sum to 1;
-    #: shape: (M, n, E)
+    #: of each known entity in the vector, or, for MAP and ridge, in the prior's mean; sum to 1; shape: (M, n, E)
     weights: Tensor | None = None
-    #: whether the vector is the centroid of the entities that have a weight, which are its indicators
-    is_centroid: bool = False
+    is_centroid: bool = False  #: of the entities that have a weight, which are its indicators
 
     @property
     def indicators(self) -> Tensor | None:
@@ -164,10 +153,7 @@ INITIALIZERS: Plugins[Registered] = Plugins("isi.initializers")
 
 
 def initializer(name: str, *, label: str | None = None, **about: Any) -> Callable[[Initializer], Initializer]:
-    """Register a function as an initializer; ``about`` are further fields of ``Registered``.
-
-    The function's parameters after the context are its options, and their types say what they may be.
-    """
+    """Register a function whose parameters after the context are its options; ``about``: fields of ``Registered``."""
 
     def register(function: Initializer) -> Initializer:
         INITIALIZERS.register(name, Registered(name, function, label or name, **about))

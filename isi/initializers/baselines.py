@@ -46,11 +46,7 @@ def soft_relational_similarity(context: InitContext, temperature: Positive) -> I
              description="Soft hybrid: the mean of all known entities, weighted by names and by relations, each with "
                          "its temperature.")  # fmt: skip
 def soft_hybrid(context: InitContext, word_weight: NotNegative, relation_weight: NotNegative) -> InitResult:
-    """Mean by the softmax of ``word_weight`` · cosine of words + ``relation_weight`` · mean relational score.
-
-    A weight is the inverse of a temperature. A novel entity that lacks words or insert triples has the softmax of the
-    other part alone.
-    """
+    """Mean by softmax(``word_weight`` · cosine + ``relation_weight`` · mean relational score), or by a half."""
     similar = word_weight * similarity.word_similarity(context)
     related = relation_weight * similarity.mean_relational_score(context)
     named = similarity.word_eligible(context)

@@ -1,9 +1,7 @@
 """MAP and ridge: the vector that explains the insert triples best, weighed against a prior.
 
-Each insert triple is a positive. It brings the negatives that training expects of it: ``ratio`` copies with another
-known end, spread over all known entities (true ones among them, as in training), and ``ratio`` with another relation.
-Positives and negatives are weights of cells (see ``insert_triple_table``). Where a score is linear in a vector, that
-of a cell is ⟨v, α⟩.
+Each insert triple is a positive, with the negatives that training expects of it: ``ratio`` copies with another known
+end, true ones among them, and ``ratio`` with another relation. Both are weights of cells (``insert_triple_table``).
 """
 
 from __future__ import annotations
@@ -66,10 +64,7 @@ def covariance(context: InitContext) -> Tensor:
 
 
 def evidence(context: InitContext, mean: Tensor, strength: float, ratio: int) -> Evidence:
-    """The evidence of the insert triples, and a prior of mean (M, n, d) and covariance Σ / ``strength``.
-
-    It is ``NotFinite`` where Σ has no inverse, since all known vectors of a model are the same.
-    """
+    """The evidence of the insert triples, and a prior of mean (M, n, d); ``NotFinite`` where Σ has no inverse."""
     positive = similarity.insert_triple_table(context)
     negative = expected_negatives(context, positive, ratio)
     inverse, failed = inv_ex(covariance(context))
@@ -80,10 +75,7 @@ def evidence(context: InitContext, mean: Tensor, strength: float, ratio: int) ->
 
 
 def ridge_regression(context: InitContext, prior: InitResult, strength: float, ratio: int) -> InitResult:
-    """argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ): y is 1 of a positive and 0 of a negative, f is linear in v.
-
-    The vectors of the prior are μ, the answer where there is no insert triple; its strength is λ.
-    """
+    """argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ): y is 1 of positives, 0 of negatives; μ and λ: the prior's."""
     known = evidence(context, prior.vectors, strength, ratio)
     alpha = similarity.cell_anchors(mapped(context.theta0, Tensor.double))
     weight, mean = known.positive + known.negative, known.mean
@@ -95,15 +87,15 @@ def ridge_regression(context: InitContext, prior: InitResult, strength: float, r
 def most_probable(context: InitContext, prior: InitResult, strength: float, ratio: int) -> InitResult:
     """argmin Σ w⁺ softplus(-f) + Σ w⁻ softplus(f) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ), by Newton's method from μ (MAP).
 
-    Strictly convex where the score f is linear in v, so that there is one answer, which no seed has a part in.
-    Elsewhere f is taken as linear around v in each step (Gauss and Newton), and a step is halved until it gains:
-    ``STEPS`` of them lead to a local optimum, or near one. Each novel entity stops by itself. The vectors of the prior
-    are μ, the answer where there is no insert triple; its strength is λ.
+    Strictly convex where the score f is linear in v. Elsewhere f is taken as linear around v in each step (Gauss and
+    Newton), which is halved until it gains: near a local optimum. The prior's vectors are μ, its strength is λ.
     """
     known, theta0 = evidence(context, prior.vectors, strength, ratio), mapped(context.theta0, Tensor.double)
     alpha = similarity.cell_anchors(theta0) if theta0.model.linear else None
-    if alpha is None:
-        known, theta0 = each_alone(known, theta0)
+    if alpha is None:  # each novel entity alone, as a stack of M · n models
+        model = torch.arange(len(known.mean)).repeat_interleave(known.mean.shape[1])
+        positive, negative, mean = (v.flatten(0, 1)[:, None] for v in (known.positive, known.negative, known.mean))
+        known, theta0 = Evidence(positive, negative, mean, known.precision[model]), select(theta0, model)
     at, going = known.mean, torch.ones(known.mean.shape[:2], dtype=torch.bool)
     for _ in range(STEPS):
         step, gain = newton(known, theta0, at, alpha)
@@ -114,19 +106,8 @@ def most_probable(context: InitContext, prior: InitResult, strength: float, rati
     return replace(prior, vectors=at.view(prior.vectors.shape).to(prior.vectors.dtype), is_centroid=False)
 
 
-def each_alone(known: Evidence, theta0: Embedding) -> tuple[Evidence, Embedding]:
-    """The same as a stack of M · n models that have one novel entity each."""
-    models, number, _ = known.mean.shape
-    positive, negative, mean = (v.flatten(0, 1)[:, None] for v in (known.positive, known.negative, known.mean))
-    model = torch.arange(models).repeat_interleave(number)
-    return Evidence(positive, negative, mean, known.precision[model]), select(theta0, model)
-
-
 def newton(known: Evidence, theta0: Embedding, at: Tensor, alpha: Tensor | None) -> tuple[Tensor, Tensor]:
-    """The step to where the objective were least if f were linear and the loss quadratic, and twice what that gains.
-
-    Vectors ``at`` and steps are (M, n, d); ``alpha`` is of each cell, where f is linear.
-    """
+    """The step, (M, n, d), to the least of a quadratic objective, and twice its gain; ``alpha`` where f is linear."""
     slopes = score_gradients(theta0, at) if alpha is None else alpha
     weight, likely = known.positive + known.negative, padded(torch.sigmoid, scores(theta0, at))
     gradient = (weight * likely - known.positive) @ slopes + (at - known.mean) @ known.precision

@@ -1,7 +1,4 @@
-"""The initializers that the paper compares, Xavier, IU and the three of ISI (sections 4 and 5.3), and their controls.
-
-A control has a part of what ISI has, such as its centre or its spread, without the meaning.
-"""
+"""Initializers that the paper compares, Xavier, IU and the three of ISI (sections 4 and 5.3), and their controls."""
 
 from __future__ import annotations
 

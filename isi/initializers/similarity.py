@@ -27,10 +27,7 @@ def word_similarity(context: InitContext) -> Tensor:
 
 
 def resultants(context: InitContext) -> Tensor:
-    """α of each insert triple: where the relation takes the head, or where the head of the tail must be (equation 4).
-
-    The shape is (M, n, I, d); there is ``NoRelationMap`` where the model has none.
-    """
+    """α of each insert triple, (M, n, I, d): where it puts the novel entity (equation 4), or ``NoRelationMap``."""
     theta0, models = context.theta0, torch.arange(len(context.novel))[:, None, None]
     if not theta0.model.invertible:
         raise NoRelationMap
@@ -63,36 +60,33 @@ def top_k(score: Tensor, eligible: Tensor, k: int) -> Tensor:
 def nearest_by_words(context: InitContext, similarity: Tensor, k: int) -> InitResult:
     """Centroid of the k entities of highest word similarity, (M, n, E); RS where there is no word vector."""
     return centroid_of_first(
-        context,
-        words=lambda: top_k(similarity, word_eligible(context), k),
-        triples=lambda: top_k(relational_score(context), context.eligible[:, None], k),
+        context, words=lambda: top_k(similarity, word_eligible(context), k), triples=lambda: top_related(context, k)
     )
 
 
 def nearest_by_relations(context: InitContext, k: int, alpha: Tensor | None = None) -> InitResult:
     """Centroid of the k entities nearest to where the insert triples point, by their α or by others."""
-    return centroid_of_first(
-        context, triples=lambda: top_k(relational_score(context, alpha), context.eligible[:, None], k)
-    )
+    return centroid_of_first(context, triples=lambda: top_related(context, k, alpha))
+
+
+def top_related(context: InitContext, k: int, alpha: Tensor | None = None) -> Tensor:
+    """The k eligible entities of highest relational score, by α of insert triples or by others; (M, n, E), bool."""
+    return top_k(relational_score(context, alpha), context.eligible[:, None], k)
 
 
 def nearest_by_both(context: InitContext, k: int, candidates: int) -> InitResult:
     """RS among the best of ES (equation 6); whichever half there is where the other is missing."""
-    similar, related = word_similarity(context), relational_score(context)
-    preliminary = top_k(similar, word_eligible(context), candidates)
+    similar, related, named = word_similarity(context), relational_score(context), word_eligible(context)
     return centroid_of_first(
         context,
-        both=lambda: top_k(related, preliminary, k),
+        both=lambda: top_k(related, top_k(similar, named, candidates), k),
         triples=lambda: top_k(related, context.eligible[:, None], k),
-        words=lambda: top_k(similar, word_eligible(context), k),
+        words=lambda: top_k(similar, named, k),
     )
 
 
 def insert_triple_table(context: InitContext) -> Tensor:
-    """Insert triples of each novel entity by cell: as head, then as tail; shape (M, n, 2, R, E), float32.
-
-    A cell is (whether the novel entity is the tail, relation, other end); there are K = 2 · R · E, in this order.
-    """
+    """Insert triples of each novel entity by cell (is it the tail, relation, other end); (M, n, 2, R, E), float32."""
     relations, entities = context.theta0.relation.shape[1], context.theta0.entity.shape[1]
     cell = (context.novel_is_tail * relations + context.relation) * entities + context.other
     table = torch.zeros(*context.novel.shape, 2 * relations * entities)
@@ -108,11 +102,9 @@ def cell_anchors(theta0: Embedding) -> Tensor:
 
 
 def weights_of_first(context: InitContext, **ways: Weigh) -> tuple[Tensor, Tensor]:
-    """Of ways to weigh known entities, the first that can serve a novel entity; else all known ones weigh alike.
+    """Weights or indicators, (M, n, E), of the first way that serves, else of all known; its place in ``FALLBACKS``.
 
-    Ways are named by what they need of a novel entity: ``words``, insert ``triples``, ``both`` or ``nothing``. All but
-    the first are fallbacks, and each is called where a novel entity needs it. The result are weights or indicators,
-    (M, n, E), and the index in ``FALLBACKS`` of whose they are, (M, n).
+    Ways are named by what they need of a novel entity: ``words``, insert ``triples``, ``both`` or ``nothing``.
     """
     words, triples = has_words(context), has_insert_triples(context)
     has = {"words": words, "triples": triples, "both": words & triples, "nothing": torch.ones_like(words)}

@@ -94,8 +94,7 @@ def insert(
     words_serve = vectors is not None and bool(vectors[:known].any() and has_words.any())
 
     def refusal(entities: np.ndarray, expected: str) -> InputError:
-        name = names.of(known + int(np.argmax(entities)))
-        return InputError(f"new entity {name!r:.80}", "", expected)
+        return InputError(f"new entity {names.of(known + int(np.argmax(entities)))!r:.80}", "", expected)
 
     if initializer is None and (bare := ~(has_triple | (has_words & words_serve))).any():
         expected = "expected a triple with a known entity, or a word vector, or an initializer that needs neither"
@@ -137,13 +136,8 @@ def choose(
 ) -> tuple[Registered, dict[str, Any], str, int]:
     """The initializer of a name, or the best for what is known; its options, why, and how many entities at a time.
 
-    An ``InputError`` where there is no such initializer, it takes other options, the embedding is too large for it, or
-    the model lacks what it needs.
-
-    Args:
-        theta0: of known and new entities.
-        triples: whether a new entity has an insert triple.
-        words: whether a new entity and a known one have word vectors.
+    ``triples`` and ``words`` say whether there are some. An ``InputError`` where the initializer or an option is
+    unknown, the embedding is too large for it, or the model lacks what it needs.
     """
     given, model = arguments.options_by_name(options, "options"), theta0.model
     _, entities, dimension = theta0.entity.shape
@@ -161,10 +155,9 @@ def choose(
         ):
             if registered.cost == cost and too_large:
                 raise InputError("", "", f"expected another one: {name} {work}")
-    numbers = max(entities, theta0.relation.shape[1] * dimension)  # of one new entity
-    if registered.cost == "triples":
-        numbers = possible if model.linear else possible * dimension
-    return registered, checked, why, max(1, BUDGET // numbers)
+    by_triples = possible if model.linear else possible * dimension
+    numbers = by_triples if registered.cost == "triples" else max(entities, theta0.relation.shape[1] * dimension)
+    return registered, checked, why, max(1, BUDGET // numbers)  # numbers are of one new entity
 
 
 def best(small: bool, triples: bool, words: bool, model: Model) -> tuple[str, str]:
@@ -178,14 +171,7 @@ def best(small: bool, triples: bool, words: bool, model: Model) -> tuple[str, st
 
 
 def margin_of(embedding: Embedding, triples: Tensor, margin: float | None) -> float:
-    """The margin that makes scores of distances positive for triples and negative for others, as logistic losses need.
-
-    It is the middle between both mean scores, or as given; zero where scores are linear.
-
-    Args:
-        embedding: a stack of one, whose margin is 0.
-        triples: that it was trained on; ids, shape (T, 3).
-    """
+    """The margin as given, or midway between mean scores of triples, (T, 3), and of others; zero where f is linear."""
     if margin is not None or embedding.model.linear or not len(triples):
         return margin or 0.0
     head, relation, tail = triples[:: -(-len(triples) // MARGIN_TRIPLES)].T[:, None]
@@ -200,14 +186,9 @@ def what_is_seen(
     theta0: Embedding, new: Tensor, known: int, insert_triples: np.ndarray, known_triples: np.ndarray,
     words: np.ndarray | None, kinds: np.ndarray | None, seed: int,
 ) -> InitContext:  # fmt: skip
-    """What an initializer sees of some new entities; every known one may be an indicator where no triples are known.
+    """What an initializer sees of some new entities, whose ids, (n,), ascend by one and follow those of all known.
 
-    Args:
-        theta0: a stack of one.
-        new: ids, one after the other; shape (n,).
-        known: number of known entities, whose ids come first.
-        insert_triples: ids, shape (I, 3), as ``known_triples``, (K, 3).
-        words: shape (E, w), float32.
+    Triples are (I, 3) and (K, 3), words (E, w). Every known entity may be an indicator where no triples are known.
     """
     session = arguments.trained_session(np.concatenate([insert_triples, known_triples]), theta0, kinds)
     session.splits[:, : len(insert_triples)] = OUT

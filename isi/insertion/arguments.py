@@ -1,7 +1,4 @@
-"""What a caller of ``isi.insert`` and ``isi.fit_new`` gives, checked: tables, names, triples, words, kinds, the model.
-
-Every function here raises an ``InputError`` that names the argument that is wrong, and what was expected.
-"""
+"""What a caller of ``isi.insert`` and ``isi.fit_new`` gives, checked; an ``InputError`` names the argument."""
 
 from __future__ import annotations
 
@@ -194,10 +191,7 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
 
 
 def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
-    """A number for the kind of each entity, known and new ones, shape (E,), int64; null where there are no kinds.
-
-    They are given in order, or by name: entities without one are of one more kind.
-    """
+    """A number for the kind of each entity, (E,), int64, by order or name (those without one share a kind); or null."""
     if kinds is None:
         return None
     with argument("kinds"):
@@ -212,10 +206,7 @@ def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
 
 
 def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray | None:
-    """Word vectors of known and new entities, zero where there is none, (E, w), float32; null where none is given.
-
-    They are given as such a table, or by name or id of an entity: its vector, or a text, of which ``source`` makes one.
-    """
+    """Word vectors of entities, (E, w), float32, zero where there is none; of a table, or vectors or texts by name."""
     if words is None or (isinstance(words, Mapping) and not words):
         return None
     if not isinstance(words, Mapping):

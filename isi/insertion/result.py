@@ -99,11 +99,7 @@ class Inserted:
         return Names("entity_names", len(self.entities), self.entity_names)
 
     def report(self, nearest: int = 5) -> list[Entity]:
-        """What became of each new entity, with as many of the nearest known ones.
-
-        Raises:
-            InputError: where that is no number.
-        """
+        """What became of each new entity, with as many of the nearest known ones."""
         check(nearest, Seed, "", "argument 'nearest'")
         of, vectors = self.names.of, self.embedding.entity[0]
         inserted, between = (
@@ -147,9 +143,6 @@ class Inserted:
             triples: of known entities, held out or not; ``known_triples`` where there are none.
             most: triples that are queried; drawn where there are more.
             seed: of the draw.
-
-        Raises:
-            InputError: where there is none, or one is of an unknown entity or relation.
         """
         check(seed, Seed, "", "argument 'seed'")
         check(most, Count, "", "argument 'most'")
@@ -169,10 +162,7 @@ class Inserted:
 
 
 def ranked_above(embedding: Embedding, known: int, queried: Tensor, insert_triples: Tensor) -> Tensor:
-    """Share of queries in which each new entity ranks above the answer; shapes (Q, 3), (I, 3), result (n,).
-
-    Where an insert triple puts the entity into the slot of the query, it does not count.
-    """
+    """Share of queries in which each new entity, unless insert triples put it there, ranks above the answer, (n,)."""
     head, relation, tail = queried.T[:, None]  # (1, Q)
     relations, new = rows_of(embedding.relation, relation), embedding.entity[:, known:]
     model, heads, tails = embedding.model, rows_of(embedding.entity, head), rows_of(embedding.entity, tail)
