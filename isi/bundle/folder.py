@@ -8,7 +8,6 @@ read, and before it is written, whole or not at all.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import re
@@ -16,6 +15,7 @@ import shutil
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -150,7 +150,7 @@ def write(folder: Path, bundle: Bundle) -> None:
         files[name] = "".join("\t".join(row) + "\n" for row in (COLUMNS[name], *table)).encode()
     manifest = {"format": "isi embedding", "version": 1} | bundle.manifest.model_dump(by_alias=True) | {
         "entities": len(bundle.entities), "relations": len(bundle.relations), "dimension": bundle.entities.shape[1],
-        "triples": len(bundle.triples), "files": {name: _sha256(content) for name, content in files.items()},
+        "triples": len(bundle.triples), "files": {name: sha256(content).hexdigest() for name, content in files.items()},
     }  # fmt: skip
     files[MANIFEST] = (json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
     _checked(folder, files)
@@ -193,10 +193,6 @@ def _refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
         raise InputError("", "", expected)
 
 
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
-
-
 def read(folder: Path) -> Bundle:
     """Read a bundle; an ``InputError`` names the file and the place that is missing or broken, or fits no others."""
     files = {}
@@ -230,7 +226,7 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
                     expected = f"expected known names, one of them {record.entity!r:.80}"
                     raise InputError("", f"inserted.{number}.told", expected)
     for name in (VECTORS, *COLUMNS):
-        if manifest.files.get(name) != _sha256(files[name]):
+        if manifest.files.get(name) != sha256(files[name]).hexdigest():
             raise InputError(folder / name, "", f"was changed: its SHA-256 is not the one in {MANIFEST}")
     about = Manifest(**{name: getattr(manifest, name) for name in Manifest.model_fields})
     vectors = tensors["entities"], tensors["relations"]

@@ -144,11 +144,6 @@ class MinedSource:
     kinds: pd.DataFrame
     file: Path | None = None  #: that has the observations, for messages
 
-    @property
-    def place(self) -> Path | str:
-        """What messages name."""
-        return self.file or self.source
-
 
 @dataclass(frozen=True)
 class GraphTables:
@@ -172,7 +167,7 @@ def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
     triples = counts[counts["count"] >= min_count].reset_index(drop=True)
     names = set(triples["head"]) | set(triples["tail"])
     if missing := names - set(seen.kinds["entity"]):
-        raise InputError(seen.place, "", f"expected the kind of {min(missing)!r}")
+        raise InputError(seen.file or seen.source, "", f"expected the kind of {min(missing)!r}")
     entities = seen.kinds[seen.kinds["entity"].isin(names)].sort_values("entity").reset_index(drop=True)
     triples = triples.assign(source=seen.source).astype({"count": "int32"})
     return GraphTables(entities.assign(source=seen.source), triples)
@@ -188,7 +183,7 @@ def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:
     for tail in sorted(set(seen.observations["tail"].astype(str)) - set(totals.index)):
         if here.get(tail) != there.get(tail):
             expected = "the graph that this source is to extend has no such entity"
-            raise InputError(seen.place, f"{there.get(tail)} {tail!r}", expected)
+            raise InputError(seen.file or seen.source, f"{there.get(tail)} {tail!r}", expected)
     return totals[[here.get(name) is None or here[name] != there.get(name) for name in totals.index]]
 
 
@@ -197,7 +192,7 @@ def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFram
     enough, here = newcomers[newcomers >= minimum], _kinds(entities)
     for name in here.keys() & set(enough.index):
         also = f"is also a name in the graph, of kind {here[name]}; give it another one in its source"
-        raise InputError(seen.place, f"{_kinds(seen.kinds).get(name)} {name!r}", also)
+        raise InputError(seen.file or seen.source, f"{_kinds(seen.kinds).get(name)} {name!r}", also)
     return enough
 
 
