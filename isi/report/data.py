@@ -179,10 +179,9 @@ class Experiment(ModelRuns):
 
 @dataclass(frozen=True, eq=False)
 class VariantRuns(ModelRuns):
-    """The runs of a variant on one experiment, which may be of fewer initializers than it lists by now."""
+    """The runs of a variant on one experiment; ``id``: of its tables and figures."""
 
     variant: Variant
-    #: of its tables and figures
     id: str
 
     @property
@@ -249,11 +248,7 @@ class Results:
 
 
 def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
-    """Read the tables of all experiments and analyses.
-
-    Raises:
-        InputError: where one is missing or broken.
-    """
+    """Read the tables of all experiments and analyses; ``InputError`` where one is missing or broken."""
     experiments = {name: _experiment(params, name) for name in params.experiments}
     graphs = [entry.graph for entry in params.experiments.values()]
     sources = dict.fromkeys(part.source for graph in graphs for part in (graph, graph.extend) if part)

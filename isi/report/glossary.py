@@ -15,13 +15,12 @@ from isi.report.words import JOINT, capitalized, described, label
 
 @dataclass(frozen=True)
 class Term:
-    """A word, and what it means."""
+    """A word, and what it means; ``in_text``: whether it is marked within text, not only where it fills a cell."""
 
     name: str
     means: str
     #: other forms in which it stands in text
     forms: tuple[str, ...] = ()
-    #: whether it is marked within text; others only where they fill a cell of a table
     in_text: bool = True
 
     @property

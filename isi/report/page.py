@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Collection, Mapping, Sequence
-from itertools import groupby, product
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -53,18 +53,15 @@ def write(folder: Path, results: Results, sections: Sequence[ReportSection]) -> 
     with mpl.rc_context(STYLE):
         verdict = VERDICT.filled(results)
         parts = [part for section in sections if (part := section.filled(results))]
-    items = [block.content for part in [*parts, *([verdict] if verdict else [])] for block in part.blocks]
-    files: dict[Path, bytes] = {}
-    drawings: dict[str, Markup] = {}
-    for item in items:
+    files, drawings = dict[Path, bytes](), dict[str, Markup]()
+    for item in (block.content for part in [*parts, *filter(None, [verdict])] for block in part.blocks):
         if isinstance(item, ReportTable):
             files |= {folder / "tables" / f"{item.name}.{form}": text.encode() for form, text in item.files.items()}
         elif isinstance(item, Figure):
             drawn = {form: rendered(item.canvas, form) for form in ("png", "svg")}
             files |= {folder / "figures" / f"{item.name}.{form}": drawing for form, drawing in drawn.items()}
             drawings[item.name] = figures.inline(drawn["svg"].decode(), f"f{len(drawings)}")
-    for name, frame in plots(results).items():
-        files[folder / "plots" / f"{name}.csv"] = csv(frame).encode()
+    files |= {folder / "plots" / f"{name}.csv": csv(frame).encode() for name, frame in plots(results).items()}
     files[folder / "metrics.json"] = (json.dumps(metrics(results), indent=2) + "\n").encode()
     files[folder / "index.html"] = html(parts, verdict, drawings, results).encode()
     for path, data in files.items():
@@ -141,13 +138,12 @@ def _headlines(experiment: Experiment) -> dict[str, Any]:
     numbers: dict[str, Any] = {"immediate_mrr_star": experiment.mrr_star, "epochs_to_convergence": experiment.epochs(),
                                "unconverged_percent": experiment.unconverged}  # fmt: skip
     if experiment.settings.graph.extend is None:
-        triples = experiment.triples
-        graph = {"observations": int(triples["count"].sum()), "unique_triples": len(triples),
+        graph = {"observations": int(experiment.triples["count"].sum()), "unique_triples": len(experiment.triples),
                  "entities": len(experiment.entities)}  # fmt: skip
-        gains = {scope: stats.values(stats.improvements(experiment.immediate, scope)) for scope in ("all", "novel")}
-        for of_scope, name in product(gains.values(), (BASELINE, JOINT)):
-            of_scope.pop(name, None)
-        numbers = {"graph": graph, **numbers, "improvement_over_xavier_percent": gains}
+        gains = {scope: stats.improvements(experiment.immediate, scope) for scope in ("all", "novel")}
+        shown = {scope: {name: gain.mean for name, gain in of_scope.items() if name not in (BASELINE, JOINT)}
+                 for scope, of_scope in gains.items()}  # fmt: skip
+        numbers = {"graph": graph, **numbers, "improvement_over_xavier_percent": shown}
     else:
         numbers["drop_percent"] = stats.values(transfer.drops(experiment.immediate))
         runs, last = experiment.curves, experiment.max_epochs

@@ -77,10 +77,6 @@ VOCABULARY = _part(
 
 
 def read(path: Path, shape: Any = VALUES) -> dict[str, Any]:
-    """The paper's numbers, or its words where the shape is ``VOCABULARY``.
-
-    Raises:
-        InputError: where the file is missing or no YAML, or has something unknown or of another type.
-    """
+    """The paper's numbers, or its words (``VOCABULARY``); ``InputError`` where the file has not that shape."""
     values: dict[str, Any] = config.check(config.read(path), shape, "", path).model_dump()
     return values

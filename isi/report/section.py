@@ -35,14 +35,12 @@ from isi.report.tables import ReportTable
 
 @dataclass(frozen=True)
 class Content:
-    """What a section has to show: once, or once for each of several experiments."""
+    """What a section has to show (once, or for each of several experiments): numbers and a heading for the template."""
 
-    #: for the template
     numbers: Mapping[str, Any] = field(default_factory=dict)
     #: rows by name (``ReportTable.of``), and figures; the template names them without the suffix
     tables: Mapping[str, Any] = field(default_factory=dict)
     figures: Mapping[str, Canvas] = field(default_factory=dict)
-    #: opens a part of the section; for the template
     heading: str = ""
     #: behind names of tables and figures, and the title of the experiment behind theirs
     suffix: str = ""
@@ -51,15 +49,13 @@ class Content:
 
 @dataclass(frozen=True)
 class Block:
-    """A part of a section as its template has it."""
+    """A paragraph, list, heading, or what has its name behind ``@`` with its table, figure or numbers as content."""
 
-    #: paragraph, list, heading, or the name behind ``@``
     kind: str
     text: str = ""
     items: Sequence[str] = ()
     title: str = ""
     folded: bool = False
-    #: a table, a figure, or numbers
     content: Any = None
 
 
@@ -76,13 +72,11 @@ class FilledSection:
 
 @dataclass(frozen=True)
 class ReportSection:
-    """A function of ``isi/report/sections``, whose template has the same name."""
+    """A function of ``isi/report/sections`` with the template of its name or a text, in a group of the page."""
 
     name: str
     contents: Callable[[Results], Iterable[Content]]
-    #: in place of the template
     text: str | None = None
-    #: the part of the page that it belongs to
     group: str = ""
 
     @classmethod
@@ -129,11 +123,7 @@ def of_each_graph(contents: Callable[[Results, Experiment], Content | None]) -> 
 
 
 def parsed(text: str, content: Content) -> Iterator[Block]:
-    """The blocks of a template that was filled.
-
-    Raises:
-        KeyError: where it names a table or a figure that the content lacks.
-    """
+    """The blocks of a template that was filled."""
     for part in filter(None, map(str.strip, re.split(r"\n\s*\n", text))):
         first, *others = part.split("\n")
         mark, _, rest = first.partition(" ")

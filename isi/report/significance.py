@@ -26,24 +26,21 @@ _COUNTED, _DRAWN = 40, 99_999
 
 @dataclass(frozen=True)
 class Difference(Estimate):
-    """How far two initializers are apart over seeds; its interval is null for fewer than two."""
+    """How far two initializers are apart over seeds, and the p of the sign-flip test over those that differ."""
 
-    #: of the sign-flip test; null where no seed differs
     p: float = np.nan
     seeds: int = 0
-    #: how many seeds differ at all
     differing: int = 0
 
 
 @dataclass(frozen=True)
 class Pair:
-    """The difference of two initializers, first minus second, by one measure."""
+    """The difference of two initializers, first minus second, by one measure; ``holm``: its p, corrected within it."""
 
     measure: str
     first: str
     second: str
     difference: Difference
-    #: p corrected within the measure
     holm: float
 
     @property

@@ -40,11 +40,7 @@ def _registered(initializer: str) -> Registered:
 
 
 def label(model: str) -> str:
-    """The name of a model where people read.
-
-    Raises:
-        InputError: where no module registers an initializer of this name.
-    """
+    """The name of a model where people read; ``InputError`` where no module registers it."""
     return _OTHERS[model][0] if model in _OTHERS else _registered(model).label
 
 

@@ -97,14 +97,11 @@ def immediate(results: Results, experiment: Experiment) -> Content:
         "known_percent": 100 * float(queries.get("known", 0) / max(queries.get("all", 0), 1)),
         "novel": {half: novel[column].dropna().to_dict() for column, half in HALVES.items()},
     }  # fmt: skip
+    columns = {Column(f"scope {scope}", title=SCOPES[scope]): of_models for scope, of_models in gains.items()}
+    others = [name for name in initializers if name != BASELINE]
     tables: dict[str, Any] = {
         "immediate": {"model": list(map(label, models)), **stats.halves(runs, models, "all", "novel")},
-        "improvement": [
-            {"initializer": label(name)}
-            | {Column(f"scope {scope}", title=SCOPES[scope]): gains[scope].get(name, nan) for scope in gains}
-            | {"paper": paper.get(name)}
-            for name in initializers if name != BASELINE
-        ],
+        "improvement": stats.by_label(others, {**columns, "paper": paper}, "initializer"),
         "novel_by_kind": stats.ordered_rows(of_kinds, initializers, kind=kinds).rename(
             columns={"model": "initializer"}),
         "immediate_by_size": by_scope(["scope", "size", "model"], ("all", "novel")),

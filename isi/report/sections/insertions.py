@@ -26,35 +26,24 @@ Traces = Mapping[str, np.ndarray]
 def trajectory(results: Results) -> Iterator[Content]:
     """Figure 1 and its distances."""
     for experiment, traces in results.analysis("trajectory"):
-        yield _figure1(traces, experiment.entities["entity"])
-
-
-def _figure1(traces: Traces, names: pd.Series) -> Content:
-    models = [name.removesuffix(".path") for name in traces if name.endswith(".path")]
-    vectors = traces["theta0"][traces["known"]]  # [N, d]
-    rows, titles = [], {}
-    for model in models:
-        path = traces[f"{model}.path"].astype(np.float64)  # in all dimensions
-        away = float(np.linalg.norm(path[0] - vectors.mean(0, dtype=np.float64)))
-        moved = float(np.linalg.norm(path[-1] - path[0]))
-        titles[model] = f"{label(model)}: {away:.1f} from the centre, {moved:.1f} to its end"
-        rows.append({
-            "initializer": label(model), "from the centre": away, "from where training takes it": moved,
-            "indicators": ", ".join(names[traces[f"{model}.indicators"]]),
-        })  # fmt: skip
-    numbers = {
-        "share": 100 * plane(vectors)[2], "dimension": vectors.shape[1],
-        "name": str(names[int(traces["entity"][0])]),
-        "away": np.linalg.norm(vectors - vectors.mean(0), axis=1).mean(),
-    }  # fmt: skip
-    return Content(numbers, {"trajectory": rows}, {"figure1_trajectory": _drawn(traces, vectors, titles, names)})
+        names, rows, titles = experiment.entities["entity"], [], {}
+        vectors = traces["theta0"][traces["known"]]  # [N, d]
+        for model in (name.removesuffix(".path") for name in traces if name.endswith(".path")):
+            path = traces[f"{model}.path"].astype(np.float64)  # in all dimensions
+            away = float(np.linalg.norm(path[0] - vectors.mean(0, dtype=np.float64)))
+            moved = float(np.linalg.norm(path[-1] - path[0]))
+            titles[model] = f"{label(model)}: {away:.1f} from the centre, {moved:.1f} to its end"
+            rows.append({"initializer": label(model), "from the centre": away, "from where training takes it": moved,
+                         "indicators": ", ".join(names[traces[f"{model}.indicators"]])})  # fmt: skip
+        numbers = {"share": 100 * plane(vectors)[2], "dimension": vectors.shape[1],
+                   "name": str(names[int(traces["entity"][0])]),
+                   "away": np.linalg.norm(vectors - vectors.mean(0), axis=1).mean()}  # fmt: skip
+        drawn = _drawn(traces, vectors, titles, names)
+        yield Content(numbers, {"trajectory": rows}, {"figure1_trajectory": drawn})
 
 
 def plane(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """The plane of the two principal components of vectors, (N, d).
-
-    Their centre (d), two orthonormal axes (2, d), each with its largest part positive, and the share of variance.
-    """
+    """Of vectors (N, d): their centre (d), two principal axes (2, d), of fixed sign, and their share of variance."""
     centre = vectors.mean(0, dtype=np.float64)
     _, strength, axes = np.linalg.svd(vectors - centre, full_matrices=False)
     largest = np.abs(axes[:2]).argmax(1)
@@ -65,8 +54,8 @@ def plane(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
 def _drawn(traces: Traces, vectors: np.ndarray, titles: Mapping[str, str], names: pd.Series) -> Canvas:
     """A panel for each initializer with indicators, and one for the others."""
     centre, axes, _ = plane(vectors)
-    models = list(titles)
-    groups = [[model] for model in isi(models)] + [[model for model in models if model not in isi(models)]]
+    models, methods = list(titles), isi(titles)
+    groups = [*([model] for model in methods), [model for model in models if model not in methods]]
     canvas, places = panels(len(groups), height=6.6)
     for panel, group in zip(places, groups, strict=True):
         panel.plot(*((vectors - centre) @ axes.T).T, ls="", marker="o", ms=2.5, color="#b5bac2", mew=0, zorder=1)
@@ -138,10 +127,7 @@ def explorer(results: Results) -> Iterator[Content]:
 
 
 def _data(experiment: Experiment, tables: Mapping[str, pd.DataFrame], settings: ExplorerParams) -> dict[str, Any]:
-    """All that the explorer shows, in as few numbers as say it: entities by id, ranks and rounded places as integers.
-
-    Coordinates, similarities and weights are in hundredths; null where there is none.
-    """
+    """All that the explorer shows: entities by id; coordinates, similarities and weights in hundredths, or null."""
     models, relations = [*SHOWN, settings.best], sorted(set(tables["answers"]["relation"]))
     steps = [(JOINT, 0), *((model, epoch) for model in models for epoch in (0, settings.epochs))]
     rows, places = tables["entities"], tables["places"]
@@ -184,10 +170,7 @@ def maps_of(known: pd.DataFrame, rows: pd.DataFrame) -> dict[str, dict[str, Any]
 
 
 def indicators_of(rows: pd.DataFrame) -> dict[tuple[int, str], dict[str, Any]]:
-    """Of each entity and model: its fallback where the indicators are those of one, and their ids and numbers.
-
-    Weights are null where they are all the same.
-    """
+    """Of each entity and model: its fallback and its indicators' ids and numbers; no weights where all are equal."""
     groups: dict[Any, pd.DataFrame] = dict(list(rows[rows["weight"] >= LEAST].groupby(["entity", "model"], sort=False)))
     return {
         place: {

@@ -94,11 +94,9 @@ def filters(rows: pd.DataFrame) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Answers:
-    """The ranked answers to (entity, relation, ?) of one experiment."""
+    """The answers to (entity, relation, ?) in one experiment (``AFFORDANCES`` with ``model``); entities by id."""
 
-    #: ``AFFORDANCES``, with a column ``model``
     ranks: pd.DataFrame
-    #: by id
     entities: pd.DataFrame
     relation: str
     #: kinds of the relation's tails: answers of other kinds are wrong

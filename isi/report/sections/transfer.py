@@ -60,10 +60,9 @@ def _order(results: Results, experiment: Experiment, pairs: Mapping[str, Sequenc
                        for of_scope in (pairs, finetuning.at_the_end(base.curves)))  # fmt: skip
         both = [name for name in here if name in there]
         turned = [name for name in both if here[name].difference.mean * there[name].difference.mean < 0]
-        significant = any(of_model[name].significant for of_model in (here, there) for name in both)
-        if both:
-            return {"title": base.title, "pairs": [there[name] for name in both], "reversed": turned,
-                    "significant": significant}  # fmt: skip
+        significant = any(here[name].significant or there[name].significant for name in both)
+        order = {"title": base.title, "pairs": [there[name] for name in both], "reversed": turned}
+        return {**order, "significant": significant} if both else None
     return None
 
 
@@ -71,10 +70,7 @@ def mined(
     steps: Mapping[str, int], entities: pd.DataFrame, triples: pd.DataFrame, seen: MinedSource, base: str,
     minimum: int, inserted: int,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """What another source adds to a graph with the title ``base``: instances after each step of mining, then counts.
-
-    Entities and triples are those of the experiment; ``seen`` is what the other source observed.
-    """
+    """What a source (``seen``) adds to the graph titled ``base``: instances after each step of mining, then counts."""
     unknown = new_entities(seen, entities[entities["source"] != seen.source])
     counts = dict(steps) | {
         f"{'of these, of' if steps else 'instances of'} objects that {base} has not": int(unknown.sum()),
@@ -103,12 +99,8 @@ def _immediate(experiment: Experiment, paper: Mapping[str, Mapping[str, float]])
 
 
 def drops(runs: pd.DataFrame) -> dict[str, Estimate]:
-    """By how much each initializer's MRR* in ``known`` is below that in ``known_closed`` immediately, in per cent.
-
-    With known candidates only, nothing has changed for earlier knowledge, so this is what inserting costs.
-    """
-    scopes = list(finetuning.EARLIER)
-    pairs = {}
+    """By how much inserting puts each initializer's MRR* in ``known`` below that in ``known_closed``, in per cent."""
+    scopes, pairs = list(finetuning.EARLIER), {}
     for model, rows in runs[runs["scope"].isin(scopes) & (runs["model"] != JOINT)].groupby("model"):
         cells = rows.pivot_table("mrr_star", "seed", "scope").reindex(columns=scopes)
         known, closed = (cells[[scope]].set_axis(["mrr_star"], axis=1) for scope in scopes)
