@@ -134,7 +134,7 @@ def value_of(values: Any, key: str) -> Any:
 
 
 class Plugins(Generic[T]):
-    """What the modules of a package register by name; they are imported, but for those that are ``skipped``."""
+    """What the modules of a package register by name; they are imported, but for private and ``skipped`` ones."""
 
     def __init__(self, package: str, skipped: Collection[str] = ()) -> None:
         self.package, self._skipped = package, skipped
@@ -153,6 +153,6 @@ class Plugins(Generic[T]):
     def names(self) -> list[str]:
         """Names of all that the package's modules register, and of what other modules have registered."""
         for module in pkgutil.iter_modules(importlib.import_module(self.package).__path__):
-            if module.name not in self._skipped:
+            if module.name not in self._skipped and not module.name.startswith("_"):
                 importlib.import_module(f"{self.package}.{module.name}")
         return sorted(self._registered)
