@@ -39,7 +39,7 @@ def distinct(values: Iterable[Any]) -> bool:
 
 
 def must(hold: Callable[[Any], bool], expected: str) -> AfterValidator:
-    """A rule about a value, as a part of its type."""
+    """A type's rule: a value that it does not hold for is refused with what was expected."""
 
     def checked(value: Any) -> Any:
         if not hold(value):

@@ -35,7 +35,7 @@ class StageContext:
 
 
 def stage(body: Callable[..., None]) -> Callable[[], None]:
-    """Make a function of a context and of names the command of the DVC stage of its name; its module says the help."""
+    """Turn a function of a context and names into the command of its DVC stage; its module's docstring is the help."""
     name, arguments = body.__name__, list(inspect.signature(body).parameters)[1:]
     description, form = body.__globals__["__doc__"], argparse.RawDescriptionHelpFormatter
 

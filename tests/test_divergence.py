@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import pickle
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
@@ -18,6 +20,9 @@ from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, start, train
 from tests.small_graphs import ANALOGY, points_of, random_embedding, random_graph
 from tests.small_grid import LEARNING, insert_tasks, theta0, training_tasks
+from tests.stage_workspace import Says, main_of, says, set_params, workspace
+
+__all__ = ["says", "workspace"]  # fixtures
 
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
 STEEP = Optimizer(batch_size=50, learning_rate=1e30, weight_decay=1e-3, max_epochs=6)
@@ -109,3 +114,20 @@ def test_insertion_by_the_covariance_of_vectors_that_do_not_differ_names_its_cel
     ]
     with pytest.raises(InputError, match=r"params\.yaml: .*seeds 1: known vectors that do not differ .*: turn"):
         run(insert_stack, tasks, Compute(workers=1, stack=2), "insertion")
+
+
+def test_a_stage_that_diverges_says_so_in_one_line(
+    workspace: Path, says: Says, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    set_params(workspace, {
+        "experiments.published.sessions.sizes": [1], "experiments.published.sessions.seeds": 2,
+        "training.learning_rate": 1e30, "embedding.dimension": 8, "compute.workers": 1,
+    })  # fmt: skip
+    monkeypatch.chdir(workspace)
+    for stage in ("mine", "build_graph", "make_sessions"):
+        monkeypatch.setattr(sys, "argv", [stage, "published"])
+        main_of(stage)()
+    capsys.readouterr()
+    line = says("train_theta0 published")
+    assert line.startswith("params.yaml: published, size 1, seeds 0, 1: diverged in epoch 1 (NaN or infinity in ")
+    assert line.endswith(": turn down the learning rate (1e+30)")

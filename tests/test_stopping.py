@@ -218,3 +218,17 @@ def test_a_second_run_says_that_there_is_a_first_and_leaves_it_alone(pipeline: P
             assert "is busy, it is being blocked by:" in second.stderr
             assert f"(PID {running_first.pid})" in second.stderr
         assert session(running_first.pid).keys() == before
+
+
+def test_dvc_that_is_terminated_takes_its_stage_along(pipeline: Path) -> None:
+    with running(DVC, pipeline, asleep(pipeline / "asleep")) as dvc:
+        dvc.terminate()
+        _, err = dvc.communicate(timeout=30)
+        assert (dvc.returncode, err) == (-signal.SIGTERM, "")  # which a shell gives as 143
+        assert wait_until(lambda: not session(dvc.pid), 10)
+
+
+def test_make_repro_that_is_killed_takes_all_that_it_began_along(pipeline: Path) -> None:
+    with running(REPRO, pipeline, asleep(pipeline / "asleep")) as repro:
+        repro.kill()
+        assert wait_until(lambda: not session(repro.pid), 10), session(repro.pid)

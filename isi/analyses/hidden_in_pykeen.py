@@ -39,7 +39,7 @@ BATCH = 256
 def hidden_in(
     points: GridPoints, words: np.ndarray | None, settings: Hidden, key: str, root: int
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """What each method answers (``HIDDEN_ENTITIES``), by one seed, and its seconds: columns method, told, seconds."""
+    """Answers of each method with one seed (``HIDDEN_ENTITIES``), and the seconds it took (method, told, seconds)."""
     for name in ("pykeen", "torch_max_mem"):
         logging.getLogger(name).setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", "'pin_memory' argument", UserWarning)

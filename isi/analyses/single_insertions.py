@@ -1,4 +1,4 @@
-"""Single insertions: the path of one entity (Figure 1), and what indicates each, where it lies, and who answers."""
+"""Single insertions: the trajectory of one entity (Figure 1); indicators, place and answers of each entity."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ class Answer:
 
     @property
     def unexpected(self) -> bool:
-        """Whether it is likely (without probabilities: the best), not known, and known of no indicator."""
+        """Whether the answer is likely (without probabilities: the best), not known, and of no indicator known."""
         likely = self.rank == 1 if self.probability is None else self.probability >= LIKELY
         return likely and not self.known and self.shared_by == []
 

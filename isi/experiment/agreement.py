@@ -32,7 +32,10 @@ def rows_are_entities(path: Path, table: pd.DataFrame, entities: pd.DataFrame) -
 def splits_are_whole(
     path: Path, splits: Mapping[int, np.ndarray], graph: Graph, sources: np.ndarray, novel: pd.DataFrame
 ) -> None:
-    """Every triple has a split, but those of added entities that a seed does not draw; all of it is trained on."""
+    """Every triple has a split, but those of added entities that a seed does not draw.
+
+    Each split has triples, and train has every entity and relation.
+    """
     triples = graph.triples.numpy()
     for seed, split in splits.items():
         absent = np.setdiff1d(np.flatnonzero(sources != sources[0]), novel.loc[novel["seed"] == seed, "entity"])
@@ -68,7 +71,7 @@ def novel_sets_are_whole(path: Path, novel: pd.DataFrame, seeds: Sequence[int]) 
 def insert_triples_fit(
     path: Path, given: pd.DataFrame, novel: pd.DataFrame, splits: Mapping[int, np.ndarray], graph: Graph
 ) -> None:
-    """Insert triples train, and are of an entity that their session inserts; their other end is known by then."""
+    """Insert triples are training triples of an entity that their session inserts, with a known other end."""
     point = ["size", "seed"]
     inserted_in = novel.set_index([*point, "entity"])["session"]
 

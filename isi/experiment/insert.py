@@ -130,7 +130,7 @@ def insert_stack(*task: *InsertTask) -> InsertResult:
 def insert_sessions(
     points: GridPoints, theta0: Embedding, words: np.ndarray, joint: JointTargets, config: InsertConfig
 ) -> Iterator[tuple[Embedding, InsertResult]]:
-    """Θ after each session that inserts and fine-tunes, and its measures from epoch 0 on; words are (E, w)."""
+    """Insert and fine-tune session by session: Θ after each, and its measures from epoch 0 on; ``words``: (E, w)."""
     theta = theta0
     for number in range(1, points.sessions + 1):
         session, novel, mask = points.session(number), points.novel_in(number), points.insert_mask(number)

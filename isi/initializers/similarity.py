@@ -102,7 +102,7 @@ def cell_anchors(theta0: Embedding) -> Tensor:
 
 
 def weights_of_first(context: InitContext, **ways: Weigh) -> tuple[Tensor, Tensor]:
-    """Weights or indicators, (M, n, E), of the first way that serves, else of all known; its place in ``FALLBACKS``.
+    """Weights or indicators, (M, n, E), by the first way that is possible, else of all known; and the fallback.
 
     Ways are named by what they need of a novel entity: ``words``, insert ``triples``, ``both`` or ``nothing``.
     """

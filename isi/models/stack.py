@@ -112,7 +112,7 @@ class NotFinite(InputError):
 
 
 def check_finite(tables: tuple[Tensor, ...], name: str, largest: float = LARGEST) -> None:
-    """See that |x| ≤ ``largest`` for all numbers of tables, (M, ...); else ``NotFinite`` names the models."""
+    """Check that |x| ≤ ``largest`` for all numbers of tables, (M, ...); else ``NotFinite`` names the models."""
     sound = torch.stack([table.flatten(1).abs().amax(1) <= largest for table in tables]).all(0)  # NaN is not
     if not sound.all():
         raise NotFinite((~sound).nonzero()[:, 0].tolist(), f"NaN or infinity in {name}")

@@ -265,7 +265,7 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
 
 
 def read_variants(titles: Mapping[str, str], params: Params) -> list[VariantRuns]:
-    """Every variant of the second pipeline on each of the experiments (by name their titles) on which it has run."""
+    """Every variant of the second pipeline, on each experiment on which it has run; ``titles`` are by experiment."""
     variants = []
     for name, variant in load_beyond(params).variants.items():
         if VARIANT_QUERIES.path(variant=name).exists():

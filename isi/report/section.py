@@ -49,7 +49,7 @@ class Content:
 
 @dataclass(frozen=True)
 class Block:
-    """A paragraph, list, heading, or what has its name behind ``@`` with its table, figure or numbers as content."""
+    """A paragraph, list or heading, or a table, figure or numbers, which the template names behind ``@``."""
 
     kind: str
     text: str = ""

@@ -58,7 +58,7 @@ def improvements(immediate: pd.DataFrame, scope: str) -> dict[str, Estimate]:
 
 
 def relative(pairs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], sign: int = 1) -> dict[str, Estimate]:
-    """By how much means over seeds (rows) are above those to compare with, in per cent, averaged over cells (columns).
+    """Means over seeds (rows) above those of a reference, in per cent, averaged over grid points (columns).
 
     ``sign`` is -1 for how much they are below; null values are left out.
     """
@@ -91,7 +91,7 @@ def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame
 def by_label(
     models: Sequence[str], columns: Mapping[Any, Mapping[str, Any]], header: str = "model"
 ) -> dict[Any, list[Any]]:
-    """A table with a row for each model: its label, and what each column has of it."""
+    """A table with a row for each model: its label, and its value in each column."""
     cells = {column: [of_model.get(model) for model in models] for column, of_model in columns.items()}
     return {header: list(map(label, models)), **cells}
 
@@ -111,7 +111,7 @@ def halves(runs: pd.DataFrame, models: Sequence[str], *scopes: str) -> dict[Any,
 
 
 def ordered_rows(means: pd.DataFrame, models: Sequence[str], **orders: Sequence[Any]) -> pd.DataFrame:
-    """Groups as rows of a table, sorted by their levels, those in ``orders`` (and only what these have) by them."""
+    """Groups as rows of a table, sorted by level; a level in ``orders`` has its values alone, in that order."""
     levels, frame = list(map(str, means.index.names)), means.reset_index()
     for name, order in {"model": models, **orders}.items():
         frame[name] = pd.Categorical(frame[name], list(order))

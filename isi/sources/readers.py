@@ -158,11 +158,7 @@ def read_batches(
             expected += f" and, if at all, {', '.join(optional)}" * bool(optional)
             got = cut(", ".join(repr(name[:40]) for name in header) or "none", 100)
             raise InputError(path, "line 1" if is_text else "columns", f"{expected}; got {got}")
-        for batch in (
-            _text(path, SEPARATORS[form], header)
-            if is_text
-            else pq.ParquetFile(path).iter_batches(BATCH, columns=names)
-        ):
+        for batch in _text(path, SEPARATORS[form], header) if is_text else _parquet(path, names):
             columns = {name: batch[name].cast(pa.string()).fill_null("").to_pylist() for name in names}
             index = pd.RangeIndex(place, place := place + batch.num_rows, name=unit)
             frame = pd.DataFrame(columns, index, dtype=str)
@@ -177,6 +173,11 @@ def read_batches(
 def _header(path: Path, separator: str) -> list[str]:
     with open_text(path) as file:
         return next(csv.reader([file.readline(BLOCK)], delimiter=separator, skipinitialspace=True), [])
+
+
+def _parquet(path: Path, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
+    with pq.ParquetFile(path) as file:
+        yield from file.iter_batches(BATCH, columns=names)
 
 
 def _text(path: Path, separator: str, header: Sequence[str]) -> Iterator[pa.RecordBatch]:

@@ -17,6 +17,7 @@ from types import TracebackType
 from typing import Any, Literal, Self
 
 from isi.errors import InputError
+from tests.fuzz.faulty import FAULTY
 from tests.fuzz.formats import FORMATS
 from tests.fuzz.mutations import Files
 
@@ -61,7 +62,7 @@ def attempt(name: str, files: Files) -> Outcome:
 
 
 def _read(name: str, given: set[str]) -> tuple[Literal["read", "refused", "fault"], str, str]:
-    form = FORMATS[name]
+    form = FORMATS.get(name) or FAULTY[name]
     earlier = b"the last good one"
     for path in form.writes:
         Path(path).parent.mkdir(parents=True, exist_ok=True)

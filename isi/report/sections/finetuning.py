@@ -126,7 +126,7 @@ def with_finetune_only(experiment: Experiment) -> pd.DataFrame:
 
 
 def since_before(runs: pd.DataFrame) -> pd.DataFrame:
-    """Runs about known entities, minus what Θ⁰ had before: that of any initializer in known_closed immediately."""
+    """Runs about known entities, minus MRR* of Θ⁰ before insertion, which is any initializer's in known_closed."""
     shown = runs[runs["scope"].isin(EARLIER)]
     inserted = ~shown["model"].isin([JOINT, FINETUNE_ONLY])
     start = shown[(shown["scope"] == "known_closed") & (shown["epoch"] == 0) & inserted]

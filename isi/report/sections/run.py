@@ -221,7 +221,7 @@ def fallbacks(experiments: Mapping[str, Experiment]) -> pd.DataFrame:
 
 
 def _experiment(experiments: Mapping[str, Experiment]) -> Column:
-    """Names of experiments, for which the page has titles."""
+    """A column of names of experiments, which the page shows as titles."""
     return Column("experiment", words={name: experiment.title for name, experiment in experiments.items()})
 
 

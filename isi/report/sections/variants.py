@@ -68,7 +68,7 @@ def n_insert_triples(results: Results) -> Iterator[Content]:
                  for limit, runs in zip(limits, listed, strict=True)}  # fmt: skip
         means = pd.DataFrame({number: values(estimates) for number, estimates in given.items()}).T
         worse = [(name, means[name].min(), means[name].idxmin()) for name in first.initializers
-                 if means[name].iloc[0] - means[name].min() >= ZERO]  # fmt: skip
+                 if means[name].iloc[0] - means[name].min(skipna=False) >= ZERO]  # fmt: skip
         about = {"variant": first, "fewest": means.iloc[0], "most": means.iloc[-1], "numbers": list(given),
                  "worse": worse}  # fmt: skip
         table = [{"insert triples": number, **_of_models(estimates)} for number, estimates in given.items()]
