@@ -1,4 +1,4 @@
-"""Reading ``params.yaml``: each section is checked by the model of whoever reads it, plug-ins are found by name."""
+"""Reading ``params.yaml``: each section has a pydantic model in the module that uses it; plug-ins go by name."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def distinct(values: Iterable[Any]) -> bool:
 
 
 def must(hold: Callable[[Any], bool], expected: str) -> AfterValidator:
-    """A type's rule: a value that it does not hold for is refused with what was expected."""
+    """A validator for a type: refuses a value for which ``hold`` is false, and says what was expected."""
 
     def checked(value: Any) -> Any:
         if not hold(value):
@@ -73,18 +73,18 @@ class Section(BaseModel):
 
 
 class Study(Section):
-    """What is done beside the main pipeline, on the experiments that it lists."""
+    """A study beside the main pipeline, on the experiments that it lists."""
 
     experiments: Names
 
     @property
     def experiment(self) -> str | None:
-        """The one that the report shows."""
+        """The experiment that the report shows."""
         return self.experiments[0] if self.experiments else None
 
 
 def read(path: Path) -> dict[str, Any]:
-    """The mapping that a YAML file holds; InputError where the file is missing or holds none."""
+    """Read a YAML file that holds a mapping; InputError where it is missing or holds something else."""
     if path in (paths.PARAMS, paths.PIPELINE) and not path.exists():
         raise InputError(path, "", f"no such file: {Path.cwd()} is not the folder of the project, go there first")
     with at(path):
@@ -103,14 +103,14 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def check(value: Any, kind: type[T], key: str, path: Path | str = paths.PARAMS) -> T:
-    """A value as the type that it must be; InputError naming a key that is unknown, missing, or not as it must be."""
+    """Validate a value as a type; InputError names the key that is unknown, missing or wrong."""
     with at(path, key):
         return TypeAdapter(kind).validate_python(value, strict=True)
 
 
 @cache
 def options(function: Callable[..., Any]) -> type[Section]:
-    """The section that a function's options make, its parameters after the first; ``from_`` takes the key ``from``."""
+    """The params section of a function: a key for each parameter but the first; ``from_`` is the key ``from``."""
     hints, fields = get_type_hints(function, include_extras=True), dict[str, Any]()
     for name, parameter in list(inspect.signature(function).parameters.items())[1:]:
         if name not in hints:
@@ -121,7 +121,7 @@ def options(function: Callable[..., Any]) -> type[Section]:
 
 
 def keywords(function: Callable[..., Any], given: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """Options as keyword arguments of a function; InputError at their key where it does not take them."""
+    """Validated options as keyword arguments of a function; InputError names the key that does not fit."""
     checked = check(dict(given) if isinstance(given, Mapping) else given, options(function), key)
     return {name: getattr(checked, name) for name in type(checked).model_fields}
 
@@ -134,7 +134,7 @@ def value_of(values: Any, key: str) -> Any:
 
 
 class Plugins(Generic[T]):
-    """What the modules of a package register by name; they are imported, but for private and ``skipped`` ones."""
+    """What the modules of a package register by name. Private and ``skipped`` modules are not imported."""
 
     def __init__(self, package: str, skipped: Collection[str] = ()) -> None:
         self.package, self._skipped = package, skipped
@@ -144,14 +144,14 @@ class Plugins(Generic[T]):
         self._registered[name] = thing
 
     def get(self, name: str, key: str = "") -> T:
-        """The thing of a name; InputError at the key of params that names it."""
+        """What is registered under a name; an unknown name is an InputError at this key of params."""
         if name not in self._registered and name not in (known := self.names()):
             expected = f"expected one of {', '.join(known)}, got {short(name)}{meant(name, known)}"
             raise InputError(paths.PARAMS, key, expected)
         return self._registered[name]
 
     def names(self) -> list[str]:
-        """Names of all that the package's modules register, and of what other modules have registered."""
+        """All names that are registered, by the package's modules or by others."""
         for module in pkgutil.iter_modules(importlib.import_module(self.package).__path__):
             if module.name not in self._skipped and not module.name.startswith("_"):
                 importlib.import_module(f"{self.package}.{module.name}")

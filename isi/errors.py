@@ -35,12 +35,12 @@ class InputError(Exception):
 
 @contextmanager
 def at(file: object, place: object = "") -> Iterator[None]:
-    """Add a file and a place to mistakes found within, of pydantic, pyarrow or the system, too::
+    """Name a file and a place in the errors raised within, also those of pydantic, pyarrow and the system::
 
         with at("log.csv", "line 3"):  # log.csv: line 3, column 'head': expected a name, got ''
             raise InputError("", "column 'head'", f"expected a name, got {short(row[0])}")
 
-    A mistake in another file is quoted whole.
+    An error that names another file is quoted whole.
     """
     try:
         yield
@@ -67,7 +67,7 @@ def _place_and_message(error: Exception, file: str) -> tuple[str, str]:
 
 
 def _first_mistake(error: ValidationError) -> tuple[str, str]:
-    """The place and the text of the first mistake that pydantic found, and how many more there are."""
+    """Place and text of pydantic's first error, and how many more there are."""
     first: Any = min(error.errors(), key=lambda one: one["type"] not in ("unknown_key", "list_type"))
     kind, got, context = first["type"], first["input"], first.get("ctx", {})
     loc = [*first["loc"], *([context["key"]] if kind == "unknown_key" else [])]
@@ -83,7 +83,7 @@ def _first_mistake(error: ValidationError) -> tuple[str, str]:
 
 
 def unwritable(path: Path, error: OSError) -> InputError:
-    """What stands in the way of writing a file, and how much room there is where that is why."""
+    """An ``InputError`` that says why a file cannot be written, with the free space if the disk is full."""
     why = "its folder is a file" if error.errno == errno.EEXIST else system_says(error)
     if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         with suppress(OSError, StopIteration):
@@ -98,7 +98,7 @@ def system_says(error: OSError) -> str:
 
 
 def short(value: object) -> str:
-    """A value as a message repeats it: as Python writes it, but cut where it is long or deep."""
+    """The ``repr`` of a value, shortened where it is long or deeply nested."""
     try:
         return cut(_SHORT.repr(value), 100)
     except ValueError:  # Python writes no number of more than 4,300 digits
@@ -106,12 +106,12 @@ def short(value: object) -> str:
 
 
 def cut(text: str, most: int = 80) -> str:
-    """A text of at most so many characters, without its middle where it has more."""
+    """A text of at most ``most`` characters; a longer one loses its middle."""
     behind = max(0, most - 3) // 3
     return text if len(text) <= most else f"{text[: max(0, most - 3 - behind)]}...{text[len(text) - behind :]}"
 
 
 def meant(name: object, known: Iterable[object]) -> str:
-    """The known name that a misspelt one is like, as the end of a message; empty where none is."""
+    """``; did you mean ...`` with the known name nearest to a misspelt one, or an empty text."""
     close = get_close_matches(str(name)[:LONGEST], map(str, known), 1)
     return f"; did you mean {close[0]!r}?" if close else ""

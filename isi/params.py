@@ -1,4 +1,4 @@
-"""All of ``params.yaml`` and of ``beyond/params.yaml``: every section's own model, and what they must agree on."""
+"""All of ``params.yaml`` and of ``beyond/params.yaml``: the model of each section, and checks across sections."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class ExperimentOf(Section):
 
 
 class Plots(Section):
-    """Lines of ``dvc plots``."""
+    """``plots`` in params: which curves ``dvc plots`` shows."""
 
     initializers: list[Name]
 
@@ -101,12 +101,12 @@ class Params(Section):
 
     @property
     def studies(self) -> dict[str, Study]:
-        """The analyses beside the main pipeline, by section."""
+        """The studies beside the main pipeline, by section of params."""
         return {name: section for name, section in self if isinstance(section, Study)}
 
     @property
     def settings(self) -> list[Setting]:
-        """What cross-validation compares; first the choice, with which all other experiments train."""
+        """The settings that cross-validation compares; the first is the choice that all experiments train with."""
         rates = self.training.model_dump(include={"learning_rate", "weight_decay"})
         choice = Setting(dimension=self.embedding.dimension, ratio=self.negatives.ratio, **rates)
         return self.cross_validation.settings(choice)
@@ -130,7 +130,7 @@ def load(path: Path = paths.PARAMS) -> Params:
 
 
 def load_beyond(params: Params, path: Path | None = paths.BEYOND_PARAMS) -> Beyond:
-    """Read and check all of ``beyond/params.yaml``, also beside ``params.yaml``; empty where there is no file."""
+    """Read ``beyond/params.yaml`` and check it, alone and against ``params.yaml``; empty without the file."""
     if path is None or not path.exists():
         return Beyond()
     return _load(path, Beyond, lambda beyond: check_beyond(beyond, params))
@@ -148,7 +148,7 @@ def _load(path: Path, kind: type[S], agree: Callable[[S], None]) -> S:
 
 
 def check_params(params: Params) -> None:
-    """Check the sections beside each other and the code; InputError for a name, size or option that there is not."""
+    """Check sections against each other and the code; InputError for an unknown name, size or option."""
     if "joint" in params.initializers:
         raise InputError("", "initializers.joint", "is the name of the joint model")
     for key, listed, known in _listed_names(params):
@@ -177,7 +177,7 @@ def check_params(params: Params) -> None:
 
 
 def _listed_names(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable[str]]]:
-    """Key, names that stand there, and the names that there are."""
+    """For each key that lists names: the key, the names listed, and the names that exist."""
     known = params.initializers
     yield "plots.initializers", params.plots.initializers, known
     yield "embedding.model", [params.embedding.model], params.models
@@ -217,7 +217,7 @@ def _check_study(study: Study, params: Params, name: str) -> None:
 
 
 def check_beyond(beyond: Beyond, params: Params) -> None:
-    """Check the entries of ``beyond/params.yaml`` beside each other and beside ``params.yaml``, likewise."""
+    """Check the entries of ``beyond/params.yaml`` against each other and against ``params.yaml``."""
     for name, variant in beyond.variants.items():
         _check_names(variant.experiments, params.experiments, f"variants.{name}.experiments")
         _check_variant(variant, params, f"variants.{name}")

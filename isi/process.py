@@ -1,4 +1,4 @@
-"""How a command ends: none outlives the process that started it, and whatever ends it early is said in one line."""
+"""How processes end: no worker outlives its parent, and a command that ends early says why in one line."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
 def tie_to_parent(parent: int | None = None) -> None:
-    """End this process with the one that started it: by a signal on Linux, elsewhere by looking twice a second."""
+    """Have this process end when its parent does: by a signal on Linux, elsewhere by polling twice a second."""
     parent = parent or os.getppid()
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
@@ -42,7 +42,7 @@ def _watch(parent: int) -> None:
 
 
 def lives(process: str) -> bool:
-    """Whether there is another process of that id on this machine."""
+    """Whether another process with this id runs on this machine."""
     try:
         with suppress(PermissionError):  # someone else's
             os.kill(int(process), 0)
@@ -52,7 +52,7 @@ def lives(process: str) -> bool:
 
 
 def serve(parent: int) -> None:
-    """Make this process a worker: it ends with its parent, whom alone Ctrl-C concerns."""
+    """Make this process a worker: it ends with its parent and ignores Ctrl-C, which the parent handles."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     tie_to_parent(parent)
@@ -77,7 +77,7 @@ def stop_in_one_line(name: str, then: str = "run it again") -> None:
 
 
 class Parser(argparse.ArgumentParser):
-    """Answers mistakes in one line."""
+    """An argument parser whose errors take one line."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {cut(' '.join(message.split()), 200)}; see --help\n")
@@ -85,7 +85,7 @@ class Parser(argparse.ArgumentParser):
 
 @contextmanager
 def one_line(name: str, then: str = "run it again") -> Iterator[None]:
-    """End the process with one line on what its user did wrong, or what stands in the way; ``then``: after a signal."""
+    """End the process with one line instead of a traceback; ``then`` says how to go on after a signal."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names may be of letters that a terminal lacks
     before = {stopping: signal.getsignal(stopping) for stopping in STOPPING}

@@ -1,4 +1,4 @@
-"""How a stage of the pipelines runs: its arguments, its params, and a mistake as one line; which stage makes a file."""
+"""Runs a stage of the pipelines: arguments, params, errors in one line; finds the stage that makes a file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PIPELINES = {paths.PIPELINE: paths.PARAMS, paths.BEYOND_PIPELINE: paths.BEYOND_P
 
 @dataclass(frozen=True)
 class StageContext:
-    """What a stage works with: its name, which its tables bear, and the params of either pipeline."""
+    """What a stage works with: its name, which its tables carry, and the params of both pipelines."""
 
     stage: str
     params: Params
@@ -51,7 +51,7 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
 
 
 def context_of(name: str, names: Mapping[str, str]) -> StageContext:
-    """The context of a stage with its arguments; InputError where params hold a mistake, or lack an argument."""
+    """The context of a stage; InputError where params are wrong or do not list an argument."""
     from isi import params  # here: its classes are of all packages, of which a stage needs a few
 
     pipeline, entry = _entry(name)
@@ -67,7 +67,7 @@ def context_of(name: str, names: Mapping[str, str]) -> StageContext:
 
 
 class _StageParser(Parser):
-    """Its help has the choices of the arguments, and what the stage reads and writes."""
+    """A parser whose help lists the choices of each argument, and what the stage reads and writes."""
 
     def format_help(self) -> str:
         with suppress(InputError):
@@ -81,7 +81,7 @@ class _StageParser(Parser):
 
 
 def missing(path: Path) -> InputError:
-    """What to say of a file that a command reads and that is not there: which stage makes it."""
+    """An ``InputError`` for a file that is missing, with the stage that makes it."""
     with suppress(InputError):
         for name in () if path.is_absolute() else makers(path):
             return InputError(path, "", f"missing: run `dvc repro {name}`, which makes it")
@@ -89,7 +89,7 @@ def missing(path: Path) -> InputError:
 
 
 def makers(path: Path) -> Iterator[str]:
-    """The stages that write a file or a folder above it with the present params, as ``dvc repro`` names them."""
+    """The stages that write a file or a folder above it under the current params, as ``dvc repro`` names them."""
     for pipeline in filter(Path.exists, PIPELINES):
         values, before = _read(PIPELINES[pipeline]), "" if pipeline == paths.PIPELINE else f"{pipeline}:"
         for name, entry in _stages(pipeline).items():
@@ -102,7 +102,7 @@ def makers(path: Path) -> Iterator[str]:
 
 
 def _matrix(entry: Mapping[str, Any]) -> dict[str, str]:
-    """The key of params that each argument of a stage runs over."""
+    """The section of params whose keys each argument of a stage takes."""
     return {item: str(values).strip("${}") for item, values in (entry.get("matrix") or {}).items()}
 
 
@@ -112,7 +112,7 @@ def _outputs(entry: Mapping[str, Any]) -> list[str]:
 
 
 def _entry(name: str) -> tuple[Path, dict[str, Any]]:
-    """The pipeline that has a stage, and its entry there."""
+    """The pipeline file that has a stage, and the stage's entry in it."""
     for pipeline in PIPELINES:
         if name in _stages(pipeline):
             return pipeline, _stages(pipeline)[name]
@@ -127,7 +127,7 @@ def _stages(pipeline: Path) -> dict[str, Any]:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """What a file holds by now, parsed once, since parsing takes long."""
+    """The parsed content of a file; cached, since parsing is slow."""
     stat = path.stat() if path.exists() else None
     return _parsed(path.absolute(), path, stat and (stat.st_mtime_ns, stat.st_size))
 

@@ -1,1 +1,1 @@
-"""What is measured beside the main grid of insertions."""
+"""Analyses beside the main grid of insertions."""

@@ -1,4 +1,4 @@
-"""Fine-tuning under other settings: other sizes of the indicator set, other rates, and with nothing inserted."""
+"""Fine-tuning with other indicator set sizes, other rates, and without insertion."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SCOPE = "known_closed"
 
 
 class Sweep(Study):
-    """``sweep`` in params: which sizes of indicator sets are tried, by which initializers, on which grid points."""
+    """``sweep`` in params: indicator set sizes, and the initializers and grid points they are tried with."""
 
     initializers: Annotated[dict[Name, dict[str, Option]], Field(min_length=1)]  #: with their options beside k
     k: Annotated[list[Count], Field(min_length=1), EachOnce, must(lambda k: sorted(k) == k, "values that ascend")]
@@ -50,7 +50,7 @@ class RateSweep(Study):
 def finetune_only(
     points: GridPoints, theta0: Embedding, root: int, negatives: Negatives, optimizer: Optimizer
 ) -> pd.DataFrame:
-    """Measures of earlier knowledge before Θ⁰ is trained on with its D⁰, and after every epoch (``FINETUNE_ONLY``)."""
+    """Fine-tune Θ⁰ on its own D⁰ and measure it before training and after every epoch (``FINETUNE_ONLY``)."""
     queries = {SCOPE: epoch_query_sets(points.session(1), points.novel_in(1))[SCOPE]}
     watch = ConvergenceWatch(queries, {}, full_curves=True)
     data = training_data(points.session(0), "fine-tuning", points.keys(), negatives.head_pool)

@@ -1,4 +1,4 @@
-"""Entities that are hidden from an embedding that another trainer makes: which, their insert triples, their queries."""
+"""Entities hidden from an embedding of another trainer: their draw, insert triples and queries."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ HIDDEN_ENTITIES = Table(
 
 
 def seconds_path(graph: str) -> Path:
-    """Where the seconds of each method lie, beside ``HIDDEN_ENTITIES``."""
+    """Path of the seconds that each method took, beside ``HIDDEN_ENTITIES``."""
     return HIDDEN_ENTITIES.path(graph=graph).with_suffix(".seconds.json")
 
 
 class HiddenTraining(Section):
-    """How PyKEEN trains."""
+    """``training`` of an entry of ``hidden``: how PyKEEN trains."""
 
     dimension: Count
     batch_size: Count
@@ -72,7 +72,7 @@ class Hidden(Section):
 
 @dataclass(frozen=True)
 class HiddenSplit:
-    """A graph whose ids are dealt anew, known entities before hidden ones; triples are of shape (…, 3)."""
+    """A graph renumbered with known entities before hidden ones; triples have shape (…, 3)."""
 
     order: np.ndarray  #: of known and hidden entities, in the graph's own ids; shape (E,)
     known: int
@@ -83,12 +83,12 @@ class HiddenSplit:
     true: np.ndarray  #: all of the graph
 
     def insert_triples(self, number: int | None) -> np.ndarray:
-        """The first so many triples of each hidden entity, or all; shape (I', 3)."""
+        """The first ``most`` insert triples of each hidden entity, null: all; shape (I', 3)."""
         return self.rest if number is None else self.rest[self.place < number]
 
 
 def hide(triples: np.ndarray, entities: int, settings: Hidden, key: str, root: int, seed: int) -> HiddenSplit:
-    """Draw entities to hide in triples, (T, 3): each keeps enough with a known end, all else keeps one."""
+    """Draw hidden entities; each has enough triples, (T, 3), to known ones, and others keep at least one."""
     rng, hidden = stream(root, "hidden from another trainer", seed), np.zeros(entities, dtype=bool)
     for entity in rng.permutation(entities):
         hidden[entity] = True

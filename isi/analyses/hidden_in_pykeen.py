@@ -1,4 +1,4 @@
-"""Hidden entities in a model that PyKEEN has trained: put there by ``isi.pykeen.insert``, and by PyKEEN's own means."""
+"""Hidden entities inserted into PyKEEN's models, by ``isi.pykeen.insert`` and by PyKEEN's own means."""
 
 from __future__ import annotations
 
@@ -89,10 +89,10 @@ class Case:
         self, insert_triples: np.ndarray, initializer: str | None = None, pykeen_rows: bool = False,
         then: Literal["new_rows", "all_rows", "retrain"] | None = None,
     ) -> tuple[Model, Inserted | None]:  # fmt: skip
-        """The model with the hidden entities in it, and, if that began with an initializer, what was inserted.
+        """The model with the hidden entities, and the result of the insertion if there was one.
 
-        Rows begin by an initializer of ``isi.pykeen.insert``, null for its default, or as PyKEEN itself begins rows;
-        ``then`` the new rows are trained, or all rows; or else a model of all triples is trained from nothing.
+        New rows start by an initializer of ``isi.pykeen.insert``, null: its default, or by PyKEEN's own;
+        ``then`` trains the new rows or all rows; or a model of all triples is trained from scratch.
         """
         known, training = self.train.num_entities, self.settings.training
         triples = np.concatenate([self.train.mapped_triples.numpy(), insert_triples])
@@ -120,7 +120,7 @@ class Case:
 
 
 def factory_of(triples: np.ndarray, entities: Sequence[str], relations: Sequence[str]) -> TriplesFactory:
-    """Triples of entities and relations that are numbered as they are listed."""
+    """PyKEEN's ``TriplesFactory`` for labels in the order of their ids."""
     entity_ids, relation_ids = ({name: row for row, name in enumerate(names)} for names in (entities, relations))
     return TriplesFactory(torch.from_numpy(triples), entity_ids, relation_ids)
 
@@ -131,7 +131,7 @@ def untrained(factory: TriplesFactory, settings: HiddenTraining, seed: int) -> M
 
 
 def trained(factory: TriplesFactory, valid: TriplesFactory, settings: HiddenTraining, seed: int) -> Model:
-    """A model as it was when it answered validation triples best."""
+    """Train a model with early stopping on the validation triples."""
     model = untrained(factory, settings, seed)
     with TemporaryDirectory() as folder:
         stopper = EarlyStopper(
@@ -143,7 +143,7 @@ def trained(factory: TriplesFactory, valid: TriplesFactory, settings: HiddenTrai
 
 
 def fit(model: Model, factory: TriplesFactory, settings: HiddenTraining, epochs: int, **more: Any) -> None:
-    """PyKEEN's training against wrong triples, with an optimizer that lets it go on where a model is trained."""
+    """Train with PyKEEN's negative sampling; the optimizer lets a trained model go on."""
     SLCWATrainingLoop(
         model=model, triples_factory=factory, optimizer=warm(Adam(model.parameters(), lr=settings.learning_rate)),
         negative_sampler_kwargs={"num_negs_per_pos": settings.negatives},
@@ -151,7 +151,7 @@ def fit(model: Model, factory: TriplesFactory, settings: HiddenTraining, epochs:
 
 
 def measured(model: Model, split: HiddenSplit, valid: np.ndarray) -> Iterator[dict[str, Any]]:
-    """How right answers rank among all entities, minus other true answers; ties are halved."""
+    """Filtered ranks of the true answers; a tie counts half."""
     by_head = split.queries[:, HEAD] >= split.known
     of_heads, of_tails, true = split.queries[by_head], split.queries[~by_head], torch.from_numpy(split.true)
     queries: dict[str, list[tuple[Slot, np.ndarray]]] = {

@@ -1,4 +1,4 @@
-"""Joint models trained otherwise: with other settings, by other scoring functions, on all triples of a graph."""
+"""Joint models with other settings or scoring functions, and the final model of a whole graph."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ MODEL_COMPARISON = Table(
 
 
 class Setting(Section):
-    """What cross-validation compares."""
+    """A setting that cross-validation compares."""
 
     dimension: Count
     ratio: Count
@@ -57,7 +57,7 @@ class Setting(Section):
 
 
 class CrossValidation(Study):
-    """``cross_validation`` in params: the values that each factor takes beside the choice."""
+    """``cross_validation`` in params: for each factor, the values to compare with the choice."""
 
     folds: Annotated[int, Field(ge=2)]
     dimension: list[Count]
@@ -66,7 +66,7 @@ class CrossValidation(Study):
     weight_decay: list[NotNegative]
 
     def settings(self, choice: Setting) -> list[Setting]:
-        """The choice, then the choice with one factor at a time changed to each value listed."""
+        """The choice, then the choice with one factor changed, for each factor and listed value."""
         changes = [{factor: value} for factor in Setting.model_fields for value in getattr(self, factor)]
         return list(dict.fromkeys([choice, *(choice.model_copy(update=change) for change in changes)]))
 
@@ -87,7 +87,7 @@ class ModelComparison(Study):
 
 
 def fold_points(experiment: str, graph: Graph, root: int, number: int, stack: int) -> list[GridPoints]:
-    """The folds in stacks, each held out once, with its number as seed; an ``InputError`` where one would be empty."""
+    """Stacks of folds: each is the validation set of the model with its number as seed; InputError if one is empty."""
     splits = folds(graph, root, number)
     if not (splits == VALID).any(1).all():
         expected = "expected no more folds than triples that may leave train (some must stay, for every entity)"
@@ -97,14 +97,14 @@ def fold_points(experiment: str, graph: Graph, root: int, number: int, stack: in
 
 
 def changed_config(choice: TrainConfig, setting: Setting) -> TrainConfig:
-    """The choice with another setting."""
+    """The training configuration of a setting."""
     negatives = choice.negatives.model_copy(update=setting.model_dump(include={"ratio"}))
     training = choice.training.model_copy(update=setting.model_dump(include={"learning_rate", "weight_decay"}))
     return replace(choice, dimension=setting.dimension, negatives=negatives, training=training)
 
 
 def best_validations(trained: TrainResult, setting: Setting) -> pd.DataFrame:
-    """The best validation on each held-out fold (``CROSS_VALIDATION``)."""
+    """The best validation measures on each fold (``CROSS_VALIDATION``)."""
     best = trained.log[trained.log["kept"]].groupby("seed").last().rename_axis("fold").reset_index()
     return best.assign(**setting.model_dump())
 
@@ -127,12 +127,12 @@ def usual_epochs(log: pd.DataFrame) -> int:
 
 
 def whole_graph(experiment: str, graph: Graph) -> GridPoints:
-    """A graph of which all trains; random streams are those of the joint model of seed 0."""
+    """A grid point with all triples in train and the random streams of the joint model of seed 0."""
     splits = np.full((1, len(graph.triples)), TRAIN, dtype=np.int8)
     return GridPoints.without_insertion(experiment, graph, [0], splits)
 
 
 def train_final(points: GridPoints, config: TrainConfig, epochs: int) -> Embedding:
-    """The embedding of all triples of a graph after a number of epochs, to insert into: nothing stops it earlier."""
+    """The final model: trained on all triples of a graph for a fixed number of epochs."""
     optimizer = config.training.model_copy(update={"max_epochs": epochs})
     return train(*training_start(points, config), config.negatives, optimizer, config.root)

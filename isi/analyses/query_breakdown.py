@@ -1,4 +1,4 @@
-"""What models answer right after insertion: by relation, hidden slot and novel end of the query, and as Table 3."""
+"""Measures right after insertion, broken down by relation, hidden slot and novel end; and answers of Table 3."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ GROUP = ["place", "relation", "hidden", "novel"]
 def breakdown_table(template: str, by: Mapping[str, pa.DataType] | None = None) -> Table:
     """Means of MRR* and MRR over queries, grouped by what is given and what is hidden.
 
-    ``filter``: ``learned``, the scope's own, or ``true``, all true triples. ``hidden``: the slot that is predicted.
+    ``filter``: ``learned``, that of the scope, or ``true``, all true triples. ``hidden``: the slot that is predicted.
     ``novel``: where a novel entity is. ``observations``: of the relation in D¹, its weight in equation 7.
     """
     return Table(
@@ -72,7 +72,7 @@ AFFORDANCES = Table(
 
 
 class Affordances(Study):
-    """``affordances`` in params: of which experiment, by which relation, and whose the table shows."""
+    """``affordances`` in params: the experiment and relation, and the entities that the table shows."""
 
     relation: str
     entities: Annotated[list[str], Field(min_length=1), EachOnce]
@@ -81,7 +81,7 @@ class Affordances(Study):
 def break_down(
     points: GridPoints, theta0: Embedding, joint: Embedding, inserted: Mapping[str, np.ndarray]
 ) -> pd.DataFrame:
-    """Means over groups of queries (``QUERY_BREAKDOWN``), by inserted vectors, (M, n, d), and by the joint model."""
+    """Means of groups of queries (``QUERY_BREAKDOWN``), with inserted vectors, (M, n, d), and for the joint model."""
     session, novel, groups = points.session(1), points.novel_in(1), list[pd.DataFrame]()
     is_novel = membership(novel, len(points.graph.entities))
     models = {name: with_vectors(theta0, novel, torch.as_tensor(rows)) for name, rows in inserted.items()}
@@ -103,7 +103,7 @@ def break_down(
 
 
 def query_sets_with_filters(points: GridPoints) -> list[dict[tuple[str, str], Queries]]:
-    """Scopes all, novel_heldout and novel of the first session with either filter; those of one mapping share rows."""
+    """Scopes all, novel_heldout and novel of session 1 with both filters; query sets of one mapping share rows."""
     session, novel = points.session(1), points.novel_in(1)
     epochs, true = epoch_query_sets(session, novel), session.members(TRAIN, VALID, TEST)
     heldout = {name: epochs[name] for name in ("all", "novel_heldout")}
@@ -116,7 +116,7 @@ def query_sets_with_filters(points: GridPoints) -> list[dict[tuple[str, str], Qu
 
 
 def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
-    """A row for each query: place in the stack, relation, what is hidden, terms; ``is_novel``: (M, E), bool."""
+    """A row for each query: model, relation, hidden slot, and its terms of the means; ``is_novel``: (M, E), bool."""
     (heads, relation, tails), (by_head, by_relation, by_tail) = ranked.rows.ids, ranked.slots
     head, tail = (is_novel.gather(1, ends).long() for ends in (heads, tails))
     model, query = (ranked.rows.relation_weight > 0).nonzero(as_tuple=True)  # but for padding
@@ -137,7 +137,7 @@ def query_terms(ranked: RankedQueries, is_novel: Tensor) -> pd.DataFrame:
 
 
 def used_coordinates(model: Model, relation: Tensor, seeds: Sequence[int], names: Sequence[str]) -> pd.DataFrame:
-    """Coordinates that the relations, (M, R, w), of joint models use (``USED_COORDINATES``); none without blocks."""
+    """How many coordinates each relation, (M, R, w), uses (``USED_COORDINATES``); empty for models without blocks."""
     parts, by = [], pd.MultiIndex.from_product([seeds, [*names, None]], names=["seed", "relation"])
     for part, magnitude in model.magnitudes(relation).items() if isinstance(model, BlockModel) else ():
         uses = magnitude > USED  # (M, R, parts)
@@ -149,7 +149,7 @@ def used_coordinates(model: Model, relation: Tensor, seeds: Sequence[int], names
 def rank_answers(
     points: GridPoints, theta0: Embedding, initializer: str, vectors: np.ndarray, relation: int
 ) -> pd.DataFrame:
-    """Ranks of the entities of D¹ as answers for each novel one, by inserted vectors, (M, n, d) (``AFFORDANCES``)."""
+    """Ranks of all entities of D¹ as answers about each novel one with vectors (M, n, d) (``AFFORDANCES``)."""
     session, novel = points.session(1), points.novel_in(1)
     embedding = with_vectors(theta0, novel, torch.as_tensor(vectors))
     scores = embedding.score_tails(novel, torch.full_like(novel, relation))
@@ -160,6 +160,6 @@ def rank_answers(
 
 
 def ranks_of(scores: Tensor, candidates: Tensor) -> Tensor:
-    """Rank of each candidate in its row, from 1, ties to the lower id; 0 for who is none; shapes (..., E)."""
+    """Rank of each candidate in its row, from 1; ties go to the lower id; 0 for other entities; shapes (..., E)."""
     order = scores.masked_fill(~candidates, -torch.inf).sort(dim=-1, descending=True, stable=True).indices
     return (order.argsort(-1) + 1) * candidates

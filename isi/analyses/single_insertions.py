@@ -1,4 +1,4 @@
-"""Single insertions: the trajectory of one entity (Figure 1); indicators, place and answers of each entity."""
+"""Single insertions: the trajectory of one entity (Figure 1); indicators, position and answers of each entity."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ TABLES = {
 
 
 class Trajectories(Study):
-    """``trajectory`` in params: which set is followed, and for how long."""
+    """``trajectory`` in params: which novel set is traced, and for how many epochs."""
 
     size: Count
     seed: Seed
@@ -101,7 +101,7 @@ class ExplorerParams(Study):
 def trace_trajectory(
     points: GridPoints, theta: Embedding, words: np.ndarray, config: InsertConfig, place: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors of a novel entity before training and after each epoch, (epochs + 1, d), and its indicators, (E,)."""
+    """The vector of a novel entity before training and after each epoch, (epochs + 1, d), and its indicators, (E,)."""
     novel, initial, path = points.novel_in(1), initialize(points, theta, words, config), list[Tensor]()
 
     def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
@@ -117,7 +117,7 @@ def trace_trajectory(
 def place_of_interest(
     points: GridPoints, theta0: Embedding, words: np.ndarray, kinds: pd.Series, kind: str
 ) -> int | None:
-    """Place of the first novel entity of a kind that has a word vector and insert triples, if there is one."""
+    """Place in the set of the first novel entity of a kind with a word vector and insert triples; null if none has."""
     context = init_context(points, theta0, words, 0)
     able = (similarity.has_words(context) & similarity.has_insert_triples(context))[0].numpy()
     places = np.flatnonzero(able & (kinds.astype(str)[points.novel[0, 0]] == kind).to_numpy())
@@ -126,7 +126,7 @@ def place_of_interest(
 
 @dataclass(frozen=True)
 class Plane:
-    """The two axes on which vectors vary most."""
+    """The two principal axes of vectors."""
 
     centre: Tensor  #: shape: (d,)
     axes: Tensor  #: shape: (2, d)
@@ -134,7 +134,7 @@ class Plane:
 
     @classmethod
     def of(cls, vectors: Tensor) -> Plane:
-        """The two principal axes of vectors, (N, d), whose largest coordinates are positive."""
+        """The principal plane of vectors, (N, d); the largest coordinate of each axis is positive."""
         vectors = vectors.double()
         centre = vectors.mean(0)
         _, lengths, axes = torch.linalg.svd(vectors - centre, full_matrices=False)
@@ -142,12 +142,12 @@ class Plane:
         return cls(centre, axes[:2] * largest.sign(), float(lengths[:2].square().sum() / lengths.square().sum()))
 
     def project(self, vectors: Tensor) -> Tensor:
-        """Where vectors, (..., d), lie on the plane; shape (..., 2)."""
+        """Project vectors, (..., d), onto the plane; shape (..., 2)."""
         return (vectors.double() - self.centre) @ self.axes.T
 
 
 def turn(vectors: Tensor, onto: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
-    """Vectors, (M, E, d), brought onto others by Procrustes over the known; the share of variance explained, (M,)."""
+    """Rotate vectors, (M, E, d), onto a target by Procrustes over known entities; and the explained variance, (M,)."""
     moved, shares = [], []
     for model, target, mask in zip(vectors.double(), onto.double(), known, strict=True):
         centre, target_centre = model[mask].mean(0), target[mask].mean(0)
@@ -161,7 +161,7 @@ def turn(vectors: Tensor, onto: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
 
 @dataclass(frozen=True)
 class ShownEntities:
-    """The novel entities of a stack that are shown: their model, place in ``novel``, and id; shapes (K,)."""
+    """The novel entities that the explorer shows: model, place in ``novel`` and id; shapes (K,)."""
 
     model: Tensor
     place: Tensor
@@ -170,7 +170,7 @@ class ShownEntities:
 
     @classmethod
     def of(cls, points: GridPoints, seeds: Mapping[int, int]) -> ShownEntities:
-        """Those of the first session; ``seeds``: in which each entity is shown."""
+        """The shown entities of session 1; ``seeds``: the seed in which each entity is shown."""
         novel = points.novel_in(1)
         shown = torch.tensor([[seeds[entity] == seed for entity in row]
                               for row, seed in zip(novel.tolist(), points.seeds, strict=True)])  # fmt: skip
@@ -179,12 +179,12 @@ class ShownEntities:
         return cls(model, place, entity, {"entity": entity.cpu().numpy(), "seed": seed})
 
     def pick(self, values: Tensor) -> Tensor:
-        """Values of novel entities, (M, n, ...), of those alone; shape (K, ...)."""
+        """Values of novel entities, (M, n, ...), restricted to these; shape (K, ...)."""
         return values[self.model, self.place]
 
 
 def first_seeds(novel: pd.DataFrame, size: int) -> dict[int, int]:
-    """The first seed in which the first session of a size inserts each entity (``NOVEL``)."""
+    """For each entity, the first seed whose session 1 inserts it at this size (``NOVEL``)."""
     rows = novel[(novel["size"] == size) & (novel["session"] == 1)].sort_values("seed", kind="stable")
     firsts = rows.drop_duplicates("entity")
     return dict(zip(firsts["entity"].tolist(), firsts["seed"].tolist(), strict=True))
@@ -194,7 +194,7 @@ def single_insertions(
     points: GridPoints, theta: Embedding, joint: Embedding, words: np.ndarray, configs: Sequence[InsertConfig],
     seeds: Mapping[int, int], settings: ExplorerParams,
 ) -> dict[str, pd.DataFrame]:  # fmt: skip
-    """Indicators, places and answers of novel entities, by each initializer (``TABLES``), each by its seed."""
+    """Indicators, positions and answers of the shown entities, for each initializer (``TABLES``)."""
     shown, known = ShownEntities.of(points, seeds), points.session(0).entities
     planes = [Plane.of(vectors[mask]) for vectors, mask in zip(theta.entity, known, strict=True)]
     turned, fitted = turn(joint.entity, theta.entity, known)
@@ -231,7 +231,7 @@ def single_insertions(
 
 
 def indicator_rows(context: InitContext, initial: InitResult, weights: Tensor, shown: ShownEntities) -> pd.DataFrame:
-    """Every entity that has a weight in the centre of a vector; weights of shape (M, n, E)."""
+    """A row for each indicator with a weight; weights of shape (M, n, E)."""
     k, indicator = (shown.pick(weights) > 0).nonzero(as_tuple=True)
     worded = similarity.has_words(context)[..., None] & similarity.word_eligible(context)
     observed = similarity.has_insert_triples(context)[..., None]
@@ -248,7 +248,7 @@ def indicator_rows(context: InitContext, initial: InitResult, weights: Tensor, s
 
 
 def known_places(points: GridPoints, shown: ShownEntities, entity: Tensor, planes: Sequence[Plane]) -> pd.DataFrame:
-    """Where Θ⁰ has the known entities of each seed in which one is shown (``SINGLE_PLACES``)."""
+    """Positions of the known entities in Θ⁰ of each seed that is shown (``SINGLE_PLACES``)."""
     known, parts = points.session(0).entities, []
     for model in sorted(set(shown.model.tolist())):
         x, y = planes[model].project(entity[model, known[model]]).T.cpu().numpy()
@@ -258,7 +258,7 @@ def known_places(points: GridPoints, shown: ShownEntities, entity: Tensor, plane
 
 
 def queries_of(points: GridPoints, shown: ShownEntities) -> tuple[Tensor, Tensor]:
-    """Which ends of relations entities of a kind are known to have, (K, R, 2), and what answers are, (K, R, 2, E)."""
+    """The queries that known entities of the kind answer, (K, R, 2), and their candidate answers, (K, R, 2, E)."""
     graph, session = points.graph, points.session(1)
     code = torch.where(session.splits == TRAIN, torch.where(points.insert_mask(1), TOLD, LEARNED), HELD_OUT)
     code = code.masked_fill(session.splits == OUT, 0).to(torch.int8)
@@ -276,7 +276,7 @@ def queries_of(points: GridPoints, shown: ShownEntities) -> tuple[Tensor, Tensor
 def first_answers(
     embedding: Embedding, points: GridPoints, shown: ShownEntities, queried: Tensor, truth: Tensor, first: int
 ) -> pd.DataFrame:
-    """The first answers to queries (see ``queries_of``) and the true ones, in order; equal scores by id."""
+    """The best answers to queries (see ``queries_of``) and the true ones, by rank; ties by id."""
     novel, pick = points.novel_in(1), shown.pick
     scores = torch.stack([
         torch.stack([pick(embedding.score_tails(novel, relation)), pick(embedding.score_heads(relation, novel))], 1)

@@ -1,4 +1,4 @@
-"""An experiment again under other conditions: other params, words, fewer insert triples, or a graph of its own."""
+"""Variants of an experiment: other params, other words, fewer insert triples, or another graph."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Variant(Section):
     trained: bool = False  #: whether Θ⁰ and the joint model are its own even where no change asks for it
 
     def changes_one_of(self, *sections: str) -> bool:
-        """Whether it changes a section of params."""
+        """Whether the variant changes one of these sections of params."""
         return any(key.partition(".")[0] in sections for key in self.changes)
 
 
@@ -84,7 +84,7 @@ class GraphExperiment(Section):
     changes: Changes
 
     def variant(self, name: str) -> Variant:
-        """How it is run: like a variant that trains all that it needs."""
+        """The variant that runs this experiment and trains all it needs."""
         return Variant(
             title=self.title, group="graphs", experiments=[name], initializers=self.initializers,
             size=self.sessions.sizes[0], seeds=self.sessions.seeds, options={}, changes=self.changes, trained=True,
@@ -92,7 +92,7 @@ class GraphExperiment(Section):
 
 
 def changed(params: Params, changes: Mapping[str, Any]) -> Params:
-    """The params with other values at dotted keys; an ``InputError`` where one cannot be changed or does not fit."""
+    """Params with changed values at dotted keys; ``InputError`` where a key may not change or a value does not fit."""
     for key, value in changes.items():
         name, _, within = key.partition(".")
         if name not in CHANGEABLE or not within:
@@ -111,7 +111,7 @@ def changed(params: Params, changes: Mapping[str, Any]) -> Params:
 
 
 def results(params: Params, variant: Variant, stores: Sequence[Store], name: str) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs of a variant, and what its models answer immediately; the params have the variant's changes."""
+    """Runs of a variant, and its query breakdown right after insertion; ``params`` have the variant's changes."""
     parts = [
         [frame.assign(experiment=store.experiment) for frame in frames]
         for store in stores
@@ -129,7 +129,7 @@ VariantTask = tuple[GridPoints, Models | TrainConfig, np.ndarray, Mapping[str, I
 
 
 def tasks(params: Params, variant: Variant, store: Store) -> list[VariantTask]:
-    """A variant of one experiment, over its grid."""
+    """The tasks of a variant over the grid of one experiment."""
     model, configs, phrases = model_of(params), dict[str, InsertConfig](), list(store.entities()["phrase"])
     own_words = variant.changes_one_of("words")
     words = look_up(load_vectors(params.words), phrases).vectors if own_words else store.words()
@@ -146,7 +146,7 @@ def tasks(params: Params, variant: Variant, store: Store) -> list[VariantTask]:
 
 
 def run_variant(*task: *VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Runs of every model at grid points, and what it answers right after insertion, whatever an initializer sees."""
+    """Runs of all initializers and the joint model at grid points, and their breakdown of queries."""
     points, start, words, configs, most = task
     theta0, joint = train_models(points, start) if isinstance(start, TrainConfig) else start
     measured = evaluate_stack(points, joint)
@@ -167,7 +167,7 @@ def train_models(points: GridPoints, config: TrainConfig) -> Models:
 
 
 def at_most(points: GridPoints, most: int | None, root: int) -> np.ndarray:
-    """At most so many insert triples of each novel entity, drawn at random; the fewer are part of the more; (I, 4)."""
+    """At most ``most`` random insert triples of each novel entity; smaller sets are subsets of larger ones; (I, 4)."""
     triples = points.insert_triples
     if most is None or not len(triples):
         return triples

@@ -19,14 +19,14 @@ CONVERGING = ("all", "novel_heldout")
 
 
 def validation(session: Session) -> dict[str, Queries]:
-    """Query set valid, of early stopping: the validation triples, with train and valid as filter."""
+    """Query set ``valid`` of early stopping: the validation triples, filtered by train and valid."""
     valid = session.members(VALID)
     queries = make_queries(session, padded_ids(valid), valid, session.members(TRAIN, VALID), session.entities)
     return {"valid": queries}
 
 
 def epoch_query_sets(session: Session, novel: Tensor) -> dict[str, Queries]:
-    """Query sets of a session, D¹, that are measured through training; ``novel`` are ids of shape (M, n)."""
+    """Query sets of a session, D¹, that are measured at every epoch; ``novel`` are ids of shape (M, n)."""
     is_novel = membership(novel, session.entities.shape[1])
     new = touches(session.graph, is_novel)
     test, heldout = session.members(TEST), session.members(VALID, TEST) & new
@@ -41,12 +41,12 @@ def epoch_query_sets(session: Session, novel: Tensor) -> dict[str, Queries]:
 
 
 def novel_query_set(session: Session, novel: Tensor, inserted: Tensor) -> dict[str, Queries]:
-    """Query set novel of D¹, right after insertion: triples with a novel entity, (M, n), minus those inserted."""
+    """Query set ``novel`` right after insertion: triples of D¹ with a novel entity, (M, n), minus insert triples."""
     return {"novel": _at_insertion(session, novel, novel, inserted)}
 
 
 def entity_query_sets(session: Session, novel: Tensor, inserted: Tensor) -> list[Queries]:
-    """The queries of query set novel that touch one novel entity: one stack for each place in ``novel``."""
+    """Query set ``novel`` by entity: the queries about one novel entity, for each place in ``novel``."""
     return [_at_insertion(session, novel, of, inserted) for of in torch.split(novel, 1, 1)]
 
 

@@ -30,7 +30,7 @@ K = TypeVar("K")
 
 @dataclass(frozen=True)
 class Competitors:
-    """Candidates that compete with the answers of queries that hide one slot: all minus some known answers."""
+    """The candidates of queries that hide one slot: all entities (or relations), minus other known answers."""
 
     candidates: Tensor  #: shape: (M, C), float32 of 0 and 1
     answer: Tensor  #: ids; shape: (M, Q)
@@ -42,7 +42,7 @@ class Competitors:
 
 @dataclass(frozen=True)
 class QueryRows:
-    """Triples of which each slot is hidden, with all that does not depend on scores; weight zero is padding."""
+    """Queried triples with what does not depend on scores; each slot is hidden in turn; weight zero is padding."""
 
     slots: tuple[Competitors, Competitors, Competitors]  #: of the queries (?, r, t), (h, ?, t) and (h, r, ?)
     entity_weight: Tensor  #: share of head queries, then of tail queries, in ``mrr_star_entity``; shape: (M, 2Q)
@@ -85,7 +85,7 @@ class RankedQueries:
 
 @dataclass(frozen=True)
 class Result:
-    """Measures of a stack; NaN where a model has no queries."""
+    """Measures of each model of a stack; NaN where it has no queries."""
 
     measures: Tensor  #: in the order of ``MEASURES``; shape: (M, 4), float64
     queries: Tensor  #: queried triples; shape: (M,)
@@ -93,7 +93,7 @@ class Result:
 
 
 def measure_rows(results: Mapping[str, Result], epoch: int = 0, models: Tensor | None = None) -> pd.DataFrame:
-    """Measures by query set as rows, with the place of each model in the whole stack (of all, where it is null)."""
+    """A row of measures for each query set and model; ``models`` are their places in the stack, null: all."""
     parts = []
     for scope, result in results.items():
         columns = dict(zip(MEASURES, result.measures.T.cpu().numpy(), strict=True))
@@ -117,7 +117,7 @@ def make_queries(session: Session, triples: Tensor, queried: Tensor, filtered: T
 
 
 def _pieces(queries: Queries) -> tuple[Tensor, ...]:
-    """The triples in pieces whose score matrices of heads and tails, (M, Q, E) each, fit into ``BUDGET``."""
+    """The triples in pieces, such that the scores of heads and of tails, (M, Q, E) each, fit into ``BUDGET``."""
     models, entities = queries.candidates.shape
     return torch.split(queries.triples, max(1, BUDGET // (2 * models * entities)), 1)
 
@@ -152,18 +152,18 @@ def _competitors(queries: Queries, triple: Tensor, slot: int, candidates: Tensor
 
 
 def observations(session: Session) -> Tensor:
-    """Observations of each relation in a session, its weight in equation 7; shape (M, R), int64."""
+    """Number of observations of each relation in a session: its weight in equation 7; shape (M, R), int64."""
     return by_relation(session.graph, (session.splits >= 0) * session.graph.counts)
 
 
 def by_relation(graph: Graph, values: Tensor) -> Tensor:
-    """Sums by relation of values of unique triples, (M, T); shape (M, R), int64."""
+    """Sum values of unique triples, (M, T), by relation; shape (M, R), int64."""
     totals = torch.zeros(len(values), len(graph.relations), dtype=torch.int64)
     return totals.index_add_(1, graph.triples[:, RELATION], values.long())
 
 
 def compare(scores: Tensor, answer: Tensor) -> Tensor:
-    """By candidate: 1 where it scores above the answer, ½ where they are tied, else 0; shape (M, Q, C).
+    """For each candidate: 1 if it scores above the answer, ½ if tied, else 0; shape (M, Q, C).
 
     ``answer`` is the index of each answer in its row of scores; shapes (M, Q), (M, Q, C).
     """
@@ -198,7 +198,7 @@ def rank_queries(embedding: Embedding, query_sets: Mapping[K, Queries]) -> Itera
 
 
 def _ranks(ahead: Tensor, competitors: Competitors) -> Ranks:
-    """Ranks of answers by which candidates are ahead (see ``compare``): sums of halves, which are exact."""
+    """Ranks of the answers from ``compare``; sums of halves are exact in floating point."""
     known, everyone = ahead.gather(-1, competitors.known), competitors.candidates[..., None]
     total, all_tied = (ahead @ everyone)[..., 0], ((ahead == 0.5).float() @ everyone)[..., 0]
     predicted_rank = 1 + total - (known * competitors.excluded_or_equal).sum(-1)
@@ -208,7 +208,7 @@ def _ranks(ahead: Tensor, competitors: Competitors) -> Ranks:
 
 
 def _measure(ranked: RankedQueries) -> tuple[Tensor, Tensor]:
-    """Share of queries in the measures, (M, 4), and ties, (M,), summed in order: padding by zeros changes no bit."""
+    """What a piece adds to the measures, (M, 4), and ties, (M,); summed in order, so padding changes no bit."""
     (head, relation, tail), star, plain = ranked.slots, [], []
     ties = torch.zeros(len(head.rank))
     for weight, slots in ((ranked.rows.entity_weight, (head, tail)), (ranked.rows.relation_weight, (relation,))):

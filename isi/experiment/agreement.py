@@ -1,4 +1,4 @@
-"""What the tables and tensors of one experiment must agree on: ids, splits, novel entities, insert triples, shapes."""
+"""Checks across the files of an experiment: ids, splits, novel entities, insert triples, shapes of tensors."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ ENDS = [0, 2]
 
 
 def ids_below(path: Path, table: pd.DataFrame, column: str, number: int, of: str) -> None:
-    """Ids are those of the graph."""
+    """Check that ids exist in the graph."""
     refuse(path, table, table[column].to_numpy() >= number, [column], f"expected ids below {number}, the {of}")
 
 
 def rows_are_entities(path: Path, table: pd.DataFrame, entities: pd.DataFrame) -> None:
-    """A table about entities has them in the graph's order."""
+    """Check that a table lists the entities in the graph's order."""
     if len(table) != len(entities):
         raise InputError(path, "", f"expected {len(entities)} rows, the entities of the graph, got {len(table)}")
     differs = table["entity"].to_numpy(str) != entities["entity"].to_numpy(str)
@@ -32,9 +32,9 @@ def rows_are_entities(path: Path, table: pd.DataFrame, entities: pd.DataFrame) -
 def splits_are_whole(
     path: Path, splits: Mapping[int, np.ndarray], graph: Graph, sources: np.ndarray, novel: pd.DataFrame
 ) -> None:
-    """Every triple has a split, but those of added entities that a seed does not draw.
+    """Check that every triple has a split, except those of added entities that a seed does not draw.
 
-    Each split has triples, and train has every entity and relation.
+    Also that each split has triples, and train every entity and relation.
     """
     triples = graph.triples.numpy()
     for seed, split in splits.items():
@@ -55,7 +55,7 @@ def splits_are_whole(
 
 
 def novel_sets_are_whole(path: Path, novel: pd.DataFrame, seeds: Sequence[int]) -> None:
-    """Every session has as many entities as its size; each size has the same seeds, which have splits, and sessions."""
+    """Check that each session has ``size`` entities, and that all sizes have the same seeds and sessions."""
     if novel.empty:
         raise InputError(path, "", "expected at least one set of novel entities")
     columns = ["size", "seed", "session"]
@@ -71,12 +71,12 @@ def novel_sets_are_whole(path: Path, novel: pd.DataFrame, seeds: Sequence[int]) 
 def insert_triples_fit(
     path: Path, given: pd.DataFrame, novel: pd.DataFrame, splits: Mapping[int, np.ndarray], graph: Graph
 ) -> None:
-    """Insert triples are training triples of an entity that their session inserts, with a known other end."""
+    """Check that insert triples are training triples of an entity of their session with a known other end."""
     point = ["size", "seed"]
     inserted_in = novel.set_index([*point, "entity"])["session"]
 
     def session_of(entities: np.ndarray) -> np.ndarray:
-        """In which each is inserted, at the grid point of its row; 0: it is known from the start."""
+        """The session in which each entity is inserted, at the grid point of its row; 0: known from the start."""
         index = pd.MultiIndex.from_arrays([given["size"], given["seed"], entities])
         return inserted_in.reindex(index, fill_value=0).to_numpy()
 
@@ -93,7 +93,7 @@ def insert_triples_fit(
 
 
 def seeds_are(path: Path, seed: np.ndarray, expected: Sequence[int], *tensors: np.ndarray) -> None:
-    """Models are of the sessions' seeds, in their order, and each tensor has a row for each."""
+    """Check that models have the sessions' seeds in order, and each tensor a row for each."""
     if seed.tolist() != list(expected):
         raise InputError(path, "tensor 'seed'", f"expected the sessions' seeds, {short(expected)}, got {short(seed)}")
     if any(tensor.shape[:1] != seed.shape for tensor in tensors):
@@ -101,7 +101,7 @@ def seeds_are(path: Path, seed: np.ndarray, expected: Sequence[int], *tensors: n
 
 
 def known_are(path: Path, known: np.ndarray, expected: np.ndarray, entity: np.ndarray) -> None:
-    """Embeddings know the entities of their session and no others, whose rows are zero; shapes (M, E) and (M, E, d)."""
+    """Check that embeddings know their session's entities, (M, E), and that other rows of (M, E, d) are zero."""
     for name, wrong, says in (
         ("known", known != expected, "expected the entities of the session, and no novel entity"),
         ("entity", entity.any(-1) & ~known, "expected zeros for an entity that is not known"),
@@ -114,7 +114,7 @@ def known_are(path: Path, known: np.ndarray, expected: np.ndarray, entity: np.nd
 def has_shape(
     path: Path, name: str, tensor: np.ndarray, shape: tuple[int, ...], kind: type[np.generic] = np.float32
 ) -> None:
-    """A tensor has the shape that graph, sessions and model give it."""
+    """Check the shape and type of a tensor."""
     if tensor.shape != shape or tensor.dtype != kind:
         got = f"{tensor.dtype} of shape {list(tensor.shape)}"
         raise InputError(path, f"tensor {name!r}", f"expected {kind.__name__} of shape {list(shape)}, got {got}")

@@ -1,4 +1,4 @@
-"""The grid of insertions: a grid point is a size and a seed; a worker's task has a stack of them, of one size."""
+"""The grid of insertions: a grid point is a size and a seed; a task has a stack of grid points of one size."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ JOINT_MODEL = "joint"
 
 
 def no_triples() -> np.ndarray:
-    """Insert triples of grid points that have none."""
+    """No insert triples."""
     return np.empty((0, 4), dtype=np.int64)
 
 
@@ -50,7 +50,7 @@ class GridPoints:
 
     @property
     def all_known(self) -> GridPoints:
-        """The same seeds with nothing to insert: D⁰ is what D of the last session is."""
+        """The same seeds with nothing to insert: D⁰ equals D of the last session."""
         return self.without_insertion(self.experiment, self.graph, self.seeds, self.splits)
 
     def keys(self, *more: int) -> Tensor:
@@ -58,7 +58,7 @@ class GridPoints:
         return torch.tensor([[self.size, seed, *more] for seed in self.seeds])
 
     def session(self, number: int) -> Session:
-        """D after a number of sessions that insert: D⁰, D¹, ..."""
+        """D of a session: D⁰, D¹, ..."""
         splits, novel = torch.as_tensor(self.splits), torch.as_tensor(self.novel)
         return Timeline.of_novel(self.graph, splits, novel).session(number)
 
@@ -68,7 +68,7 @@ class GridPoints:
         return self.session(self.sessions)
 
     def joint_prefix(self, session: int) -> str:
-        """Prefix of the tensors of a session's joint models: those of the last session are of all sizes."""
+        """Prefix of the tensors of a session's joint models; all sizes share those of the last session."""
         return "" if session == self.sessions else f"size={self.size:02d}.session={session}."
 
     def novel_in(self, session: int) -> Tensor:

@@ -1,4 +1,4 @@
-"""Insertion over the grid: in each session novel entities are inserted into Θ, which is measured and fine-tuned."""
+"""Insertion over the grid: each session inserts novel entities into Θ, measures it and fine-tunes it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def is_listed(listed: InitializerList, initializer: str) -> bool:
 
 
 class FullCurves(Section):
-    """``full_curves`` of an experiment: what is fine-tuned for all epochs; all else stops at convergence."""
+    """``full_curves`` of an experiment: the runs that go on to the last epoch; others stop at convergence."""
 
     sizes: list[Count]
     initializers: InitializerList = "all"
@@ -54,7 +54,7 @@ class FullCurves(Section):
 
 
 class Convergence(Section):
-    """When Θ¹ counts as about as good as the joint model."""
+    """``convergence`` in params: when Θ¹ counts as about as good as the joint model."""
 
     margin: Fraction
 
@@ -72,14 +72,14 @@ class InsertConfig:
     full_curves: Sequence[int] = ()  #: sizes fine-tuned for all epochs; the others stop at convergence
 
     def training(self, **changed: float) -> InsertConfig:
-        """The same with other values of the optimizer."""
+        """The same with other settings of the optimizer."""
         return replace(self, optimizer=self.optimizer.model_copy(update=changed))
 
 
 def insert_config(
     params: Params, initializer: str, full_curves: Sequence[int] = (), options: Mapping[str, Any] | None = None
 ) -> InsertConfig:
-    """How an initializer inserts, with its options in params or others; an ``InputError`` where they do not fit."""
+    """How an initializer inserts, with its options of params or other ones; an ``InputError`` where they do not fit."""
     options = params.initializers[initializer] if options is None else options
     trainer.compile_ahead(model_of(params), params.finetuning.batch_size)
     return InsertConfig(
@@ -113,7 +113,7 @@ def joint_targets(joint: pd.DataFrame, points: GridPoints) -> JointTargets:
 
 @dataclass(frozen=True)
 class InsertResult:
-    """What insertion gives at grid points."""
+    """Results of insertion at a stack of grid points."""
 
     vectors: np.ndarray  #: as inserted, by session; shape: (M, S · size, d)
     runs: pd.DataFrame  #: in the columns of ``RUNS``
@@ -121,7 +121,7 @@ class InsertResult:
 
 
 def insert_stack(*task: *InsertTask) -> InsertResult:
-    """Insert the novel entities of every session, each into what Θ has learned in the session before."""
+    """Insert the novel entities of every session, each into Θ of the session before."""
     results = [result for _, result in insert_sessions(*task)]
     runs, entities = (pd.concat(getattr(result, name) for result in results) for name in ("runs", "entities"))
     return InsertResult(np.concatenate([result.vectors for result in results], 1), runs, entities)

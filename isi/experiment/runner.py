@@ -31,7 +31,7 @@ Done = TypeVar("Done")
 
 
 class Compute(Section):
-    """Where and how tasks run: changes no result."""
+    """``compute`` in params: where and how tasks run; changes no result."""
 
     workers: Count | Literal["all"]
     stack: Count
@@ -53,7 +53,7 @@ BYTES_PER_MODEL = 6 * 4 * DENSE_LIMIT
 
 
 class TaskError(Exception):
-    """A task failed: names its points and the cause."""
+    """A task failed: names its grid points and the cause."""
 
 
 def run(
@@ -62,7 +62,7 @@ def run(
 ) -> list[Done]:  # fmt: skip
     """Call a function with each task's arguments, where ``compute`` says; results come in the order of the tasks.
 
-    ``TaskError`` as soon as one fails; ``InputError`` for want of an engine or memory, or where a model diverges.
+    ``TaskError`` as soon as one fails; ``InputError`` without an engine or memory, or where a model diverges.
     """
     engine = _dask if compute.engine == "dask" else _processes
     models = sum(len(points.seeds) for points, *_ in tasks)
@@ -90,7 +90,7 @@ def run(
 def run_task(
     function: Callable[[GridPoints, *Arguments], Done], task: tuple[GridPoints, *Arguments], device: str
 ) -> Done:
-    """Run a task on one thread, without denormal numbers (slow, far below what a rank can tell), and give CPU tensors.
+    """Run a task on one thread, with denormal numbers as zero (they are slow), and return CPU tensors.
 
     Both are set in the thread that the engine chose and never reset, so that tasks cannot disturb each other.
     """
@@ -124,7 +124,7 @@ def stack_height(compute: Compute) -> int:
 
 @contextmanager
 def _processes(compute: Compute) -> Iterator[Executor]:
-    """Worker processes of this machine; forked ones need not import everything again, but cannot use a GPU."""
+    """Worker processes of this machine; forked ones save the imports but cannot use a GPU."""
     forked = sys.platform == "linux" and compute.device == "cpu"
     context = multiprocessing.get_context("fork" if forked else "spawn")
     with ProcessPoolExecutor(_workers(compute), context, initializer=serve, initargs=(os.getpid(),)) as executor:
@@ -137,7 +137,7 @@ def _processes(compute: Compute) -> Iterator[Executor]:
 
 
 def _workers(compute: Compute) -> int:
-    """A number, or the cores that this process may use, which can be fewer than the machine has."""
+    """The number of workers; ``all``: the cores that this process may use."""
     if compute.workers != "all":
         return compute.workers
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -145,7 +145,7 @@ def _workers(compute: Compute) -> int:
 
 @contextmanager
 def _dask(compute: Compute) -> Iterator[Executor]:
-    """Workers of a Dask cluster, which runs a lost worker's tasks again, and drops them all when we leave."""
+    """Workers of a Dask cluster. It repeats tasks of a lost worker; tasks are cancelled when the context ends."""
     try:
         from distributed import Client
         from distributed.comm import connect

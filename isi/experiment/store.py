@@ -1,4 +1,4 @@
-"""The files of an experiment: what is trained, inserted and measured, and a store that reads them for tasks."""
+"""The files of an experiment: the tables of training, insertion and measures, and a store that reads them for tasks."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SESSION_CHECKS = [*at_least(1, "size"), *at_least(0, "seed"), *at_least(1, "sess
 
 
 def runs_table(template: str, by: Mapping[str, pa.DataType] | None = None, checks: Sequence[Rule] = ()) -> Table:
-    """Measures of models, epoch by epoch; the columns of ``by`` distinguish the runs of one grid point."""
+    """A table of measures by epoch; the columns ``by`` distinguish runs of one grid point."""
     return Table(
         template,
         {**(by or {}), **SIZE_AND_SEED, "epoch": INT, "scope": NAME, **MEASURE_COLUMNS, "queries": INT, "session": INT},
@@ -87,7 +87,7 @@ def write_runs(runs: pd.DataFrame, stage: str, experiment: str, model: str) -> N
 
 @dataclass(frozen=True)
 class Store:
-    """Reads the files of one experiment, each table once; InputError where two do not agree."""
+    """Reads the files of one experiment, each table once; InputError where two contradict each other."""
 
     experiment: str
     tables: dict[Table, pd.DataFrame] = field(default_factory=dict, repr=False)  #: in memory, which are not read
@@ -115,7 +115,7 @@ class Store:
         return vectors
 
     def splits(self) -> dict[int, np.ndarray]:
-        """Split of each unique triple, by seed, OUT where it has none; shapes: (T,), int8."""
+        """The split of each unique triple by seed, OUT without one; shapes: (T,), int8."""
         table, triples = self.table(SPLITS), len(self.table(TRIPLES))
         agreement.ids_below(self._path(SPLITS), table, "triple", triples, "graph's triples")
         codes = table["split"].astype(str).map({name: number for number, name in enumerate(SPLIT_NAMES)})
@@ -173,7 +173,7 @@ class Store:
         return [self.joint(points, model, session) for session in range(1, points.sessions + 1)]
 
     def _embedding(self, file: TensorFile, points: GridPoints, model: Model, number: int, prefix: str) -> Embedding:
-        """The models of a session of a stack of grid points, with the shapes of graph and model."""
+        """The models of a session at a stack of grid points, checked against graph and model."""
         path, session = self._path(file, size=points.size), points.session(number)
         names = [f"{prefix}{name}" for name in ("entity", "relation", "known", "seed")]
         *tensors, seed = self._arrays(file, *names, size=points.size)
@@ -188,7 +188,7 @@ class Store:
         return Embedding(torch.from_numpy(entity), torch.from_numpy(relation), model)
 
     def initial_vectors(self, initializer: str, points: GridPoints) -> np.ndarray:
-        """What an initializer inserted in the first session of a stack of grid points; shape (M, size, d)."""
+        """The vectors that an initializer gave in session 1 at a stack of grid points; shape (M, size, d)."""
         path, name = self._path(INITIAL_VECTORS, initializer=initializer), f"size={points.size:02d}"
         (vectors,) = self._arrays(INITIAL_VECTORS, name, initializer=initializer)
         dimension = THETA0.shape("entity", experiment=self.experiment, size=points.size)[-1:]

@@ -47,20 +47,20 @@ class TrainResult:
 
 
 def model_of(params: Params, name: str | None = None) -> Model:
-    """The embedding model of a name, or that params choose, with its options."""
+    """The embedding model of a name, or of params, with its options."""
     name = name or params.embedding.model
     return make_model(name, params.models[name], f"models.{name}")
 
 
 def train_config(params: Params, model: Model | None = None, training: Training | None = None) -> TrainConfig:
-    """How params say that embeddings are trained, or with another model and training."""
+    """How embeddings are trained by params, or with another model or training."""
     model, training, embedding = model or model_of(params), training or params.training, params.embedding
     trainer.compile_ahead(model, training.batch_size)
     return TrainConfig(params.seed, model, embedding.dimension, embedding.init_range, params.negatives, training)
 
 
 def training_start(points: GridPoints, config: TrainConfig, number: int = 0) -> tuple[Embedding, TrainingData]:
-    """What training on D of a session starts from, and what it learns from."""
+    """The initial embedding and the training data of a session."""
     session, keys = points.session(number), points.keys(*([number] if number else []))
     shape = len(points.graph.relations), config.model, config.dimension, config.init_range
     start = uniform(session.entities, *shape, config.root, keys)
@@ -75,7 +75,7 @@ def train_stack(points: GridPoints, config: TrainConfig, session: int = 0) -> Tr
 
 
 def joint_tasks(grid: Sequence[GridPoints], config: TrainConfig) -> list[tuple[GridPoints, TrainConfig, int]]:
-    """Training of the joint models of every session; of the last, which is that of every size, one for each seed."""
+    """Tasks for the joint models of every session; the last session's serve all sizes, one for each seed."""
     last = [(points.all_known, config, 0) for points in grid if points.size == grid[0].size]
     return [*last, *((points, config, session) for points in grid for session in range(1, points.sessions))]
 
@@ -92,7 +92,7 @@ def as_tensors(trained: Iterable[tuple[GridPoints, int, TrainResult]]) -> dict[s
 
 
 def evaluate_stack(points: GridPoints, joint: Sequence[Embedding]) -> pd.DataFrame:
-    """Measures of the joint model of each session as it is, in every scope of that session (``RUNS``, epoch 0)."""
+    """Measures of the joint model of each session in all scopes of that session (``RUNS``, epoch 0)."""
     rows = []
     for number, theta in enumerate(joint, 1):
         session, novel = points.session(number), points.novel_in(number)
@@ -103,7 +103,7 @@ def evaluate_stack(points: GridPoints, joint: Sequence[Embedding]) -> pd.DataFra
 
 
 def run_rows(points: GridPoints, session: int, looks: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """Measures of models of some grid points in a session, with size and seed (``RUNS``, ``TIES``)."""
+    """Rows of measures with size, seed and session (``RUNS``, ``TIES``)."""
     rows = pd.concat(looks)
     seeds = np.array(points.seeds)[rows["place"]]
     return rows.drop(columns="place").assign(size=points.size, seed=seeds, session=session)

@@ -54,7 +54,7 @@ class Graph:
     kinds: Tensor  #: of each entity, numbered by the alphabet; shape: (E,), int64
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Travel to another process as plain arrays."""
+        """Pickle as plain arrays, to reach another process."""
         return _from_arrays, (
             self.entities,
             self.relations,
@@ -73,7 +73,7 @@ class Graph:
         return replace(self, triples=self.triples[triples], counts=self.counts[triples])
 
     def same_but(self, slot: int, triples: Tensor) -> Tensor:
-        """Ids of the triples, padded with -1, that equal given ones (...) in all but one slot; shape (..., X)."""
+        """Ids of the triples that differ from given ones, (...), in one slot at most, padded with -1; (..., X)."""
         key, order, ordered = self._by_other_slots[slot]
         first, last = torch.searchsorted(ordered, key[triples]), torch.searchsorted(ordered, key[triples], right=True)
         place = first[..., None] + torch.arange(int((last - first).max()))
@@ -81,7 +81,7 @@ class Graph:
 
     @cached_property
     def _by_other_slots(self) -> dict[int, tuple[Tensor, Tensor, Tensor]]:
-        """For each slot: a number for the other two of each triple, the triples in its order, and it in order."""
+        """For each slot: a key of the other two slots for each triple, the triples sorted by key, the sorted keys."""
         sorted_by_slot = {}
         for slot in (HEAD, RELATION, TAIL):
             first, second = (self.triples[:, place] for place in (HEAD, RELATION, TAIL) if place != slot)
@@ -113,7 +113,7 @@ def _ids(triples: pd.DataFrame, column: str, names: list[str], path: Path | str)
 
 
 class Extension(Section):
-    """Entities that another source has and the graph lacks, to join it."""
+    """``extension`` in params: entities of another source that join the graph."""
 
     source: Name
     min_observations: Count
@@ -128,7 +128,7 @@ class Extension(Section):
 
 
 class GraphOf(Section):
-    """What the graph of an experiment is made of."""
+    """``graph`` of an experiment in params: the sources that it is built from."""
 
     source: Name
     min_count: Count
@@ -137,7 +137,7 @@ class GraphOf(Section):
 
 @dataclass(frozen=True)
 class MinedSource:
-    """What a source observed (``OBSERVATIONS``), and what kinds its entities are of (``KINDS``)."""
+    """The observations of a source (``OBSERVATIONS``) and its entities with their kinds (``KINDS``)."""
 
     source: str
     observations: pd.DataFrame
@@ -147,7 +147,7 @@ class MinedSource:
 
 @dataclass(frozen=True)
 class GraphTables:
-    """A graph as it is stored: ``ENTITIES`` and ``TRIPLES``."""
+    """A graph as tables: ``ENTITIES`` and ``TRIPLES``."""
 
     entities: pd.DataFrame
     triples: pd.DataFrame
@@ -174,7 +174,7 @@ def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
 
 
 def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:
-    """How often each head was observed that the entities do not hold, in alphabetical order.
+    """Heads that are not among the entities, and how often each was observed; in alphabetical order.
 
     InputError where a tail is neither such a head nor, by name and kind, one of the entities.
     """
@@ -188,7 +188,7 @@ def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:
 
 
 def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFrame, minimum: int) -> pd.Series[int]:
-    """New entities with a minimum of observations; InputError where one has the name of an entity of another kind."""
+    """New entities with enough observations; InputError where the name of one is taken by an entity of another kind."""
     enough, here = newcomers[newcomers >= minimum], _kinds(entities)
     for name in here.keys() & set(enough.index):
         also = f"is also a name in the graph, of kind {here[name]}; give it another one in its source"
@@ -197,7 +197,7 @@ def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFram
 
 
 def sample_candidates(enough: pd.Series[int], settings: Extension, key: str, root: int) -> list[str]:
-    """Draw entities at random (all where there are fewer), some always; in alphabetical order; ``key`` is in params."""
+    """Draw entities at random, but ``always`` some; fewer candidates are all taken. The result is sorted."""
     for name in set(settings.always) - set(enough.index):
         which = f"that the graph lacks, observed {settings.min_observations} times or more"
         expected = f"{name!r}: expected an entity of {settings.source} {which}"
@@ -209,9 +209,9 @@ def sample_candidates(enough: pd.Series[int], settings: Extension, key: str, roo
 
 
 def extend(home: GraphTables, seen: MinedSource, added: Collection[str]) -> GraphTables:
-    """A graph with entities that it lacks behind its own, and their triples behind its own.
+    """A graph with new entities appended, and their triples.
 
-    What the source observed of entities that are neither the graph's nor added is left out.
+    Observations of entities that are neither in the graph nor added are left out.
     """
     joined, observed = {*home.entities["entity"], *added}, seen.observations
     of_added = observed[observed["head"].isin(added) & observed["tail"].isin(joined)]

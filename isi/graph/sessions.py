@@ -1,4 +1,4 @@
-"""Sessions of incremental learning: when each entity and triple of a graph arrives, in which split, and their draws.
+"""Sessions of incremental learning: when each entity and triple arrives, and in which split.
 
 Splits, folds, novel (OOKB) entities and insert triples are drawn at random (sections 5.2 and 5.3).
 """
@@ -61,17 +61,17 @@ class Session:
     splits: Tensor  #: TRAIN, VALID, TEST or OUT; shape: (M, T), int8
 
     def members(self, *splits: int) -> Tensor:
-        """Whether a unique triple belongs to one of the splits; shape: (M, T), bool."""
+        """Which unique triples belong to one of the splits; shape: (M, T), bool."""
         return torch.isin(self.splits, torch.tensor(splits, dtype=self.splits.dtype))
 
     def trained(self) -> Tensor:
-        """Entities that take part and have a training triple; shape: (M, E), bool."""
+        """Which entities of the session have a training triple; shape: (M, E), bool."""
         return self.entities & ends(self.graph, self.members(TRAIN))
 
 
 @dataclass(frozen=True)
 class Timeline:
-    """Sessions D⁰, D¹, ... of a stack of M models over one graph: each has what has arrived by then (section 5.2)."""
+    """Sessions D⁰, D¹, ... of a stack of M models over one graph; each holds all that has arrived (section 5.2)."""
 
     graph: Graph
     entity_arrival: Tensor  #: session in which an entity arrives, 0 if it is known from the start; shape: (M, E), int64
@@ -80,7 +80,7 @@ class Timeline:
 
     @classmethod
     def of_novel(cls, graph: Graph, splits: Tensor, novel: Tensor) -> Timeline:
-        """A triple arrives with the later of its ends, and an entity without a triple that has a split never.
+        """A triple arrives with the later of its ends. An entity without a triple in a split never arrives.
 
         Shapes: splits (M, T); ``novel``, ids of the entities that each of S sessions inserts, (M, S, n).
         """
@@ -92,7 +92,7 @@ class Timeline:
         return cls(graph, arrival, torch.maximum(*by_end), splits)
 
     def session(self, number: int) -> Session:
-        """D after a number of sessions: 0 is what is known from the start."""
+        """D of a session; session 0 holds what is known from the start."""
         splits = self.splits.masked_fill(self.triple_arrival > number, OUT)
         return Session(self.graph, self.entity_arrival <= number, splits)
 
@@ -103,12 +103,12 @@ def session_of(graph: Graph, splits: Tensor) -> Session:
 
 
 def touches(graph: Graph, entities: Tensor) -> Tensor:
-    """Whether a unique triple has an end among the entities, shape (M, E); shape: (M, T), bool."""
+    """Which unique triples have an end among the entities, (M, E); shape: (M, T), bool."""
     return entities[:, graph.triples[:, 0]] | entities[:, graph.triples[:, 2]]
 
 
 def ends(graph: Graph, triples: Tensor) -> Tensor:
-    """Whether an entity is an end of one of the triples, shape (M, T), bool; shape: (M, E), bool."""
+    """Which entities are an end of one of the triples, (M, T), bool; shape: (M, E), bool."""
     number = torch.zeros(len(triples), len(graph.entities))
     for slot in (0, 2):
         number.index_add_(1, graph.triples[:, slot], triples.float())
@@ -121,7 +121,7 @@ def membership(ids: Tensor, entities: int) -> Tensor:
 
 
 class Shares(Section):
-    """``sessions`` in params: what every experiment holds out, and gives of novel entities."""
+    """``sessions`` in params: the shares that are held out, and that are given as insert triples."""
 
     valid: Fraction
     test: Fraction
@@ -135,7 +135,7 @@ class Shares(Section):
 
 
 class SessionsOf(Section):
-    """``sessions`` of one experiment: who is novel, how many, how often."""
+    """``sessions`` of one experiment: which entities may be novel, the set sizes, and the number of seeds."""
 
     novel: Annotated[Names, Field(min_length=1)] | Literal["any", "added"]
     sizes: Annotated[list[Count], Field(min_length=1), EachOnce]
@@ -160,7 +160,7 @@ def split(graph: Graph, root: int, seed: int, valid: float, test: float) -> np.n
 
 
 def check_held_out(splits: np.ndarray, valid: float, test: float) -> None:
-    """InputError where a split, shape (T,), holds out less than its shares, since triples had to stay in train."""
+    """InputError where a split, (T,), falls short of its shares because too many triples must stay in train."""
     for code, share in ((VALID, valid), (TEST, test)):
         if (splits == code).sum() < max(1, round(share * len(splits))):
             expected = "expected shares that leave triples to each split (for every entity, one stays in train)"
@@ -170,7 +170,7 @@ def check_held_out(splits: np.ndarray, valid: float, test: float) -> None:
 def folds(graph: Graph, root: int, number: int) -> np.ndarray:
     """Splits for cross-validation: in each, one fold is valid and the rest is train; shape (number, T), int8.
 
-    Every entity and relation appears in the train of every fold; the triples that see to it are in no fold.
+    Every entity and relation has a triple that is in no fold and thus always in train.
     """
     splits = np.full((number, len(graph.triples)), TRAIN, dtype=np.int8)
     for row, fold in zip(splits, np.array_split(_free(graph, stream(root, "folds")), number), strict=True):
@@ -179,7 +179,7 @@ def folds(graph: Graph, root: int, number: int) -> np.ndarray:
 
 
 def _free(graph: Graph, rng: np.random.Generator) -> np.ndarray:
-    """The triples that may leave train, in random order: not the first that holds an entity or relation."""
+    """The triples that may leave train, in random order: each entity and relation keeps its first triple."""
     triples = graph.triples.numpy()
     order = rng.permutation(len(triples))
     ends = triples[order][:, [0, 2]].ravel()
@@ -189,7 +189,7 @@ def _free(graph: Graph, rng: np.random.Generator) -> np.ndarray:
 
 
 def sample_novel(candidates: np.ndarray, root: int, size: int, seed: int, steps: int = 1) -> np.ndarray:
-    """Draw the novel entities of a (size, seed) uniformly, for each session in ascending order; (steps, size)."""
+    """Draw the novel entities of a (size, seed) uniformly, sorted within each session; shape (steps, size)."""
     drawn = stream(root, "novel", size, seed).choice(len(candidates), steps * size, replace=False)
     return np.sort(candidates[drawn.reshape(steps, size)], axis=1)
 
@@ -197,9 +197,9 @@ def sample_novel(candidates: np.ndarray, root: int, size: int, seed: int, steps:
 def sample_insert_triples(
     graph: Graph, splits: np.ndarray, novel: np.ndarray, session: int, root: int, seed: int, fraction: float
 ) -> list[tuple[int, int]]:
-    """The (entity, triple) pairs that a robot observes when it meets the novel entities of a session (from 1).
+    """Draw the insert triples of a session's novel entities, sessions counted from 1, as pairs (entity, triple).
 
-    Of an entity's n unique training triples whose other end is known by then, max(1, ⌊fraction · n⌋). ``novel`` are
+    An entity with n unique training triples to known entities gets max(1, ⌊fraction · n⌋) of them. ``novel`` are
     those of all sessions; shape (steps, size).
     """
     triples, inserted = graph.triples.numpy(), novel[session - 1]
@@ -215,7 +215,7 @@ def sample_insert_triples(
 
 
 def later_key(session: int) -> tuple[int, ...]:
-    """What a session adds to the keys of its random streams: the first that inserts adds nothing."""
+    """What a session adds to the keys of its random streams: nothing for session 1, else its number."""
     return (session,) if session > 1 else ()
 
 
@@ -224,7 +224,7 @@ def session_tables(
 ) -> dict[Table, pd.DataFrame]:
     """``SPLITS``, ``NOVEL`` and ``INSERT_TRIPLES`` of a graph with these ``ENTITIES``, drawn for every size and seed.
 
-    D of the last session is all of the graph, but of added entities those alone that are drawn; the triples of the
+    D of the last session is the whole graph, without added entities that are not drawn; the triples of the
     others have no split. ``key`` is where the settings stand in params.
     """
     if not len(graph.triples):

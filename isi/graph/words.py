@@ -39,7 +39,7 @@ CHUNK = 2**21  #: Bytes of a line of text, and those that are read of binary vec
 
 
 class Words(Section):
-    """Which word vectors to take."""
+    """``words`` in params: which word vectors to use."""
 
     source: str
     text: Literal["definition", "phrase", "wordnet", "glove"]
@@ -47,20 +47,20 @@ class Words(Section):
 
     @property
     def shipped(self) -> bool:
-        """Whether they are those under ``data/raw``."""
+        """Whether these are the vectors under ``data/raw``."""
         return self.source == "shipped"
 
 
 @dataclass(frozen=True)
 class WordVectors:
-    """Word vectors aligned with phrases."""
+    """A word vector for each phrase."""
 
     vectors: np.ndarray  #: zero where a phrase has none; shape: (E, w), float32
     served_by: list[str | None]  #: the tokens that served each phrase, separated by spaces; null where none did
 
 
 def look_up(words: KeyedVectors, phrases: Sequence[str]) -> WordVectors:
-    """Vectors of phrases: as one token, joined by underscores, or the mean of the tokens that are known."""
+    """The vector of each phrase: that of its words joined by underscores, else the mean of the words that have one."""
     vectors = np.zeros((len(phrases), words.vector_size), dtype=np.float32)
     served: list[str | None] = []
     for row, phrase in enumerate(phrases):
@@ -73,7 +73,7 @@ def look_up(words: KeyedVectors, phrases: Sequence[str]) -> WordVectors:
 
 
 def load_vectors(given: Words) -> KeyedVectors:
-    """Load the word vectors that params name: those that ship, or a file, or else a gensim download."""
+    """Load the word vectors that params name: shipped ones, a file, or a gensim download."""
     if given.shipped:
         return read_vectors(paths.shipped_vectors(given.text))
     path = Path(given.source)
@@ -103,7 +103,7 @@ def load_vectors(given: Words) -> KeyedVectors:
 def read_vectors(path: Path) -> KeyedVectors:
     """Read word2vec (text or binary) or GloVe vectors; the form is seen from the first bytes.
 
-    gensim's own reader believes a last line that is cut short, and what a header says of memory. Of a token that is
+    gensim's own reader accepts a truncated last line and trusts the header's size. Of a token that is
     there twice, the first vector stays. InputError names the line or the vector that is broken.
     """
     from gensim.models import KeyedVectors
@@ -141,7 +141,7 @@ def read_vectors(path: Path) -> KeyedVectors:
 
 
 def _entries(path: Path) -> Iterator[tuple[str, int, bytes, bytes]]:
-    """What a vector stands in and its number, its token, and its numbers in float32 (little endian)."""
+    """For each vector: its unit (line or vector) and number, its token, and its values (float32, little endian)."""
     from smart_open import open as open_any
 
     with open_any(path, "rb") as file:
@@ -163,7 +163,7 @@ def _entries(path: Path) -> Iterator[tuple[str, int, bytes, bytes]]:
 
 
 def _is_binary(start: bytes) -> bool:
-    """Whether the bytes behind a header are vectors in binary, which hold bytes that no text does."""
+    """Whether the bytes behind a header are binary vectors: they contain bytes that text cannot."""
     try:
         codecs.getincrementaldecoder("utf-8")().decode(start)
     except UnicodeDecodeError:
@@ -172,7 +172,7 @@ def _is_binary(start: bytes) -> bool:
 
 
 def _of_lines(file: IO[bytes], dimension: int, first: int) -> Iterator[tuple[str, int, bytes, bytes]]:
-    """Of text: a line for each token, with its numbers behind it (0 as dimension: as many as the first line has)."""
+    """Entries of a text file, one line each; dimension 0 means as many values as the first line has."""
     for number, line in enumerate(iter(partial(file.readline, CHUNK), b""), first):
         text = (line if number > 1 else line.removeprefix(codecs.BOM_UTF8)).rstrip(b" \t\r\n")
         if not text:
@@ -190,7 +190,7 @@ def _of_lines(file: IO[bytes], dimension: int, first: int) -> Iterator[tuple[str
 
 
 def _numbers(texts: Sequence[bytes]) -> array[float]:
-    """Numbers in float32; none where a text is no number."""
+    """Texts as float32; an empty array where one is no number."""
     try:
         return array("f", map(float, texts if b"_" not in b"".join(texts) else [b"_"]))  # Python takes 1_0 for ten
     except ValueError:
@@ -198,7 +198,7 @@ def _numbers(texts: Sequence[bytes]) -> array[float]:
 
 
 def _of_bytes(file: IO[bytes], dimension: int) -> Iterator[tuple[str, int, bytes, bytes]]:
-    """Of bytes: each token, a space, and its numbers; perhaps a line end."""
+    """Entries of a binary file: a token, a space, its values, and perhaps a line end."""
     number, rest = 1, b""
     for more in iter(partial(file.read, CHUNK), b""):
         chunk, start = rest + more, 0

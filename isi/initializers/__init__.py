@@ -1,1 +1,1 @@
-"""Initializers of novel entities: a module here registers one under the name that ``params.yaml`` lists it by."""
+"""Initializers of novel entities: modules here register them under the names in ``params.yaml``."""

@@ -1,4 +1,4 @@
-"""What an initializer sees and gives, and their registry: it gives each novel entity a vector before fine-tuning."""
+"""The interface of initializers, which give novel entities vectors before fine-tuning, and their registry."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ NONE, ES, RS, CENTROID = range(4)
 
 
 class NoRelationMap(Exception):
-    """The model has no map of its relations, so that a triple does not say where it puts an entity."""
+    """The model's relations are no maps, so a triple does not place its novel end."""
 
 
 @dataclass(frozen=True)
 class NovelEntities:
-    """What is given of the novel entities of a stack of M models: nothing else of them reaches an initializer."""
+    """What is known of the novel entities of a stack of M models; initializers see nothing else of them."""
 
     novel: Tensor  #: ids; shape: (M, n)
     insert_triples: Tensor  #: (model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 3)
@@ -55,14 +55,14 @@ class InitContext:
     keys: Tensor  #: what each model's depend on beside the root; shape: (M, K)
 
     def draw(self, purpose: str, distribution: Callable[[Generator, tuple[int, int]], np.ndarray]) -> Tensor:
-        """Random numbers of novel entities, (M, n, d), from a stream for each model: a purpose has the same numbers."""
+        """Random numbers, (M, n, d), from one stream per model and purpose."""
         shape = (self.novel.shape[1], self.theta0.entity.shape[-1])
         numbers = [distribution(stream(self.root, purpose, *key), shape) for key in self.keys.tolist()]
         return torch.as_tensor(np.stack(numbers), dtype=torch.float32)
 
 
 def context_of(theta: Embedding, before: Session, given: NovelEntities, root: int, keys: Tensor) -> InitContext:
-    """What an initializer may see: Θ, the session before, words, and insert triples, which have no split there."""
+    """The context of an initializer: Θ, the session before, word vectors and insert triples."""
     novel, (model, place, triple) = given.novel, given.insert_triples.T
     slot = model * novel.shape[1] + place
     number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)  # within its entity; slots ascend
@@ -94,12 +94,12 @@ class InitResult:
 
     @property
     def indicators(self) -> Tensor | None:
-        """The entities whose centroid the vector is, if it is one; shape (M, n, E), bool."""
+        """The indicators, whose centroid the vector is; none if it is no centroid; shape (M, n, E), bool."""
         return self.weights > 0 if self.weights is not None and self.is_centroid else None
 
 
 def without_weights(vectors: Tensor) -> InitResult:
-    """Vectors of shape (M, n, d) that are no mean of known ones and that needed no fallback."""
+    """Vectors, (M, n, d), that are no mean of known vectors and needed no fallback."""
     return InitResult(vectors, torch.full(vectors.shape[:2], NONE))
 
 
@@ -116,7 +116,7 @@ Cost = Literal["entities", "pairs", "triples"]
 
 @dataclass(frozen=True)
 class Registered:
-    """An initializer, and all that is to say of it."""
+    """An initializer with all that params, report and commands need to know of it."""
 
     name: str
     function: Initializer
@@ -131,13 +131,13 @@ class Registered:
     grid: Mapping[str, Sequence[Any]] | None = None
 
     def misses(self, model: Model) -> str | None:
-        """What the initializer needs that a model lacks; null where it lacks nothing."""
+        """What the initializer needs and the model lacks, or null."""
         if "inverse" in self.needs and not model.invertible:
             return "the inverse of a relation"
         return "a score that is linear in a vector" if "linear_score" in self.needs and not model.linear else None
 
     def check(self, model: Model) -> None:
-        """Refuse a model that lacks what the initializer needs; the ``InputError`` names those that do without it."""
+        """InputError where the model lacks what the initializer needs; it names initializers that do not need it."""
         if lacking := self.misses(model):
             others = [name for name in INITIALIZERS.names() if not INITIALIZERS.get(name, name).misses(model)]
             message = f"{type(model).__name__} lacks {lacking}: expected one of {', '.join(others)}"

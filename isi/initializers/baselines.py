@@ -1,4 +1,4 @@
-"""Baselines beyond the paper: means of all known entities by similarity, ERAvg, neighbours, noise, a map from words."""
+"""Baselines beyond the paper: means weighted by similarity, ERAvg, neighbours, noise, a linear map from words."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _TEMPERATURES = [0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2]
              description="Soft ES: the mean of all known entities, weighted by the similarity of their "
                          "names.")  # fmt: skip
 def soft_entity_similarity(context: InitContext, temperature: Positive) -> InitResult:
-    """Mean by softmax(cos / temperature) of word vectors (Nadaraya and Watson's estimate; ConSE); else soft RS."""
+    """Mean weighted by softmax(cos / temperature) of word vectors (Nadaraya-Watson; ConSE); without words, soft RS."""
     return similarity.mean_of_first(
         context,
         words=lambda: softmax(similarity.word_similarity(context) / temperature, similarity.word_eligible(context)),
@@ -36,7 +36,7 @@ def soft_entity_similarity(context: InitContext, temperature: Positive) -> InitR
              description="Soft RS: the mean of all known entities, weighted by how near they are to where the insert "
                          "triples point.")  # fmt: skip
 def soft_relational_similarity(context: InitContext, temperature: Positive) -> InitResult:
-    """Mean by softmax(score / temperature), the score of equation 5 over the number of relations seen."""
+    """Mean weighted by softmax(score / temperature); the score is equation 5 over the number of relations."""
     return similarity.mean_of_first(context, triples=lambda: _soft_by_relations(context, temperature))
 
 
@@ -46,7 +46,7 @@ def soft_relational_similarity(context: InitContext, temperature: Positive) -> I
              description="Soft hybrid: the mean of all known entities, weighted by names and by relations, each with "
                          "its temperature.")  # fmt: skip
 def soft_hybrid(context: InitContext, word_weight: NotNegative, relation_weight: NotNegative) -> InitResult:
-    """Mean by softmax(``word_weight`` · cosine + ``relation_weight`` · mean relational score), or by a half."""
+    """Mean by softmax(``word_weight`` · cosine + ``relation_weight`` · mean relational score), or by one of the two."""
     similar = word_weight * similarity.word_similarity(context)
     related = relation_weight * similarity.mean_relational_score(context)
     named = similarity.word_eligible(context)
@@ -89,7 +89,7 @@ def deviation(context: InitContext, among: Tensor) -> Tensor:
              description="ERAvg (Albooyeh et al. 2020): the mean of the known ends of the insert triples, each taken "
                          "through its relation.")  # fmt: skip
 def entity_relation_average(context: InitContext) -> InitResult:
-    """Mean over the insert triples of where their known ends meet the novel one; the centroid where there are none."""
+    """Mean of the vectors that the insert triples expect (ERAvg); without insert triples, the centroid."""
     weights = similarity.insert_triple_table(context).flatten(2)
     mean = weights @ similarity.cell_anchors(context.theta0) / weights.sum(-1, keepdim=True).clamp(min=1)
     return _or_centroid(context, mean, triples=lambda: similarity.everyone_known(context))
@@ -99,7 +99,7 @@ def entity_relation_average(context: InitContext) -> InitResult:
              grid={},
              description="Neighbour mean: the mean of the known ends of the insert triples.")  # fmt: skip
 def neighbour_mean(context: InitContext) -> InitResult:
-    """Mean of the known ends of the insert triples, each as often as they name it."""
+    """Mean of the known ends of the insert triples, with repetition."""
     return similarity.mean_of_first(context, triples=lambda: similarity.insert_triple_table(context).sum((2, 3)))
 
 
@@ -108,14 +108,14 @@ def neighbour_mean(context: InitContext) -> InitResult:
              description="Projection: a linear map from word vectors to entities' vectors, learned on the known ones "
                          "(DeViSE).")  # fmt: skip
 def projection(context: InitContext, penalty: Positive) -> InitResult:
-    """Ridge regression from word vectors of unit length; the centroid where there is none."""
+    """Ridge regression from unit word vectors to embeddings; without a word vector, the centroid."""
     return _or_centroid(
         context, predicted(context, penalty), words=lambda: similarity.word_eligible(context).any(-1, keepdim=True)
     )
 
 
 def predicted(context: InitContext, penalty: float) -> Tensor:
-    """ȳ + (x - x̄)ᵀB, where B makes Σ ‖y - ȳ - Bᵀ(x - x̄)‖² + ``penalty`` ‖B‖² least; shape (M, n, d), float64."""
+    """ȳ + (x - x̄)ᵀB with B = argmin Σ ‖y - ȳ - Bᵀ(x - x̄)‖² + ``penalty`` ‖B‖²; shape (M, n, d), float64."""
     weight = similarity.word_eligible(context)[:, 0, :, None].double()
     words, entity = normalize(context.words.double(), dim=-1), context.theta0.entity.double()
     number = weight.sum(1, keepdim=True).clamp(min=1)
@@ -126,7 +126,7 @@ def predicted(context: InitContext, penalty: float) -> Tensor:
 
 
 def _or_centroid(context: InitContext, vectors: Tensor, **ways: similarity.Weigh) -> InitResult:
-    """Vectors, (M, n, d), of the novel entities that the first way serves; the centroid of the known for the others."""
+    """Vectors, (M, n, d), where they are possible; elsewhere the centroid of the known entities."""
     fallback = similarity.weights_of_first(context, **ways)[1]
     centre = similarity.centroid(context, similarity.everyone_known(context), fallback)
     vectors = torch.where((centre.fallback == NONE)[..., None], vectors.to(centre.vectors.dtype), centre.vectors)

@@ -1,6 +1,6 @@
-"""MAP and ridge: the vector that explains the insert triples best, weighed against a prior.
+"""MAP and ridge: the vector that best fits the insert triples and a prior.
 
-Each insert triple is a positive, with the negatives that training expects of it: ``ratio`` copies with another known
+Each insert triple is a positive, with the negatives expected in training: ``ratio`` copies with another known
 end, true ones among them, and ``ratio`` with another relation. Both are weights of cells (``insert_triple_table``).
 """
 
@@ -37,7 +37,7 @@ BUDGET = 2**23
 
 @dataclass(frozen=True)
 class Evidence:
-    """Weights of cells, and the prior of novel vectors; all float64."""
+    """Weights of cells, and the prior of the novel vectors; all float64."""
 
     positive: Tensor  #: shape: (M, n, K)
     negative: Tensor  #: shape: (M, n, K)
@@ -46,7 +46,7 @@ class Evidence:
 
 
 def expected_negatives(context: InitContext, positive: Tensor, ratio: int) -> Tensor:
-    """Corrupted triples that are expected of positives, (M, n, 2, R, E); the same shape."""
+    """Expected counts of corrupted triples for positives, (M, n, 2, R, E); the same shape."""
     share = context.known / context.known.sum(-1, keepdim=True)
     by_end = positive.sum(-1, keepdim=True) * share[:, None, None, None]
     by_relation = (positive.sum(3, keepdim=True) - positive) / max(1, positive.shape[3] - 1)
@@ -75,7 +75,7 @@ def evidence(context: InitContext, mean: Tensor, strength: float, ratio: int) ->
 
 
 def ridge_regression(context: InitContext, prior: InitResult, strength: float, ratio: int) -> InitResult:
-    """argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ): y is 1 of positives, 0 of negatives; μ and λ: the prior's."""
+    """argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ), with y = 1 for positives, 0 for negatives."""
     known = evidence(context, prior.vectors, strength, ratio)
     alpha = similarity.cell_anchors(mapped(context.theta0, Tensor.double))
     weight, mean = known.positive + known.negative, known.mean
@@ -88,7 +88,7 @@ def most_probable(context: InitContext, prior: InitResult, strength: float, rati
     """argmin Σ w⁺ softplus(-f) + Σ w⁻ softplus(f) + λ/2 (v - μ)ᵀΣ⁻¹(v - μ), by Newton's method from μ (MAP).
 
     Strictly convex where the score f is linear in v. Elsewhere f is taken as linear around v in each step (Gauss and
-    Newton), which is halved until it gains: near a local optimum. The prior's vectors are μ, its strength is λ.
+    Newton), and the step is halved until it gains; the result is near a local optimum.
     """
     known, theta0 = evidence(context, prior.vectors, strength, ratio), mapped(context.theta0, Tensor.double)
     alpha = similarity.cell_anchors(theta0) if theta0.model.linear else None
@@ -107,7 +107,7 @@ def most_probable(context: InitContext, prior: InitResult, strength: float, rati
 
 
 def newton(known: Evidence, theta0: Embedding, at: Tensor, alpha: Tensor | None) -> tuple[Tensor, Tensor]:
-    """The step, (M, n, d), to the least of a quadratic objective, and twice its gain; ``alpha`` where f is linear."""
+    """The step, (M, n, d), to the minimum of the quadratic model, and twice its gain; ``alpha`` if f is linear."""
     slopes = score_gradients(theta0, at) if alpha is None else alpha
     weight, likely = known.positive + known.negative, padded(torch.sigmoid, scores(theta0, at))
     gradient = (weight * likely - known.positive) @ slopes + (at - known.mean) @ known.precision
@@ -117,7 +117,7 @@ def newton(known: Evidence, theta0: Embedding, at: Tensor, alpha: Tensor | None)
 
 
 def length(known: Evidence, theta0: Embedding, at: Tensor, step: Tensor) -> Tensor:
-    """The longest of 1, ½, ¼, ... that does not make the objective larger; shape (M, n)."""
+    """The longest step of 1, ½, ¼, ... that does not increase the objective; shape (M, n)."""
     here, share = objective(known, theta0, at), torch.ones(at.shape[:2], dtype=at.dtype)
     for _ in range(HALVINGS):
         worse = objective(known, theta0, at + share[..., None] * step) > here * (1 + ROUNDING)
@@ -128,7 +128,7 @@ def length(known: Evidence, theta0: Embedding, at: Tensor, step: Tensor) -> Tens
 
 
 def objective(known: Evidence, theta0: Embedding, at: Tensor) -> Tensor:
-    """What MAP minimizes, at vectors of shape (M, n, d); shape (M, n)."""
+    """The objective of MAP at vectors (M, n, d); shape (M, n)."""
     score, apart = scores(theta0, at), at - known.mean
     loss = known.positive * softplus(-score) + known.negative * softplus(score)
     return loss.sum(-1) + (apart @ known.precision * apart).sum(-1) / 2

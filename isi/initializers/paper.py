@@ -1,4 +1,4 @@
-"""Initializers that the paper compares, Xavier, IU and the three of ISI (sections 4 and 5.3), and their controls."""
+"""Initializers of the paper: Xavier, IU and the three of ISI (sections 4 and 5.3); and controls for them."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def relational_similarity(context: InitContext, k: Count) -> InitResult:
              description="ERS, hybrid of ES and RS: among the entities whose names are most similar, the best of "
                          "RS.")  # fmt: skip
 def hybrid_similarity(context: InitContext, k: Count, candidates: Count) -> InitResult:
-    """RS among the best of ES, as many as ``candidates`` (equation 6)."""
+    """RS among the first ``candidates`` of ES (equation 6)."""
     return similarity.nearest_by_both(context, k, candidates)
 
 
@@ -75,7 +75,7 @@ def mean(context: InitContext) -> InitResult:
              description="Kind mean: the centroid of the known entities of the same kind, what the kind alone is "
                          "worth (a control).")  # fmt: skip
 def kind_mean(context: InitContext) -> InitResult:
-    """Centroid of the known entities of the novel one's kind; of all known where there is none."""
+    """Centroid of the known entities of the same kind; if there are none, of all known entities."""
     return similarity.centroid_of_first(context, nothing=lambda: similarity.same_kind(context))
 
 
@@ -83,7 +83,7 @@ def kind_mean(context: InitContext) -> InitResult:
              description="Gaussian: random vectors with the centre and the spread of the known ones, without meaning "
                          "(a control).")  # fmt: skip
 def gaussian(context: InitContext) -> InitResult:
-    """Normal with the mean and the deviation of each coordinate over the known vectors."""
+    """Normal with the mean and standard deviation of each coordinate over the known vectors."""
     centre, deviation = known_moments(context)
     return without_weights(centre + deviation * standard_normal(context))
 
@@ -92,13 +92,13 @@ def gaussian(context: InitContext) -> InitResult:
              description="Centred Gaussian: random vectors around zero with the spread of the known ones (a "
                          "control).")  # fmt: skip
 def gaussian_centred(context: InitContext) -> InitResult:
-    """The draws of ``gaussian`` around zero: the centre is the only difference between the two."""
+    """The same draws as ``gaussian``, but centred at zero."""
     _, deviation = known_moments(context)
     return without_weights(deviation * standard_normal(context))
 
 
 def standard_normal(context: InitContext) -> Tensor:
-    """The same draws for whichever initializer scales them; shape (M, n, d)."""
+    """Standard normal draws that both initializers share; shape (M, n, d)."""
     return context.draw("gaussian", Generator.standard_normal)
 
 
@@ -116,7 +116,7 @@ def known_moments(context: InitContext) -> tuple[Tensor, Tensor]:
              description="Permuted ES: centroids as ES takes them, after word vectors have been dealt out anew (a "
                          "control).")  # fmt: skip
 def permuted_entity_similarity(context: InitContext, k: Count) -> InitResult:
-    """ES with the word vectors dealt out anew among the entities that have one."""
+    """ES with the word vectors permuted among the entities that have one."""
     return _es_of_dealt(context, "es_permuted", torch.zeros_like(context.kinds), k)
 
 
@@ -125,19 +125,19 @@ def permuted_entity_similarity(context: InitContext, k: Count) -> InitResult:
              description="ES permuted within kinds: the same, but word vectors stay within a kind of entity (a "
                          "control).")  # fmt: skip
 def permuted_within_kinds(context: InitContext, k: Count) -> InitResult:
-    """ES with the word vectors dealt out anew among the entities of a kind that have one."""
+    """ES with the word vectors permuted among the entities of each kind that have one."""
     return _es_of_dealt(context, "es_permuted_kinds", context.kinds, k)
 
 
 def _es_of_dealt(context: InitContext, purpose: str, groups: Tensor, k: int) -> InitResult:
-    """ES, each entity with the word vector of the entity that it is dealt."""
+    """ES with permuted word vectors."""
     dealt = dealt_words(context, purpose, groups)
     cosine = similarity.cosines(context.words)[dealt.gather(1, context.novel)]
     return similarity.nearest_by_words(context, cosine.gather(-1, dealt[:, None].expand_as(cosine)), k)
 
 
 def dealt_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
-    """Whose word vector each entity is dealt, in each model, among its group, (E,); shape (M, E)."""
+    """A permutation of the entities within each group, (E,), for each model; shape (M, E)."""
     wordy = (context.words != 0).any(-1)
     members = [(wordy & (groups == group)).nonzero().flatten() for group in torch.unique(groups)]
     dealt = torch.arange(len(context.words)).repeat(len(context.novel), 1)
@@ -153,14 +153,14 @@ def dealt_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
              description="RS without dead coordinates: where a relation's map is close to zero, a coordinate takes no "
                          "part (a control).")  # fmt: skip
 def relational_similarity_alive(context: InitContext, k: Count) -> InitResult:
-    """RS from α that are zero in the coordinates in which their relation's map is dead."""
+    """RS with α set to zero in the coordinates where the relation's map is dead."""
     models = torch.arange(len(context.novel))[:, None, None]
     alpha = similarity.resultants(context) * alive(context.theta0)[models, context.relation]
     return similarity.nearest_by_relations(context, k, alpha)
 
 
 def alive(theta0: Embedding) -> Tensor:
-    """Whether the map of each relation stretches each coordinate to at least ``DEAD``; shape (M, R, d), bool."""
+    """Whether the relation's map has a magnitude of at least ``DEAD`` in each coordinate; shape (M, R, d), bool."""
     relation, axes = theta0.relation[:, :, None], torch.eye(theta0.entity.shape[-1])
     taken = theta0.model.transform(axes, relation) - theta0.model.transform(torch.zeros_like(axes), relation)
     stretch: Tensor = vector_norm(taken, dim=-1)

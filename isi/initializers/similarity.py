@@ -1,4 +1,4 @@
-"""Similarity by words and by relations, and centroids of the most similar entities (section 4): what ISI is made of."""
+"""Similarity by words and by relations, and centroids of the most similar entities: the parts of ISI (section 4)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def word_similarity(context: InitContext) -> Tensor:
 
 
 def resultants(context: InitContext) -> Tensor:
-    """α of each insert triple, (M, n, I, d): where it puts the novel entity (equation 4), or ``NoRelationMap``."""
+    """α of each insert triple, (M, n, I, d): the vector that it expects (equation 4); or ``NoRelationMap``."""
     theta0, models = context.theta0, torch.arange(len(context.novel))[:, None, None]
     if not theta0.model.invertible:
         raise NoRelationMap
@@ -37,7 +37,7 @@ def resultants(context: InitContext) -> Tensor:
 
 
 def relational_score(context: InitContext, alpha: Tensor | None = None) -> Tensor:
-    """Σ_r cos(v_e, ᾱ_r) over the relations of insert triples, by their α or by others (equation 5); (M, n, E)."""
+    """Σ_r cos(v_e, ᾱ_r) over the relations of insert triples (equation 5), with their α or other ones; (M, n, E)."""
     theta0, alpha = context.theta0, resultants(context) if alpha is None else alpha
     of = one_hot(context.relation, theta0.relation.shape[1]) * context.observed[..., None]
     centroids = torch.einsum("mnir,mnid->mnrd", of.to(alpha.dtype), alpha)  # ᾱ, but for its length
@@ -58,24 +58,24 @@ def top_k(score: Tensor, eligible: Tensor, k: int) -> Tensor:
 
 
 def nearest_by_words(context: InitContext, similarity: Tensor, k: int) -> InitResult:
-    """Centroid of the k entities of highest word similarity, (M, n, E); RS where there is no word vector."""
+    """ES: centroid of the k entities of highest word similarity, (M, n, E); without a word vector, RS."""
     return centroid_of_first(
         context, words=lambda: top_k(similarity, word_eligible(context), k), triples=lambda: top_related(context, k)
     )
 
 
 def nearest_by_relations(context: InitContext, k: int, alpha: Tensor | None = None) -> InitResult:
-    """Centroid of the k entities nearest to where the insert triples point, by their α or by others."""
+    """RS: centroid of the k entities of highest relational score, with the α of insert triples or other ones."""
     return centroid_of_first(context, triples=lambda: top_related(context, k, alpha))
 
 
 def top_related(context: InitContext, k: int, alpha: Tensor | None = None) -> Tensor:
-    """The k eligible entities of highest relational score, by α of insert triples or by others; (M, n, E), bool."""
+    """The k eligible entities of highest relational score, with α of insert triples or other ones; (M, n, E), bool."""
     return top_k(relational_score(context, alpha), context.eligible[:, None], k)
 
 
 def nearest_by_both(context: InitContext, k: int, candidates: int) -> InitResult:
-    """RS among the best of ES (equation 6); whichever half there is where the other is missing."""
+    """RS among the best of ES (equation 6); ES or RS alone where the other is impossible."""
     similar, related, named = word_similarity(context), relational_score(context), word_eligible(context)
     return centroid_of_first(
         context,
@@ -86,7 +86,7 @@ def nearest_by_both(context: InitContext, k: int, candidates: int) -> InitResult
 
 
 def insert_triple_table(context: InitContext) -> Tensor:
-    """Insert triples of each novel entity by cell (is it the tail, relation, other end); (M, n, 2, R, E), float32."""
+    """Insert triples of novel entities by their slot (head, tail), relation and other end; (M, n, 2, R, E), float32."""
     relations, entities = context.theta0.relation.shape[1], context.theta0.entity.shape[1]
     cell = (context.novel_is_tail * relations + context.relation) * entities + context.other
     table = torch.zeros(*context.novel.shape, 2 * relations * entities)
@@ -95,7 +95,7 @@ def insert_triple_table(context: InitContext) -> Tensor:
 
 
 def cell_anchors(theta0: Embedding) -> Tensor:
-    """α of each cell: where its known end meets a head, then where it meets a tail; shape (M, K, d)."""
+    """α of each cell: the vector that its known end expects of a head, then of a tail; shape (M, K, d)."""
     entity, relation = theta0.entity[:, None], theta0.relation[:, :, None]
     there, back = theta0.model.transform(entity, relation), theta0.model.transform_tail(entity, relation)
     return torch.stack([back, there], 1).flatten(1, 3)
@@ -104,7 +104,7 @@ def cell_anchors(theta0: Embedding) -> Tensor:
 def weights_of_first(context: InitContext, **ways: Weigh) -> tuple[Tensor, Tensor]:
     """Weights or indicators, (M, n, E), by the first way that is possible, else of all known; and the fallback.
 
-    Ways are named by what they need of a novel entity: ``words``, insert ``triples``, ``both`` or ``nothing``.
+    A way is named by what it needs: ``words``, insert ``triples``, ``both`` or ``nothing``.
     """
     words, triples = has_words(context), has_insert_triples(context)
     has = {"words": words, "triples": triples, "both": words & triples, "nothing": torch.ones_like(words)}
@@ -121,7 +121,7 @@ def weights_of_first(context: InitContext, **ways: Weigh) -> tuple[Tensor, Tenso
 
 
 def centroid_of_first(context: InitContext, **ways: Weigh) -> InitResult:
-    """The centroid of the indicators of the first way that can serve a novel entity (see ``weights_of_first``)."""
+    """The centroid of the indicators of the first possible way (see ``weights_of_first``)."""
     return centroid(context, *weights_of_first(context, **ways))
 
 
@@ -133,7 +133,7 @@ def centroid(context: InitContext, indicators: Tensor, fallback: Tensor) -> Init
 
 
 def mean_of_first(context: InitContext, **ways: Weigh) -> InitResult:
-    """The mean by the weights of the first way that can serve a novel entity (see ``weights_of_first``)."""
+    """The mean by the weights of the first possible way (see ``weights_of_first``)."""
     weights, fallback = weights_of_first(context, **ways)
     weights = weights.to(context.theta0.entity.dtype)
     weights = weights / weights.sum(-1, keepdim=True)

@@ -1,4 +1,4 @@
-"""A model: how a triple is scored, and all ways to score and all gradients that follow from it.
+"""A model: the score of a triple, from which all ways to rank and all gradients follow.
 
 A model is a frozen dataclass whose fields are its options, registered under a name. One that has a ``score`` of its
 own derives from ``Model``: everything else follows, one embedding of the stack after the other, with gradients by
@@ -36,11 +36,11 @@ class Model(ABC):
     angles: ClassVar[bool] = False  #: whether the row of a relation holds angles
 
     def width(self, dimension: int) -> int:
-        """Numbers in a relation's row, where a vector has ``dimension``; an ``InputError`` where none can have it."""
+        """Length of a relation's row for vectors of ``dimension``; ``InputError`` where the dimension is impossible."""
         return dimension
 
     def half_range(self, given: float) -> float:
-        """Relation tables start uniform in ± this; ``given`` is what those of entities start in."""
+        """Relation tables start uniform in ± this; ``given`` is the half range of entity tables."""
         return given
 
     @abstractmethod
@@ -49,11 +49,11 @@ class Model(ABC):
 
     @abstractmethod
     def transform(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """Where a relation takes a head: the tail that it expects; shapes (..., d), (..., w)."""
+        """The head mapped by the relation: the tail that it expects; shapes (..., d), (..., w)."""
 
     @abstractmethod
     def inverse(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """Where the head of a tail must be; shapes (..., d), (..., w)."""
+        """The inverse map: the head that a tail expects; shapes (..., d), (..., w)."""
 
     def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
         """The tail as heads see it: interaction(transform(h, r), t) = interaction(h, transform_tail(t, r)).
@@ -73,18 +73,18 @@ class Model(ABC):
     def scores(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
         """Scores of triples, and the gradients of Σ slope · f by both tables, as a function of the slopes.
 
-        The slopes are of the shape of the scores, which they may have overwritten.
+        The slopes have the shape of the scores, and may be the same memory.
         """
         _, scores = triples.empty(entity)
         return scores, _by_autograd(self.score, entity, relation, triples, scores)
 
 
 class RelationMapModel(Model):
-    """Relations that map a head: f(h, r, t) = interaction(transform(h, r), t)."""
+    """A model whose relations map heads: f(h, r, t) = interaction(transform(h, r), t)."""
 
     @property
     def interaction(self) -> Interaction:
-        """How a mapped head and a tail make a score; a product unless a model says otherwise."""
+        """The score of a mapped head and a tail: a product, unless a model overrides it."""
         return Product()
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
@@ -108,7 +108,7 @@ class RelationMapModel(Model):
         return scores, backward
 
     def map(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
-        """Mapped heads of triples (see ``Triples.empty``), and from gradients by them those by both tables."""
+        """Mapped heads of triples (see ``Triples.empty``), and the backward function to both tables' gradients."""
         memory, mapped = triples.empty(entity, entity.shape[-1])
         return memory, _by_autograd(lambda h, r, _: self.transform(h, r), entity, relation, triples, mapped)
 
@@ -117,7 +117,7 @@ def _by_autograd(
     function: Callable[[Tensor, Tensor, Tensor], Tensor], entity: Tensor, relation: Tensor, triples: Triples,
     values: Tensor,
 ) -> Backward:  # fmt: skip
-    """Fill in the values of a function of head, relation and tail, and give its gradients by both tables."""
+    """Write a function's ``values`` for heads, relations and tails, and return its backward function."""
     for model, place, pick in triples.parts():
         values[place] = function(*pick(entity[model], relation[model])).view_as(values[place])
 
@@ -152,7 +152,7 @@ MODELS: Plugins[type[Model]] = Plugins("isi.models")
 
 
 class EmbeddingParams(Section):
-    """``embedding`` in params: which model embeddings have, and how their tables start."""
+    """``embedding`` in params: the model, the dimension, and how tables are initialized."""
 
     renamed: ClassVar = {"family": "model"}
     model: Name

@@ -1,6 +1,6 @@
-"""Scores of triples and their gradients: over all triples, as dense tables, or over a list, by a product or a distance.
+"""Scores of triples and their gradients, by product or distance: of all triples (dense), or of a list.
 
-A formula written once holds for both forms of triples: it takes rows of tables with ``heads`` and ``relations``, and
+A formula is written once for both forms of triples: it takes rows of tables with ``heads`` and ``relations``, and
 sums gradients with ``by_head`` and ``by_relation``. Below, ``...`` stands for (M, R, E), the heads under each relation,
 in dense tables, and for (N,) in a list.
 
@@ -44,7 +44,7 @@ def spaced(table: Tensor) -> Tensor:
 
 
 def padded(function: Callable[[Tensor], Tensor], values: Tensor) -> Tensor:
-    """An elementwise function, with the same bits wherever a number stands; any shape."""
+    """An elementwise function whose bits do not depend on where a number stands; any shape."""
     flat = values.flatten()
     return function(pad(flat, (0, -len(flat) % _REGISTER)))[: len(flat)].view(values.shape)
 
@@ -112,7 +112,7 @@ Interaction = Product | Distance
 
 @dataclass(frozen=True)
 class DenseTriples:
-    """All triples of M models; their scores are tables by relation, head and tail, (M, R, E, E)."""
+    """All triples of M models; their scores have the shape (M, R, E, E): relation, head, tail."""
 
     shape: tuple[int, int, int]  #: M, R and E
 
@@ -122,26 +122,26 @@ class DenseTriples:
         return cls((len(entity), relation.shape[1], entity.shape[1]))
 
     def heads(self, table: Tensor) -> Tensor:
-        """Rows of heads from a table, (M, E, d), as they broadcast to (..., d)."""
+        """The heads' rows of a table, (M, E, d), in a shape that broadcasts to (..., d)."""
         return table[:, None]
 
     def relations(self, table: Tensor) -> Tensor:
-        """Rows of relations from a table, (M, R, d), as they broadcast to (..., d)."""
+        """The relations' rows of a table, (M, R, d), in a shape that broadcasts to (..., d)."""
         return table[:, :, None]
 
     def empty(self, entity: Tensor, width: int | None = None) -> tuple[Tensor, Tensor]:
-        """Memory for mapped heads, as ``interact`` takes it and as a view of shape (..., width); or for scores."""
+        """Empty memory: for ``interact``, and the same as a view of shape (..., width); without a width, for scores."""
         models, relations, entities = self.shape
         memory = entity.new_zeros(models, relations * entities + 1, width or entities)
         return memory, memory[:, :-1].view(*self.shape, -1)
 
     def by_head(self, values: Tensor, swapped: tuple[Tensor, Linear] | None = None) -> Tensor:
-        """Sums by head of values (..., d) that may be overwritten, and of others under a linear function; (M, E, d)."""
+        """Sum by head: values (..., d), which may be overwritten, and a linear function of ``swapped``; (M, E, d)."""
         total = values.sum(1)
         return total + swapped[1](swapped[0].sum(1)) if swapped else total  # of the sums, since they are fewer
 
     def by_relation(self, values: Tensor) -> Tensor:
-        """Sums by relation of values of shape (..., d); shape (M, R, d)."""
+        """Sum values, (..., d), by relation; shape (M, R, d)."""
         return values.sum(2)
 
     def interact(self, interaction: Interaction, mapped: Tensor, entity: Tensor) -> tuple[Tensor, Backward]:
@@ -155,7 +155,7 @@ class DenseTriples:
         return scores[:, :-1].view(*self.shape, -1), backward
 
     def parts(self) -> Iterator[tuple[int, Any, Pick]]:
-        """Parts of one model each: its place in the stack, the part's place in scores, and what picks the vectors."""
+        """The models one by one: place in the stack, slice of the scores, and a function that picks the vectors."""
         for model, number in product(range(self.shape[0]), range(self.shape[1])):
             yield model, (model, number), partial(_pick, ((slice(None), None), number, None))
 

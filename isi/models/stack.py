@@ -30,7 +30,7 @@ class Embedding:
     model: Model = field(metadata={"shared": True})
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Travel to another process as plain arrays."""
+        """Pickle as plain arrays, to reach another process."""
         return _from_arrays, (self.entity.numpy(), self.relation.numpy(), self.model)
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
@@ -65,12 +65,12 @@ def rows(table: Tensor, ids: Tensor) -> Tensor:
 
 
 def select(stacked: T, models: Tensor) -> T:
-    """The same value for some embeddings of a stack, by a mask or places; fields marked as ``shared`` stay."""
+    """A value restricted to some embeddings of the stack, by mask or index; ``shared`` fields stay as they are."""
     return mapped(stacked, lambda tensor: tensor[models], shared=False)
 
 
 def mapped(value: T, function: Callable[[Tensor], Tensor], shared: bool = True) -> T:
-    """The same value with a function of each tensor in it, also in data classes, mappings, lists and tuples."""
+    """Apply a function to each tensor in a value, also within data classes, mappings, lists and tuples."""
     result: Any = value
     if isinstance(result, Tensor):
         result = function(result)
@@ -87,7 +87,7 @@ def mapped(value: T, function: Callable[[Tensor], Tensor], shared: bool = True) 
 def uniform(
     entities: Tensor, relations: int, model: Model, dimension: int, half_range: float, root: int, keys: Tensor
 ) -> Embedding:
-    """Tables uniform in ± half_range (of relations: ``Model.half_range``), zero outside of ``entities``, (M, E), bool.
+    """Draw tables uniformly in ± half_range (relations: ``Model.half_range``); zero outside ``entities``, (M, E), bool.
 
     The random stream of each embedding is keyed by the root seed and a row of ``keys``.
     """
@@ -101,7 +101,7 @@ def uniform(
 
 
 class NotFinite(InputError):
-    """NaN or infinity in some models of a stack, such as of one that diverges in training."""
+    """Some models of a stack have NaN or infinity, for example because training diverged."""
 
     def __init__(self, models: list[int], message: str) -> None:
         super().__init__("", "", message)
@@ -112,7 +112,7 @@ class NotFinite(InputError):
 
 
 def check_finite(tables: tuple[Tensor, ...], name: str, largest: float = LARGEST) -> None:
-    """Check that |x| ≤ ``largest`` for all numbers of tables, (M, ...); else ``NotFinite`` names the models."""
+    """Raise ``NotFinite`` with the models in whose tables, (M, ...), some |x| is above ``largest``."""
     sound = torch.stack([table.flatten(1).abs().amax(1) <= largest for table in tables]).all(0)  # NaN is not
     if not sound.all():
         raise NotFinite((~sound).nonzero()[:, 0].tolist(), f"NaN or infinity in {name}")

@@ -52,7 +52,7 @@ Read = Callable[..., Iterable[Observation]]
 
 @dataclass
 class Mining:
-    """What a reader is given beside its settings, and where it reports what the observations do not say."""
+    """What a reader gets beside its settings, and where it reports counts and names of entities."""
 
     seed: int  #: root of every random stream
     #: what was dropped, or is left after each step; empty where a reader does not count
@@ -63,7 +63,7 @@ class Mining:
 
 @dataclass(frozen=True)
 class Reader:
-    """A function that reads observations, and what is to be known of it."""
+    """A function that reads observations, and which settings and files it takes."""
 
     #: gives observations from a ``Mining`` and settings, whose types and defaults are those of its parameters
     read: Read
@@ -95,7 +95,7 @@ def all_readers() -> dict[str, Reader]:
 
 
 def settings_of(section: object, key: str) -> tuple[Reader, dict[str, Any]]:
-    """The reader that a section of params names, and its other keys as keyword arguments; ``key`` is its place."""
+    """The reader that a section of params names, and its settings as keyword arguments; ``key`` is for errors."""
     given = dict(config.check(section, dict[str, Any], key))
     name = config.check(given.pop("reader", None), config.Name, f"{key}.reader")
     chosen = READERS.get(name, f"{key}.reader")
@@ -108,19 +108,19 @@ def settings_of(section: object, key: str) -> tuple[Reader, dict[str, Any]]:
 def observed(
     scene: str, room: str | None, instance: str, head: str, tails: Mapping[str, Iterable[str]], count: int = 1
 ) -> Iterator[Observation]:
-    """The observations of an object: its ``tails`` by relation."""
+    """One observation for each tail of an object; ``tails`` are by relation."""
     for relation, names in tails.items():
         for tail in names:
             yield scene, room, instance, head, relation, tail, count
 
 
 class Source:
-    """A reader with its settings: its observations table by table, then its entities."""
+    """A reader with its settings: gives observations in tables, and then the entities."""
 
     kinds: pd.DataFrame  #: entities with kind and phrase (``KINDS``), once all observations have been read
 
     def __init__(self, section: object, key: str, seed: int) -> None:
-        """Choose the reader (see ``settings_of``); ``seed`` is the root of random streams, and nothing is read yet."""
+        """Choose the reader (see ``settings_of``); nothing is read yet. ``seed`` is the root of random streams."""
         self._reader, self._settings = settings_of(section, key)
         self._place = str(self._settings.get(self._reader.path or "", key))
         self._mining = Mining(seed)
@@ -128,7 +128,7 @@ class Source:
         self.counts = self._mining.counts
 
     def tables(self) -> Iterator[pa.Table]:
-        """Observations (``OBSERVATIONS``), at most ``CHUNK`` at once; InputError also where an entity has no kind."""
+        """Observations (``OBSERVATIONS``), at most ``CHUNK`` a table; InputError also for an entity without a kind."""
         observations = iter(self._reader.read(self._mining, **self._settings))
         triples: set[tuple[str, str, str]] = set()
         rooms: set[str] = set()

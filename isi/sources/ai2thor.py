@@ -1,4 +1,4 @@
-"""AI2-THOR's and RoboTHOR's scenes, recorded or one by one, mined into observations (section 5.1)."""
+"""AI2-THOR's and RoboTHOR's scenes, from recordings or single files, mined into observations (section 5.1)."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def ai2thor_scene(
     """Observations of one scene, with the materials that the simulator reports.
 
     ``path`` is of JSON (``.gz`` behind it or not): a list of objects, ``event.metadata``, or a line of a recording.
-    ``room`` is which the scene is; else that of its name, where it has one such as ``FloorPlan1``.
+    ``room`` is the scene's room; null: the one that its name stands for, such as ``FloorPlan1``.
     """
     file = Path(path)
     content: Any = parse_json(Any, read_text(file, "a scene"), file)
@@ -98,7 +98,7 @@ def mine(
     scenes: Iterable[Scene], materials_of: MaterialsOf, file: Path, counts: Counter[str], broken: Broken = "error",
     circular: Circular = "keep",
 ) -> Iterator[Observation]:  # fmt: skip
-    """Observations of scenes, one held at once; ``counts`` grows by what is dropped, ``file`` is named in faults."""
+    """Observations of scenes, which are read one by one; ``counts`` counts what is dropped, errors name ``file``."""
     for scene in scenes:
         receptacles: dict[str, list[str]] = {thing["objectId"]: [] for thing in scene.objects}
         for name, receptacle, fault in _containment(scene, find_cycles=circular != "keep"):
@@ -120,7 +120,7 @@ def mine(
 
 
 def _containment(scene: Scene, find_cycles: bool) -> Iterator[tuple[str, str, str | None]]:
-    """Id and receptacle of what lies in it, the floor left out; or id, problem and fault where that cannot be."""
+    """(object, receptacle, None) for each containment but the floor's; (object, problem, fault) where it cannot be."""
     type_of = {thing["objectId"]: entity_name(thing["objectType"]) for thing in scene.objects}
     parents = {thing["objectId"]: thing.get("parentReceptacles") or [] for thing in scene.objects}
     inside = {name: frozenset(listed) for name, listed in parents.items()}
@@ -153,7 +153,7 @@ def _containment(scene: Scene, find_cycles: bool) -> Iterator[tuple[str, str, st
 
 
 def materials_of(materials: Materials, seed: int) -> MaterialsOf:
-    """The materials of objects: drawn from a seed, or as the simulator reports them."""
+    """How objects get their materials: drawn by SUNCG's shares, or as the simulator reports them."""
     if materials == "simulator":
         return reported_materials
     return suncg_materials(read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES), seed)
@@ -165,7 +165,7 @@ def reported_materials(_scene: int, objects: Sequence[SceneObject]) -> list[list
 
 
 def suncg_materials(shares: pd.DataFrame, root: int) -> MaterialsOf:
-    """Draw each material of each instance with the share of its category in SUNCG, by one stream per scene."""
+    """Draw each material of an object by the share of its category in SUNCG; one random stream per scene."""
     table = np.vstack([shares.to_numpy(dtype=float), np.zeros(shares.shape[1])])
 
     def draw(scene: int, objects: Sequence[SceneObject]) -> list[list[str]]:

@@ -53,7 +53,7 @@ class Vocabulary(Section):
 
 @reader("mp3d_tallies", household)
 def mp3d_tallies(mining: Mining, rooms: Rooms, vocabulary: str) -> Iterator[Observation]:
-    """Observations from published tallies; ``rooms`` is by type of region, ``vocabulary`` the path of a file."""
+    """Observations from published tallies; ``rooms`` maps types of regions to rooms; ``vocabulary`` is a path."""
     return mine([read_tallies(paths.MP3D_TALLIES, rooms)], rooms, Path(vocabulary), mining.counts)
 
 
@@ -63,7 +63,7 @@ def mp3d_houses(
 ) -> Iterator[Observation]:
     """Observations from Matterport3D's houses, the files ``*.house`` in ``folder`` and below.
 
-    ``category`` says which of their two names objects go by; ``rooms`` has the room of each label of a region.
+    ``category`` chooses one of the two names of an object; ``rooms`` maps labels of regions to rooms.
     """
     return mine(_read_houses(Path(folder), CATEGORY_FIELD[category]), rooms, Path(vocabulary), mining.counts)
 
@@ -71,9 +71,9 @@ def mp3d_houses(
 def mine(
     batches: Iterable[pd.DataFrame], rooms: Mapping[str, str], vocabulary: Path, counts: Counter[str]
 ) -> Iterator[Observation]:
-    """Observations of batches of tallies such as houses, one by one; equal ones of a batch are added up.
+    """Observations of batches of tallies, such as houses; equal observations of a batch are added up.
 
-    A tally counts the objects of one category in one region: columns ``COLUMNS``. ``counts`` grows by the instances
+    A tally counts the objects of a category in a region (``COLUMNS``). ``counts`` grows by the instances
     that are left after each of ``STEPS``. The vocabulary is a file, since DVC parses the params once a stage.
     """
     words = config.check(config.read(vocabulary), Vocabulary, "", vocabulary)
@@ -96,7 +96,7 @@ def _category_name(category: str) -> str:
 
 
 def read_tallies(path: Path, regions: Iterable[str]) -> pd.DataFrame:
-    """Published counts by region type: a CSV of ``object,room,count``; else, or without a region, InputError."""
+    """Published counts from a CSV ``object,room,count``; InputError where a room of the setting is not in it."""
     table = read_table(path, ["object", "room", "count"])
     table["object"] = table["object"].map(_category_name)
     check_names(table["object"], path)
@@ -108,7 +108,7 @@ def read_tallies(path: Path, regions: Iterable[str]) -> pd.DataFrame:
 
 
 def _read_houses(folder: Path, category_field: int) -> Iterator[pd.DataFrame]:
-    """The objects of each ``*.house`` file in a folder and the folders in it, in the order of their paths."""
+    """The objects of each ``*.house`` file in a folder and its subfolders, sorted by path."""
     content = "a folder with *.house files, unpacked"
     with reading(folder, content):
         files = sorted(path for path in folder.rglob("*.house") if path.is_file())
@@ -123,7 +123,7 @@ def _read_houses(folder: Path, category_field: int) -> Iterator[pd.DataFrame]:
 
 
 def _read_house(path: Path, category_field: int) -> tuple[str, pd.DataFrame]:
-    """The name of a house, and its objects, whose regions and categories may come behind them."""
+    """The name of a house and its objects; regions and categories may be listed after the objects."""
     first, *lines = read_text(path, "a .house file").split("\n")
     version = re.fullmatch(r"ASCII\s+(\S+)\s*", first)
     if not version or version[1] not in HEADERS:

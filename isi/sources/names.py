@@ -1,4 +1,4 @@
-"""Names, kinds and phrases of entities, which each source gives to what it has observed."""
+"""Names, kinds and phrases of the entities of a source."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ AT_LOCATION, HAS_MATERIAL, HAS_AFFORDANCE = "atLocation", "hasMaterial", "hasAff
 
 
 def name_fault(name: object) -> str | None:
-    """What is wrong with a name; null where nothing is."""
+    """What is wrong with a name, or null."""
     if not isinstance(name, str) or not name:
         return "expected a name, got none"
     if len(name) > LONGEST:
@@ -31,7 +31,7 @@ def name_fault(name: object) -> str | None:
 
 
 def check_name(name: str) -> str:
-    """The name itself; ValueError where it is none (``name_fault``)."""
+    """Return a valid name; ValueError for any other (``name_fault``)."""
     if fault := name_fault(name):
         raise ValueError(fault)
     return name
@@ -42,7 +42,7 @@ Name = Annotated[str, AfterValidator(check_name)]
 
 
 def check_names(names: pd.Series[str], path: object) -> None:
-    """InputError for the first of a column that is no name; its index, ``line`` or ``row``, says where it stands."""
+    """InputError for the first invalid name of a column, whose index holds numbers of lines or rows."""
     faults = {name: fault for name in names.unique() if (fault := name_fault(name))}
     if faults:
         place, name = next((place, name) for place, name in names.items() if name in faults)
@@ -56,7 +56,7 @@ def entity_name(object_type: str) -> str:
 
 
 def phrase(name: str) -> str:
-    """The words of a name, which are looked up in the word vectors: ``TVStand`` and ``tv_stand`` → ``tv stand``."""
+    """The words of a name, for its word vector: ``TVStand`` and ``tv_stand`` → ``tv stand``."""
     return " ".join(entity_name(name.replace("_", " ")).split()) or name
 
 
@@ -78,7 +78,7 @@ HOUSEHOLD = {
 
 @dataclass
 class Naming:
-    """Names the entities of triples: the kind of each by its name, else by its relations, else ``ENTITY``."""
+    """Gives entities a kind, by name, else by their relations, else ``ENTITY``; and a phrase."""
 
     kinds: KindsByRelation | None = None
     household: bool = False  #: whether relations and kinds are those of a household
@@ -88,7 +88,7 @@ class Naming:
     words: Callable[[str], str] = phrase  #: gives the phrase of any other entity
 
     def __call__(self, triples: pd.DataFrame, rooms: Collection[str]) -> pd.DataFrame:
-        """Entities of unique triples in alphabetical order, with kind and phrase (``KINDS``), each of one kind."""
+        """The entities of unique triples, sorted, each with one kind and a phrase (``KINDS``)."""
         relations = set(triples["relation"])
         if unknown := set(self.kinds or ()) - relations:
             raise InputError("kinds", f"relation {min(unknown)!r}", "no triple has it")
@@ -103,7 +103,7 @@ class Naming:
         return pd.DataFrame({"entity": names, "kind": [kinds.get(name, ENTITY) for name in names], "phrase": phrases})
 
     def _by_relation(self, triples: pd.DataFrame, rooms: Collection[str]) -> dict[str, str]:
-        """The kind of each entity by the relations that it has, but of those that are described elsewhere."""
+        """The kind of each entity by its relations, except entities that a table describes."""
         ends: Mapping[str, Ends] = HOUSEHOLD if self.household else self.kinds or {}
         known = set() if self.household else set(self.kind_of)
         kind_and_place: dict[str, tuple[str, str]] = {}

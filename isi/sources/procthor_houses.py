@@ -1,4 +1,4 @@
-"""ProcTHOR's houses, mined into observations: rooms by position, the rest by what was recorded of the same types."""
+"""ProcTHOR's houses: rooms by position, materials and affordances from recorded objects of the same type."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ UNRECORDED = "of a type that was never recorded: "
 
 
 class _Fields(BaseModel):
-    """What is read of a JSON object; its other keys are skipped."""
+    """A JSON object; other keys are skipped."""
 
     model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False)
 
 
 class Point(_Fields):
-    """On the floor, in metres."""
+    """A point on the floor, in metres."""
 
     x: float
     z: float
@@ -58,7 +58,7 @@ class _Metadata(_Fields):
 
 
 class Item(_Fields):
-    """An object, with those on or in it."""
+    """An object, with the objects on or in it."""
 
     id: Name
     asset: Annotated[Name, Field(alias="assetId")]
@@ -75,7 +75,7 @@ def _check_rooms(rooms: list[Room]) -> list[Room]:
 
 
 class House(_Fields):
-    """A house in the format of ProcTHOR-10K, of either version, with its objects as a forest."""
+    """A house in either version of ProcTHOR-10K's format; its objects form a forest."""
 
     rooms: Annotated[list[Room], Field(min_length=1), AfterValidator(_check_rooms)]
     objects: list[Item] | None
@@ -83,7 +83,7 @@ class House(_Fields):
 
 
 class HouseObject(NamedTuple):
-    """An object of a house, with the type of what it is on or in, and the id of the room that its own id names."""
+    """An object of a house: its ``parent`` is the type of what it is on or in; ``room`` is the id in its own id."""
 
     id: str
     type: str
@@ -103,10 +103,10 @@ RecordedTypes = Mapping[str, Sequence[SceneObject]]  #: By name of a type, the o
     defaults={"sha256": None, "materials": "simulator"},
 )
 def procthor_houses(mining: Mining, path: str, sha256: Sha256 | None, materials: Materials) -> Iterator[Observation]:
-    """Observations of objects in houses. Walls, doors, windows and floors are no objects there.
+    """Observations of objects in houses; walls, doors, windows and floors are not among the objects.
 
-    ``path`` is of a file in the format of ProcTHOR-10K, a house a line, plain or gzip; or of one house, ``*.json``.
-    ``materials`` are drawn as in SUNCG, or those of a recorded object of the same type, drawn at random.
+    ``path`` names a file in ProcTHOR-10K's format, one house per line, plain or gzip; or ``*.json`` of one house.
+    ``materials`` are drawn by SUNCG's shares, or are those of a random recorded object of the same type.
     """
     recorded, counts = recorded_types(read_recording(locate("recording"), None)), mining.counts
     affordances = {name: affordances_of(objects) for name, objects in recorded.items()}
@@ -146,13 +146,13 @@ def recorded_types(scenes: Iterable[Scene]) -> RecordedTypes:
 
 
 def affordances_of(objects: Sequence[SceneObject]) -> list[str]:
-    """What can be done with more than half of some objects; those of a type hardly differ from one to the other."""
+    """What can be done with more than half of these objects. Objects of one type hardly differ."""
     most = [key for key in AFFORDANCES if 2 * sum(bool(thing.get(key)) for thing in objects) > len(objects)]
     return [action for key in most for action in AFFORDANCES[key]]
 
 
 def recorded_materials(recorded: RecordedTypes, root: int) -> MaterialsOf:
-    """Draw a recorded object of the same type, and take its materials (none of an unknown type); a stream per house."""
+    """Take the materials of a random recorded object of the same type, if any; one random stream per house."""
     materials = {name: reported_materials(0, objects) for name, objects in recorded.items()}
 
     def draw(house: int, objects: Sequence[SceneObject]) -> list[list[str]]:
@@ -164,7 +164,7 @@ def recorded_materials(recorded: RecordedTypes, root: int) -> MaterialsOf:
 
 
 def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room | None]:
-    """The room on or above whose floor each object is, or else borders; of several, that of its id, or the first."""
+    """The room whose floor an object is above, else the one it borders; of several, that of its id, or the first."""
     x, z = np.array([(thing.position.x, thing.position.z) for thing in objects]).reshape(-1, 2).T
     scores = np.zeros((len(rooms), len(objects)), dtype=int)
     for room, score in zip(rooms, scores, strict=True):
@@ -186,7 +186,7 @@ def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room
 
 
 def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, list[HouseObject]]]:
-    """The houses of a file by their lines, with their objects: JSON Lines, or one house where it is ``*.json``."""
+    """The houses of a file (JSON Lines, or ``*.json`` of one house): line, house and objects."""
     types, line = asset_types(), 0
     for line, content in json_lines(path, sha256, LONGEST, "a house as JSON", whole=".json" in path.suffixes[-2:]):
         house = parse_json(House, content, path, f"line {line}")
@@ -202,7 +202,7 @@ def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, li
 
 
 def house_objects(items: Iterable[Item], types: Mapping[str, str], parent: str | None) -> Iterator[HouseObject]:
-    """Objects, each before those on or in it, of the types that their ids name, else of those of their assets."""
+    """All objects, each before those on or in it. The type is that of the id, else that of the asset."""
     for item in items:
         named, room = type_and_room(item.id)
         kind = named or types.get(item.asset, "")
@@ -212,7 +212,7 @@ def house_objects(items: Iterable[Item], types: Mapping[str, str], parent: str |
 
 @lru_cache(maxsize=2**16)
 def type_and_room(identifier: str) -> tuple[str | None, str | None]:
-    """Type and id of the room that an object's id names: ``Bed|2|0``, ``Book|surface|2|0``, ``small|2|0``, ``2|0``."""
+    """The type and the room's id in an object's id: ``Bed|2|0``, ``Book|surface|2|0``, ``small|2|0``, ``2|0``."""
     first, *rest = identifier.split("|")
     kind = first if first.isascii() and first.isalnum() and not first[0].isdigit() and first != "small" else None
     number = next((text for text in (first, *rest) if text.isascii() and text.isdigit()), None)
@@ -220,7 +220,7 @@ def type_and_room(identifier: str) -> tuple[str | None, str | None]:
 
 
 def asset_types() -> dict[str, str]:
-    """The type of each asset of ProcTHOR's, from the package ``procthor``."""
+    """The type of each asset, from the package ``procthor``."""
     content = "the assets of houses"
     path = packaged("procthor", "procthor/databases/asset-database.json", content)
     listed = parse_json(dict[str, list[dict[str, Any]]], read_text(path, content), path)

@@ -35,10 +35,10 @@ def rdf(
     mining: Mining, path: str, entities: str | None = None, kinds: KindsByRelation | None = None,
     household: bool = False, names: Choice["local", "iri"] = "local",
 ) -> Iterator[Observation]:  # fmt: skip
-    """Observations of an RDF graph, ``.nt`` or ``.ttl`` (``.gz`` behind it or not). Types are kinds, labels phrases.
+    """Observations of an RDF graph, ``.nt`` or ``.ttl``, perhaps with ``.gz``. Types are kinds, labels are phrases.
 
-    Other settings are those of the source ``table``, whose table of ``entities`` goes before the file. ``names`` says
-    what entities and relations go by: the ``local`` part of their IRI, or all of it; no two IRIs share one.
+    Other settings are those of ``table``; its table of ``entities`` overrides the file. ``names`` says
+    whether entities and relations are named by the ``local`` part of their IRI or all of it; names must be unique.
     """
     logging.getLogger("rdflib").setLevel(logging.ERROR)  # it warns of IRIs that are none
     mining.name_entities = named = naming(entities, kinds, household)
@@ -95,13 +95,13 @@ def rdf(
 
 
 def local_name(iri: str) -> str:
-    """What stands behind an IRI's last ``#`` or ``/`` (of a URN, behind its last ``:``), without percent signs."""
+    """The part of an IRI after the last ``#`` or ``/`` (in a URN ``:``), with percent escapes decoded."""
     parts = re.split("[#/]" if re.search("[#/]", iri) else ":", iri.rstrip("#/"))
     return unquote(parts[-1])
 
 
 def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
-    """The triples of a file behind their places; those of Turtle are in order, and no place of them is known."""
+    """Place and nodes of each triple. Turtle's triples are sorted and have no place."""
     if suffix_of(path) not in SUFFIXES:
         raise InputError(path, "", "expected a name that ends in .nt or .ttl (.gz behind it or not)")
     if suffix_of(path) == ".nt":
@@ -119,7 +119,7 @@ def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
 
 
 class _Sink(list[Nodes], DummySink):
-    """Takes the triples that the parser reads in a line."""
+    """Collects the triples of a line."""
 
     def triple(self, s: Node, p: Node, o: Node) -> None:
         self.append((s, p, o))

@@ -1,4 +1,4 @@
-"""How sources read files: JSON by pydantic, tables by pyarrow, text, files of packages; each error names its place."""
+"""Readers of files for all sources: JSON (pydantic), tables (pyarrow), text; each error names its place."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ T = TypeVar("T")
 
 @contextmanager
 def reading(path: Path, content: str) -> Iterator[None]:
-    """Turn what reading a broken file raises into an ``InputError``; ``content`` is what was expected there."""
+    """Turn errors in reading a broken file into an ``InputError``; ``content`` says what was expected."""
     try:
         yield
     except UNREADABLE as error:
@@ -48,7 +48,7 @@ def reading(path: Path, content: str) -> Iterator[None]:
 
 
 def packaged(package: str, path: str, content: str) -> Path:
-    """A file or folder of a package that has ``content``, which is never imported; InputError where it is missing."""
+    """Path of a package's data, without importing the package; InputError where it is missing."""
     try:
         return Path(str(distribution(package).locate_file(path)))
     except PackageNotFoundError as error:
@@ -68,7 +68,7 @@ def open_text(path: Path) -> TextIO:
 
 
 def read_text(path: Path, content: str) -> str:
-    """All of a text file; InputError where it is no ``content``: missing, no UTF-8, broken, or longer than ``MOST``."""
+    """All of a text file; InputError where it is missing, broken, no UTF-8, or longer than ``MOST``."""
     with reading(path, f"{content} in UTF-8"), open_text(path) as file:
         text = file.read(MOST + 1)
     if len(text) > MOST:
@@ -79,7 +79,7 @@ def read_text(path: Path, content: str) -> str:
 def json_lines(
     path: Path, sha256: str | None, most: int, content: str, whole: bool = False
 ) -> Iterator[tuple[int, bytes]]:
-    """The lines, of ``most`` bytes each, of a plain or compressed file that are not blank, with their numbers from 1.
+    """The lines of a plain or gzip file, at most ``most`` bytes each, with numbers from 1; blank ones are skipped.
 
     ``whole`` takes the file as one line; ``content`` is what was expected; ``sha256`` is checked if it is given.
     """
@@ -99,14 +99,14 @@ def json_lines(
 
 
 def parse_json(form: type[T], content: bytes | str, path: object, place: str = "") -> T:
-    """What JSON holds; InputError where it is broken or of another form: names the place in it, behind ``place``."""
+    """Parse JSON as a type; InputError names the place that is broken or of another form, after ``place``."""
     with at(path, place):
         text = content.removeprefix(codecs.BOM_UTF8) if isinstance(content, bytes) else content
         return TypeAdapter(form).validate_json(text, strict=True)
 
 
 def refuse(path: Path, column: pd.Series, wrong: pd.Series[bool], expected: str) -> None:
-    """Refuse a file where a value of a column is wrong: names the line of the first, by the index of the column."""
+    """InputError where a value of a column is wrong; the column's index gives the line of the first."""
     if wrong.any():
         place, value = next(iter(column[wrong].items()))
         raise InputError(path, f"{column.index.name} {place}", f"{expected}, got {short(value)}")
@@ -115,10 +115,10 @@ def refuse(path: Path, column: pd.Series, wrong: pd.Series[bool], expected: str)
 def read_table(
     path: Path, columns: Sequence[str], *keys: Sequence[str], optional: Sequence[str] | None = None
 ) -> pd.DataFrame:
-    """A table of names that is read as a whole; its index has the numbers of lines (see ``read_batches``).
+    """Read a whole table of names; its index holds the numbers of lines (see ``read_batches``).
 
-    Its ``columns`` hold names, but for ``COUNT``; in those of a key no two rows are alike. The names of ``optional``
-    columns may be empty; where that is null, it may have any others, which are skipped.
+    All ``columns`` hold names, except ``COUNT``. Rows are unique in ``key``. Names in ``optional``
+    columns may be empty; null allows any other columns and skips them.
     """
     batches: list[pd.DataFrame] = []
     for batch in read_batches(path, columns, optional or (), others=optional is None):

@@ -1,4 +1,4 @@
-"""Records scenes of the live simulator for the readers of AI2-THOR and RoboTHOR; no stage of a pipeline does.
+"""Records scenes of the live simulator (``make record``) for the readers of AI2-THOR and RoboTHOR.
 
 A recording grows scene by scene: each line is a gzip member of its own, so that a run that is killed loses one scene.
 """
@@ -46,10 +46,10 @@ _NEEDS = "it needs a graphics device and, but for CloudRendering, a display"
 
 
 class Recording:
-    """Scenes on the disk, behind a header that is written with the first."""
+    """A recording on disk: a header, which is written with the first scene, then the scenes."""
 
     def __init__(self, path: Path, simulator: Mapping[str, Any]) -> None:
-        """Read which scenes of this simulator there are, if any, and cut off a last line that is not whole."""
+        """Read which scenes are recorded, and cut off an incomplete last line; InputError for another simulator."""
         self.path, self._header = path, recordings.FORMAT | dict(simulator)
         #: names of layouts
         self.names: set[str] = set()
@@ -73,7 +73,7 @@ class Recording:
                 os.truncate(path, whole)
 
     def append(self, layout: Layout, objects: Iterable[SceneObject]) -> None:
-        """Add a scene: of each object what mining reads; on the disk when this returns, or else InputError."""
+        """Add a scene with the fields that mining reads; on disk when this returns, or InputError."""
         fields = [{key: thing[key] for key in recordings.FIELDS if key in thing} for thing in objects]
         scene = _member(layout.model_dump() | {"objects": fields})
         if not self.path.exists():
@@ -100,7 +100,7 @@ def _member(record: Mapping[str, Any]) -> bytes:
 
 
 def _members(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Where each whole gzip member of a file ends, and what it holds: no more than the longest line."""
+    """End and content of each complete gzip member of a file; the content is at most the longest line."""
     unpack, content, end, rest = zlib.decompressobj(_GZIP), b"", 0, b""
     try:
         with path.open("rb") as file:
@@ -118,7 +118,7 @@ def _members(path: Path) -> Iterator[tuple[int, bytes]]:
 
 
 def header(settings: Recorder) -> dict[str, Any]:
-    """Which simulator a recording is of: a local build by its name and the first of its sha256, since names repeat."""
+    """The simulator of a recording; a local build goes by its name and the first digits of its SHA-256."""
     if program := settings.executable:
         with at(program):
             build = f"{program.name} {hashlib.sha256(program.read_bytes()).hexdigest()[:16]}"
@@ -128,10 +128,10 @@ def header(settings: Recorder) -> dict[str, Any]:
 
 
 class Simulator:
-    """The simulator, which starts with the first scene that is read, and is to be closed."""
+    """The simulator: starts with the first scene; must be closed."""
 
     def __init__(self, settings: Recorder) -> None:
-        """Check that it can be started: InputError where there is no such build, or it lacks a display or a driver."""
+        """Check that it can start: InputError where there is no such build, or no display or driver for it."""
         self._settings, self._started = settings, Event()
         self._player: Player | None = None
         program, chosen = settings.executable, STR_PLATFORM_MAP.get(settings.platform)
@@ -146,12 +146,12 @@ class Simulator:
         self._folder = tempfile.TemporaryDirectory()
 
     def close(self) -> None:
-        """End it."""
+        """End the player."""
         self._end()
         self._folder.cleanup()
 
     def objects(self, layout: Layout) -> list[SceneObject]:
-        """The objects of a scene, as the simulator reports them; tried again when the player dies."""
+        """The objects of a scene as the simulator reports them; tries again when the player dies."""
         settings = self._settings
         for _ in range(settings.retries + 1):
             try:
@@ -179,7 +179,7 @@ class Simulator:
         return objects
 
     def _start(self, plan: str) -> Any:
-        """Start the player in a floor plan, and give what is seen there."""
+        """Start the player in a floor plan, and return the first event."""
         settings, program = self._settings, self._settings.executable
         if program:  # which may do without the display that it is given
             command = shlex.quote(str(program.absolute()))
@@ -211,16 +211,16 @@ class Simulator:
 
 
 def _chain(error: BaseException) -> list[BaseException]:
-    """An error, and those that it was raised from or in the handling of."""
+    """An error, and the errors that caused it."""
     before = error.__cause__ or error.__context__
     return [error] if before is None else [error, *_chain(before)]
 
 
 class Player(Controller):  # type: ignore[misc]
-    """A started player. One that cannot be started is ended, and none is started again unasked."""
+    """A running player. One that cannot start is ended, and the controller never restarts it by itself."""
 
     def __init__(self, local: Path | None, started: Event, **settings: Any) -> None:
-        """Start it; ``started`` is set when it has sent a message, ``local`` a folder for logs of a local build."""
+        """Start; ``started`` is set at the first message; ``local`` is a folder for the logs of a local build."""
         self._local, self._started = local, started
         self._served: Any = None
         try:
@@ -255,7 +255,7 @@ class Player(Controller):  # type: ignore[misc]
         super()._build_server(host, port, width, height)
 
     def end(self) -> None:
-        """End its process and what serves it."""
+        """End the process and its server."""
         process = getattr(self.server, "unity_proc", None)
         if process is not None:
             process.kill()
@@ -265,7 +265,7 @@ class Player(Controller):  # type: ignore[misc]
 
 
 class Fifo(FifoServer):  # type: ignore[misc]
-    """Named pipes, which do not wait for ever for a player that is gone: signals in the main thread look after it."""
+    """Named pipes that notice when the player is gone: a timer signal polls it in the main thread."""
 
     def receive(self, timeout: float | None = None) -> Any:
         with self._watched(timeout or self.timeout):

@@ -102,7 +102,7 @@ class RecordedScene(Layout):
 
 
 def locate(from_: str, simulator: str = "ai2thor") -> Path:
-    """Path of a recording: that in the ``procthor`` package (never imported), that of ``make record``, or as given."""
+    """Path of a recording: of the ``procthor`` package (never imported), of ``make record``, or as given."""
     if from_ == "simulator":
         return paths.DATA / "recordings" / f"{simulator}.jsonl.gz"
     if from_ != "recording":
@@ -111,7 +111,7 @@ def locate(from_: str, simulator: str = "ai2thor") -> Path:
 
 
 def read_recording(path: Path, sha256: str | None, plans: Sequence[FloorPlans] = ITHOR) -> Iterator[Scene]:
-    """Scenes of JSON as the package ``procthor`` has it, with all ``plans``; or of ``make record``, one by one."""
+    """The scenes of a recording: JSON of the ``procthor`` package with all ``plans``, or lines of ``make record``."""
     check_sha256(path, sha256)
     with reading(path, "a recording of AI2-THOR's scenes"), path.open("rb") as file:
         is_compressed = file.read(len(GZIP)) == GZIP
@@ -151,7 +151,7 @@ def _recorded_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]
 
 
 def check_objects(path: Path, scene: str, objects: Any) -> list[SceneObject]:
-    """Objects of a scene without fields that mining does not read; InputError where they are none, or share an id."""
+    """The checked objects of a scene, with the fields that mining reads; InputError also where two share an id."""
     checked: Any = config.check(objects, _Objects, scene, path)
     seen: set[str] = set()
     for thing in checked:
@@ -162,7 +162,7 @@ def check_objects(path: Path, scene: str, objects: Any) -> list[SceneObject]:
 
 
 def check_header(path: Path, line: bytes) -> dict[str, Any]:
-    """The header of a recording; InputError where it is another."""
+    """The header of a recording; InputError where the line is not one."""
     header = parse_json(dict[str, Any], line, path, "line 1")
     got = {key: header.get(key) for key in FORMAT}
     if got != FORMAT:
@@ -176,7 +176,7 @@ GROUPS = {"ithor": [name for plans in ITHOR for name in plans.names], "robothor"
 
 
 def floor_plans(item: str) -> list[str]:
-    """Floor plans of a group, one by its name, or a range such as ``FloorPlan201-230``; ValueError where it is none."""
+    """The floor plans of a group, a name, or a range such as ``FloorPlan201-230``; ValueError for anything else."""
     if item in GROUPS:
         return GROUPS[item]
     parts = re.fullmatch(r"([A-Za-z]\w{0,98}?)([0-9]{1,6})(?:-([0-9]{1,6}))?", item, re.ASCII)

@@ -32,11 +32,11 @@ def table(
     """Observations of a table of triples: ``.csv``, ``.tsv`` or ``.parquet``.
 
     Args:
-        mining: is given how entities are named.
+        mining: receives the naming of entities.
         path: of a table with the columns ``TRIPLE``, and perhaps ``count`` (else one each) and ``PLACES``.
         entities: path of such a file with the column ``entity``, and perhaps ``kind`` and ``phrase``.
-        kinds: of entities to which that gives none: those of each relation's heads and tails.
-        household: whether these are the relations and kinds of homes, where a room is what the column ``room`` names.
+        kinds: of each relation's heads and tails, for entities to which that table gives none.
+        household: whether relations and kinds are those of homes; rooms are the names in the column ``room``.
     """
     mining.name_entities = naming(entities, kinds, household)
     for batch in read_batches(Path(path), TRIPLE, [COUNT, *PLACES]):
@@ -48,7 +48,7 @@ def table(
 
 
 def naming(entities: str | None, kinds: KindsByRelation | None, household: bool) -> Naming:
-    """How to name entities by a table of them and by relation, either of which may be missing."""
+    """How entities are named: by a table of them, by their relations, or both; either may be missing."""
     if kinds and household:
         raise InputError("kinds", "", "expected none beside household, which has its own")
     named = Naming(kinds, household, strict=bool(kinds) or household)
@@ -63,7 +63,7 @@ def naming(entities: str | None, kinds: KindsByRelation | None, household: bool)
 
 @reader("published", Naming())
 def published(mining: Mining) -> Iterator[Observation]:
-    """Observations of the paper's graph, added up by triple; its entities have kinds and phrases given by hand."""
+    """Observations of the paper's graph, counted by triple; kinds and phrases of its entities were written by hand."""
     described = published_phrases().set_index("synset")
     of_entity = described.set_index("entity")
     mining.name_entities = Naming(kind_of=dict(of_entity["kind"]), phrase_of=dict(of_entity["phrase"]))
@@ -83,11 +83,11 @@ def published_phrases() -> pd.DataFrame:
 
 @reader("triples_with_ids", Naming(), path="from_")
 def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = None) -> Iterator[Observation]:
-    """Observations, added up by triple.
+    """Observations of files of ids, counted by triple.
 
     ``from_`` is ``virtualhome`` or ``thor_u``, which ship, or the path of a folder with the files ``entity2id.txt`` and
-    ``relation2id.txt``; ``triples`` are files of triples in it, whose repeats are observations (null: ``gt2id.txt``).
-    The kind of an entity is that of its name in the file, and its phrase the words of that, where no other is listed.
+    ``relation2id.txt``; ``triples`` are its files of triples (null: ``gt2id.txt``), where a repeat is an observation.
+    The kind of an entity comes from the suffix of its name, and its phrase from the words, unless listed otherwise.
     """
     if from_ in SHIPPED:
         shipped = read_table(paths.RAW / from_ / "triples.csv", [*TRIPLE, "count"], TRIPLE)
@@ -109,13 +109,13 @@ def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = Non
 
 @cache
 def shipped_names() -> pd.DataFrame:
-    """The names of entities of the graphs that ship: columns name (in the file), entity and phrase."""
+    """Names of the entities of shipped graphs: columns name (in the file), entity and phrase."""
     listed = [read_table(paths.RAW / name / "names.csv", ["name", "entity", "phrase"], ["name"]) for name in SHIPPED]
     return pd.concat(listed).drop_duplicates()
 
 
 def read_ids(folder: Path, files: Collection[str]) -> dict[Triple, int]:
-    """How often each triple stands in files of ids, heads before tails before relations."""
+    """How often each triple occurs in files of ids, whose columns are head, tail, relation."""
     names, relations = read_id_names(folder / ENTITIES), read_id_names(folder / RELATIONS)
     counts: Counter[Triple] = Counter()
     for path in (folder / file for file in files):
@@ -131,7 +131,7 @@ def read_ids(folder: Path, files: Collection[str]) -> dict[Triple, int]:
 
 
 def read_id_names(path: Path) -> list[str]:
-    """Names in the order of their ids: lines of a name, a tab and an id; InputError where one is missing or repeats."""
+    """Names by id, from lines of name, tab and id; InputError where an id is missing or repeats."""
     name_of, names = dict[int, str](), set[str]()
     for number, line in _lines(path, r"(.+)\t([0-9]{1,9})\s*", "a name, a tab and an id"):
         name, row = line[1], int(line[2])
@@ -146,7 +146,7 @@ def read_id_names(path: Path) -> list[str]:
 
 
 def _lines(path: Path, pattern: str, content: str) -> Iterator[tuple[int, re.Match[str]]]:
-    """The lines behind the first, which says how many they are, with their numbers."""
+    """Number and match of each line after the first, which holds the number of lines."""
     first, *lines = read_text(path, "a text file of ids").split("\n")
     filled = [(number, line) for number, line in enumerate(lines, 2) if line.strip()]
     if not re.fullmatch(r"[0-9]{1,9}\s*", first) or int(first) != len(filled):

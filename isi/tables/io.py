@@ -26,7 +26,7 @@ STAGE = "isi.stage"
 
 @contextmanager
 def _opening(path: Path, form: str, fault: type[Exception]) -> Iterator[None]:
-    """Name a file that is missing, or is not of its form."""
+    """Turn errors in opening a file into an ``InputError`` that names it."""
     try:
         yield
     except FileNotFoundError as error:
@@ -56,7 +56,7 @@ def read_parquet(path: Path, schema: pa.Schema) -> pa.Table:
 
 
 def _plain(kind: pa.DataType) -> pa.DataType:
-    """A type without its encoding."""
+    """A column's type without dictionary encoding."""
     kind = kind.value_type if pa.types.is_dictionary(kind) else kind
     return pa.string() if pa.types.is_large_string(kind) else kind
 
@@ -74,14 +74,14 @@ def write_parquet(path: Path, parts: Iterable[pa.Table], schema: pa.Schema, stag
 
 
 def _in_order_of_rows(column: pa.ChunkedArray, kind: pa.DataType) -> pa.ChunkedArray:
-    """The same column with its dictionary in the order in which values appear."""
+    """The same column with its dictionary sorted by first appearance."""
     if not pa.types.is_dictionary(kind):
         return column.cast(kind)
     return pa.chunked_array(column.cast(kind.value_type).combine_chunks().dictionary_encode())
 
 
 def reading(parts: Iterable[pa.Table]) -> Iterator[pa.Table]:
-    """Parts as they come; a fault in reading their source is not one in writing."""
+    """Pass parts on, such that an error of their source is not reported as one of writing."""
     try:
         yield from parts
     except OSError as error:
@@ -146,7 +146,7 @@ def _check_finite(path: Path, tensors: Mapping[str, Tensor]) -> None:
 
 
 def check_sha256(path: Path, expected: str | None) -> None:
-    """Refuse a file that hashes to something else than is expected, if anything is."""
+    """Refuse a file whose SHA-256 is not the expected one; null: no check."""
     if expected is not None:
         with at(path), path.open("rb") as file:
             got = hashlib.file_digest(file, "sha256").hexdigest()
@@ -157,7 +157,7 @@ def check_sha256(path: Path, expected: str | None) -> None:
 def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
     """Let a function write to a temporary name beside the path, then replace the path.
 
-    InputError where the path has no name, such as ``.``, or the disk is full or read-only; what was there stays.
+    InputError where the path has no name, such as ``.``, or the disk is full or read-only; an old file stays.
     """
     if path.name in ("", ".."):
         raise InputError(path, "", "expected the name of a file")
@@ -179,7 +179,7 @@ def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
 
 
 def keep_only(folder: Path, files: Sequence[Path]) -> None:
-    """Remove the other files of a folder: those of an earlier run, or of one that was killed."""
+    """Remove all other files of a folder, which an earlier or a killed run has left."""
     for path in {*folder.glob("*"), *folder.glob(".*.tmp")} - set(files):
         if path.is_file():
             path.unlink()

@@ -1,4 +1,4 @@
-"""Paths of what is no table: params, pipelines, shipped files; relative to the folder that holds ``dvc.yaml``."""
+"""Paths of files that are no tables: params, pipelines, shipped data; relative to the folder of ``dvc.yaml``."""
 
 from __future__ import annotations
 
@@ -30,5 +30,5 @@ def shipped_vectors(text: str) -> Path:
 
 
 def final_model(experiment: str) -> Path:
-    """The folder of the embedding of all of an experiment's graph, which commands of ``isi`` insert into."""
+    """The folder of an experiment's final model, which is trained on its whole graph; ``isi insert`` opens it."""
     return FINAL_MODELS / experiment

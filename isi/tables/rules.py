@@ -1,4 +1,4 @@
-"""Rules that the rows of a table hold, and the place of a row that breaks one."""
+"""Rules for the rows of tables, and how an error names the row that breaks one."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ class Rule:
 
 
 def place_of(frame: pd.DataFrame, row: int, columns: Iterable[str]) -> str:
-    """A row by its number, from 0 as ids are, and by the values in some columns."""
+    """How an error names a row: by its number from 0, and its values in some columns."""
     return f"row {row} ({', '.join(f'{name} {_shown(frame[name].iloc[row])}' for name in columns)})"
 
 
 def refuse(path: object, frame: pd.DataFrame, wrong: Broken, columns: Iterable[str], expected: str) -> None:
-    """InputError that names the first row of a table that is wrong, if one is."""
+    """Raise an InputError that names the first wrong row of a table, if there is one."""
     rows = np.flatnonzero(wrong)
     if len(rows):
         raise InputError(path, place_of(frame, int(rows[0]), columns), expected)
@@ -50,7 +50,7 @@ def _shown(value: object) -> str:
 
 
 def _each(columns: Iterable[str], says: str, broken: Callable[[pd.Series], Broken]) -> list[Rule]:
-    """A rule about the values of each column, which its text names in place of ``{}``."""
+    """One rule for each column; ``{}`` in the text becomes the column's name."""
 
     def of(name: str) -> Rule:
         return Rule(says.format(repr(name)), [name], lambda frame: broken(frame[name]))
@@ -108,7 +108,7 @@ def ascending(*key: str) -> list[Rule]:
 
 
 def in_blocks(block: str, *key: str) -> list[Rule]:
-    """Rows of one value of a column stand together, and ascend among themselves (see ``ascending``)."""
+    """Rows with the same value of a column are adjacent, and ascend within their block (see ``ascending``)."""
     says = f"expected rows of each {block} together, in ascending order of {', '.join(key)}"
 
     def broken(frame: pd.DataFrame) -> np.ndarray:
@@ -151,12 +151,12 @@ def not_above(lesser: str, greater: str) -> list[Rule]:
 
 
 def _descending(columns: Sequence[np.ndarray]) -> np.ndarray:
-    """Rows that do not come behind the one before them, in the order of these columns; shape: (rows,), bool."""
+    """Rows that are not above the row before in the order of these columns; shape: (rows,), bool."""
     steps = np.stack([np.sign(np.diff(values)) for values in columns])
     first = np.take_along_axis(steps, (steps != 0).argmax(0)[None], 0)[0]
     return np.concatenate([np.zeros(min(len(columns[0]), 1), dtype=bool), ~(first > 0)])
 
 
 def _ranks(values: pd.Series) -> np.ndarray:
-    """Numbers in the order of the values; null comes first."""
+    """Integers in the same order as the values; null is lowest."""
     return values.to_numpy() if values.dtype.kind in "biuf" else pd.factorize(values.astype(object), sort=True)[0]

@@ -1,4 +1,4 @@
-"""The catalogue: each table and tensor file of the pipeline is one declaration, beside the feature that writes it."""
+"""Tables and tensor files of the pipeline: each is declared once, in the module of the feature that writes it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _DECLARED: list[DataFile] = []
 
 
 def declared() -> list[DataFile]:
-    """Every table and tensor file of the modules that were imported."""
+    """All tables and tensor files that imported modules declare."""
     return list(_DECLARED)
 
 
@@ -45,20 +45,20 @@ class DataFile:
         return Path(self.template.format(**names))
 
     def names_in(self, path: Path) -> dict[str, str] | None:
-        """The names with which the template gives a path; null where it gives it with none."""
+        """The names that fill the template to give this path; null where none do."""
         parts = [(re.escape(text), name) for text, name, *_ in Formatter().parse(self.template)]
         pattern = "".join(text + (rf"(?P<{name}>\w+)" if name else "") for text, name in parts)
         match = re.fullmatch(pattern, path.as_posix())
         return match and match.groupdict()
 
     def check_file(self, path: Path) -> None:
-        """Read a file whole; InputError where it is missing or broken, or its content is not as declared."""
+        """Read a whole file; InputError where it is missing, broken or not as declared."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
 class Table(DataFile):
-    """A Parquet table: its place, its columns in their order, and what its rows hold."""
+    """A Parquet table: its path, its columns in order, and the rules for its rows."""
 
     columns: Mapping[str, pa.DataType]
     #: columns that no two rows share; rows ascend in them where ``ordered``
@@ -75,25 +75,25 @@ class Table(DataFile):
         return pa.schema(list(self.columns.items()))
 
     def check(self, frame: pd.DataFrame, path: Path) -> None:
-        """InputError that names the first row of a table (from 0, as ids are) that breaks a rule, and the rule."""
+        """Check all rules; InputError names the first row (from 0) that breaks one, and the rule."""
         required = present(*(name for name in self.columns if name not in self.nullable))
         of_key = (ascending if self.ordered else unique)(*self.key) if self.key else []
         for rule in (*required, *self.checks, *of_key):
             refuse(path, frame, rule.broken(frame), rule.columns, rule.says)
 
     def read(self, **names: str | int) -> pd.DataFrame:
-        """Read the table of these names; text that repeats becomes categories.
+        """Read the table of these names; strings that repeat become categories.
 
         InputError where the file is broken, a column is missing or of another type, or a row breaks a rule.
         """
         return self.read_file(self.path(**names))
 
     def read_text(self, **names: str | int) -> pd.DataFrame:
-        """Like ``read``, with text in place of categories."""
+        """Like ``read``, with plain strings in place of categories."""
         return as_text(self.read(**names))
 
     def read_file(self, path: Path) -> pd.DataFrame:
-        """Like ``read``, of a file that may lie elsewhere."""
+        """Like ``read``, from any path."""
         frame: pd.DataFrame = io.read_parquet(path, self.schema).to_pandas()
         self.check(frame, path)
         return frame
@@ -102,22 +102,22 @@ class Table(DataFile):
         self.read_file(path)
 
     def write(self, frame: pd.DataFrame, stage: str, **names: str | int) -> None:
-        """Write the table of these names whole, or not at all; the file's metadata names the stage.
+        """Write the table of these names atomically; the file's metadata name the stage.
 
-        The frame has the columns, among others; where the table is ordered, its rows may come in any order. InputError
+        Other columns of the frame are dropped, and an ordered table is sorted first. InputError
         where a row breaks a rule, or the file cannot be written.
         """
         self.write_file(self.path(**names), frame, stage)
 
     def write_file(self, path: Path, frame: pd.DataFrame, stage: str) -> None:
-        """Like ``write``, of a file that may lie elsewhere."""
+        """Like ``write``, to any path."""
         frame = frame.sort_values(list(self.key)) if self.ordered else frame
         self.write_parts(path, [pa.Table.from_pandas(frame, schema=self.schema, preserve_index=False)], stage)
 
     def write_parts(self, path: Path, parts: Iterable[pa.Table], stage: str) -> int:
-        """Like ``write_file``, of parts that come one by one: each is checked by itself, and is a row group.
+        """Like ``write_file``, from parts that come one by one; each is checked by itself and becomes a row group.
 
-        Gives the number of rows.
+        Returns the number of rows.
         """
         rows = 0
 
@@ -148,17 +148,17 @@ class TensorFile(DataFile):
         io.read_tensors(path)
 
     def write(self, tensors: Mapping[str, Tensor], stage: str, **names: str | int) -> None:
-        """Write the file of these names whole, or not at all; InputError where a number is not finite."""
+        """Write the file of these names atomically; InputError where a number is not finite."""
         io.write_tensors(self.path(**names), tensors, stage)
 
 
 def as_text(frame: pd.DataFrame) -> pd.DataFrame:
-    """The same rows with plain text in place of categories."""
+    """The same rows, with categorical columns as plain strings."""
     return frame.astype(dict.fromkeys(frame.select_dtypes("category").columns, str))
 
 
 def concat(parts: Iterable[pd.DataFrame], *tables: Table) -> pd.DataFrame:
-    """Parts of a table one after the other; where there are none, no rows with the columns of the tables."""
+    """Concatenated parts of a table; without parts, an empty frame with the table's columns."""
     frames = list(parts)
     names = dict.fromkeys(name for table in tables for name in table.columns)
     return pd.concat(frames) if frames else pd.DataFrame({name: pd.Series(dtype=object) for name in names})

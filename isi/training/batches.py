@@ -1,4 +1,4 @@
-"""What a stack of embeddings is trained on: observations in batches, and their negatives.
+"""Training data of a stack of embeddings: batches of observations, and their negatives.
 
 On a small graph a batch is two dense tables of counts over all triples, positives and negatives, and its gradient is a
 few matrix products. On a large graph it is a list of triples, whose cost grows with its length.
@@ -65,13 +65,13 @@ class ListBatch:
 
 @dataclass(frozen=True)
 class Corrupted:
-    """Observations of an embedding, and what replaces their tails, heads and (of several) relations."""
+    """Observations of an embedding, and the replacements of their tails, heads and (if there are several) relations."""
 
     triples: Tensor  #: shape: (N, 3)
     replacements: list[Tensor]  #: ids; shapes: (N, ratio)
 
     def at(self, number: int) -> Corrupted:
-        """One observation; none where there are fewer."""
+        """The observation at a place; empty behind the last one."""
         one = slice(number, number + 1)
         return Corrupted(self.triples[one], [ids[one] for ids in self.replacements])
 
@@ -88,9 +88,9 @@ class Corrupted:
 def training_data(
     session: Session, purpose: str, keys: Tensor, head_pool: str, novel: Tensor | None = None
 ) -> TrainingData:
-    """The training data of a stack of sessions; the fields of ``TrainingData`` say what the arguments are.
+    """The training data of a stack of sessions; ``TrainingData`` explains the arguments.
 
-    ``novel`` are ids of the entities that were not in the session before, (M, n); all of them where it is null.
+    ``novel`` are ids of the entities that the session before lacks, (M, n); null: all entities.
     """
     graph, train = session.graph, session.members(TRAIN)
     heads = torch.zeros(len(keys), len(graph.relations), len(graph.entities)) + session.entities[:, None]
@@ -106,7 +106,7 @@ def training_data(
 
 
 def shuffle_into_batches(data: TrainingData, root: int, epoch: int, size: int) -> list[list[np.ndarray]]:
-    """Triple ids of an epoch's observations by batch and model, shuffled; batches are of even length, at most ``size``.
+    """Shuffled triple ids of an epoch's observations, by batch and model; batches of equal length, at most ``size``.
 
     Embeddings with fewer batches than others have empty ones at the end.
     """
@@ -122,7 +122,7 @@ def shuffle_into_batches(data: TrainingData, root: int, epoch: int, size: int) -
 def batches(
     data: TrainingData, negatives: Negatives, batch_size: int, root: int, epoch: int
 ) -> Iterator[tuple[DenseBatch | ListBatch, Tensor]]:
-    """The batches of an epoch, in the form that suits the graph, with their numbers of positives, (M,)."""
+    """The batches of an epoch, dense or as lists, with their numbers of positives, (M,)."""
     graph, ratio, sampled = data.session.graph, negatives.ratio, is_sampled(negatives, data.session.graph)
     singles = sample_epoch(data, ratio, root, epoch) if sampled and batch_size == 1 else None
     for number, observed in enumerate(shuffle_into_batches(data, root, epoch, batch_size)):
@@ -140,7 +140,7 @@ def batches(
 
 
 def is_sampled(negatives: Negatives, graph: Graph) -> bool:
-    """Whether negatives are sampled: where params say so, and on a graph that is too large for dense batches."""
+    """Whether negatives are sampled: if params say so, or if the graph is too large for dense batches."""
     return negatives.mode == "sampled" or not is_dense(graph)
 
 
@@ -161,7 +161,7 @@ def count_positives(data: TrainingData, observed: list[np.ndarray]) -> Tensor:
 
 
 def expected_negatives(data: TrainingData, positives: Tensor, ratio: int) -> Tensor:
-    """How often each triple is expected among a batch's corrupted ones; shape (M, R, E, E).
+    """Expected count of each triple among a batch's corrupted ones; shape (M, R, E, E).
 
     For each positive, ``ratio`` corrupted tails from the session's entities, heads from the relation's pool, and
     relations other than the true one.
@@ -179,8 +179,7 @@ def expected_negatives(data: TrainingData, positives: Tensor, ratio: int) -> Ten
 
 
 def sample_epoch(data: TrainingData, ratio: int, root: int, epoch: int) -> list[Corrupted]:
-    """An epoch of each embedding in the order of batches of one, drawn with one stream: making one takes longer than
-    an update."""
+    """Draw an epoch for batches of one: one stream per embedding, since making a stream takes longer than an update."""
     (observed,) = shuffle_into_batches(data, root, epoch, max(1, int(data.counts.sum(1).max())))
     return corrupt(data, observed, ratio, root, "negatives in turn", epoch)
 

@@ -1,4 +1,4 @@
-"""An update for each observation, compiled: what batches of one do, some hundred times as fast.
+"""Compiled training with one observation per update: batches of one, about a hundred times as fast.
 
 For ANALOGY, DistMult and ComplEx, whose relations are scalars and 2×2 blocks (``isi.models.bilinear``).
 Importing numba takes a second: import this module where it is used.
@@ -133,7 +133,7 @@ def _add_loss_gradient(
 
 @inner
 def _adagrad(values: Floats, squares: Floats, gradient: Floats, rate: np.float32, decay: np.float32) -> None:
-    """A step of Adagrad with weight decay on a whole table, and its gradient back to zero."""
+    """One step of Adagrad with weight decay on a whole table; resets its gradient to zero."""
     for i in range(len(values)):
         step = gradient[i] + decay * values[i]
         squares[i] += step * step
@@ -148,7 +148,7 @@ def update(
 ) -> None:  # fmt: skip
     """An update of one embedding for each observation, one after the other, in place.
 
-    Tables of entities and relations, with Adagrad's accumulators, are (E, d) and (R, d), of which so many scalars come
+    Tables of entities and relations, and Adagrad's accumulators, are (E, d) and (R, d); ``scalars`` coordinates come
     before the blocks. The observations are (N, 3); what replaces their tails, heads and relations is (N, K).
     """
     gradients = np.zeros_like(tables[0]), np.zeros_like(tables[1])

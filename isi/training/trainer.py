@@ -28,7 +28,7 @@ TABLES = ("entity", "relation")
 
 
 class Optimizer(Section):
-    """How an embedding is trained."""
+    """``finetuning`` in params: batches, learning rate, weight decay and epochs of Adagrad."""
 
     batch_size: Count
     learning_rate: Positive
@@ -39,7 +39,7 @@ class Optimizer(Section):
 
 
 class Training(Optimizer):
-    """How Θ⁰ and the joint model are trained, and when they stop."""
+    """``training`` in params: the same for Θ⁰ and the joint model, and when they stop."""
 
     new_rows_first: Literal[0] = 0  # all rows are new
     evaluate_every: Count
@@ -68,9 +68,9 @@ def train(
     embedding: Embedding, data: TrainingData, negatives: Negatives, settings: Optimizer, root: int,
     watch: Watch = never_stop,
 ) -> Embedding:  # fmt: skip
-    """Train each embedding of a stack for ``max_epochs``, or until the watch stops it; each as it was when it stopped.
+    """Train each embedding of a stack for ``max_epochs``, or until the watch stops it.
 
-    An embedding that stops leaves the stack, which changes nothing for the others. One that diverges is ``NotFinite``:
+    An embedding that stops leaves the stack, without effect on the others. One that diverges raises ``NotFinite``:
     it has NaN or infinity in its vectors, in Adagrad's sums, or in its scores.
     """
     state, result = start(embedding), start(embedding).embedding
@@ -174,7 +174,7 @@ def adagrad(
 class EarlyStopping:
     """Keeps the best embedding of each model by validation MRR*, and stops it when none better comes.
 
-    A look has the measures of the embeddings in training (``measure_rows``), and whether they are the best so far.
+    ``looks`` has, for each epoch, measures (``measure_rows``) and whether they are the best so far.
     """
 
     def __init__(self, embedding: Embedding, queries: Queries, settings: Training) -> None:
@@ -202,7 +202,7 @@ class EarlyStopping:
 def train_until_best(
     embedding: Embedding, data: TrainingData, negatives: Negatives, settings: Training, root: int
 ) -> tuple[Embedding, list[pd.DataFrame]]:
-    """Train each embedding until validation MRR* stops improving; the best of each, and all looks at it."""
+    """Train each embedding until validation MRR* stops improving; returns the best one and all looks at it."""
     watch = EarlyStopping(embedding, validation(data.session)["valid"], settings)
     train(embedding, data, negatives, settings, root, watch)
     return watch.best, watch.looks
