@@ -83,7 +83,7 @@ class HiddenSplit:
     true: np.ndarray  #: all of the graph
 
     def insert_triples(self, number: int | None) -> np.ndarray:
-        """The first ``most`` insert triples of each hidden entity, null: all; shape (I', 3)."""
+        """The first ``number`` insert triples of each hidden entity, null: all; shape (I', 3)."""
         return self.rest if number is None else self.rest[self.place < number]
 
 

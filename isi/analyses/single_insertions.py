@@ -258,7 +258,7 @@ def known_places(points: GridPoints, shown: ShownEntities, entity: Tensor, plane
 
 
 def queries_of(points: GridPoints, shown: ShownEntities) -> tuple[Tensor, Tensor]:
-    """The queries that known entities of the kind answer, (K, R, 2), and their candidate answers, (K, R, 2, E)."""
+    """Which queries entities of the kind have answers to, (K, R, 2), and how an answer is true, (K, R, 2, E)."""
     graph, session = points.graph, points.session(1)
     code = torch.where(session.splits == TRAIN, torch.where(points.insert_mask(1), TOLD, LEARNED), HELD_OUT)
     code = code.masked_fill(session.splits == OUT, 0).to(torch.int8)
