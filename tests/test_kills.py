@@ -1,14 +1,15 @@
-"""Two runs that are killed, and gone on with; and that the comparison sees what is lost."""
+"""Runs that are killed, and run again; and that the comparison sees what is lost."""
 
 from __future__ import annotations
 
 import random
 import signal
 import sys
+from functools import partial
 
 import pytest
 
-from tests.kills.__main__ import kills
+from tests.kills.__main__ import survived
 from tests.kills.workspace import Lost, Workspace
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes as Linux has them")
@@ -16,14 +17,15 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for proce
 
 @pytest.fixture(scope="module")
 def pipeline(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
-    """A pipeline up to Θ⁰, and the files that it makes."""
-    workspace = Workspace(tmp_path_factory.mktemp("kills"), ["train_theta0@published"])
+    """A pipeline up to Θ⁰, whose last stage is to be killed, and the digests of its files."""
+    inputs = ["observations", "graph", "sessions"]
+    workspace = Workspace(tmp_path_factory.mktemp("kills"), ["train_theta0@published"], inputs)
     workspace.finish()
     workspace.expected = workspace.digests()
     return workspace
 
 
-def test_what_a_fault_has_changed_is_seen(pipeline: Workspace) -> None:
+def test_the_comparison_sees_changed_and_left_over_files(pipeline: Workspace) -> None:
     pipeline.compare()
     folder = pipeline.folder / "data/embeddings/published"
     left, changed = folder / ".theta0.log.parquet.1.tmp", folder / "theta0.log.parquet"
@@ -36,14 +38,12 @@ def test_what_a_fault_has_changed_is_seen(pipeline: Workspace) -> None:
     changed.write_bytes(before)
 
 
-def test_two_runs_that_are_killed_lose_nothing(pipeline: Workspace) -> None:
+@pytest.mark.parametrize("whom", ["DVC", "a worker"])
+def test_a_run_that_is_killed_loses_nothing_and_leaves_no_process(pipeline: Workspace, whom: str) -> None:
+    """While workers train Θ⁰; the next run makes the same bytes."""
     assert "data/embeddings/published/theta0.log.parquet" in pipeline.expected
-    assert [fault.lost for fault in kills(pipeline, 2, 6.0, random.Random(2))] == ["", ""]
-
-
-def test_what_is_struck_is_a_worker_of_the_stage_that_runs(pipeline: Workspace) -> None:
-    pipeline.clear()
-    fault = pipeline.strike("a worker", signal.SIGKILL, 0, random.Random(0))
+    strike = partial(pipeline.strike, whom, signal.SIGKILL, 0, random.Random(0), running="a worker")
+    fault = survived(pipeline, strike)
     assert fault
+    assert (fault.lost, fault.stage.split()) == ("", ["train_theta0", "published"])
     assert fault.status != 0
-    assert fault.stage.split() == ["train_theta0", "published"]

@@ -19,24 +19,12 @@ from tools.docs import BENCHMARKS, write_table
 COLOURS = {"tables": "#d55e00", "lists": "#0072b2"}
 
 
-def machine(results: dict[str, Any]) -> str:
-    """What the benchmarks ran on, in a line."""
-    info = results["machine_info"]
-    versions = ", ".join(f"{name} {number}" for name, number in info["versions"].items())
-    python = f"Python {info['python_version']}"
-    return f"{info['cpu']['brand_raw']}, {info['cores']} cores, {info['system']}; {python}, {versions}.\n"
-
-
 def _count(values: pd.Series) -> pd.Series:
     return values.map("{:,.0f}".format)
 
 
-def _share(values: pd.Series) -> pd.Series:
-    return values.map("{:.3f}".format)
-
-
 def _figures(values: pd.Series) -> pd.Series:
-    """Three figures, none lost."""
+    """At least three significant figures."""
     return values.map(lambda value: f"{value:,.0f}" if value >= 100 else f"{value:#.3g}")
 
 
@@ -84,8 +72,10 @@ def growth(rows: pd.DataFrame) -> dict[str, pd.Series]:
 
 def mining(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """Mining in one process."""
-    counts = {"houses": _count(rows["houses"]), "observations": _count(rows["observations"])}
-    return counts | {"s": _figures(rows["seconds"]), "peak MiB": _count(rows["peak_mib"])}
+    return {
+        "houses": _count(rows["houses"]), "observations": _count(rows["observations"]),
+        "s": _figures(rows["seconds"]), "peak MiB": _count(rows["peak_mib"]),
+    }  # fmt: skip
 
 
 def insert(rows: pd.DataFrame) -> dict[str, pd.Series]:
@@ -101,8 +91,8 @@ def insert(rows: pd.DataFrame) -> dict[str, pd.Series]:
 
 def umls(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """Mean reciprocal rank of models beside PyKEEN's."""
-    ours, theirs = _share(rows["isi"]), _share(rows["pykeen"])
-    return {"": rows["model"], "test triples": _count(rows["triples"]), "isi: MRR": ours, "PyKEEN: MRR": theirs}
+    measured = {f"{name}: MRR": rows[name.lower()].map("{:.3f}".format) for name in ("isi", "PyKEEN")}
+    return {"": rows["model"], "test triples": _count(rows["triples"]), **measured}
 
 
 def thor_u(rows: pd.DataFrame) -> dict[str, pd.Series]:
@@ -135,12 +125,8 @@ def crossing(rows: pd.DataFrame) -> float:
     ahead = np.log((both["tables"] / both["lists"]).to_numpy())
     last = np.flatnonzero(ahead < 0)[-1]
     about = slice(last, last + 2)
-    return relations(rows) * float(np.exp(np.interp(0, ahead[about], np.log(both.index[about])))) ** 2
-
-
-def relations(rows: pd.DataFrame) -> int:
-    """Of the graphs that grow, which all have the same."""
-    return int(rows["relations"].iloc[0])
+    entities = float(np.exp(np.interp(0, ahead[about], np.log(both.index[about]))))
+    return int(rows["relations"].iloc[0]) * entities**2
 
 
 def scaling(rows: pd.DataFrame) -> Figure:
@@ -154,7 +140,7 @@ def scaling(rows: pd.DataFrame) -> Figure:
     switches = (DENSE_LIMIT, "--", "where batches become lists"), (crossing(rows), ":", "where both cost the same")
     for axes in (left, right):
         for cells, line, label in switches:
-            axes.axvline((cells / relations(rows)) ** 0.5, color="black", lw=0.8, ls=line, label=label)
+            axes.axvline((cells / rows["relations"].iloc[0]) ** 0.5, color="black", lw=0.8, ls=line, label=label)
         axes.set_xlabel("entities (ten triples each)")
     left.set(title="an epoch of one model", ylabel="µs per observation")
     right.set(title="peak memory of the process", ylabel="MiB", ylim=(0, None))
@@ -170,28 +156,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("results", type=Path, help="JSON of pytest-benchmark")
     results = json.loads(parser.parse_args().results.read_text(encoding="utf-8"))
-    groups = {
-        str(name): pd.DataFrame([{**run["extra_info"], "median": run["stats"]["median"]} for run in runs])
-        for name, runs in pd.Series(results["benchmarks"]).groupby([run["group"] for run in results["benchmarks"]])
-    }
-    (BENCHMARKS / "machine.md").write_text(machine(results), encoding="utf-8")
-    for name, rows in groups.items():
-        write_table(BENCHMARKS / f"{name}.md", pd.DataFrame(TABLES.get(name, facts)(rows)), 1)
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for one in results["benchmarks"]:
+        groups.setdefault(one["group"], []).append({**one["extra_info"], "median": one["stats"]["median"]})
+    info = results["machine_info"]
+    versions = ", ".join([f"Python {info['python_version']}", *(f"{name} {v}" for name, v in info["versions"].items())])
+    line = f"{info['cpu']['brand_raw']}, {info['cores']} cores, {info['system']}; {versions}.\n"
+    (BENCHMARKS / "machine.md").write_text(line, encoding="utf-8")
+    for name, runs in groups.items():
+        write_table(BENCHMARKS / f"{name}.md", pd.DataFrame(TABLES.get(name, facts)(pd.DataFrame(runs))), 1)
     if "growth" in groups:
-        _grown(groups["growth"])
-
-
-def _grown(rows: pd.DataFrame) -> None:
-    """Where tables and lists cost the same, and the figure."""
-    even = float(f"{crossing(rows):.2g}")
-    same = f"Tables and lists cost the same on a graph of {even:,.0f} possible triples"
-    switch = f"{same}; batches become lists above {DENSE_LIMIT:,}."
-    (BENCHMARKS / "switch.md").write_text(switch + "\n", encoding="utf-8")
-    print(f"\n{switch}")
-    with mpl.rc_context(STYLE):
-        canvas = scaling(rows)
-        canvas.savefig(BENCHMARKS / "scaling.svg", metadata={"Date": None})
-        canvas.savefig(BENCHMARKS / "scaling.png")
+        rows = pd.DataFrame(groups["growth"])
+        same = f"Tables and lists cost the same on a graph of {float(f'{crossing(rows):.2g}'):,.0f} possible triples"
+        switch = f"{same}; batches become lists above {DENSE_LIMIT:,}.\n"
+        (BENCHMARKS / "switch.md").write_text(switch, encoding="utf-8")
+        print(f"\n{switch}")
+        with mpl.rc_context(STYLE):
+            canvas = scaling(rows)
+            canvas.savefig(BENCHMARKS / "scaling.svg", metadata={"Date": None})
+            canvas.savefig(BENCHMARKS / "scaling.png")
 
 
 if __name__ == "__main__":

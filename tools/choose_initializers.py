@@ -20,7 +20,7 @@ from torch import Tensor
 
 from isi.evaluation.query_sets import novel_query_set
 from isi.evaluation.ranking import Queries, evaluate
-from isi.experiment.grid import GridPoints, no_triples
+from isi.experiment.grid import GridPoints
 from isi.experiment.insert import init_context, with_vectors
 from isi.experiment.runner import run
 from isi.experiment.store import Store
@@ -42,13 +42,12 @@ def measured(
 
     The hidden entities of grid points are inserted with each setting, and measured immediately.
     """
-    theta, novel = theta0, points.novel_in(1)
-    context = init_context(points, theta, words, root)
+    novel, context = points.novel_in(1), init_context(points, theta0, words, root)
     queries = novel_query_set(points.session(1), novel, points.insert_mask(1))["novel"]
     query_sets, measures = {"novel": queries, "about": about(queries, novel)}, []
     for name, options in settings:
         vectors = INITIALIZERS.get(name, name).initialize(context, options).vectors
-        results = evaluate(with_vectors(theta, novel, vectors), query_sets)
+        results = evaluate(with_vectors(theta0, novel, vectors), query_sets)
         measures.append([results["novel"].measures[:, 0].numpy(), results["about"].measures[:, 1].numpy()])
     return np.array(measures).transpose(0, 2, 1)
 
@@ -66,22 +65,19 @@ def hide(points: GridPoints, number: int, draw: int, root: int, fraction: float)
     """Grid points where some entities that D⁰ has trained on are novel in place of their own; no test triples."""
     before = points.session(0)
     splits = before.splits.masked_fill(~before.members(TRAIN, VALID), OUT).numpy()
-    novel = [
+    novel = np.stack([
         np.sort(stream(root, "hidden", seed, draw).choice(np.flatnonzero(trained), number, replace=False))
         for seed, trained in zip(points.seeds, before.trained().numpy(), strict=True)
-    ]
-    hidden = replace(points, size=number, splits=splits, novel=np.stack(novel)[:, None], insert_triples=no_triples())
-    return replace(hidden, insert_triples=insert_triples_of(hidden, root, draw, fraction))
-
-
-def insert_triples_of(points: GridPoints, root: int, draw: int, fraction: float) -> np.ndarray:
-    """(session, model, place in ``novel``, triple) of the insert triples of hidden entities; shape (I, 4)."""
+    ])  # fmt: skip
     rows = [
-        (1, model, novel[0].tolist().index(entity), triple)
-        for model, (seed, splits, novel) in enumerate(zip(points.seeds, points.splits, points.novel, strict=True))
-        for entity, triple in sample_insert_triples(points.graph, splits, novel, 1, root, 1000 * draw + seed, fraction)
+        (1, model, novel[model].tolist().index(entity), triple)
+        for model, seed in enumerate(points.seeds)
+        for entity, triple in sample_insert_triples(
+            points.graph, splits[model], novel[model][None], 1, root, 1000 * draw + seed, fraction
+        )
     ]
-    return np.array(rows, dtype=np.int64)
+    insert_triples = np.array(rows, dtype=np.int64)
+    return replace(points, size=number, splits=splits, novel=novel[:, None], insert_triples=insert_triples)
 
 
 def tasks_of(
@@ -99,11 +95,6 @@ def tasks_of(
     return [(points, result.theta, words, params.seed, settings) for points, result in zip(drawn, trained, strict=True)]
 
 
-def compared() -> list[str]:
-    """Initializers whose registration says which options to compare."""
-    return [name for name in INITIALIZERS.names() if INITIALIZERS.get(name, name).grid is not None]
-
-
 def settings_of(names: list[str], listed: dict[str, dict[str, Any]]) -> list[Setting]:
     """What is compared: what params say of each initializer, then its grid."""
     settings = []
@@ -119,7 +110,7 @@ def settings_of(names: list[str], listed: dict[str, dict[str, Any]]) -> list[Set
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--experiments", nargs="+", help="default: those that have the size")
-    names = compared()
+    names = [name for name in INITIALIZERS.names() if INITIALIZERS.get(name, name).grid is not None]
     parser.add_argument("--initializers", nargs="+", choices=names, default=names, help="default: all that have a grid")
     parser.add_argument("--size", type=int, default=5, help="|ξ| of the points")
     parser.add_argument("--seeds", type=int, default=30)
@@ -133,7 +124,12 @@ def main() -> None:
     for experiment in given.experiments or fitting:
         tasks = tasks_of(params, experiment, given, settings)
         results[experiment] = 100 * np.concatenate(run(measured, tasks, params.compute, experiment), 1)
-    write(table_of(settings, results), params.initializers)
+    table = table_of(settings, results)
+    table.to_csv(BENCHMARKS / "initializers.csv", index=False)
+    of_params = [shown(params.initializers.get(name, {})) for name in table["initializer"]] == table[
+        "options"
+    ].to_numpy()
+    write_table(BENCHMARKS / "initializers.md", table[~table["initializer"].duplicated() | of_params])
 
 
 def table_of(settings: list[Setting], results: dict[str, np.ndarray]) -> pd.DataFrame:
@@ -160,13 +156,6 @@ def deviations(rows: pd.Index, results: dict[str, np.ndarray]) -> np.ndarray:
 
 def shown(options: dict[str, Any]) -> str:
     return ", ".join(f"{name} {value}" for name, value in options.items()) or "–"
-
-
-def write(table: pd.DataFrame, listed: dict[str, dict[str, Any]]) -> None:
-    """All settings as CSV; the best of each initializer, and what params say of it, for people."""
-    table.to_csv(BENCHMARKS / "initializers.csv", index=False)
-    chosen = [shown(listed.get(name, {})) for name in table["initializer"]] == table["options"].to_numpy()
-    write_table(BENCHMARKS / "initializers.md", table[~table["initializer"].duplicated() | chosen])
 
 
 if __name__ == "__main__":

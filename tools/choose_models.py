@@ -7,6 +7,7 @@ is used. Writes the table that the documentation shows.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -14,29 +15,11 @@ import pandas as pd
 
 from isi.experiment.runner import run
 from isi.experiment.store import Store
-from isi.experiment.train import TrainConfig, train_config
+from isi.experiment.train import train_config
 from isi.models.model import make_model
-from isi.params import Params, load
+from isi.params import load
 from tools.choose_rates import best_valid
 from tools.docs import BENCHMARKS, write_table
-
-
-def settings_of(params: Params, name: str, given: argparse.Namespace) -> list[dict[str, float | bool]]:
-    """The grid of a model: rates, decays, and what its options may be."""
-    grid: dict[str, list[float] | list[bool]] = {"learning_rate": given.rates, "weight_decay": given.decays}
-    if "margin" in params.models[name]:
-        grid["margin"] = given.margins
-    if "squared" in params.models[name]:
-        grid["squared"] = [False, True]
-    return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
-
-
-def learning_of(params: Params, name: str, setting: dict[str, float | bool]) -> TrainConfig:
-    """How a model is trained with a setting."""
-    options = params.models[name]
-    model = make_model(name, options | {key: setting[key] for key in setting if key in options}, f"models.{name}")
-    rates = {key: value for key, value in setting.items() if key not in options}
-    return train_config(params, model, params.training.model_copy(update=rates))
 
 
 def main() -> None:
@@ -49,18 +32,27 @@ def main() -> None:
     given = parser.parse_args()
     params = load()
     experiment = params.compare_models.experiment or next(iter(params.experiments))
-    points = Store(experiment).grid(given.seeds, seeds=given.seeds)[0]
-    joint = points.all_known
+    joint = Store(experiment).grid(given.seeds, seeds=given.seeds)[0].all_known
+    of_training = {"learning_rate": given.rates, "weight_decay": given.decays}
+    of_model = {"margin": given.margins, "squared": [False, True]}
     rows, tasks = [], []
     for name in given.models or params.models:
-        for setting in settings_of(params, name, given):
-            rows.append({"model": name, **setting})
-            tasks.append((joint, learning_of(params, name, setting)))
+        options = params.models[name]
+        choices = {key: values for key, values in of_model.items() if key in options}
+        for rates, chosen in product(combinations(of_training), combinations(choices)):
+            model = make_model(name, options | chosen, f"models.{name}")
+            rows.append({"model": name, **rates, **chosen})
+            tasks.append((joint, train_config(params, model, params.training.model_copy(update=rates))))
     measured = 100 * np.mean(run(best_valid, tasks, params.compute, "models"), axis=1)
     table = pd.DataFrame(rows).assign(**{"validation MRR*": measured.round(2)})
     shown = table.sort_values(["model", "validation MRR*"], ascending=[True, False]).astype(object).fillna("–")
     shown.to_csv(BENCHMARKS / "models.csv", index=False)
     write_table(BENCHMARKS / "models.md", shown.groupby("model", sort=False).head(3))
+
+
+def combinations(grid: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:
+    """Every combination of the values of some keys."""
+    return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
 
 
 if __name__ == "__main__":

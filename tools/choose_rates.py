@@ -22,7 +22,7 @@ from isi.experiment.store import Store
 from isi.experiment.train import TrainConfig, train_config, train_stack
 from isi.initializers.api import INITIALIZERS
 from isi.models.stack import Embedding
-from isi.params import Params, load
+from isi.params import load
 from isi.training.trainer import never_stop
 
 #: Epochs between two measurements of validation MRR*.
@@ -31,28 +31,21 @@ EVERY = 10
 
 def fine_tune(points: GridPoints, theta0: Embedding, words: np.ndarray, config: InsertConfig) -> float:
     """Mean validation MRR* of an initializer's Θ¹ over models and epochs."""
-    theta, valid, measured = theta0, validation(points.session(1)), []
+    valid, measured = validation(points.session(1)), []
 
     def watch(epoch: int, embedding: Embedding, models: Tensor) -> Tensor:
         if epoch and epoch % EVERY == 0:
             measured.append(evaluate(embedding, valid)["valid"].measures[:, 0].numpy())
         return never_stop(epoch, embedding, models)
 
-    initial = initialize(points, theta, words, config)
-    finetune(points, with_vectors(theta, points.novel_in(1), initial.vectors), config, watch)
+    initial = initialize(points, theta0, words, config)
+    finetune(points, with_vectors(theta0, points.novel_in(1), initial.vectors), config, watch)
     return float(np.mean(measured))
 
 
 def best_valid(points: GridPoints, config: TrainConfig) -> np.ndarray:
     """Best validation MRR* of each joint model."""
     return train_stack(points, config).log.groupby("seed")["mrr_star"].max().to_numpy()
-
-
-def training_at(params: Params, batch: int, rate: float) -> TrainConfig:
-    """How params train, with another batch size and rate."""
-    return train_config(
-        params, training=params.training.model_copy(update={"batch_size": batch, "learning_rate": rate})
-    )
 
 
 def main() -> None:
@@ -67,13 +60,12 @@ def main() -> None:
     params = load()
     store = Store(given.experiment or next(iter(params.experiments)))
     single = store.grid(1, given.size, given.seeds)
-
     grid = list(product(given.batches, given.training))
     joint = [points.all_known for points in single]
-    tasks = [(points, training_at(params, batch, rate)) for batch, rate in grid for points in joint]
+    settings = [params.training.model_copy(update={"batch_size": b, "learning_rate": rate}) for b, rate in grid]
+    tasks = [(points, train_config(params, training=training)) for training in settings for points in joint]
     measured = np.concatenate(run(best_valid, tasks, params.compute, "training"))
     show("training", grid, measured.reshape(len(grid), -1).mean(1))
-
     chosen = train_config(params)
     theta0 = run(train_stack, [(points, chosen) for points in single], params.compute, "theta0")
     words, grid = store.words(), list(product(given.batches, given.finetuning))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import pandas as pd
 
@@ -13,12 +13,12 @@ from isi.process import one_line
 from tools.docs import BENCHMARKS, write_table
 
 ALL = "all"
-#: Queries, and how the columns of their measures begin.
+#: Queries for known and for hidden answers, and how the columns of their measures begin.
 QUERIES = {"known": "known ends", "hidden": "hidden ones"}
 
 
 def label(method: str, settings: Hidden, default: str) -> str:
-    """What a method is called; ``default`` is the initializer that was taken where none was named."""
+    """Title of a method; ``default`` is the initializer that ``isi.pykeen.insert`` chooses by itself."""
     insert = "`isi.pykeen.insert`"
     return {
         "insert": f"{insert}: `{default}`, its default",
@@ -33,26 +33,24 @@ def label(method: str, settings: Hidden, default: str) -> str:
 def means(results: pd.DataFrame, settings: Hidden) -> pd.DataFrame:
     """Means over seeds by method; columns: measure, queries, number of insert triples."""
     numbers = results["told"].map({number: str(number) for number in settings.max_insert_triples if number}).fillna(ALL)
-    rows = results.assign(told=numbers, method=results["method"].astype(str), asked=results["asked"].astype(str))
-    order = list(dict.fromkeys(rows["method"]))
-    return rows.groupby(["method", "asked", "told"])[["mrr", "hits_at_10"]].mean().unstack([1, 2]).loc[order]
+    rows = results.assign(told=numbers).astype({"method": str, "asked": str})
+    mean = rows.groupby(["method", "asked", "told"])[["mrr", "hits_at_10"]].mean().unstack([1, 2])
+    return mean.loc[rows["method"].unique()]
 
 
 def table_of(mean: pd.DataFrame, seconds: pd.DataFrame, settings: Hidden, default: str) -> pd.DataFrame:
     """The rows of a graph."""
-    took = seconds[seconds["told"].isna()].set_index("method")["seconds"]
-    columns: dict[str, Iterable[object]] = {"": [label(method, settings, default) for method in mean.index]}
-    for queries, title in QUERIES.items():
-        for number in settings.max_insert_triples:
-            columns[f"{title}, {number or ALL}"] = mean["mrr", queries, str(number or ALL)]
+    took = seconds[seconds["told"].isna()].set_index("method")["seconds"].loc[mean.index]
+    columns = {f"{title}, {number or ALL}": mean["mrr", queries, str(number or ALL)]
+               for queries, title in QUERIES.items() for number in settings.max_insert_triples}  # fmt: skip
     columns |= {"Hits@10": mean["hits_at_10", "known", ALL], "earlier": mean["mrr", "earlier", ALL]}
-    shown = pd.DataFrame({name: list(values) for name, values in columns.items()})
-    shown = shown.map(lambda value: value if isinstance(value, str) else "" if pd.isna(value) else f"{value:.3f}")
-    return shown.assign(s=[f"{took[method]:{'.3f' if took[method] < 1 else '.1f'}}" for method in mean.index])
+    table = pd.DataFrame(columns).map(lambda value: "" if pd.isna(value) else f"{value:.3f}")
+    table.insert(0, "", [label(method, settings, default) for method in mean.index])
+    return table.assign(s=took.map(lambda value: f"{value:{'.3f' if value < 1 else '.1f'}}")).reset_index(drop=True)
 
 
 def sentences_of(mean: pd.DataFrame, settings: Hidden, default: str) -> Iterator[str]:
-    """Who is first, among all and among those that train nothing, and where the default stands."""
+    """Which method is first, of all and of those that train nothing, and where the default stands."""
     for number in settings.max_insert_triples:
         ranked = mean["mrr", "known", str(number or ALL)].dropna().sort_values(ascending=False)
         untrained = [method for method in ranked.index if "rows" not in method and method != "retrained"]

@@ -28,13 +28,14 @@ MARGIN = 0.05
 #: How much likelier than in the package's scenes something is on something else.
 BIAS = 0.05
 
+COLOUR = {"b": 0.25882352941176473, "g": 0.26666666666666666, "r": 0.2627450980392157}
 #: x and z of two opposite corners.
 Rectangle = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
 class Catalogue:
-    """What the package says."""
+    """What the package says of rooms and types of objects."""
 
     assets: Mapping[str, list[str]]  #: ids, by type
     floor: Mapping[str, Mapping[str, float]]  #: weights of types, by room, as of ``wall``
@@ -45,7 +46,7 @@ class Catalogue:
 
 
 def catalogue() -> Catalogue:
-    """What the installed package says, which is not imported."""
+    """The databases of the installed package, which is not imported."""
     folder = packaged("procthor", "procthor/databases", "what houses are made of")
     assets, places, holds = (
         json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
@@ -53,19 +54,16 @@ def catalogue() -> Catalogue:
     )
     weights = {room: {kind: weight for kind, weight in places[f"in{room}s"].items() if weight} for room in ROOMS}
     floor, wall = (
-        {
-            room: {kind: weight for kind, weight in of_room.items() if places[place][kind] and kind in assets}
-            for room, of_room in weights.items()
-        }
+        {room: {kind: weight for kind, weight in listed.items() if places[place][kind] and kind in assets}
+         for room, listed in weights.items()}
         for place in ("onFloor", "onWall")
-    )
+    )  # fmt: skip
     return Catalogue(
-        {kind: [asset["assetId"] for asset in listed] for kind, listed in assets.items()},
-        floor,
-        wall,
-        {kind: {child: held["p"] for child, held in of.items() if child in assets} for kind, of in holds.items()},
-        {room: set(of_room) for room, of_room in weights.items()},
-    )
+        {kind: [asset["assetId"] for asset in listed] for kind, listed in assets.items()}, floor, wall,
+        {kind: {child: held["p"] for child, held in listed.items() if child in assets}
+         for kind, listed in holds.items()},
+        {room: set(listed) for room, listed in weights.items()},
+    )  # fmt: skip
 
 
 def house(known: Catalogue, random: Random) -> dict[str, Any]:
@@ -75,14 +73,25 @@ def house(known: Catalogue, random: Random) -> dict[str, Any]:
     return {
         "doors": [], "windows": [],
         "metadata": {"schema": "1.0.0", "warnings": {}, "agent": {"horizon": 30, "position": point(1, 1)}},
-        "objects": [thing for room in rooms for thing in furniture(known, random, *room)],
-        "proceduralParameters": {"lights": [light(number) for number, _, _ in rooms], "skyboxId": "SkyOakland"},
+        "objects": [item for room in rooms for item in furniture(known, random, *room)],
+        "proceduralParameters": {"skyboxId": "SkyOakland", "lights": [
+            {"id": f"light_{number}", "intensity": 0.45, "position": point(number, number, 2.4), "range": 15,
+             "type": "point", "layer": "Procedural1", "rgb": COLOUR,
+             "shadow": {"type": "Soft", "strength": 1, "normalBias": 0, "bias": 0.05, "nearPlane": 0.2}}
+            for number, _, _ in rooms
+        ]},
         "rooms": [
             {"ceilings": [], "children": [], "floorMaterial": {"name": "WoodGrains"}, "id": f"room|{number}",
              "floorPolygon": outline(area), "roomType": kind, "layer": "Procedural1"}
             for number, kind, area in rooms
         ],
-        "walls": [wall(number, corner) for number, _, area in rooms for corner in outline(area)],
+        "walls": [
+            {"color": COLOUR, "id": f"wall|{number}|{corner['x']:.2f}|{corner['z']:.2f}", "roomId": f"room|{number}",
+             "material": {"name": "PureWhite", "color": COLOUR}, "layer": "Procedural1",
+             "polygon": [point(corner["x"] + along, corner["z"], y) for y in (0, 2.6135298900884276)
+                         for along in (0, 1)]}
+            for number, _, area in rooms for corner in outline(area)
+        ],
     }  # fmt: skip
 
 
@@ -105,12 +114,11 @@ def outline(area: list[Rectangle]) -> list[dict[str, float]]:
     """Corners of a room, in order."""
     x0, z0, x1, z1 = area[0]
     corners = [(x0, z0), (x0, z1), (x1, z1), (x1, z0)]
-    if len(area) > 1:
-        left, below, right, above = area[1]
+    for left, below, right, above in area[1:]:
         if below == z0:  # a corner in the next room
-            corners = [(x0, z0), (x0, z1), (x1, z1), (x1, above), (right, above), (right, z0)]
-        else:  # what the room before has left
-            corners = [(x0, z0), (x0, below), (left, below), (left, z1), (x1, z1), (x1, z0)]
+            corners[3:] = [(x1, above), (right, above), (right, z0)]
+        else:  # the room before has the other corner
+            corners[1:2] = [(x0, below), (left, below), (left, z1)]
     return [point(x, z) for x, z in corners]
 
 
@@ -145,39 +153,17 @@ def point(x: float, z: float, y: float = 0) -> dict[str, float]:
     return {"x": x, "y": y, "z": z}
 
 
-def wall(room: int, corner: Mapping[str, float]) -> dict[str, Any]:
-    x, z = corner["x"], corner["z"]
-    colour = {"b": 0.25882352941176473, "g": 0.26666666666666666, "r": 0.2627450980392157}
-    return {
-        "color": colour, "id": f"wall|{room}|{x:.2f}|{z:.2f}", "material": {"name": "PureWhite", "color": colour},
-        "polygon": [point(x, z), point(x + 1, z), point(x, z, 2.6135298900884276), point(x + 1, z, 2.6135298900884276)],
-        "roomId": f"room|{room}", "layer": "Procedural1",
-    }  # fmt: skip
-
-
-def light(room: int) -> dict[str, Any]:
-    return {
-        "id": f"light_{room}", "intensity": 0.45, "position": point(room, room, 2.4), "range": 15,
-        "rgb": {"r": 1.0, "g": 0.855, "b": 0.722}, "type": "point", "layer": "Procedural1",
-        "shadow": {"type": "Soft", "strength": 1, "normalBias": 0, "bias": 0.05, "nearPlane": 0.2},
-    }  # fmt: skip
-
-
 def write(path: Path, number: int, seed: int = 0) -> None:
-    """Houses of one to ten rooms, one a line; packed where the path ends in ``.gz``."""
+    """Houses of one to ten rooms, one a line; compressed where the path ends in ``.gz``."""
+    known = catalogue()
     with gzip.open(path, "wb", compresslevel=1) if path.suffix == ".gz" else path.open("wb") as file:
-        known = catalogue()
         for place in range(number):
             file.write(json.dumps(house(known, Random(f"{seed} {place}"))).encode() + b"\n")
 
 
-def main() -> None:
+if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("houses", type=int)
-    parser.add_argument("file", type=Path, help="JSON Lines; packed where it ends in .gz")
+    parser.add_argument("file", type=Path, help="JSON Lines; compressed where it ends in .gz")
     given = parser.parse_args()
     write(given.file, given.houses)
-
-
-if __name__ == "__main__":
-    main()

@@ -46,18 +46,16 @@ class Experiment:
         self.novel = self._by_cell("novel", "entity")
         self.insert_triples = self._by_cell("insert_triples", "entity", "triple")
         self.splits: dict[int, dict[str, set[Triple]]] = {}
-        for seed, triple, split in zip(
-            *columns(f"sessions/{name}/splits.parquet", "seed", "triple", "split"), strict=True
-        ):
+        rows = columns(f"sessions/{name}/splits.parquet", "seed", "triple", "split")
+        for seed, triple, split in zip(*rows, strict=True):
             of_seed = self.splits.setdefault(int(seed), {"train": set(), "valid": set(), "test": set()})
             of_seed[split].add(self.triples[triple])
 
     def _by_cell(self, table: str, *names: str) -> dict[tuple[int, int, int], list[Any]]:
         """Rows of a table of sessions, by size, seed and session, in their order."""
         by_cell: dict[tuple[int, int, int], list[Any]] = {}
-        for size, seed, session, *row in zip(
-            *columns(f"sessions/{self.name}/{table}.parquet", "size", "seed", "session", *names), strict=True
-        ):
+        rows = columns(f"sessions/{self.name}/{table}.parquet", "size", "seed", "session", *names)
+        for size, seed, session, *row in zip(*rows, strict=True):
             by_cell.setdefault((int(size), int(seed), int(session)), []).append(tuple(map(int, row)))
         return by_cell
 
@@ -70,17 +68,15 @@ class Experiment:
         """Epochs with their MRR* and halves, in order, by model and then by size, seed, session and scope."""
         by_cell: dict[str, Any] = {}
         for model in [*self.initializers, "joint"]:
-            group = by_cell.setdefault(model, {})
-            for size, seed, session, scope, epoch, *values in zip(
-                *columns(f"runs/{self.name}/{model}.parquet", "size", "seed", "session", "scope", "epoch", *HALVES),
-                strict=True,
-            ):
+            group, names = by_cell.setdefault(model, {}), ("size", "seed", "session", "scope", "epoch", *HALVES)
+            rows = columns(f"runs/{self.name}/{model}.parquet", *names)
+            for size, seed, session, scope, epoch, *values in zip(*rows, strict=True):
                 group.setdefault((int(size), int(seed), int(session), scope), []).append((int(epoch), values))
         return by_cell
 
 
 class Session:
-    """What takes part when the first session of a cell inserts."""
+    """Entities and triples of a cell once its first session has inserted."""
 
     def __init__(self, experiment: Experiment, size: int, seed: int) -> None:
         self.experiment = experiment
@@ -106,7 +102,7 @@ class Session:
         return {t for t in triples if not {t[0], t[2]} & self.novel}
 
     def scopes(self) -> dict[str, tuple[set[Triple], set[Triple], set[int]]]:
-        """What is asked, what is filtered, and who may answer."""
+        """Of each scope the queried triples, the filtered triples, and the candidate entities."""
         true, learned = self.train | self.valid | self.test, self.train | self.valid
         given = {triple for triples in self.insert_triples.values() for triple in triples}
         heldout = self.valid | self.test
@@ -146,43 +142,37 @@ def unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
+#: Scores by entity, and those that may be indicators.
+Ranked = tuple[np.ndarray, set[int]]
+
+
 @dataclass(frozen=True)
 class Around:
-    """One novel entity and what may be its indicators."""
+    """One novel entity, with the scores by which its indicators are chosen."""
 
     session: Session
     entity: int
     vectors: np.ndarray  #: Θ⁰ of the cell, as ``relations``
     relations: np.ndarray
 
-    @property
-    def words(self) -> np.ndarray:
-        """Cosine of word vectors; shape (E,)."""
-        units = unit(self.session.experiment.words)
-        return units @ units[self.entity]
+    @cached_property
+    def by_words(self) -> Ranked | None:
+        """Cosine of word vectors, among entities that have one; null where there is none to compare."""
+        words = self.session.experiment.words
+        candidates = {e for e in self.session.eligible if words[e].any()}
+        units = unit(words)
+        return (units @ units[self.entity], candidates) if words[self.entity].any() and candidates else None
 
-    @property
-    def related(self) -> np.ndarray:
-        """Sum over relations of the cosine with the mean of where insert triples put the entity; shape (E,)."""
+    @cached_property
+    def by_relations(self) -> Ranked | None:
+        """Sum over relations of the cosine with the mean of where insert triples put the entity; null without any."""
         placed: dict[int, list[np.ndarray]] = {}
         for head, relation, tail in self.session.insert_triples[self.entity]:
             way, other = (there, head) if tail == self.entity else (back, tail)
             placed.setdefault(relation, []).append(way(self.vectors[other], self.relations[relation]))
         means = [unit(np.mean(group, axis=0)) for group in placed.values()]
-        return sum((unit(self.vectors) @ mean for mean in means), np.zeros(len(self.vectors)))
-
-    @property
-    def has_word(self) -> bool:
-        return bool(self.session.experiment.words[self.entity].any())
-
-    @property
-    def has_insert_triples(self) -> bool:
-        return bool(self.session.insert_triples[self.entity])
-
-    @property
-    def named(self) -> set[int]:
-        """Who has a word vector of those who may be an indicator."""
-        return {e for e in self.session.eligible if self.session.experiment.words[e].any()}
+        scores = sum((unit(self.vectors) @ mean for mean in means), np.zeros(len(self.vectors)))
+        return (scores, self.session.eligible) if placed and self.session.eligible else None
 
 
 #: Indicators, and how far the last of them is ahead of the first that is none.
@@ -201,22 +191,18 @@ def mean(around: Around, **_: int) -> Chosen:
 
 
 def es(around: Around, k: int) -> Chosen:
-    return best(around.words, around.named, k) if around.has_word and around.named else rs(around, k)
+    return best(*around.by_words, k) if around.by_words else rs(around, k)
 
 
 def rs(around: Around, k: int) -> Chosen:
-    return (
-        best(around.related, around.session.eligible, k)
-        if around.has_insert_triples and around.session.eligible
-        else mean(around)
-    )
+    return best(*around.by_relations, k) if around.by_relations else mean(around)
 
 
 def ers(around: Around, k: int, candidates: int) -> Chosen:
-    if not (around.has_word and around.has_insert_triples and around.named):
-        return rs(around, k) if around.has_insert_triples else es(around, k)
-    preliminary, gap = best(around.words, around.named, candidates)
-    chosen, last = best(around.related, preliminary, k)
+    if not (around.by_words and around.by_relations):
+        return rs(around, k) if around.by_relations else es(around, k)
+    preliminary, gap = best(*around.by_words, candidates)
+    chosen, last = best(around.by_relations[0], preliminary, k)
     return chosen, min(gap, last)
 
 

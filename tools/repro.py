@@ -21,9 +21,9 @@ if not (find_spec("dvc") and find_spec("isi")):
 from isi.errors import InputError
 from isi.process import one_line, tie_to_parent
 
-#: Seconds that each stage took when it last ran here; before that, in the run that the documentation tells of.
+#: Seconds that each stage took when it last ran here; before that, those of the documented run (``SHIPPED``).
 HERE = Path(".dvc/tmp/stage_seconds.json")
-#: DVC's notes of who reads and writes what.
+#: DVC's notes of which process reads and writes which path.
 NOTES = Path(".dvc/tmp/rwlock")
 ROOT = Path(__file__).parent.parent
 SHIPPED = ROOT / "docs" / "benchmarks" / "stage_seconds.json"
@@ -42,17 +42,17 @@ class Progress:
         self.start, self.running, self.since = time.monotonic(), "", 0.0
 
     def begin(self, stage: str, runs: bool) -> str | None:
-        """Note that a stage begins, or is skipped; where that leaves us, if it runs."""
+        """Note that a stage begins or is skipped; if it begins, a line that says how far the run is."""
         self.end()
         self.seen += 1
         self.waiting.discard(stage)
         if not runs:
             return None
         self.running, self.since = stage, time.monotonic()
-        gone = f"{(self.since - self.start) / 60:.0f} min gone"
         left = sum(self.seconds.get(name, 0) for name in [stage, *self.waiting]) / 60
         about = f"; at most about {left:.0f} min left" if left >= 1 else ""
-        return f"[{self.seen} of {self.seen + len(self.waiting)}; {gone}{about}]"
+        gone = (self.since - self.start) / 60
+        return f"[{self.seen} of {self.seen + len(self.waiting)}; {gone:.0f} min gone{about}]"
 
     def end(self) -> None:
         """Note how long the stage that ran took."""
@@ -73,11 +73,14 @@ def main(arguments: list[str]) -> int:
         return run([sys.executable, "-m", "dvc", "repro", *arguments], progress, lock)
     finally:
         lock.mend()
-        _note(progress)
+        names = {name for path in PIPELINES if path.exists() for name in stages(path)}
+        with suppress(OSError):  # no room
+            seconds = {name: took for name, took in progress.seconds.items() if name in names}
+            HERE.write_text(json.dumps(seconds, indent=1, sort_keys=True), encoding="utf-8")
 
 
 class LockFile:
-    """DVC's lock file, which it writes in place: whoever stops it meanwhile leaves a part, which no DVC reads."""
+    """DVC's lock file, which DVC writes in place: where DVC is stopped meanwhile, it cannot be read again."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._copy = path, HERE.with_name("_".join([*path.parts, "whole"]))
@@ -88,7 +91,7 @@ class LockFile:
             self._copy.write_bytes(self.path.read_bytes() if self.path.exists() else b"")
 
     def mend(self) -> None:
-        """Put the copy back where a run was stopped that left a part; without that, forget it."""
+        """Put the copy back where the lock file is not whole, and remove the copy."""
         if self._copy.exists() and self.path.exists() and not self._is_whole():
             self._copy.replace(self.path)
             if not self.path.stat().st_size:
@@ -110,9 +113,9 @@ class LockFile:
 
 
 def mend_notes(path: Path = NOTES) -> None:
-    """Take away DVC's notes where its end has cut them short: it would refuse to run.
+    """Remove DVC's notes where they are cut short, since DVC would refuse to run.
 
-    Another DVC may be writing them just now: they must stay broken for a while.
+    Another DVC may be writing them just now: they must stay broken for a second.
     """
     for _ in range(10):
         try:
@@ -126,12 +129,10 @@ def mend_notes(path: Path = NOTES) -> None:
 
 
 def run(command: list[str], progress: Progress, lock: LockFile) -> int:
-    """Run DVC in a group of processes of its own, so that Ctrl-C ends it by our hand alone; its stage ends with it."""
+    """Run DVC in its own group of processes: Ctrl-C reaches this process alone, which ends DVC and its stage."""
     tied = partial(tie_to_parent, os.getpid()) if sys.platform == "linux" else None
-    with subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, bufsize=1, process_group=0,
-        preexec_fn=tied,
-    ) as dvc:  # fmt: skip
+    piped = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "text": True, "bufsize": 1}
+    with subprocess.Popen(command, process_group=0, preexec_fn=tied, **piped) as dvc:
         try:
             for line in dvc.stdout or ():
                 match = BEGINS.match(line)
@@ -149,10 +150,7 @@ def run(command: list[str], progress: Progress, lock: LockFile) -> int:
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Refuse to run beside another one in this folder, whose lock file this one would mend.
-
-    The system lets go of the lock when the process ends, however that ends.
-    """
+    """Refuse to run beside another run in this folder; the system releases the lock when the process ends."""
     HERE.parent.mkdir(parents=True, exist_ok=True)
     with (HERE.parent / "isi.repro").open("a+", encoding="ascii") as file:
         try:
@@ -165,17 +163,8 @@ def alone() -> Iterator[None]:
         yield
 
 
-def _note(progress: Progress) -> None:
-    """Keep how long stages took, where there is room for it."""
-    here = {name for path in PIPELINES if path.exists() for name in stages(path)}
-    there = {name: took for name, took in progress.seconds.items() if name in here}
-    with suppress(OSError):
-        HERE.parent.mkdir(parents=True, exist_ok=True)
-        HERE.write_text(json.dumps(there, indent=1, sort_keys=True), encoding="utf-8")
-
-
 def stages(pipeline: Path) -> list[str]:
-    """Names of a pipeline's stages: those of its lock file, sooner than DVC tells, or else what DVC makes of it."""
+    """Names of a pipeline's stages: those of its lock file, which is quick to read, or else as DVC lists them."""
     lock = pipeline.with_name("dvc.lock")
     if lock.exists():
         return _stage_names(lock)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -70,17 +70,8 @@ def source_settings(files: Iterable[Path]) -> dict[str, Any]:
     return settings
 
 
-def measure(sources: Mapping[str, Any], seed: int) -> Iterator[Measured]:
-    """Run sources, by name; those that cannot be run are named on stderr and left out."""
-    for name, settings in sources.items():
-        try:
-            yield run(name, settings, seed)
-        except InputError as error:
-            print(f"left out {name}: {error}", file=sys.stderr)
-
-
 def run(name: str, settings: Any, seed: int) -> Measured:
-    """Observe a source from its beginning to its end; InputError where that cannot be done."""
+    """Read a whole source; InputError where that cannot be done."""
     counts, seen = [], []
     start = time.perf_counter()
     source = Source(settings, f"sources.{name}", seed)
@@ -146,15 +137,6 @@ def most_frequent(seen: pd.DataFrame) -> pd.DataFrame:
     return ordered.set_axis(pd.Index(zip(kinds.index, kinds, strict=True), tupleize_cols=False), axis=1)
 
 
-def write(measured: Sequence[Measured], folder: Path) -> None:
-    """Pictures and the table, into the folder of the documents."""
-    (folder / "sources").mkdir(parents=True, exist_ok=True)
-    for source in measured:
-        if drawn := picture(source):
-            (folder / "sources" / f"{source.name}.png").write_bytes(rendered(drawn, "png"))
-    write_table(folder / "benchmarks" / "sources.md", table(measured))
-
-
 def _number(value: int) -> str:
     return f"{value:,}" if value else NONE
 
@@ -181,11 +163,20 @@ def main() -> None:
             chosen = {name: sources[name] for name in given.names or sources}
             if MADE in chosen:
                 make_houses.write(houses, given.houses)
-            measured = list(measure(chosen, read(paths.PARAMS)["seed"]))
-        if docs:
-            write(measured, docs)
-        else:
+            measured, seed = [], read(paths.PARAMS)["seed"]
+            for name, settings in chosen.items():
+                try:
+                    measured.append(run(name, settings, seed))
+                except InputError as error:
+                    print(f"left out {name}: {error}", file=sys.stderr)
+        if docs is None:
             print(table(measured).to_markdown(index=False, disable_numparse=True))
+            return
+        write_table(docs / "benchmarks" / "sources.md", table(measured))
+        (docs / "sources").mkdir(parents=True, exist_ok=True)
+        for source in measured:
+            if drawn := picture(source):
+                (docs / "sources" / f"{source.name}.png").write_bytes(rendered(drawn, "png"))
     except InputError as error:
         sys.exit(str(error))
 

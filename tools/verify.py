@@ -1,4 +1,4 @@
-"""Compute again what the pipeline's tables and the report say, from those tables alone, and compare.
+"""Recompute numbers of the pipeline and the report from the pipeline's tables alone, and compare.
 
 By code that shares nothing with the library: initial vectors of some initializers and MRR* right after insertion, of
 cells chosen at random, and mean epochs to convergence. Vectors and MRR* of ANALOGY alone. Run it where dvc.yaml lies.
@@ -25,10 +25,10 @@ UNDECIDED = 1e-5
 
 @dataclass
 class Check:
-    """How far what was computed again is from what stands in a table."""
+    """How far recomputed numbers are from those of a table."""
 
     about: str
-    #: of a difference, in the units of what is compared
+    #: of a difference, in the units of the numbers
     tolerance: float
     number: int = 0
     worst: float = 0.0
@@ -90,16 +90,13 @@ def check_mrr_star(experiment: Experiment, size: int, seed: int, check: Check) -
             check.compare(where, here, published)
 
 
-def reported(table: str) -> list[dict[str, str]]:
-    """The rows of one of the report's tables."""
-    with Path(f"reports/tables/{table}.csv").open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
 def check_epochs(experiment: Experiment, suffix: str, params: dict[str, Any], mean: Check, share: Check) -> None:
-    """Compare Table 2 and its rows by size with what the runs say."""
+    """Compare Table 2 and its rows by size with mean epochs and unconverged shares of the runs."""
     margin, most = params["convergence"]["margin"], params["finetuning"]["max_epochs"]
-    shown, by_size = (reported(f"{table}{suffix}") for table in ("table2_convergence", "convergence_by_size"))
+    shown, by_size = (
+        list(csv.DictReader(Path(f"reports/tables/{table}{suffix}.csv").read_text(encoding="utf-8").splitlines()))
+        for table in ("table2_convergence", "convergence_by_size")
+    )
     joint = experiment.runs["joint"]
     tuned = [name for name in experiment.initializers if any(len(run) > 1 for run in experiment.runs[name].values())]
     for model, line in zip(tuned, shown, strict=True):
@@ -119,28 +116,18 @@ def check_epochs(experiment: Experiment, suffix: str, params: dict[str, Any], me
             share.compare(where, 100 * np.mean([e is None for e in chosen]), unconverged or np.nan)
 
 
-def experiments_of(params: dict[str, Any]) -> list[Experiment]:
-    """With the initializers that each runs, in the order of params."""
-    experiments = []
-    for name, of_one in params["experiments"].items():
-        listed = of_one.get("initializers", "all")
-        names = [key for key in params["initializers"] if listed == "all" or key in listed]
-        experiments.append(Experiment(name, names))
-    return experiments
-
-
 def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
-    """Compare some cells, chosen at random, and all epochs; prints what is left out."""
-    experiments = experiments_of(params)
+    """Compare cells that are chosen at random, and all epochs; prints what is left out."""
+    experiments = []
+    for name, settings in params["experiments"].items():
+        listed = settings.get("initializers", "all")
+        experiments.append(
+            Experiment(name, [key for key in params["initializers"] if listed == "all" or key in listed])
+        )
     checks = [Check("initial vectors", 1e-5), Check("MRR* at once", 1e-5), Check("mean epochs", 6e-3),
               Check("unconverged %", 6e-3)]  # fmt: skip
     vectors, at_once, epochs, unconverged = checks
-    cells = [
-        (experiment, size, seed)
-        for experiment in experiments
-        for size, seed, session in experiment.novel
-        if session == 1
-    ]
+    cells = [(experiment, *cell[:2]) for experiment in experiments for cell in experiment.novel if cell[2] == 1]
     if params["embedding"]["model"] == "analogy":
         chosen = [cells[place] for place in np.random.default_rng(seed).permutation(len(cells))[:number]]
         left_open = sum(check_vectors(*cell, params["initializers"], vectors) for cell in chosen)
@@ -168,9 +155,8 @@ def main() -> None:
         sys.exit(f"verify: {error}")
     print(f"\n{'compared':18}{'number':>8}{'largest difference':>20}{'tolerance':>11}{'disagreements':>15}")
     for check in checks:
-        print(
-            f"{check.about:18}{check.number:8}{check.worst:20.1e}{check.tolerance:11.0e}{len(check.disagreements):15}"
-        )
+        numbers = f"{check.number:8}{check.worst:20.1e}{check.tolerance:11.0e}{len(check.disagreements):15}"
+        print(f"{check.about:18}{numbers}")
     for line in [line for check in checks for line in check.disagreements][:20]:
         print(line)
     sys.exit(any(check.disagreements for check in checks))

@@ -22,13 +22,8 @@ COPIED = ("isi", "stages", "data/raw", "dvc.yaml", "pyproject.toml")
 YAML_1_2 = YAML()  # keeps the comments
 
 
-class _Drop:
-    def __repr__(self) -> str:
-        return "DROP"
-
-
-#: Value of a key that is to go.
-DROP = _Drop()
+#: Value of a key that is to be removed.
+DROP = "<dropped>"
 
 #: A grid that takes about five minutes: fewer of everything, the plain mean the only control.
 QUICK: dict[str, Any] = {
@@ -77,7 +72,7 @@ def change(params: dict[str, Any], key: str, value: Any) -> None:
 
 
 def change_all(params: dict[str, Any], changes: dict[str, Any]) -> None:
-    """Make those changes that are of something that params have; what is dropped goes from all lists, too."""
+    """Make the changes whose parent key is in params; a name whose key is dropped is removed from all lists, too."""
     for key, value in changes.items():
         parent = key.rpartition(".")[0]
         if not parent or value_of(params, parent) is not None:

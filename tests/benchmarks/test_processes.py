@@ -19,17 +19,19 @@ SMALL = [100, 178, 316, 562, 1_000, 1_778, 3_162]
 LARGE = [10_000, 100_000]
 
 
-def report(module: str, *arguments: str) -> dict[str, Any]:
-    """What a process reports, whose memory is that of its work alone."""
-    command = [sys.executable, "-m", f"tests.{module}", *arguments]
+def report(work: str, settings: dict[str, Any]) -> dict[str, Any]:
+    """Run work of ``processes`` in a process of its own."""
+    command = [sys.executable, "-m", "tests.benchmarks.processes", work, json.dumps(settings)]
     reported: dict[str, Any] = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
     return reported
 
 
-def measured(benchmark: Any, group: str, most_seconds: float, most_mib: float, *command: str) -> dict[str, Any]:
-    """Run a process once, which must not take more seconds or memory."""
+def measured(
+    benchmark: Any, group: str, most_seconds: float, most_mib: float, work: str, **settings: Any
+) -> dict[str, Any]:
+    """Run work once, which must not take more seconds or memory."""
     benchmark.group = group
-    reported: dict[str, Any] = benchmark.pedantic(report, args=command, rounds=1)
+    reported: dict[str, Any] = benchmark.pedantic(report, args=(work, settings), rounds=1)
     assert reported["seconds"] <= most_seconds
     assert reported["peak_mib"] <= most_mib
     return reported
@@ -38,7 +40,7 @@ def measured(benchmark: Any, group: str, most_seconds: float, most_mib: float, *
 def test_ten_thousand_houses_of_tables(benchmark: Any, tmp_path: Path) -> None:
     """Of some 470,000 objects: memory does not grow with their number."""
     table = str(tmp_path / "houses.parquet")
-    reported = measured(benchmark, "mining", 60, GIB, "houses", str(HOUSES), table)
+    reported = measured(benchmark, "mining", 60, GIB, "mine_houses", houses=HOUSES, table=table)
     benchmark.extra_info.update(reported, houses=HOUSES)
 
 
@@ -54,7 +56,7 @@ def test_ten_thousand_houses_of_procthor(benchmark: Any, file: Path, tmp_path: P
     """Nearly all objects are in a room."""
     settings = {"reader": "procthor_houses", "path": str(file), "sha256": None, "materials": materials}
     table = str(tmp_path / "houses.parquet")
-    reported = measured(benchmark, "houses", 60, GIB, "mined", json.dumps(settings), table)
+    reported = measured(benchmark, "houses", 60, GIB, "mine_source", settings=settings, table=table)
     counts = reported.pop("counts")
     benchmark.extra_info.update(materials=materials, houses=HOUSES, objects=counts[INSTANCES], **reported)
     assert counts[OUTSIDE] <= 0.01 * counts[INSTANCES]
@@ -65,9 +67,9 @@ def test_ten_thousand_houses_of_procthor(benchmark: Any, file: Path, tmp_path: P
 )
 def test_growth(benchmark: Any, entities: int, form: str) -> None:
     """With batches as tables and as lists."""
-    command = "growing_graph", str(entities), str(TRIPLES_PER_ENTITY * entities), "--form", form
+    settings = {"entities": entities, "triples": TRIPLES_PER_ENTITY * entities, "form": form}
     benchmark.group = "growth"
-    benchmark.extra_info.update(benchmark.pedantic(report, args=command, rounds=1))
+    benchmark.extra_info.update(benchmark.pedantic(report, args=("grow_graph", settings), rounds=1))
 
 
 @pytest.mark.parametrize(
@@ -77,5 +79,5 @@ def test_growth(benchmark: Any, entities: int, form: str) -> None:
 )  # fmt: skip
 def test_insert(benchmark: Any, entities: int, new: int, rounds: int, most_seconds: float, most_mib: float) -> None:
     settings = {"entities": entities, "dimension": 200, "new": new, "rounds": rounds}
-    reported = measured(benchmark, "insert", most_seconds, most_mib, "placed", json.dumps(settings))
+    reported = measured(benchmark, "insert", most_seconds, most_mib, "insert", **settings)
     benchmark.extra_info.update(entities=entities, new=new, dimension=200, **reported)

@@ -64,11 +64,14 @@ class Lost(Exception):
 
 
 class Workspace:
-    """A small pipeline, what is asked of it, and what a run that nobody disturbs makes of that."""
+    """A small pipeline, or some stages of it, and the digests of what an undisturbed run makes.
 
-    def __init__(self, folder: Path, targets: Sequence[str] = ()) -> None:
+    Each run starts from nothing, or from the outputs of earlier stages in some folders of ``data``.
+    """
+
+    def __init__(self, folder: Path, targets: Sequence[str] = (), inputs: Sequence[str] = ()) -> None:
         workspace.make(folder, SMALL)
-        self.folder, self.targets, self.expected = folder, targets, dict[str, str]()
+        self.folder, self.targets, self.inputs, self.expected = folder, targets, inputs, dict[str, str]()
 
     def begin(self, limit: int | None = None) -> subprocess.Popen[str]:
         """A run, in a session of its own, whose files may not grow beyond a limit in bytes."""
@@ -111,24 +114,30 @@ class Workspace:
         return {str(path.relative_to(self.folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
     def clear(self) -> None:
-        """Take away what runs have made, and what DVC remembers of it, but for its locks and notes."""
-        made = [path for path in (self.folder / "data").iterdir() if path.name != "raw"]
-        for path in [*made, self.folder / ".dvc/cache", self.folder / "reports"]:
+        """Remove what runs have made, but for their inputs; DVC keeps its locks and notes."""
+        outputs = [path for path in (self.folder / "data").iterdir() if path.name not in ("raw", *self.inputs)]
+        for path in [*outputs, self.folder / ".dvc/cache", self.folder / "reports"]:
             shutil.rmtree(path, ignore_errors=True)
-        (self.folder / "dvc.lock").unlink(missing_ok=True)
+        if not self.inputs:
+            (self.folder / "dvc.lock").unlink(missing_ok=True)
 
-    def strike(self, whom: str, how: signal.Signals, after: float, chosen: random.Random) -> Fault | None:
-        """Start a run, and signal a process of it some seconds later; null where there was none any more.
+    def strike(
+        self, whom: str, how: signal.Signals, after: float, chosen: random.Random, running: str = ""
+    ) -> Fault | None:
+        """Start a run, and signal a process of it some seconds later; null where the run had ended.
+
+        Args:
+            running: a kind of process that has to run by then (the one that is signalled).
 
         Raises:
-            Lost: where the run goes on for ever, or leaves a process.
+            Lost: where the run does not end, or leaves a process.
         """
         run = self.begin()
         with _ended(run):
             time.sleep(after)
-            while not (victims := _victims(run.pid, whom)) and run.poll() is None:
+            while not _victims(run.pid, running or whom) and run.poll() is None:
                 time.sleep(0.02)
-            if not victims:
+            if not (victims := _victims(run.pid, whom)):
                 return None
             stage = _stage_of(run.pid)
             with _gone():

@@ -1,0 +1,162 @@
+"""The work of a benchmark in a process of its own, which reports seconds and peak memory as JSON.
+
+python -m tests.benchmarks.processes grow_graph '{"entities": 10000, "triples": 100000, "form": "lists"}'
+
+Each function imports what it needs, so that no memory is that of another one's modules.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from itertools import cycle
+from pathlib import Path
+from timeit import Timer
+from typing import Any
+
+RELATIONS = 3
+#: The share of an entity among heads (or tails) falls with this power of its place.
+POWER = 0.75
+TEST_TRIPLES = 200
+#: ``batches.DENSE_LIMIT`` that makes every graph take a form.
+LIMITS = {"tables": 2**62, "lists": 0}
+
+
+def peak_mib() -> int:
+    """The most memory that this process has held at a time (resident, MiB; Linux)."""
+    status = Path("/proc/self/status").read_text(encoding="utf-8")
+    return int(re.findall(r"VmHWM:\s+(\d+) kB", status)[0]) // 1024
+
+
+def mine_houses(houses: int, table: str) -> dict[str, Any]:
+    """Mine the recorded scenes over and over, each time with other names of the scene and its objects."""
+    from isi.config import read
+    from isi.sources import OBSERVATIONS, settings_of
+    from isi.sources.ai2thor import materials_of, mine
+    from isi.sources.recordings import Scene, SceneObject, locate, read_recording
+    from isi.tables import paths
+    from tests.observing import source_of
+
+    def renamed(thing: SceneObject, house: int) -> SceneObject:
+        names = {key: [f"{name}|{house}" for name in thing.get(key) or ()]
+                 for key in ("parentReceptacles", "receptacleObjectIds")}  # fmt: skip
+        return {**thing, "objectId": f"{thing['objectId']}|{house}", **names}
+
+    start = time.perf_counter()
+    _, settings = settings_of(read(paths.PARAMS)["sources"]["ai2thor"], "sources.ai2thor")
+    recording = locate(settings["from_"])
+    scenes = cycle(list(read_recording(recording, settings["sha256"])))
+    made = (Scene(f"House{house}", house, scene.room, [renamed(thing, house) for thing in scene.objects])
+            for house, scene in zip(range(houses), scenes, strict=False))  # fmt: skip
+    source = source_of(mine(made, materials_of("suncg", 0), recording, Counter()))
+    rows = OBSERVATIONS.write_parts(Path(table), source.tables(), "houses")
+    return {"observations": rows, "seconds": round(time.perf_counter() - start, 1), "peak_mib": peak_mib()}
+
+
+def mine_source(settings: dict[str, Any], table: str) -> dict[str, Any]:
+    """Mine a source into a table."""
+    from isi.sources import OBSERVATIONS, Source
+
+    start = time.perf_counter()
+    source = Source(settings, "sources.mined", 0)
+    rows = OBSERVATIONS.write_parts(Path(table), source.tables(), "mined")
+    seconds = round(time.perf_counter() - start, 1)
+    return {"observations": rows, "counts": source.counts, "seconds": seconds, "peak_mib": peak_mib()}
+
+
+def insert(entities: int, dimension: int, new: int, rounds: int) -> dict[str, Any]:
+    """Insert entities with three insert triples each into an embedding of random numbers; median of the rounds."""
+    import numpy as np
+    import torch
+
+    import isi
+
+    torch.set_num_threads(1)
+    rng, relations, number = np.random.default_rng(0), 237, 3 * new
+    tables = [rng.standard_normal((rows, dimension), np.float32) for rows in (entities, relations)]
+    ends = rng.integers(relations, size=number), rng.integers(entities, size=number)
+    insert_triples = np.stack([entities + np.arange(new).repeat(3), *ends], 1)
+    seconds = []
+    for _ in range(rounds):
+        start = time.perf_counter()
+        inserted = isi.insert(*tables, insert_triples, new=new, model="complex")
+        seconds.append(time.perf_counter() - start)
+        initializer = inserted.initializer
+        del inserted
+    return {"initializer": initializer, "seconds": float(np.median(seconds)), "peak_mib": peak_mib()}
+
+
+def grow_graph(entities: int, triples: int, form: str) -> dict[str, Any]:
+    """Run an epoch and a ranking on a random graph in which few entities have most of the edges."""
+    import numpy as np
+    import torch
+
+    from isi import config
+    from isi.evaluation.ranking import evaluate, make_queries, padded_ids
+    from isi.graph.graph import Graph
+    from isi.graph.sessions import TEST, TRAIN, VALID, Shares, session_of, split
+    from isi.models.model import EmbeddingParams, make_model
+    from isi.models.stack import uniform
+    from isi.tables import paths
+    from isi.training import batches, trainer
+
+    torch.set_num_threads(1)
+    torch.set_flush_denormal(True)
+    batches.DENSE_LIMIT = LIMITS[form]
+    rng = np.random.default_rng(0)
+    share = np.arange(1, entities + 1) ** -POWER
+    as_tail = rng.permutation(entities)
+    code = np.empty(0, dtype=np.int64)
+    while len(code) < triples:
+        head, tail = rng.choice(entities, (2, triples), p=share / share.sum())
+        drawn = (rng.integers(RELATIONS, size=triples) * entities + head) * entities + as_tail[tail]
+        code = np.unique(np.append(code, drawn))
+    code = rng.permutation(code)[:triples]
+    ids = torch.from_numpy(np.stack([code // entities % entities, code // entities**2, code % entities], 1))
+    names = [[f"{number}" for number in range(count)] for count in (entities, RELATIONS)]
+    graph = Graph(*names, ids, torch.ones(triples, dtype=torch.int64), torch.zeros(entities, dtype=torch.int64))
+
+    raw = config.read(paths.PARAMS)  # by section, since the whole of it loads sources, too
+    settings = config.check(raw["embedding"], EmbeddingParams, "embedding")
+    negatives = config.check(raw["negatives"], batches.Negatives, "negatives")
+    training = config.check(raw["training"], trainer.Training, "training")
+    shares = config.check(raw["sessions"], Shares, "sessions")
+    model = make_model(settings.model, raw["models"][settings.model], f"models.{settings.model}")
+    keys, root = torch.zeros(1, 2, dtype=torch.int64), 0
+    session = session_of(graph, torch.from_numpy(split(graph, root, 0, shares.valid, shares.test))[None])
+    data = batches.training_data(session, "training", keys, negatives.head_pool)
+    start = uniform(session.entities, RELATIONS, model, settings.dimension, settings.init_range, root, keys)
+    state = trainer.start(start)
+    queried = session.members(TEST)
+    queried &= queried.cumsum(1) <= TEST_TRIPLES
+
+    def rank() -> None:
+        queries = make_queries(session, padded_ids(queried), queried, session.members(TRAIN, VALID), session.entities)
+        evaluate(state.embedding, {"test": queries})
+
+    before = peak_mib()
+    epoch_seconds = seconds_of(lambda: trainer.run_epoch(state, data, negatives, training, root, 1))
+    training_mib = peak_mib()
+    return {
+        "entities": entities, "triples": triples, "form": form, "relations": RELATIONS,
+        "observations": int(data.counts.sum()), "epoch_seconds": epoch_seconds, "ranked": int(queried.sum()),
+        "ranking_seconds": seconds_of(rank), "before_mib": before, "training_mib": training_mib,
+        "peak_mib": peak_mib(),
+    }  # fmt: skip
+
+
+def seconds_of(work: Callable[[], object]) -> float:
+    """Of one call: the mean of as many as take a fifth of a second."""
+    calls, total = Timer(work).autorange()
+    return total / calls
+
+
+if __name__ == "__main__":
+    work: dict[str, Callable[..., dict[str, Any]]] = {
+        function.__name__: function for function in (mine_houses, mine_source, insert, grow_graph)
+    }
+    print(json.dumps(work[sys.argv[1]](**json.loads(sys.argv[2]))))
