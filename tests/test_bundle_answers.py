@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,23 +16,11 @@ from hypothesis import strategies as st
 import isi
 from isi.bundle import calibration
 from isi.bundle.calibration import HeldOutCalibration, answer, fit_curve, fit_platt
-from isi.bundle.folder import InsertionRecord
-from isi.bundle.insert import InsertedEntity, NewEntity, ablations, before, insert_entity
-from isi.bundle.query import OpenBundle, Query, find, open_bundle, queries_of
+from isi.bundle.insert import NewEntity, ablations, before, indicators, insert_entity
+from isi.bundle.query import OpenBundle, Query, find, queries_of
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
-from tests.small_bundle import (
-    BETWEEN,
-    NAMES,
-    RELATIONS,
-    VECTORS,
-    WORDS,
-    new_entity,
-    opened,
-    random_bundle,
-    small,
-    written,
-)
+from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, WORDS, new_entity, opened, random_bundle, small
 
 KITCHEN, BEDROOM, KETTLE, BED, TURN_ON, LIE_ON = range(6)
 AT, HAS = range(2)
@@ -42,10 +30,6 @@ FACTS = [("stove", "atLocation", "kitchen"), ("stove", "hasAffordance", "turn on
 def stove(**changed: Any) -> NewEntity:
     given: dict[str, Any] = {"name": "stove", "kind": "object", "triples": FACTS, "vector": [0.6, 0.8, 0.0]}
     return new_entity(**{**given, **changed})
-
-
-def again(inserted: InsertedEntity, record: InsertionRecord) -> InsertedEntity:
-    return insert_entity(*before(inserted.opened, record))
 
 
 # Answers
@@ -127,89 +111,77 @@ def test_uninformative_scores_give_the_share_of_known_answers() -> None:
 # Indicators
 
 
-@pytest.mark.parametrize("pieces", ["both", "words", "triples"])
+@pytest.mark.parametrize("changed", [{}, {"triples": []}, {"vector": None}], ids=["both", "words", "triples"])
 @pytest.mark.parametrize("name", ["soft_hybrid", "soft_es", "soft_rs"])
-def test_weights_are_those_of_the_initializer(name: str, pieces: str) -> None:
-    changed = {"both": {}, "words": {"triples": []}, "triples": {"vector": None}}[pieces]
-    given = opened()
-    inserted = insert_entity(given, stove(initializer=name, **changed))
-    assert inserted.result.weights is not None
-    expected = torch.from_numpy(inserted.result.weights[0]) @ inserted.opened.embedding.entity[0, :-1]
-    np.testing.assert_allclose(inserted.vector, expected.numpy(), rtol=1e-5, atol=1e-6)
+def test_weights_are_those_of_the_initializer(name: str, changed: dict[str, Any]) -> None:
+    larger, result = insert_entity(opened(), stove(initializer=name, **changed))
+    assert result.weights is not None
+    expected = torch.from_numpy(result.weights[0]) @ larger.embedding.entity[0, :-1]
+    np.testing.assert_allclose(result.entities[-1], expected.numpy(), rtol=1e-5, atol=1e-6)
 
 
 def test_indicators_are_shown_with_how_similar_they_are() -> None:
-    shown = insert_entity(opened(), stove(initializer="es", options={"k": 2})).indicators()
-    assert {one.id: (one.weight, round(one.words or 0, 4)) for one in shown} == {
-        BED: (0.5, 0.8),
-        LIE_ON: (0.5, 0.64),
-    }
+    shown = indicators(*insert_entity(opened(), stove(initializer="es", options={"k": 2})))
+    assert {one.id: (one.weight, round(one.words or 0, 4)) for one in shown} == {BED: (0.5, 0.8), LIE_ON: (0.5, 0.64)}
     places = np.array(RELATIONS) * np.array(VECTORS)[[KITCHEN, TURN_ON]]  # where each fact puts it, as 1 / 1 = 1
     for one in shown:
         vector = np.array(VECTORS[one.id])
-        cosines = places @ vector / np.linalg.norm(vector)
-        assert one.relations == pytest.approx(cosines.mean())
-    shown = insert_entity(opened(), stove(triples=[], initializer="es", options={"k": 1})).indicators()
+        assert one.relations == pytest.approx((places @ vector / np.linalg.norm(vector)).mean())
+    shown = indicators(*insert_entity(opened(), stove(triples=[], initializer="es", options={"k": 1})))
     assert [(one.id, one.weight, one.relations) for one in shown] == [(BED, 1.0, None)]
 
 
 def test_an_insertion_is_that_of_the_library_and_leaves_what_is_known() -> None:
     given = opened()
-    inserted = insert_entity(given, stove())
-    words = np.concatenate([np.array(WORDS, np.float32), [[0.6, 0.8, 0.0]]]).astype(np.float32)
+    larger, _ = insert_entity(given, stove())
     expected = isi.insert(
         given.entities, given.relations, FACTS, new=["stove"], model="distmult", entity_names=NAMES,
-        relation_names=BETWEEN, known_triples=given.triples, words=words,
+        relation_names=BETWEEN, known_triples=given.triples, words=np.array([*WORDS, [0.6, 0.8, 0.0]], np.float32),
     )  # fmt: skip
-    assert inserted.opened.entities.tobytes() == expected.entities.tobytes()
-    assert inserted.opened.entities[:6].tobytes() == given.entities.tobytes()
-    assert inserted.opened.triples.tolist()[-2:] == [[6, AT, KITCHEN], [6, HAS, TURN_ON]]
-    assert inserted.record.initializer == "map_soft_hybrid"
+    assert larger.entities.tobytes() == expected.entities.tobytes()
+    assert larger.entities[:6].tobytes() == given.entities.tobytes()
+    assert larger.triples.tolist()[-2:] == [[6, AT, KITCHEN], [6, HAS, TURN_ON]]
+    assert larger.manifest.inserted[0].initializer == "map_soft_hybrid"
 
 
-def inserted_twice() -> InsertedEntity:
-    """A stove, then a hob with a triple about the stove."""
-    first = insert_entity(opened(), stove())
+def with_stove_and_hob() -> OpenBundle:
+    """A stove, then a hob with a triple about the stove, inserted."""
     triples = [("hob", "atLocation", "stove"), ("hob", "hasAffordance", "turn on")]
-    return insert_entity(first.opened, stove(name="hob", triples=triples, vector=None))
+    larger, _ = insert_entity(opened(), stove())
+    return insert_entity(larger, stove(name="hob", triples=triples, vector=None))[0]
 
 
 def test_an_insertion_is_reproduced_whatever_came_after_it() -> None:
-    inserted = inserted_twice()
-    for name, record in inserted.opened.insertions().items():
-        stored = inserted.opened.entities[inserted.opened.entity_ids[name]]
-        assert again(inserted, record).vector.tobytes() == stored.tobytes()
+    both = with_stove_and_hob()
+    for name, record in both.insertions().items():
+        _, again = insert_entity(*before(both, record))
+        assert again.entities[-1].tobytes() == both.entities[both.entity_ids[name]].tobytes()
 
 
 def test_an_ablation_is_an_insertion_without_one_piece() -> None:
-    inserted = inserted_twice()
-    record = inserted.opened.insertions()["stove"]
-    shown = again(inserted, record).indicators()
-    queries = [Query(6, AT, TAIL)]
-    result = list(ablations(inserted.opened, record, shown, queries, 1))
+    both = with_stove_and_hob()
+    record, own = both.insertions()["stove"], both.entities[6].astype(float)
+    shown = indicators(*insert_entity(*before(both, record)))
+    result = list(ablations(both, record, shown, [Query(6, AT, TAIL)], 1))
     assert [one.left_out for one in result] == ["fact", "fact", "words", *["indicator"] * len(shown)]
-    own = inserted.opened.entities[6].astype(float)
-    fewer = insert_entity(opened(), stove(triples=FACTS[1:])).vector.astype(float)
+    fewer = insert_entity(opened(), stove(triples=FACTS[1:]))[1].entities[-1].astype(float)
     assert result[0].cosine == pytest.approx(own @ fewer / math.sqrt((own @ own) * (fewer @ fewer)))
     assert result[0].moved == pytest.approx(np.linalg.norm(own - fewer) / np.linalg.norm(own))
     named = next(one for one in result if one.left_out == "indicator")
-    row = NAMES.index(named.what)
-    rest = [number for number in range(6) if number != row]
-    triples = [triple for triple in small().triples.tolist() if row not in (triple[0], triple[2])]
+    rest = [number for number in range(6) if NAMES[number] != named.what]
     without = isi.insert(
         small().entities[rest], small().relations,
         [fact for fact in FACTS if named.what not in fact], new=["stove"], model="distmult",
         entity_names=[NAMES[number] for number in rest], relation_names=BETWEEN,
-        known_triples=[(NAMES[h], BETWEEN[r], NAMES[t]) for h, r, t in triples],
+        known_triples=[triple for triple in small().named_triples() if named.what not in triple],
         words=np.array([WORDS[number] for number in rest] + [[0.6, 0.8, 0.0]], np.float32),
     ).entities[-1].astype(float)  # fmt: skip
     assert named.moved == pytest.approx(np.linalg.norm(own - without) / np.linalg.norm(own))
 
 
 def test_without_its_only_piece_nothing_is_inserted() -> None:
-    inserted = insert_entity(opened(), stove(triples=[]))
-    record = inserted.record
-    (result,) = ablations(inserted.opened, record, [], [], 1)
+    larger, _ = insert_entity(opened(), stove(triples=[]))
+    (result,) = ablations(larger, larger.manifest.inserted[0], [], [], 1)
     assert (result.left_out, result.initializer, result.cosine) == ("words", None, None)
 
 
@@ -222,127 +194,89 @@ def test_names_are_found_without_regard_to_case_and_gaps(text: str) -> None:
 
 
 def test_a_name_as_it_is_written_goes_first_and_none_is_guessed() -> None:
-    names = ["Apple", "apple"]
-    assert find("apple", names, "", "") == "apple"
-    with pytest.raises(InputError, match=r"^ENTITY: .* got 'APPLE', written as 'Apple', 'apple'$"):
-        find("APPLE", names, "ENTITY", "an entity")
-    with pytest.raises(InputError, match=r"got 'aple' \(did you mean 'apple'\?\)$"):
-        find("aple", ["apple", "pear"], "ENTITY", "an entity")
-    with pytest.raises(InputError, match=r"got 'zz' \(there are 'apple', 'pear'\)$"):
-        find("zz", ["apple", "pear"], "ENTITY", "an entity")
+    assert find("apple", ["Apple", "apple"], "", "") == "apple"
+    for text, hint in (("APPLE", "'Apple' or 'apple'"), ("aple", "'apple'"), ("zz", "'Apple' or 'apple'")):
+        with pytest.raises(InputError, match=f"^ENTITY: .* got '{text}'.*{hint}"):
+            find(text, ["Apple", "apple"], "ENTITY", "an entity")
 
 
-# What does not fit
-
-
-@pytest.mark.parametrize(
-    ("change", "line"),
-    [
-        ({"model_name": "holographic"}, r"^one/embedding\.json: family: .*expected one of "),
-        ({"model_name": "transe"}, r"^one/embedding\.json: family: .*margin"),
-        (
-            {"model_name": "rotate", "model_options": {"margin": 1.0, "squared": False}},
-            r"^one/vectors\.\w+: .*rel.* 2",
-        ),
-    ],
-)
-def test_a_model_that_the_tables_are_not_of_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any], line: str
-) -> None:
-    manifest = small().manifest.model_copy(update=change)
-    monkeypatch.chdir(tmp_path)
-    written(Path("one"), small(manifest=manifest))
-    with pytest.raises(InputError, match=line):
-        open_bundle(Path("one"))
+# Held-out calibration
 
 
 #: Of the random bundle.
 ENTITIES, LABELS = 30, 2
 
 
-def model() -> OpenBundle:
+def calibration_of(known: OpenBundle, **changed: Any) -> HeldOutCalibration:
+    triples = [("new", "in", "e1"), ("e2", "on", "new")]
+    given = {"name": "new", "triples": triples, "vector": np.ones(4), **changed}
+    return HeldOutCalibration(*insert_entity(known, new_entity(**given)))
+
+
+@pytest.fixture
+def known() -> OpenBundle:
     return opened(random_bundle(120))
 
 
-def calibration_of(of: OpenBundle, **changed: Any) -> HeldOutCalibration:
-    triples = [("new", "in", "e1"), ("e2", "on", "new")]
-    return HeldOutCalibration(
-        insert_entity(of, new_entity(**{"name": "new", "triples": triples, "vector": np.ones(4), **changed}))
-    )
-
-
 @pytest.mark.parametrize("changed", [{}, {"vector": None}, {"initializer": "rs", "options": {"k": 3}}])
-def test_held_out_entities_are_inserted_as_the_new_one_was(changed: dict[str, Any]) -> None:
-    known = model()
-    result = calibration_of(known, **changed)
-    assert len(result.held_out) == ENTITIES
+def test_held_out_entities_are_inserted_as_the_new_one_was(known: OpenBundle, changed: dict[str, Any]) -> None:
+    calibration = calibration_of(known, **changed)
+    assert len(calibration.held_out) == ENTITIES
     names, labels = known.entity_names, known.relation_names
-    hidden = {one.entity for one in result.held_out[:3]}  # a tenth of them, together
-    for one in result.held_out[:3]:
-        assert len(one.insert_triples) == 2
-        assert (one.insert_triples[:, [HEAD, TAIL]] == one.entity).sum() == 2
-        assert np.isin(one.insert_triples[:, [HEAD, TAIL]], list(hidden)).sum() == 2
-        facts = [(names[head], labels[relation], names[tail]) for head, relation, tail in one.insert_triples.tolist()]
+    hidden = [one.entity for one in calibration.held_out[:3]]  # a tenth of them, together
+    rest = known.part(np.setdiff1d(np.arange(ENTITIES), hidden))
+    words = None if "vector" in changed else known.words
+    for entity, vector, insert_triples in calibration.held_out[:3]:
+        ends = insert_triples[:, [HEAD, TAIL]]
+        assert len(ends) == (ends == entity).sum() == np.isin(ends, hidden).sum() == 2
+        facts = [(names[head], labels[relation], names[tail]) for head, relation, tail in insert_triples.tolist()]
         assert set(facts) <= set(known.named_triples())
-        rest = known.part(np.array([row for row in range(ENTITIES) if row not in hidden]))
-        words = None if "vector" in changed else known.words
-        given = {"name": names[one.entity], "triples": facts, "vector": None if words is None else words[one.entity]}
-        alone = insert_entity(
-            rest, new_entity(**{"initializer": result.inserted.result.initializer, **changed, **given})
-        )
-        np.testing.assert_allclose(one.vector.numpy(), alone.vector, rtol=1e-4, atol=1e-5)
+        given = {"name": names[entity], "triples": facts, "vector": None if words is None else words[entity]}
+        new = new_entity(**{"initializer": calibration.result.initializer, **changed, **given})
+        alone = insert_entity(rest, new)[1].entities[-1]
+        np.testing.assert_allclose(vector.numpy(), alone, rtol=1e-4, atol=1e-5)
 
 
-def test_a_curve_goes_through_answers_that_are_no_insert_triples() -> None:
-    known = model()
-    result = calibration_of(known)
-    scores, right = [], []
-    everyone = set(range(ENTITIES))
-    for one in result.held_out:
-        true = known.answers.get(Query(one.entity, 1, HEAD))
-        if true:
-            triples = {
-                head for head, relation, tail in one.insert_triples.tolist() if (relation, tail) == (1, one.entity)
-            }
-            for other in sorted(everyone - {one.entity} - triples):
-                vectors = (known.embedding.entity[0, other], known.embedding.relation[0, 1], one.vector)
+def test_a_curve_goes_through_answers_that_are_no_insert_triples(known: OpenBundle) -> None:
+    calibration, scores, right = calibration_of(known), [], []
+    for entity, vector, insert_triples in calibration.held_out:
+        if true := known.answers.get(Query(entity, 1, HEAD)):
+            given = {head for head, relation, tail in insert_triples.tolist() if (relation, tail) == (1, entity)}
+            for other in sorted(set(range(ENTITIES)) - {entity} - given):
+                vectors = (known.embedding.entity[0, other], known.embedding.relation[0, 1], vector)
                 scores.append(float(known.model.score(*vectors)))
                 right.append(other in true)
-    expected = fit_platt(torch.tensor(scores).double(), torch.tensor(right))
-    curve = result.curve(1, HEAD)
+    expected, curve = fit_platt(torch.tensor(scores).double(), torch.tensor(right)), calibration.curve(1, HEAD)
     assert curve is not None
     assert (curve.slope, curve.offset) == pytest.approx((expected.slope, expected.offset), rel=1e-3, abs=1e-4)
 
 
-def test_held_out_calibration_serves_the_inserted_entity_alone() -> None:
-    result = calibration_of(model())
-    opened = result.inserted.opened
-    for entity, curve in ((ENTITIES, result.curve(0, TAIL)), (3, fit_curve(opened, 0, TAIL))):
-        (best,) = answer(opened, Query(entity, 0, TAIL), 1, result)
+def test_held_out_calibration_serves_the_inserted_entity_alone(known: OpenBundle) -> None:
+    calibration = calibration_of(known)
+    larger = calibration.opened
+    for entity, curve in ((ENTITIES, calibration.curve(0, TAIL)), (3, fit_curve(larger, 0, TAIL))):
+        (best,) = answer(larger, Query(entity, 0, TAIL), 1, calibration)
         assert curve is not None
         assert best.probability == pytest.approx(curve(torch.tensor([best.score])).item())
 
 
-def test_with_too_few_right_answers_a_curve_is_shared_or_missing() -> None:
-    known = model()
+def test_with_too_few_right_answers_a_curve_is_shared_or_missing(known: OpenBundle) -> None:
     few = replace(known, triples=np.concatenate([known.triples[known.triples[:, 1] == 0], [[3, 1, 4]]]))
     result = calibration_of(few)
     assert result.curve(1, TAIL) == result.curve(1, HEAD) is not None  # of all relations
     assert calibration_of(replace(known, triples=np.zeros((0, 3), np.int64))).curve(0, TAIL) is None
 
 
-def test_the_curve_of_all_relations_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    result, drawn = calibration_of(model()), list[int]()
+def test_the_curve_of_all_relations_is_fitted_once(known: OpenBundle, monkeypatch: pytest.MonkeyPatch) -> None:
+    result, fit = calibration_of(known), Mock(wraps=fit_platt)
     monkeypatch.setattr(calibration, "LEAST_RIGHT", 60)  # more than those of one relation and slot
-    monkeypatch.setattr(
-        calibration, "fit_platt", lambda scores, right: drawn.append(len(scores)) or fit_platt(scores, right)
-    )
-    curves = {result.curve(relation, slot) for relation in range(LABELS) for slot in (HEAD, TAIL)}
-    assert len(curves) == len(drawn) == 1
+    monkeypatch.setattr(calibration, "fit_platt", fit)
+    assert len({result.curve(relation, slot) for relation in range(LABELS) for slot in (HEAD, TAIL)}) == 1
+    fit.assert_called_once()
 
 
-def test_where_no_entity_is_left_none_is_held_out() -> None:
-    alone = replace(model().part(np.array([1])), triples=np.array([[0, 0, 0]]))
+def test_where_no_entity_is_left_none_is_held_out(known: OpenBundle) -> None:
+    alone = replace(known.part(np.array([1])), triples=np.array([[0, 0, 0]]))
     result = calibration_of(alone, triples=[], vector=None, initializer="mean")
     assert result.held_out == []
     assert result.curve(0, TAIL) is None

@@ -11,7 +11,7 @@ The remaining vectors were trained beside the hidden entities, which makes these
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -21,11 +21,12 @@ import torch
 from torch import Tensor
 from torch.nn.functional import softplus
 
-from isi.bundle.insert import InsertedEntity, before
+from isi.bundle.insert import before
 from isi.bundle.query import OpenBundle, Query
 from isi.errors import InputError
 from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.insertion.api import insert
+from isi.insertion.result import Inserted
 from isi.random import stream
 
 LIKELY = 0.2  #: Probability from which on an answer may be unexpected.
@@ -63,30 +64,28 @@ def answer(
     entities, scores = opened.ranked(query)
     shown, names = scores[:most], opened.entity_names
     lower = torch.searchsorted(scores.flip(0), shown).tolist()
-    of_inserted = held_out is not None and query.given == held_out.inserted.entity
-    curve = (held_out.curve if held_out and of_inserted else partial(fit_curve, opened))(query.relation, query.slot)
+    fit = held_out.curve if held_out and [query.given] == held_out.result.new else partial(fit_curve, opened)
+    curve = fit(query.relation, query.slot)
     probabilities = [None] * len(shown) if curve is None else curve(shown).tolist()
-    columns = entities[:most].tolist(), shown.tolist(), probabilities, lower
 
-    def shared_by(entity: int) -> list[str] | None:
-        if indicators is None:
-            return None
-        return [names[row] for row in indicators if entity in opened.answers.get(query._replace(given=row), ())]
+    def having(entity: int, given: Iterable[int]) -> list[str]:
+        return [names[row] for row in given if entity in opened.answers.get(query._replace(given=row), ())]
 
     return [
         Answer(
             names[entity], rank, score, probability, below / max(1, len(scores) - 1),
-            entity in opened.answers.get(query, ()), shared_by(entity),
+            bool(having(entity, [query.given])), None if indicators is None else having(entity, indicators),
         )
-        for rank, (entity, score, probability, below) in enumerate(zip(*columns, strict=True), 1)
+        for rank, (entity, score, probability, below) in enumerate(
+            zip(entities[:most].tolist(), shown.tolist(), probabilities, lower, strict=True), 1
+        )
     ]  # fmt: skip
 
 
-def calibrated_on(answers: Sequence[Answer], inserted: bool) -> str | None:
+def calibrated_on(answers: Iterable[Answer], inserted: bool) -> str | None:
     """What probabilities are calibrated on; null where an answer has none."""
-    if any(best.probability is None for best in answers):
-        return None
-    return "held-out entities" if inserted else "known triples"
+    all_have = all(best.probability is not None for best in answers)
+    return ("held-out entities" if inserted else "known triples") if all_have else None
 
 
 @dataclass(frozen=True)
@@ -107,11 +106,9 @@ def fit_curve(opened: OpenBundle, relation: int, slot: int) -> PlattCurve | None
         return None
     most = max(1, min(MOST_ENTITIES, MOST_ANSWERS // len(opened.entities)))
     sample, candidates = given[:: -(-len(given) // most)], opened.candidates(relation, slot)
-    scores = opened.scores(torch.tensor(sample), relation, slot).double()
-    known = torch.zeros(scores.shape, dtype=torch.bool)
-    for row, entity in enumerate(sample):
-        known[row, sorted(opened.answers.get(Query(entity, relation, slot), ()))] = True
-    return fit_platt(scores[:, candidates].flatten(), known[:, candidates].flatten())
+    scores = opened.scores(torch.tensor(sample), relation, slot)[:, candidates].double()
+    answers = [torch.tensor(sorted(opened.answers[Query(entity, relation, slot)])) for entity in sample]
+    return fit_platt(scores.flatten(), torch.cat([torch.isin(candidates, known) for known in answers]))
 
 
 def fit_platt(scores: Tensor, known: Tensor) -> PlattCurve:
@@ -160,23 +157,24 @@ def _logistic_regression(inputs: Tensor, target: Tensor, weight: Tensor) -> Tens
 
 
 class HeldOutEntity(NamedTuple):
-    """A known entity that was hidden and inserted."""
+    """A known entity that was hidden and inserted: its vector, and its insert triples as ids, (I, 3)."""
 
     entity: int
     vector: Tensor
-    insert_triples: np.ndarray  #: ids, shape: (I, 3)
+    insert_triples: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOutCalibration:
     """Calibration of an inserted entity by known entities that are hidden and inserted the same way."""
 
-    inserted: InsertedEntity
+    opened: OpenBundle  #: with the inserted entity in its last row
+    result: Inserted
 
     @cached_property
     def known(self) -> OpenBundle:
         """The bundle before the insertion; without word vectors, if the inserted entity has none."""
-        known, new = before(self.inserted.opened, self.inserted.record)
+        known, new = before(self.opened, self.opened.manifest.inserted[-1])
         return known if new.vector is not None else replace(known, words=None)
 
     @cached_property
@@ -184,7 +182,7 @@ class HeldOutCalibration:
         """Known entities as they would have been inserted."""
         rng, known = stream(0, "rehearsal"), self.known
         degree = np.bincount(known.triples[:, [HEAD, TAIL]].flatten(), minlength=len(known.entities))
-        suitable = degree > len(self.inserted.result.insert_triples)
+        suitable = degree > len(self.result.insert_triples)
         if known.words is not None:
             suitable &= known.words.any(1)
         number = max(LEAST_HIDDEN, min(MOST_ENTITIES, MOST_ANSWERS // len(degree)))
@@ -194,7 +192,7 @@ class HeldOutCalibration:
 
     def _hide(self, hidden: np.ndarray, rng: np.random.Generator) -> Iterator[HeldOutEntity]:
         """Entities that are hidden together, each inserted from as many triples with known ends as the inserted one."""
-        known, result = self.known, self.inserted.result
+        known, result = self.known, self.result
         rest = np.setdiff1d(np.arange(len(known.entities)), hidden)
         order = np.concatenate([rest, hidden])
         triples, given = known.triples[np.isin(known.triples[:, [HEAD, TAIL]], hidden).sum(1) == 1], []
@@ -225,22 +223,17 @@ class HeldOutCalibration:
         return self._fit([(relation, slot) for relation in relations for slot in (HEAD, TAIL)])
 
     def _fit(self, slots: Sequence[tuple[int, int]]) -> PlattCurve | None:
-        """One curve through the answers of several relations and slots; null where too few are right."""
-        parts = [part for relation, slot in slots for part in self._answers(relation, slot)]
-        if not parts:
-            return None
-        scores, right = (torch.cat(values) for values in zip(*parts, strict=True))
-        return fit_platt(scores, right) if LEAST_RIGHT <= int(right.sum()) < len(right) else None
-
-    def _answers(self, relation: int, slot: int) -> Iterator[tuple[Tensor, Tensor]]:
-        """Scores of answers without insert triples, and which are right, of each held-out entity that has some."""
-        theta, candidates, end = self.known.embedding, self.known.candidates(relation, slot), HEAD + TAIL - slot
-        row = theta.relation[:, relation][:, None]
-        score = theta.model.score_tails if slot == TAIL else theta.model.score_heads
-        for held_out in self.held_out:
-            if right := self.known.answers.get(Query(held_out.entity, relation, slot)):
-                scores = score(held_out.vector[None, None], row, theta.entity)[0, 0].double()
-                given = held_out.insert_triples
-                given = given[(given[:, RELATION] == relation) & (given[:, end] == held_out.entity), slot]
-                answers = candidates[~torch.isin(candidates, torch.tensor([held_out.entity, *given]))]
-                yield scores[answers], torch.isin(answers, torch.tensor(sorted(right)))
+        """One curve through the answers, without insert triples, of relations and slots; null if too few are right."""
+        theta, scores, right = self.known.embedding, [torch.zeros(0).double()], [torch.zeros(0, dtype=torch.bool)]
+        for relation, slot in slots:
+            candidates, row = self.known.candidates(relation, slot), theta.relation[:, relation][:, None]
+            score = theta.model.score_tails if slot == TAIL else theta.model.score_heads
+            for entity, vector, given in self.held_out:
+                if known := self.known.answers.get(Query(entity, relation, slot)):
+                    shown = given[(given[:, RELATION] == relation) & (given[:, HEAD + TAIL - slot] == entity), slot]
+                    answers = candidates[~torch.isin(candidates, torch.tensor([entity, *shown]))]
+                    scores.append(score(vector[None, None], row, theta.entity)[0, 0].double()[answers])
+                    right.append(torch.isin(answers, torch.tensor(sorted(known))))
+        is_right = torch.cat(right)
+        few = not LEAST_RIGHT <= int(is_right.sum()) < len(is_right)
+        return None if few else fit_platt(torch.cat(scores), is_right)

@@ -13,31 +13,28 @@ import os
 import re
 import shutil
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from isi.config import Count, Name, Option, Section, Seed
-from isi.errors import InputError, at, unwritable
+from isi.config import Name, Option, Seed
+from isi.errors import InputError, at, short, unwritable
 from isi.models.stack import LARGEST
 
 MANIFEST, VECTORS = "embedding.json", "vectors.safetensors"
 ENTITIES, RELATIONS, TRIPLES = "entities.tsv", "relations.tsv", "triples.tsv"
-TRIPLE = "head", "relation", "tail"
-COLUMNS = {ENTITIES: ("entity", "kind", "phrase"), RELATIONS: ("relation",), TRIPLES: TRIPLE}
+COLUMNS = {ENTITIES: ("entity", "kind", "phrase"), RELATIONS: ("relation",), TRIPLES: ("head", "relation", "tail")}
 MODEL = "all-MiniLM-L6-v2"  #: The sentence model whose vectors ship with the product (all but ``glove``).
 #: What version 1 of the format calls some fields.
-KEYS = {
-    "model_name": "family", "model_options": "family_options", "insert_triples": "told",
-    "requested_initializer": "asked",
-}  # fmt: skip
+KEYS = {"model_name": "family", "model_options": "family_options", "insert_triples": "told",
+        "requested_initializer": "asked"}  # fmt: skip
 #: Categories of characters that break lines or cells, move a terminal's cursor, or are no text.
 CONTROL = frozenset({"Cc", "Cs", "Zl", "Zp"})
 
@@ -54,15 +51,13 @@ TEXTS = TypeAdapter(list[Text])
 NamedTriple = Annotated[tuple[str, str, str], Field(strict=False)]  #: Head, relation and tail by name; a list in JSON.
 
 
-class ManifestSection(Section):
+class ManifestSection(BaseModel):
     """A part of ``embedding.json``."""
 
-    model_config = ConfigDict(alias_generator=lambda name: KEYS.get(name, name))
-
-    @model_validator(mode="before")
-    @classmethod
-    def _by_key(cls, values: Any) -> Any:
-        return {KEYS.get(name, name): value for name, value in values.items()} if isinstance(values, dict) else values
+    model_config = ConfigDict(
+        extra="forbid", strict=True, frozen=True, allow_inf_nan=False, populate_by_name=True,
+        alias_generator=lambda name: KEYS.get(name, name),
+    )  # fmt: skip
 
 
 class WordSource(ManifestSection):
@@ -107,10 +102,10 @@ class ManifestFile(Manifest):
 
     format: Literal["isi embedding"]
     version: Literal[1]
-    entities: Count
-    relations: Count
-    dimension: Count
-    triples: Seed
+    entities: int
+    relations: int
+    dimension: int
+    triples: int
     files: dict[str, str]
 
 
@@ -125,7 +120,7 @@ class Bundle:
     kinds: list[str]  #: empty where there is none
     phrases: list[str]  #: what each is called in words
     relation_names: list[str]
-    triples: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))  #: ids; shape: (T, 3), int64
+    triples: np.ndarray  #: ids; shape: (T, 3), int64
     words: np.ndarray | None = None  #: zero where there is none; shape: (E, v), float32; null where no entity has one
 
     def insertions(self) -> dict[str, InsertionRecord]:
@@ -136,6 +131,11 @@ class Bundle:
         """The known triples by name."""
         names, labels = self.entity_names, self.relation_names
         return [(names[head], labels[relation], names[tail]) for head, relation, tail in self.triples.tolist()]
+
+    def sizes(self) -> dict[str, int]:
+        """The sizes that the manifest repeats."""
+        return {"entities": len(self.entities), "relations": len(self.relations), "dimension": self.entities.shape[1],
+                "triples": len(self.triples)}  # fmt: skip
 
 
 def write(folder: Path, bundle: Bundle) -> None:
@@ -148,10 +148,8 @@ def write(folder: Path, bundle: Bundle) -> None:
     files = {VECTORS: save({name: np.ascontiguousarray(table) for name, table in tensors.items() if table is not None})}
     for name, table in rows.items():
         files[name] = "".join("\t".join(row) + "\n" for row in (COLUMNS[name], *table)).encode()
-    manifest = {"format": "isi embedding", "version": 1} | bundle.manifest.model_dump(by_alias=True) | {
-        "entities": len(bundle.entities), "relations": len(bundle.relations), "dimension": bundle.entities.shape[1],
-        "triples": len(bundle.triples), "files": {name: sha256(content).hexdigest() for name, content in files.items()},
-    }  # fmt: skip
+    manifest = {"format": "isi embedding", "version": 1} | bundle.manifest.model_dump(by_alias=True) | bundle.sizes()
+    manifest["files"] = {name: sha256(content).hexdigest() for name, content in files.items()}
     files[MANIFEST] = (json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
     _checked(folder, files)
     with at(folder):
@@ -179,18 +177,17 @@ def _refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
     """Refuse a folder with files that are no bundle's, or with an inserted entity that is not among these names."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise InputError("", "", "not a folder: choose a new name, or the folder of a bundle")
-    present = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
-    for name in (name for name in present if name not in (MANIFEST, VECTORS, *COLUMNS)):
+    present = {path.name for path in folder.iterdir()} if folder.exists() else set()
+    for name in sorted(present - {MANIFEST, VECTORS, *COLUMNS}):
         raise InputError("", name, "not a file of a bundle: expected an empty folder or a bundle alone")
-    if MANIFEST not in present:
-        return
-    try:
-        inserted = [record["entity"] for record in json.loads((folder / MANIFEST).read_bytes())["inserted"]]
-    except (ValueError, LookupError, TypeError, RecursionError) as error:
-        raise InputError("", "", "already holds a bundle that cannot be read; choose another folder") from error
-    if lost := ", ".join(str(name) for name in inserted if name not in names):
-        expected = f"already holds a bundle with {lost}: add to it with --embedding, or choose another folder"
-        raise InputError("", "", expected)
+    if MANIFEST in present:
+        try:
+            inserted = [record["entity"] for record in json.loads((folder / MANIFEST).read_bytes())["inserted"]]
+        except (ValueError, LookupError, TypeError, RecursionError) as error:
+            raise InputError("", "", "already holds a bundle that cannot be read; choose another folder") from error
+        if lost := ", ".join(str(name) for name in inserted if name not in names):
+            expected = f"already holds a bundle with {lost}: add to it with --embedding, or choose another folder"
+            raise InputError("", "", expected)
 
 
 def read(folder: Path) -> Bundle:
@@ -206,81 +203,79 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
     """The bundle of the bytes of its files."""
     with at(folder / MANIFEST):
         manifest = ManifestFile.model_validate_json(files[MANIFEST])
-    entities, relations, rows = (_rows(folder / name, files[name], COLUMNS[name]) for name in COLUMNS)
-    names, kinds, phrases = (list(column) for column in zip(*entities, strict=True)) if entities else ([], [], [])
-    labels = [name for (name,) in relations]
-    ids = ids_of(folder / ENTITIES, names), ids_of(folder / RELATIONS, labels)
-    triples = triple_ids(folder / TRIPLES, rows, *ids, first=2)
-    tensors = _tensors(folder / VECTORS, files[VECTORS], {"entities": names, "relations": labels, "words": names})
-    numbers = {"entities": len(names), "relations": len(labels), "triples": len(triples),
-               "dimension": tensors["entities"].shape[1]}  # fmt: skip
+    rows = {}
+    for name, columns in COLUMNS.items():
+        with at(folder / name):
+            header, *rows[name] = split_rows(files[name].decode(), columns)
+            if header != list(columns):
+                raise InputError("", "line 1", f"expected the columns {', '.join(columns)}, got {short(header)}")
+    names, kinds, phrases = ([row[place] for row in rows[ENTITIES]] for place in range(3))
+    labels = [name for (name,) in rows[RELATIONS]]
+    triples = triple_ids([folder / name for name in COLUMNS], names, labels, rows[TRIPLES], first=2)
+    path, numbers = folder / VECTORS, {"entities": len(names), "relations": len(labels), "words": len(names)}
+    try:
+        tensors: dict[str, np.ndarray] = load(files[VECTORS])
+    except (SafetensorError, KeyError, TypeError, ValueError, OverflowError, MemoryError) as error:
+        raise InputError(path, "", f"expected a safetensors file ({error})") from error
+    for name in {"entities", "relations"} | tensors.keys():
+        with at(path, f"tensor {name!r:.80}"):
+            if name not in numbers or name not in tensors:
+                raise InputError("", "", "missing" if name in numbers else "expected no tensor of this name")
+            check_numbers(tensors[name], numbers[name])
+    about = Manifest(**{name: getattr(manifest, name) for name in Manifest.model_fields})
+    vectors = tensors["entities"], tensors["relations"]
+    bundle = Bundle(about, *vectors, names, kinds, phrases, labels, triples, tensors.get("words"))
     with at(folder / MANIFEST):
-        for key, number in numbers.items():
+        for key, number in bundle.sizes().items():
             if (got := getattr(manifest, key)) != number:
                 raise InputError("", key, f"expected {number}, as the other files have, got {got}")
-        if [record.entity for record in manifest.inserted] != names[len(names) - len(manifest.inserted) :]:
+        if list(bundle.insertions()) != names[len(names) - len(manifest.inserted) :]:
             raise InputError("", "inserted", "expected the entities of the last rows, in their order")
+        known = set(names)
         for number, record in enumerate(manifest.inserted):
             for head, relation, tail in record.insert_triples:
-                if not {head, tail} <= ids[0].keys() or relation not in ids[1] or record.entity not in (head, tail):
+                if not {head, tail} <= known or relation not in labels or record.entity not in (head, tail):
                     expected = f"expected known names, one of them {record.entity!r:.80}"
                     raise InputError("", f"inserted.{number}.told", expected)
     for name in (VECTORS, *COLUMNS):
         if manifest.files.get(name) != sha256(files[name]).hexdigest():
             raise InputError(folder / name, "", f"was changed: its SHA-256 is not the one in {MANIFEST}")
-    about = Manifest(**{name: getattr(manifest, name) for name in Manifest.model_fields})
-    vectors = tensors["entities"], tensors["relations"]
-    return Bundle(about, *vectors, names, kinds, phrases, labels, triples, tensors.get("words"))
+    return bundle
 
 
-def _rows(path: Path, content: bytes, columns: Sequence[str]) -> list[list[str]]:
-    """Rows of a table without its header; nothing is quoted, so a name holds no tab and no line break."""
-    with at(path):
-        rows = [line.split("\t") for line in content.decode().removesuffix("\n").split("\n")]
+def split_rows(text: str, columns: Sequence[str]) -> list[list[str]]:
+    """Rows of a table with so many columns; nothing is quoted, so a name holds no tab and no line break."""
+    rows = [line.split("\t") for line in text.removesuffix("\n").split("\n")]
     for number, row in enumerate(rows, 1):
-        with at(path, f"line {number}"):
-            if row != list(columns) if number == 1 else len(row) != len(columns):
-                raise InputError("", "", f"expected the columns {', '.join(columns)}, got {' '.join(row)[:80]!r}")
+        with at("", f"line {number}"):
+            if len(row) != len(columns):
+                raise InputError("", "", f"expected the columns {', '.join(columns)}, got {short(row)}")
             TEXTS.validate_python(row)
-    return rows[1:]
-
-
-def ids_of(path: Path, names: Sequence[str], first: int = 2) -> dict[str, int]:
-    """Ids by name, the first from line ``first``; an ``InputError`` names the line of one that is none or repeats."""
-    ids: dict[str, int] = {}
-    for row, name in enumerate(names):
-        with at(path, f"line {row + first}"):
-            TEXTS.validate_python([name])
-            if not name.strip() or ids.setdefault(name, row) != row:
-                raise InputError("", "", f"expected a name that does not repeat, got {name!r:.80}")
-    return ids
+    return rows
 
 
 def triple_ids(
-    path: Path, rows: Iterable[Sequence[str]], entities: Mapping[str, int], relations: Mapping[str, int], first: int = 1
+    paths: Sequence[Path], names: Sequence[str], labels: Sequence[str], rows: Sequence[Sequence[str]], first: int
 ) -> np.ndarray:
-    """Triples of names as ids, shape (T, 3), int64; an ``InputError`` for a name that is unknown names its line."""
-    ids = []
-    for line, row in enumerate(rows, first):
-        for slot, name, known in zip(TRIPLE, row, (entities, relations, entities), strict=True):
+    """Triples of names as ids, shape (T, 3), int64.
+
+    ``paths`` are those of entities, relations and triples. An ``InputError`` names the line, counted from ``first``, of
+    a name that is blank, repeats, or is unknown.
+    """
+    entities, relations = dict[str, int](), dict[str, int]()
+    for path, listed, ids in zip(paths, (names, labels), (entities, relations), strict=False):
+        for row, name in enumerate(listed):
+            with at(path, f"line {row + first}"):
+                TEXTS.validate_python([name])
+                if not name.strip() or ids.setdefault(name, row) != row:
+                    raise InputError("", "", f"expected a name that does not repeat, got {short(name)}")
+    triples = []
+    for line, triple in enumerate(rows, first):
+        for slot, name, known in zip(COLUMNS[TRIPLES], triple, (entities, relations, entities), strict=True):
             if name not in known:
-                raise InputError(path, f"line {line}", f"expected a known name as {slot}, got {name!r:.80}")
-            ids.append(known[name])
-    return np.array(ids, dtype=np.int64).reshape(-1, 3)
-
-
-def _tensors(path: Path, content: bytes, names: Mapping[str, Sequence[str]]) -> dict[str, np.ndarray]:
-    """The tensors, with a row for each name, and sound numbers."""
-    try:
-        tensors: dict[str, np.ndarray] = load(content)
-    except (SafetensorError, KeyError, TypeError, ValueError, OverflowError, MemoryError) as error:
-        raise InputError(path, "", f"expected a safetensors file ({error})") from error
-    for name in {"entities", "relations"} | tensors.keys():
-        with at(path, f"tensor {name!r:.80}"):
-            if name not in names or name not in tensors:
-                raise InputError("", "", "missing" if name in names else "expected no tensor of this name")
-            check_numbers(tensors[name], len(names[name]))
-    return tensors
+                raise InputError(paths[2], f"line {line}", f"expected a known name as {slot}, got {short(name)}")
+            triples.append(known[name])
+    return np.array(triples, np.int64).reshape(-1, 3)
 
 
 def check_numbers(table: np.ndarray, rows: int) -> None:

@@ -10,7 +10,7 @@ import json
 import pickle
 import warnings
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,12 +20,12 @@ import pandas as pd
 import torch
 from safetensors.torch import load_file
 
-from isi.bundle.folder import Bundle, Manifest, check_numbers, ids_of, triple_ids
-from isi.bundle.query import plain
+from isi.bundle.folder import Bundle, Manifest, check_numbers, split_rows, triple_ids
+from isi.bundle.query import OpenBundle, plain
 from isi.config import Option
 from isi.errors import InputError, at, cut
 from isi.insertion.api import margin_of
-from isi.insertion.arguments import argument, checked_model, stack_of_one, table
+from isi.insertion.arguments import argument, checked_model
 from isi.models.model import MODELS
 from isi.sources.triples import read_id_names, read_ids
 
@@ -34,17 +34,17 @@ PYKEEN, ENTITY2ID, RELATION2ID, TRAIN2ID = "training_triples", "entity2id.txt", 
 ENTITY_NAMES, RELATION_NAMES, TRIPLES = "entities.txt", "relations.txt", "triples.tsv"
 PICKLE = "trained_model.pkl"  #: What PyKEEN pickles a model as.
 FORMS = (".npy", ".npz", ".safetensors", ".json", ".pt", ".pth")  #: Suffixes of files of tensors.
+#: How PyKEEN's names of tables end; rows of complex numbers have real and imaginary parts in turn there.
+OF_PYKEEN = "_representations.0._embeddings.weight"
 #: What tools call the tables of entities and relations; of two, the halves of complex vectors: real, then imaginary.
 NAMES = {
     slot: [
         (slot,), (single,), (f"{short}_emb",), (f"{short}_embeddings.weight",), (f"{short}_emb.weight",),
         (f"{short}_re_embeddings.weight", f"{short}_im_embeddings.weight"),
-        (f"re_{short}_emb.weight", f"im_{short}_emb.weight"),
+        (f"re_{short}_emb.weight", f"im_{short}_emb.weight"), (f"{single}{OF_PYKEEN}",),
     ]
     for slot, single, short in (("entities", "entity", "ent"), ("relations", "relation", "rel"))
 }  # fmt: skip
-#: What PyKEEN calls them: rows of complex numbers have real and imaginary parts in turn.
-OF_PYKEEN = ("entity_representations.0._embeddings.weight", "relation_representations.0._embeddings.weight")
 WITHIN = ("state_dict", "model_state_dict")  #: Under which keys checkpoints hold a state dict.
 
 
@@ -66,17 +66,16 @@ def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files:
     tensors = {name: values for file in files for name, values in read_tensors(file).items()}
     with argument("model"):
         fields = getattr(MODELS.get(model, "model"), "__dataclass_fields__", {})
-    options = ({"squared": False} if "squared" in fields else {}) | dict(options)
-    if unknown_margin := "margin" in fields and "margin" not in options:
-        options["margin"] = 1.0  # with which it is measured
-        if not len(labels.triples):
-            raise InputError("--set", "margin", "expected margin=NUMBER: without known triples it cannot be estimated")
+    estimated = "margin" in fields and "margin" not in options
+    if estimated and not len(labels.triples):
+        raise InputError("--set", "margin", "expected margin=NUMBER: without known triples it cannot be estimated")
+    defaults = {"squared": False, "margin": 1.0}  # a margin with which scores are measured
+    options = {name: value for name, value in defaults.items() if name in fields} | dict(options)
     with at(files[0]):
-        entities, relations = _tables(tensors, model)
-    bundle = _bundle(model, options, entities, relations, labels, files)
-    if unknown_margin:
-        embedding = stack_of_one(entities, relations, checked_model(model, options, entities.shape[1]))
-        margin = max(1.0 + margin_of(embedding, torch.from_numpy(labels.triples), None), 1e-6)
+        tables = [_table(tensors, slot, model) for slot in NAMES]
+    bundle = _bundle(model, options, tables, labels, files)
+    if estimated:
+        margin = max(1.0 + margin_of(bundle.embedding, torch.from_numpy(labels.triples), None), 1e-6)
         bundle.manifest.model_options["margin"] = margin
     return bundle
 
@@ -93,31 +92,33 @@ def of_pickle(path: Path, labels: Labels) -> Bundle:
         pickled = torch.load(path, map_location="cpu", weights_only=False)  # as its user has asked for
     except Exception as error:  # whatever a pickle does
         raise InputError(path, "", f"expected a model of PyKEEN's ({type(error).__name__})") from error
-    embedding = read_model(pickled, torch.from_numpy(labels.triples), None)
-    entities, relations, model = embedding.entity[0].numpy(), embedding.relation[0].numpy(), embedding.model
+    read = read_model(pickled, torch.from_numpy(labels.triples), None)
     for name in MODELS.names():
-        if type(model) is MODELS.get(name, ""):
-            return _bundle(name, vars(model), entities, relations, labels, [path])
+        if type(read.model) is MODELS.get(name):
+            return _bundle(name, vars(read.model), [read.entity[0].numpy(), read.relation[0].numpy()], labels, [path])
     raise InputError(path, "", "expected TransE, DistMult, ComplEx or RotatE: isi.pykeen.insert takes other models")
 
 
 def _bundle(
-    name: str, options: Mapping[str, Option], entities: np.ndarray, relations: np.ndarray, labels: Labels,
-    files: Sequence[Path],
-) -> Bundle:  # fmt: skip
-    model = checked_model(name, options, entities.shape[1])
-    for slot, rows, names in (("entities", entities, labels.entities), ("relations", relations, labels.relations)):
+    model: str, options: Mapping[str, Option], tables: Sequence[np.ndarray], labels: Labels, files: Sequence[Path]
+) -> OpenBundle:
+    """A bundle of tables of entities and relations that have been checked with each other and with their labels."""
+    entities, relations = tables
+    checked, names = checked_model(model, options, entities.shape[1]), (labels.entities, labels.relations)
+    for slot, rows, listed in zip(NAMES, tables, names, strict=True):
         with at(files[0], slot):
-            check_numbers(rows, len(names))
-            table(rows, slot, model.width(entities.shape[1]) if slot == "relations" else None)
+            check_numbers(rows, len(listed))
     digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
     manifest = Manifest(
-        model_name=name, model_options={key: vars(model)[key] for key in options}, words=None,
+        model_name=model, model_options={name: vars(checked)[name] for name in options}, words=None,
         made={"imported": labels.form, "files": digests}, inserted=[],
     )  # fmt: skip
     triples = np.unique(labels.triples, axis=0) if len(labels.triples) else labels.triples
     kinds, phrases = [""] * len(entities), [plain(name) for name in labels.entities]
-    return Bundle(manifest, entities, relations, labels.entities, kinds, phrases, labels.relations, triples)
+    bundle = OpenBundle(manifest, entities, relations, names[0], kinds, phrases, names[1], triples)
+    with at(files[0]):
+        bundle.embedding  # noqa: B018  # which checks the width of relations
+    return bundle
 
 
 def tensors_in(folder: Path, form: str) -> list[Path]:
@@ -166,66 +167,71 @@ def _state_dict(path: Path) -> Mapping[str, Any]:
     return state
 
 
-def _tables(tensors: Mapping[str, np.ndarray], model: str) -> tuple[np.ndarray, np.ndarray]:
-    """The tables of entities and of relations as this project has them, real halves before imaginary ones."""
-    of_pykeen = all(name in tensors for name in OF_PYKEEN)
-    tables = list[np.ndarray]()
-    for slot, names in NAMES.items():
-        present = [parts for parts in names if all(part in tensors for part in parts)]
-        parts = (OF_PYKEEN[len(tables)],) if of_pykeen else present[0] if len(present) == 1 else ()
-        if not parts:
-            listed = ", ".join(sorted(tensors)[:8]) or "none"
-            raise InputError("", "", f"expected one tensor {slot!r}, or a name of other tools, got {listed:.200}")
-        for part in parts:
-            values = tensors[part]
-            if values.ndim != 2 or values.dtype.kind not in "biufc" or values.shape != tensors[parts[0]].shape:
-                expected = f"expected a table of numbers{f', of the shape of {parts[0]}' * (part != parts[0])}"
-                raise InputError("", part, f"{expected}, got {values.dtype} of shape {values.shape}")
-        whole = np.concatenate([tensors[part] for part in parts], axis=1)
-        if of_pykeen and model in ("complex", "rotate"):  # real and imaginary parts in turn
-            if whole.shape[1] % 2:
-                expected = f"expected real and imaginary parts in turn, got rows of {whole.shape[1]} numbers"
-                raise InputError("", "", expected)
-            whole = whole[:, ::2] + 1j * whole[:, 1::2]
-        if np.iscomplexobj(whole):
-            angles = model == "rotate" and slot == "relations"
-            whole = np.angle(whole) if angles else np.concatenate([whole.real, whole.imag], axis=1)
-        tables.append(np.ascontiguousarray(whole, np.float64 if whole.dtype == np.float64 else np.float32))
-    return tables[0], tables[1]
+def _table(tensors: Mapping[str, np.ndarray], slot: str, model: str) -> np.ndarray:
+    """The table of entities or of relations as this project has it, real halves before imaginary ones."""
+    present = [parts for parts in NAMES[slot] if tensors.keys() >= set(parts)]
+    if len(present) != 1:
+        listed = ", ".join(sorted(tensors)[:8]) or "none"
+        raise InputError("", "", f"expected one tensor {slot!r}, or a name of other tools, got {listed:.200}")
+    (parts,) = present
+    for part in parts:
+        values = tensors[part]
+        if values.ndim != 2 or values.dtype.kind not in "biufc" or values.shape != tensors[parts[0]].shape:
+            expected = f"expected a table of numbers{f', of the shape of {parts[0]}' * (part != parts[0])}"
+            raise InputError("", part, f"{expected}, got {values.dtype} of shape {values.shape}")
+    whole = np.concatenate([tensors[part] for part in parts], axis=1)
+    if parts[0].endswith(OF_PYKEEN) and model in ("complex", "rotate"):
+        if whole.shape[1] % 2:
+            expected = f"expected real and imaginary parts in turn, got rows of {whole.shape[1]} numbers"
+            raise InputError("", parts[0], expected)
+        whole = whole[:, ::2] + 1j * whole[:, 1::2]
+    if np.iscomplexobj(whole):
+        angles = model == "rotate" and slot == "relations"
+        whole = np.angle(whole) if angles else np.concatenate([whole.real, whole.imag], axis=1)
+    return np.ascontiguousarray(whole, np.float64 if whole.dtype == np.float64 else np.float32)
 
 
 def read_labels(folder: Path) -> Labels:
     """Names and known triples of a folder of PyKEEN's, of OpenKE's, or with lists of names; no pickle is read."""
+    rows: Iterable[Any]
     if (folder / PYKEEN).is_dir():
-        return _pykeen_labels(folder / PYKEEN)
-    if (folder / ENTITY2ID).exists():
-        entities, relations = read_id_names(folder / ENTITY2ID), read_id_names(folder / RELATION2ID)
-        path, form = folder / TRAIN2ID, "entity2id"
-        rows: list[Any] = list(read_ids(folder, [TRAIN2ID])) if path.exists() else []
+        form, files = "PyKEEN", [folder / PYKEEN / f"{name}.tsv.gz" for name in ("entity_to_id", "relation_to_id")]
+        files, first = [*files, folder / PYKEEN / "numeric_triples.tsv.gz"], 2
+        entities, relations = (_pykeen_names(path) for path in files[:2])
+        rows = _pykeen_triples(files[2], entities, relations)
+    elif (folder / ENTITY2ID).exists():
+        form, files, first = "entity2id", [folder / name for name in (ENTITY2ID, RELATION2ID, TRAIN2ID)], 1
+        entities, relations = read_id_names(files[0]), read_id_names(files[1])
+        rows = read_ids(folder, [TRAIN2ID]) if files[2].exists() else []
     elif (folder / ENTITY_NAMES).exists():
-        files = folder / ENTITY_NAMES, folder / RELATION_NAMES
-        entities, relations = ([name for (name,) in _split_lines(path, 1)] for path in files)
-        path, form = folder / TRIPLES, "arrays"
-        rows = _split_lines(path, 3) if path.exists() else []
+        form, files, first = "arrays", [folder / name for name in (ENTITY_NAMES, RELATION_NAMES, TRIPLES)], 1
+        entities, relations = ([name for (name,) in _lines(path, ["name"])] for path in files[:2])
+        rows = _lines(files[2], ["head", "relation", "tail"]) if files[2].exists() else []
     else:
         raise InputError(folder, "", f"expected a folder with {PYKEEN}, {ENTITY2ID} or {ENTITY_NAMES}")
-    ids = ids_of(folder / ENTITY_NAMES, entities, 1), ids_of(folder / RELATION_NAMES, relations, 1)
-    return Labels(form, entities, relations, triple_ids(path, rows, *ids))
+    return Labels(form, entities, relations, triple_ids(files, entities, relations, list(rows), first))
 
 
-def _pykeen_labels(folder: Path) -> Labels:
-    names = dict[str, list[str]]()
-    for slot in ("entity", "relation"):
-        path = folder / f"{slot}_to_id.tsv.gz"
-        listed = _pykeen_table(path, {"id": np.int64, "label": str}).sort_values("id")
-        if listed["id"].tolist() != list(range(len(listed))):
-            raise InputError(path, "", f"expected the ids from 0 to {len(listed) - 1}")
-        ids_of(path, names.setdefault(slot, listed["label"].tolist()))
-    path, most = folder / "numeric_triples.tsv.gz", [len(names[slot]) for slot in ("entity", "relation", "entity")]
+def _lines(path: Path, columns: Sequence[str]) -> list[list[str]]:
+    """Rows of a text file without a header; none where it is empty."""
+    with at(path):
+        text = path.read_text(encoding="utf-8-sig")
+        return split_rows(text, columns) if text.strip("\n") else []
+
+
+def _pykeen_names(path: Path) -> list[str]:
+    table = _pykeen_table(path, {"id": np.int64, "label": str}).sort_values("id")
+    if table["id"].tolist() != list(range(len(table))):
+        raise InputError(path, "", f"expected the ids from 0 to {len(table) - 1}")
+    return list(table["label"])
+
+
+def _pykeen_triples(path: Path, entities: Sequence[str], relations: Sequence[str]) -> Iterator[tuple[str, str, str]]:
     triples = _pykeen_table(path, dict.fromkeys(["head", "relation", "tail"], np.int64)).to_numpy()
+    most = [len(entities), len(relations), len(entities)]
     for row in np.flatnonzero(((triples < 0) | (triples >= most)).any(1))[:1]:
         raise InputError(path, f"line {row + 2}", f"expected ids below {most}")
-    return Labels("PyKEEN", names["entity"], names["relation"], triples)
+    return ((entities[head], relations[relation], entities[tail]) for head, relation, tail in triples.tolist())
 
 
 def _pykeen_table(path: Path, kinds: Mapping[str, type]) -> pd.DataFrame:
@@ -237,14 +243,3 @@ def _pykeen_table(path: Path, kinds: Mapping[str, type]) -> pd.DataFrame:
     if list(frame) != list(kinds) or not isinstance(frame.index, pd.RangeIndex):
         raise InputError(path, "line 1", expected)
     return frame
-
-
-def _split_lines(path: Path, columns: int) -> list[list[str]]:
-    """Rows of a text file of so many columns, separated by tabs."""
-    with at(path):
-        lines = path.read_text(encoding="utf-8-sig").removesuffix("\n").split("\n")
-    rows = [line.removesuffix("\r").split("\t") for line in lines if lines != [""]]
-    for number, row in enumerate(rows, 1):
-        if len(row) != columns:
-            raise InputError(path, f"line {number}", f"expected {columns} columns, got {len(row)}")
-    return rows

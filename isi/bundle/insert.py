@@ -6,10 +6,11 @@ Its vector is explained by its indicators, and by ablations: the insertion witho
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -48,59 +49,39 @@ class NewEntity:
     vector: np.ndarray | None  #: word vector, as long as those of the others; null where there is none
 
 
-@dataclass(frozen=True, eq=False)
-class InsertedEntity:
-    """A bundle with a new entity in its last row."""
-
-    opened: OpenBundle
-    result: Inserted
-    record: InsertionRecord
-
-    @property
-    def entity(self) -> int:
-        """Its id."""
-        return self.result.new[0]
-
-    @property
-    def vector(self) -> np.ndarray:
-        """Shape (d,)."""
-        row: np.ndarray = self.result.entities[self.entity]
-        return row
-
-    def indicators(self) -> list[Indicator]:
-        """The known entities that determined its vector, those of largest weight first."""
-        result, names = self.result, self.opened.entity_names
-        seen = what_is_seen(
-            result.embedding, torch.tensor(result.new), result.known, result.insert_triples, result.known_triples,
-            self.opened.words, None, 0,
-        )  # fmt: skip
-        words, triples = bool(similarity.has_words(seen)), bool(similarity.has_insert_triples(seen))
-        named, related = similarity.word_eligible(seen)[0, 0], similarity.mean_relational_score(seen)[0, 0]
-        similar = similarity.word_similarity(seen)[0, 0]
-        likeness = similar * named * words + related * triples
-        weight, rank = None, likeness.masked_fill(~seen.eligible[0], -torch.inf)
-        if result.weights is not None and result.weights[0].min() < result.weights[0].max():  # else they say nothing
-            weight = torch.zeros(len(names)).index_copy(0, torch.arange(result.known), torch.tensor(result.weights[0]))
-            rank = weight + 1e-6 * likeness
-        best = rank.sort(descending=True, stable=True).indices
-        best = best[torch.isfinite(rank[best])]
-        if weight is None:
-            best = best[:SHOWN]
-        elif result.indicators is not None:  # the vector is their centroid
-            best = best[weight[best] > 0]
-        else:
-            best = best[:SHOWN][weight[best[:SHOWN]] >= LEAST]
-        return [
-            Indicator(
-                row, names[row], None if weight is None else float(weight[row]),
-                float(similar[row]) if words and named[row] else None, float(related[row]) if triples else None,
-            )
-            for row in best.tolist()
-        ]  # fmt: skip
+def indicators(opened: OpenBundle, result: Inserted) -> list[Indicator]:
+    """The known entities that determined the vector of the entity in the last row, those of largest weight first."""
+    seen = what_is_seen(
+        result.embedding, torch.tensor(result.new), result.known, result.insert_triples, result.known_triples,
+        opened.words, None, 0,
+    )  # fmt: skip
+    words, triples = bool(similarity.has_words(seen)), bool(similarity.has_insert_triples(seen))
+    named, related = similarity.word_eligible(seen)[0, 0], similarity.mean_relational_score(seen)[0, 0]
+    similar = similarity.word_similarity(seen)[0, 0]
+    likeness = similar * named * words + related * triples
+    weight, rank = None, likeness.masked_fill(~seen.eligible[0], -torch.inf)
+    if result.weights is not None and result.weights[0].min() < result.weights[0].max():  # else they say nothing
+        weight = torch.zeros(len(rank)).index_copy(0, torch.arange(result.known), torch.tensor(result.weights[0]))
+        rank = weight + 1e-6 * likeness
+    best = rank.sort(descending=True, stable=True).indices
+    best = best[torch.isfinite(rank[best])]
+    if weight is None:
+        best = best[:SHOWN]
+    elif result.indicators is not None:  # the vector is their centroid
+        best = best[weight[best] > 0]
+    else:
+        best = best[:SHOWN][weight[best[:SHOWN]] >= LEAST]
+    return [
+        Indicator(
+            row, opened.entity_names[row], None if weight is None else float(weight[row]),
+            float(similar[row]) if words and named[row] else None, float(related[row]) if triples else None,
+        )
+        for row in best.tolist()
+    ]  # fmt: skip
 
 
-def insert_entity(opened: OpenBundle, new: NewEntity) -> InsertedEntity:
-    """Insert a new entity; nothing that is known changes. An ``InputError`` names the argument of ``isi.insert``."""
+def insert_entity(opened: OpenBundle, new: NewEntity) -> tuple[OpenBundle, Inserted]:
+    """The bundle with a new entity in its last row, and the result of ``isi.insert``, which names what it refuses."""
     request, words = new.request, None
     if opened.words is not None:
         vector = np.zeros(opened.words.shape[1], opened.words.dtype) if new.vector is None else new.vector
@@ -120,7 +101,7 @@ def insert_entity(opened: OpenBundle, new: NewEntity) -> InsertedEntity:
         kinds=[*opened.kinds, new.kind], phrases=[*opened.phrases, new.phrase], words=words,
         triples=np.concatenate([opened.triples, result.insert_triples]),
     )  # fmt: skip
-    return InsertedEntity(larger, result, record)
+    return larger, result
 
 
 def before(opened: OpenBundle, record: InsertionRecord) -> tuple[OpenBundle, NewEntity]:
@@ -128,15 +109,6 @@ def before(opened: OpenBundle, record: InsertionRecord) -> tuple[OpenBundle, New
     entity = opened.entity_ids[record.entity]
     words = None if opened.words is None or not opened.words[entity].any() else opened.words[entity]
     return opened.part(np.arange(entity)), NewEntity(record, opened.kinds[entity], opened.phrases[entity], words)
-
-
-@dataclass(frozen=True)
-class Change:
-    """A query whose best answers change: by name, with a question mark; answers that go, and those that come."""
-
-    query: tuple[str, str, str]
-    dropped: list[str]
-    added: list[str]
 
 
 @dataclass(frozen=True)
@@ -148,7 +120,8 @@ class Ablation:
     initializer: str | None = None  #: null where nothing is left to insert it by
     cosine: float | None = None  #: between this vector and the entity's; null where there is none
     moved: float | None = None  #: distance between them, over the length of the entity's
-    changes: Sequence[Change] = ()
+    #: queries whose best answers change, with the answers that go (``dropped``) and those that come (``added``)
+    changes: Sequence[Mapping[str, Any]] = ()
 
 
 def ablations(
@@ -173,27 +146,30 @@ def ablations(
         pieces.append(("indicator", indicator.entity, fewer, without(rest)))
     for left_out, piece, fewer, given in pieces:
         try:
-            other = insert_entity(fewer, given)
+            _, other = insert_entity(fewer, given)
         except InputError:
             if given.request.insert_triples or given.vector is not None:
                 raise
             yield Ablation(left_out, piece)
             continue
         entities = opened.entities.copy()
-        entities[row] = other.vector
+        entities[row] = other.entities[-1]
         vector = torch.from_numpy(entities[row]).double()
         cosine = cosine_similarity(vector, stored, dim=0)
         moved = (vector - stored).norm() / stored.norm().clamp(min=1e-12)
-        changed = replace(opened, entities=entities)
-        each = (Change(opened.named(query), *_best_that_differ(opened, changed, query, most)) for query in queries)
-        changes = [change for change in each if change.dropped or change.added]
-        yield Ablation(left_out, piece, other.result.initializer, cosine.item(), moved.item(), changes)
-
-
-def _best_that_differ(first: OpenBundle, second: OpenBundle, query: Query, most: int) -> list[list[str]]:
-    """The best answers of each of two bundles that the other does not have."""
-    best = [bundle.ranked(query)[0][:most].tolist() for bundle in (first, second)]
-    return [[first.entity_names[row] for row in some if row not in other] for some, other in (best, best[::-1])]
+        changed, changes = replace(opened, entities=entities), []
+        for query in queries:
+            old_best, new_best = (
+                [opened.entity_names[entity] for entity in bundle.ranked(query)[0][:most].tolist()]
+                for bundle in (opened, changed)
+            )
+            if set(old_best) != set(new_best):
+                dropped, added = (
+                    [name for name in best if name not in others]
+                    for best, others in ((old_best, new_best), (new_best, old_best))
+                )
+                changes.append({"query": opened.named(query), "dropped": dropped, "added": added})
+        yield Ablation(left_out, piece, other.initializer, cosine.item(), moved.item(), changes)
 
 
 def phrase_vector(opened: OpenBundle, phrase: str, definition: str | None) -> tuple[np.ndarray | None, str]:
@@ -202,8 +178,8 @@ def phrase_vector(opened: OpenBundle, phrase: str, definition: str | None) -> tu
     if opened.words is None or source is None:
         return None, "this embedding has no word vectors (--vectors FILE gives it some)"
     vector, note = _from_source(source, phrase, definition)
-    if vector is not None and vector.shape != (width := opened.words.shape[1],):
-        return None, f"its word vector has {vector.size} numbers, those of the others {width}"
+    if vector is not None and vector.shape != opened.words.shape[1:]:
+        return None, f"its word vector has {vector.size} numbers, those of the others {opened.words.shape[1]}"
     return vector, note
 
 
@@ -220,7 +196,15 @@ def with_vectors(opened: OpenBundle, phrase: str, path: Path) -> tuple[OpenBundl
 
 
 def _from_source(source: WordSource, phrase: str, definition: str | None) -> tuple[np.ndarray | None, str]:
-    listed = _looked_up(source, phrase)
+    listed, path = None, paths.shipped_vectors(source.text) if source.source == "shipped" else Path(source.source)
+    if path.is_file():
+        from isi.graph.words import look_up, read_vectors  # here, since it loads gensim
+
+        words = read_vectors(path)
+        # a sentence model's vector of a phrase is no mean of its words' vectors
+        if source.model is None or phrase.replace(" ", "_") in words:
+            (vector,) = look_up(words, [phrase]).vectors
+            listed = vector if vector.any() else None
     if source.model is None:
         if listed is None:
             return None, f"{source.source} has none of {phrase!r}, or is not here"
@@ -235,20 +219,6 @@ def _from_source(source: WordSource, phrase: str, definition: str | None) -> tup
         return _embedded(text), f"of {text!r:.200}, by {MODEL}"
     missing = "its text needs the sentence model: `pip install '.[words]'` in the folder of isi, or --vectors FILE"
     return listed, missing if listed is None else f"{shipped}; {missing}"
-
-
-def _looked_up(source: WordSource, phrase: str) -> np.ndarray | None:
-    """The vector of a phrase in the file that has those of the others."""
-    path = paths.shipped_vectors(source.text) if source.source == "shipped" else Path(source.source)
-    if not path.is_file():
-        return None
-    from isi.graph.words import look_up, read_vectors  # here, since it loads gensim
-
-    words = read_vectors(path)
-    if source.model is not None and phrase.replace(" ", "_") not in words:
-        return None  # a sentence model's vector of a phrase is no mean of its words' vectors
-    vector: np.ndarray = look_up(words, [phrase]).vectors[0]
-    return vector if vector.any() else None
 
 
 def _embedded(text: str) -> np.ndarray:

@@ -25,7 +25,7 @@ from isi.models.stack import Embedding
 
 ENOUGH = 0.1  #: Share of the similar entities that must stand in a slot for it to be queried.
 MOST_QUERIES = 24  #: Queries of one entity, at most.
-SUGGESTED, LISTED = 3, 8  #: Names that are suggested, at most, and that are listed where none is similar.
+SUGGESTED, LISTED = 3, 8  #: Similar names that are suggested, at most, and other names that are.
 
 
 class Query(NamedTuple):
@@ -156,19 +156,16 @@ def queries_of(opened: OpenBundle, entity: int, indicators: Mapping[int, float])
             return float("inf")
         return sum(share for row, share in similar.items() if query._replace(given=row) in opened.answers)
 
-    weights = {
-        (query := Query(entity, relation, slot)): weight(query)
-        for relation in range(len(opened.relations))
-        for slot in (TAIL, HEAD)
-    }
-    fit = [query for query in weights if weights[query] > enough] or list(weights)
+    queries = [Query(entity, relation, slot) for relation in range(len(opened.relations)) for slot in (TAIL, HEAD)]
+    weights = {query: weight(query) for query in queries}
+    fit = [query for query in queries if weights[query] > enough] or queries
     best = sorted(fit, key=weights.__getitem__, reverse=True)[:MOST_QUERIES]
     return [query for query in fit if query in best]
 
 
 def plain(name: str) -> str:
     """A name in lower-case words: ``hasAffordance`` and ``has_affordance`` are ``has affordance``."""
-    return re.sub(r"[\s_-]+", " ", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name)).strip().casefold()
+    return " ".join(re.sub(r"(?<=[a-z0-9])(?=[A-Z])|[_-]", " ", name).split()).casefold()
 
 
 def same_name(first: str, second: str) -> bool:
@@ -182,12 +179,7 @@ def find(text: str, names: Collection[str], place: str, expected: str) -> str:
     if len(same) == 1:
         return same[0]
     wanted, by_plain = plain(text), {plain(name): name for name in names}
-    close = get_close_matches(wanted, by_plain, SUGGESTED) or [name for name in by_plain if wanted and wanted in name]
-    hint = ""
-    if same:
-        hint = f", written as {', '.join(map(repr, same[:LISTED]))}"
-    elif close:
-        hint = f" (did you mean {' or '.join(repr(by_plain[name]) for name in close[:SUGGESTED])}?)"
-    elif 0 < len(names) <= LISTED:
-        hint = f" (there are {', '.join(map(repr, names))})"
+    near = get_close_matches(wanted, by_plain, SUGGESTED) or [name for name in by_plain if wanted and wanted in name]
+    close = same[:LISTED] or [by_plain[name] for name in near[:SUGGESTED]] or list(names) * (len(names) <= LISTED)
+    hint = f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
     raise InputError(place, "", f"expected {expected} of this embedding, got {text!r:.80}{hint}")

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 from cyclopts import App, CycloptsError, Parameter, ValidationError
 from cyclopts.validators import Number
+from tabulate import tabulate  # type: ignore[import-untyped]
 
 from isi.errors import InputError, cut, short
 from isi.process import one_line
@@ -94,7 +95,7 @@ def show(answer: Mapping[str, Any], as_json: bool = False) -> None:
 
 
 def lines(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
-    """An answer as text: a line for each key; mappings are indented, and a list of them is a table."""
+    """An answer as text: a line for each key; mappings are indented, a list of them is a table of what they fill."""
     for key, value in answer.items():
         label, rows = f"{indent}{key.replace('_', ' ')}:", value if isinstance(value, list) else []
         inner = indent + "  "
@@ -105,17 +106,13 @@ def lines(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
         elif any(isinstance(cell, list) and cell[:1] and isinstance(cell[0], Mapping) for cell in rows[0].values()):
             yield from (label, *(line for row in rows for line in lines(row, inner)))
         else:
-            yield from (label, *table(rows, inner))
-
-
-def table(rows: Sequence[Mapping[str, Any]], indent: str) -> Iterator[str]:
-    """Lines of a table with a header, columns as wide as their cells; without columns that are empty."""
-    names = [name for name in rows[0] if any(row[name] not in (None, [], "") for row in rows)]
-    cells = [[name.replace("_", " ") for name in names], *([text_of(row[name]) for name in names] for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    for row in cells:
-        filled = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-        yield (indent + filled).rstrip()
+            names = [name for name in rows[0] if any(row[name] not in (None, [], "") for row in rows)]
+            cells = [
+                [name.replace("_", " ") for name in names],
+                *([text_of(row[name]) for name in names] for row in rows),
+            ]
+            text = tabulate(cells, tablefmt="plain", disable_numparse=True)
+            yield from (label, *((inner + line).rstrip() for line in text.splitlines()))
 
 
 def text_of(value: Any) -> str:

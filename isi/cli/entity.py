@@ -7,6 +7,7 @@ or an unknown name.
 from __future__ import annotations
 
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,8 +19,8 @@ from isi.errors import InputError
 from isi.tables import paths
 
 if TYPE_CHECKING:
-    from isi.bundle.insert import InsertedEntity
     from isi.bundle.query import OpenBundle
+    from isi.insertion.result import Inserted
 
 EXAMINED = 20  #: The number of best answers to a query that are examined.
 Pair = tuple[str, str]
@@ -50,14 +51,15 @@ def insert(
     check(name, Annotated[Text, Field(max_length=200, pattern=r"\S")], "", "NAME")  # type: ignore[arg-type]
     check(definition, Text | None, "", "--definition")  # type: ignore[arg-type]
     check(str(vectors), Text, "", "--vectors")
-    if known := [entity for entity in opened.entity_names if same_name(entity, name)]:
-        raise InputError("NAME", "", f"expected a new name: {known[0]!r:.80} is known (see isi ask, isi nearest)")
-    triples = []
-    for option, pairs in (("--fact", fact), ("--inverse-fact", inverse_fact)):
-        for relation, entity in pairs if option == "--fact" else (pair[::-1] for pair in pairs):
-            label = find(relation, opened.relation_ids, option, "a relation")
-            end = find(entity, opened.entity_ids, option, "an entity")
-            triples.append((name, label, end) if option == "--fact" else (end, label, name))
+    for entity in filter(partial(same_name, name), opened.entity_names):
+        raise InputError("NAME", "", f"expected a new name: {entity!r:.80} is known (see isi ask, isi nearest)")
+
+    def known(option: str, relation: str, entity: str) -> tuple[str, str]:
+        label = find(relation, opened.relation_ids, option, "a relation")
+        return label, find(entity, opened.entity_ids, option, "an entity")
+
+    triples = [(name, *known("--fact", *pair)) for pair in fact]
+    triples += [(*known("--inverse-fact", *pair[::-1])[::-1], name) for pair in inverse_fact]
     if set and initializer is None:
         raise InputError("--set", "", "expected an --initializer, whose options these are")
     if kind is not None:
@@ -74,26 +76,27 @@ def insert(
         options=settings(set), seed=seed,
     )  # fmt: skip
     with flags(initializer="--initializer", entities="--embedding"):
-        inserted = insert_entity(opened, NewEntity(request, kind or "", plain(name), vector))
-    result = insertion(inserted, note, list(opened.unusual(triples)), top)
+        larger, result = insert_entity(opened, NewEntity(request, kind or "", plain(name), vector))
+    answer = insertion(larger, result, note, list(opened.unusual(triples)), top)
     if out:
-        write(out, inserted.opened)
-    show(result, json)
+        write(out, larger)
+    show(answer, json)
     if out and not json:
         print(f"written: {out}")
 
 
-def insertion(inserted: InsertedEntity, words: str, notes: list[str], top: int) -> dict[str, Any]:
-    """All that is reported about an insertion."""
+def insertion(opened: OpenBundle, result: Inserted, words: str, notes: list[str], top: int) -> dict[str, Any]:
+    """All that is reported about an insertion into the last row; ``words`` says where its word vector is from."""
     from tqdm import tqdm
 
     from isi.bundle.calibration import HeldOutCalibration, answer, calibrated_on
+    from isi.bundle.insert import indicators
     from isi.bundle.query import MOST_QUERIES, queries_of
 
-    opened, record, report = inserted.opened, inserted.record, inserted.result.report(top)[0]
-    shown, known = inserted.indicators(), len(inserted.result.known_triples) > 0
+    (report,), record, known = result.report(top), opened.manifest.inserted[-1], len(result.known_triples) > 0
+    shown = indicators(opened, result)
     weights = {indicator.id: indicator.weight or 1.0 for indicator in shown}
-    calibration, queries = HeldOutCalibration(inserted), queries_of(opened, inserted.entity, weights)
+    calibration, queries = HeldOutCalibration(opened, result), queries_of(opened, report.id, weights)
     answers = {
         opened.named(query): answer(opened, query, max(top, EXAMINED), calibration, weights if known else None)
         for query in tqdm(queries, "queries", leave=False, disable=None)
@@ -102,10 +105,10 @@ def insertion(inserted: InsertedEntity, words: str, notes: list[str], top: int) 
         {"triple": tuple(best.entity if part == "?" else part for part in query), "probability": best.probability}
         for query, ranked in answers.items() for best in ranked[:EXAMINED] if best.unexpected
     ]  # fmt: skip
-    has_words = opened.words is not None and bool(opened.words[inserted.entity].any())
+    has_words = opened.words is not None and bool(opened.words[report.id].any())
     return {
-        "entity": record.entity, "id": inserted.entity, "initializer": record.initializer, "why": record.why,
-        "fallback": record.fallback, "options": dict(inserted.result.options), "insert_triples": record.insert_triples,
+        "entity": record.entity, "id": report.id, "initializer": record.initializer, "why": record.why,
+        "fallback": record.fallback, "options": dict(result.options), "insert_triples": record.insert_triples,
         "words": words if has_words else None, "no_words": None if has_words else words, "notes": notes,
         "indicators": list(map(asdict, shown)),
         "answers": [
@@ -117,7 +120,7 @@ def insertion(inserted: InsertedEntity, words: str, notes: list[str], top: int) 
         "unexpected": sorted(unexpected, key=lambda triple: -(triple["probability"] or 0)) if known else None,
         "nearest": [{"entity": name, "cosine": cosine} for name, cosine in report.nearest],
         "distance": report.distance, "farther_than": report.farther_than,
-        "interference": asdict(inserted.result.interference()) if known else None,
+        "interference": asdict(result.interference()) if known else None,
     }  # fmt: skip
 
 
@@ -146,7 +149,7 @@ def ask(
     label = find(relation, opened.relation_ids, "RELATION", "a relation")
     query = Query(opened.entity_ids[name], opened.relation_ids[label], slot)
     record = opened.insertions().get(name)
-    calibration = HeldOutCalibration(insert_entity(*before(opened, record))) if record else None
+    calibration = HeldOutCalibration(*insert_entity(*before(opened, record))) if record else None
     answers = answer(opened, query, top, calibration)
     calibrated = calibrated_on(answers, inserted=record is not None)
     show({"query": opened.named(query), "answers": list(map(asdict, answers)), "calibration": calibrated}, json)
@@ -177,7 +180,7 @@ def explain(
     from tqdm import tqdm
 
     from isi.bundle.folder import MANIFEST
-    from isi.bundle.insert import ablations, before, insert_entity
+    from isi.bundle.insert import ablations, before, indicators, insert_entity
     from isi.bundle.query import find, queries_of
 
     opened = open_folder(embedding)
@@ -187,16 +190,16 @@ def explain(
         raise InputError(embedding, "", f"expected an entity that was inserted ({there}), got {name!r:.80}")
     record, row = records[name], opened.entity_ids[name]
     with flags(initializer=f"{embedding / MANIFEST}: inserted: {name}"):
-        inserted = insert_entity(*before(opened, record))
-        shown = inserted.indicators()
+        larger, result = insert_entity(*before(opened, record))
+        shown = indicators(larger, result)
         queries = queries_of(opened, row, {indicator.id: indicator.weight or 1.0 for indicator in shown})
         weighted = [indicator for indicator in shown if indicator.weight is not None]
         each = ablations(opened, record, weighted, queries, top)
         number = len(record.insert_triples) + len(weighted) + 1
         without = [asdict(ablation) for ablation in tqdm(each, "left out", number, leave=False, disable=None)]
-    same = bool(np.allclose(inserted.vector, opened.entities[row], rtol=1e-3, atol=1e-6))
-    indicators = list(map(asdict, shown))
-    show(record.model_dump() | {"indicators": indicators, "without": without, "reproduced": same}, json)
+    same = bool(np.allclose(result.entities[-1], opened.entities[row], rtol=1e-3, atol=1e-6))
+    answer = {"indicators": list(map(asdict, shown)), "without": without, "reproduced": same}
+    show(record.model_dump() | answer, json)
 
 
 def open_folder(path: Path) -> OpenBundle:

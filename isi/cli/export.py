@@ -26,6 +26,7 @@ from isi.cli import FROM_ZERO
 from isi.cli.entity import open_folder
 from isi.config import check, value_of
 from isi.errors import InputError, meant, unwritable
+from isi.experiment.agreement import has_shape
 from isi.experiment.store import JOINT, Store
 from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, HEAD, RELATION, TAIL, TRIPLES, Graph
 from isi.models.model import EmbeddingParams, make_model
@@ -51,20 +52,16 @@ def _check_name(_: object, name: str | None) -> None:
 
 
 def export(
-    experiment: Annotated[
-        str | None, Parameter(validator=_check_name, help="whose graph was built, or a graph of the second pipeline")
-    ] = None, *,
-    format: Annotated[
-        Literal["graphml", "jsonld", "property-csv", "pykeen-tsv", "turtle"], Parameter(help="of what is written")
-    ],
+    experiment: Annotated[str | None, Parameter(
+        validator=_check_name, help="whose graph was built, or a graph of the second pipeline")] = None, *,
+    format: Annotated[Literal[
+        "graphml", "jsonld", "property-csv", "pykeen-tsv", "turtle"], Parameter(help="of what is written")],
     out: Annotated[Path, Parameter(help="file to write; of property-csv, a folder")],
     embedding: Annotated[Path | None, Parameter(help="folder of a bundle, in place of an experiment")] = None,
-    predictions: Annotated[
-        int, Parameter(validator=FROM_ZERO, help="the best tails for each head and relation, without known triples")
-    ] = 0,
-    seed: Annotated[
-        int | None, Parameter(validator=FROM_ZERO, help="whose joint model predicts; by default the first")
-    ] = None,
+    predictions: Annotated[int, Parameter(
+        validator=FROM_ZERO, help="the best tails for each head and relation, without known triples")] = 0,
+    seed: Annotated[int | None, Parameter(
+        validator=FROM_ZERO, help="whose joint model predicts; by default the first")] = None,
     labels: Annotated[bool, Parameter(help="kinds and phrases of entities in RDF, too")] = False,
 ) -> None:  # fmt: skip
     """Read the graph, predict, and write."""
@@ -122,8 +119,8 @@ def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
 def of_bundle(folder: Path, most: int) -> GraphExport:
     """The known triples of a bundle, each with count 1, and predictions of its model; see ``of_experiment``."""
     opened, name = open_folder(folder), folder.resolve().name
-    entities = pd.DataFrame({"entity": opened.entity_names, "kind": opened.kinds, "phrase": opened.phrases})
-    entities["kind"] = entities["kind"].replace("", ENTITY)
+    columns = {"entity": opened.entity_names, "kind": opened.kinds, "phrase": opened.phrases}
+    entities = pd.DataFrame(columns).replace({"kind": {"": ENTITY}})
     entities["phrase"] = entities["phrase"].where(entities["phrase"] != "", entities["entity"])
     triples = pd.DataFrame(opened.named_triples(), columns=TRIPLE).assign(count=1)
     check_names((folder / "entities.tsv", folder / "triples.tsv"), entities, triples)
@@ -151,12 +148,10 @@ def by_joint_model(store: Store, most: int, seed: int | None) -> pd.DataFrame:
     place = 0 if seed is None else seeds.index(seed)
     params = check(values.get("embedding"), EmbeddingParams, "embedding")
     model = make_model(params.model, value_of(values, f"models.{params.model}"), f"models.{params.model}")
-    expected = (len(graph.entities), len(graph.relations), model.width(entity.shape[-1]))
-    if (shape := (entity.shape[1], *relation.shape[1:])) != expected:
-        names = "entities, relations and numbers of a relation's row"
-        raise InputError(path, "", f"expected {names} {expected} as in the graph, got {shape}")
-    embedding = Embedding(entity[place : place + 1], relation[place : place + 1], model)
-    return best_tails(graph, embedding, known[place], most)
+    shapes = (len(graph.entities), entity.shape[-1]), (len(graph.relations), model.width(entity.shape[-1]))
+    for name, table, shape in zip(("entity", "relation"), (entity, relation), shapes, strict=True):
+        has_shape(path, name, table.numpy(), (len(seeds), *shape))
+    return best_tails(graph, Embedding(entity[[place]], relation[[place]], model), known[place], most)
 
 
 def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> pd.DataFrame:
@@ -165,7 +160,7 @@ def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> 
     Heads of a relation are the entities of every kind that heads one of its triples, and which the embedding knows
     (shape (E,), bool). Ranks start at 1; of equal scores, the entity of lower id goes first.
     """
-    names, tables = np.array(graph.entities, dtype=object), [pd.DataFrame(columns=PREDICTED)]
+    names, rows = np.array(graph.entities, dtype=object), list[tuple[Any, ...]]()
     for relation in range(len(graph.relations) if most else 0):
         triples = graph.triples[graph.triples[:, RELATION] == relation]
         heads = torch.nonzero(torch.isin(graph.kinds, graph.kinds[triples[:, HEAD]]) & known)[:, 0]
@@ -177,11 +172,9 @@ def best_tails(graph: Graph, embedding: Embedding, known: Tensor, most: int) -> 
             best = scores.sort(dim=-1, descending=True, stable=True)
             values, tails = best.values[:, :most].numpy(), best.indices[:, :most].numpy()
             row, place = np.nonzero(values > -np.inf)
-            columns = names[part[row]], graph.relations[relation], names[tails[row, place]]
-            scored = *columns, values[row, place].astype(float), place + 1
-            tables.append(pd.DataFrame(dict(zip(PREDICTED, scored, strict=True))))
-    tables = [table for table in tables if len(table)] or tables[:1]
-    return pd.concat(tables, ignore_index=True)
+            columns = names[part[row]], names[tails[row, place]], values[row, place].tolist(), (place + 1).tolist()
+            rows += [(head, graph.relations[relation], *others) for head, *others in zip(*columns, strict=True)]
+    return pd.DataFrame(rows, columns=PREDICTED)
 
 
 Files = dict[Path, str | None]  #: The text of files by path; null: an earlier file of that path is removed.
@@ -189,38 +182,34 @@ Files = dict[Path, str | None]  #: The text of files by path; null: an earlier f
 
 def graphml(export: GraphExport, path: Path, _labels: bool) -> Files:
     """GraphML, for networkx, Gephi and yEd: an edge for each triple, and for each prediction, which has no count."""
-    graph = nx.MultiDiGraph(name=export.name)
-    for entity, kind, phrase in export.entities[["entity", "kind", "phrase"]].itertuples(index=False):
-        graph.add_node(entity, kind=kind, phrase=phrase)
+    graph, content = nx.MultiDiGraph(name=export.name), BytesIO()
+    graph.add_nodes_from(export.entities.set_index("entity")[["kind", "phrase"]].to_dict("index").items())
     for table in (export.triples[[*TRIPLE, "count"]], export.predictions[PREDICTED]):
         for row in table.to_dict("records"):
             attributes = {str(name): value for name, value in row.items() if name not in ("head", "tail")}
-            graph.add_edge(row["head"], row["tail"], key=graph.number_of_edges(), **attributes)
-    content = BytesIO()
+            graph.add_edge(row["head"], row["tail"], graph.number_of_edges(), **attributes)
     nx.write_graphml_xml(graph, content)
     return {path: content.getvalue().decode()}
 
 
 def jsonld(export: GraphExport, path: Path, labels: bool) -> Files:
     """RDF in JSON-LD, expanded; lists are sorted, which rdflib orders by hashes that differ between processes."""
-
-    def in_order(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: in_order(part) for key, part in value.items()}
-        if isinstance(value, list):
-            return sorted(map(in_order, value), key=lambda part: json.dumps(part, sort_keys=True))
-        return value
-
-    nodes = in_order(json.loads(rdf_of(export, labels).serialize(format="json-ld")))
-    return {path: json.dumps(nodes, indent=1, sort_keys=True, ensure_ascii=False) + "\n"}
+    key = partial(json.dumps, sort_keys=True)
+    nodes = json.loads(
+        rdf_of(export, labels).serialize(format="json-ld"),
+        object_hook=lambda node: {
+            name: sorted(part, key=key) if isinstance(part, list) else part for name, part in node.items()
+        },
+    )
+    return {path: json.dumps(sorted(nodes, key=key), indent=1, sort_keys=True, ensure_ascii=False) + "\n"}
 
 
 def rdf_of(export: GraphExport, labels: bool) -> rdflib.Graph:
     """One RDF triple for each triple; a prediction is a reified statement (five triples), which asserts nothing."""
     base, graph = Namespace(f"urn:isi:{export.name}:"), rdflib.Graph(bind_namespaces="none")
-    graph.bind("rdf", RDF)
     for prefix in ("entity", "relation", "kind", "prediction"):
         graph.bind(prefix, base[f"{prefix}:"])
+    graph.bind("rdf", RDF)
 
     def node(kind: str, name: object) -> URIRef:
         return base[f"{kind}:{quote(str(name), safe='')}"]
@@ -233,11 +222,12 @@ def rdf_of(export: GraphExport, labels: bool) -> rdflib.Graph:
             graph.add((node("entity", entity), RDF.type, node("kind", kind)))
             graph.add((node("entity", entity), RDFS.label, rdflib.Literal(phrase)))
     for number, (head, relation, tail, score, rank) in enumerate(export.predictions.itertuples(index=False), 1):
-        for predicate, value in (
-            (RDF.subject, node("entity", head)), (RDF.predicate, node("relation", relation)),
-            (RDF.object, node("entity", tail)), (node("prediction", "score"), rdflib.Literal(score)),
-            (node("prediction", "rank"), rdflib.Literal(rank)),
-        ):  # fmt: skip
+        about = {
+            RDF.subject: node("entity", head), RDF.predicate: node("relation", relation),
+            RDF.object: node("entity", tail), node("prediction", "score"): rdflib.Literal(score),
+            node("prediction", "rank"): rdflib.Literal(rank),
+        }  # fmt: skip
+        for predicate, value in about.items():
             graph.add((node("prediction", number), predicate, value))
     return graph
 
@@ -246,8 +236,9 @@ def property_csv(export: GraphExport, path: Path, _labels: bool) -> Files:
     """CSV for property graphs: a folder with ``nodes.csv``, ``edges.csv`` and, for predictions, ``predictions.csv``."""
     tables = {"nodes": export.entities, "edges": export.triples, "predictions": export.predictions}
     return {
-        path / f"{name}.csv": table[[column for column in HEADERS if column in table]].rename(columns=HEADERS)
-        .to_csv(index=False, lineterminator="\n") if name != "predictions" or len(table) else None
+        path / f"{name}.csv": None if name == "predictions" and table.empty
+        else table.reindex(columns=[column for column in HEADERS if column in table]).rename(columns=HEADERS)
+        .to_csv(index=False, lineterminator="\n")
         for name, table in tables.items()
     }  # fmt: skip
 
@@ -256,7 +247,7 @@ def pykeen_tsv(export: GraphExport, path: Path, _labels: bool) -> Files:
     """TSV without a header, for PyKEEN's ``TriplesFactory.from_path``; predictions stand in a second file."""
     tables = {path: export.triples[TRIPLE], path.with_name(f"{path.stem}.predictions{path.suffix}"): export.predictions}
     return {
-        file: table.to_csv(sep="\t", header=False, index=False, lineterminator="\n") if len(table) else None
+        file: None if table.empty else table.to_csv(sep="\t", header=False, index=False, lineterminator="\n")
         for file, table in tables.items()
     }
 

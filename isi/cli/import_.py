@@ -15,34 +15,20 @@ from isi.models.model import MODELS
 
 
 def import_(
-    folder: Annotated[
-        Path,
-        Parameter(
-            help="PyKEEN's (with training_triples), OpenKE's (with entity2id.txt, relation2id.txt and train2id.txt), or"
-            " one with entities.txt, relations.txt (a name a line) and triples.tsv (names; may be missing)"
-        ),
-    ], *,
+    folder: Annotated[Path, Parameter(
+        help="PyKEEN's (with training_triples), OpenKE's (with entity2id.txt, relation2id.txt and train2id.txt), or"
+        " one with entities.txt, relations.txt (a name a line) and triples.tsv (names; may be missing)")], *,
     out: NewFolder,
-    model: Annotated[
-        str | None, Parameter(name=["--family", "--model"], help="how a triple is scored; a pickle says so itself")
-    ] = None,
-    set: Annotated[
-        Settings, Parameter(help="of distances: margin=NUMBER (else estimated from the triples), squared=true")
-    ] = (),
-    tensors: Annotated[
-        tuple[Path, ...],
-        Parameter(
-            consume_multiple=True, show_default=False,
-            help=".npy, .npz, .safetensors, .json, or a state dict as .pt or .pth; by default those in FOLDER",
-        ),
-    ] = (),
-    trust_pickle: Annotated[
-        bool,
-        Parameter(
-            help=f"read PyKEEN's {PICKLE}, which is a pickle: whoever wrote it can have it run any program on this"
-            " machine when it is read; only for files of yours or of people you trust"
-        ),
-    ] = False,
+    model: Annotated[str | None, Parameter(
+        name=["--family", "--model"], help="how a triple is scored; a pickle says so itself")] = None,
+    set: Annotated[Settings, Parameter(
+        help="of distances: margin=NUMBER (else estimated from the triples), squared=true")] = (),
+    tensors: Annotated[tuple[Path, ...], Parameter(
+        consume_multiple=True, show_default=False,
+        help=".npy, .npz, .safetensors, .json, or a state dict as .pt or .pth; by default those in FOLDER")] = (),
+    trust_pickle: Annotated[bool, Parameter(
+        help=f"read PyKEEN's {PICKLE}, which is a pickle: whoever wrote it can have it run any program on this"
+        " machine when it is read; only for files of yours or of people you trust")] = False,
 ) -> None:  # fmt: skip
     """Read, check, and write; an ``InputError`` where something is missing, broken, or does not fit together."""
     if trust_pickle and (model or set or tensors):
@@ -59,9 +45,8 @@ def import_(
         with flags(model="--family", model_options="--set"):
             bundle = of_tensors(labels, str(model), settings(set), files)
     write(out, bundle)
-    manifest = bundle.manifest
-    options = ", ".join(f"{key} {value}" for key, value in manifest.model_options.items())
+    options, size = ", ".join(f"{key} {value}" for key, value in bundle.manifest.model_options.items()), bundle.sizes()
     print(
-        f"{len(bundle.entities):,} entities, {len(bundle.relations):,} relations, {len(bundle.triples):,} triples;"
-        f" {manifest.model_name}{f' ({options})' if options else ''} of dimension {bundle.entities.shape[1]}: {out}"
+        f"{size['entities']:,} entities, {size['relations']:,} relations, {size['triples']:,} triples;"
+        f" {bundle.manifest.model_name}{f' ({options})' * bool(options)} of dimension {size['dimension']}: {out}"
     )

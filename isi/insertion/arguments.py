@@ -54,11 +54,6 @@ def is_whole(value: object) -> bool:
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
-def options_by_name(values: Any, name: str) -> dict[str, Any]:
-    """Options that an argument gives by name; none where it is null."""
-    return dict(check({} if values is None else values, Mapping[str, Any], "", f"argument {name!r}"))  # type: ignore[type-abstract]
-
-
 def table(values: Any, name: str, width: int | None = None, dtype: type[np.floating[Any]] | None = None) -> np.ndarray:
     """A table of finite real numbers, of a width if one is given."""
     with argument(name), np.errstate(over="ignore"):
@@ -129,7 +124,7 @@ def all_names(known: int, entity_names: Any, new: Any) -> Names:
 
 def checked_model(model: Any, options: Any, dimension: int) -> Model:
     """A model by its name and options, whose vectors may have a dimension."""
-    given = options_by_name(options, "model_options")
+    given = dict(check(options or {}, Mapping[str, Any], "", "argument 'model_options'"))  # type: ignore[type-abstract]
     with argument("model"):
         if not isinstance(model, str | Model):
             raise InputError("", "", f"expected the name of a model, or a model, got {short(model)}")
@@ -138,22 +133,14 @@ def checked_model(model: Any, options: Any, dimension: int) -> Model:
     return checked
 
 
-@dataclass(frozen=True)
-class Arguments:
-    """What ``isi.insert`` and ``isi.fit_new`` are both given, checked; ids of known entities come before new ones."""
-
-    relations: np.ndarray
-    model: Model
-    relation_names: Names
-    triples: np.ndarray  #: of new entities; ids, shape: (T, 3)
-    known_triples: np.ndarray  #: shape: (K, 3)
-
-
 def checked_arguments(
     entities: np.ndarray, relations: Any, model: Any, model_options: Any, names: Names, relation_names: Any,
     known: int, triples: Any, known_triples: Any,
-) -> Arguments:  # fmt: skip
-    """The arguments of a call, of which ``entities``, their ``names`` and how many are ``known`` are checked."""
+) -> tuple[np.ndarray, Model, Names, np.ndarray, np.ndarray]:  # fmt: skip
+    """Relations, model, names of relations, and triples as ids: of new entities, (T, 3), and of known ones, (K, 3).
+
+    ``entities``, their ``names`` and how many are ``known`` have been checked; known entities come first.
+    """
     checked = checked_model(model, model_options, entities.shape[1])
     rows = table(relations, "relations", checked.width(entities.shape[1]))
     labels = Names("relation_names", len(rows), relation_names)
@@ -166,7 +153,7 @@ def checked_arguments(
         for head, relation, tail in ids[wrong][:1].tolist():
             triple = f"({names.of(head)}, {labels.of(relation)}, {names.of(tail)})"[:200]
             raise InputError(f"argument {name!r}", triple, f"expected {expected}")
-    return Arguments(rows, checked, labels, new, old)
+    return rows, checked, labels, new, old
 
 
 def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,6 +32,15 @@ class Case:
     names: str
     #: of the section of params
     settings: dict[str, Any] = field(default_factory=dict)
+
+
+def of_file(format: str, file: str) -> Callable[..., Case]:
+    """What makes cases of one file: what is wrong, what stands in the file, and which places in it are named."""
+
+    def case(what: str, content: str | bytes | None, names: str = "", settings: dict[str, Any] | None = None) -> Case:
+        return Case(what, format, {file: content}, f"{file}|{names}", settings or {})
+
+    return case
 
 
 def scene(*things: object, **of_the_mug: object) -> str:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from isi.bundle.importer import OF_PYKEEN
 from tests.mistakes.calls import Typed, packed
 from tests.mistakes.commands import inserted_elsewhere
 from tests.small_bundle import ENTITIES, LABELS, write_lists, write_openke
@@ -17,6 +16,7 @@ from tests.small_bundle import ENTITIES, LABELS, write_lists, write_openke
 TYPED = "import mine --family distmult --out out"
 THEIRS = "import theirs --family distmult --out out"
 NAMED = [f"{place}\t{name}" for place, name in enumerate("abcdef")]
+OF_PYKEEN = [f"{slot}_representations.0._embeddings.weight" for slot in ("entity", "relation")]
 RE, IM, OF = "ent_re_embeddings.weight", "ent_im_embeddings.weight", "rel_emb"
 
 
@@ -101,8 +101,7 @@ COMMAND_CASES = [
     Typed("a folder with nothing in it", TYPED, "mine"),
     Typed("no tensors", TYPED, "mine", before=write_lists),
     Typed("no such file of tensors", f"{TYPED} --tensors t.npz", "t.npz", before=write_lists),
-    Typed("an option that the model does not have", f"{TYPED} --set margin=2", "--family|margin",
-          before=with_tables()),
+    Typed("an option that the model does not have", f"{TYPED} --set margin=2", "--family|margin", before=with_tables()),
     Typed("no triples to estimate a margin from", "import mine --family transe --out out", "--set|margin",
           before=lambda: (write_lists(entities=ENTITIES, relations=LABELS) / "triples.tsv").unlink()),
     Typed("a width that the model does not have", "import mine --family complex --out out", "--family|dimension",
@@ -136,8 +135,7 @@ TENSOR_CASES = [
     *(Typed(f"a broken {names}", TYPED, f"mine/{names}", before=before) for names, before in TABLES),
     Typed("half a complex number, of PyKEEN", "import mine --family complex --out out", "mine/tables.npz",
           before=lambda: write_lists(**dict(zip(OF_PYKEEN, (ENTITIES[:, :3], LABELS[:, :3]), strict=True)))),
-    Typed("halves of two widths", "import mine --family complex --out out",
-          "mine/tables.npz|ent_im_embeddings.weight",
+    Typed("halves of two widths", "import mine --family complex --out out", "mine/tables.npz|ent_im_embeddings.weight",
           before=with_tables(entities=None, relations=None, **{RE: ENTITIES, IM: ENTITIES[:, :3], OF: LABELS})),
 ]  # fmt: skip
 

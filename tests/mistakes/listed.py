@@ -6,12 +6,14 @@ import gzip
 import struct
 
 from tests.fuzz.formats import BINARY, GLOVE, HOUSE, NT
-from tests.mistakes import LOG, LONG, Case, changed, entities, log, vectors
+from tests.mistakes import LOG, LONG, Case, changed, entities, log, of_file, vectors
 
 SHARES, CATEGORIES = "data/raw/suncg/material_shares.csv", "data/raw/suncg/categories.csv"
 TALLIES, TRIPLES = "data/raw/mp3d/room_object_counts.csv", "data/raw/published/triples.csv"
 VOCABULARY = "data/raw/mp3d/vocabulary.yaml"
 SCENES, MAPPED = "behavior/combined_room_object_list.json", "behavior/category_mapping.csv"
+of_rdf, of_triples = of_file("RDF, N-Triples", "log.nt"), of_file("triples with ids", "ids/gt2id.txt")
+of_names = of_file("triples with ids", "ids/entity2id.txt")
 
 TABLE_CASES = [
     Case("no file", "table, CSV", {"log.csv": None}, "log.csv", {"entities": None}),
@@ -37,36 +39,32 @@ TABLE_CASES = [
     entities("an entity twice", "mug,object,cup\n", "entities.csv|line 7"),
     entities("an entity without a name", ",object,cup\n", "entities.csv|line 7"),
     Case("an entity without a kind", "table, CSV", {"entities.csv": "entity,kind\nmug,object\n"}, "entity 'bowl'"),
-    Case("a relation that no home has", "table, CSV", {"log.csv": "head,relation,tail\na,near,b\n"},
-         "relation 'near'", {"entities": None, "household": True}),
+    Case("a relation that no home has", "table, CSV", {"log.csv": "head,relation,tail\na,near,b\n"}, "relation 'near'",
+         {"entities": None, "household": True}),
     Case("kinds of a relation that is not there", "table, CSV", {}, "kinds|relation 'near'",
          {"kinds": {"near": {"head": "thing", "tail": "thing"}}}),
     Case("kinds that two relations give", "table, CSV", {"log.csv": LOG + "kitchen,near,mug\n"},
          "entity 'mug'",
          {"entities": None, "kinds": {"atLocation": {"head": "thing", "tail": "place"},
                                       "near": {"head": "place", "tail": "place"}}}),
-    Case("kinds beside those of homes", "table, CSV", {}, "kinds", {"household": True,
-         "kinds": {"near": {"head": "thing", "tail": "thing"}}}),
+    Case("kinds beside those of homes", "table, CSV", {}, "kinds",
+         {"household": True, "kinds": {"near": {"head": "thing", "tail": "thing"}}}),
     Case("an entity of two kinds", "table, CSV", {"log.csv": LOG + "mug,hasMaterial,clay\nbowl,hasMaterial,mug\n"},
          "entity 'mug'", {"entities": None, "household": True}),
 ]  # fmt: skip
 
 RDF_CASES = [
     Case("a name that tells no form", "RDF, Turtle", {}, "log.rdf", {"path": "log.rdf"}),
-    Case("no file", "RDF, N-Triples", {"log.nt": None}, "log.nt"),
+    of_rdf("no file", None),
     Case("no compressed file", "RDF, Turtle", {"log.ttl.gz": "<a:b>"}, "log.ttl.gz", {"path": "log.ttl.gz"}),
-    Case("a line that is no triple", "RDF, N-Triples", {"log.nt": NT + "mug atLocation kitchen\n"}, "log.nt|line 7"),
-    Case("Turtle that is none", "RDF, Turtle", {"log.ttl": "<a:b> <a:c> [ .\n"}, "log.ttl|line 1"),
-    Case("a letter that there is not", "RDF, N-Triples", {"log.nt": "<urn:a:\\UFFFFFFFF> <urn:a:c> <urn:a:d> .\n"},
-         "log.nt|line 1"),
-    Case("no triple between things", "RDF, N-Triples", {"log.nt": '<urn:a:b> <urn:a:c> "d" .\n'}, "log.nt"),
-    Case("two things of one name", "RDF, N-Triples", {"log.nt": NT + "<urn:x:mug> <urn:x:near> <urn:x:bowl> .\n"},
-         "log.nt|line 7"),
-    Case("a thing of two types", "RDF, N-Triples", {"log.nt": NT + NT.splitlines()[1].replace("Cup", "Jug") + "\n"},
-         "log.nt|line 7"),
-    Case("a thing without a name", "RDF, N-Triples",
-         {"log.nt": NT + "<http://x.org/> <urn:x:near> <urn:x:%20> .\n"}, "log.nt|line 7"),
-    Case("a label that is no phrase", "RDF, N-Triples", {"log.nt": NT.replace("a \\u006dug", "")}, "log.nt|line 3"),
+    of_rdf("a line that is no triple", NT + "mug atLocation kitchen\n", "line 7"),
+    Case("Turtle that is none", "RDF, Turtle", {"log.ttl": "<a:b> <a:c> [.\n"}, "log.ttl|line 1"),
+    of_rdf("a letter that there is not", "<urn:a:\\UFFFFFFFF> <urn:a:c> <urn:a:d> .\n", "line 1"),
+    of_rdf("no triple between things", '<urn:a:b> <urn:a:c> "d" .\n'),
+    of_rdf("two things of one name", NT + "<urn:x:mug> <urn:x:near> <urn:x:bowl> .\n", "line 7"),
+    of_rdf("a thing of two types", NT + NT.splitlines()[1].replace("Cup", "Jug") + "\n", "line 7"),
+    of_rdf("a thing without a name", NT + "<http://x.org/> <urn:x:near> <urn:x:%20> .\n", "line 7"),
+    of_rdf("a label that is no phrase", NT.replace("a \\u006dug", ""), "line 3"),
 ]  # fmt: skip
 
 MP3D_CASES = [
@@ -91,16 +89,16 @@ MP3D_CASES = [
     Case("a house twice", "houses of Matterport3D", {"houses/y.house": HOUSE}, "houses/y.house|house '17DRP5sb8fy'"),
     changed("a count of 20 digits", "tallies of Matterport3D", TALLIES, "bathroom,2", "bathroom," + "9" * 20, ""),
     changed("a blank object", "tallies of Matterport3D", TALLIES, "air conditioner,bathroom", ",bathroom", ""),
-    changed("a tally twice", "tallies of Matterport3D", TALLIES, "air conditioner,bathroom",
-            "air conditioner,balcony", "'air conditioner'"),
+    changed("a tally twice", "tallies of Matterport3D", TALLIES, "air conditioner,bathroom", "air conditioner,balcony",
+            "'air conditioner'"),
     Case("a vocabulary that is no YAML", "tallies of Matterport3D", {VOCABULARY: "structure: [\n"},
          f"{VOCABULARY}|line 2"),
     Case("a room that the tallies lack", "tallies of Matterport3D", {}, "'cave'", {"rooms": {"cave": "kitchen"}}),
 ]  # fmt: skip
 
 SHIPPED_CASES = [
-    changed("a comma at the end of a line", "shares of materials", CATEGORIES, "arm chair,chair",
-            "arm chair,chair,", ""),
+    changed("a comma at the end of a line", "shares of materials", CATEGORIES, "arm chair,chair", "arm chair,chair,",
+            ""),
     changed("a share that is none", "shares of materials", SHARES, "0.731", "1.731", "'1.731'"),
     changed("a share twice", "shares of materials", SHARES, "bathtub,metal", "bathtub,wood", "'bathtub wood'"),
     changed("a category without shares", "shares of materials", CATEGORIES, "arm chair,chair", "arm chair,boat",
@@ -113,14 +111,14 @@ SHIPPED_CASES = [
 ]  # fmt: skip
 
 ID_CASES = [
-    Case("no file", "triples with ids", {"ids/gt2id.txt": None}, "ids/gt2id.txt"),
-    Case("fewer lines than it says", "triples with ids", {"ids/gt2id.txt": "3\n0 1 0\n"}, "ids/gt2id.txt|line 1"),
-    Case("a line that is no triple", "triples with ids", {"ids/gt2id.txt": "1\n0 1\n"}, "ids/gt2id.txt|line 2"),
-    Case("an id without a name", "triples with ids", {"ids/gt2id.txt": "1\n0 9 0\n"}, "ids/gt2id.txt|line 2"),
-    Case("a name without an id", "triples with ids", {"ids/entity2id.txt": "1\nmug\n"}, "ids/entity2id.txt|line 2"),
-    Case("a blank name", "triples with ids", {"ids/entity2id.txt": "1\n \t0\n"}, "ids/entity2id.txt|line 2"),
-    Case("an id twice", "triples with ids", {"ids/entity2id.txt": "2\na\t0\nb\t0\n"}, "ids/entity2id.txt|line 3"),
-    Case("an id left out", "triples with ids", {"ids/entity2id.txt": "2\na\t0\nb\t2\n"}, "ids/entity2id.txt"),
+    of_triples("no file", None),
+    of_triples("fewer lines than it says", "3\n0 1 0\n", "line 1"),
+    of_triples("a line that is no triple", "1\n0 1\n", "line 2"),
+    of_triples("an id without a name", "1\n0 9 0\n", "line 2"),
+    of_names("a name without an id", "1\nmug\n", "line 2"),
+    of_names("a blank name", "1\n \t0\n", "line 2"),
+    of_names("an id twice", "2\na\t0\nb\t0\n", "line 3"),
+    of_names("an id left out", "2\na\t0\nb\t2\n"),
     Case("no triples", "triples with ids", {"ids/gt2id.txt": "0\n"}, "ids|gt2id.txt"),
 ]  # fmt: skip
 
@@ -135,8 +133,8 @@ BEHAVIOR_CASES = [
          "'kitchen'"),
     Case("a model without a category", "BEHAVIOR", {SCENES: '{"scenes": {"a": {"kitchen_0": {"stove": 1}}}}'},
          "'stove'"),
-    Case("a category without a synset", "BEHAVIOR",
-         {SCENES: '{"scenes": {"a": {"kitchen_0": {"boat-abcdef": 1}}}}'}, "'boat-abcdef'"),
+    Case("a category without a synset", "BEHAVIOR", {SCENES: '{"scenes": {"a": {"kitchen_0": {"boat-abcdef": 1}}}}'},
+         "'boat-abcdef'"),
     changed("a category twice", "BEHAVIOR", MAPPED, "3,walls,", "3,stove,", "'stove'"),
     Case("a setting of what is not there", "BEHAVIOR", {}, "'boat.n.01'", {"structure": ["boat.n.01"]}),
     Case("an action that is no name", "BEHAVIOR", {}, "affordances", {"affordances": {"openable": [" open"]}}),

@@ -55,6 +55,7 @@ PYKEEN_CASES = [
     Called("a margin that is no number", {"margin": "a"}, "argument 'margin'"),
     Called("an initializer that needs an inverse", lambda: {"model": model("rescal"), "initializer": "rs"},
            "argument 'initializer'"),
-    Called("no word for an initializer that goes by words", lambda: {"model": model("rescal"), "initializer": "es",
-           "words": np.eye(7) * (np.arange(7) < 6)}, "new entity 'cup'"),
+    Called("no word for an initializer that goes by words",
+           lambda: {"model": model("rescal"), "initializer": "es", "words": np.eye(7) * (np.arange(7) < 6)},
+           "new entity 'cup'"),
 ]  # fmt: skip

@@ -89,16 +89,16 @@ RECORD_CASES = [
           before=lambda: paths.PARAMS.write_text("seed: 0\n", encoding="utf-8")),
     Typed("an empty file where the recording is to be", "", "r", before=player(b"")),
     Typed("a file that is none", "", "r|byte 0", before=player(b"a photograph")),
-    Typed("a recording of another build", "", "r|line 1", before=player(lines({**FORMAT, "simulator": "ai2thor",
-          "build": "thor-1", "package": "5.0.0"}))),
+    Typed("a recording of another build", "", "r|line 1",
+          before=player(lines({**FORMAT, "simulator": "ai2thor", "build": "thor-1", "package": "5.0.0"}))),
     Typed("a line that holds no scene", "", "r|line 2", before=player(lines({**FORMAT, "simulator": "ai2thor",
           "build": "player a8076d3d28d21e02", "package": "5.0.0"}, 3))),
 ]  # fmt: skip
 
 HEADLINE_CASES = [
     Typed("no report yet", "reports", "reports/metrics.json|there is no report yet"),
-    Typed("a report that is broken", ".", "metrics.json", before=lambda: Path("metrics.json").write_text("{",
-          encoding="utf-8")),
+    Typed("a report that is broken", ".", "metrics.json",
+          before=lambda: Path("metrics.json").write_text("{", encoding="utf-8")),
 ]  # fmt: skip
 
 SOURCES_CASES = [
