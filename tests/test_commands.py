@@ -67,17 +67,13 @@ def test_an_insertion_is_reported_as_json_and_as_text(capsys: pytest.CaptureFixt
     assert [(query["query"], query["answers"][0]["entity"]) for query in result["answers"]] == [
         (["stove", "atLocation", "?"], "kitchen"), (["stove", "hasAffordance", "?"], "turn on"),
     ]  # fmt: skip
-    answer = result["answers"][0]["answers"][0]
-    assert (answer["known"], answer["unexpected"], answer["percentile"]) == (True, False, 1.0)
-    assert answer["probability"] is None  # so few entities do not calibrate it
-    assert len(result["nearest"]) == 1
-    assert result["interference"]["queries"] == 8
+    answer = result["answers"][0]["answers"][0]  # so few entities do not calibrate its probability
+    assert {"known": True, "unexpected": False, "percentile": 1.0, "probability": None}.items() <= answer.items()
+    assert (len(result["nearest"]), result["interference"]["queries"]) == (1, 8)
     assert "this embedding has no word vectors" in result["no_words"]
     text = printed(capsys, *STOVE).splitlines()
     assert text[:3] == ["entity: stove", "id: 6", "initializer: map_mean"]
-    assert "  query: stove atLocation ?" in text
-    best = text[text.index("  query: stove atLocation ?") + 3]
-    assert re.fullmatch(r" +kitchen +1 .*yes.* no", best)
+    assert re.fullmatch(r" +kitchen +1 .*yes.* no", text[text.index("  query: stove atLocation ?") + 3])
 
 
 def test_text_has_a_line_for_each_key_and_tables_without_empty_columns() -> None:
@@ -111,9 +107,8 @@ def test_a_fact_unlike_all_that_is_known_of_its_relation_is_noted(capsys: pytest
     assert parsed(capsys, *STOVE, *odd)["notes"] == expected
     assert parsed(capsys, *STOVE)["notes"] == []
     assert parsed(capsys, *STOVE, *odd[:3], *odd[:3])["notes"] == expected[:1]
-    kinds, no_triples = ["", "", *small().kinds[2:]], np.zeros((0, 3), np.int64)
-    for bundle in (replace(without_words(), kinds=kinds), replace(without_words(), triples=no_triples)):
-        written(Path("home"), bundle)
+    for changed in ({"kinds": ["", "", *small().kinds[2:]]}, {"triples": np.zeros((0, 3), np.int64)}):
+        written(Path("home"), replace(without_words(), **changed))  # type: ignore[arg-type]
         assert parsed(capsys, *STOVE, *odd[:3])["notes"] == []
     assert parsed(capsys, *STOVE)["unexpected"] is None  # without known triples
 
@@ -127,20 +122,16 @@ def test_an_initializer_takes_options(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_what_was_inserted_is_not_lost_to_another_insertion(capsys: pytest.CaptureFixture[str]) -> None:
-    printed(capsys, *STOVE, "--out", "larger")
-    manifest = Path("larger/embedding.json")
-    sound = manifest.read_text("utf-8")
-    for text in (sound, sound.replace('"version": 1', '"version": 2'), "{", "[]"):
-        manifest.write_text(text, "utf-8")
+    printed(capsys, *STOVE, "--initializer", "mean", "--out", "larger")
+    printed(capsys, *STOVE, "--out", "larger")  # the same again, in another way
+    printed(capsys, *HOB, "--embedding", "larger", "--out", "larger")
+    assert list(read(Path("larger")).insertions()) == ["stove", "hob"]
+    for text in (Path("larger/embedding.json").read_text("utf-8").replace('"version": 1', '"version": 2'), "{", "[]"):
+        Path("larger/embedding.json").write_text(text, "utf-8")
         before = files(Path("larger"))
         with pytest.raises(SystemExit, match=r"larger: already holds a bundle"):
             printed(capsys, *HOB, "--out", "larger")
         assert files(Path("larger")) == before
-    manifest.write_text(sound, "utf-8")
-    printed(capsys, *HOB, "--embedding", "larger", "--out", "larger")
-    assert list(read(Path("larger")).insertions()) == ["stove", "hob"]
-    printed(capsys, *STOVE, "--initializer", "mean", "--out", "other")
-    printed(capsys, *STOVE, "--out", "other")  # the same again, in another way
 
 
 def test_the_enlarged_embedding_is_read_by_every_command(capsys: pytest.CaptureFixture[str], home: Path) -> None:
@@ -202,7 +193,6 @@ def test_the_sentence_model_gives_the_vectors_that_ship(monkeypatch: pytest.Monk
 
 def test_either_end_of_a_triple_is_predicted(capsys: pytest.CaptureFixture[str]) -> None:
     heads = parsed(capsys, "ask", "--relation", "at location", "--tail", "bedroom")
-    assert heads == parsed(capsys, "ask", "--tail", "bedroom", "--relation", "atLocation", "--top", "9")
     assert heads["query"] == ["?", "atLocation", "bedroom"]
     assert [(answer["entity"], answer["score"], answer["known"]) for answer in heads["answers"]] == [
         ("bed", 2.0, True), ("kettle", 1.0, False),

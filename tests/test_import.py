@@ -14,19 +14,13 @@ import torch
 from safetensors.numpy import save_file
 
 from isi.__main__ import main
-from isi.bundle.folder import Bundle, read
 from isi.bundle.query import OpenBundle, open_bundle
 from isi.graph.graph import HEAD, TAIL
 from tests.small_bundle import BETWEEN, ENTITIES, LABELS, NAMES, RELATIONS, TRIPLES, VECTORS, write_lists, write_openke
 
 
-def imported(*arguments: str) -> Bundle:
+def imported(*arguments: str) -> OpenBundle:
     main(["import", *arguments, "--out", "out"])
-    return read(Path("out"))
-
-
-def opened(*arguments: str) -> OpenBundle:
-    imported(*arguments)
     return open_bundle(Path("out"))
 
 
@@ -104,7 +98,7 @@ def test_a_margin_lies_halfway_between_triples_and_corrupted_ones() -> None:
     folder = write_lists()
     (folder / "triples.tsv").write_text("kitchen\tatLocation\tbedroom\nkettle\tatLocation\tbed\n", encoding="utf-8")
     np.savez(folder / "t.npz", entities=np.array([[0.0], [1.0], [5.0], [6.0], [9.0], [9.0]]), relations=np.ones((2, 1)))
-    model = opened(str(folder), "--family", "transe_l1").model
+    model = imported(str(folder), "--family", "transe_l1").model
     assert vars(model) == {"margin": pytest.approx(2.5)}  # distances are 0; 5 with the other head or tail
 
 
@@ -146,8 +140,8 @@ def test_a_model_of_pykeen_scores_the_same_by_its_state_dict_and_by_its_pickle(
     saved: Callable[[str], tuple[Any, Path]], name: str
 ) -> None:
     model, folder = saved(name)
-    by_pickle = opened(str(folder), "--trust-pickle")
-    by_state = opened(str(folder), "--family", *MODELS[name])
+    by_pickle = imported(str(folder), "--trust-pickle")
+    by_state = imported(str(folder), "--family", *MODELS[name])
     assert by_state.entities.tobytes() == by_pickle.entities.tobytes()
     np.testing.assert_allclose(by_state.relations, by_pickle.relations, rtol=1e-6)
     assert vars(by_state.model) == pytest.approx(vars(by_pickle.model))
@@ -173,10 +167,10 @@ def test_a_pickle_is_not_read_unless_it_is_trusted(
         torch.save(Bomb(), evil / name)
     for more in ([], ["--tensors", "evil/state.pt"], ["--tensors", "evil/trained_model.pkl"]):
         with pytest.raises(SystemExit):
-            opened("evil", "--family", "distmult", *more)
+            imported("evil", "--family", "distmult", *more)
     assert not Path("exploded").exists()
     with pytest.raises(SystemExit, match=r"evil/trained_model\.pkl: NoneType: expected a model with one"):
-        opened("evil", "--trust-pickle")
+        imported("evil", "--trust-pickle")
     assert Path("exploded").exists()  # which is what the help warns of
     main(["import", "--help"])
     assert "can have it run any program" in " ".join(capsys.readouterr().out.split())

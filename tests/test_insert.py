@@ -69,11 +69,9 @@ def test_known_rows_are_the_same_bytes_and_new_ones_come_behind(dtype: type[np.f
     own = tables(dtype=dtype)
     copies = {name: part.copy() for name, part in own.items()}
     done = call(**own)
-    assert done.entities.dtype == dtype
     assert done.entities[:ENTITIES].tobytes() == copies["entities"].tobytes() == own["entities"].tobytes()
     assert done.relations.tobytes() == copies["relations"].tobytes()
-    assert done.entity_names == [*KNOWN, *NEW]
-    assert done.new == [ENTITIES, ENTITIES + 1]
+    assert (done.entities.dtype, done.entity_names, done.new) == (dtype, [*KNOWN, *NEW], [ENTITIES, ENTITIES + 1])
     assert np.isfinite(done.entities).all()
     assert done.entities[ENTITIES:].any(1).all()
 
@@ -115,21 +113,14 @@ def test_only_known_entities_with_a_triple_are_indicators() -> None:
     assert everyone.indicators == [list(range(12)), list(range(12))]
 
 
-@pytest.mark.parametrize(
-    ("given", "expected"),
-    [
-        ({}, "map_mean"),
-        ({"words": words()}, "map_soft_hybrid"),
-        ({"words": words() * (np.arange(14) < 12)[:, None]}, "map_mean"),  # the new ones have none
-        ({"words": words() * (np.arange(14) >= 12)[:, None]}, "map_mean"),  # the known ones have none
-        (
-            {"new": np.int64(2), "triples": [(12, 0, 1), (3, 1, 13)], "entity_names": None, "known_triples": None},
-            "map_mean",
-        ),
-        ({"words": words(), "triples": []}, "soft_es"),
-        ({"words": words(), "initializer": "ers"}, "ers"),
-    ],
-)
+@pytest.mark.parametrize(("given", "expected"), [
+    ({}, "map_mean"), ({"words": words()}, "map_soft_hybrid"),
+    ({"words": words() * (np.arange(14) < 12)[:, None]}, "map_mean"),  # the new ones have none
+    ({"words": words() * (np.arange(14) >= 12)[:, None]}, "map_mean"),  # the known ones have none
+    ({"new": np.int64(2), "triples": [(12, 0, 1), (3, 1, 13)], "entity_names": None, "known_triples": None},
+     "map_mean"),
+    ({"words": words(), "triples": []}, "soft_es"), ({"words": words(), "initializer": "ers"}, "ers"),
+])  # fmt: skip
 def test_the_default_is_the_best_for_what_is_known_and_says_why(given: dict[str, Any], expected: str) -> None:
     done = call(**given)
     assert done.initializer == expected

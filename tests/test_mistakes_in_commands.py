@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -22,7 +21,7 @@ from isi.insertion.result import Inserted
 from isi.params import load, load_beyond
 from isi.process import one_line
 from tests.mistakes import assert_names, of_pykeen
-from tests.mistakes.calls import Called, Program, Typed, lay_out
+from tests.mistakes.calls import Called, Typed, lay_out
 from tests.mistakes.commands import COMMAND_CASES
 from tests.mistakes.folders import FOLDER_CASES
 from tests.mistakes.graphs import EXPORT_CASES, GRAPH_CASES
@@ -32,22 +31,17 @@ from tests.mistakes.of_pykeen import PYKEEN_CASES
 from tests.mistakes.settings import HEADLINE_CASES, OTHER_CASES, PARAMS_CASES, RECORD_CASES, SOURCES_CASES
 from tests.small_embedding import call, fit
 
-PROGRAMS = [
-    Program("isi", "isi", "isi", [*COMMAND_CASES, *FOLDER_CASES, *IMPORT_CASES, *GRAPH_CASES, *EXPORT_CASES]),
-    Program("make record", "stages.record", "record: ", RECORD_CASES),
-    Program("make repro, of params", "isi.params", "", PARAMS_CASES),
-    Program("make repro, at its end", "tools.headline", "headline: ", HEADLINE_CASES),
-    Program("python -m tools.sources", "tools.sources", "", SOURCES_CASES),
-    *(Program(f"python -m {name}", name, "", cases) for name, cases in OTHER_CASES.items()),
-]
-CALLS = {
-    "isi.insert": INSERT_CASES, "isi.fit_new": FIT_CASES, "Inserted.report": REPORT_CASES,
-    "Inserted.interference": INTERFERENCE_CASES, "isi.pykeen.insert": PYKEEN_CASES,
+#: Modules that are run, what their lines begin with, and mistakes in what is typed behind their names.
+PROGRAMS: dict[str, tuple[str, list[Typed]]] = {
+    "isi": ("isi", [*COMMAND_CASES, *FOLDER_CASES, *IMPORT_CASES, *GRAPH_CASES, *EXPORT_CASES]),
+    "stages.record": ("record: ", RECORD_CASES), "isi.params": ("", PARAMS_CASES),
+    "tools.headline": ("headline: ", HEADLINE_CASES), "tools.sources": ("", SOURCES_CASES),
+    **{name: ("", cases) for name, cases in OTHER_CASES.items()},
 }  # fmt: skip
 TYPED = [
-    pytest.param(program, case, id=f"{program.name}: {case.what}") for program in PROGRAMS for case in program.cases
-]
-CALLED = [pytest.param(name, case, id=f"{name}: {case.what}") for name, cases in CALLS.items() for case in cases]
+    pytest.param(module, says, case, id=f"{module}: {case.what}")
+    for module, (says, cases) in PROGRAMS.items() for case in cases
+]  # fmt: skip
 
 
 @cache
@@ -55,21 +49,22 @@ def inserted() -> Inserted:
     return call()
 
 
-#: What takes the arguments, by the name of what is called.
-LIBRARY: dict[str, Callable[..., object]] = {
-    "isi.insert": call,
-    "isi.fit_new": lambda **given: fit(inserted(), **given),
-    "Inserted.report": lambda **given: inserted().report(**given),
-    "Inserted.interference": lambda **given: inserted().interference(**given),
-    "isi.pykeen.insert": lambda **given: isi.pykeen.insert(**{**of_pykeen.sound(), **given}),
+#: What takes the arguments, and mistakes in them.
+LIBRARY: dict[str, tuple[Callable[..., object], list[Called]]] = {
+    "isi.insert": (call, INSERT_CASES),
+    "isi.fit_new": (lambda **given: fit(inserted(), **given), FIT_CASES),
+    "Inserted.report": (lambda **given: inserted().report(**given), REPORT_CASES),
+    "Inserted.interference": (lambda **given: inserted().interference(**given), INTERFERENCE_CASES),
+    "isi.pykeen.insert": (lambda **given: isi.pykeen.insert(**{**of_pykeen.sound(), **given}), PYKEEN_CASES),
 }
+CALLED = [pytest.param(name, case, id=f"{name}: {case.what}") for name, (_, cases) in LIBRARY.items() for case in cases]
 
 
-def line_of(program: Program, case: Typed) -> tuple[str, object, str]:
+def line_of(module: str, case: Typed) -> tuple[str, object, str]:
     """What a command says on the standard error, its status, and what it prints."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as ended:
-        _run(program.module, shlex.split(case.typed))
+        _run(module, shlex.split(case.typed))
     status = ended.value.code
     if isinstance(status, str):  # as Python ends a program that is left so
         return status, 1, out.getvalue()
@@ -90,13 +85,6 @@ def _run(module: str, arguments: list[str]) -> None:
             runpy.run_module(module, run_name="__main__")
 
 
-def message_of(name: str, given: dict[str, Any]) -> str:
-    """What the library says of arguments."""
-    with pytest.raises(InputError) as refused:
-        LIBRARY[name](**given)
-    return str(refused.value)
-
-
 def files() -> dict[Path, bytes]:
     """What lies in this folder."""
     return {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
@@ -107,9 +95,9 @@ def laid_out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return lay_out(tmp_path_factory.mktemp("typed") / "folder")
 
 
-@pytest.mark.parametrize(("program", "case"), TYPED)
+@pytest.mark.parametrize(("module", "says", "case"), TYPED)
 def test_a_mistake_in_what_is_typed_ends_in_one_line_and_nothing_is_written(
-    laid_out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: Program, case: Typed
+    laid_out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, says: str, case: Typed
 ) -> None:
     if case.needs:
         pytest.importorskip(case.needs)
@@ -118,8 +106,8 @@ def test_a_mistake_in_what_is_typed_ends_in_one_line_and_nothing_is_written(
     monkeypatch.delenv("DISPLAY", raising=False)
     case.before()
     before = files()
-    line, status, printed = line_of(program, case)
-    assert (line.startswith(program.says), status, printed) == (True, case.status, "")
+    line, status, printed = line_of(module, case)
+    assert (line.startswith(says), status, printed) == (True, case.status, "")
     assert_names(line, case.names)
     assert files() == before
 
@@ -128,7 +116,9 @@ def test_a_mistake_in_what_is_typed_ends_in_one_line_and_nothing_is_written(
 def test_a_mistake_in_an_argument_names_it_in_one_line(name: str, case: Called) -> None:
     if "pykeen" in name:
         pytest.importorskip("pykeen")
-    assert_names(message_of(name, case.arguments), case.names)
+    with pytest.raises(InputError) as refused:
+        LIBRARY[name][0](**(case.given() if callable(case.given) else case.given))
+    assert_names(str(refused.value), case.names)
 
 
 def test_without_pykeen_the_message_says_how_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -141,6 +131,6 @@ def test_without_pykeen_the_message_says_how_to_install_it(tmp_path: Path, monke
         __import__("isi.pykeen")
     (case,) = [case for case in IMPORT_CASES if case.what == "a pickle that is none"]
     case.before()
-    line, status, _ = line_of(PROGRAMS[0], case)
+    line, status, _ = line_of("isi", case)
     assert_names(line, "trained_model.pkl|pip install pykeen")
     assert status == 1

@@ -125,10 +125,8 @@ def insertion(opened: OpenBundle, result: Inserted, words: str, notes: list[str]
 
 
 def ask(
-    entity: Annotated[str | None, Parameter(help="the head; the answer is the tail")] = None,
-    of: Annotated[str | None, Parameter(name="RELATION", help="the relation")] = None, *,
-    head: Annotated[str | None, Parameter(help="the same as ENTITY")] = None,
-    relation: Annotated[str | None, Parameter(help="the same as RELATION")] = None,
+    head: Annotated[str | None, Parameter(help="the head; the answer is the tail")] = None,
+    relation: Annotated[str | None, Parameter(help="the relation")] = None, *,
     tail: Annotated[str | None, Parameter(help="the tail; the answer is the head")] = None,
     embedding: Embedding = DEFAULT, top: Top = 10, json: Json = False,
 ) -> None:  # fmt: skip
@@ -138,17 +136,12 @@ def ask(
     from isi.bundle.query import Query, find
     from isi.graph.graph import HEAD, TAIL
 
-    for option, first, second in (("--head", entity, head), ("--relation", of, relation)):
-        if first is not None and second is not None:
-            raise InputError(option, "", "given both as option and as positional argument")
-    head, relation = entity or head, of or relation
     if relation is None or (head is None) == (tail is None):
         raise InputError("", "", "expected ENTITY RELATION, or --relation RELATION --tail ENTITY")
     opened, place, slot = open_folder(embedding), "ENTITY" if tail is None else "--tail", TAIL if tail is None else HEAD
     name = find(head or tail or "", opened.entity_ids, place, "an entity")
     label = find(relation, opened.relation_ids, "RELATION", "a relation")
-    query = Query(opened.entity_ids[name], opened.relation_ids[label], slot)
-    record = opened.insertions().get(name)
+    query, record = Query(opened.entity_ids[name], opened.relation_ids[label], slot), opened.insertions().get(name)
     calibration = HeldOutCalibration(*insert_entity(*before(opened, record))) if record else None
     answers = answer(opened, query, top, calibration)
     calibrated = calibrated_on(answers, inserted=record is not None)

@@ -63,14 +63,13 @@ def insert(
         model: how a triple is scored: analogy, distmult, complex, transe, transe_l1 (the L1 norm) or rotate, or a
             ``Model`` of your own (with ``invertible = False`` where its ``transform`` and ``inverse`` are not known).
         model_options: ``margin`` and, but for ``transe_l1``, ``squared`` of distances.
-        entity_names: of the known ones, as ``relation_names`` of relations.
+        entity_names: of the known ones; ``relation_names``, of relations.
         known_triples: of known entities: one that has none is no indicator; ``interference`` takes its queries here.
         words: word vectors of known and new entities, shape (E + n, w), zero where there is none; or, by name or id, a
             vector or a text.
         word_source: what makes vectors of texts: a function, gensim's ``KeyedVectors``, or a file of such.
         kinds: of known and new entities; or by name or id.
-        initializer: its name; without one, the best for what is known (``BEST``).
-        options: of the initializer, in place of its defaults.
+        initializer: its name; without one, the best for what is known (``BEST``). ``options`` replace its defaults.
         seed: of random numbers.
 
     Returns:
@@ -217,15 +216,11 @@ def fit_new(
         relations: shape (R, w).
         triples: of the new entities, with known ends or new ones.
         new: how many the new entities are.
-        model: as for ``insert``, like ``model_options``.
-        entity_names: of known and new ones; as ``relation_names`` of relations.
+        model: as for ``insert``, like ``model_options``; ``entity_names``, of known and new ones, ``relation_names``.
         known_triples: of the known entities, to learn from beside; without them all rows may not move.
-        epochs: in which the new rows alone move.
-        all_epochs: in which all rows of both tables move after that.
-        learning_rate: of Adagrad.
-        weight_decay: of every update.
-        batch_size: triples in one update.
-        ratio: corrupted heads, tails and relations each, to a triple.
+        epochs: in which the new rows alone move; ``all_epochs``, in which all rows of both tables move after that.
+        learning_rate: of Adagrad; ``weight_decay``, of every update.
+        batch_size: triples in one update; ``ratio``, how many corrupted heads, tails and relations each has.
         seed: of batches and negatives.
 
     Returns:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import gzip
-import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +17,6 @@ from tests.small_bundle import without_words, written
 from tools.workspace import change_all
 
 ROOT = Path(__file__).parents[2]
-#: What a library's call is given in place of what is sound; a function where it takes time to make.
-Given = dict[str, Any] | Callable[[], dict[str, Any]]
 
 
 def nothing() -> None:
@@ -31,16 +28,11 @@ class Typed:
     """A mistake in what is typed, or in what a command finds."""
 
     what: str
-    #: behind the name of the program, as in a shell
-    typed: str
-    #: parts that the message names, with | between them
-    names: str
-    #: what is done before, in the folder where it is typed
-    before: Callable[[], object] = nothing
-    #: with which the command ends
-    status: int = 1
-    #: a package that it takes to make the mistake
-    needs: str = ""
+    typed: str  #: behind the name of the program, as in a shell
+    names: str  #: parts that the message names, with | between them
+    before: Callable[[], object] = nothing  #: what is done before, in the folder where it is typed
+    status: int = 1  #: with which the command ends
+    needs: str = ""  #: a package that it takes to make the mistake
 
 
 @dataclass(frozen=True)
@@ -48,26 +40,8 @@ class Called:
     """A mistake in an argument of the library."""
 
     what: str
-    given: Given
-    #: parts that the message names, with | between them
-    names: str
-
-    @property
-    def arguments(self) -> dict[str, Any]:
-        return self.given() if callable(self.given) else self.given
-
-
-@dataclass(frozen=True)
-class Program:
-    """What is started, and the mistakes that it tells of."""
-
-    #: as the table has it
-    name: str
-    #: behind ``python -m``
-    module: str
-    #: what its lines begin with
-    says: str
-    cases: list[Typed] = field(default_factory=list)
+    given: dict[str, Any] | Callable[[], dict[str, Any]]  #: in place of what is sound; a function if it is slow to make
+    names: str  #: parts that the message names, with | between them
 
 
 def put(**files: str | bytes) -> Callable[[], object]:
@@ -107,7 +81,3 @@ def lay_out(folder: Path) -> Path:
 def packed(columns: str, *rows: str) -> bytes:
     """A table as PyKEEN compresses it."""
     return gzip.compress("".join(f"{row}\n" for row in (columns, *rows)).encode())
-
-
-def as_json(value: object) -> str:
-    return json.dumps(value)

@@ -89,7 +89,7 @@ COMMAND_CASES = [
           "home/vectors.safetensors|entities", before=large),
     Typed("half a question", "ask kettle --embedding home", "--relation"),
     Typed("both ends", "ask kettle atLocation --tail bed --embedding home", "--relation"),
-    Typed("an end twice", "ask kettle atLocation --head bed --embedding home", "--head"),
+    Typed("an end twice", "ask kettle atLocation --head bed --embedding home", "--head", status=2),
     Typed("a misspelt entity", "ask ketle atLocation --embedding home", "ENTITY"),
     Typed("an unknown relation", "ask kettle located --embedding home", "RELATION"),
     Typed("a number of answers that is none", "ask kettle atLocation --top 0 --embedding home", "--top", status=2),

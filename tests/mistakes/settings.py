@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import yaml
 
 from isi.sources.recordings import FORMAT
 from isi.tables import paths
-from tests.mistakes.calls import Typed, as_json, params
+from tests.mistakes.calls import Typed, params
 
 #: A program whose digits are known.
 PLAYER = b"#!/bin/sh\n"
@@ -49,7 +50,7 @@ def player(recording: bytes | None = None, **changes: Any) -> Callable[[], objec
 
 
 def lines(*records: object) -> bytes:
-    return b"".join(gzip.compress(f"{as_json(one)}\n".encode()) for one in records)
+    return b"".join(gzip.compress(f"{json.dumps(one)}\n".encode()) for one in records)
 
 
 PARAMS_CASES = [
