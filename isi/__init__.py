@@ -1,7 +1,7 @@
 """Incremental semantic initialization (ISI) of entities in knowledge-graph embeddings.
 
-``insert`` and ``fit_new`` put new entities into an embedding of anyone's; ``isi.pykeen`` into a model of PyKEEN's.
-Each is imported when it is asked for (their types stand in ``__init__.pyi``).
+``insert`` and ``fit_new`` put new entities into any trained embedding; ``isi.pykeen`` into a PyKEEN model.
+Each is imported on first use (types are in ``__init__.pyi``).
 """
 
 from __future__ import annotations

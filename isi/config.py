@@ -86,13 +86,13 @@ class Study(Section):
 def read(path: Path) -> dict[str, Any]:
     """Read a YAML file that holds a mapping; InputError where it is missing or holds something else."""
     if path in (paths.PARAMS, paths.PIPELINE) and not path.exists():
-        raise InputError(path, "", f"no such file: {Path.cwd()} is not the folder of the project, go there first")
+        raise InputError(path, "", f"no such file in {Path.cwd()}: run this in the folder of the project")
     with at(path):
         text = path.read_text(encoding="utf-8-sig")
     try:
         raw = YAML(typ="safe", pure=True).load(text)  # YAML 1.2, as DVC reads it
     except RecursionError as error:
-        raise InputError(path, "", "expected YAML that is nested less deeply") from error
+        raise InputError(path, "", "expected YAML with fewer nested levels") from error
     except (YAMLError, ValueError, LookupError, TypeError, AttributeError) as error:  # the latter: of a value
         mark = getattr(error, "problem_mark", None)
         place = f"line {mark.line + 1}" if mark else ""
@@ -114,7 +114,7 @@ def options(function: Callable[..., Any]) -> type[Section]:
     hints, fields = get_type_hints(function, include_extras=True), dict[str, Any]()
     for name, parameter in list(inspect.signature(function).parameters.items())[1:]:
         if name not in hints:
-            raise InputError(function.__module__, function.__name__, f"expected a type for its option {name!r}")
+            raise InputError(function.__module__, function.__name__, f"expected a type hint for its option {name!r}")
         default = ... if parameter.default is parameter.empty else parameter.default
         fields[name] = (hints[name], Field(default, alias=name.removesuffix("_")))
     return cast("type[Section]", create_model(function.__name__, __base__=Section, **fields))

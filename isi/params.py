@@ -54,9 +54,9 @@ class ExperimentOf(Section):
     def _sessions_fit_the_graph(self) -> Self:
         sessions, extend = self.sessions, self.graph.extend
         if (sessions.novel == "added") != (extend is not None):
-            raise ValueError("sessions.novel: added goes with graph.extend, and with nothing else")
+            raise ValueError("expected sessions.novel: added if there is graph.extend, and only then")
         if extend and sessions.steps * max(sessions.sizes) > extend.candidates:
-            raise ValueError("sessions: steps times the largest of sizes must be at most graph.extend.candidates")
+            raise ValueError("sessions: expected steps times the largest of sizes not above graph.extend.candidates")
         return self
 
 
@@ -150,7 +150,7 @@ def _load(path: Path, kind: type[S], agree: Callable[[S], None]) -> S:
 def check_params(params: Params) -> None:
     """Check sections against each other and the code; InputError for an unknown name, size or option."""
     if "joint" in params.initializers:
-        raise InputError("", "initializers.joint", "is the name of the joint model")
+        raise InputError("", "initializers.joint", "expected another name: joint is the joint model")
     for key, listed, known in _listed_names(params):
         _check_names(listed, known, key)
     for name, study in params.studies.items():
@@ -212,7 +212,7 @@ def _check_study(study: Study, params: Params, name: str) -> None:
         if getattr(study, "size", sessions.sizes[0]) not in sessions.sizes:
             raise InputError("", f"{name}.size", f"expected one of the sizes of {experiment}")
         if seeds > sessions.seeds:
-            expected = f"expected no more than the {sessions.seeds} seeds of {experiment} allow"
+            expected = f"expected less: {experiment} has {sessions.seeds} seeds, counted from 0"
             raise InputError("", f"{name}.{last}", expected)
 
 
@@ -223,10 +223,10 @@ def check_beyond(beyond: Beyond, params: Params) -> None:
         _check_variant(variant, params, f"variants.{name}")
     titles = [entry.title for entry in params.experiments.values()] + [graph.title for graph in beyond.graphs.values()]
     if not distinct(titles) or len({graph.sessions.sizes[0] for graph in beyond.graphs.values()}) > 1:
-        raise InputError("", "graphs", "expected titles that no other has, and the same size of all")
+        raise InputError("", "graphs", "expected a different title for each graph, and the same size for all")
     for name, graph in beyond.graphs.items():
         if name in params.experiments:
-            raise InputError("", f"graphs.{name}", "expected another name than those of experiments")
+            raise InputError("", f"graphs.{name}", "expected a name that no experiment has")
         settings_of(graph.source, f"graphs.{name}.source")
         _check_variant(graph.variant(name), params, f"graphs.{name}")
     for name, hidden in beyond.hidden.items():

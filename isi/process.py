@@ -101,7 +101,7 @@ def one_line(name: str, then: str = "run it again") -> Iterator[None]:
                 os.dup2(nowhere.fileno(), sys.stdout.fileno())
         sys.exit(141 if isinstance(error, BrokenPipeError) else f"{name}: {_of_system(error)}")
     except MemoryError:
-        sys.exit(f"{name}: not enough memory: lower compute.workers or compute.stack in params.yaml, or its input")
+        sys.exit(f"{name}: not enough memory: lower compute.workers or compute.stack in params.yaml, or use less input")
     finally:
         for stopping, handler in before.items():
             if signal.getsignal(stopping) is not signal.SIG_DFL:  # a second signal ends what a first one interrupted

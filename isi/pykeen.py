@@ -1,4 +1,4 @@
-"""New entities for a model that PyKEEN has trained: it is read as an embedding, and a copy takes what is inserted."""
+"""Insertion into a model trained by PyKEEN: it is read as an embedding, and new entities go into a copy."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def insert(
     Args:
         model: with one vector for each entity. TransE (either norm, squared or not), DistMult, ComplEx and RotatE take
             any initializer; others take those that need no inverse of a relation (mean, es, soft_es, map_mean, ...).
-        factory: that it was trained on.
-        triples: of the new entities; as labels where the factory has them, else as ids.
+        factory: the factory that the model was trained on.
+        triples: those of the new entities, as labels if the factory has labels, else as ids.
         arguments: see ``inserted``.
 
     Returns:
-        copies: a model with rows for the new entities behind those that it has, and a factory with their labels and
-        triples behind those that it has, ready for prediction, evaluation, further training and saving.
+        copies: the model with rows for the new entities behind its own, and the factory with their labels and
+        triples behind its own, ready for prediction, evaluation, further training and saving.
 
     Raises:
         InputError: naming the argument that is wrong, and what was expected.
@@ -72,10 +72,10 @@ def inserted(
     """The vectors of new entities and their report, as ``isi.insert`` gives them; see there for the arguments.
 
     Args:
-        new: labels of the new entities, those that the triples bring where there are none; or how many they are, where
+        new: labels of the new entities (null: all labels of the triples that the factory lacks), or their number if
             the factory has no labels.
-        margin: from which distance on a triple counts as wrong; read off the scores of the factory's triples where
-            there is none.
+        margin: the distance from which on a triple counts as wrong; null: read off the scores of the factory's
+            triples.
     """
     check(margin, Annotated[float, Field(allow_inf_nan=False)] | None, "", "argument 'margin'")  # type: ignore[arg-type]
     with argument("triples"):
@@ -95,7 +95,7 @@ def inserted(
     embedding = read_model(model, factory.mapped_triples, margin)
     if new is None:
         if not isinstance(factory, TriplesFactory):
-            raise InputError("argument 'new'", "", "expected how many entities are new: the factory has no labels")
+            raise InputError("argument 'new'", "", "expected the number of new entities: the factory has no labels")
         whole = [tuple(triple) for triple in rows if hasattr(triple, "__len__") and len(triple) == 3]
         ends = dict.fromkeys(end for head, _, tail in whole for end in (head, tail) if isinstance(end, str))
         new = [str(end) for end in ends if end not in factory.entity_to_id]
@@ -127,7 +127,7 @@ def enlarge(model: PykeenModel, factory: CoreTriplesFactory, done: Inserted) -> 
 
 
 def warm(optimizer: Optimizer) -> Optimizer:
-    """The same optimizer, such that PyKEEN's ``train(..., continue_training=True)`` takes it, which keeps vectors."""
+    """The same optimizer, made ready for PyKEEN's ``train(..., continue_training=True)``, which keeps the vectors."""
     for group in optimizer.param_groups:
         for parameter in group["params"]:
             optimizer.state[parameter]  # an entry, which is empty until the first step

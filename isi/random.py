@@ -1,4 +1,4 @@
-"""Random streams, keyed by what they are for and never by what ran before them."""
+"""Random streams, keyed by their purpose and never by what ran before them."""
 
 from __future__ import annotations
 

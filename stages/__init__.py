@@ -1,6 +1,6 @@
 """The stages of the pipelines: each reads, calls isi, and writes.
 
-Running one imports this package first: what it needs takes seconds to import, in which it may be stopped, too.
+Python imports this package before a stage. So Ctrl-C ends a stage in one line also while its slow imports run.
 """
 
 import sys

@@ -1,4 +1,4 @@
-"""Break down what every model answers right after insertion, by the kind of query."""
+"""Break down the link prediction of every model right after insertion by kind of query."""
 
 import pandas as pd
 

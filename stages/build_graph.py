@@ -24,7 +24,7 @@ def build_graph(context: StageContext, experiment: str) -> None:
 
 
 def mined(source: str) -> MinedSource:
-    """What mining a source has given."""
+    """The mined observations and entities of a source."""
     observations, kinds = OBSERVATIONS.read(source=source), KINDS.read(source=source)
     return MinedSource(source, observations, kinds, OBSERVATIONS.path(source=source))
 

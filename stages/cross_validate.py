@@ -1,4 +1,4 @@
-"""Train the joint model with several settings on all but one fold, and measure it on that."""
+"""Train the joint model with several settings on all but one fold, and measure it on the held-out fold."""
 
 import pandas as pd
 

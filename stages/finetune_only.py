@@ -1,6 +1,6 @@
-"""Fine-tune Θ⁰ on what it knows, with nothing inserted, and measure that after every epoch.
+"""Fine-tune Θ⁰ on D⁰ without an insertion, and measure it after every epoch.
 
-For as many epochs as insertion has for its full curves, and at the same sizes.
+Sizes and epochs are those of the full curves of insertion.
 """
 
 from isi.analyses import finetuning

@@ -1,4 +1,4 @@
-"""Hide entities of a graph, let PyKEEN train on the others, insert the hidden, and query them."""
+"""Hide entities of a graph, train PyKEEN on the others, insert the hidden entities, and query them."""
 
 import sys
 from importlib.util import find_spec
@@ -38,7 +38,7 @@ def insert_hidden(context: StageContext, graph: str) -> None:
 
 
 def of_package(name: str) -> tuple[Graph, list[str]]:
-    """A graph that lies in PyKEEN's package, of all its splits; and its entities' names."""
+    """A graph of PyKEEN's package, with all its splits, and the names of its entities."""
     dataset = get_dataset(dataset=name)
     splits = [factory.mapped_triples for factory in dataset.factory_dict.values()]
     triples = torch.unique(torch.cat(splits), dim=0)

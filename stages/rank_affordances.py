@@ -1,4 +1,4 @@
-"""Rank what can be done with inserted entities, from the vectors that were inserted."""
+"""Rank the affordances of inserted entities by their initial vectors."""
 
 from isi.analyses.query_breakdown import AFFORDANCES, rank_answers
 from isi.errors import InputError

@@ -1,7 +1,7 @@
 """Record scenes of the live AI2-THOR simulator, for sources that are set to `from: simulator`.
 
-Goes on where an earlier run has stopped. The settings are those of the section `recorder` of params.yaml, which no
-stage of a pipeline reads; what is given here goes before them.
+Resumes where an earlier run stopped. The settings are those of the section `recorder` of params.yaml, which no
+stage of a pipeline reads; arguments override them.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Show single insertions, entity by entity: the indicators of each, its place, and what models answer about it."""
+"""Show single insertions, entity by entity: indicators, position, and answers to queries."""
 
 import pandas as pd
 

@@ -1,4 +1,4 @@
-"""Insert novel entities with one initializer again, fine-tuned until convergence at other rates."""
+"""Insert novel entities with one initializer, and fine-tune until convergence at other rates."""
 
 import pandas as pd
 

@@ -1,4 +1,4 @@
-"""Follow one novel entity through fine-tuning, from where each initializer puts it."""
+"""Trace the vector of one novel entity through fine-tuning, from each initializer."""
 
 import torch
 

@@ -1,6 +1,6 @@
-"""Train an embedding of all of an experiment's graph, which commands of ``isi`` insert into.
+"""Train an embedding of an experiment's whole graph, the default of the command ``isi``.
 
-Trained as joint models are, for as many epochs as they usually took.
+It is trained like a joint model, for the median number of epochs of the joint models.
 """
 
 from isi.analyses import joint_models

@@ -89,7 +89,7 @@ def test_every_entity_and_relation_that_takes_part_has_a_training_triple(
 @pytest.mark.parametrize("missing", [TRAIN, VALID, TEST])
 def test_every_seed_has_triples_in_every_split(missing: int) -> None:
     others = [code for code in (TRAIN, VALID, TEST) if code != missing]
-    with refused(f"seed 0: expected triples in {SPLIT_NAMES[missing]}"):
+    with refused(f"seed 0: expected at least one triple in {SPLIT_NAMES[missing]}"):
         splits_are_whole(split(*others, *[others[0]] * 4))
 
 
@@ -99,9 +99,9 @@ def test_sets_are_as_large_as_their_size_and_sizes_have_the_same_grid_points() -
     agreement.novel_sets_are_whole(FILE, novel(*whole), splits)
     with refused("expected at least one set of novel entities"):
         agreement.novel_sets_are_whole(FILE, novel(), splits)
-    with refused(r"row 4 \(size 2, seed 0, session 2\): expected as many rows"):
+    with refused(r"row 4 \(size 2, seed 0, session 2\): expected as many novel entities"):
         agreement.novel_sets_are_whole(FILE, novel(*whole[:-1]), splits)
-    with refused(r"column 'seed': expected seeds that have splits"):
+    with refused(r"column 'seed': expected only seeds that have splits"):
         agreement.novel_sets_are_whole(FILE, novel(*whole), [1])
     for rows in (whole[:-2], whole[1:], [*whole, (2, 1, 0, 1), (2, 1, 1, 1)]):
         with refused("expected the same seeds, and the same sessions"):
@@ -119,7 +119,7 @@ def test_an_insert_triple_has_an_entity_that_is_inserted_and_another_that_is_kno
         ((1, 0, 0, 0, 2), "expected an entity that the session inserts"),  # in another session
         ((1, 1, 0, 0, 1), "expected an entity that the session inserts"),  # of another seed
         ((1, 0, 0, 1, 1), "expected the entity at one end of the triple"),
-        ((1, 0, 0, 4, 1), "expected the other end to be known by then"),  # 2 comes in the next
+        ((1, 0, 0, 4, 1), "expected the other end to be known before the session"),  # 2 comes in the next
     ):
         shown = f"size {row[0]}, seed {row[1]}, entity {row[2]}, triple {row[3]}"
         with refused(rf"row 0 \({shown}\): {says}"):

@@ -71,7 +71,7 @@ def test_what_training_starts_from_is_looked_at_before_it() -> None:
     embedding.entity[2, 5, 1] = torch.nan
     error = diverging(embedding, STEEP.model_copy(update={"learning_rate": 0.1}), [0, 1, 2])
     assert error.models == [2]
-    assert str(error) == "diverged in epoch 0 (NaN or infinity in vectors or scores): look at what training starts from"
+    assert str(error) == "diverged in epoch 0 (NaN or infinity in vectors or scores): check the initial vectors"
 
 
 def test_adagrads_sums_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -112,7 +112,7 @@ def test_insertion_by_the_covariance_of_vectors_that_do_not_differ_names_its_cel
         (*rest, replace(config, initializer="map_mean", options=options))
         for *rest, config in insert_tasks(2, "mean", second_filled(0.0))
     ]
-    with pytest.raises(InputError, match=r"params\.yaml: .*seeds 1: known vectors that do not differ .*: turn"):
+    with pytest.raises(InputError, match=r"params\.yaml: .*seeds 1: the known vectors are all equal .*: lower"):
         run(insert_stack, tasks, Compute(workers=1, stack=2), "insertion")
 
 

@@ -85,7 +85,7 @@ def test_no_relation_and_no_entity_is_left_without_triples(triples: np.ndarray) 
 
 
 def test_a_share_that_leaves_too_few_triples_is_refused(triples: np.ndarray) -> None:
-    with pytest.raises(InputError, match=r"^beyond/params\.yaml: hidden\.ring\.fraction: expected a share that leaves"):
+    with pytest.raises(InputError, match=r"^beyond/params\.yaml: hidden\.ring\.fraction: expected a lower share"):
         hidden(triples, fraction=0.9)
 
 

@@ -131,7 +131,7 @@ def test_a_player_that_dies_too_often_ends_the_run_in_one_line_and_what_was_reco
 @both
 def test_a_player_that_dies_at_its_start_is_told_in_one_line_with_what_it_may_lack(tmp_path: Path, server: str) -> None:
     program = player.install(tmp_path / "player", SCENES, {"at": "Start", "does": "die"})
-    assert "a graphics device and, but for CloudRendering, a display" in refusal(program, tmp_path / "r", server=server)
+    assert "device and, except with CloudRendering, a display" in refusal(program, tmp_path / "r", server=server)
     assert not (tmp_path / "r").exists()
 
 

@@ -164,8 +164,8 @@ def test_a_recording_that_is_killed_anywhere_in_a_scene_goes_on_behind_the_last_
 @pytest.mark.parametrize(
     ("damage", "place"),
     [
-        (lambda _whole: b"", "expected a recording, or no file"),
-        (lambda whole: whole[:20], "expected a recording, or no file"),
+        (lambda _whole: b"", "expected a recording to continue, or no file"),
+        (lambda whole: whole[:20], "expected a recording to continue, or no file"),
         (lambda _whole: b"a photograph, and nothing else", "byte 0: .*gzip"),
         (lambda whole: whole[:150] + b"????" + whole[154:], "byte .*gzip"),
         (lambda whole: whole + b"\0" * 40, "byte .*gzip"),

@@ -129,8 +129,8 @@ def test_observations_that_are_missing_misnamed_or_too_many_are_refused(
             lambda: list(READERS.get("behavior").read(Mining(0), "package", [], {}, {})),
             "package bddl: not installed",
         ),
-        (lambda: recordings.locate("recording"), "package procthor: not installed, which has the recording"),
-        (procthor_houses.asset_types, "package procthor: not installed, which has the assets"),
+        (lambda: recordings.locate("recording"), "package procthor: not installed; it has the recording"),
+        (procthor_houses.asset_types, "package procthor: not installed; it has the assets"),
     ],
 )
 def test_a_package_must_be_there_to_be_read(

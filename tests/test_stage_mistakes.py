@@ -182,7 +182,7 @@ def test_the_stage_that_makes_a_missing_file_is_found(monkeypatch: pytest.Monkey
 def test_a_stage_outside_the_project_says_so(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     for command, expected in (
-        ([sys.executable, "-m", "stages.build_graph", "ai2thor"], "dvc.yaml: no such file: .*go there first"),
+        ([sys.executable, "-m", "stages.build_graph", "ai2thor"], "dvc.yaml: no such file in .*: run this in"),
         ([sys.executable, str(ROOT / "tools/repro.py")], "go to the folder of the project first"),
         (
             [sys.executable, "-S", str(ROOT / "tools/repro.py")],

@@ -101,7 +101,7 @@ def hide(triples: np.ndarray, entities: int, settings: Hidden, key: str, root: i
         if hidden.sum() == max(1, round(settings.fraction * entities)):
             break
     else:
-        raise InputError(paths.BEYOND_PARAMS, f"{key}.fraction", "expected a share that leaves enough triples")
+        raise InputError(paths.BEYOND_PARAMS, f"{key}.fraction", "expected a lower share: too few triples are left")
     order, known = np.argsort(hidden, kind="stable"), int((~hidden).sum())
     renamed = triples.copy()
     renamed[:, [HEAD, TAIL]] = np.argsort(order)[triples[:, [HEAD, TAIL]]]

@@ -90,7 +90,7 @@ def fold_points(experiment: str, graph: Graph, root: int, number: int, stack: in
     """Stacks of folds: each is the validation set of the model with its number as seed; InputError if one is empty."""
     splits = folds(graph, root, number)
     if not (splits == VALID).any(1).all():
-        expected = "expected no more folds than triples that may leave train (some must stay, for every entity)"
+        expected = "expected at most as many folds as triples that may leave train (each entity keeps one)"
         raise InputError(paths.PARAMS, "cross_validation.folds", expected)
     numbers = [list(range(first, min(first + stack, number))) for first in range(0, number, stack)]
     return [GridPoints.without_insertion(experiment, graph, part, splits[part]) for part in numbers]
@@ -122,7 +122,7 @@ def usual_epochs(log: pd.DataFrame) -> int:
     """The (lower) median of the best epochs of joint models (``TRAINING_LOG``), or an ``InputError`` without any."""
     kept = log[log["kept"]].groupby("seed")["epoch"].max()
     if kept.empty:
-        raise InputError("joint.log.parquet", "column 'kept'", "expected an epoch that was kept")
+        raise InputError("joint.log.parquet", "column 'kept'", "expected true for the best epoch of a model")
     return int(median_low(kept.tolist()))
 
 

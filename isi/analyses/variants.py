@@ -54,7 +54,7 @@ class Variant(Section):
     experiments: Annotated[list[Name], Field(min_length=1)]
     initializers: Annotated[list[Name], Field(min_length=1)]
     size: Count  #: |ξ|
-    seeds: Count  #: the first so many of the sessions' seeds
+    seeds: Count  #: how many of the sessions' seeds, from the first on
     #: of initializers, in place of what params.yaml has
     options: Annotated[dict[Name, dict[str, Option]], Field(default_factory=dict)]
     changes: Changes

@@ -42,15 +42,15 @@ def splits_are_whole(
         is_absent = np.isin(triples[:, ENDS], absent).any(axis=1)
         for wrong in np.flatnonzero(is_absent != (split == OUT))[:1].tolist():
             has = "has no split" if split[wrong] == OUT else "has a split"
-            expected = "expected one of each triple, but of added entities that the seed does not draw"
+            expected = "expected a split for each triple, but none for added entities that the seed does not draw"
             raise InputError(path, f"seed {seed}, triple {wrong}", f"{has}: {expected}")
         for code, name in enumerate(SPLIT_NAMES):
             if not (split == code).any():
-                raise InputError(path, f"seed {seed}", f"expected triples in {name}, as in every split")
+                raise InputError(path, f"seed {seed}", f"expected at least one triple in {name}")
         for slots, named in ((ENDS, graph.entities), ([1], graph.relations)):
             untrained = np.setdiff1d(triples[split != OUT][:, slots], triples[split == TRAIN][:, slots])
             if len(untrained):
-                expected = f"expected a triple of {named[untrained[0]]!r} in train, as of every entity and relation"
+                expected = f"expected a triple of {named[untrained[0]]!r} in train: every entity and relation needs one"
                 raise InputError(path, f"seed {seed}", expected)
 
 
@@ -60,12 +60,12 @@ def novel_sets_are_whole(path: Path, novel: pd.DataFrame, seeds: Sequence[int]) 
         raise InputError(path, "", "expected at least one set of novel entities")
     columns = ["size", "seed", "session"]
     of_set = novel.groupby(columns)["entity"]
-    expected = "expected as many rows of each size, seed and session as the size"
+    expected = "expected as many novel entities as the size, in each session of each seed"
     refuse(path, novel, of_set.transform("size") != novel["size"], columns, expected)
     if of_set.ngroups != novel["size"].nunique() * novel["seed"].nunique() * novel["session"].max():
-        raise InputError(path, "", "expected the same seeds, and the same sessions from 1 on, of every size")
+        raise InputError(path, "", "expected the same seeds, and the same sessions from 1 on, for every size")
     if not set(novel["seed"]) <= set(seeds):
-        raise InputError(path, "column 'seed'", "expected seeds that have splits")
+        raise InputError(path, "column 'seed'", "expected only seeds that have splits")
 
 
 def insert_triples_fit(
@@ -86,7 +86,7 @@ def insert_triples_fit(
     for wrong, expected in (
         (session_of(entity) != session, "expected an entity that the session inserts"),
         ((ends == entity[:, None]).sum(1) != 1, "expected the entity at one end of the triple"),
-        (session_of(ends.sum(1) - entity) >= session, "expected the other end to be known by then"),
+        (session_of(ends.sum(1) - entity) >= session, "expected the other end to be known before the session"),
         (np.array(split) != TRAIN, "expected a triple of the seed's train split"),
     ):
         refuse(path, given, wrong, [*point, "entity", "triple"], expected)
@@ -103,7 +103,7 @@ def seeds_are(path: Path, seed: np.ndarray, expected: Sequence[int], *tensors: n
 def known_are(path: Path, known: np.ndarray, expected: np.ndarray, entity: np.ndarray) -> None:
     """Check that embeddings know their session's entities, (M, E), and that other rows of (M, E, d) are zero."""
     for name, wrong, says in (
-        ("known", known != expected, "expected the entities of the session, and no novel entity"),
+        ("known", known != expected, "expected true for the session's entities alone, without later novel entities"),
         ("entity", entity.any(-1) & ~known, "expected zeros for an entity that is not known"),
     ):
         if wrong.any():

@@ -76,11 +76,11 @@ def run(
                 except (InputError, CancelledError):  # no task's own failure
                     raise
                 except BrokenExecutor as error:
-                    died = "a worker process was killed, perhaps for want of memory: try fewer, or a lower stack"
+                    died = "a worker process was killed, perhaps out of memory: try fewer, or a lower compute.stack"
                     raise InputError(paths.PARAMS, "compute.workers", died) from error
                 except Exception as error:
                     if isinstance(error, MemoryError | torch.OutOfMemoryError) or "can't allocate memory" in str(error):
-                        much = f"not enough memory for {points} and what runs beside: try less"
+                        much = f"not enough memory for {points} and the tasks beside it: try a lower number"
                         raise InputError(paths.PARAMS, "compute.stack", much) from error
                     raise TaskError(f"{points}: {type(error).__name__}: {error}") from error
                 bar.update(len(points.seeds))
@@ -167,4 +167,4 @@ def _dask(compute: Compute) -> Iterator[Executor]:
         try:
             yield client.get_executor(pure=False)
         except CancelledError as error:
-            raise InputError(paths.PARAMS, "compute.scheduler", f"{compute.scheduler} was lost") from error
+            raise InputError(paths.PARAMS, "compute.scheduler", f"lost connection to {compute.scheduler}") from error

@@ -131,7 +131,7 @@ class Store:
         return given
 
     def grid(self, stack: int, size: int | None = None, seeds: int | None = None) -> list[GridPoints]:
-        """Grid points (of one size, of the first so many seeds) in stacks of at most ``stack`` seeds of one size."""
+        """Grid points (null: of all sizes, of all seeds) in stacks of at most ``stack`` seeds of one size."""
         graph, splits, novel, path = self.graph(), self.splits(), self.table(NOVEL), self._path(NOVEL)
         agreement.ids_below(path, novel, "entity", len(graph.entities), "graph's entities")
         agreement.novel_sets_are_whole(path, novel, list(splits))

@@ -123,7 +123,7 @@ class Extension(Section):
     @model_validator(mode="after")
     def _room_for_always(self) -> Self:
         if len(self.always) > self.candidates:
-            raise ValueError("always must not be more than candidates")
+            raise ValueError("expected at most as many names in always as candidates")
         return self
 
 
@@ -160,7 +160,7 @@ class GraphTables:
 def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
     """The graph of a source: unique triples with their counts, in alphabetical order, and their entities."""
     if seen.observations["count"].sum() > MOST_OBSERVED:
-        raise InputError(seen.source, "observations", f"expected {MOST_OBSERVED:,} at most, altogether")
+        raise InputError(seen.source, "observations", f"expected at most {MOST_OBSERVED:,} in all")
     key = ["head", "relation", "tail"]
     plain = seen.observations.astype(dict.fromkeys(key, str))
     counts = plain.groupby(key, sort=True, observed=True)["count"].sum().reset_index()
@@ -182,7 +182,7 @@ def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:
     totals = seen.observations["count"].groupby(seen.observations["head"].astype(str), sort=True).sum()
     for tail in sorted(set(seen.observations["tail"].astype(str)) - set(totals.index)):
         if here.get(tail) != there.get(tail):
-            expected = "the graph that this source is to extend has no such entity"
+            expected = "the graph that this source extends has no such entity"
             raise InputError(seen.file or seen.source, f"{there.get(tail)} {tail!r}", expected)
     return totals[[here.get(name) is None or here[name] != there.get(name) for name in totals.index]]
 
@@ -191,7 +191,7 @@ def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFram
     """New entities with enough observations; InputError where the name of one is taken by an entity of another kind."""
     enough, here = newcomers[newcomers >= minimum], _kinds(entities)
     for name in here.keys() & set(enough.index):
-        also = f"is also a name in the graph, of kind {here[name]}; give it another one in its source"
+        also = f"the graph has another entity of this name, of kind {here[name]}: rename it in its source"
         raise InputError(seen.file or seen.source, f"{_kinds(seen.kinds).get(name)} {name!r}", also)
     return enough
 
@@ -199,7 +199,7 @@ def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFram
 def sample_candidates(enough: pd.Series[int], settings: Extension, key: str, root: int) -> list[str]:
     """Draw entities at random, but ``always`` some; fewer candidates are all taken. The result is sorted."""
     for name in set(settings.always) - set(enough.index):
-        which = f"that the graph lacks, observed {settings.min_observations} times or more"
+        which = f"that is not in the graph, observed at least {settings.min_observations} times"
         expected = f"{name!r}: expected an entity of {settings.source} {which}"
         raise InputError(paths.PARAMS, f"{key}.always", expected)
     others = [str(name) for name in enough.index if name not in settings.always]

@@ -130,7 +130,7 @@ class Shares(Section):
     @model_validator(mode="after")
     def _leave_something(self) -> Self:
         if self.valid + self.test >= 1:
-            raise ValueError("valid and test together must leave something to train on (below 1)")
+            raise ValueError("expected valid and test to sum to less than 1, to leave triples for training")
         return self
 
 
@@ -145,7 +145,7 @@ class SessionsOf(Section):
     @model_validator(mode="after")
     def _one_size_of_added(self) -> Self:
         if self.novel == "added" and len(self.sizes) > 1:
-            raise ValueError("sizes: one alone where novel is added, since a seed's triples depend on who is drawn")
+            raise ValueError("sizes: expected one with novel: added, since a seed's triples depend on its candidates")
         return self
 
 
@@ -163,7 +163,7 @@ def check_held_out(splits: np.ndarray, valid: float, test: float) -> None:
     """InputError where a split, (T,), falls short of its shares because too many triples must stay in train."""
     for code, share in ((VALID, valid), (TEST, test)):
         if (splits == code).sum() < max(1, round(share * len(splits))):
-            expected = "expected shares that leave triples to each split (for every entity, one stays in train)"
+            expected = "expected shares that give each split a triple (every entity keeps one in train)"
             raise InputError(paths.PARAMS, "sessions.valid, sessions.test", expected)
 
 

@@ -85,7 +85,7 @@ def load_vectors(given: Words) -> KeyedVectors:
     if path.suffix or len(path.parts) > 1:
         raise InputError(path, "", "expected a file of word vectors, but there is no such file")
     if given.sha256 is not None:
-        expected = "expected null for a gensim download, which nothing checks: download it, and name the file"
+        expected = "expected null, since a gensim download is not checked: to check it, name a downloaded file"
         raise InputError(paths.PARAMS, "words.sha256", expected)
     import gensim.downloader  # asks the network, so only where params ask for it
 
@@ -96,7 +96,7 @@ def load_vectors(given: Words) -> KeyedVectors:
         expected = f"neither a file nor a gensim download that can be reached ({type(error).__name__})"
         raise InputError(given.source, "", expected) from error
     if not hasattr(downloaded, "key_to_index"):
-        raise InputError(given.source, "", "a gensim download, but holds no word vectors")
+        raise InputError(given.source, "", "this gensim download holds no word vectors")
     return downloaded
 
 

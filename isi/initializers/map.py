@@ -69,7 +69,7 @@ def evidence(context: InitContext, mean: Tensor, strength: float, ratio: int) ->
     negative = expected_negatives(context, positive, ratio)
     inverse, failed = inv_ex(covariance(context))
     if failed.any():
-        problem = "known vectors that do not differ have no covariance to go by: turn down the weight decay of training"
+        problem = "the known vectors are all equal and have no covariance: lower the weight decay of training"
         raise NotFinite(failed.nonzero()[:, 0].tolist(), problem)
     return Evidence(positive.flatten(2).double(), negative.flatten(2).double(), mean.double(), strength * inverse)
 

@@ -149,4 +149,4 @@ class Source:
         self.kinds = name_entities(pd.DataFrame(sorted(triples), columns=["head", "relation", "tail"]), rooms)
         missing = {name for head, _, tail in triples for name in (head, tail)} - set(self.kinds["entity"])
         if wrong := sorted(missing) or list(self.kinds.loc[self.kinds["entity"].duplicated(), "entity"]):
-            raise InputError(f"entity {short(wrong[0])}", "", "expected its source to give it one kind")
+            raise InputError(f"entity {short(wrong[0])}", "", "expected exactly one kind from its source")

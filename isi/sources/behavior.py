@@ -69,7 +69,7 @@ def behavior(
         if fault := name_fault(head) or name_fault(place):
             raise InputError(path, f"{scene}: {room}: {short(synset)}", fault)
         if synset_named.setdefault(head, synset) != synset:
-            expected = f"expected another name for {synset} in the setting names: it is that of {synset_named[head]}"
+            expected = f"{synset_named[head]} has this name, too: give {synset} another one in the setting names"
             raise InputError(categories, f"entity {head!r}", expected)
         actions = {action for name in properties[synset] for action in affordances.get(name, ())}
         tails = {AT_LOCATION: [place], HAS_AFFORDANCE: sorted(actions)}
@@ -82,4 +82,4 @@ def _words(key: str) -> str:
 
 def _check_known(path: Path, what: str, named: Collection[str], known: Collection[str]) -> None:
     if unknown := set(named).difference(known):
-        raise InputError(path, f"{what} {min(unknown)!r}", "named in a setting, but not here")
+        raise InputError(path, f"{what} {min(unknown)!r}", "a setting names it, but this file lacks it")

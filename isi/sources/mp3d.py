@@ -47,7 +47,7 @@ class Vocabulary(Section):
     @classmethod
     def _not_structure(cls, value: dict[str, str], given: ValidationInfo) -> dict[str, str]:
         if both := set(value) & set(given.data.get("structure", ())):
-            raise ValueError(f"{min(both)!r} is in structure, too")
+            raise ValueError(f"expected {min(both)!r} in structure or in same_as, not in both")
         return value
 
 
@@ -100,9 +100,9 @@ def read_tallies(path: Path, regions: Iterable[str]) -> pd.DataFrame:
     table = read_table(path, ["object", "room", "count"])
     table["object"] = table["object"].map(_category_name)
     check_names(table["object"], path)
-    refuse(path, table["object"], table.duplicated(["object", "room"]), "expected each category once a room")
+    refuse(path, table["object"], table.duplicated(["object", "room"]), "expected each category once per room")
     if unknown := set(regions) - set(table["room"]):
-        raise InputError(path, f"room {short(min(unknown))}", "named in the setting rooms, but not here")
+        raise InputError(path, f"room {short(min(unknown))}", "the setting rooms names it, but this file lacks it")
     renamed = table.rename(columns={"object": "category", "room": "region"})
     return renamed.assign(scene=None, instance=None)[COLUMNS]
 
@@ -144,7 +144,7 @@ def _read_house(path: Path, category_field: int) -> tuple[str, pd.DataFrame]:
             if kind in numbered:
                 number = _integer(fields[0])
                 if number in numbered[kind]:
-                    raise ValueError(f"{kind} {number} is there already")
+                    raise ValueError(f"{kind} {number} is in the file twice")
                 numbered[kind][number] = (
                     (line, _integer(fields[1]), _integer(fields[2])) if kind == "O" else
                     fields[4] if kind == "R" else _category_name(fields[category_field])

@@ -91,14 +91,14 @@ class Naming:
         """The entities of unique triples, sorted, each with one kind and a phrase (``KINDS``)."""
         relations = set(triples["relation"])
         if unknown := set(self.kinds or ()) - relations:
-            raise InputError("kinds", f"relation {min(unknown)!r}", "no triple has it")
+            raise InputError("kinds", f"relation {min(unknown)!r}", "expected a relation of the triples")
         if self.household and (unknown := relations - set(HOUSEHOLD)):
             raise InputError(f"relation {min(unknown)!r}", "", f"expected one of {', '.join(HOUSEHOLD)}")
         kinds = self._by_relation(triples, rooms) | self.kind_of
         names = sorted({*triples["head"], *triples["tail"]})
         without = next((name for name in names if name not in kinds), None)
         if without is not None and self.strict:
-            raise InputError(f"entity {without!r}", "", "expected its kind, from the table of entities or by relation")
+            raise InputError(f"entity {without!r}", "", "expected a kind, in the table of entities or by relation")
         phrases = [self.phrase_of.get(name) or self.words(name) for name in names]
         return pd.DataFrame({"entity": names, "kind": [kinds.get(name, ENTITY) for name in names], "phrase": phrases})
 

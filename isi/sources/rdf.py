@@ -85,7 +85,7 @@ def rdf(
         for place, node in types.get(iri, ()) if name not in listed else ():
             kind = name_of(place, node)
             if (other := named.kind_of.setdefault(name, kind)) != kind:
-                got = f"expected one type of {short(name)}, got {cut(kind)} beside {cut(other)}"
+                got = f"expected one type of {short(name)}, got {cut(kind)} and {cut(other)}"
                 raise InputError(path, place, got)
         if iri in labels and name not in named.phrase_of:
             place, label = labels[iri]
@@ -103,7 +103,7 @@ def local_name(iri: str) -> str:
 def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
     """Place and nodes of each triple. Turtle's triples are sorted and have no place."""
     if suffix_of(path) not in SUFFIXES:
-        raise InputError(path, "", "expected a name that ends in .nt or .ttl (.gz behind it or not)")
+        raise InputError(path, "", "expected a file name that ends in .nt, .nt.gz, .ttl or .ttl.gz")
     if suffix_of(path) == ".nt":
         yield from _of_lines(path)
         return

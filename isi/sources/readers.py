@@ -52,7 +52,7 @@ def packaged(package: str, path: str, content: str) -> Path:
     try:
         return Path(str(distribution(package).locate_file(path)))
     except PackageNotFoundError as error:
-        raise InputError(f"package {package}", "", f"not installed, which has {content}") from error
+        raise InputError(f"package {package}", "", f"not installed; it has {content}") from error
 
 
 def suffix_of(path: Path) -> str:
@@ -146,7 +146,7 @@ def read_batches(
     """
     form = suffix_of(path)
     if form not in (*SEPARATORS, ".parquet"):
-        raise InputError(path, "", "expected a name that ends in .csv, .tsv (.gz behind it or not) or .parquet")
+        raise InputError(path, "", "expected a file name that ends in .csv, .csv.gz, .tsv, .tsv.gz or .parquet")
     is_text = form != ".parquet"
     place, unit = (2, "line") if is_text else (1, "row")
     with reading(path, "a table of UTF-8 text" if is_text else "a Parquet table"):
@@ -155,7 +155,7 @@ def read_batches(
         known = [name for name in header if name in names] if others else header
         if not set(required) <= set(known) <= set(names) or len(set(known)) < len(known):
             expected = f"expected the columns {', '.join(required)}"
-            expected += f" and, if at all, {', '.join(optional)}" * bool(optional)
+            expected += f" and optionally {', '.join(optional)}" * bool(optional)
             got = cut(", ".join(repr(name[:40]) for name in header) or "none", 100)
             raise InputError(path, "line 1" if is_text else "columns", f"{expected}; got {got}")
         for batch in _text(path, SEPARATORS[form], header) if is_text else _parquet(path, names):

@@ -42,7 +42,7 @@ _LONGEST = 300  #: The longest message of the simulator's that is passed on.
 _CHUNK, _GZIP = 2**20, 16 + zlib.MAX_WBITS
 #: What is raised where the player has died, by whichever way that was noticed.
 _DIED = (UnityCrashException, RestartError, BrokenPipeError)
-_NEEDS = "it needs a graphics device and, but for CloudRendering, a display"
+_NEEDS = "it needs a graphics device and, except with CloudRendering, a display"
 
 
 class Recording:
@@ -67,7 +67,7 @@ class Recording:
                     other = f"was recorded with {key} {short(header.get(key))}, not {short(value)}"
                     raise InputError(path, "line 1", f"{other}: choose another output, or remove it")
         if not whole:
-            raise InputError(path, "", "expected a recording, or no file, to record to")
+            raise InputError(path, "", "expected a recording to continue, or no file")
         if whole < path.stat().st_size:
             with _writing(path):
                 os.truncate(path, whole)
@@ -170,7 +170,7 @@ class Simulator:
             event = self._player.reset(layout.scene) if self._player else self._start(layout.scene)
             got = str(event.metadata["sceneName"]).removesuffix("_physics")
             if got != layout.scene:
-                raise RuntimeError(f"this is {got}")
+                raise RuntimeError(f"the scene is {got}")
             if layout.spawn is not None and self._player:
                 event = self._player.step("InitialRandomSpawn", randomSeed=layout.spawn, raise_for_failure=True)
         objects: list[SceneObject] = event.metadata["objects"]

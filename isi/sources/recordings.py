@@ -120,7 +120,7 @@ def read_recording(path: Path, sha256: str | None, plans: Sequence[FloorPlans] =
 
 def _packaged_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]:
     if path.stat().st_size > MOST_BYTES_WHOLE:
-        raise InputError(path, "", f"expected at most {MOST_BYTES_WHOLE:,} bytes of JSON, or a recording by gzip")
+        raise InputError(path, "", f"expected at most {MOST_BYTES_WHOLE:,} bytes of JSON, or a recording in gzip")
     recording = parse_json(dict[str, Any], path.read_bytes(), path)
     for listed in plans:
         names = listed.packaged or listed.names
@@ -133,13 +133,13 @@ def _packaged_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]
 
 def _recorded_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]:
     known = {name: (number, listed.room) for listed in plans for number, name in enumerate(listed.names, listed.first)}
-    lines = json_lines(path, None, MOST_BYTES, "a recording by gzip; `make record` goes on behind its last whole scene")
+    lines = json_lines(path, None, MOST_BYTES, "a whole gzip file (`make record` resumes after the last whole scene)")
     check_header(path, next(lines, (1, b""))[1])
     seen: set[str] = set()
     for number, line in lines:
         recorded = parse_json(RecordedScene, line, path, f"line {number}")
         name, plan = recorded.name, recorded.scene
-        fault = name_fault(name) or f"{name} is there twice" * (name in seen)
+        fault = name_fault(name) or f"scene {name} is in the file twice" * (name in seen)
         if plan not in known:
             fault = f"expected a floor plan of this source, such as {next(iter(known))}, got {short(plan)}"
         if fault:
@@ -147,7 +147,7 @@ def _recorded_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]
         seen.add(name)
         yield Scene(name, *known[plan], check_objects(path, name, recorded.objects))
     if not seen:
-        raise InputError(path, "", "expected scenes behind the header, got none")
+        raise InputError(path, "", "expected scenes after the header, got none")
 
 
 def check_objects(path: Path, scene: str, objects: Any) -> list[SceneObject]:
@@ -156,7 +156,7 @@ def check_objects(path: Path, scene: str, objects: Any) -> list[SceneObject]:
     seen: set[str] = set()
     for thing in checked:
         if thing.objectId in seen:
-            raise InputError(path, f"{scene}, object {cut(thing.objectId)}", "is in its scene twice")
+            raise InputError(path, f"{scene}, object {cut(thing.objectId)}", "is in the scene twice")
         seen.add(thing.objectId)
     return [thing.model_dump(exclude_defaults=True) for thing in checked]
 

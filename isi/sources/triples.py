@@ -50,7 +50,7 @@ def table(
 def naming(entities: str | None, kinds: KindsByRelation | None, household: bool) -> Naming:
     """How entities are named: by a table of them, by their relations, or both; either may be missing."""
     if kinds and household:
-        raise InputError("kinds", "", "expected none beside household, which has its own")
+        raise InputError("kinds", "", "expected no kinds together with household, which has its own")
     named = Naming(kinds, household, strict=bool(kinds) or household)
     if entities:
         listed = read_table(Path(entities), ["entity"], ["entity"], optional=["kind", "phrase"]).set_index("entity")
@@ -136,12 +136,12 @@ def read_id_names(path: Path) -> list[str]:
     for number, line in _lines(path, r"(.+)\t([0-9]{1,9})\s*", "a name, a tab and an id"):
         name, row = line[1], int(line[2])
         is_there = row in name_of or name in names
-        if fault := name_fault(name) or f"{short(line[0])} has a name or an id that is there already" * is_there:
+        if fault := name_fault(name) or f"the name or the id of {short(line[0])} is in the file twice" * is_there:
             raise InputError(path, f"line {number}", fault)
         names.add(name)
         name_of[row] = name
     if sorted(name_of) != list(range(len(name_of))):
-        raise InputError(path, "", f"expected the ids from 0 to {len(name_of) - 1}")
+        raise InputError(path, "", f"expected each id from 0 to {len(name_of) - 1}")
     return [name for _, name in sorted(name_of.items())]
 
 
@@ -150,7 +150,7 @@ def _lines(path: Path, pattern: str, content: str) -> Iterator[tuple[int, re.Mat
     first, *lines = read_text(path, "a text file of ids").split("\n")
     filled = [(number, line) for number, line in enumerate(lines, 2) if line.strip()]
     if not re.fullmatch(r"[0-9]{1,9}\s*", first) or int(first) != len(filled):
-        expected = f"expected how many lines follow, which are {len(filled)}, got {short(first)}"
+        expected = f"expected {len(filled)}, the number of lines that follow, got {short(first)}"
         raise InputError(path, "line 1", expected)
     for number, line in filled:
         match = re.fullmatch(pattern, line)

@@ -65,7 +65,7 @@ def present(*columns: str) -> list[Rule]:
 
 def at_least(low: float, *columns: str) -> list[Rule]:
     """No number is below; null is allowed."""
-    return _each(columns, f"expected {{}} from {low:g} on", lambda values: values < low)
+    return _each(columns, f"expected {{}} of at least {low:g}", lambda values: values < low)
 
 
 def within(low: float, high: float, *columns: str) -> list[Rule]:
@@ -91,13 +91,13 @@ def named(*columns: str) -> list[Rule]:
     def nameless(name: str) -> bool:
         return not name.strip() or len(name) > LONGEST or any(ord(char) < 32 or ord(char) == 127 for char in name)
 
-    says = f"expected {{}} to be a name, not blank, of {LONGEST:,} characters at most and no control character"
+    says = f"expected {{}} to be a name: not blank, at most {LONGEST:,} characters, no control characters"
     return _each(columns, says, lambda values: values.isin([*filter(nameless, values.dropna().unique())]))
 
 
 def unique(*key: str) -> list[Rule]:
     """No two rows have the same values in these columns."""
-    says = f"expected no second row of the same {', '.join(key)}"
+    says = f"expected only one row with the same {', '.join(key)}"
     return [Rule(says, key, lambda frame: frame.duplicated(list(key)))]
 
 
@@ -119,7 +119,7 @@ def in_blocks(block: str, *key: str) -> list[Rule]:
 
 def counted(column: str = "count") -> list[Rule]:
     """Numbers of observations: each at least 1, and at most ``MOST_OBSERVED`` altogether."""
-    says = f"expected {MOST_OBSERVED:,} observations at most, altogether"
+    says = f"expected at most {MOST_OBSERVED:,} observations in all"
     too_many = _each([column], says, lambda values: values.astype(np.int64).cumsum() > MOST_OBSERVED)
     return [*at_least(1, column), *too_many]
 
@@ -146,7 +146,7 @@ def mean_of(whole: str, *halves: str) -> list[Rule]:
 
 def not_above(lesser: str, greater: str) -> list[Rule]:
     """A number is not above another."""
-    says = f"expected {lesser!r} not above {greater!r}"
+    says = f"expected {lesser!r} to be at most {greater!r}"
     return [Rule(says, (lesser, greater), lambda frame: frame[lesser] > frame[greater])]
 
 

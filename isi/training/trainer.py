@@ -104,7 +104,7 @@ def _check_state(state: State, models: Tensor, epoch: int, rate: float) -> None:
         check_finite((state.embedding.entity, state.embedding.relation), "vectors or scores")
         check_finite((state.squares.entity, state.squares.relation), "Adagrad's sums", torch.finfo(torch.float32).max)
     except NotFinite as error:
-        advice = f"turn down the learning rate ({rate:g})" if epoch else "look at what training starts from"
+        advice = f"turn down the learning rate ({rate:g})" if epoch else "check the initial vectors"
         problem = f"diverged in epoch {epoch} ({error.message}): {advice}"
         raise NotFinite(models[error.models].tolist(), problem) from error
 
@@ -156,8 +156,8 @@ def adagrad(
 ) -> None:  # fmt: skip
     """Update a stack in place from the gradient of a batch: Θ ← Θ - rate · g / √Σg², with g the mean over positives.
 
-    The gradient is summed over the batch, of so many positives, (M,); an embedding without any stays as it is. Frozen
-    entities, (M, E), take no part. Only the rows of some entities, (M, E), are trained; null: all of both tables.
+    The gradient is summed over the batch; ``positives``, (M,), counts its positives, and an embedding without any stays
+    as it is. Frozen entities, (M, E), take no part. Only rows of ``trained_rows``, (M, E), change; null: both tables.
     """
     scale = (positives > 0) / positives.clamp(min=1)
     decay = (settings.weight_decay * (positives > 0))[:, None, None]
