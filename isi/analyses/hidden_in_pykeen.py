@@ -75,7 +75,7 @@ def hidden_in(
 
 @dataclass(frozen=True)
 class Case:
-    """A model of known entities, and all that hidden ones are put into it with."""
+    """A model of the known entities, and the data with which hidden entities are inserted."""
 
     model: Model
     train: TriplesFactory
@@ -143,7 +143,7 @@ def trained(factory: TriplesFactory, valid: TriplesFactory, settings: HiddenTrai
 
 
 def fit(model: Model, factory: TriplesFactory, settings: HiddenTraining, epochs: int, **more: Any) -> None:
-    """Train with PyKEEN's negative sampling; the optimizer lets a trained model go on."""
+    """Train with PyKEEN's negative sampling; the optimizer is ready to continue a trained model."""
     SLCWATrainingLoop(
         model=model, triples_factory=factory, optimizer=warm(Adam(model.parameters(), lr=settings.learning_rate)),
         negative_sampler_kwargs={"num_negs_per_pos": settings.negatives},
