@@ -37,8 +37,7 @@ from isi.models.stack import Embedding
 __all__ = ["enlarge", "insert", "inserted", "warm"]
 
 PykeenModel = ERModel[Any, Any, Any]
-#: How far from 1 the length of a rotation may be.
-ROUNDING = 1e-3
+ROUNDING = 1e-3  #: How far from 1 the length of a rotation may be.
 
 
 def insert(
@@ -136,7 +135,7 @@ def warm(optimizer: Optimizer) -> Optimizer:
 
 @dataclass(frozen=True)
 class Form:
-    """How a row of real numbers lies in a representation; complex ones are real halves, then imaginary ones."""
+    """How a row of real numbers makes a value. A complex value has its real half before its imaginary half."""
 
     shape: tuple[int, ...]
     is_complex: bool
@@ -182,7 +181,7 @@ class InteractionModel(Model):
 
 
 def table_of(model: PykeenModel) -> Table:
-    """The table that a model's entities are the rows of; an ``InputError`` where there is none, or more than one."""
+    """The table of a model's entities. An ``InputError`` says if there is none, or more than one."""
     parts = model.entity_representations if isinstance(model, ERModel) else []
     if len(parts) != 1 or not isinstance(parts[0], Table):
         raise InputError("argument 'model'", type(model).__name__, "expected a model with one vector for each entity")
@@ -190,7 +189,7 @@ def table_of(model: PykeenModel) -> Table:
 
 
 def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Embedding:
-    """A model as a stack of one embedding; its triples' scores say the margin where none is given, or an InputError."""
+    """A model as a stack of one embedding. Without a margin, the scores of its triples say one."""
     form, entity = _read(table_of(model))
     if model.use_inverse_triples:
         raise InputError("argument 'model'", "", "expected a model that was trained without inverse triples")
@@ -210,7 +209,7 @@ def read_model(model: PykeenModel, triples: Tensor, margin: float | None) -> Emb
 def _closed_form(
     interaction: modules.Interaction[Any, Any, Any], relations: Sequence[Tensor]
 ) -> tuple[Callable[[float], Model], Tensor] | None:
-    """A model of our own for an interaction, by its margin, and its rows of relations; null where there is none."""
+    """Our own model for an interaction, as a function of its margin, and its rows of relations; or null."""
     if type(interaction) is modules.RotatEInteraction:
         real, imaginary = relations[0].chunk(2, 1)
         is_rotation = (torch.hypot(real, imaginary) - 1).abs().max() < ROUNDING
@@ -226,7 +225,7 @@ def _closed_form(
 
 
 def _read(representation: Representation) -> tuple[Form, Tensor]:
-    """The form of a representation, and all its rows, (N, size); without dropout, after its normalizer."""
+    """The form and all rows, (N, size), of a representation, without dropout and after its normalizer."""
     training = representation.training
     with torch.no_grad():
         values = representation.eval()().detach().cpu()

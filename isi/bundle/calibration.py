@@ -51,7 +51,7 @@ class Answer:
 
     @property
     def unexpected(self) -> bool:
-        """Whether the answer is likely (without probabilities: the best), not known, and of no indicator known."""
+        """Whether it is likely (without probabilities: the best), but known of neither the entity nor an indicator."""
         likely = self.rank == 1 if self.probability is None else self.probability >= LIKELY
         return likely and not self.known and self.shared_by == []
 
@@ -60,7 +60,7 @@ def answer(
     opened: OpenBundle, query: Query, most: int, held_out: HeldOutCalibration | None = None,
     indicators: Collection[int] | None = None,
 ) -> list[Answer]:  # fmt: skip
-    """The best answers, ``most`` at most; ``held_out`` calibrates those about its entity."""
+    """The best answers, at most ``most``. ``held_out`` calibrates the answers about its own entity."""
     entities, scores = opened.ranked(query)
     shown, names = scores[:most], opened.entity_names
     lower = torch.searchsorted(scores.flip(0), shown).tolist()
@@ -83,7 +83,7 @@ def answer(
 
 
 def calibrated_on(answers: Iterable[Answer], inserted: bool) -> str | None:
-    """What probabilities are calibrated on; null where an answer has none."""
+    """What the probabilities are calibrated on; null if an answer has no probability."""
     all_have = all(best.probability is not None for best in answers)
     return ("held-out entities" if inserted else "known triples") if all_have else None
 
@@ -100,7 +100,7 @@ class PlattCurve:
 
 
 def fit_curve(opened: OpenBundle, relation: int, slot: int) -> PlattCurve | None:
-    """The curve of a relation and the slot of the answer; null where no triple of the relation is known."""
+    """The curve for a relation and the slot of the answer. It is null if no triple of the relation is known."""
     given = opened.in_slot(relation, HEAD if slot == TAIL else TAIL)
     if not given:
         return None
@@ -134,7 +134,7 @@ def fit_platt(scores: Tensor, known: Tensor) -> PlattCurve:
 
 
 def _logistic_regression(inputs: Tensor, target: Tensor, weight: Tensor) -> Tensor:
-    """Coefficients by Newton's method, a step halved until the loss falls; shapes (N, 2), (N,), (N,), result (2,)."""
+    """Coefficients, (2,), by Newton's method; each step is halved until the loss falls. Inputs have shape (N, 2)."""
 
     def loss_of(coefficients: Tensor) -> float:
         score = inputs @ coefficients
@@ -166,20 +166,20 @@ class HeldOutEntity(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class HeldOutCalibration:
-    """Calibration of an inserted entity by known entities that are hidden and inserted the same way."""
+    """Calibrates answers about an inserted entity. Known entities are hidden and inserted in the same way."""
 
     opened: OpenBundle  #: with the inserted entity in its last row
     result: Inserted
 
     @cached_property
     def known(self) -> OpenBundle:
-        """The bundle before the insertion; without word vectors, if the inserted entity has none."""
+        """The bundle before the insertion. It has no word vectors if the inserted entity has none."""
         known, new = before(self.opened, self.opened.manifest.inserted[-1])
         return known if new.vector is not None else replace(known, words=None)
 
     @cached_property
     def held_out(self) -> list[HeldOutEntity]:
-        """Known entities as they would have been inserted."""
+        """The known entities that were hidden and inserted."""
         rng, known = stream(0, "rehearsal"), self.known
         degree = np.bincount(known.triples[:, [HEAD, TAIL]].flatten(), minlength=len(known.entities))
         suitable = degree > len(self.result.insert_triples)
@@ -191,7 +191,7 @@ class HeldOutCalibration:
         return [entity for part in range(parts) for entity in self._hide(chosen[part::parts], rng)]
 
     def _hide(self, hidden: np.ndarray, rng: np.random.Generator) -> Iterator[HeldOutEntity]:
-        """Entities that are hidden together, each inserted from as many triples with known ends as the inserted one."""
+        """Hide entities together. Each is inserted from as many triples with known ends as the inserted entity has."""
         known, result = self.known, self.result
         rest = np.setdiff1d(np.arange(len(known.entities)), hidden)
         order = np.concatenate([rest, hidden])
@@ -213,7 +213,7 @@ class HeldOutCalibration:
             yield HeldOutEntity(row, torch.from_numpy(vector.astype(np.float32)), insert_triples)
 
     def curve(self, relation: int, slot: int) -> PlattCurve | None:
-        """The curve of a relation and slot; of all relations where too few answers are right; null if still too few."""
+        """The curve of a relation and slot, or of all relations if too few answers are right. It may still be null."""
         return self._fit([(relation, slot)]) or self._shared
 
     @cached_property
@@ -223,7 +223,7 @@ class HeldOutCalibration:
         return self._fit([(relation, slot) for relation in relations for slot in (HEAD, TAIL)])
 
     def _fit(self, slots: Sequence[tuple[int, int]]) -> PlattCurve | None:
-        """One curve through the answers, without insert triples, of relations and slots; null if too few are right."""
+        """One curve through answers of relations and slots; null if too few are right. Insert triples do not count."""
         theta, scores, right = self.known.embedding, [torch.zeros(0).double()], [torch.zeros(0, dtype=torch.bool)]
         for relation, slot in slots:
             candidates, row = self.known.candidates(relation, slot), theta.relation[:, relation][:, None]

@@ -40,7 +40,7 @@ CONTROL = frozenset({"Cc", "Cs", "Zl", "Zp"})
 
 
 def check_text(text: str) -> str:
-    """A text that may be printed or stand in a cell of a table; else a ``ValueError``."""
+    """Return a text that may be printed or stand in a cell of a table. A ``ValueError`` refuses any other."""
     if not text.isprintable() and any(unicodedata.category(character) in CONTROL for character in text):
         raise ValueError(f"expected text without tabs, line breaks or other control characters, got {text[:80]!r}")
     return text
@@ -139,7 +139,7 @@ class Bundle:
 
 
 def write(folder: Path, bundle: Bundle) -> None:
-    """Write a bundle as a folder, which replaces an earlier bundle, and nothing else, at once."""
+    """Write a bundle as a folder, in one step. It may replace an earlier bundle, but no other folder."""
     tensors = {"entities": bundle.entities, "relations": bundle.relations, "words": bundle.words}
     rows = {
         ENTITIES: zip(bundle.entity_names, bundle.kinds, bundle.phrases, strict=True),
@@ -174,7 +174,7 @@ def write(folder: Path, bundle: Bundle) -> None:
 
 
 def _refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
-    """Refuse a folder with files that are no bundle's, or with an inserted entity that is not among these names."""
+    """Refuse a folder that has files of something else, or an inserted entity that is not among these names."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise InputError("", "", "not a folder: choose a new name, or the folder of a bundle")
     present = {path.name for path in folder.iterdir()} if folder.exists() else set()
@@ -191,7 +191,7 @@ def _refuse_to_replace(folder: Path, names: Sequence[str]) -> None:
 
 
 def read(folder: Path) -> Bundle:
-    """Read a bundle; an ``InputError`` names the file and the place that is missing or broken, or fits no others."""
+    """Read a bundle. An ``InputError`` names the file and the place that is missing, broken, or does not fit."""
     files = {}
     for name in (MANIFEST, VECTORS, *COLUMNS):
         with at(folder / name if folder.is_dir() else folder):
@@ -200,7 +200,7 @@ def read(folder: Path) -> Bundle:
 
 
 def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
-    """The bundle of the bytes of its files."""
+    """The bundle that these bytes of its files make."""
     with at(folder / MANIFEST):
         manifest = ManifestFile.model_validate_json(files[MANIFEST])
     rows = {}
@@ -244,7 +244,7 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
 
 
 def split_rows(text: str, columns: Sequence[str]) -> list[list[str]]:
-    """Rows of a table with so many columns; nothing is quoted, so a name holds no tab and no line break."""
+    """The rows of a table, which has these columns. Nothing is quoted, so no name holds a tab or a line break."""
     rows = [line.split("\t") for line in text.removesuffix("\n").split("\n")]
     for number, row in enumerate(rows, 1):
         with at("", f"line {number}"):
@@ -279,7 +279,7 @@ def triple_ids(
 
 
 def check_numbers(table: np.ndarray, rows: int) -> None:
-    """Refuse a table of other rows, or with numbers of which a score would overflow in single precision."""
+    """Refuse a table with another number of rows, or whose scores would overflow in single precision."""
     if table.ndim != 2 or len(table) != rows or not table.size or table.dtype not in (np.float32, np.float64):
         raise InputError("", "", f"expected float32 or float64 of shape ({rows}, any), got {table.dtype} {table.shape}")
     largest = np.abs(table).max(1)

@@ -81,7 +81,7 @@ def of_tensors(labels: Labels, model: str, options: Mapping[str, Option], files:
 
 
 def of_pickle(path: Path, labels: Labels) -> Bundle:
-    """A bundle of PyKEEN's model, unpickled; an ``InputError`` where it has no closed form for a manifest."""
+    """A bundle of a model that PyKEEN has pickled. An ``InputError`` refuses a model that no manifest can describe."""
     if not path.is_file():
         raise InputError(path, "", "no such file: expected PyKEEN's pickle of a model")
     try:
@@ -102,7 +102,7 @@ def of_pickle(path: Path, labels: Labels) -> Bundle:
 def _bundle(
     model: str, options: Mapping[str, Option], tables: Sequence[np.ndarray], labels: Labels, files: Sequence[Path]
 ) -> OpenBundle:
-    """A bundle of tables of entities and relations that have been checked with each other and with their labels."""
+    """A bundle of two tables. They are checked against each other, the model and their labels."""
     entities, relations = tables
     checked, names = checked_model(model, options, entities.shape[1]), (labels.entities, labels.relations)
     for slot, rows, listed in zip(NAMES, tables, names, strict=True):
@@ -122,7 +122,7 @@ def _bundle(
 
 
 def tensors_in(folder: Path, form: str) -> list[Path]:
-    """The files of tensors in a folder; an ``InputError`` where there are none."""
+    """The files of tensors in a folder. An ``InputError`` says if there are none."""
     others = ("results.json", "metadata.json") if form == "PyKEEN" else ()
     files = sorted(path for path in folder.iterdir() if path.suffix in FORMS and path.name not in others)
     if not files:
@@ -132,7 +132,7 @@ def tensors_in(folder: Path, form: str) -> list[Path]:
 
 
 def read_tensors(path: Path) -> dict[str, np.ndarray]:
-    """The tables of a file, by name (of ``.npy``, the file's); what would run code is refused by an ``InputError``."""
+    """The tables of a file by name (the file's own for ``.npy``). An ``InputError`` refuses what would run code."""
     if path.suffix not in FORMS or not path.is_file():
         raise InputError(path, "", f"no such file of tensors: expected one of {', '.join(FORMS)}")
     try:
@@ -154,7 +154,7 @@ def read_tensors(path: Path) -> dict[str, np.ndarray]:
 
 
 def _state_dict(path: Path) -> Mapping[str, Any]:
-    """PyTorch's, read without running what a pickle may hold."""
+    """Read a state dict of PyTorch's without running what a pickle may hold."""
     try:
         with warnings.catch_warnings(action="ignore"):
             state: Any = torch.load(path, map_location="cpu", weights_only=True)
@@ -168,7 +168,7 @@ def _state_dict(path: Path) -> Mapping[str, Any]:
 
 
 def _table(tensors: Mapping[str, np.ndarray], slot: str, model: str) -> np.ndarray:
-    """The table of entities or of relations as this project has it, real halves before imaginary ones."""
+    """The table of entities or of relations. Real halves come before imaginary ones, as everywhere here."""
     present = [parts for parts in NAMES[slot] if tensors.keys() >= set(parts)]
     if len(present) != 1:
         listed = ", ".join(sorted(tensors)[:8]) or "none"
@@ -192,7 +192,7 @@ def _table(tensors: Mapping[str, np.ndarray], slot: str, model: str) -> np.ndarr
 
 
 def read_labels(folder: Path) -> Labels:
-    """Names and known triples of a folder of PyKEEN's, of OpenKE's, or with lists of names; no pickle is read."""
+    """Read names and known triples of a folder of PyKEEN's, of OpenKE's, or with lists of names; no pickle."""
     rows: Iterable[Any]
     if (folder / PYKEEN).is_dir():
         form, files = "PyKEEN", [folder / PYKEEN / f"{name}.tsv.gz" for name in ("entity_to_id", "relation_to_id")]
@@ -213,7 +213,7 @@ def read_labels(folder: Path) -> Labels:
 
 
 def _lines(path: Path, columns: Sequence[str]) -> list[list[str]]:
-    """Rows of a text file without a header; none where it is empty."""
+    """The rows of a text file without a header."""
     with at(path):
         text = path.read_text(encoding="utf-8-sig")
         return split_rows(text, columns) if text.strip("\n") else []

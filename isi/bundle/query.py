@@ -29,7 +29,7 @@ SUGGESTED, LISTED = 3, 8  #: Similar names that are suggested, at most, and othe
 
 
 class Query(NamedTuple):
-    """(given, relation, ?) where the slot is ``TAIL``, (?, relation, given) where it is ``HEAD``; ids."""
+    """A query by ids: (given, relation, ?) if the slot is ``TAIL``, (?, relation, given) if it is ``HEAD``."""
 
     given: int
     relation: int
@@ -46,7 +46,7 @@ class OpenBundle(Bundle):
 
     @cached_property
     def embedding(self) -> Embedding:
-        """As a stack of one, in single precision."""
+        """The tables as a stack of one embedding in single precision."""
         relations = table(self.relations, "relations", self.model.width(self.entities.shape[1]))
         return stack_of_one(self.entities, relations, self.model)
 
@@ -60,7 +60,7 @@ class OpenBundle(Bundle):
 
     @cached_property
     def answers(self) -> dict[Query, set[int]]:
-        """Known answers of queries that have some."""
+        """The known answers of every query that has some."""
         answers: dict[Query, set[int]] = defaultdict(set)
         for head, relation, tail in self.triples.tolist():
             answers[Query(head, relation, TAIL)].add(tail)
@@ -68,23 +68,23 @@ class OpenBundle(Bundle):
         return dict(answers)
 
     def scores(self, given: Tensor, relation: int, slot: int) -> Tensor:
-        """Scores of all entities in a slot, for each given entity; shapes (Q,), result (Q, E)."""
+        """The scores of all entities in a slot, (Q, E), for each of the given entities, (Q,)."""
         relations = torch.full_like(given, relation)[None]
         if slot == TAIL:
             return self.embedding.score_tails(given[None], relations)[0]
         return self.embedding.score_heads(relations, given[None])[0]
 
     def in_slot(self, relation: int, slot: int) -> list[int]:
-        """Entities that known triples of a relation have in a slot, by id."""
+        """The ids of the entities that known triples of a relation have in a slot."""
         return sorted(set(self.triples[self.triples[:, RELATION] == relation, slot].tolist()))
 
     def candidates(self, relation: int, slot: int) -> Tensor:
-        """Entities of the kinds, if any, that known triples of the relation have in the slot, or of no kind; ids."""
+        """The ids of entities that are of no kind, or of a kind that known triples of the relation have in the slot."""
         kinds = {self.kinds[row] for row in self.in_slot(relation, slot)} - {""}
         return torch.tensor([row for row, kind in enumerate(self.kinds) if not (kind and kinds) or kind in kinds])
 
     def ranked(self, query: Query) -> tuple[Tensor, Tensor]:
-        """The candidates, best first, and their scores; the given entity is one only where it is a known answer."""
+        """The candidates, best first, and their scores. The given entity is one only if it is a known answer."""
         candidates = self.candidates(query.relation, query.slot)
         if query.given not in self.answers.get(query, ()):
             candidates = candidates[candidates != query.given]
@@ -101,7 +101,7 @@ class OpenBundle(Bundle):
         return list(zip(best.indices[:shown].tolist(), best.values[:shown].tolist(), strict=True))
 
     def unusual(self, insert_triples: Iterable[tuple[str, str, str]]) -> Iterator[str]:
-        """Notes on triples of a new entity whose known end is of a kind that the relation has in no known triple."""
+        """Notes on triples of a new entity: no known triple of the relation has an end of the kind that theirs has."""
         for head, relation, tail in dict.fromkeys(insert_triples):
             slot, end, role = (HEAD, head, "a head") if head in self.entity_ids else (TAIL, tail, "a tail")
             kind = self.kinds[self.entity_ids[end]]
@@ -109,13 +109,13 @@ class OpenBundle(Bundle):
             if kind and usual and not {"", kind} & usual:
                 yield f"no known triple of {relation} has {role} of kind {kind}, as {end} is"
 
-    def named(self, query: Query, answer: str = "?") -> tuple[str, str, str]:
-        """A query as a triple of names, with an answer or a question mark."""
+    def named(self, query: Query) -> tuple[str, str, str]:
+        """A query as a triple of names, with a question mark for the answer."""
         given, relation = self.entity_names[query.given], self.relation_names[query.relation]
-        return (given, relation, answer) if query.slot == TAIL else (answer, relation, given)
+        return (given, relation, "?") if query.slot == TAIL else ("?", relation, given)
 
     def part(self, rows: np.ndarray) -> Self:
-        """The bundle of some entities alone, ids in their order, and of the triples between them."""
+        """The bundle of these entities alone, in this order, with the triples between them."""
         new_id = np.full(len(self.entities), -1)
         new_id[rows] = np.arange(len(rows))
         triples = self.triples.copy()
@@ -131,7 +131,7 @@ class OpenBundle(Bundle):
 
 
 def open_bundle(folder: Path) -> OpenBundle:
-    """The bundle of a folder, or an ``InputError`` where it is broken, or its tables are of no model or of another."""
+    """The bundle of a folder. An ``InputError`` refuses one that is broken, or whose tables do not fit its model."""
     opened = OpenBundle(**vars(read(folder)))
     with at(folder / MANIFEST, "family"):
         opened.model  # noqa: B018  # which checks it
@@ -169,12 +169,12 @@ def plain(name: str) -> str:
 
 
 def same_name(first: str, second: str) -> bool:
-    """Whether two names differ in no more than case and gaps."""
+    """Whether two names are the same but for case and gaps."""
     return plain(first).replace(" ", "") == plain(second).replace(" ", "")
 
 
 def find(text: str, names: Collection[str], place: str, expected: str) -> str:
-    """The name that a user has typed, as written, else without regard to case and gaps; else an ``InputError``."""
+    """The name that a user means. Case and gaps matter only where several names differ in nothing else."""
     same = [text] if text in names else [name for name in names if same_name(name, text)]
     if len(same) == 1:
         return same[0]

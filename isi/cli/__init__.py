@@ -33,7 +33,7 @@ COMMANDS = {
 
 
 def settings(texts: Sequence[str]) -> dict[str, Any]:
-    """The keys and values of ``KEY=VALUE``, values in YAML; a ``ValueError`` where one is none, or a key repeats."""
+    """The values, in YAML, of ``KEY=VALUE`` by key. A ``ValueError`` refuses other text, and a key that repeats."""
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
@@ -65,7 +65,7 @@ Out = Annotated[Path | None, Parameter(validator=_check_folder, help="write the 
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run a command; a mistake on the command line ends it with status 2, another one with status 1, in one line."""
+    """Run a command. A mistake is told in one line; on the command line it ends with status 2, elsewhere with 1."""
     with one_line("isi"):
         tokens = list(sys.argv[1:] if argv is None else argv)
         app = App(
@@ -95,7 +95,7 @@ def show(answer: Mapping[str, Any], as_json: bool = False) -> None:
 
 
 def lines(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
-    """An answer as text: a line for each key; mappings are indented, a list of them is a table of what they fill."""
+    """An answer as text: a line for each key. Mappings are indented; a list of mappings is a table."""
     for key, value in answer.items():
         label, rows = f"{indent}{key.replace('_', ' ')}:", value if isinstance(value, list) else []
         inner = indent + "  "
@@ -116,7 +116,7 @@ def lines(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
 
 
 def text_of(value: Any) -> str:
-    """A value in a line of text: a tuple is a triple."""
+    """A value as it stands in a line of text. A tuple is a triple."""
     match value:
         case tuple():
             return " ".join(map(str, value))
@@ -129,7 +129,7 @@ def text_of(value: Any) -> str:
 
 @contextmanager
 def flags(**places: object) -> Iterator[None]:
-    """Name what was typed, an option or a file, in mistakes of the library's arguments."""
+    """Name the option or the file that was typed where the library names its argument."""
     try:
         yield
     except InputError as error:

@@ -1,4 +1,4 @@
-"""``isi check``: tables and tensor files under data/, each by its columns and rules, and beside the others."""
+"""``isi check``: checks tables and tensor files under data/ by their own rules, and against each other."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from itertools import product
 from pathlib import Path
-
-import pandas as pd
 
 import isi.analyses
 import isi.sources
@@ -30,7 +28,7 @@ from isi.tables import io, paths
 from isi.tables.table import DataFile, Table, declared
 
 Declared = tuple[Path, DataFile, Mapping[str, str]]  #: A file, what declares it, and the names in its path.
-_ALL = 10**9  #: Models of a stack, at most: all of a size.
+ALL = 10**9  #: Models of a stack, at most: all of a size.
 
 
 def check() -> None:
@@ -52,7 +50,7 @@ def catalogue() -> list[DataFile]:
 
 
 def check_data(params: Params) -> tuple[int, list[str]]:
-    """The number of files that the pipelines wrote, and a line for each problem of one, alone or beside the others."""
+    """The number of files that the pipelines wrote, and a line for each problem that a file has."""
     problems, experiments = list[InputError](), defaultdict[str, list[Declared]](list)
 
     def attempt(check: Callable[..., object], *arguments: object) -> None:
@@ -76,27 +74,28 @@ def check_data(params: Params) -> tuple[int, list[str]]:
 
 
 def _check_agreement(store: Store, listed: list[Declared], params: Params, attempt: Callable[..., None]) -> None:
-    """Check what the files of one experiment must agree on, as far as its stages have run."""
+    """Check that the files of one experiment agree, as far as its stages have run."""
     attempt(store.graph)
     stacks = list[GridPoints]()
     if {SPLITS, NOVEL, INSERT_TRIPLES} <= {file for _, file, _ in listed}:
         attempt(store.insert_triples)
-        attempt(lambda: stacks.extend(store.grid(_ALL)))
+        attempt(lambda: stacks.extend(store.grid(ALL)))
     for path, file, names in listed:
-        if isinstance(file, Table):
-            attempt(_check_entities, store, path, file)
-        elif file is WORD_VECTORS:
-            attempt(store.words)
+        attempt(_check_entities, store, path, file)
         for points in stacks:
             attempt(_check_stack, store, path, file, names, points, params)
 
 
-def _check_entities(store: Store, path: Path, table: Table) -> None:
-    rows = table.read_file(path) if table.entity_ids or table is COVERAGE else pd.DataFrame()
-    if table is COVERAGE:
-        agreement.rows_are_entities(path, rows, store.entities())
-    for column in table.entity_ids:
-        agreement.ids_below(path, rows, column, len(store.entities()), "graph's entities")
+def _check_entities(store: Store, path: Path, file: DataFile) -> None:
+    """Check that a file is about the entities of the graph."""
+    if file is WORD_VECTORS:
+        store.words()
+    elif file is COVERAGE:
+        agreement.rows_are_entities(path, COVERAGE.read_file(path), store.entities())
+    elif isinstance(file, Table) and file.entity_ids:
+        rows = file.read_file(path)
+        for column in file.entity_ids:
+            agreement.ids_below(path, rows, column, len(store.entities()), "graph's entities")
 
 
 def _check_stack(

@@ -168,7 +168,7 @@ def explain(
     entity: Annotated[str, Parameter(help="that isi insert --out has put into this bundle")], *,
     embedding: Embedding = DEFAULT, top: Top = 5, json: Json = False,
 ) -> None:  # fmt: skip
-    """Insert an entity again, and without each insert triple, its words and each indicator."""
+    """Insert an entity again, then without each insert triple, without its words, and without each indicator."""
     import numpy as np
     from tqdm import tqdm
 
@@ -196,7 +196,7 @@ def explain(
 
 
 def open_folder(path: Path) -> OpenBundle:
-    """The bundle of a folder, or an ``InputError`` where there is none, or it is broken."""
+    """The bundle of a folder. An ``InputError`` says if there is none, or if it is broken."""
     import torch
 
     from isi.bundle.query import open_bundle

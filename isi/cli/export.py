@@ -117,7 +117,7 @@ def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
 
 
 def of_bundle(folder: Path, most: int) -> GraphExport:
-    """The known triples of a bundle, each with count 1, and predictions of its model; see ``of_experiment``."""
+    """The known triples of a bundle, each with count 1, and predictions of its model."""
     opened, name = open_folder(folder), folder.resolve().name
     columns = {"entity": opened.entity_names, "kind": opened.kinds, "phrase": opened.phrases}
     entities = pd.DataFrame(columns).replace({"kind": {"": ENTITY}})
@@ -131,7 +131,7 @@ def of_bundle(folder: Path, most: int) -> GraphExport:
 
 
 def check_names(files: tuple[Path, Path], entities: pd.DataFrame, triples: pd.DataFrame) -> None:
-    """Refuse names that other tools would not read: an ``InputError`` names the file and the column."""
+    """Refuse names that other tools would not read. An ``InputError`` names the file and the column."""
     columns = [(files[0], entities[column]) for column in ("entity", "kind", "phrase")]
     for path, names in [*columns, (files[1], triples["relation"])]:
         if fault := next(filter(None, map(name_fault, names.unique())), None):
@@ -139,7 +139,7 @@ def check_names(files: tuple[Path, Path], entities: pd.DataFrame, triples: pd.Da
 
 
 def by_joint_model(store: Store, most: int, seed: int | None) -> pd.DataFrame:
-    """Predictions of the joint model of a seed, the first one where it is null (see ``best_tails``)."""
+    """The predictions (see ``best_tails``) of the joint model of a seed; null is the first seed."""
     graph, path, values = store.graph(), JOINT.path(experiment=store.experiment), config.read(paths.PARAMS)
     tensors = JOINT.read(["entity", "relation", "known", "seed"], experiment=store.experiment)
     entity, relation, known, seeds = *list(tensors.values())[:3], tensors["seed"].tolist()

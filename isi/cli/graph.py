@@ -36,7 +36,7 @@ def graph(
     min_count: Annotated[int, Parameter(validator=FROM_ONE, help="drop triples that are observed less often")] = 1,
     out: Annotated[Path | None, Parameter(help="folder for entities.parquet and triples.parquet")] = None,
 ) -> None:  # fmt: skip
-    """Read, count, describe, and write; the words, seed and shares of sessions of ``params.yaml`` apply."""
+    """Read files, describe their graph, and write it. Words, seed and shares come from ``params.yaml``."""
     values = config.read(paths.PARAMS)
     seed, options = check(values.get("seed"), Seed, "seed"), settings(set)
     readings = [read(file, reader, options, seed) for file in files]
@@ -52,7 +52,7 @@ def graph(
 
 
 def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) -> tuple[str, Counter[str], MinedSource]:
-    """The reader of a file or folder (guessed where it is null), what it counted, and what it observed, by triple."""
+    """Read a file or folder: the reader's name (guessed if null), what it counted, and the triples it observed."""
     known, name = all_readers(), reader or guess(file)
     if name not in known:
         expected = f"expected one of {', '.join(known)}, got {short(name)}{meant(name, known)}"
@@ -73,7 +73,7 @@ def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) ->
 
 
 def together(sources: Sequence[MinedSource]) -> MinedSource:
-    """What several files observed, as one; an ``InputError`` where two of them give an entity different kinds."""
+    """Join what several files observed. An ``InputError`` says if two of them give an entity different kinds."""
     if len(sources) == 1:
         return sources[0]
     kind_of: dict[str, str] = {}
@@ -86,7 +86,7 @@ def together(sources: Sequence[MinedSource]) -> MinedSource:
 
 
 def guess(file: Path) -> str:
-    """The reader of a file, by its name, and of JSON by its keys; an ``InputError`` where neither fits one."""
+    """The reader that fits a file's name or the keys of its JSON. An ``InputError`` says if none fits."""
     suffix, known = suffix_of(file), all_readers()
     fitting = [name for name, reader in known.items() if suffix in reader.suffixes]
     if not fitting and suffix in (".json", ".jsonl"):
@@ -104,7 +104,7 @@ def guess(file: Path) -> str:
 
 
 def describe(tables: GraphTables, values: Mapping[str, Any]) -> dict[str, Any]:
-    """What is in a graph of at least one triple, by the seed, words and shares of validation and test of params."""
+    """Describe a graph of at least one triple, with the seed, words and shares of validation and test of params."""
     entities, triples = tables.entities, tables.triples
     served = look_up(load_vectors(check(values.get("words"), Words, "words")), list(entities["phrase"])).served_by
     pairs = triples[["head", "tail"]].astype(str)

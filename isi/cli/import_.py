@@ -30,7 +30,7 @@ def import_(
         help=f"read PyKEEN's {PICKLE}, which is a pickle: whoever wrote it can have it run any program on this"
         " machine when it is read; only for files of yours or of people you trust")] = False,
 ) -> None:  # fmt: skip
-    """Read, check, and write; an ``InputError`` where something is missing, broken, or does not fit together."""
+    """Read, check, and write. An ``InputError`` names what is missing, broken, or does not fit."""
     if trust_pickle and (model or set or tensors):
         raise InputError("--trust-pickle", "", "expected no --family, --set or --tensors: the pickle determines them")
     labels = read_labels(folder)

@@ -14,16 +14,8 @@ from isi.config import Seed, check
 from isi.errors import InputError, short
 from isi.graph.graph import HEAD, TAIL
 from isi.graph.sessions import OUT
-from isi.initializers.api import (
-    FALLBACKS,
-    INITIALIZERS,
-    InitContext,
-    NoRelationMap,
-    NovelEntities,
-    Registered,
-    context_of,
-    options_of,
-)
+from isi.initializers import api as initializers
+from isi.initializers.api import INITIALIZERS, InitContext, NoRelationMap, Registered
 from isi.insertion import arguments
 from isi.insertion.arguments import Names, Source, Triple, argument, stack_of_one, table
 from isi.insertion.result import Inserted
@@ -39,8 +31,7 @@ BEST = ("map_soft_hybrid", "soft_hybrid", "map_mean", "soft_rs", "soft_es", "mea
 QUICK, MOST = 2**24, 2**28
 #: Numbers in a table, at most: of every two entities, of some new entities, and of the weights that a result keeps.
 PAIRS, BUDGET, MOST_WEIGHTS = 2**29, 2**24, 2**24
-#: Triples whose scores say the margin, at most.
-MARGIN_TRIPLES = 1000
+MARGIN_TRIPLES = 1000  #: Triples whose scores say the margin, at most.
 
 
 def insert(
@@ -123,7 +114,7 @@ def insert(
         entities=rows, relations=relations, model=model, entity_names=names.names, relation_names=labels.names,
         new=list(range(known, len(rows))), insert_triples=insert_triples, between=triples[~one_new_end],
         known_triples=known_triples, initializer=name, options=used, why=why,
-        fallback=[FALLBACKS[code] for result in results for code in result.fallback[0].tolist()],
+        fallback=[initializers.FALLBACKS[code] for result in results for code in result.fallback[0].tolist()],
         weights=torch.cat(weights).numpy() if few else None,
         indicators=[row.nonzero()[:, 0].tolist() for mask in masks for row in mask] if masks else None,
     )  # fmt: skip
@@ -145,7 +136,7 @@ def choose(
         if initializer is None:
             initializer, why = best(possible * dimension <= QUICK, triples, words, model)
         registered = INITIALIZERS.get(initializer, "initializer")
-        checked = options_of(initializer, {**registered.defaults, **given}, "initializer")
+        checked = initializers.options_of(initializer, {**registered.defaults, **given}, "initializer")
         registered.check(model)
         for cost, too_large, work in (
             ("triples", possible * dimension > MOST, f"looks at {possible:,} triples that an entity might have"),
@@ -159,7 +150,7 @@ def choose(
 
 
 def best(small: bool, triples: bool, words: bool, model: Model) -> tuple[str, str]:
-    """The name of the best initializer for what is known, and why it is taken; ``small``: whether MAP is quick."""
+    """The best initializer for what is known, and why it is taken. MAP is taken only on a ``small`` graph."""
     lacking = {name for name, there in (("words", words), ("insert_triples", triples)) if not there}
     candidates = [INITIALIZERS.get(name, name) for name in BEST]
     fitting = [other for other in candidates if not lacking & set(other.needs) and not other.misses(model)]
@@ -169,7 +160,7 @@ def best(small: bool, triples: bool, words: bool, model: Model) -> tuple[str, st
 
 
 def margin_of(embedding: Embedding, triples: Tensor, margin: float | None) -> float:
-    """The margin as given, or midway between mean scores of triples, (T, 3), and of others; zero where f is linear."""
+    """The given margin, or midway between mean scores of triples, (T, 3), and of others. If f is linear, zero."""
     if margin is not None or embedding.model.linear or not len(triples):
         return margin or 0.0
     head, relation, tail = triples[:: -(-len(triples) // MARGIN_TRIPLES)].T[:, None]
@@ -184,7 +175,7 @@ def what_is_seen(
     theta0: Embedding, new: Tensor, known: int, insert_triples: np.ndarray, known_triples: np.ndarray,
     words: np.ndarray | None, kinds: np.ndarray | None, seed: int,
 ) -> InitContext:  # fmt: skip
-    """What an initializer sees of some new entities, whose ids, (n,), ascend by one and follow those of all known.
+    """What an initializer sees of new entities. Their ids, (n,), ascend by one and follow those of all known ones.
 
     Triples are (I, 3) and (K, 3), words (E, w). Every known entity may be an indicator where no triples are known.
     """
@@ -196,7 +187,8 @@ def what_is_seen(
     order = order[(place[order] >= 0) & (place[order] < len(new))]
     triples = torch.stack([torch.zeros_like(order), place[order], order], 1)
     vectors = torch.zeros(len(session.graph.entities), 1) if words is None else torch.from_numpy(words)
-    context = context_of(theta0, session, NovelEntities(new[None], triples, vectors), seed, new[None, :1] - known)
+    novel = initializers.NovelEntities(new[None], triples, vectors)
+    context = initializers.context_of(theta0, session, novel, seed, new[None, :1] - known)
     return context if len(known_triples) else replace(context, eligible=context.known)
 
 
@@ -207,7 +199,7 @@ def fit_new(
     known_triples: Sequence[Triple] | np.ndarray | None = None, epochs: int = 100, all_epochs: int = 0,
     learning_rate: float = 0.04, weight_decay: float = 0.001, batch_size: int = 2048, ratio: int = 9, seed: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Train the last rows of a table of entities, the others frozen; then, if so chosen, all rows.
+    """Train the last rows of a table of entities while the others are frozen; then, if chosen, all rows.
 
     Losses are logistic, negatives corrupted heads, tails and relations, and steps those of Adagrad, as in the pipeline.
 

@@ -1,9 +1,9 @@
-"""What a caller of ``isi.insert`` and ``isi.fit_new`` gives, checked; an ``InputError`` names the argument."""
+"""Checks the arguments of ``isi.insert`` and ``isi.fit_new``. An ``InputError`` names the argument."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,14 +22,13 @@ from isi.tables import paths
 
 #: What makes vectors of texts: a function, word vectors of gensim's, or a file of such.
 Source = Callable[[Sequence[str]], Any] | str | Path
-#: A triple by names or by ids: head, relation, tail.
-Triple = Sequence[str | int]
+Triple = Sequence[str | int]  #: By names or by ids: head, relation, tail.
 SLOTS = ("head", "relation", "tail")
 
 
 @contextmanager
 def argument(name: str) -> Iterator[None]:
-    """Name an argument in mistakes that are found within and name nothing yet, or a key of ``params.yaml``."""
+    """Name an argument in mistakes within that name nothing yet, or that name a key of ``params.yaml``."""
     try:
         yield
     except InputError as error:
@@ -75,7 +74,7 @@ def table(values: Any, name: str, width: int | None = None, dtype: type[np.float
 
 @dataclass
 class Names:
-    """Names of the rows of a table, known ones before new ones; without names, rows go by id alone."""
+    """The names of a table's rows, known ones first. Without names, rows go by id alone."""
 
     argument: str  #: ``entity_names`` or ``relation_names``
     number: int
@@ -86,12 +85,11 @@ class Names:
         if self.names is None:
             return
         with argument(self.argument):
-            names = self.names = as_list(self.names, str, "a list of names")
-            self.ids = {name: row for row, name in enumerate(names)}
-            if len(names) != self.number:
-                raise InputError("", "", f"expected {self.number} names, got {len(names)}")
-            for row, name in enumerate(names):
-                if self.ids[name] != row:
+            self.names = as_list(self.names, str, "a list of names")
+            if len(self.names) != self.number:
+                raise InputError("", "", f"expected {self.number} names, got {len(self.names)}")
+            for row, name in enumerate(self.names):
+                if self.ids.setdefault(name, row) != row:
                     raise InputError("", repr(name)[:80], "expected names that do not repeat")
 
     def of(self, row: int) -> str | int:
@@ -123,7 +121,7 @@ def all_names(known: int, entity_names: Any, new: Any) -> Names:
 
 
 def checked_model(model: Any, options: Any, dimension: int) -> Model:
-    """A model by its name and options, whose vectors may have a dimension."""
+    """The model of a name and options. An ``InputError`` says if its vectors cannot have this dimension."""
     given = dict(check(options or {}, Mapping[str, Any], "", "argument 'model_options'"))  # type: ignore[type-abstract]
     with argument("model"):
         if not isinstance(model, str | Model):
@@ -157,7 +155,7 @@ def checked_arguments(
 
 
 def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np.ndarray:
-    """Unique triples as ids, in the order in which they come; shape (T, 3), int64."""
+    """Triples as ids, each once and in the given order; shape (T, 3), int64."""
     columns = (entities, relations, entities)
     with argument(name):
         if isinstance(triples, np.ndarray) and triples.dtype.kind in "iu" and triples.shape[1:] == (3,):
@@ -168,8 +166,11 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
         else:
             rows = []
             for row, triple in enumerate(as_list(triples)):
-                is_sized = hasattr(triple, "__len__") and not isinstance(triple, str | bytes | Set | Mapping)
-                if not is_sized or len(triple) != 3:
+                if (
+                    isinstance(triple, str | bytes | Set | Mapping)
+                    or not isinstance(triple, Collection)
+                    or len(triple) != 3
+                ):
                     raise InputError("", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}")
                 slots = zip(columns, triple, SLOTS, strict=True)
                 rows.append([names.id(value, f"triple {row}: {slot}") for names, value, slot in slots])
@@ -178,7 +179,7 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
 
 
 def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
-    """A number for the kind of each entity, (E,), int64, by order or name (those without one share a kind); or null."""
+    """A number for the kind of each entity, (E,), int64. Entities without a kind share one. Null if none is given."""
     if kinds is None:
         return None
     with argument("kinds"):
@@ -193,7 +194,7 @@ def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
 
 
 def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray | None:
-    """Word vectors of entities, (E, w), float32, zero where there is none; of a table, or vectors or texts by name."""
+    """Word vectors of entities, (E, w), float32, from a table, or from vectors or texts by name; zero if missing."""
     if words is None or (isinstance(words, Mapping) and not words):
         return None
     if not isinstance(words, Mapping):
@@ -220,7 +221,7 @@ def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray
 
 
 def _vectors_of(texts: Sequence[str], source: Source | None) -> np.ndarray:
-    """Vectors of texts, zero where the source knows none; shape (T, w), float32."""
+    """The vectors of texts, (T, w), float32. They are zero if the source has none."""
     if source is None:
         raise InputError("", "", "expected vectors, or the argument 'word_source' that makes vectors of texts")
     if callable(source):
@@ -240,7 +241,7 @@ def _vectors_of(texts: Sequence[str], source: Source | None) -> np.ndarray:
 
 
 def stack_of_one(entities: np.ndarray, relations: np.ndarray, model: Model) -> Embedding:
-    """Tables as a stack of one embedding in single precision, which shares memory with entities that are."""
+    """Tables as a stack of one embedding in single precision. It shares memory with entities in single precision."""
     with np.errstate(over="ignore"):  # what is too large is refused later
         entity = torch.from_numpy(np.ascontiguousarray(entities, np.float32))
     return Embedding(entity[None], torch.from_numpy(np.array(relations, np.float32))[None], model)

@@ -23,12 +23,9 @@ from isi.models.stack import Embedding
 from isi.models.stack import rows as rows_of
 from isi.random import stream
 
-#: Numbers in a table of cosines, at most.
-BUDGET = 2**24
-#: Of the largest deviation of a coordinate: known vectors that differ by less count as equal in it.
-SAME = 1e-6
-#: Known vectors from which the spread is taken, at most, evenly over the table.
-CLOUD = 2**16
+BUDGET = 2**24  #: Numbers in a table of cosines, at most.
+SAME = 1e-6  #: Of the largest deviation of a coordinate: known vectors that differ by less count as equal in it.
+CLOUD = 2**16  #: Known vectors from which the spread is taken, at most, evenly over the table.
 
 
 @dataclass(frozen=True)
@@ -49,7 +46,7 @@ class Entity:
 
 @dataclass(frozen=True)
 class Interference:
-    """What new entities do to known answers. A triple is two queries: for its head, and for its tail."""
+    """What new entities do to known answers. Each triple gives two queries, for its head and for its tail."""
 
     queries: int
     #: of each new entity, the share of queries in which it ranks above the known answer (½ where they are tied);
@@ -64,7 +61,7 @@ class Interference:
 
 @dataclass(frozen=True, eq=False)
 class Inserted:
-    """An embedding with new entities in it; rows of the known ones are the bytes that were given."""
+    """An embedding with new entities in it. The rows of known entities are the bytes that were given."""
 
     entities: np.ndarray  #: shape: (E + n, d)
     relations: np.ndarray  #: shape: (R, w)
@@ -91,7 +88,7 @@ class Inserted:
 
     @cached_property
     def embedding(self) -> Embedding:
-        """As a stack of one, in single precision."""
+        """The tables as a stack of one embedding in single precision."""
         return stack_of_one(self.entities, self.relations, self.model)
 
     @cached_property
@@ -99,7 +96,7 @@ class Inserted:
         return Names("entity_names", len(self.entities), self.entity_names)
 
     def report(self, nearest: int = 5) -> list[Entity]:
-        """What became of each new entity, with as many of the nearest known ones."""
+        """What became of each new entity, with so many of its ``nearest`` known entities."""
         check(nearest, Seed, "", "argument 'nearest'")
         of, vectors = self.names.of, self.embedding.entity[0]
         inserted, between = (
@@ -111,18 +108,17 @@ class Inserted:
         best = [torch.topk(normalize(part, dim=-1) @ known.T, min(nearest, self.known)) for part in parts]
         cosines, ids = (torch.cat([part[place] for part in best]).tolist() for place in (0, 1))
         distances, shares = self._from_cloud()
-        indicators: Sequence[list[int] | None] = self.indicators or [None] * len(self.new)
-        columns = self.new, self.fallback, indicators, ids, cosines, distances, shares
         return [
             Entity(
-                of(row), row, inserted[row], between[row], fallback, centroid and list(map(of, centroid)),
-                list(zip(map(of, others), similar, strict=True)), distance, farther_than,
+                of(row), row, inserted[row], between[row], self.fallback[place],
+                None if self.indicators is None else list(map(of, self.indicators[place])),
+                list(zip(map(of, ids[place]), cosines[place], strict=True)), distances[place], shares[place],
             )
-            for row, fallback, centroid, others, similar, distance, farther_than in zip(*columns, strict=True)
+            for place, row in enumerate(self.new)
         ]  # fmt: skip
 
     def _from_cloud(self) -> tuple[list[float], list[float]]:
-        """Distances, and the shares of the known that lie nearer; without coordinates in which all are the same."""
+        """Distances, and shares of known vectors that lie nearer. Coordinates in which all are equal do not count."""
         vectors = self.embedding.entity[0]
         known = vectors[: self.known : max(1, -(-self.known // CLOUD))].double()
         centre, deviation = known.mean(0), known.std(0, correction=0)
@@ -162,7 +158,7 @@ class Inserted:
 
 
 def ranked_above(embedding: Embedding, known: int, queried: Tensor, insert_triples: Tensor) -> Tensor:
-    """Share of queries in which each new entity, unless insert triples put it there, ranks above the answer, (n,)."""
+    """The share of queries, (n,), in which each new entity ranks above the answer. Its insert triples do not count."""
     head, relation, tail = queried.T[:, None]  # (1, Q)
     relations, new = rows_of(embedding.relation, relation), embedding.entity[:, known:]
     model, heads, tails = embedding.model, rows_of(embedding.entity, head), rows_of(embedding.entity, tail)
@@ -181,7 +177,7 @@ def ranked_above(embedding: Embedding, known: int, queried: Tensor, insert_tripl
 
 
 def _ranks(embedding: Embedding, queried: np.ndarray, right: np.ndarray, known: int) -> list[Tensor]:
-    """Filtered ranks of answers, (2Q,), among known entities and all; ``right``, (T, 3), begins with ``queried``."""
+    """Filtered ranks, (2Q,), among known entities and among all. ``right``, (T, 3), begins with ``queried``."""
     triples, place = np.unique(right, axis=0, return_inverse=True)
     session = trained_session(triples, embedding)
     is_queried = torch.zeros(1, len(triples), dtype=torch.bool)
