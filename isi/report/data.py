@@ -17,6 +17,7 @@ from isi.analyses.joint_models import CROSS_VALIDATION, MODEL_COMPARISON
 from isi.analyses.query_breakdown import AFFORDANCES, QUERY_BREAKDOWN, USED_COORDINATES
 from isi.analyses.single_insertions import TRACED, TRAJECTORY
 from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VARIANT_RUNS, Variant
+from isi.evaluation.query_sets import epochs_to_convergence
 from isi.experiment.insert import is_listed
 from isi.experiment.store import INSERTED, RUNS, TIES, TRAINING_LOG
 from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES, MinedSource
@@ -24,7 +25,7 @@ from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
 from isi.graph.words import COVERAGE
 from isi.params import ExperimentOf, Params, load_beyond
 from isi.report import paper_values, stats
-from isi.report.stats import ByScope
+from isi.report.stats import DIRECTIONS, ByScope
 from isi.report.tables import Estimate
 from isi.report.words import JOINT
 from isi.sources import KINDS, MINED, OBSERVATIONS
@@ -76,9 +77,13 @@ class ModelRuns:
         return self.runs[self.runs["epoch"] == 0]
 
     def converged(self, runs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-        """Epochs to convergence of runs that the columns ``by`` distinguish (``stats.converged``)."""
-        joint = self.runs[self.runs["model"] == JOINT]
-        return stats.converged(runs, joint, self.params.convergence.margin, self.max_epochs, by)
+        """``epochs_to_convergence`` of runs session by session, each against the joint models of its session."""
+        joint, sessions = self.runs[self.runs["model"] == JOINT], []
+        for session in sorted(set(runs["session"])) or [1]:
+            rows, target = (frame[frame["session"] == session] for frame in (runs, joint))
+            epochs = epochs_to_convergence(rows, target, self.params.convergence.margin, self.max_epochs, by)
+            sessions.append(epochs.assign(session=session))
+        return pd.concat(sessions, ignore_index=True)
 
     @cached_property
     def convergence(self) -> pd.DataFrame:
@@ -102,19 +107,24 @@ class ModelRuns:
 
     @cached_property
     def directed(self) -> pd.DataFrame:
-        """Entity prediction about novel entities by direction (``scope``), model, size and seed."""
-        assert self.queries is not None  # noqa: S101
-        return stats.by_direction(self.queries, ["model", "size", "seed"])
-
-    @property
-    def given_queries(self) -> pd.DataFrame:
-        """Entity prediction with the novel entity given."""
-        return self.directed[self.directed["scope"] == "given"]
+        """Entity prediction about novel entities by direction (``scope``), model, size and seed; usual filter."""
+        rows = pd.DataFrame(self.queries)
+        rows = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned") & (rows["hidden"] != "relation")]
+        rows = rows[rows["novel"].isin(list(DIRECTIONS))].drop(columns="scope").rename(columns={"novel": "scope"})
+        measures = stats.combined(rows, ["scope", "model", "size", "seed"])
+        return measures.drop(columns=["mrr_star", "mrr_star_relation"])
 
     @cached_property
+    def directions(self) -> dict[str, dict[str, Estimate]]:
+        """Entity prediction about novel entities by direction and model: means over sizes and seeds in points."""
+        rows = self.directed
+        return {name: stats.by_model(rows[rows["scope"] == name], "mrr_star_entity", self.models)
+                for name in DIRECTIONS}  # fmt: skip
+
+    @property
     def given_means(self) -> dict[str, Estimate]:
         """Entity prediction with the novel entity given, by model."""
-        return stats.by_model(self.given_queries, "mrr_star_entity", self.models)
+        return self.directions["given"]
 
     def immediate_means(self, scope: str) -> dict[str, Estimate]:
         """MRR* right after insertion by model."""
@@ -179,10 +189,14 @@ class Experiment(ModelRuns):
 
 @dataclass(frozen=True, eq=False)
 class VariantRuns(ModelRuns):
-    """The runs of a variant on one experiment; ``id``: of its tables and figures."""
+    """The runs of a variant on one experiment, or on a graph of the second pipeline."""
 
     variant: Variant
+    #: of its tables and figures
     id: str
+    #: of a graph of the second pipeline (``ENTITIES``, ``TRIPLES``)
+    entities: pd.DataFrame = field(default_factory=pd.DataFrame)
+    triples: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     @property
     def max_epochs(self) -> int:
@@ -191,20 +205,12 @@ class VariantRuns(ModelRuns):
     @classmethod
     def of(
         cls, key: str, variant: Variant, name: str, title: str, params: Params, runs: pd.DataFrame,
-        queries: pd.DataFrame, **graph: pd.DataFrame,
+        queries: pd.DataFrame, *graph: pd.DataFrame,
     ) -> Self:  # fmt: skip
-        """What ran on the experiment or graph of a name and a title; ``key``: of the variant in params."""
+        """The rows of one experiment or graph (``name``) in a variant's tables; ``key`` is the variant's in params."""
         runs, queries = (rows[rows["experiment"] == name] for rows in (runs, queries))
         initializers = [model for model in variant.initializers if model in set(runs["model"])]
-        return cls(name, title, params, initializers, runs, queries, variant, f"{key}_{name}", **graph)
-
-
-@dataclass(frozen=True, eq=False)
-class GraphRuns(VariantRuns):
-    """A graph of the second pipeline (``ENTITIES``, ``TRIPLES``), and the runs on it."""
-
-    entities: pd.DataFrame
-    triples: pd.DataFrame
+        return cls(name, title, params, initializers, runs, queries, variant, f"{key}_{name}", *graph)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +228,7 @@ class Results:
     observed: Mapping[str, MinedSource]
     mined: Mapping[str, pd.DataFrame]
     variants: Sequence[VariantRuns] = ()
-    other_graphs: Sequence[GraphRuns] = ()
+    other_graphs: Sequence[VariantRuns] = ()
 
     @property
     def standalone(self) -> list[Experiment]:
@@ -235,7 +241,7 @@ class Results:
         return [one for one in self.experiments.values() if one.settings.graph.extend is not None]
 
     def source_title(self, source: str) -> str:
-        """What people call a source: the experiment with its graph."""
+        """What people call a source: the title of the experiment on its graph."""
         return next((one.title for one in self.standalone if one.settings.graph.source == source), source)
 
     def analysis(self, name: str) -> list[tuple[Experiment, Any]]:
@@ -276,14 +282,13 @@ def read_variants(titles: Mapping[str, str], params: Params) -> list[VariantRuns
     return variants
 
 
-def _other_graphs(params: Params) -> list[GraphRuns]:
-    graphs, tables = [], (GRAPH_RUNS, GRAPH_QUERIES, GRAPH_ENTITIES, GRAPH_TRIPLES)
-    for name, graph in load_beyond(params).graphs.items():
-        if GRAPH_QUERIES.path(graph=name).exists():
-            runs, queries, entities, triples = (table.read_text(graph=name) for table in tables)
-            graphs.append(GraphRuns.of(name, graph.variant(name), name, graph.title, params, runs, queries,
-                                       entities=entities, triples=triples))  # fmt: skip
-    return graphs
+def _other_graphs(params: Params) -> list[VariantRuns]:
+    tables = (GRAPH_RUNS, GRAPH_QUERIES, GRAPH_ENTITIES, GRAPH_TRIPLES)
+    return [
+        VariantRuns.of(name, graph.variant(name), name, graph.title, params,
+                       *(table.read_text(graph=name) for table in tables))
+        for name, graph in load_beyond(params).graphs.items() if GRAPH_QUERIES.path(graph=name).exists()
+    ]  # fmt: skip
 
 
 def _experiment(params: Params, name: str) -> Experiment:

@@ -19,7 +19,7 @@ from isi.report import figures, glossary, stats
 from isi.report.data import Experiment, Results
 from isi.report.figures import STYLE, Figure, in_words, rendered
 from isi.report.section import Block, FilledSection, ReportSection, text_of
-from isi.report.sections import queries, transfer
+from isi.report.sections import finetuning, queries
 from isi.report.tables import Column, ReportTable, csv, number
 from isi.report.words import BASELINE, JOINT, WORDS
 from isi.tables.io import atomically
@@ -29,17 +29,17 @@ from isi.tables.io import atomically
 CONTENTS = {
     "How to read this page": ("run.guide",),
     "What a new vector knows immediately": (
-        "immediate.immediate", "queries.query_breakdown", "gain.controls", "variants.stronger",
+        "immediate.immediate", "queries.query_breakdown", "immediate.controls", "variants.stronger",
         "variants.n_insert_triples", "variants.other_words", "queries.affordances",
     ),
     "Look for yourself": ("insertions.explorer",),
     "What training makes of it": ("finetuning.convergence", "finetuning.forgetting"),
-    "Does it hold elsewhere?": ("transfer.transfer", "variants.other_graphs", "variants.embeddings"),
+    "Does it hold elsewhere?": ("finetuning.transfer", "variants.other_graphs", "variants.embeddings"),
     "Beside the paper": (
         "paper.paper", "paper.causes", "run.departures", "insertions.trajectory", "choices.indicators",
         "choices.cross_validation", "choices.embedding_models",
     ),
-    "How far to trust it": ("gain.differences", "run.graph", "run.definitions", "run.run"),
+    "How far to trust it": ("immediate.differences", "run.graph", "run.definitions", "run.run"),
 }  # fmt: skip
 SECTIONS = tuple(ReportSection.of(place, group) for group, places in CONTENTS.items() for place in places)
 #: Above all sections: the answer, in numbers and one figure.
@@ -145,7 +145,7 @@ def _headlines(experiment: Experiment) -> dict[str, Any]:
                  for scope, of_scope in gains.items()}  # fmt: skip
         numbers = {"graph": graph, **numbers, "improvement_over_xavier_percent": shown}
     else:
-        numbers["drop_percent"] = stats.values(transfer.drops(experiment.immediate))
+        numbers["drop_percent"] = stats.values(finetuning.drops(experiment.immediate))
         runs, last = experiment.curves, experiment.max_epochs
         ended = runs[(runs["scope"] == "known_closed") & (runs["epoch"] == last)]
         numbers["known_closed_at_the_end"] = stats.means(ended, "mrr_star")

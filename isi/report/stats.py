@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from isi.evaluation.query_sets import epochs_to_convergence
 from isi.random import stream
 from isi.report.tables import Column, Estimate
-from isi.report.words import BASELINE, HALVES, label
+from isi.report.words import BASELINE, HALVES, SCOPE, label
 
 #: What tells the runs of one initializer apart.
 CELL = ["session", "size", "seed"]
@@ -39,17 +38,6 @@ def values(estimates: Mapping[str, Estimate]) -> dict[str, float]:
     return {name: estimate.mean for name, estimate in estimates.items()}
 
 
-def converged(
-    runs: pd.DataFrame, joint: pd.DataFrame, margin: float, max_epochs: int, by: Sequence[str]
-) -> pd.DataFrame:
-    """``epochs_to_convergence`` session by session, each against the joint models in its own."""
-    sessions = []
-    for session in sorted(set(runs["session"])) or [1]:
-        here, target = (rows[rows["session"] == session] for rows in (runs, joint))
-        sessions.append(epochs_to_convergence(here, target, margin, max_epochs, by).assign(session=session))
-    return pd.concat(sessions, ignore_index=True)
-
-
 def improvements(immediate: pd.DataFrame, scope: str) -> dict[str, Estimate]:
     """Of each model over Xavier where it was run, in per cent: ratios of means averaged over sizes (section 6.1)."""
     cells = immediate[immediate["scope"] == scope].pivot_table("mrr_star", "seed", ["model", "size"], dropna=False)
@@ -62,20 +50,16 @@ def relative(pairs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], sign: int =
 
     ``sign`` is -1 for how much they are below; null values are left out.
     """
-
-    def above(means: np.ndarray, base: np.ndarray) -> np.ndarray:
-        share: np.ndarray = 100 * (sign * (means / base - 1)).mean(-1)
-        return share
-
     estimates = {}
     for name, (cells, base) in pairs.items():
-        values = [frame.to_numpy(float) for frame in (cells.reindex(columns=base.columns), base)]
+        if base.empty:
+            continue
+        values = [frame.to_numpy(float).T for frame in (cells.reindex(columns=base.columns), base)]
         with np.errstate(invalid="ignore"):  # a cell without any value makes null
-            mean = float(above(*(np.nansum(cell, axis=0) / (~np.isnan(cell)).sum(0) for cell in values)))
-            resampled = [_resampled(np.nan_to_num(cell.T)) / _resampled(~np.isnan(cell.T) * 1.0)
-                         for cell in values if len(base) > 1]  # fmt: skip
-            bounds = _bounds(above(*(cells.T for cells in resampled))[None])[0].tolist() if resampled else ()
-        estimates[name] = Estimate(mean, *bounds)
+            means = [(np.nansum(cell.T, axis=0) / (~np.isnan(cell)).sum(1))[:, None] for cell in values]
+            resampled = [_resampled(np.nan_to_num(cell)) / _resampled(~np.isnan(cell) * 1.0) for cell in values]
+            (mean,), shares = (100 * (sign * (over / under - 1)).T.mean(-1) for over, under in (means, resampled))
+        estimates[name] = Estimate(float(mean), *(_bounds(shares[None])[0].tolist() if len(base) > 1 else ()))
     return {name: estimate for name, estimate in estimates.items() if not np.isnan(estimate.mean)}
 
 
@@ -96,27 +80,24 @@ def by_label(
     return {header: list(map(label, models)), **cells}
 
 
-def wide(frame: pd.DataFrame, rows: Sequence[tuple[Any, ...]], groups: Mapping[Any, str]) -> dict[Any, list[Any]]:
-    """Columns of a table, one for each group (key and title) and column of a frame, by group and row, in turn."""
-    return {
-        Column(str(name), title): [frame[name].get((group, *row)) for row in rows]
-        for group, title in groups.items() for name in frame
-    }  # fmt: skip
+def by_group(frame: pd.DataFrame, groups: Iterable[Any], title: str = "{}") -> dict[Any, Any]:
+    """A frame's columns once for each group (first level of its index) under the group's title; values by the rest."""
+    return {Column(str(name), title.format(group)): frame[name].get(group, {}) for group in groups for name in frame}
 
 
-def halves(runs: pd.DataFrame, models: Sequence[str], *scopes: str) -> dict[Any, list[Any]]:
-    """Columns of mean MRR* in points with its entity and its relation half, scope by scope; a cell for each model."""
-    means = over_seeds(runs, ["scope", "model"], HALVES)
-    return wide(means, [(model,) for model in models], {scope: scope for scope in scopes})
+def halves(runs: pd.DataFrame, *scopes: str) -> dict[Any, Any]:
+    """Columns of mean MRR* in points with its entity and its relation half, scope by scope; values by model."""
+    return by_group(over_seeds(runs, ["scope", "model"], HALVES), scopes)
 
 
-def ordered_rows(means: pd.DataFrame, models: Sequence[str], **orders: Sequence[Any]) -> pd.DataFrame:
+def ordered_rows(means: pd.DataFrame, models: Sequence[str], header: Any = "model", **orders: Any) -> pd.DataFrame:
     """Groups as rows of a table, sorted by level; a level in ``orders`` has its values alone, in that order."""
     levels, frame = list(map(str, means.index.names)), means.reset_index()
     for name, order in {"model": models, **orders}.items():
         frame[name] = pd.Categorical(frame[name], list(order))
     frame = frame.dropna(subset=levels).sort_values(levels)
-    return frame.assign(model=frame["model"].astype(object).map(label))
+    frame["model"] = frame["model"].astype(object).map(label)
+    return frame.rename(columns={"model": header, "scope": SCOPE})
 
 
 def cells_of(rows: pd.DataFrame, models: Sequence[str], scope: str, column: str) -> pd.DataFrame:
@@ -197,10 +178,3 @@ def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     halves = pd.DataFrame({"mrr_star_entity": entity, "mrr_star_relation": relation})
     halves["mrr_star"] = halves.mean(axis=1, skipna=False)
     return halves[list(HALVES)].reset_index()
-
-
-def by_direction(rows: pd.DataFrame, cell: Sequence[str]) -> pd.DataFrame:
-    """The entity half in scope novel by the scope's own filter, with the direction as ``scope``; ``cell``: columns."""
-    learned = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned") & (rows["hidden"] != "relation")]
-    directed = learned[learned["novel"].isin(list(DIRECTIONS))].drop(columns="scope").rename(columns={"novel": "scope"})
-    return combined(directed, ["scope", *cell]).drop(columns=["mrr_star", "mrr_star_relation"])

@@ -56,13 +56,10 @@ def indicators(results: Results) -> Iterator[Content]:
 
 def relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFrame:
     """Runs with MRR* (points) minus that with the swept size nearest to the initializer's reference, as ``value``."""
-    parts, cell = [], ["scope", "size", "seed"]
-    for model, runs in immediate.groupby("model"):
-        swept = runs["k"].unique()
-        k = swept[np.abs(swept - reference.get(str(model), swept.min())).argmin()]
-        base = runs[cell].join(runs[runs["k"] == k].set_index(cell)["mrr_star"], on=cell)["mrr_star"]
-        parts.append(runs.assign(value=100 * (runs["mrr_star"] - base)))
-    return pd.concat(parts, ignore_index=True)
+    swept, cell = immediate.groupby("model")["k"].unique(), ["model", "scope", "size", "seed"]
+    nearest = {model: k[np.abs(k - reference.get(str(model), k.min())).argmin()] for model, k in swept.items()}
+    base = immediate[immediate["k"] == immediate["model"].map(nearest)].set_index(cell)["mrr_star"]
+    return immediate.assign(value=100 * (immediate["mrr_star"] - immediate[cell].join(base, on=cell)["mrr_star"]))
 
 
 def means_of(immediate: pd.DataFrame, epochs: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
@@ -88,9 +85,9 @@ def chosen_sizes(
 
 
 def picked_sizes(means: pd.DataFrame) -> dict[str, int]:
-    """What the paper's rule picks for each initializer, from queries about novel entities."""
-    mrr_star, epochs = means[Column("MRR*", "novel")] / 100, means[Column("epochs", "novel_heldout")]
-    return {model: select_size(mrr_star[model].index.tolist(), mrr_star[model].tolist(), epochs[model].tolist())
+    """The size that the paper's rule picks for each initializer, by queries about novel entities."""
+    measures = pd.DataFrame({0: means[Column("MRR*", "novel")] / 100, 1: means[Column("epochs", "novel_heldout")]})
+    return {model: select_size(measures.loc[model].index.tolist(), *measures.loc[model].T.to_numpy().tolist())
             for model in means.index.unique("model")}  # fmt: skip
 
 
@@ -108,9 +105,8 @@ def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequenc
     means = [sum(epochs[place - 1 : place + 2]) / NEIGHBOURS for place in range(1, len(sizes) - 1)]
     picked = 0
     for place in range(1, len(sizes) - 1):
-        too_low = mrr_star[place] < max(mrr_star[:place]) - LOSS
         no_gain = place > 1 and not means[place - 2] - means[place - 1] >= EPOCHS  # nor where there is no mean
-        if too_low or no_gain:
+        if no_gain or mrr_star[place] < max(mrr_star[:place]) - LOSS:
             break
         picked = place
     return sizes[picked]
@@ -157,11 +153,11 @@ def cross_validation(results: Results) -> Iterator[Content]:
         if _of_setting(rows, choice).empty:
             yield Content({"points": None})
             return
-        means = rows.groupby(list(choice), sort=False)["mrr_star"].mean().mul(100).reset_index()
-        top = means.iloc[int(means["mrr_star"].to_numpy().argmax())]
-        best = dict(top[list(choice)])
-        numbers = {"points": (_of_setting(means, choice)["mrr_star"].iloc[0], top["mrr_star"]), "choice": choice,
-                   "best": best, "within": _within(rows, choice, best)}  # fmt: skip
+        means = 100 * rows.groupby(list(choice), sort=False)["mrr_star"].mean()
+        top = int(means.to_numpy().argmax())
+        best = dict(zip(choice, means.index[top], strict=True))
+        numbers = {"points": (means[tuple(choice.values())], means.iloc[top]), "choice": choice, "best": best,
+                   "within": _within(rows, choice, best)}  # fmt: skip
         yield Content(numbers, {"cross_validation": cross_validation_table(rows, settings, paper)})
 
 
@@ -171,7 +167,6 @@ def cross_validation_table(rows: pd.DataFrame, settings: Sequence[Setting], pape
     for setting in settings:
         folds = _of_setting(rows, setting)
         means = 100 * folds[list(HALVES)].mean()
-        choosers = (("this run", setting == choice), ("paper", setting == paper))
         lines.append({
             **{name.replace("_", " "): f"{value:g}" for name, value in setting.items()},
             "MRR*": means["mrr_star"], "std": 100 * folds["mrr_star"].std(ddof=1),
@@ -180,7 +175,7 @@ def cross_validation_table(rows: pd.DataFrame, settings: Sequence[Setting], pape
             Column("from the choice", form="{:+.1f}".format): _lead(rows, choice, setting),
             "beyond the folds' deviation":
                 "" if setting == choice else "no" if _within(rows, choice, setting) else "yes",
-            "choice of": ", ".join(who for who, chose in choosers if chose),
+            "choice of": ", ".join(who for who, own in (("this run", choice), ("paper", paper)) if setting == own),
         })  # fmt: skip
     return lines
 
@@ -221,10 +216,8 @@ def embedding_models(results: Results) -> Iterator[Content]:
         settings = results.params.compare_models
         options = {name: model.model_dump() | results.params.models[name] for name, model in settings.models.items()}
         means = 100 * rows.groupby("family")["mrr_star"].mean().sort_values(ascending=False, kind="stable")
-        numbers = {
-            "title": experiment.title, "main": class_name(results.params.embedding.model),
-            "means": {class_name(str(name)): value for name, value in means.items()},
-        }  # fmt: skip
+        numbers = {"title": experiment.title, "main": class_name(results.params.embedding.model),
+                   "means": means.rename(class_name)}  # fmt: skip
         if len(rows):
             yield Content(numbers, {"embedding_models": embedding_table(rows, options)})
 

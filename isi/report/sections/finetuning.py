@@ -1,8 +1,8 @@
-"""What fine-tuning does: Figure 3b and Table 2 (section 6.2), also at other rates; interference and forgetting."""
+"""What fine-tuning does: epochs to convergence and forgetting (section 6.2), and the transfer (section 6.3)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, product
 from typing import Any
 
@@ -10,12 +10,14 @@ import pandas as pd
 from matplotlib.figure import Figure as Canvas
 
 from isi.evaluation.query_sets import CONVERGING
+from isi.graph.graph import MinedSource, new_entities
+from isi.report import stats
 from isi.report.data import Experiment, Results
 from isi.report.figures import by_epoch
 from isi.report.section import Content, of_each_graph
 from isi.report.significance import Pair, compare, difference, pairs_table
-from isi.report.stats import CELL, cells_of, epochs_summary, ordered_rows, over_seeds, wide
-from isi.report.tables import Column
+from isi.report.stats import CELL, by_group, by_label, cells_of, epochs_summary, halves, ordered_rows, over_seeds
+from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, FINETUNE_ONLY, HALVES, JOINT, SCOPE, SCOPES, contenders, isi, label
 
 #: Factor on the fine-tuning rate of the main runs.
@@ -28,26 +30,28 @@ EARLIER = ("known", "known_closed")
 
 @of_each_graph
 def convergence(results: Results, experiment: Experiment) -> Content:
-    """Epochs to convergence, Figure 3b, Table 2, and Table 2 at other rates."""
-    params, initializers, epochs = results.params, experiment.finetuned, experiment.convergence
-    size, margin, sweep = experiment.curve_size, params.convergence.margin, params.rate_sweep
+    """Epochs to convergence, Figure 3b, Table 2 for all sizes and for each, and Table 2 at other rates."""
+    params, initializers, epochs, curves = results.params, experiment.finetuned, experiment.convergence, {}
+    sweep, by = params.rate_sweep, ["scope", "size", "model"]
+    groups, of_sizes = epochs.groupby(by), epochs_summary(epochs, by).drop(columns="std")
+    of_sizes = of_sizes.assign(**{"triples queried": groups["queries"].mean(), "sets": groups.size()})
     numbers: dict[str, Any] = {"best": [], "rates": None}
     tables: dict[str, Any] = {
         "table2_convergence": table2(epochs, initializers, results.paper["convergence"]["epochs"]),
-        "convergence_by_size": _by_size(epochs, initializers),
+        "convergence_by_size": ordered_rows(of_sizes, initializers, "initializer"),
     }
-    figures = {}
-    if size is not None:
+    if experiment.curve_size is not None:
         numbers["best"] = best_epochs(experiment.curves, initializers)
-        figures["figure3b_curves"] = by_epoch(experiment.curves, initializers, CURVES, margin=margin)
+        margin = params.convergence.margin
+        curves["figure3b_curves"] = by_epoch(experiment.curves, initializers, CURVES, margin=margin)
     swept = [name for name in initializers if name in sweep.initializers]
     if "rate_sweep" in experiment.analyses and swept:
-        runs, rates = experiment.runs, experiment.analyses["rate_sweep"]
-        main = runs[(runs["size"] == sweep.size) & runs["model"].isin(swept)].assign(factor=AS_CHOSEN)
-        by_factor = experiment.converged(pd.concat([main, rates[rates["model"].isin(swept)]]), ["model", "factor"])
+        main = experiment.of_size(sweep.size).runs.assign(factor=AS_CHOSEN)
+        runs = pd.concat([main, experiment.analyses["rate_sweep"]])
+        by_factor = experiment.converged(runs[runs["model"].isin(swept)], ["model", "factor"])
         numbers["rates"] = {scope: orders(by_factor, swept, scope) for scope in CONVERGING}
         tables["convergence_by_rate"] = by_rate(by_factor, swept)
-    return Content(numbers, tables, figures)
+    return Content(numbers, tables, curves)
 
 
 def best_epochs(runs: pd.DataFrame, initializers: Sequence[str]) -> list[tuple[Any, ...]]:
@@ -68,18 +72,9 @@ def table2(
 ) -> dict[Any, list[Any]]:
     """Table 2: epochs to convergence over all sizes, beside the paper's."""
     summary = epochs_summary(epochs, ["scope", "model"])[["mean", "std", "median", "unconverged %"]]
-    ours = wide(summary, [(model,) for model in initializers], {scope: scope for scope in CONVERGING})
-    theirs = {Column(title, "paper"): [paper.get(model, {}).get(column) for model in initializers]
-              for column, title in (("mean", "mean"), ("deviation", "std"))}  # fmt: skip
-    return {"initializer": list(map(label, initializers)), **ours, **theirs}
-
-
-def _by_size(epochs: pd.DataFrame, initializers: Sequence[str]) -> pd.DataFrame:
-    """Table 2 for each size, with the number of queries that decide it."""
-    by, titles = ["scope", "size", "model"], {"model": "initializer", "scope": SCOPE}
-    groups, frame = epochs.groupby(by), epochs_summary(epochs, by).drop(columns="std")
-    frame = frame.assign(**{"triples queried": groups["queries"].mean(), "sets": groups.size()})
-    return ordered_rows(frame, initializers).rename(columns=titles)
+    theirs = {Column(title, "paper"): {model: numbers[part] for model, numbers in paper.items()}
+              for part, title in (("mean", "mean"), ("deviation", "std"))}  # fmt: skip
+    return by_label(initializers, by_group(summary, CONVERGING) | theirs, "initializer")
 
 
 def by_rate(epochs: pd.DataFrame, initializers: Sequence[str]) -> dict[Any, list[Any]]:
@@ -89,9 +84,9 @@ def by_rate(epochs: pd.DataFrame, initializers: Sequence[str]) -> dict[Any, list
     summary["median"] = groups["epochs"].median()
     summary["unconverged %"] = 100 * (1 - groups["converged"].mean())
     rows = [(scope, model) for scope in CONVERGING if scope in set(epochs["scope"]) for model in initializers]
-    titles = {factor: f"×{factor:g}" for factor in sorted(epochs["factor"].unique())}
+    columns = by_group(summary, sorted(epochs["factor"].unique()), "×{:g}")
     keys: dict[Any, list[Any]] = {SCOPE: [scope for scope, _ in rows], "initializer": [label(row[1]) for row in rows]}
-    return keys | wide(summary, rows, titles)
+    return keys | {column: [of_rows.get(row) for row in rows] for column, of_rows in columns.items()}
 
 
 def orders(epochs: pd.DataFrame, initializers: Sequence[str], scope: str) -> dict[float, str]:
@@ -177,3 +172,78 @@ def interference(runs: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, An
             row |= {Column(half, when): means[half] for half in HALVES.values()}
         rows.append(row)
     return rows
+
+
+def transfer(results: Results) -> Iterator[Content]:
+    """From simulation to the real: entities of another source in an embedding that never saw them (section 6.3)."""
+    for experiment in results.extended:
+        settings, name, runs, figures = experiment.settings, experiment.name, experiment.immediate, {}
+        extend, (size, *_), triples = settings.graph.extend, settings.sessions.sizes, experiment.triples
+        assert extend is not None  # noqa: S101  # as of all that are extended
+        base, dropped, paper = results.source_title(settings.graph.source), drops(runs), results.paper["transfer"]
+        numbers: dict[str, Any] = {
+            "experiment": experiment, "base": base, "size": size, "ended": [], "order": None,
+            "heldout": runs[(runs["scope"] == "novel_heldout") & (runs["model"] == JOINT)]["queries"],
+            "relations": sorted(triples.loc[triples["source"] == extend.source, "relation"].unique()),
+            "drops": stats.values(dropped),
+        }  # fmt: skip
+        epochs = epochs_summary(experiment.convergence, ["scope", "model"]).drop(columns="std")
+        steps = dict(results.mined[extend.source].itertuples(index=False, name=None))
+        tables: dict[str, Any] = {
+            f"{name}_mined": mined(steps, experiment.entities, triples, results.observed[extend.source], base,
+                                   extend.min_observations, settings.sessions.steps * size),
+            f"{name}_immediate": by_label(experiment.models, {
+                **halves(runs, "all"), Column("paper", "all"): paper["all_queries"],
+                **halves(runs, "novel"), Column("paper", "novel"): paper["novel_queries"],
+                "drop %": dropped, Column("paper", "drop %"): paper["drop"],
+                **by_group(epochs, CONVERGING, "epochs, {}"),
+                Column("paper", "epochs"): paper["epochs"],
+            }),
+        }  # fmt: skip
+        if experiment.curve_size is not None:
+            curves = with_finetune_only(experiment)
+            pairs = at_the_end(curves)
+            bases = (one for one in results.standalone if one.settings.graph.source == settings.graph.source)
+            own = next((one for one in bases if one.curve_size is not None), None)
+            numbers |= {"ended": ended(pairs), "order": own and _order(pairs, own)}
+            tables[f"{name}_at_the_end"] = pairs_table(chain(*pairs.values()))
+            figures[f"figure4_{name}"] = drawn(curves, experiment.models)
+        yield Content(numbers, tables, figures)
+
+
+def _order(pairs: Mapping[str, Sequence[Pair]], base: Experiment) -> dict[str, Any] | None:
+    """Whether ISI ends on the same side of Xavier as where entities of the base graph itself were inserted."""
+    here, there = (against(of_scope["known_closed"], BASELINE) for of_scope in (pairs, at_the_end(base.curves)))
+    both = [(here[name], there[name]) for name in here if name in there]
+    turned = [new.first for new, own in both if new.difference.mean * own.difference.mean < 0]
+    significant = any(new.significant or own.significant for new, own in both)
+    order = {"title": base.title, "pairs": [own for _, own in both], "reversed": turned, "significant": significant}
+    return order if both else None
+
+
+def mined(
+    steps: Mapping[str, int], entities: pd.DataFrame, triples: pd.DataFrame, seen: MinedSource, base: str,
+    minimum: int, inserted: int,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """What a source (``seen``) adds to the graph titled ``base``: instances after each step of mining, then counts."""
+    unknown = new_entities(seen, entities[entities["source"] != seen.source])
+    counts = dict(steps) | {
+        f"{'of these, of' if steps else 'instances of'} objects that {base} has not": int(unknown.sum()),
+        "kinds of such objects": len(unknown),
+        f"of these, with at least {minimum} observations": int((unknown >= minimum).sum()),
+        "drawn as candidates": int((entities["source"] == seen.source).sum()),
+        "unique triples of the candidates": int((triples["source"] == seen.source).sum()),
+        "inserted in a repeat": inserted,
+    }
+    return [{"": step, "count": count} for step, count in counts.items()]
+
+
+def drops(runs: pd.DataFrame) -> dict[str, Estimate]:
+    """By how much inserting puts each initializer's MRR* in ``known`` below that in ``known_closed``, in per cent."""
+    earlier = runs[runs["scope"].isin(EARLIER) & (runs["model"] != JOINT)]
+    pairs = {}
+    for model, rows in earlier.groupby("model"):
+        cells = rows.pivot_table("mrr_star", "seed", "scope").reindex(columns=list(EARLIER))
+        known, closed = (cells[[scope]].set_axis(["mrr_star"], axis=1) for scope in EARLIER)
+        pairs[str(model)] = (known, closed)
+    return stats.relative(pairs, sign=-1)

@@ -1,58 +1,61 @@
-"""Right after insertion: the answer above all sections, Figure 3a and gains over Xavier (section 6.1)."""
+"""Right after insertion: the answer, Figure 3a and gains (section 6.1), their parts, and their significance."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby, product
 from math import nan
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure as Canvas
 
-from isi.report import stats
+from isi.report import stats, words
 from isi.report.data import Experiment, Results
 from isi.report.figures import by_size, panels
 from isi.report.section import Content, of_each_graph
+from isi.report.significance import LEVEL, Difference, Pair, by_seed, compare, difference, pairs_table, signed
+from isi.report.stats import cells_of
 from isi.report.tables import Column, Estimate
-from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, SCOPES, colour, in_order, isi, label, of_role
+from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, SCOPES, colour, in_order, isi, joined, label, of_role
 
 #: The control that knows an entity's kind and nothing else.
 _KIND = "kind_mean"
 _ALL = ("all", "known", "known_closed", "novel", "novel_heldout")
+#: How many pairs that do not differ significantly a sentence names.
+_NAMED = 6
+#: Points of MRR* that are shown as 0.0.
+ZERO = 0.05
+#: What each of these has that the one before it (at first, Xavier) has not; an initializer of ISI has the last.
+_STEPS = (("centre", "mean"), ("kind", "kind_mean"))
+WHOLE = "all of it"
+#: An initializer of ISI and the control that differs from it in one thing.
+_TWINS = (("words", "es", "es_permuted"), ("words within a kind", "es", "es_permuted_kinds"))
 
 
 def verdict(results: Results) -> Iterator[Content]:
     """What the first graph says of the paper's question; nothing where none of ISI, or not Xavier, was run on it."""
     for experiment in results.standalone[:1]:
-        given, initializers = novel_entity_given(experiment), experiment.initializers
-        methods = [name for name in isi(initializers) if name in given]
+        initializers, runs = experiment.initializers, experiment.immediate
+        novel = runs[runs["scope"] == "novel"]  # all entity prediction, where no query breakdown was run
+        given = (stats.by_model(novel, "mrr_star_entity", experiment.models) if experiment.queries is None
+                 else experiment.given_means)  # fmt: skip
+        methods, gains = [name for name in isi(initializers) if name in given], stats.improvements(runs, "all")
         if BASELINE not in initializers or not methods or not {BASELINE, JOINT} <= set(given):
             continue
         best = max(methods, key=lambda model: given[model].mean)
         rivals = sorted(of_role(given, "baseline", "own"), key=lambda model: -given[model].mean)
         named = [BASELINE, "iu", _KIND, *methods, *rivals[:1], JOINT]
         numbers = {
-            "experiment": experiment, "best": best, "answer": better_than_baseline(experiment),
+            "experiment": experiment, "best": best,
+            "answer": [name for name in isi(initializers) if name in gains and gains[name].low > 0],
             "everything": dict.fromkeys((best, BASELINE, JOINT), nan) | experiment.mrr_star.get("all", {}),
             "given": stats.values(given), "rival": next(iter(rivals), None), "kind": _KIND if _KIND in given else None,
             "epochs": experiment.epochs().get("all", {}),
         }  # fmt: skip
         drawn = _means_and_intervals({model: given[model] for model in named if model in given}, experiment.models)
         yield Content(numbers, figures={"verdict": drawn})
-
-
-def novel_entity_given(experiment: Experiment) -> Mapping[str, Estimate]:
-    """Entity prediction with the novel entity given; of all entity prediction where no query breakdown was run."""
-    if experiment.queries is not None:
-        return experiment.given_means
-    novel = experiment.immediate[experiment.immediate["scope"] == "novel"]
-    return stats.by_model(novel, "mrr_star_entity", experiment.models)
-
-
-def better_than_baseline(experiment: Experiment) -> list[str]:
-    """The paper's initializers that gain over Xavier with an interval above zero, over all queries immediately."""
-    gains = stats.improvements(experiment.immediate, "all")
-    return [name for name in isi(experiment.initializers) if name in gains and gains[name].low > 0]
 
 
 def _means_and_intervals(estimates: Mapping[str, Estimate], models: list[str]) -> Canvas:
@@ -89,7 +92,7 @@ def immediate(results: Results, experiment: Experiment) -> Content:
 
     def by_scope(by: list[str], scopes: tuple[str, ...] = _ALL) -> pd.DataFrame:
         means = stats.over_seeds(runs[runs["scope"].isin(scopes)], by, HALVES)
-        return stats.ordered_rows(means, models, scope=scopes).rename(columns={"scope": SCOPE})
+        return stats.ordered_rows(means, models, scope=scopes)
 
     queries = runs[runs["model"] == initializers[0]].groupby("scope")["queries"].sum()
     numbers = {
@@ -100,12 +103,154 @@ def immediate(results: Results, experiment: Experiment) -> Content:
     columns = {Column(f"scope {scope}", title=SCOPES[scope]): of_models for scope, of_models in gains.items()}
     others = [name for name in initializers if name != BASELINE]
     tables: dict[str, Any] = {
-        "immediate": {"model": list(map(label, models)), **stats.halves(runs, models, "all", "novel")},
+        "immediate": stats.by_label(models, stats.halves(runs, "all", "novel")),
         "improvement": stats.by_label(others, {**columns, "paper": paper}, "initializer"),
-        "novel_by_kind": stats.ordered_rows(of_kinds, initializers, kind=kinds).rename(
-            columns={"model": "initializer"}),
+        "novel_by_kind": stats.ordered_rows(of_kinds, initializers, "initializer", kind=kinds),
         "immediate_by_size": by_scope(["scope", "size", "model"], ("all", "novel")),
         "scopes": by_scope(["scope", "model"]),
         "sessions": by_scope(["session", "scope", "model"]),
     }  # fmt: skip
     return Content(numbers, tables, {"figure3a_immediate": figure})
+
+
+@of_each_graph
+def differences(results: Results, experiment: Experiment) -> Content | None:
+    """Pairs that differ, ISI against the others, every pair; nothing where no graph has anything to compare."""
+    if all(len(graph.initializers) < 2 for graph in results.standalone):
+        return None
+    measured = measures(experiment.immediate, experiment.convergence, experiment.initializers)
+    pairs = compare(measured, experiment.initializers)
+    tables = {"differences_isi": differences_isi(pairs, experiment.initializers), "differences": pairs_table(pairs)}
+    return Content({"counts": counts(pairs)}, tables)
+
+
+def measures(
+    immediate: pd.DataFrame, convergence: pd.DataFrame, initializers: Sequence[str]
+) -> dict[str, pd.DataFrame]:
+    """The headline measures by session, size, seed and initializer: MRR* in points, epochs; null without queries."""
+    listed = (
+        ("immediate MRR*", 100, immediate, "all", "mrr_star"), ("immediate MRR*", 100, immediate, "novel", "mrr_star"),
+        ("immediate entity prediction", 100, immediate, "novel", "mrr_star_entity"),
+        ("epochs to convergence", 1, convergence, "all", "epochs"),
+        ("epochs to convergence", 1, convergence, "novel_heldout", "epochs"),
+    )  # fmt: skip
+    return {f"{title}, {SCOPES[scope]}": scale * cells_of(rows, initializers, scope, column)
+            for title, scale, rows, scope, column in listed}  # fmt: skip
+
+
+def differences_isi(pairs: Sequence[Pair], initializers: Sequence[str]) -> list[dict[str, Any]]:
+    """ISI's initializers against every other, a column a measure."""
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    for pair in sorted(pairs, key=lambda pair: initializers.index(pair.first)):
+        if isi([pair.first]) and not isi([pair.second]):
+            sign = "" if pair.significant else " n.s."
+            text = "none" if np.isnan(pair.difference.p) else f"{pair.difference:+.2f}{sign}"
+            row = rows.setdefault((pair.first, pair.second), {"ISI": label(pair.first), "against": label(pair.second)})
+            row[pair.measure] = text if pair.difference.seeds else None
+    return list(rows.values())
+
+
+def counts(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
+    """For each measure with queries, how many pairs differ significantly, and which do not where they are few."""
+    lines = []
+    for measure, group in groupby((pair for pair in pairs if pair.difference.seeds), key=lambda pair: pair.measure):
+        of_measure = list(group)
+        same = [pair for pair in of_measure if not pair.significant]
+        differing = max(pair.difference.differing for pair in of_measure)
+        smallest_p = 2.0 ** (1 - differing)  # where all differences have one sign, of 2ⁿ that are as likely
+        none_can = len(same) == len(of_measure) and len(of_measure) * smallest_p >= LEVEL
+        lines.append({
+            "measure": measure, "number": len(of_measure), "significant": len(of_measure) - len(same),
+            "too_few_seeds": differing if none_can else None,
+            "same": same if len(same) <= _NAMED and not none_can else [],
+        })  # fmt: skip
+    return lines
+
+
+class Gain(NamedTuple):
+    """What one model has that another has not, in one scope and half (a column) of immediate MRR*, in points."""
+
+    scope: str
+    half: str
+    part: str
+    first: str
+    second: str
+    points: Difference
+
+
+@of_each_graph
+def controls(results: Results, experiment: Experiment) -> Content | None:
+    """Parts and shares of the gain, with a description of each control; nothing where no control was run."""
+    names = list(dict.fromkeys(name for graph in results.standalone for name in words.controls(graph.initializers)))
+    if not names:
+        return None
+    immediate, initializers = experiment.immediate, experiment.initializers
+    gains, shares = parts(immediate, initializers), shares_of_the_gain(immediate, initializers)
+    rows = dict[tuple[str, ...], dict[Any, Any]]()
+    for gain in gains:
+        key = gain.scope, gain.part, label(gain.first), label(gain.second)
+        row = rows.setdefault(key, dict(zip((SCOPE, "part", "what has it", "minus"), key, strict=True)))
+        row[Column(HALVES[gain.half], form=signed)] = gain.points
+    centre = [gain.points for gain in gains if (gain.scope, gain.first, gain.second) == ("novel", "mean", BASELINE)]
+    sentences = [(scope, method, [composition(gains, scope, half, method) for half in HALVES])
+                 for scope in dict.fromkeys(gain.scope for gain in gains) for method in isi(initializers)]  # fmt: skip
+    numbers = {"names": names, "shares": shares, "centre": centre, "sentences": sentences}
+    return Content(numbers, {"parts_of_the_gain": rows.values(), "shares_of_the_gain": shares})
+
+
+def steps(method: str, models: Sequence[str]) -> list[tuple[str, str, str]]:
+    """From Xavier to one of ISI over the controls that were run: the part, who has it, and who has it not yet."""
+    path, names, before = [], [], BASELINE
+    for name, model in (*_STEPS, ("meaning", method)):
+        names.append(name)
+        if model in models:
+            path.append((joined(names), model, before))
+            names, before = [], model
+    return path
+
+
+def parts(immediate: pd.DataFrame, models: Sequence[str]) -> list[Gain]:
+    """Every step towards each initializer of ISI, its whole gain, and its twins, scope by scope and half by half."""
+    pairs = [step for method in isi(models) for step in steps(method, models)]
+    pairs += [(WHOLE, method, BASELINE) for method in isi(models)]
+    pairs = [pair for pair in dict.fromkeys([*pairs, *_TWINS]) if {*pair[1:]} <= set(models)]  # Xavier may lack
+    gains = []
+    for scope, half in product(("all", "novel"), HALVES):
+        cells = 100 * cells_of(immediate, models, scope, half)
+        differences = [difference(by_seed(cells[first], cells[second])) for _, first, second in pairs]
+        gains += [Gain(scope, half, *pair, points)
+                  for pair, points in zip(pairs, differences, strict=True) if points.seeds]  # fmt: skip
+    return gains
+
+
+def shares_of_the_gain(immediate: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, Any]]:
+    """Each control's share of each ISI initializer's gain where there is one, and the rest; none without Xavier."""
+    rows = []
+    for scope, half in product(("all", "novel") if BASELINE in models else (), HALVES):
+        cells = 100 * cells_of(immediate, models, scope, half)
+        for method, control in product(isi(models), words.controls(models)):
+            three = cells[[BASELINE, method, control]].dropna()
+            gain, other = (by_seed(three[name], three[BASELINE]) for name in (method, control))
+            if len(gain):
+                share = 100 * stats.ratios(other[None], gain[None])[0] if gain.mean() >= ZERO else [np.nan]
+                rows.append({
+                    SCOPE: scope, Column("of", words=words.WORDS): HALVES[half], "ISI": label(method),
+                    "gain over Xavier": difference(gain), "control": label(control),
+                    "control's gain": difference(other), "share %": Estimate(*map(float, share)),
+                    "rest": difference(by_seed(three[method], three[control])),
+                })  # fmt: skip
+    return rows
+
+
+def composition(gains: Sequence[Gain], scope: str, half: str, method: str) -> dict[str, Any] | None:
+    """One gain over Xavier and its parts, with their shares where each adds to it; None where nothing compares."""
+    of_pair = {(gain.part, gain.first, gain.second): gain for gain in gains if (gain.scope, gain.half) == (scope, half)}
+    whole = of_pair.get((WHOLE, method, BASELINE))
+    models = {name for pair in of_pair for name in pair[1:]}
+    made = [of_pair[step] for step in steps(method, sorted(models)) if step in of_pair]
+    if not whole or not made:
+        return None
+    points = whole.points.mean
+    shared = points >= ZERO and min(gain.points.mean for gain in made) >= 0
+    percent = [100 * gain.points.mean / points if shared else None for gain in made]
+    return {"gain": points, "parts": list(zip(made, percent, strict=True)), "last": made[-1].points}

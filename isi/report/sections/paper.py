@@ -14,8 +14,8 @@ from isi.report import stats
 from isi.report.data import Experiment, ModelRuns, Results, VariantRuns
 from isi.report.figures import by_epoch
 from isi.report.section import Content
-from isi.report.sections import choices, queries, run, transfer
-from isi.report.sections.finetuning import CURVES, table2
+from isi.report.sections import choices, queries, run
+from isi.report.sections.finetuning import CURVES, drops, table2
 from isi.report.tables import Column
 from isi.report.words import BASELINE, JOINT, SCOPES, isi, joined, label
 
@@ -47,20 +47,28 @@ def shown(value: float) -> str:
 
 def rows_of(results: Results, experiment: Experiment) -> list[Row]:
     """All numbers of the paper, beside one experiment: the same rows whatever was run."""
-    source = experiment.settings.graph.source
+    source, paper, methods = experiment.settings.graph.source, results.paper, list(results.paper["indicators"])
     moved = next((one for one in results.extended if one.settings.graph.source == source), None)
     gain, fewer = stats.values(stats.improvements(experiment.immediate, "all")), fewer_epochs(experiment)
-    immediate, methods = results.paper["immediate"], list(results.paper["indicators"])
+    theirs, saved = paper["immediate"]["improvement_over_xavier"], paper["convergence"]["fewer_epochs_than_xavier"]
     title, names = "immediate gain over Xavier, all queries, %", joined(map(label, methods))
+    means, dropped = (moved.mrr_star, stats.values(drops(moved.immediate))) if moved else ({}, {})
+    gained = ("section 6.1", title, theirs, gain)
+    later = (
+        ("section 6.2", "fewer epochs than Xavier, %", {name: saved.get(name, nan) for name in methods}, fewer),
+        *(("section 6.3", words, paper["transfer"][key], ours) for key, words, ours in (
+            ("all_queries", "immediate MRR*, all queries", means.get("all", {})),
+            ("novel_queries", "immediate MRR*, new entities' queries", means.get("novel", {})),
+            ("epochs", "epochs to convergence after the transfer", moved.epochs().get("all", {}) if moved else {}),
+            ("drop", f"immediate drop of MRR* over {results.standalone[0].title}'s entities, %", dropped))),
+    )  # fmt: skip
     rows = [
-        ("abstract", f"{title}: the figure is ES's", immediate["improvement_in_the_abstract"], gain.get("es", nan)),
-        ("section 6.1", f"{title}: mean of {names}", _mean_of(immediate["improvement_over_xavier"], methods),
-         _mean_of(gain, methods)),
-        ("abstract", f"fewer epochs than Xavier, %: mean of {names}",
-         results.paper["convergence"]["fewer_epochs_than_xavier"].get("mean", nan), _mean_of(fewer, methods)),
+        ("abstract", f"{title}: the figure is ES's", paper["immediate"]["improvement_in_the_abstract"],
+         gain.get("es", nan)),
+        ("section 6.1", f"{title}: mean of {names}", _mean_of(theirs, methods), _mean_of(gain, methods)),
+        ("abstract", f"fewer epochs than Xavier, %: mean of {names}", saved.get("mean", nan), _mean_of(fewer, methods)),
         *_graph(results, experiment), *_settings(results, experiment, moved), *_choices(results, experiment, moved),
-        *_by_model("section 6.1", title, immediate["improvement_over_xavier"], gain),
-        *_convergence(results.paper, experiment.convergence, fewer), *_transfer(results, moved),
+        *_by_model(gained), *_table2(paper["convergence"]["epochs"], experiment.convergence), *_by_model(*later),
         *_table3(results, experiment, moved),
     ]  # fmt: skip
     return [(*row, "") if len(row) == 4 else row for row in rows]
@@ -73,9 +81,11 @@ def fewer_epochs(experiment: Experiment) -> dict[str, float]:
     return {model: 100 * (1 - mean / base) for model, mean in epochs.items()} if base else {}
 
 
-def _by_model(where: str, title: str, theirs: Mapping[str, float], ours: Mapping[str, float]) -> Iterator[Any]:
-    for model, number in theirs.items():
-        yield where, f"{label(model)}: {title}", number, ours.get(model, nan)
+def _by_model(*parts: tuple[str, str, Mapping[str, float], Mapping[str, float]]) -> Iterator[Any]:
+    """A row for each model in the paper's numbers of each part: place, what they are, the paper's numbers, and ours."""
+    for where, title, theirs, ours in parts:
+        for model, number in theirs.items():
+            yield where, f"{label(model)}: {title}", number, ours.get(model, nan)
 
 
 def _mean_of(numbers: Mapping[str, float], models: Sequence[str]) -> float:
@@ -116,7 +126,10 @@ def _graph(results: Results, experiment: Experiment) -> Iterator[Any]:
 def _settings(results: Results, experiment: Experiment, moved: Experiment | None) -> Iterator[Any]:
     paper, params, sessions = results.paper["settings"], results.params, experiment.settings.sessions
     least, most, share = min(sessions.sizes), max(sessions.sizes), 100 / len(experiment.entities)
-    extend = moved.settings.graph.extend if moved else None
+    added: dict[str, Any] = {}
+    if moved and moved.settings.graph.extend:
+        inserted = moved.settings.sessions
+        added = moved.settings.graph.extend.model_dump() | {"size": max(inserted.sizes), "repeats": inserted.seeds}
     for where, title, theirs, ours in (
         ("5.3", "repeats of each set size", paper["repeats"], sessions.seeds),
         ("6.1", "novel entities inserted together, at most", paper["largest_size"], most),
@@ -127,12 +140,9 @@ def _settings(results: Results, experiment: Experiment, moved: Experiment | None
         ("5.3", "epochs of fine-tuning, at most", paper["max_epochs"], params.finetuning.max_epochs),
         ("5.3", "fine-tuning rate", paper["finetuning_rate"], params.finetuning.learning_rate),
         ("5.3", "ERS: candidates", paper["candidates"], params.initializers.get("ers", {}).get("candidates", nan)),
-        ("6.3", "transfer: candidates", paper["transfer"]["candidates"], extend.candidates if extend else nan),
-        ("6.3", "transfer: entities inserted together", paper["transfer"]["size"],
-         max(moved.settings.sessions.sizes) if moved else nan),
-        ("6.3", "transfer: observations, at least", paper["transfer"]["min_observations"],
-         extend.min_observations if extend else nan),
-        ("6.3", "transfer: repeats", paper["transfer"]["repeats"], moved.settings.sessions.seeds if moved else nan),
+        *(("6.3", f"transfer: {title}", paper["transfer"][name], added.get(name, nan)) for name, title in (
+            ("candidates", "candidates"), ("size", "entities inserted together"),
+            ("min_observations", "observations, at least"), ("repeats", "repeats"))),
     ):  # fmt: skip
         yield f"section {where}", title, theirs, ours
 
@@ -164,32 +174,20 @@ def _choices(results: Results, experiment: Experiment, moved: Experiment | None)
         means = choices.means_of(runs[runs["epoch"] == 0], swept.converged(runs, ["model", "k"]), models)
         picked, mrr_star = choices.picked_sizes(means), means[Column("MRR*", "all")].dropna()
         tops = {model: int(mrr_star[model].idxmax()) for model in mrr_star.index.unique("model")}
-    yield from _by_model("section 5.3", "indicator set size that the rule picks", paper["indicators"], picked)
     title = f"indicator set size of the best immediate MRR*, {SCOPES['all']} (paper: falls beyond)"
     beyond = dict.fromkeys(paper["indicators"], paper["indicators_degrade_after"])
-    yield from _by_model("section 5.3", title, beyond, tops)
+    yield from _by_model(
+        ("section 5.3", "indicator set size that the rule picks", paper["indicators"], picked),
+        ("section 5.3", title, beyond, tops),
+    )
 
 
-def _convergence(paper: Mapping[str, Any], convergence: pd.DataFrame, fewer: Mapping[str, float]) -> Iterator[Any]:
-    theirs, title = paper["convergence"], "epochs to convergence"
+def _table2(paper: Mapping[str, Any], convergence: pd.DataFrame) -> Iterator[Any]:
     for scope, which in (("all", ""), ("novel_heldout", ", on held-out triples of the novel entities instead")):
         epochs = convergence[convergence["scope"] == scope].groupby("model")["epochs"]
         parts = (("mean", epochs.mean(), "mean"), ("deviation", epochs.std(ddof=1), "standard deviation"))
-        for (name, numbers), (part, ours, words) in product(theirs["epochs"].items(), parts):
-            yield "Table 2", f"{label(name)}: {title}, {words}{which}", numbers[part], ours.get(name, nan)
-    numbers = {name: theirs["fewer_epochs_than_xavier"].get(name, nan) for name in paper["indicators"]}
-    yield from _by_model("section 6.2", "fewer epochs than Xavier, %", numbers, fewer)
-
-
-def _transfer(results: Results, moved: Experiment | None) -> Iterator[Any]:
-    means, drops = (moved.mrr_star, stats.values(transfer.drops(moved.immediate))) if moved else ({}, {})
-    for key, title, ours in (
-        ("all_queries", "immediate MRR*, all queries", means.get("all", {})),
-        ("novel_queries", "immediate MRR*, new entities' queries", means.get("novel", {})),
-        ("epochs", "epochs to convergence after the transfer", moved.epochs().get("all", {}) if moved else {}),
-        ("drop", f"immediate drop of MRR* over {results.standalone[0].title}'s entities, %", drops),
-    ):
-        yield from _by_model("section 6.3", title, results.paper["transfer"][key], ours)
+        for (name, numbers), (part, ours, words) in product(paper.items(), parts):
+            yield "Table 2", f"{label(name)}: epochs to convergence, {words}{which}", numbers[part], ours.get(name, nan)
 
 
 def _table3(results: Results, experiment: Experiment, moved: Experiment | None) -> Iterator[Any]:
@@ -214,23 +212,26 @@ def causes(results: Results) -> Iterator[Content]:
     methods = isi(first.finetuned) if first else []
     if not variants or not first or first.curve_size is None or BASELINE not in first.finetuned or not methods:
         return
-    rows = [cause_row(*line, methods) for line in (*_of_main(first), *of_variants(results, variants))]
-    theirs, slow = paper_row(results.paper, methods), Column(label(BASELINE), "epochs")
-    most_gain, slowest = (pd.DataFrame(rows)[name].fillna(-1).to_numpy().argmax() for name in ("gain %", slow))
+    rows = [_cause_row(*line, methods) for line in _lines(results, first, variants)]
+    paper, margin = results.paper["convergence"]["epochs"], results.params.convergence.margin
+    xavier, epochs = Column(label(BASELINE), "epochs"), {name: numbers["mean"] for name, numbers in paper.items()}
+    gain = _mean_of(results.paper["immediate"]["improvement_over_xavier"], methods)
+    theirs = {"row": "the paper", "gain %": gain, xavier: epochs.get(BASELINE, nan),
+              Column("ISI", "epochs"): _mean_of(epochs, methods)}  # fmt: skip
+    most_gain, slowest = (pd.DataFrame(rows)[name].fillna(-1).to_numpy().argmax() for name in ("gain %", xavier))
     curves = [runs for runs in variants if runs.variant.full_curves]
     numbers = {
         "methods": methods, "curves": curves,
         "gain": [row["gain %"] for row in (theirs, rows[0], rows[most_gain])], "of_gain": rows[most_gain]["row"],
-        "epochs": [row[slow] for row in (theirs, rows[0], rows[slowest])], "of_epochs": rows[slowest]["row"],
+        "epochs": [row[xavier] for row in (theirs, rows[0], rows[slowest])], "of_epochs": rows[slowest]["row"],
     }  # fmt: skip
-    margin, paper = results.params.convergence.margin, results.paper["convergence"]["epochs"]
     tables = {f"convergence_{runs.id}": table2(runs.convergence, runs.initializers, paper) for runs in curves}
     figures = {f"curves_{runs.id}": by_epoch(runs.runs, runs.initializers, CURVES, margin=margin) for runs in curves}
     yield Content(numbers, {"causes": [*rows, theirs], **tables}, figures)
 
 
-def _of_main(first: Experiment) -> Iterator[Line]:
-    """The main runs as they are, at their largest size, by their entity half, and with another filter."""
+def _lines(results: Results, first: Experiment, variants: Sequence[VariantRuns]) -> Iterator[Line]:
+    """The first graph's runs: at two sizes, by their entity half, with another filter; variants; then other graphs."""
     size, largest = first.curve_size, max(first.settings.sessions.sizes)
     main = first.of_size(size)
     yield _line(f"this run, {size} novel entities", main)
@@ -242,10 +243,6 @@ def _of_main(first: Experiment) -> Iterator[Line]:
         true = main.queries[(main.queries["scope"] == "all") & (main.queries["filter"] == "true")]
         means = stats.means(stats.combined(true, ["model", "size", "seed"]), "mrr_star")
         yield "all true triples left out of the candidates", means, {}
-
-
-def of_variants(results: Results, variants: Sequence[VariantRuns]) -> Iterator[Line]:
-    """The variants that were run for this, then the other graphs."""
     for runs in variants:
         title, now, later = _line(f"{runs.variant.title} ({runs.title})", runs)
         yield title, now, later if runs.variant.finetuned else {}
@@ -255,23 +252,13 @@ def of_variants(results: Results, variants: Sequence[VariantRuns]) -> Iterator[L
 
 
 def _line(title: str, runs: ModelRuns, column: str = "mrr_star") -> Line:
-    """Means over all queries: right after insertion, and epochs to convergence."""
     now, later = (rows[rows["scope"] == "all"] for rows in (runs.immediate, runs.convergence))
     return title, stats.means(now, column), stats.means(later, "epochs", scale=1)
 
 
-def cause_row(name: str, now: Mapping[str, float], later: Mapping[str, float], methods: list[str]) -> dict[Any, Any]:
-    """A line as a row of the table."""
+def _cause_row(name: str, now: Mapping[str, float], later: Mapping[str, float], methods: list[str]) -> dict[Any, Any]:
     mean, epochs = (float(np.mean([values.get(method, nan) for method in methods])) for values in (now, later))
     base = now.get(BASELINE, nan)
     return {"row": name, "joint": now.get(JOINT, nan), label(BASELINE): base, "ISI": mean,
             "gain %": 100 * (mean / base - 1), Column(label(BASELINE), "epochs"): later.get(BASELINE, nan),
             Column("ISI", "epochs"): epochs}  # fmt: skip
-
-
-def paper_row(paper: Mapping[str, Any], methods: list[str]) -> dict[Any, Any]:
-    """The paper's own numbers as a row."""
-    later = {name: numbers["mean"] for name, numbers in paper["convergence"]["epochs"].items()}
-    gain = _mean_of(paper["immediate"]["improvement_over_xavier"], methods)
-    return {"row": "the paper", "gain %": gain, Column(label(BASELINE), "epochs"): later.get(BASELINE, nan),
-            Column("ISI", "epochs"): _mean_of(later, methods)}  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from isi.report.data import Experiment, ModelRuns, Results
+from isi.report.data import Experiment, Results
 from isi.report.figures import by_size
 from isi.report.section import Content, of_each
 from isi.report.stats import DIRECTIONS, by_label, by_model, combined, means, values
@@ -30,7 +30,7 @@ def query_breakdown(results: Results) -> Iterator[Content]:
 
 
 def _breakdown(experiment: Experiment) -> Content:
-    models, given, rows = experiment.models, directions(experiment), pd.DataFrame(experiment.queries)
+    models, given, rows = experiment.models, experiment.directions, pd.DataFrame(experiment.queries)
     pairs, by_filter = by_relation(rows), filters(rows)
     joint = pairs[pairs["scope"] == "all"]
     joint = joint.dropna(subset=JOINT).sort_values(JOINT) if JOINT in pairs else joint.head(0)
@@ -56,12 +56,6 @@ def _breakdown(experiment: Experiment) -> Content:
                     for scope in ("all", "novel") for model in models],
     }  # fmt: skip
     return Content(numbers, tables, {"directions": canvas})
-
-
-def directions(runs: ModelRuns) -> dict[str, dict[str, Estimate]]:
-    """Entity prediction about novel entities by direction and model: means over sizes and seeds in points."""
-    queries = runs.directed
-    return {name: by_model(queries[queries["scope"] == name], "mrr_star_entity", runs.models) for name in DIRECTIONS}
 
 
 def leader(estimates: Mapping[str, Estimate]) -> tuple[str, float, dict[str, float]] | None:

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from isi.report.data import Experiment, GraphRuns, ModelRuns, Results, VariantRuns
+from isi.report.data import Experiment, ModelRuns, Results, VariantRuns
 from isi.report.figures import by_row
 from isi.report.section import Content
-from isi.report.sections.gain import ZERO
-from isi.report.significance import Difference, by_seed, difference, signed
+from isi.report.sections.immediate import ZERO
+from isi.report.significance import by_seed, difference, signed
 from isi.report.stats import by_label, values
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, JOINT, isi, label
@@ -26,6 +26,11 @@ REFERENCE = "ers"
 #: The comparisons between initializers on each graph, with the novel entity given.
 _PAIRS = (("ers", BASELINE), ("ers", "kind_mean"), ("es", "es_permuted_kinds"), ("soft_hybrid", "ers"),
           ("map_soft_hybrid", "soft_hybrid"))  # fmt: skip
+#: What tables by graph hold, by the end of their names.
+_MEASURES: dict[str, Callable[[Any], Mapping[str, Estimate]]] = {
+    "immediate": lambda runs: runs.immediate_means("novel"), "novel_given": lambda runs: runs.given_means,
+    "epochs": ModelRuns.epochs_means,
+}  # fmt: skip
 
 
 def stronger(results: Results) -> Iterator[Content]:
@@ -51,11 +56,20 @@ def stronger(results: Results) -> Iterator[Content]:
 
 def _given_by_seed(runs: ModelRuns) -> pd.DataFrame:
     """Entity prediction with the novel entity given, in points: a row a seed and size, a column a model."""
-    return 100 * runs.given_queries.pivot_table("mrr_star_entity", ["seed", "size"], "model")
+    given = runs.directed[runs.directed["scope"] == "given"]
+    return pd.DataFrame(100 * given.pivot_table("mrr_star_entity", ["seed", "size"], "model"))
 
 
-def _of_models(means: Mapping[str, Estimate]) -> dict[Any, Any]:
-    return {label(model): estimate for model, estimate in means.items()}
+def _by_graph(
+    ran: Sequence[ModelRuns], means: Callable[[Any], Mapping[str, Estimate]], column: str = ""
+) -> list[dict[str, Any]]:
+    """A row for each experiment or graph and, where there is a column for it, each variant: the estimates by model."""
+    names = list(dict.fromkeys(runs.name for runs in ran))
+    return [
+        {"graph": runs.title} | ({column: runs.variant.title} if column and isinstance(runs, VariantRuns) else {})
+        | {label(model): estimate for model, estimate in means(runs).items()}
+        for runs in sorted(ran, key=lambda runs: names.index(runs.name))
+    ]  # fmt: skip
 
 
 def n_insert_triples(results: Results) -> Iterator[Content]:
@@ -71,24 +85,16 @@ def n_insert_triples(results: Results) -> Iterator[Content]:
                  if means[name].iloc[0] - means[name].min(skipna=False) >= ZERO]  # fmt: skip
         about = {"variant": first, "fewest": means.iloc[0], "most": means.iloc[-1], "numbers": list(given),
                  "worse": worse}  # fmt: skip
-        table = [{"insert triples": number, **_of_models(estimates)} for number, estimates in given.items()]
+        table = [{"insert triples": number, **{label(model): estimate for model, estimate in estimates.items()}}
+                 for number, estimates in given.items()]  # fmt: skip
         figure = by_row({"": given}, first.models, "insert triples of each novel entity, at most")
         yield Content(about, {"n_insert_triples": table}, {"n_insert_triples": figure})
-
-
-def _by_graph(
-    variants: Sequence[VariantRuns], column: str, means: Callable[[VariantRuns], Mapping[str, Estimate]]
-) -> list[dict[Any, Any]]:
-    """A row for each experiment and variant that ran on it: the estimates by model."""
-    names = list(dict.fromkeys(runs.name for runs in variants))
-    return [{"graph": runs.title, column: runs.variant.title, **_of_models(means(runs))}
-            for runs in sorted(variants, key=lambda runs: names.index(runs.name))]  # fmt: skip
 
 
 def other_words(results: Results) -> Iterator[Content]:
     """A row for each kind of word vectors and each graph."""
     if variants := results.variants_of("words"):
-        yield Content(tables={"other_words": _by_graph(variants, "words", lambda runs: runs.given_means)})
+        yield Content(tables={"other_words": _by_graph(variants, _MEASURES["novel_given"], "words")})
 
 
 def embeddings(results: Results) -> Iterator[Content]:
@@ -100,14 +106,12 @@ def embeddings(results: Results) -> Iterator[Content]:
     rows: dict[str, dict[str, Mapping[str, Estimate]]] = {}
     for runs in variants:
         rows.setdefault(runs.title, {})[runs.variant.title] = runs.given_means
-    means = {"immediate": lambda runs: runs.immediate_means("novel"), "novel_given": lambda runs: runs.given_means,
-             "epochs": VariantRuns.epochs_means}  # fmt: skip
     numbers = {
         "methods": isi(names), "pairs": len(variants),
         "ahead": sum(_best_of(runs.given_means, [BASELINE, *isi(names)]) in isi(names) for runs in variants),
         "best": Counter(_best_of(runs.given_means, names) for runs in variants).most_common(),
     }  # fmt: skip
-    tables = {f"embeddings_{name}": _by_graph(variants, "embedding", of) for name, of in means.items()}
+    tables = {f"embeddings_{name}": _by_graph(variants, of, "embedding") for name, of in _MEASURES.items()}
     yield Content(numbers, tables, {"embeddings": by_row(rows, variants[0].models)})
 
 
@@ -120,36 +124,27 @@ def other_graphs(results: Results) -> Iterator[Content]:
     """All graphs side by side, what they share, and the same runs on each."""
     if not results.other_graphs:
         return
-    others, like = results.other_graphs, results.other_graphs[0].variant
-    graphs: list[Experiment | GraphRuns] = [*results.standalone, *others]
-    main = []
+    others, like, ran = results.other_graphs, results.other_graphs[0].variant, list[ModelRuns]()
     for graph in (graph for graph in results.standalone if graph.queries is not None):
         initializers = [name for name in like.initializers if name in graph.initializers]
-        main.append(replace(graph.of_size(like.size), initializers=initializers))
-    runs_of = {runs.title: runs for runs in (*main, *others) if len(runs.runs)}
-    gains: dict[str, dict[tuple[str, str], Difference]] = {}
-    for title, runs in runs_of.items():
-        cells = _given_by_seed(runs)
-        gains[title] = {(first, second): difference(by_seed(cells[first], cells[second]))
-                        for first, second in _PAIRS if first in cells and second in cells}  # fmt: skip
-    rows: dict[str, dict[str, dict[Any, Any]]] = {
-        "immediate": {title: _of_models(runs.immediate_means("novel")) for title, runs in runs_of.items()},
-        "novel_given": {title: _of_models(runs.given_means) for title, runs in runs_of.items()},
-        "gains": {title: {Column(f"{label(first)} minus {label(second)}", form=signed): points
-                          for (first, second), points in pairs.items()} for title, pairs in gains.items()},
-        "epochs": {title: _of_models(runs.epochs_means()) for title, runs in runs_of.items()},
-    }  # fmt: skip
+        ran.append(replace(graph.of_size(like.size), initializers=initializers))
+    ran = [runs for runs in (*ran, *others) if len(runs.runs)]
+    cells = {runs.title: _given_by_seed(runs) for runs in ran}
+    gains = {title: {pair: difference(by_seed(*(of_models[model] for model in pair))) for pair in _PAIRS
+                     if {*pair} <= set(of_models)} for title, of_models in cells.items()}  # fmt: skip
     compared = {pair: [pairs[pair] for pairs in gains.values() if pair in pairs] for pair in _PAIRS}
     pairs = [(pair, sum(points.low > 0 for points in of_graphs), sum(points.high < 0 for points in of_graphs),
               len(of_graphs)) for pair, of_graphs in compared.items() if of_graphs]  # fmt: skip
-    tables: dict[str, Any] = {"graphs": sizes(graphs), "graphs_shared": shared(graphs)} | {
-        f"graphs_{name}": [{"graph": title, **row} for title, row in lines.items()] for name, lines in rows.items()
-    }
-    given = {title: runs.given_means for title, runs in runs_of.items()}
-    yield Content({"size": like.size, "pairs": pairs}, tables, {"graphs": by_row({"": given}, others[0].models)})
+    graphs: list[Experiment | VariantRuns] = [*results.standalone, *others]
+    tables: dict[str, Any] = {"graphs": sizes(graphs), "graphs_shared": shared(graphs), "graphs_gains": [
+        {"graph": title} | {Column(f"{label(first)} minus {label(second)}", form=signed): points
+                            for (first, second), points in of_pairs.items()} for title, of_pairs in gains.items()
+    ]} | {f"graphs_{name}": _by_graph(ran, means) for name, means in _MEASURES.items()}  # fmt: skip
+    figure = by_row({"": {runs.title: runs.given_means for runs in ran}}, others[0].models)
+    yield Content({"size": like.size, "pairs": pairs}, tables, {"graphs": figure})
 
 
-def sizes(graphs: Iterable[Experiment | GraphRuns]) -> list[dict[str, Any]]:
+def sizes(graphs: Iterable[Experiment | VariantRuns]) -> list[dict[str, Any]]:
     """A row for each graph."""
     return [
         {"graph": graph.title, "observations": int(triples["count"].sum()), "unique triples": len(triples),
@@ -166,7 +161,7 @@ def relations_by_kind(entities: pd.DataFrame, triples: pd.DataFrame) -> pd.DataF
     return triples.groupby([kinds.rename("kind"), "relation"]).size().unstack(fill_value=0)
 
 
-def shared(graphs: Iterable[Experiment | GraphRuns]) -> list[dict[str, Any]]:
+def shared(graphs: Iterable[Experiment | VariantRuns]) -> list[dict[str, Any]]:
     """How many entities each two graphs share, by phrase."""
     phrases = {graph.title: set(graph.entities["phrase"]) for graph in graphs}
     return [{"graph": title, **{other: len(here & there) for other, there in phrases.items()}}
