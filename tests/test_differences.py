@@ -14,7 +14,7 @@ from scipy import stats
 
 from isi.evaluation.query_sets import epochs_to_convergence
 from isi.report import significance
-from isi.report.sections import gain
+from isi.report.sections import immediate as section
 from isi.report.tables import ReportTable
 from isi.report.words import HALVES
 from tests.reports import frame_of, runs
@@ -35,7 +35,7 @@ def measures_of(models: dict[str, Cells]) -> dict[str, pd.DataFrame]:
     """Measures of initializers of which nothing is known but how they start."""
     nothing = pd.DataFrame(columns=["scope", "model", "session", "size", "seed", "epochs"])
     rows = immediate(models).assign(mrr_star_entity=np.nan)
-    return gain.measures(rows, nothing, list(models))
+    return section.measures(rows, nothing, list(models))
 
 
 def pairs_of(models: dict[str, Cells]) -> list[significance.Pair]:
@@ -43,7 +43,7 @@ def pairs_of(models: dict[str, Cells]) -> list[significance.Pair]:
 
 
 def short_table(models: dict[str, Cells]) -> pd.DataFrame:
-    return frame_of(gain.differences_isi(pairs_of(models), list(models)))
+    return frame_of(section.differences_isi(pairs_of(models), list(models)))
 
 
 def by_measure(pairs: list[significance.Pair], measure: str) -> list[significance.Pair]:
@@ -186,7 +186,7 @@ def test_epochs_are_compared_in_the_scopes_of_convergence() -> None:
     )
     convergence = epochs_to_convergence(rows, joint, 0.08, 150, ["model"]).assign(session=1)
     start = rows[rows["epoch"] == 0].assign(mrr_star_entity=0.5)
-    found = gain.measures(start, convergence, ["xavier", "es"])
+    found = section.measures(start, convergence, ["xavier", "es"])
     pairs = significance.compare(found, ["xavier", "es"])
     (pair,) = by_measure(pairs, "epochs to convergence, all queries")
     assert (pair.first, pair.second) == ("es", "xavier")
@@ -226,14 +226,14 @@ def test_the_short_table_sets_isi_against_all_others() -> None:
 def test_pairs_that_do_not_differ_significantly_are_counted_and_named() -> None:
     seeds = 8
     models = {"xavier": constant(0.4, seeds), "es": constant(0.6, seeds), "rs": constant(0.6, seeds)}
-    (novel,) = gain.counts(pairs_of(models))
+    (novel,) = section.counts(pairs_of(models))
     assert (novel["measure"], novel["significant"], novel["number"], novel["too_few_seeds"]) == (NOVEL, 2, 3, None)
     assert [(pair.first, pair.second) for pair in novel["same"]] == [("es", "rs")]
     few = {name: constant(cells[1, 0], 6) for name, cells in models.items()}  # 3 pairs · 2 / 2⁶ is above 0.05
-    (novel,) = gain.counts(pairs_of(few))
+    (novel,) = section.counts(pairs_of(few))
     assert (novel["significant"], novel["too_few_seeds"], novel["same"]) == (0, 6, [])
     del models["rs"]
-    (novel,) = gain.counts(pairs_of(models))
+    (novel,) = section.counts(pairs_of(models))
     assert (novel["significant"], novel["number"], novel["same"]) == (1, 1, [])
 
 
@@ -258,7 +258,7 @@ def halves(models: dict[str, tuple[float, float]], seeds: int = 3) -> pd.DataFra
 def shares_of(models: dict[str, Cells]) -> list[dict[Any, Any]]:
     """Of all of MRR*."""
     rows = immediate(models).assign(mrr_star_entity=0.5, mrr_star_relation=0.5)
-    rows_of = ReportTable.of("shares", gain.shares_of_the_gain(rows, list(models)))
+    rows_of = ReportTable.of("shares", section.shares_of_the_gain(rows, list(models)))
     return [dict(zip([column.header for column in rows_of.columns], row, strict=True)) for row in rows_of.rows
             if "MRR*" in row]  # fmt: skip
 
@@ -290,12 +290,12 @@ def test_the_interval_of_a_share_resamples_both_gains_together() -> None:
     ],
 )  # fmt: skip
 def test_steps_go_over_the_controls_that_were_run(models: list[str], expected: list[tuple[str, str, str]]) -> None:
-    assert gain.steps("es", models) == expected
+    assert section.steps("es", models) == expected
 
 
 def test_parts_are_computed_half_by_half() -> None:
     rows = halves({"xavier": (0.3, 0.5), "es": (0.5, 0.9), "mean": (0.2, 0.8), "es_permuted": (0.4, 0.6)})
-    found = gain.parts(rows, ["xavier", "es", "mean", "es_permuted"])
+    found = section.parts(rows, ["xavier", "es", "mean", "es_permuted"])
     points = {(one.half, one.part): round(one.points.mean, 6) for one in found}
     assert points == {
         ("mrr_star", "centre"): 10, ("mrr_star", "kind and meaning"): 20, ("mrr_star", "all of it"): 30,
@@ -305,7 +305,7 @@ def test_parts_are_computed_half_by_half() -> None:
         ("mrr_star_relation", "centre"): 30, ("mrr_star_relation", "kind and meaning"): 10,
         ("mrr_star_relation", "all of it"): 40, ("mrr_star_relation", "words"): 30,
     }  # fmt: skip
-    whole, entities, relations = (gain.composition(found, "novel", half, "es") for half in HALVES)
+    whole, entities, relations = (section.composition(found, "novel", half, "es") for half in HALVES)
     assert whole
     assert entities
     assert relations

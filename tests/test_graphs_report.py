@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import pandas as pd
 import pytest
 
-from isi.report.data import GraphRuns, Results
+from isi.report.data import Results, VariantRuns
 from isi.report.sections import variants
 from tests.reports import of_experiment, shown, small_results
 from tests.variants import ENTITIES, TRIPLES, Given, queries_of, runs_of, variant
@@ -15,13 +15,12 @@ from tests.variants import ENTITIES, TRIPLES, Given, queries_of, runs_of, varian
 GIVEN = {"xavier": [0.1, 0.3], "es": [0.5, 0.6], "kind_mean": [0.5, 0.7], "ers": [0.6, 0.6], "joint": [0.9, 0.9]}
 
 
-def graph(title: str, given: Given = GIVEN) -> GraphRuns:
+def graph(title: str, given: Given = GIVEN) -> VariantRuns:
     (runs,) = variant("graphs", {title: given}, {}, later={("es", 0): [0.1, 0.9], ("joint", 0): [0.9]})
-    ran = {one.name: getattr(runs, one.name) for one in fields(runs)}
-    return GraphRuns(**ran | {"title": title}, entities=ENTITIES, triples=TRIPLES)
+    return replace(runs, title=title, entities=ENTITIES, triples=TRIPLES)
 
 
-def results_with(*graphs: GraphRuns) -> Results:
+def results_with(*graphs: VariantRuns) -> Results:
     return replace(small_results(["home"], studies=False), other_graphs=graphs)
 
 

@@ -35,7 +35,7 @@ MODELS = ["xavier", "es", "joint"]
 
 def test_each_direction_has_its_leader_and_the_rows_of_its_table() -> None:
     home = replace(small_results(["home"]).experiments["home"], initializers=MODELS[:-1], queries=ROWS)
-    found = queries.directions(home)
+    found = home.directions
     means = {name: {model: estimate.mean for model, estimate in of_model.items()} for name, of_model in found.items()}
     assert means["given"] == pytest.approx({"xavier": 10, "es": 60, "joint": 90})
     assert means["answer"] == pytest.approx({"xavier": 40, "es": 20, "joint": 80})
