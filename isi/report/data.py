@@ -258,6 +258,12 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
     experiments = {name: _experiment(params, name) for name in params.experiments}
     graphs = [entry.graph for entry in params.experiments.values()]
     sources = dict.fromkeys(part.source for graph in graphs for part in (graph, graph.extend) if part)
+    beyond = (GRAPH_RUNS, GRAPH_QUERIES, GRAPH_ENTITIES, GRAPH_TRIPLES)
+    other_graphs = [
+        VariantRuns.of(name, graph.variant(name), name, graph.title, params,
+                       *(table.read_text(graph=name) for table in beyond))
+        for name, graph in load_beyond(params).graphs.items() if GRAPH_QUERIES.path(graph=name).exists()
+    ]  # fmt: skip
     return Results(
         params=params, run=run, paper=paper_values.read(paths.PAPER), experiments=experiments,
         vocabulary=paper_values.read(paths.PAPER.with_name("vocabulary.yaml"), paper_values.VOCABULARY),
@@ -266,7 +272,7 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
                   for name in sources},
         mined={name: MINED.read_text(source=name) for name in sources},
         variants=read_variants({name: one.title for name, one in experiments.items()}, params),
-        other_graphs=_other_graphs(params),
+        other_graphs=other_graphs,
     )  # fmt: skip
 
 
@@ -280,15 +286,6 @@ def read_variants(titles: Mapping[str, str], params: Params) -> list[VariantRuns
             variants += [VariantRuns.of(name, variant, experiment, titles[experiment], params, *tables)
                          for experiment in variant.experiments if experiment in ran]  # fmt: skip
     return variants
-
-
-def _other_graphs(params: Params) -> list[VariantRuns]:
-    tables = (GRAPH_RUNS, GRAPH_QUERIES, GRAPH_ENTITIES, GRAPH_TRIPLES)
-    return [
-        VariantRuns.of(name, graph.variant(name), name, graph.title, params,
-                       *(table.read_text(graph=name) for table in tables))
-        for name, graph in load_beyond(params).graphs.items() if GRAPH_QUERIES.path(graph=name).exists()
-    ]  # fmt: skip
 
 
 def _experiment(params: Params, name: str) -> Experiment:

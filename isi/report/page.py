@@ -18,7 +18,7 @@ from markupsafe import Markup, escape
 from isi.report import figures, glossary, stats
 from isi.report.data import Experiment, Results
 from isi.report.figures import STYLE, Figure, in_words, rendered
-from isi.report.section import Block, FilledSection, ReportSection, text_of
+from isi.report.section import FilledSection, ReportSection, text_of
 from isi.report.sections import finetuning, queries
 from isi.report.tables import Column, ReportTable, csv, number
 from isi.report.words import BASELINE, JOINT, WORDS
@@ -84,24 +84,13 @@ def html(
     terms = [*glossary.of_the_page(), *glossary.of_models(results)]
     marker = glossary.Marker([term for term in terms if term.id in ids])
     return environment.get_template("page.html").render(
-        verdict=verdict, colours=figures.colours(drawings.values()), figures=drawings, in_words=in_words, headed=headed,
+        verdict=verdict, colours=figures.colours(drawings.values()), figures=drawings, in_words=in_words,
         style=Markup(text_of("style.css")), script=Markup(text_of("page.js")),  # noqa: S704
         groups=[(name, list(group)) for name, group in groupby(parts, key=lambda part: part.group)], marker=marker,
         marked_up=lambda text: Markup(marker.text(marked_up(text, ids))),  # noqa: S704
         header=header, column_groups=column_groups,
         json=lambda data: htmlsafe_json_dumps(data, separators=(",", ":")),
     )  # fmt: skip
-
-
-def headed(blocks: Sequence[Block]) -> list[tuple[Block | None, list[Block]]]:
-    """Blocks under their headings; first those under none."""
-    parts: list[tuple[Block | None, list[Block]]] = [(None, [])]
-    for block in blocks:
-        if block.kind == "heading":
-            parts.append((block, []))
-        else:
-            parts[-1][1].append(block)
-    return [(heading, under) for heading, under in parts if heading or under]
 
 
 def marked_up(text: str, ids: Collection[str]) -> Markup:
@@ -131,7 +120,7 @@ def column_groups(table: ReportTable) -> list[tuple[str, int]]:
 def metrics(results: Results) -> dict[str, Any]:
     """Headline numbers for ``dvc metrics``: of the first experiment, and of each other under its name."""
     first, *others = results.experiments.values()
-    return _headlines(first) | {experiment.name: _headlines(experiment) for experiment in others}
+    return _rounded(_headlines(first) | {experiment.name: _headlines(experiment) for experiment in others})
 
 
 def _headlines(experiment: Experiment) -> dict[str, Any]:
@@ -145,19 +134,19 @@ def _headlines(experiment: Experiment) -> dict[str, Any]:
                  for scope, of_scope in gains.items()}  # fmt: skip
         numbers = {"graph": graph, **numbers, "improvement_over_xavier_percent": shown}
     else:
+        runs = experiment.curves
+        ended = runs[(runs["scope"] == "known_closed") & (runs["epoch"] == experiment.max_epochs)]
         numbers["drop_percent"] = stats.values(finetuning.drops(experiment.immediate))
-        runs, last = experiment.curves, experiment.max_epochs
-        ended = runs[(runs["scope"] == "known_closed") & (runs["epoch"] == last)]
         numbers["known_closed_at_the_end"] = stats.means(ended, "mrr_star")
     if experiment.queries is not None:
         numbers["novel_entity_given"] = stats.values(experiment.given_means)
     if "affordances" in experiment.analyses:
         numbers["affordances_percent"] = queries.Answers.of(experiment).shares
-    return _rounded(numbers)
+    return numbers
 
 
 def _rounded(values: dict[str, Any]) -> dict[str, Any]:
-    """As files keep them, without those that are null."""
+    """Values as files keep them, without those that are null."""
     present = {name: value for name, value in values.items() if isinstance(value, dict) or not pd.isna(value)}
     return {name: _rounded(value) if isinstance(value, dict) else number(value) for name, value in present.items()}
 

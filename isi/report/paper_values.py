@@ -6,20 +6,11 @@ from math import nan
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, create_model, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
 from isi import config
 from isi.errors import InputError
 from isi.report.words import label
-
-
-class PaperPart(config.Section):
-    """A part of the paper's numbers: those that a file leaves out are null."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _without_null(cls, values: Any) -> Any:
-        return _without_null(values)
 
 
 def _without_null(values: Any) -> Any:
@@ -35,12 +26,12 @@ def _initializer(name: str) -> str:
 
 
 def _part(*numbers: str, **parts: Any) -> Any:
-    """A part with numbers, and with parts of its own."""
+    """A part with numbers, those that a file leaves out null, and with parts of its own, those left out empty."""
     fields: dict[str, Any] = dict.fromkeys(numbers, (Number, nan))
-    for name, kind in parts.items():  # one that is missing is empty, or has null in all places
-        empty = kind.__origin__ if hasattr(kind, "__metadata__") else kind
+    for name, kind in parts.items():
+        empty = kind.__origin__
         fields[name] = (kind, Field(default_factory=getattr(empty, "__origin__", empty)))
-    return create_model("PaperPart", __base__=PaperPart, **fields)
+    return Annotated[create_model("PaperPart", __base__=config.Section, **fields), BeforeValidator(_without_null)]
 
 
 def _mapping(key: Any, value: Any) -> Any:

@@ -118,7 +118,7 @@ def of_each(experiments: Iterable[Experiment], content_of: Callable[[Experiment]
 
 
 def of_each_graph(contents: Callable[[Results, Experiment], Content | None]) -> Callable[[Results], Iterator[Content]]:
-    """A section that shows the same of every graph of its own, by what it shows of one."""
+    """Make a section of what it shows of one graph: the same of every graph of its own."""
     return lambda results: of_each(results.standalone, lambda experiment: contents(results, experiment))
 
 

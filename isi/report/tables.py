@@ -144,6 +144,7 @@ def _numbers(cell: Any) -> tuple[float, float, float]:
 
 
 def _plain(cells: Iterable[Any]) -> Form:
+    """One decimal, or none where all are whole."""
     parts = np.array([_numbers(cell) for cell in cells], dtype=float).round(3) % 1
     digits = 0 if (np.isnan(parts) | (parts == 0)).all() else 1
     return lambda value: f"{round(value, digits) + 0.0:,.{digits}f}"  # no -0.0

@@ -52,16 +52,22 @@ def plane(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def _drawn(traces: Traces, vectors: np.ndarray, titles: Mapping[str, str], names: pd.Series) -> Canvas:
-    """A panel for each initializer with indicators, and one for the others."""
+    """A panel for each initializer with indicators, and one for the others: a star where each puts the entity."""
     centre, axes, _ = plane(vectors)
     models, methods = list(titles), isi(titles)
     groups = [*([model] for model in methods), [model for model in models if model not in methods]]
     canvas, places = panels(len(groups), height=6.6)
+    halo = [withStroke(linewidth=2.5, foreground="white")]
+    arrow = {"arrowstyle": "-|>", "lw": 1.4, "shrinkA": 4, "shrinkB": 0}
     for panel, group in zip(places, groups, strict=True):
         panel.plot(*((vectors - centre) @ axes.T).T, ls="", marker="o", ms=2.5, color="#b5bac2", mew=0, zorder=1)
         for model in group:
-            points = (traces[f"{model}.path"] - centre) @ axes.T
-            _path(panel, points, colour(model, models), label(model) if len(group) > 1 else "")
+            points, color = (traces[f"{model}.path"] - centre) @ axes.T, colour(model, models)
+            panel.plot(*points.T, color=color, lw=0.8, alpha=0.7, zorder=4)
+            panel.annotate(label(model) if len(group) > 1 else "", tuple(points[0]), (7, -10), fontsize=8, color=color,
+                           textcoords="offset points", zorder=6, path_effects=halo)  # fmt: skip
+            panel.plot(*points[0], ls="", marker="*", ms=11, color=color, mec="black", mew=0.5, zorder=5)
+            panel.annotate("", tuple(points[-1]), tuple(points[0]), zorder=4, arrowprops=arrow | {"color": color})
         for model in isi(group):
             chosen = np.flatnonzero(traces[f"{model}.indicators"])
             points = (traces["theta0"][chosen] - centre) @ axes.T
@@ -92,17 +98,6 @@ def spread(heights: np.ndarray, gap: float) -> np.ndarray:
     steps = min(gap, 1 / max(len(heights), 1)) * np.arange(len(heights))
     spread_out: np.ndarray = np.minimum(np.maximum.accumulate(heights - steps), 1 - steps[-1:].sum()) + steps
     return spread_out
-
-
-def _path(axes: Axes, points: np.ndarray, color: str, name: str) -> None:
-    """A star where the entity is put, its name where there are several, and an arrow to where training takes it."""
-    axes.plot(*points.T, color=color, lw=0.8, alpha=0.7, zorder=4)
-    halo = [withStroke(linewidth=2.5, foreground="white")]
-    axes.annotate(name, tuple(points[0]), (7, -10), fontsize=8, textcoords="offset points", color=color, zorder=6,
-                  path_effects=halo)  # fmt: skip
-    axes.plot(*points[0], ls="", marker="*", ms=11, color=color, mec="black", mew=0.5, zorder=5)
-    arrow = {"arrowstyle": "-|>", "color": color, "lw": 1.4, "shrinkA": 4, "shrinkB": 0}
-    axes.annotate("", tuple(points[-1]), tuple(points[0]), zorder=4, arrowprops=arrow)
 
 
 #: A model, and the epoch after which it is shown.
