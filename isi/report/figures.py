@@ -38,6 +38,7 @@ _CONTRAST, _GREY = 4.5, 24
 #: Greys are nearer to ink by this power where it is dark, so that they stand out as from white.
 _FAINT = 1.6
 _COLOUR = re.compile(r"#([0-9a-f]{6})\b")
+Names = Sequence[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,21 +89,19 @@ def _panel_in_words(axes: Axes) -> str:
     return f"{text}." if text else ""
 
 
-def by_size(
-    immediate: pd.DataFrame, models: Sequence[str], scopes: Sequence[str], measures: Sequence[str], entities: int
-) -> Canvas:
+def by_size(runs: pd.DataFrame, models: Names, scopes: Names, measures: Names, entities: int) -> Canvas:
     """MRR* right after insertion by the number (above: share) of novel entities: a row a column of runs, by scope."""
     canvas, axes = panels(len(measures) * len(scopes), len(scopes), height=0.6 + 3 * len(measures))
     for panel, (measure, scope) in zip(axes, product(measures, scopes), strict=True):
         for place, model in enumerate(models):
-            rows = immediate[(immediate["scope"] == scope) & (immediate["model"] == model)]
+            rows = runs[(runs["scope"] == scope) & (runs["model"] == model)]
             if len(rows):  # the lines lie a little aside of each other; controls are thinner
                 sizes, mean, low, high = line_over_seeds(rows, "size", measure)
                 aside, control = (place - len(models) / 2) * min(0.06, 0.8 / len(models)), bool(controls([model]))
                 panel.errorbar(sizes + aside, mean, np.stack([mean - low, high - mean]), **line_style(model, models),
                                lw=0.9 if control else 1.2, marker="o", ms=2 if control else 3)  # fmt: skip
         panel.set(title=f"{SCOPES.get(scope, scope)}: {_HALVES[measure]}", xlabel="novel entities |ξ|", ylabel="points")
-        panel.set_xticks(sorted(immediate["size"].unique()))
+        panel.set_xticks(sorted(runs["size"].unique()))
         shares = (lambda size: np.asarray(size) * (100 / entities), lambda share: np.asarray(share) * (entities / 100))
         above = panel.secondary_xaxis("top", functions=shares)
         above.set_xlabel("% of |E|", fontsize=8)
@@ -111,10 +110,7 @@ def by_size(
     return canvas
 
 
-def by_epoch(
-    runs: pd.DataFrame, models: Sequence[str], scopes: Sequence[str], ylabel: str = "MRR* (points)",
-    margin: float | None = None,
-) -> Canvas:  # fmt: skip
+def by_epoch(runs: pd.DataFrame, models: Names, scopes: Names, margin: float | None = None, ylabel: str = "") -> Canvas:
     """MRR* by epoch in runs of one size, by scope, with the joint model's level and, given a margin, convergence's."""
     canvas, axes = panels(len(scopes))
     for panel, scope in zip(axes, scopes, strict=True):
@@ -127,13 +123,13 @@ def by_epoch(
         panel.axhline(joint, color=colour(JOINT, models), lw=1.2, label=label(JOINT))
         if margin is not None:
             panel.axhline(joint - 100 * margin, color=colour(JOINT, models), lw=1, ls=":", label="converged")
-        panel.set(title=SCOPES[scope], xlabel="epoch of fine-tuning", ylabel=ylabel)
+        panel.set(title=SCOPES[scope], xlabel="epoch of fine-tuning", ylabel=ylabel or "MRR* (points)")
     legend(canvas, axes)
     return canvas
 
 
 def with_band(
-    panel: Axes, rows: pd.DataFrame, by: str, column: str, scale: float, band: float, **style: Any
+    panel: Axes, rows: pd.DataFrame, by: str, column: str, scale: int, band: float, **style: Any
 ) -> np.ndarray:
     """Draw a line through means over seeds of what rows there are, with intervals as a band of some opacity."""
     values, mean, low, high = line = line_over_seeds(rows, by, column, scale)
@@ -144,9 +140,7 @@ def with_band(
     return line
 
 
-def by_row(
-    rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]], models: Sequence[str], xlabel: str = ""
-) -> Canvas:
+def by_row(rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]], models: Names, xlabel: str = "") -> Canvas:
     """A line for each model through the rows of each panel, in points; a title, a row's name, a model: an estimate."""
     canvas, axes = panels(len(rows_of), columns=1 if "" in rows_of else 2)
     for panel, (title, rows) in zip(axes, rows_of.items(), strict=True):

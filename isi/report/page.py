@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -72,7 +72,7 @@ def write(folder: Path, results: Results, sections: Sequence[ReportSection]) -> 
 
 
 def html(
-    parts: Sequence[FilledSection], verdict: FilledSection | None, drawings: Mapping[str, Markup], results: Results
+    parts: list[FilledSection], verdict: FilledSection | None, drawings: dict[str, Markup], results: Results
 ) -> str:
     """The page itself; ``drawings``: its figures by name."""
     environment = Environment(

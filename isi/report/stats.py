@@ -72,9 +72,7 @@ def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame
     return pd.concat([means, middle, never], axis=1)
 
 
-def by_label(
-    models: Sequence[str], columns: Mapping[Any, Mapping[str, Any]], header: str = "model"
-) -> dict[Any, list[Any]]:
+def by_label(models: Sequence[str], columns: Mapping[Any, Any], header: str = "model") -> dict[Any, list[Any]]:
     """A table with a row for each model: its label, and its value in each column."""
     cells = {column: [of_model.get(model) for model in models] for column, of_model in columns.items()}
     return {header: list(map(label, models)), **cells}

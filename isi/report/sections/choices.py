@@ -42,15 +42,19 @@ def indicators(results: Results) -> Iterator[Content]:
         chosen = chosen_sizes(means, results.params.initializers, results.paper["indicators"])
         late = 100.0 * (epochs["epochs"] > 0)
         shares = epochs.assign(value=late.where(epochs["scope"] == "all", epochs["epochs"]))
-        now = (("all", "all queries", "MRR* minus that with this run's k (points)"), ("novel", "novel entities", ""))
-        later = (("all", "all queries: not immediately", "share of runs (%)"),
-                 ("novel_heldout", "novel entities, held-out triples", "epochs to convergence"))  # fmt: skip
+        now = _by_size(
+            relative(runs, chosen["this run"]), models, chosen, None,
+            ("all", "all queries", "MRR* minus that with this run's k (points)"), ("novel", "novel entities", ""),
+        )  # fmt: skip
+        later = _by_size(
+            shares, models, chosen, 0, ("all", "all queries: not immediately", "share of runs (%)"),
+            ("novel_heldout", "novel entities, held-out triples", "epochs to convergence"),
+        )  # fmt: skip
         frame = means.rename(index=label, level="model").rename_axis(["initializer", "indicators"]).reset_index()
         yield Content(
             {"chosen": chosen, "models": models},
             {"indicator_sizes": indicator_sizes(means, chosen), "sensitivity": frame},
-            {"figure2a_immediate_sensitivity": _by_size(relative(runs, chosen["this run"]), models, chosen, now),
-             "figure2b_convergence_sensitivity": _by_size(shares, models, chosen, later, lowest=0)},
+            {"figure2a_immediate_sensitivity": now, "figure2b_convergence_sensitivity": later},
         )  # fmt: skip
 
 
@@ -75,7 +79,7 @@ def means_of(immediate: pd.DataFrame, epochs: pd.DataFrame, models: Sequence[str
 
 
 def chosen_sizes(
-    means: pd.DataFrame, options: Mapping[str, Mapping[str, Any]], paper: Mapping[str, int]
+    means: pd.DataFrame, options: Mapping[str, Any], paper: Mapping[str, int]
 ) -> dict[str, dict[str, int]]:
     """Indicator set sizes by who chose them (options of this run, paper, rule) and initializer, of those with one."""
     picked = picked_sizes(means)
@@ -124,10 +128,7 @@ def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> list[dict[Any, Any]]
     ]  # fmt: skip
 
 
-def _by_size(
-    rows: pd.DataFrame, models: Sequence[str], chosen: Chosen, shown: Sequence[tuple[str, str, str]],
-    lowest: float | None = None,
-) -> Canvas:  # fmt: skip
+def _by_size(rows: pd.DataFrame, models: Sequence[str], chosen: Chosen, lowest: float | None, *shown: Any) -> Canvas:
     """Means and intervals of ``value`` by k with the chosen sizes; ``shown``: scope, title and y-label of panels."""
     canvas, axes = panels(len(shown))
     for panel, (scope, title, ylabel) in zip(axes, shown, strict=True):

@@ -67,9 +67,7 @@ def best_epochs(runs: pd.DataFrame, initializers: Sequence[str]) -> list[tuple[A
     return lines
 
 
-def table2(
-    epochs: pd.DataFrame, initializers: Sequence[str], paper: Mapping[str, Mapping[str, float]]
-) -> dict[Any, list[Any]]:
+def table2(epochs: pd.DataFrame, initializers: Sequence[str], paper: Mapping[str, Any]) -> dict[Any, list[Any]]:
     """Table 2: epochs to convergence over all sizes, beside the paper's."""
     summary = epochs_summary(epochs, ["scope", "model"])[["mean", "std", "median", "unconverged %"]]
     theirs = {Column(title, "paper"): {model: numbers[part] for model, numbers in paper.items()}

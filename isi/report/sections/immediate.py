@@ -124,9 +124,7 @@ def differences(results: Results, experiment: Experiment) -> Content | None:
     return Content({"counts": counts(pairs)}, tables)
 
 
-def measures(
-    immediate: pd.DataFrame, convergence: pd.DataFrame, initializers: Sequence[str]
-) -> dict[str, pd.DataFrame]:
+def measures(immediate: pd.DataFrame, convergence: pd.DataFrame, models: Sequence[str]) -> dict[str, pd.DataFrame]:
     """The headline measures by session, size, seed and initializer: MRR* in points, epochs; null without queries."""
     listed = (
         ("immediate MRR*", 100, immediate, "all", "mrr_star"), ("immediate MRR*", 100, immediate, "novel", "mrr_star"),
@@ -134,7 +132,7 @@ def measures(
         ("epochs to convergence", 1, convergence, "all", "epochs"),
         ("epochs to convergence", 1, convergence, "novel_heldout", "epochs"),
     )  # fmt: skip
-    return {f"{title}, {SCOPES[scope]}": scale * cells_of(rows, initializers, scope, column)
+    return {f"{title}, {SCOPES[scope]}": scale * cells_of(rows, models, scope, column)
             for title, scale, rows, scope, column in listed}  # fmt: skip
 
 

@@ -177,9 +177,7 @@ def indicators_of(rows: pd.DataFrame) -> dict[tuple[int, str], dict[str, Any]]:
     }  # fmt: skip
 
 
-def queries_of(
-    answers: pd.DataFrame, first: int, steps: Sequence[Step], relations: Sequence[str]
-) -> dict[int, list[dict[str, Any]]]:
+def queries_of(answers: pd.DataFrame, first: int, steps: Sequence[Step], relations: list[str]) -> dict[int, list[Any]]:
     """The queries about each entity, those with true answers first: the first answers, and ranks of the true ones."""
     ranked: dict[Any, dict[Step, list[tuple[int, int, Any]]]] = defaultdict(lambda: defaultdict(list))
     columns = ["entity", "relation", "hidden", "model", "epoch", "answer", "rank", "true"]

@@ -61,9 +61,7 @@ def _of_graph(results: Results, experiment: Experiment) -> Content:
     return Content(numbers, tables)
 
 
-def table1(
-    observations: pd.DataFrame, paper: Mapping[str, Mapping[str, float]], words: Mapping[str, str]
-) -> pd.DataFrame:
+def table1(observations: pd.DataFrame, paper: Mapping[str, Any], words: Mapping[str, str]) -> pd.DataFrame:
     """Table 1: the median counts of one environment, by room type, beside the paper's; ``words``: of relations."""
     rows = observations[observations["scene"].notna()]
     counts = rows.groupby(["scene", "relation"]).size().unstack(fill_value=0)

@@ -26,8 +26,10 @@ REFERENCE = "ers"
 #: The comparisons between initializers on each graph, with the novel entity given.
 _PAIRS = (("ers", BASELINE), ("ers", "kind_mean"), ("es", "es_permuted_kinds"), ("soft_hybrid", "ers"),
           ("map_soft_hybrid", "soft_hybrid"))  # fmt: skip
+#: Estimates by model, of runs.
+Means = Callable[[Any], Mapping[str, Estimate]]
 #: What tables by graph hold, by the end of their names.
-_MEASURES: dict[str, Callable[[Any], Mapping[str, Estimate]]] = {
+_MEASURES: dict[str, Means] = {
     "immediate": lambda runs: runs.immediate_means("novel"), "novel_given": lambda runs: runs.given_means,
     "epochs": ModelRuns.epochs_means,
 }  # fmt: skip
@@ -60,9 +62,7 @@ def _given_by_seed(runs: ModelRuns) -> pd.DataFrame:
     return pd.DataFrame(100 * given.pivot_table("mrr_star_entity", ["seed", "size"], "model"))
 
 
-def _by_graph(
-    ran: Sequence[ModelRuns], means: Callable[[Any], Mapping[str, Estimate]], column: str = ""
-) -> list[dict[str, Any]]:
+def _by_graph(ran: Sequence[ModelRuns], means: Means, column: str = "") -> list[dict[str, Any]]:
     """A row for each experiment or graph and, where there is a column for it, each variant: the estimates by model."""
     names = list(dict.fromkeys(runs.name for runs in ran))
     return [
