@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Collection
 from dataclasses import dataclass
+from importlib import resources
 
 from markupsafe import Markup, escape
 
 from isi.report.data import Results
-from isi.report.section import text_of
 from isi.report.words import JOINT, capitalized, described, label
 
 
@@ -33,7 +33,8 @@ class Term:
 
 def of_the_page() -> list[Term]:
     """Words of the page, whatever was run: of ``glossary.txt``, where a term stands above its meaning."""
-    entries = [entry.split("\n") for entry in text_of("glossary.txt").strip().split("\n\n")]
+    text = resources.files("isi.report").joinpath("templates/glossary.txt").read_text("utf-8")
+    entries = [entry.split("\n") for entry in text.strip().split("\n\n")]
     names = [heading.split(" | ") for heading, *_ in entries]
     return [Term(name, " ".join(meaning), tuple(forms))
             for (name, *forms), (_, *meaning) in zip(names, entries, strict=True)]  # fmt: skip

@@ -18,7 +18,7 @@ from markupsafe import Markup, escape
 from isi.report import figures, glossary, stats
 from isi.report.data import Experiment, Results
 from isi.report.figures import STYLE, Figure, in_words, rendered
-from isi.report.section import FilledSection, ReportSection, text_of
+from isi.report.section import FilledSection, ReportSection
 from isi.report.sections import finetuning, queries
 from isi.report.tables import Column, ReportTable, csv, number
 from isi.report.words import BASELINE, JOINT, WORDS
@@ -85,7 +85,6 @@ def html(
     marker = glossary.Marker([term for term in terms if term.id in ids])
     return environment.get_template("page.html").render(
         verdict=verdict, colours=figures.colours(drawings.values()), figures=drawings, in_words=in_words,
-        style=Markup(text_of("style.css")), script=Markup(text_of("page.js")),  # noqa: S704
         groups=[(name, list(group)) for name, group in groupby(parts, key=lambda part: part.group)], marker=marker,
         marked_up=lambda text: Markup(marker.text(marked_up(text, ids))),  # noqa: S704
         header=header, column_groups=column_groups,

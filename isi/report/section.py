@@ -19,7 +19,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module, resources
+from importlib import import_module
 from math import nan
 from typing import Any
 
@@ -29,7 +29,7 @@ from matplotlib.figure import Figure as Canvas
 from isi.report import words
 from isi.report.data import Experiment, Results
 from isi.report.figures import Figure
-from isi.report.significance import LEVEL
+from isi.report.stats import LEVEL
 from isi.report.tables import ReportTable
 
 
@@ -100,11 +100,6 @@ class ReportSection:
                 else:
                     blocks.append(block)
         return FilledSection(self.name.replace("_", "-"), title, flag == "open", blocks, self.group) if blocks else None
-
-
-def text_of(template: str) -> str:
-    """A file of the templates' folder."""
-    return resources.files("isi.report").joinpath("templates", template).read_text("utf-8")
 
 
 def of_each(experiments: Iterable[Experiment], content_of: Callable[[Experiment], Content | None]) -> Iterator[Content]:

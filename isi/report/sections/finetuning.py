@@ -15,8 +15,20 @@ from isi.report import stats
 from isi.report.data import Experiment, Results
 from isi.report.figures import by_epoch
 from isi.report.section import Content, of_each_graph
-from isi.report.significance import Pair, compare, difference, pairs_table
-from isi.report.stats import CELL, by_group, by_label, cells_of, epochs_summary, halves, ordered_rows, over_seeds
+from isi.report.stats import (
+    CELL,
+    Pair,
+    by_group,
+    by_label,
+    cells_of,
+    compare,
+    difference,
+    epochs_summary,
+    halves,
+    ordered_rows,
+    over_seeds,
+    pairs_table,
+)  # fmt: skip
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, FINETUNE_ONLY, HALVES, JOINT, SCOPE, SCOPES, contenders, isi, label
 

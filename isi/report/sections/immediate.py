@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby, product
 from math import nan
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,8 +15,7 @@ from isi.report import stats, words
 from isi.report.data import Experiment, Results
 from isi.report.figures import by_size, panels
 from isi.report.section import Content, of_each_graph
-from isi.report.significance import LEVEL, Difference, Pair, by_seed, compare, difference, pairs_table, signed
-from isi.report.stats import cells_of
+from isi.report.stats import LEVEL, Difference, Pair, by_seed, cells_of, compare, difference, pairs_table, signed
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, SCOPES, colour, in_order, isi, joined, label, of_role
 
@@ -165,15 +164,10 @@ def counts(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
     return lines
 
 
-class Gain(NamedTuple):
-    """What one model has that another has not, in one scope and half (a column) of immediate MRR*, in points."""
-
-    scope: str
-    half: str
-    part: str
-    first: str
-    second: str
-    points: Difference
+#: A part of a gain, the model that has it, and the one that has not.
+Step = tuple[str, str, str]
+#: The gain of each step, in points.
+Gains = dict[Step, Difference]
 
 
 @of_each_graph
@@ -185,18 +179,19 @@ def controls(results: Results, experiment: Experiment) -> Content | None:
     immediate, initializers = experiment.immediate, experiment.initializers
     gains, shares = parts(immediate, initializers), shares_of_the_gain(immediate, initializers)
     rows = dict[tuple[str, ...], dict[Any, Any]]()
-    for gain in gains:
-        key = gain.scope, gain.part, label(gain.first), label(gain.second)
-        row = rows.setdefault(key, dict(zip((SCOPE, "part", "what has it", "minus"), key, strict=True)))
-        row[Column(HALVES[gain.half], form=signed)] = gain.points
-    centre = [gain.points for gain in gains if (gain.scope, gain.first, gain.second) == ("novel", "mean", BASELINE)]
-    sentences = [(scope, method, [composition(gains, scope, half, method) for half in HALVES])
-                 for scope in dict.fromkeys(gain.scope for gain in gains) for method in isi(initializers)]  # fmt: skip
-    numbers = {"names": names, "shares": shares, "centre": centre, "sentences": sentences}
+    for (scope, half), of_steps in gains.items():
+        for (part, first, second), points in of_steps.items():
+            key = scope, part, label(first), label(second)
+            row = rows.setdefault(key, dict(zip((SCOPE, "part", "what has it", "minus"), key, strict=True)))
+            row[Column(HALVES[half], form=signed)] = points
+    centre = [gains["novel", half].get(("centre", "mean", BASELINE)) for half in HALVES]
+    sentences = [(scope, method, [composition(gains[scope, half], method) for half in HALVES])
+                 for scope in dict.fromkeys(key[0] for key in rows) for method in isi(initializers)]  # fmt: skip
+    numbers = {"names": names, "shares": shares, "centre": [*filter(None, centre)], "sentences": sentences}
     return Content(numbers, {"parts_of_the_gain": rows.values(), "shares_of_the_gain": shares})
 
 
-def steps(method: str, models: Sequence[str]) -> list[tuple[str, str, str]]:
+def steps(method: str, models: Sequence[str]) -> list[Step]:
     """From Xavier to one of ISI over the controls that were run: the part, who has it, and who has it not yet."""
     path, names, before = [], [], BASELINE
     for name, model in (*_STEPS, ("meaning", method)):
@@ -207,17 +202,16 @@ def steps(method: str, models: Sequence[str]) -> list[tuple[str, str, str]]:
     return path
 
 
-def parts(immediate: pd.DataFrame, models: Sequence[str]) -> list[Gain]:
-    """Every step towards each initializer of ISI, its whole gain, and its twins, scope by scope and half by half."""
+def parts(immediate: pd.DataFrame, models: Sequence[str]) -> dict[tuple[str, str], Gains]:
+    """By scope and half, every step towards each initializer of ISI, its whole gain, and its twins."""
     pairs = [step for method in isi(models) for step in steps(method, models)]
     pairs += [(WHOLE, method, BASELINE) for method in isi(models)]
     pairs = [pair for pair in dict.fromkeys([*pairs, *_TWINS]) if {*pair[1:]} <= set(models)]  # Xavier may lack
-    gains = []
+    gains = dict[tuple[str, str], Gains]()
     for scope, half in product(("all", "novel"), HALVES):
         cells = 100 * cells_of(immediate, models, scope, half)
-        differences = [difference(by_seed(cells[first], cells[second])) for _, first, second in pairs]
-        gains += [Gain(scope, half, *pair, points)
-                  for pair, points in zip(pairs, differences, strict=True) if points.seeds]  # fmt: skip
+        differences = {pair: difference(by_seed(cells[pair[1]], cells[pair[2]])) for pair in pairs}
+        gains[scope, half] = {pair: points for pair, points in differences.items() if points.seeds}
     return gains
 
 
@@ -240,15 +234,12 @@ def shares_of_the_gain(immediate: pd.DataFrame, models: Sequence[str]) -> list[d
     return rows
 
 
-def composition(gains: Sequence[Gain], scope: str, half: str, method: str) -> dict[str, Any] | None:
+def composition(gains: Gains, method: str) -> dict[str, Any] | None:
     """One gain over Xavier and its parts, with their shares where each adds to it; None where nothing compares."""
-    of_pair = {(gain.part, gain.first, gain.second): gain for gain in gains if (gain.scope, gain.half) == (scope, half)}
-    whole = of_pair.get((WHOLE, method, BASELINE))
-    models = {name for pair in of_pair for name in pair[1:]}
-    made = [of_pair[step] for step in steps(method, sorted(models)) if step in of_pair]
+    whole, models = gains.get((WHOLE, method, BASELINE)), sorted({name for pair in gains for name in pair[1:]})
+    made = [(step[0], gains[step]) for step in steps(method, models) if step in gains]
     if not whole or not made:
         return None
-    points = whole.points.mean
-    shared = points >= ZERO and min(gain.points.mean for gain in made) >= 0
-    percent = [100 * gain.points.mean / points if shared else None for gain in made]
-    return {"gain": points, "parts": list(zip(made, percent, strict=True)), "last": made[-1].points}
+    shared = whole.mean >= ZERO and min(points.mean for _, points in made) >= 0
+    shares = [(part, points, 100 * points.mean / whole.mean if shared else None) for part, points in made]
+    return {"gain": whole.mean, "parts": shares, "last": made[-1][1]}

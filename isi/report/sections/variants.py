@@ -16,8 +16,7 @@ from isi.report.data import Experiment, ModelRuns, Results, VariantRuns
 from isi.report.figures import by_row
 from isi.report.section import Content
 from isi.report.sections.immediate import ZERO
-from isi.report.significance import by_seed, difference, signed
-from isi.report.stats import by_label, values
+from isi.report.stats import by_label, by_seed, difference, signed, values
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, JOINT, isi, label
 
