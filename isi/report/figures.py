@@ -68,25 +68,24 @@ def panels(number: int, columns: int = 2, height: float = 3.6, width: float = 8)
 
 def in_words(canvas: Canvas) -> str:
     """What was drawn, panel by panel: where each line begins and ends, in its own numbers."""
-    return " ".join(text for axes in canvas.axes if (text := _panel_in_words(axes)))
-
-
-def _panel_in_words(axes: Axes) -> str:
-    lines = []
-    for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
-        line = handle[0] if isinstance(handle, Container) else handle
-        points = np.asarray(line.get_xydata(), dtype=float) if isinstance(line, Line2D) else np.empty((0, 2))
-        heights = points[~np.isnan(points).any(1), 1]
-        if len(heights):
-            level = len(np.unique(heights)) == 1
-            lines.append(f"{name} {'' if level else f'from {heights[0]:.1f} to '}{heights[-1]:.1f}")
-    names, values = ([text.get_text() for text in texts] for texts in (axes.get_yticklabels(), axes.texts))
-    if not lines and len(names) == len(values):
-        lines = [f"{name} {value}" for name, value in zip(names, values, strict=True)]
-    titles = [axes.get_title().replace("\n", ", ")]
-    titles += [f"{side}: {text}" for side, text in (("across", axes.get_xlabel()), ("up", axes.get_ylabel())) if text]
-    text = ". ".join(filter(None, (capitalized("; ".join(filter(None, titles))), ", ".join(lines))))
-    return f"{text}." if text else ""
+    texts = []
+    for axes in canvas.axes:
+        lines = []
+        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+            line = handle[0] if isinstance(handle, Container) else handle
+            points = np.asarray(line.get_xydata(), dtype=float) if isinstance(line, Line2D) else np.empty((0, 2))
+            heights = points[~np.isnan(points).any(1), 1]
+            if len(heights):
+                level = len(np.unique(heights)) == 1
+                lines.append(f"{name} {'' if level else f'from {heights[0]:.1f} to '}{heights[-1]:.1f}")
+        names, values = ([text.get_text() for text in group] for group in (axes.get_yticklabels(), axes.texts))
+        if not lines and len(names) == len(values):
+            lines = [f"{name} {value}" for name, value in zip(names, values, strict=True)]
+        sides = (("across", axes.get_xlabel()), ("up", axes.get_ylabel()))
+        titles = [axes.get_title().replace("\n", ", "), *(f"{side}: {text}" for side, text in sides if text)]
+        text = ". ".join(filter(None, (capitalized("; ".join(filter(None, titles))), ", ".join(lines))))
+        texts += [f"{text}."] if text else []
+    return " ".join(texts)
 
 
 def by_size(runs: pd.DataFrame, models: Names, scopes: Names, measures: Names, entities: int) -> Canvas:

@@ -100,7 +100,8 @@ class ReportTable:
     def texts(self) -> list[list[tuple[str, str]]]:
         """Of each row, the cells as people read them: the value, and its interval in brackets."""
         forms = [column.form or _plain(cells) for column, cells in self.by_column]
-        return [[_shown(cell, form) for cell, form in zip(row, forms, strict=True)] for row in self.rows]
+        return [[(cell, "") if isinstance(cell, str) else _shown(_numbers(cell), form)
+                 for cell, form in zip(row, forms, strict=True)] for row in self.rows]  # fmt: skip
 
     @property
     def shown(self) -> pd.DataFrame:
@@ -150,10 +151,6 @@ def _plain(cells: Iterable[Any]) -> Form:
     return lambda value: f"{round(value, digits) + 0.0:,.{digits}f}"  # no -0.0
 
 
-def _shown(cell: Any, form: Form) -> tuple[str, str]:
-    if isinstance(cell, str):
-        return cell, ""
-    mean, low, high = _numbers(cell)
-    if isnan(mean):
-        return "–", ""
-    return form(mean), "" if isnan(low) or isnan(high) else f"[{form(low)}, {form(high)}]"
+def _shown(numbers: tuple[float, float, float], form: Form) -> tuple[str, str]:
+    mean, low, high = ("" if isnan(number) else form(number) for number in numbers)
+    return mean or "–", f"[{low}, {high}]" if mean and low and high else ""

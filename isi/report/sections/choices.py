@@ -233,12 +233,7 @@ def embedding_table(rows: pd.DataFrame, options: Mapping[str, Mapping[str, Any]]
     means = over_seeds(rows, ["family"], {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"})
     return [
         {"embedding": class_name(name), **means.loc[name], "epochs": rows.loc[rows["family"] == name, "epochs"].mean()}
-        | {option.replace("_", " "): _written(value) for option, value in values.items()}
+        | {option.replace("_", " "): ("no", "yes")[value] if isinstance(value, bool) else
+           f"{value:g}" if isinstance(value, float) else str(value) for option, value in values.items()}
         for name, values in options.items() if name in means.index
     ]  # fmt: skip
-
-
-def _written(value: object) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -15,20 +15,7 @@ from isi.report import stats
 from isi.report.data import Experiment, Results
 from isi.report.figures import by_epoch
 from isi.report.section import Content, of_each_graph
-from isi.report.stats import (
-    CELL,
-    Pair,
-    by_group,
-    by_label,
-    cells_of,
-    compare,
-    difference,
-    epochs_summary,
-    halves,
-    ordered_rows,
-    over_seeds,
-    pairs_table,
-)  # fmt: skip
+from isi.report.stats import CELL, Pair, compare, difference, epochs_summary, pairs_table
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, FINETUNE_ONLY, HALVES, JOINT, SCOPE, SCOPES, contenders, isi, label
 
@@ -50,7 +37,7 @@ def convergence(results: Results, experiment: Experiment) -> Content:
     numbers: dict[str, Any] = {"best": [], "rates": None}
     tables: dict[str, Any] = {
         "table2_convergence": table2(epochs, initializers, results.paper["convergence"]["epochs"]),
-        "convergence_by_size": ordered_rows(of_sizes, initializers, "initializer"),
+        "convergence_by_size": stats.ordered_rows(of_sizes, initializers, "initializer"),
     }
     if experiment.curve_size is not None:
         numbers["best"] = best_epochs(experiment.curves, initializers)
@@ -84,17 +71,17 @@ def table2(epochs: pd.DataFrame, initializers: Sequence[str], paper: Mapping[str
     summary = epochs_summary(epochs, ["scope", "model"])[["mean", "std", "median", "unconverged %"]]
     theirs = {Column(title, "paper"): {model: numbers[part] for model, numbers in paper.items()}
               for part, title in (("mean", "mean"), ("deviation", "std"))}  # fmt: skip
-    return by_label(initializers, by_group(summary, CONVERGING) | theirs, "initializer")
+    return stats.by_label(initializers, stats.by_group(summary, CONVERGING) | theirs, "initializer")
 
 
 def by_rate(epochs: pd.DataFrame, initializers: Sequence[str]) -> dict[Any, list[Any]]:
     """Epochs to convergence at one size, by the factor on the fine-tuning rate."""
     by = ["factor", "scope", "model"]
-    groups, summary = epochs.groupby(by), over_seeds(epochs, by, {"epochs": "mean"}, scale=1)
+    groups, summary = epochs.groupby(by), stats.over_seeds(epochs, by, {"epochs": "mean"}, scale=1)
     summary["median"] = groups["epochs"].median()
     summary["unconverged %"] = 100 * (1 - groups["converged"].mean())
     rows = [(scope, model) for scope in CONVERGING if scope in set(epochs["scope"]) for model in initializers]
-    columns = by_group(summary, sorted(epochs["factor"].unique()), "×{:g}")
+    columns = stats.by_group(summary, sorted(epochs["factor"].unique()), "×{:g}")
     keys: dict[Any, list[Any]] = {SCOPE: [scope for scope, _ in rows], "initializer": [label(row[1]) for row in rows]}
     return keys | {column: [of_rows.get(row) for row in rows] for column, of_rows in columns.items()}
 
@@ -153,7 +140,7 @@ def at_the_end(runs: pd.DataFrame) -> dict[str, list[Pair]]:
     for scope in EARLIER:
         queried = set(last.loc[last["scope"] == scope, "model"])
         compared = [model for model in (*contenders(ran), FINETUNE_ONLY) if model in queried]
-        measure = {f"{SCOPES[scope]}, epoch {epoch}": 100 * cells_of(last, compared, scope, "mrr_star")}
+        measure = {f"{SCOPES[scope]}, epoch {epoch}": 100 * stats.cells_of(last, compared, scope, "mrr_star")}
         pairs[scope] = compare(measure, compared)
     return pairs
 
@@ -178,7 +165,7 @@ def interference(runs: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, An
         lowest = 100 * shown.groupby("epoch")["mrr_star"].mean().min()
         row: dict[Any, Any] = {"model": label(model), SCOPE: scope, "lowest MRR*": lowest}
         for when, epoch in (("immediately", shown["epoch"].min()), ("at the end", shown["epoch"].max())):
-            means = over_seeds(shown[shown["epoch"] == epoch], ["epoch"], HALVES).iloc[0]
+            means = stats.over_seeds(shown[shown["epoch"] == epoch], ["epoch"], HALVES).iloc[0]
             row |= {Column(half, when): means[half] for half in HALVES.values()}
         rows.append(row)
     return rows
@@ -202,11 +189,11 @@ def transfer(results: Results) -> Iterator[Content]:
         tables: dict[str, Any] = {
             f"{name}_mined": mined(steps, experiment.entities, triples, results.observed[extend.source], base,
                                    extend.min_observations, settings.sessions.steps * size),
-            f"{name}_immediate": by_label(experiment.models, {
-                **halves(runs, "all"), Column("paper", "all"): paper["all_queries"],
-                **halves(runs, "novel"), Column("paper", "novel"): paper["novel_queries"],
+            f"{name}_immediate": stats.by_label(experiment.models, {
+                **stats.halves(runs, "all"), Column("paper", "all"): paper["all_queries"],
+                **stats.halves(runs, "novel"), Column("paper", "novel"): paper["novel_queries"],
                 "drop %": dropped, Column("paper", "drop %"): paper["drop"],
-                **by_group(epochs, CONVERGING, "epochs, {}"),
+                **stats.by_group(epochs, CONVERGING, "epochs, {}"),
                 Column("paper", "epochs"): paper["epochs"],
             }),
         }  # fmt: skip

@@ -212,9 +212,15 @@ def causes(results: Results) -> Iterator[Content]:
     methods = isi(first.finetuned) if first else []
     if not variants or not first or first.curve_size is None or BASELINE not in first.finetuned or not methods:
         return
-    rows = [_cause_row(*line, methods) for line in _lines(results, first, variants)]
     paper, margin = results.paper["convergence"]["epochs"], results.params.convergence.margin
     xavier, epochs = Column(label(BASELINE), "epochs"), {name: numbers["mean"] for name, numbers in paper.items()}
+    rows = list[dict[Any, Any]]()
+    for name, now, later in _lines(results, first, variants):
+        mean, mean_epochs = (float(np.mean([values.get(method, nan) for method in methods])) for values in (now, later))
+        base = now.get(BASELINE, nan)
+        rows.append({"row": name, "joint": now.get(JOINT, nan), label(BASELINE): base, "ISI": mean,
+                     "gain %": 100 * (mean / base - 1), xavier: later.get(BASELINE, nan),
+                     Column("ISI", "epochs"): mean_epochs})  # fmt: skip
     gain = _mean_of(results.paper["immediate"]["improvement_over_xavier"], methods)
     theirs = {"row": "the paper", "gain %": gain, xavier: epochs.get(BASELINE, nan),
               Column("ISI", "epochs"): _mean_of(epochs, methods)}  # fmt: skip
@@ -254,11 +260,3 @@ def _lines(results: Results, first: Experiment, variants: Sequence[VariantRuns])
 def _line(title: str, runs: ModelRuns, column: str = "mrr_star") -> Line:
     now, later = (rows[rows["scope"] == "all"] for rows in (runs.immediate, runs.convergence))
     return title, stats.means(now, column), stats.means(later, "epochs", scale=1)
-
-
-def _cause_row(name: str, now: Mapping[str, float], later: Mapping[str, float], methods: list[str]) -> dict[Any, Any]:
-    mean, epochs = (float(np.mean([values.get(method, nan) for method in methods])) for values in (now, later))
-    base = now.get(BASELINE, nan)
-    return {"row": name, "joint": now.get(JOINT, nan), label(BASELINE): base, "ISI": mean,
-            "gain %": 100 * (mean / base - 1), Column(label(BASELINE), "epochs"): later.get(BASELINE, nan),
-            Column("ISI", "epochs"): epochs}  # fmt: skip
