@@ -190,9 +190,8 @@ def _mined() -> dict[str, pd.DataFrame]:
 
 
 def _query_breakdown(experiment: Experiment) -> pd.DataFrame:
-    cells = product(
-        experiment.models, experiment.settings.sessions.sizes, (0, 1), ("all", "novel"), ("learned", "true")
-    )
+    sizes, filters = experiment.settings.sessions.sizes, ("learned", "true")
+    cells = product(experiment.models, sizes, (0, 1), ("all", "novel"), filters)
     queries = product(("atLocation", "hasAffordance"), ("head", "tail", "relation"), ("given", "answer"))
     rows = [(*cell, *of) for cell, of in product(cells, list(queries)) if of[1:] != ("relation", "answer")]
     columns = ["model", "size", "seed", "scope", "filter", "relation", "hidden", "novel"]

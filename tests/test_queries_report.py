@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -13,13 +14,11 @@ from tests.reports import small_results
 COLUMNS = ["model", "size", "seed", "scope", "filter", "relation", "hidden", "novel", "queries", "mrr_star"]
 
 
-def groups(*rows: tuple[str, int, int, str, str, str, str, str, int, float]) -> pd.DataFrame:
+def groups(*rows: tuple[Any, ...]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=COLUMNS).assign(observations=1)
 
 
-def about(
-    model: str, seed: int, given: float, answer: float
-) -> list[tuple[str, int, int, str, str, str, str, str, int, float]]:
+def about(model: str, seed: int, given: float, answer: float) -> list[tuple[Any, ...]]:
     """Two groups of scope novel; what is at both ends takes no part."""
     cell = (model, 1, seed, "novel", "learned", "on")
     return [(*cell, "tail", "given", 2, given), (*cell, "head", "answer", 1, answer),
@@ -53,12 +52,9 @@ def test_relations_stand_by_direction_and_scope_novel_by_where_the_novel_entity_
                         (*cell, "in", "tail", "none", 2, 0.8), (*cell, "in", "relation", "none", 2, 0.1))  # fmt: skip
     frame = queries.by_relation(pd.concat([ROWS, everything]))
     assert frame[["scope", "query", "novel entity", "queries"]].to_numpy().tolist() == [
-        ["novel", "(?, on, t)", "answer", 2],
-        ["novel", "(h, on, ?)", "given", 4],
-        ["novel", "(h, on, ?)", "both", 18],
-        ["all", "(h, in, ?)", "any or none", 2],
-        ["all", "(?, on, t)", "any or none", 4],
-    ]
+        ["novel", "(?, on, t)", "answer", 2], ["novel", "(h, on, ?)", "given", 4], ["novel", "(h, on, ?)", "both", 18],
+        ["all", "(h, in, ?)", "any or none", 2], ["all", "(?, on, t)", "any or none", 4],
+    ]  # fmt: skip
     assert frame["joint"].tolist() == pytest.approx([80, 90, 99, 80, 30])
     assert frame["es"].tolist()[:2] == pytest.approx([20, 60])
 

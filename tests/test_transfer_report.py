@@ -31,14 +31,12 @@ def answers(*rows: list[tuple[str, int, int, int, int]]) -> Answers:
 
 
 def test_the_drop_is_what_new_candidates_cost_at_once() -> None:
-    start = runs(
-        [
-            ("xavier", "known", 10, 0, 0, 0.5), ("xavier", "known", 10, 1, 0, 0.4),
-            ("xavier", "known_closed", 10, 0, 0, 0.7), ("xavier", "known_closed", 10, 1, 0, 0.8),
-            ("es", "known", 10, 0, 0, 0.75), ("es", "known_closed", 10, 0, 0, 0.75),
-            ("joint", "known", 10, 0, 0, 0.1), ("joint", "known_closed", 10, 0, 0, 0.9),
-        ]
-    )  # fmt: skip
+    start = runs([
+        ("xavier", "known", 10, 0, 0, 0.5), ("xavier", "known", 10, 1, 0, 0.4),
+        ("xavier", "known_closed", 10, 0, 0, 0.7), ("xavier", "known_closed", 10, 1, 0, 0.8),
+        ("es", "known", 10, 0, 0, 0.75), ("es", "known_closed", 10, 0, 0, 0.75),
+        ("joint", "known", 10, 0, 0, 0.1), ("joint", "known_closed", 10, 0, 0, 0.9),
+    ])  # fmt: skip
     found = {model: drop.mean for model, drop in finetuning.drops(start).items()}
     assert found == pytest.approx({"es": 0, "xavier": 100 * (1 - 0.9 / 1.5)})
     assert finetuning.drops(start[start["scope"] == "known"]) == {}
@@ -68,16 +66,11 @@ def test_what_was_mined_goes_on_to_what_was_inserted() -> None:
 
 
 def test_answers_go_by_mean_rank_over_repeats_and_those_that_are_no_affordance_are_marked() -> None:
-    found = answers(
-        ranked("es", 0, [1, 0, 2, 3, 4]), ranked("es", 3, [2, 1, 4, 0, 3]), ranked("rs", 0, [3, 4, 2, 1, 0])
-    )
+    found = answers(ranked("es", 0, [1, 0, 2, 3, 4]), ranked("es", 3, [2, 1, 4, 0, 3]),
+                    ranked("rs", 0, [3, 4, 2, 1, 0]))  # fmt: skip
     # means: open 1.5, push 2, shelf 3, kitchen 4.5; the fan itself is of the other source and no answer here
-    assert found.top("es", "fan") == [
-        ("open", "affordance"),
-        ("push", "affordance"),
-        ("shelf", "object"),
-        ("kitchen", "room"),
-    ]
+    kinds = {"open": "affordance", "push": "affordance", "shelf": "object", "kitchen": "room"}
+    assert found.top("es", "fan") == list(kinds.items())
     assert found.top("rs", "fan")[0] == ("kitchen", "room")
     assert found.top("es", "stove") == []
     assert found.judged("es", ["fan"], {"fan": ["open"]}) == {
@@ -85,15 +78,13 @@ def test_answers_go_by_mean_rank_over_repeats_and_those_that_are_no_affordance_a
     }  # fmt: skip
     assert found.judged("es", ["fan"], {}) == {"affordances": 2, "wrong": 2}
     assert [row["entity"] for row in found.ranked(["fan"], ["es"])] == ["fan (n = 2)"] * 4
-    assert [row["ES"] for row in found.ranked(["fan", "stove"], ["es"])] == [
-        "open (affordance)", "push (affordance)", "× shelf (object)", "× kitchen (room)",
-        *["–"] * 4]  # fmt: skip
+    marked = [f"{'' if kind == 'affordance' else '× '}{name} ({kind})" for name, kind in kinds.items()]
+    assert [row["ES"] for row in found.ranked(["fan", "stove"], ["es"])] == [*marked, *["–"] * 4]
 
 
 def test_shares_count_affordances_among_the_first_four_of_every_inserted_entity() -> None:
-    found = answers(
-        ranked("es", 0, [1, 0, 2, 3, 4]), ranked("es", 3, [0, 3, 4, 2, 1]), ranked("rs", 0, [1, 2, 4, 0, 3])
-    )
+    found = answers(ranked("es", 0, [1, 0, 2, 3, 4]), ranked("es", 3, [0, 3, 4, 2, 1]),
+                    ranked("rs", 0, [1, 2, 4, 0, 3]))  # fmt: skip
     assert found.shares == pytest.approx({"es": 100 * 3 / 8, "rs": 50})
     frame = frame_of(found.shares_table(["es", "rs", "iu"])).set_index("initializer")
     assert frame["top 4: affordances %"].dropna().to_dict() == pytest.approx({"ES": 37.5, "RS": 50})

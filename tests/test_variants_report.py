@@ -43,12 +43,11 @@ def test_entity_prediction_with_the_novel_entity_given_by_hand() -> None:
         ("es", 0, "on", "tail", "given", "learned", "novel", 1, 0.8, 3),
         ("es", 0, "on", "head", "given", "learned", "novel", 3, 0.4, 3),
         ("es", 0, "in", "tail", "given", "learned", "novel", 5, 0.9, 1),
-        ("es", 0, "in", "tail", "answer", "learned", "novel", 5, 0.1, 1),
-        ("es", 0, "in", "tail", "both", "learned", "novel", 5, 0.1, 1),
-        ("es", 0, "in", "relation", "given", "learned", "novel", 5, 0.1, 1),
-        ("es", 0, "in", "tail", "given", "true", "novel", 5, 0.1, 1),
-        ("es", 0, "in", "tail", "given", "learned", "novel_heldout", 5, 0.1, 1),
-    ]
+        *(("es", 0, "in", hidden, novel, name, scope, 5, 0.1, 1) for hidden, novel, name, scope in (
+            ("tail", "answer", "learned", "novel"), ("tail", "both", "learned", "novel"),
+            ("relation", "given", "learned", "novel"), ("tail", "given", "true", "novel"),
+            ("tail", "given", "learned", "novel_heldout"))),
+    ]  # fmt: skip
     queries = pd.DataFrame(rows, columns=columns).assign(experiment="home", size=5)
     (runs,) = variant("insert_triples", {"home": {"es": [0.5]}})
     # on: (0.8 + 3 · 0.4) / 4 = 0.5, three times observed; in: 0.9, once
@@ -167,9 +166,7 @@ def test_embedding_models_have_a_row_for_each_graph_that_they_ran_on() -> None:
     assert epochs["ES"].tolist() == pytest.approx([2, 5, 2])
     assert epochs["Xavier"].tolist() == [0, 0, 0]
     assert "Joint" not in epochs
-    assert (
-        "the best of ES is above Xavier in 2 of 3 pairs of an embedding model and a graph." in text
-    )  # a tie is not above
+    assert "the best of ES is above Xavier in 2 of 3 pairs of an embedding model and a graph." in text  # without ties
     assert "First of all initializers: ES in 1, Xavier in 1 and Mean in 1." in text
 
 
