@@ -67,7 +67,7 @@ class ModelRuns:
         return self.params.finetuning.max_epochs
 
     def of_size(self, size: int | None) -> Self:
-        """The runs that insert so many entities."""
+        """The same, with only the runs that insert this number of entities."""
         queries = None if self.queries is None else self.queries[self.queries["size"] == size]
         return replace(self, runs=self.runs[self.runs["size"] == size], queries=queries)
 
@@ -92,16 +92,16 @@ class ModelRuns:
 
     @property
     def mrr_star(self) -> ByScope:
-        """Mean MRR* right after insertion, in points, of those that have queries."""
+        """Mean MRR* right after insertion, in points, by scope and model, where there are queries."""
         return stats.by_scope(100 * self.immediate.groupby(["scope", "model"])["mrr_star"].mean().dropna(), self.models)
 
     def epochs(self, statistic: str = "mean") -> ByScope:
-        """Epochs to convergence, their mean or another statistic."""
+        """Epochs to convergence by scope and model: their mean, or another statistic."""
         return stats.by_scope(self.convergence.groupby(["scope", "model"])["epochs"].agg(statistic), self.finetuned)
 
     @property
     def unconverged(self) -> ByScope:
-        """Share of runs that never converge, in per cent."""
+        """The share of runs that never converge, in per cent, by scope and model."""
         converged = self.convergence.groupby(["scope", "model"])["converged"].mean()
         return stats.by_scope(100 * (1 - converged), self.finetuned)
 
@@ -178,9 +178,10 @@ class Experiment(ModelRuns):
 
     @property
     def collapsed(self) -> dict[str, float]:
-        """Of models that score nearly everything the same over all queries, how many rivals tie with an answer.
+        """Models that score nearly everything the same, each with the mean number of rivals that tie with an answer.
 
-        That is where, of a triple's head and tail query together, half as many rivals as there are entities do.
+        They are those for which, over a triple's head and tail query, at least half as many rivals tie as there are
+        entities.
         """
         tied, runs = (rows[rows["scope"] == "all"].groupby("model") for rows in (self.ties, self.immediate))
         rivals = tied["ties"].sum() / runs["queries"].sum().replace(0, np.nan)
@@ -232,7 +233,7 @@ class Results:
 
     @property
     def standalone(self) -> list[Experiment]:
-        """Experiments whose entities are all of one graph of their own."""
+        """Experiments all of whose entities are from one source."""
         return [one for one in self.experiments.values() if one.settings.graph.extend is None]
 
     @property

@@ -31,11 +31,11 @@ STYLE: Any = {
 #: Titles of panels.
 _HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity prediction", "mrr_star_relation": "relation prediction"}
 _LEGEND_ROW = 5  # entries that fit beside each other
-#: Ink and paper where it is dark (``style.css``).
+#: Ink and paper in the dark scheme (``style.css``).
 _INK, _PAPER = (230, 232, 235), (21, 24, 28)
 #: Contrast (WCAG 2.2) in which a colour stands out from dark paper; parts of a grey differ by less than ``_GREY``.
 _CONTRAST, _GREY = 4.5, 24
-#: Greys are nearer to ink by this power where it is dark, so that they stand out as from white.
+#: In the dark scheme, this power brings greys nearer to ink, so that they stand out as they do from white.
 _FAINT = 1.6
 _COLOUR = re.compile(r"#([0-9a-f]{6})\b")
 Names = Sequence[str]
@@ -89,7 +89,7 @@ def in_words(canvas: Canvas) -> str:
 
 
 def by_size(runs: pd.DataFrame, models: Names, scopes: Names, measures: Names, entities: int) -> Canvas:
-    """MRR* right after insertion by the number (above: share) of novel entities: a row a column of runs, by scope."""
+    """MRR* right after insertion against the number of novel entities: a row of panels a measure, a panel a scope."""
     canvas, axes = panels(len(measures) * len(scopes), len(scopes), height=0.6 + 3 * len(measures))
     for panel, (measure, scope) in zip(axes, product(measures, scopes), strict=True):
         for place, model in enumerate(models):
@@ -110,7 +110,7 @@ def by_size(runs: pd.DataFrame, models: Names, scopes: Names, measures: Names, e
 
 
 def by_epoch(runs: pd.DataFrame, models: Names, scopes: Names, margin: float | None = None, ylabel: str = "") -> Canvas:
-    """MRR* by epoch in runs of one size, by scope, with the joint model's level and, given a margin, convergence's."""
+    """MRR* by epoch, a panel for each scope, with the joint model's level and, given a margin, that of convergence."""
     canvas, axes = panels(len(scopes))
     for panel, scope in zip(axes, scopes, strict=True):
         shown = runs[runs["scope"] == scope]
@@ -130,7 +130,7 @@ def by_epoch(runs: pd.DataFrame, models: Names, scopes: Names, margin: float | N
 def with_band(
     panel: Axes, rows: pd.DataFrame, by: str, column: str, scale: int, band: float, **style: Any
 ) -> np.ndarray:
-    """Draw a line through means over seeds of what rows there are, with intervals as a band of some opacity."""
+    """Draw means over seeds as a line, with their intervals as a band of this opacity; nothing without rows."""
     values, mean, low, high = line = line_over_seeds(rows, by, column, scale)
     if len(rows):
         panel.plot(values, mean, **style)
@@ -140,7 +140,7 @@ def with_band(
 
 
 def by_row(rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]], models: Names, xlabel: str = "") -> Canvas:
-    """A line for each model through the rows of each panel, in points; a title, a row's name, a model: an estimate."""
+    """A line for each model through the rows of each panel, in points; estimates by panel title, row and model."""
     canvas, axes = panels(len(rows_of), columns=1 if "" in rows_of else 2)
     for panel, (title, rows) in zip(axes, rows_of.items(), strict=True):
         for model in models:
@@ -153,13 +153,13 @@ def by_row(rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]], models: 
 
 
 def line_over_seeds(rows: pd.DataFrame, by: str, column: str, scale: float = 100.0) -> np.ndarray:
-    """The values of a column of runs, and mean and bounds over seeds at each; shape: (4, values)."""
+    """The values of the column ``by``, with the mean and its bounds over seeds at each; shape: (4, values)."""
     line = over_seeds(rows, [by], {column: "mean"}, scale)["mean"]
     return np.array([(value, *estimate.parts) for value, estimate in line.items()], dtype=float).reshape(-1, 4).T
 
 
 def legend(canvas: Canvas, axes: Sequence[Axes]) -> None:
-    """Below the panels, what any of them shows, to be read row by row; matplotlib fills columns."""
+    """Add a legend of all panels below them, to be read row by row (matplotlib fills columns)."""
     entries: dict[str, Any] = {}
     for panel in axes:
         for handle, name in zip(*panel.get_legend_handles_labels(), strict=True):
@@ -195,13 +195,13 @@ def inline(svg: str, name: str) -> Markup:
 
 
 def colours(figures: Iterable[str]) -> dict[str, str]:
-    """The colours of figures in the page, each with what it is where it is dark."""
+    """The colours of figures in the page, each with its counterpart in the dark scheme."""
     names = {name for figure in figures for name in re.findall(r"var\(--c([0-9a-f]{6})\)", figure)}
     return {name: dark(name) for name in sorted(names)}
 
 
 def dark(name: str) -> str:
-    """A colour where it is dark: greys change sides, and what has a hue is lightened until it stands out."""
+    """The counterpart of a colour in the dark scheme: greys are inverted, others are lightened until they stand out."""
     colour = tuple(bytes.fromhex(name))
     if max(colour) - min(colour) < _GREY:
         light = (sum(colour) / (3 * 255)) ** _FAINT

@@ -25,7 +25,7 @@ class Term:
 
     @property
     def id(self) -> str:
-        """Where the page has it."""
+        """The id of its meaning on the page."""
         spelled = {"*": " star", "⁰": "0", "¹": "1", "ξ": "xi", "θ": "theta"}
         plain = "".join(spelled.get(sign, sign) for sign in self.name.lower())
         return "term-" + re.sub(r"[^a-z0-9]+", "-", plain).strip("-")

@@ -111,7 +111,7 @@ def header(column: Column) -> str:
 
 
 def column_groups(table: ReportTable) -> list[tuple[str, int]]:
-    """What neighbouring columns share, and how many of them do; none where no column shares anything."""
+    """The groups of neighbouring columns, each with its number of columns; none where no column is in a group."""
     groups = [(WORDS.get(name, name), len(list(columns))) for name, columns in groupby(c.group for c in table.columns)]
     return groups if any(name for name, _ in groups) else []
 

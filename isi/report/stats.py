@@ -55,7 +55,7 @@ class Pair:
 
 
 def by_scope(values: pd.Series, models: Sequence[str]) -> ByScope:
-    """Values by (scope, model) as mappings, models in their order."""
+    """Values by (scope, model) as a mapping for each scope, with the models in their order."""
     return {str(scope): {model: float(values[scope, model]) for model in models if (scope, model) in values.index}
             for scope in values.index.unique("scope")}  # fmt: skip
 
@@ -71,7 +71,7 @@ def values(estimates: Mapping[str, Estimate]) -> dict[str, float]:
 
 
 def improvements(immediate: pd.DataFrame, scope: str) -> dict[str, Estimate]:
-    """Of each model over Xavier where it was run, in per cent: ratios of means averaged over sizes (section 6.1)."""
+    """The gain of each model over Xavier, in per cent: the ratio of means, averaged over sizes (section 6.1)."""
     cells = immediate[immediate["scope"] == scope].pivot_table("mrr_star", "seed", ["model", "size"], dropna=False)
     return relative({str(model): (pd.DataFrame(cells[model]), pd.DataFrame(cells[BASELINE]))
                      for model in cells.columns.unique("model") if BASELINE in cells})  # fmt: skip
@@ -121,7 +121,7 @@ def halves(runs: pd.DataFrame, *scopes: str) -> dict[Any, Any]:
 
 
 def ordered_rows(means: pd.DataFrame, models: Sequence[str], header: Any = "model", **orders: Any) -> pd.DataFrame:
-    """Groups as rows of a table, sorted by level; a level in ``orders`` has its values alone, in that order."""
+    """The groups as rows of a table, sorted by level; a level in ``orders`` has only those values, in their order."""
     levels, frame = list(map(str, means.index.names)), means.reset_index()
     for name, order in {"model": models, **orders}.items():
         frame[name] = pd.Categorical(frame[name], list(order))
@@ -137,7 +137,7 @@ def cells_of(rows: pd.DataFrame, models: Sequence[str], scope: str, column: str)
 
 
 def over_seeds(rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str], scale: float = 100.0) -> pd.DataFrame:
-    """Means of columns (each with its new name) by group, with 95 % intervals over seeds, without nulls."""
+    """The means of columns (new names by name) by group, with 95 % intervals over seeds; nulls are left out."""
     if rows.empty:
         return pd.DataFrame(columns=[*by, *columns.values()], dtype=object).set_index(list(by))
     seeds = rows.groupby([*by, "seed"])[list(columns)]
@@ -155,10 +155,10 @@ def by_model(rows: pd.DataFrame, column: str, models: Sequence[str], scale: floa
 
 
 def ratios(over: np.ndarray, under: np.ndarray) -> np.ndarray:
-    """Of each row, the sum of ``over`` by that of ``under``, and its 95 % interval over seeds; shape: (rows, 3).
+    """The sum of each row of ``over`` divided by that of ``under``, and its 95 % interval over seeds; shape: (rows, 3).
 
-    Columns are seeds, without those of null ``under``. The interval is the bootstrap's, by percentiles: that stays
-    defined where values are nearly constant, BCa does not. Of one seed there is none.
+    Columns are seeds; those whose ``under`` is null are left out. The interval is the bootstrap's percentile interval,
+    which is defined even where values are nearly constant (BCa is not). One seed alone has no interval.
     """
     estimates, present = np.full((len(over), 3), np.nan), ~np.isnan(under)
     for pattern in np.unique(present, axis=0):
@@ -211,7 +211,7 @@ def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
 
 
 def compare(measures: Mapping[str, pd.DataFrame], models: Sequence[str]) -> list[Pair]:
-    """Every pair of models, ISI first, by every measure, which has a column a model and a row a cell of a seed."""
+    """Compare all pairs of models, ISI first, by every measure: a column for each model, a row for each run."""
     pairs, methods = [], isi(models)
     for measure, cells in measures.items():
         names = [sorted(pair, key=lambda name: name not in methods) for pair in combinations(models, 2)]
@@ -239,13 +239,13 @@ def pairs_table(pairs: Iterable[Pair]) -> list[dict[Any, Any]]:
 
 
 def by_seed(first: pd.Series, second: pd.Series) -> np.ndarray:
-    """First minus second where both have cells, by seed; rounded, so that the order of a sum breaks no tie."""
+    """First minus second where both have values, averaged by seed; rounded: the order of a sum breaks no tie."""
     means: pd.Series = (first - second).dropna().groupby("seed").mean()
     return means.to_numpy(float).round(9) + 0.0  # no -0
 
 
 def difference(values: np.ndarray) -> Difference:
-    """Of differences by seed: mean, interval over seeds, and the p of the sign-flip test."""
+    """The mean of differences by seed, its interval over seeds, and the p of the sign-flip test."""
     if not len(values):
         return Difference(np.nan)
     mean, low, high = ratios(values[None], np.ones((1, len(values))))[0].tolist()

@@ -60,7 +60,7 @@ def isi(models: Iterable[str]) -> list[str]:
 
 
 def controls(models: Iterable[str]) -> list[str]:
-    """Initializers that have a part of what ISI has beside meaning."""
+    """The controls: initializers that have what ISI has apart from meaning, or a part of it."""
     return of_role(models, "control")
 
 

@@ -188,7 +188,7 @@ def _lead(rows: pd.DataFrame, choice: Setting, other: Setting) -> float:
 
 
 def _within(rows: pd.DataFrame, choice: Setting, other: Setting) -> bool:
-    """Whether that is less than the folds of either deviate (standard deviation over folds)."""
+    """Whether their means differ by less than the larger of their standard deviations over folds."""
     spread = max(_of_setting(rows, setting)["mrr_star"].std(ddof=1) for setting in (choice, other))
     return bool(abs(_lead(rows, choice, other)) < 100 * spread)
 
@@ -198,7 +198,7 @@ def _of_setting(rows: pd.DataFrame, setting: Setting) -> pd.DataFrame:
 
 
 def best(rows: pd.DataFrame, choice: Setting, factor: str) -> tuple[float, str]:
-    """The best value of a factor (the choice where it did as well), and a note where it is another; NaN of no folds."""
+    """The best value of a factor (the chosen one in a tie), and a note if it is another one; NaN without folds."""
     others = _of_setting(rows, {name: value for name, value in choice.items() if name != factor})
     if others["mrr_star"].isna().all():
         return nan, ""

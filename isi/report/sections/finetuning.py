@@ -54,7 +54,7 @@ def convergence(results: Results, experiment: Experiment) -> Content:
 
 
 def best_epochs(runs: pd.DataFrame, initializers: Sequence[str]) -> list[tuple[Any, ...]]:
-    """Held-out MRR* of each of ISI at the best epoch of its mean and at the last: name, both, and the change."""
+    """Held-out MRR* of ISI at the best epoch of the mean curve and at the last: model, value, epoch, and the change."""
     heldout, lines = runs[runs["scope"] == "novel_heldout"], []
     for model in isi(initializers):
         by_epoch = 100 * heldout[heldout["model"] == model].pivot_table("mrr_star", "epoch", "seed")
@@ -127,13 +127,13 @@ def since_before(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def drawn(runs: pd.DataFrame, models: Sequence[str]) -> Canvas:
-    """By epoch, a panel for each scope: how far from before anything was inserted."""
+    """By how much MRR* differs from before insertion, by epoch; a panel for each scope."""
     lines = [*(model for model in models if model != JOINT), FINETUNE_ONLY]
     return by_epoch(since_before(runs), lines, EARLIER, ylabel="MRR* minus before (points)")
 
 
 def at_the_end(runs: pd.DataFrame) -> dict[str, list[Pair]]:
-    """Contenders, and nothing inserted, in pairs after the last epoch, in points; by scope."""
+    """Compare contenders and training without insertion in pairs after the last epoch, in points; by scope."""
     epoch, pairs = runs["epoch"].max(), {}
     last = runs[runs["epoch"] == epoch]
     ran = list(dict.fromkeys(last["model"]))
@@ -158,7 +158,7 @@ def ended(pairs: Mapping[str, Sequence[Pair]]) -> list[tuple[str, str, list[Pair
 
 
 def interference(runs: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, Any]]:
-    """Known against known_closed: interference against forgetting, in runs of one size."""
+    """MRR* about earlier knowledge in runs of one size; a loss in ``known`` alone is interference, not forgetting."""
     groups, rows = dict(list(runs.groupby(["model", "scope"]))), []
     for model, scope in (key for key in product(models, EARLIER) if key in groups):
         shown = groups[model, scope]

@@ -58,7 +58,7 @@ def verdict(results: Results) -> Iterator[Content]:
 
 
 def _means_and_intervals(estimates: Mapping[str, Estimate], models: list[str]) -> Canvas:
-    """One below the other."""
+    """Models one below the other, each with its mean and interval."""
     canvas, (axes,) = panels(1, 1, 0.5 + 0.33 * len(estimates), width=4.6)
     for place, (model, estimate) in enumerate(estimates.items()):
         color = colour(model, models)
@@ -114,7 +114,7 @@ def immediate(results: Results, experiment: Experiment) -> Content:
 
 @of_each_graph
 def differences(results: Results, experiment: Experiment) -> Content | None:
-    """Pairs that differ, ISI against the others, every pair; nothing where no graph has anything to compare."""
+    """How many pairs differ, ISI against the others, and every pair; None where no graph has two initializers."""
     if all(len(graph.initializers) < 2 for graph in results.standalone):
         return None
     measured = measures(experiment.immediate, experiment.convergence, experiment.initializers)

@@ -43,7 +43,7 @@ def trajectory(results: Results) -> Iterator[Content]:
 
 
 def plane(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Of vectors (N, d): their centre (d), two principal axes (2, d), of fixed sign, and their share of variance."""
+    """The centre (d) of vectors (N, d), two principal axes (2, d), of fixed sign, and their share of the variance."""
     centre = vectors.mean(0, dtype=np.float64)
     _, strength, axes = np.linalg.svd(vectors - centre, full_matrices=False)
     largest = np.abs(axes[:2]).argmax(1)
@@ -165,7 +165,7 @@ def maps_of(known: pd.DataFrame, rows: pd.DataFrame) -> dict[str, dict[str, Any]
 
 
 def indicators_of(rows: pd.DataFrame) -> dict[tuple[int, str], dict[str, Any]]:
-    """Of each entity and model: its fallback and its indicators' ids and numbers; no weights where all are equal."""
+    """The fallback and the indicators (ids and numbers) of each entity and model; no weights where all are equal."""
     groups: dict[Any, pd.DataFrame] = dict(list(rows[rows["weight"] >= LEAST].groupby(["entity", "model"], sort=False)))
     return {
         place: {

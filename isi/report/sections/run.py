@@ -114,7 +114,7 @@ def definitions(results: Results) -> Iterator[Content]:
 def leaks(
     graphs: Iterable[tuple[pd.DataFrame, pd.DataFrame]], definitions: Mapping[str, str]
 ) -> tuple[pd.DataFrame, int]:
-    """Triples of graphs (entities and triples) with an end whose definition names the other; the number of all."""
+    """The triples of graphs in which the definition of one end names the other end, and the number of all triples."""
     parts = []
     for entities, triples in graphs:
         phrase = dict(zip(entities["entity"], entities["phrase"], strict=True))
@@ -187,7 +187,7 @@ def _left_out(experiment: Experiment) -> dict[str, int]:
 
 
 def orphans(entities: pd.DataFrame, triples: pd.DataFrame, splits: pd.DataFrame, novel: pd.DataFrame) -> int:
-    """Known entities that lose all their training triples with the novel ones, over all cells."""
+    """How many known entities lose all their training triples with the novel ones, over all sizes and seeds."""
     ids = {name: number for number, name in enumerate(entities["entity"])}
     ends = np.stack([triples[end].map(ids) for end in ("head", "tail")], axis=1)
     lost = 0
