@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 
 from isi.report.stats import over_seeds
 from isi.report.tables import Estimate
-from isi.report.words import JOINT, SCOPES, capitalized, colour, controls, label, line_style
+from isi.report.words import HALVES, JOINT, SCOPES, WORDS, capitalized, colour, controls, label, line_style
 
 #: Of every figure of the project; drawing and rendering happen within ``matplotlib.rc_context`` of it.
 STYLE: Any = {
@@ -28,8 +28,6 @@ STYLE: Any = {
     "axes.grid": True, "grid.alpha": 0.3,
     "legend.frameon": False, "svg.hashsalt": "isi", "svg.fonttype": "none", "figure.dpi": 160,
 }  # fmt: skip
-#: Titles of panels.
-_HALVES = {"mrr_star": "MRR*", "mrr_star_entity": "entity prediction", "mrr_star_relation": "relation prediction"}
 _LEGEND_ROW = 5  # entries that fit beside each other
 #: Ink and paper in the dark scheme (``style.css``).
 _INK, _PAPER = (230, 232, 235), (21, 24, 28)
@@ -99,7 +97,8 @@ def by_size(runs: pd.DataFrame, models: Names, scopes: Names, measures: Names, e
                 aside, control = (place - len(models) / 2) * min(0.06, 0.8 / len(models)), bool(controls([model]))
                 panel.errorbar(sizes + aside, mean, np.stack([mean - low, high - mean]), **line_style(model, models),
                                lw=0.9 if control else 1.2, marker="o", ms=2 if control else 3)  # fmt: skip
-        panel.set(title=f"{SCOPES.get(scope, scope)}: {_HALVES[measure]}", xlabel="novel entities |ξ|", ylabel="points")
+        title = f"{SCOPES.get(scope, scope)}: {WORDS.get(HALVES[measure], HALVES[measure])}"
+        panel.set(title=title, xlabel="novel entities |ξ|", ylabel="points")
         panel.set_xticks(sorted(runs["size"].unique()))
         shares = (lambda size: np.asarray(size) * (100 / entities), lambda share: np.asarray(share) * (entities / 100))
         above = panel.secondary_xaxis("top", functions=shares)

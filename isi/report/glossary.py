@@ -70,16 +70,13 @@ class Marker:
         if self._pattern is None:
             return text
         parts = re.split(r"(<(?:a|code)\b.*?</(?:a|code)>|<[^>]*>)", text)
-        return "".join(part if place % 2 else self._pattern.sub(lambda word: self._link(word[0]), part)
+        return "".join(part if place % 2 else self._pattern.sub(lambda word: self.cell_text(word[0]), part)
                        for place, part in enumerate(parts))  # fmt: skip
 
     def cell_text(self, text: str) -> Markup:
-        """The text of a cell, which is a word as a whole or none."""
-        return Markup(self._link(text))  # noqa: S704
-
-    def _link(self, word: str) -> str:
-        term = self._of.get(word)
+        """The text of a cell, which is a word as a whole or none: a link where the word is new to the section."""
+        term = self._of.get(text)
         if term is None or term.id in self._seen:
-            return str(escape(word))
+            return escape(text)
         self._seen.add(term.id)
-        return f'<a class="term" href="#{term.id}">{escape(word)}</a>'
+        return Markup(f'<a class="term" href="#{term.id}">{escape(text)}</a>')  # noqa: S704
