@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.stats
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import stats
 
 from isi.evaluation.query_sets import epochs_to_convergence
-from isi.report import stats as significance
-from isi.report.sections import immediate as section
+from isi.report import stats
+from isi.report.sections import immediate
 from isi.report.tables import ReportTable
 from isi.report.words import HALVES
 from tests.reports import frame_of, runs
@@ -25,7 +25,7 @@ NOVEL = "immediate MRR*, novel entities"
 POINTS = st.lists(st.integers(-50, 50).map(lambda number: number / 4), min_size=2, max_size=12)
 
 
-def immediate(models: dict[str, Cells], scope: str = "novel") -> pd.DataFrame:
+def runs_of(models: dict[str, Cells], scope: str = "novel") -> pd.DataFrame:
     """Runs of these models right after insertion."""
     return runs([(model, scope, size, seed, 0, value) for model, cells in models.items()
                  for (size, seed), value in cells.items()])  # fmt: skip
@@ -34,19 +34,19 @@ def immediate(models: dict[str, Cells], scope: str = "novel") -> pd.DataFrame:
 def measures_of(models: dict[str, Cells]) -> dict[str, pd.DataFrame]:
     """Measures of initializers of which nothing is known but how they start."""
     nothing = pd.DataFrame(columns=["scope", "model", "session", "size", "seed", "epochs"])
-    rows = immediate(models).assign(mrr_star_entity=np.nan)
-    return section.measures(rows, nothing, list(models))
+    rows = runs_of(models).assign(mrr_star_entity=np.nan)
+    return immediate.measures(rows, nothing, list(models))
 
 
-def pairs_of(models: dict[str, Cells]) -> list[significance.Pair]:
-    return significance.compare(measures_of(models), list(models))
+def pairs_of(models: dict[str, Cells]) -> list[stats.Pair]:
+    return stats.compare(measures_of(models), list(models))
 
 
 def short_table(models: dict[str, Cells]) -> pd.DataFrame:
-    return frame_of(section.differences_isi(pairs_of(models), list(models)))
+    return frame_of(immediate.differences_isi(pairs_of(models), list(models)))
 
 
-def by_measure(pairs: list[significance.Pair], measure: str) -> list[significance.Pair]:
+def by_measure(pairs: list[stats.Pair], measure: str) -> list[stats.Pair]:
     return [pair for pair in pairs if pair.measure == measure]
 
 
@@ -59,13 +59,13 @@ def constant(value: float, seeds: int = 3) -> Cells:
 
 def test_holm_by_hand() -> None:
     # in order 0.005 · 4, 0.01 · 3, 0.03 · 2, and 0.04 · 1, which may not fall below the one before
-    assert significance.holm(np.array([0.01, 0.04, 0.03, 0.005])) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert significance.holm(np.array([0.6, 0.5])) == pytest.approx([1, 1])
-    assert significance.holm(np.array([0.2])) == pytest.approx([0.2])
+    assert stats.holm(np.array([0.01, 0.04, 0.03, 0.005])) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert stats.holm(np.array([0.6, 0.5])) == pytest.approx([1, 1])
+    assert stats.holm(np.array([0.2])) == pytest.approx([0.2])
 
 
 def test_a_pair_that_does_not_differ_stays_among_the_tests_of_holm() -> None:
-    corrected = significance.holm(np.array([np.nan, 0.01, np.nan]))
+    corrected = stats.holm(np.array([np.nan, 0.01, np.nan]))
     assert corrected[1] == pytest.approx(0.03)
     assert np.isnan(corrected[[0, 2]]).all()
 
@@ -73,7 +73,7 @@ def test_a_pair_that_does_not_differ_stays_among_the_tests_of_holm() -> None:
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=20))
 def test_holm_never_lowers_a_p_nor_changes_the_order(values: list[float]) -> None:
     p = np.array(values)
-    corrected = significance.holm(p)
+    corrected = stats.holm(p)
     assert ((corrected >= p) & (corrected <= 1)).all()
     assert (np.diff(corrected[p.argsort()]) >= 0).all()
     assert corrected.min() == min(1, len(p) * p.min())  # Bonferroni's for the smallest
@@ -103,7 +103,7 @@ def test_cells_without_queries_for_either_are_left_out_of_both_sides() -> None:
     ],
 )
 def test_p_is_the_sign_flips_by_hand(values: list[float], p: float) -> None:
-    found = significance.difference(np.array(values, dtype=float))
+    found = stats.difference(np.array(values, dtype=float))
     assert found.p == pytest.approx(p)
     assert found.mean == pytest.approx(sum(values) / len(values))
     assert (found.seeds, found.differing) == (len(values), np.count_nonzero(values))
@@ -116,35 +116,35 @@ def test_p_is_scipys_over_all_permutations(values: list[float]) -> None:
         summed: np.ndarray = sample.sum(axis)
         return summed
 
-    found = significance.sign_flip(np.array(values))
-    exact = stats.permutation_test((np.array(values),), total, permutation_type="samples", n_resamples=np.inf,
+    found = stats.sign_flip(np.array(values))
+    exact = scipy.stats.permutation_test((np.array(values),), total, permutation_type="samples", n_resamples=np.inf,
                                    vectorized=True).pvalue if any(values) else np.nan  # fmt: skip
     assert found == pytest.approx(exact, nan_ok=True)
 
 
 def test_many_seeds_are_counted_and_very_many_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     values = np.random.default_rng(0).normal(0.4, 1, 30).round(9)
-    exact = significance.sign_flip(values)
+    exact = stats.sign_flip(values)
     assert exact * 2**29 == pytest.approx(round(exact * 2**29))  # a number of pairs of ways
-    monkeypatch.setattr(significance, "_COUNTED", 29)
-    assert significance.sign_flip(values) == pytest.approx(exact, abs=0.005)
-    assert significance.sign_flip(np.ones(60)) == pytest.approx(1 / 100_000)
+    monkeypatch.setattr(stats, "_COUNTED", 29)
+    assert stats.sign_flip(values) == pytest.approx(exact, abs=0.005)
+    assert stats.sign_flip(np.ones(60)) == pytest.approx(1 / 100_000)
 
 
 def test_the_interval_is_the_bootstraps() -> None:
     # of two seeds, a resampled mean is 0, ½ or 1 with ¼, ½ and ¼
-    two = significance.difference(np.array([0.0, 1.0]))
+    two = stats.difference(np.array([0.0, 1.0]))
     assert (two.low, two.high) == (0, 1)
-    same = significance.difference(np.full(4, 2.0))
+    same = stats.difference(np.full(4, 2.0))
     assert (same.low, same.high) == (2, 2)
-    alone = significance.difference(np.array([1.0]))
+    alone = stats.difference(np.array([1.0]))
     assert np.isnan([alone.low, alone.high]).all()
 
 
 @settings(max_examples=25, deadline=None)
 @given(POINTS)
 def test_a_swapped_pair_is_the_same_with_other_signs(values: list[float]) -> None:
-    one, other = (significance.difference(sign * np.array(values)) for sign in (1, -1))
+    one, other = (stats.difference(sign * np.array(values)) for sign in (1, -1))
     assert (other.mean, other.low, other.high) == pytest.approx((-one.mean, -one.high, -one.low))
     assert one.low <= one.mean + 1e-9
     assert one.mean <= one.high + 1e-9
@@ -156,12 +156,12 @@ def test_rounding_is_no_difference() -> None:
     first = pd.Series([0.1 + 0.2, 0.5], pd.MultiIndex.from_tuples([(1, 0), (1, 1)], names=["size", "seed"]))
     second = pd.Series([0.3, 0.5], first.index)
     assert (first != second).any()
-    assert not significance.by_seed(first, second).any()
+    assert not stats.by_seed(first, second).any()
 
 
 def test_identical_runs_give_none() -> None:
     pairs = pairs_of({"xavier": constant(0.4), "es": constant(0.6), "rs": constant(0.6)})
-    frame = frame_of(significance.pairs_table(pairs))
+    frame = frame_of(stats.pairs_table(pairs))
     novel = frame[frame["measure"] == NOVEL].set_index(["first", "second"])
     assert novel.loc[("ES", "RS"), ["p", "p (Holm)"]].tolist() == ["none", "none"]
     assert novel.loc[("ES", "RS"), ["difference", "of these differ"]].tolist() == [0, 0]
@@ -178,8 +178,8 @@ def test_epochs_are_compared_in_the_scopes_of_convergence() -> None:
     )
     convergence = epochs_to_convergence(rows, joint, 0.08, 150, ["model"]).assign(session=1)
     start = rows[rows["epoch"] == 0].assign(mrr_star_entity=0.5)
-    found = section.measures(start, convergence, ["xavier", "es"])
-    pairs = significance.compare(found, ["xavier", "es"])
+    found = immediate.measures(start, convergence, ["xavier", "es"])
+    pairs = stats.compare(found, ["xavier", "es"])
     (pair,) = by_measure(pairs, "epochs to convergence, all queries")
     assert (pair.first, pair.second) == ("es", "xavier")
     assert pair.difference.mean == pytest.approx((0 + 1) / 2 - 2)
@@ -215,21 +215,21 @@ def test_the_short_table_sets_isi_against_all_others() -> None:
 def test_pairs_that_do_not_differ_significantly_are_counted_and_named() -> None:
     seeds = 8
     models = {"xavier": constant(0.4, seeds), "es": constant(0.6, seeds), "rs": constant(0.6, seeds)}
-    (novel,) = section.counts(pairs_of(models))
+    (novel,) = immediate.counts(pairs_of(models))
     assert (novel["measure"], novel["significant"], novel["number"], novel["too_few_seeds"]) == (NOVEL, 2, 3, None)
     assert [(pair.first, pair.second) for pair in novel["same"]] == [("es", "rs")]
     few = {name: constant(cells[1, 0], 6) for name, cells in models.items()}  # 3 pairs · 2 / 2⁶ is above 0.05
-    (novel,) = section.counts(pairs_of(few))
+    (novel,) = immediate.counts(pairs_of(few))
     assert (novel["significant"], novel["too_few_seeds"], novel["same"]) == (0, 6, [])
     del models["rs"]
-    (novel,) = section.counts(pairs_of(models))
+    (novel,) = immediate.counts(pairs_of(models))
     assert (novel["significant"], novel["number"], novel["same"]) == (1, 1, [])
 
 
 @pytest.mark.parametrize("names", [("xavier",), ("es",), ("xavier", "mean")])
 def test_tables_are_whole_where_there_is_nothing_to_compare(names: tuple[str, ...]) -> None:
     pairs = pairs_of({name: constant(0.5) for name in names})
-    assert len(significance.pairs_table(pairs)) == (5 if len(names) == 2 else 0)
+    assert len(stats.pairs_table(pairs)) == (5 if len(names) == 2 else 0)
     assert short_table({name: constant(0.5) for name in names}).empty
     assert shares_of({name: constant(0.5) for name in names}) == []
 
@@ -239,15 +239,15 @@ def test_tables_are_whole_where_there_is_nothing_to_compare(names: tuple[str, ..
 
 def halves(models: dict[str, tuple[float, float]], seeds: int = 3) -> pd.DataFrame:
     """Runs in scope novel: the entity and the relation half of each model, the same for every seed."""
-    rows = immediate({model: constant((entity + relation) / 2, seeds) for model, (entity, relation) in models.items()})
+    rows = runs_of({model: constant((entity + relation) / 2, seeds) for model, (entity, relation) in models.items()})
     entity, relation = (rows["model"].map({name: two[place] for name, two in models.items()}) for place in (0, 1))
     return rows.assign(mrr_star_entity=entity, mrr_star_relation=relation)
 
 
 def shares_of(models: dict[str, Cells]) -> list[dict[Any, Any]]:
     """Of all of MRR*."""
-    rows = immediate(models).assign(mrr_star_entity=0.5, mrr_star_relation=0.5)
-    rows_of = ReportTable.of("shares", section.shares_of_the_gain(rows, list(models)))
+    rows = runs_of(models).assign(mrr_star_entity=0.5, mrr_star_relation=0.5)
+    rows_of = ReportTable.of("shares", immediate.shares_of_the_gain(rows, list(models)))
     return [dict(zip([column.header for column in rows_of.columns], row, strict=True)) for row in rows_of.rows
             if "MRR*" in row]  # fmt: skip
 
@@ -279,12 +279,12 @@ def test_the_interval_of_a_share_resamples_both_gains_together() -> None:
     ],
 )  # fmt: skip
 def test_steps_go_over_the_controls_that_were_run(models: list[str], expected: list[tuple[str, str, str]]) -> None:
-    assert section.steps("es", models) == expected
+    assert immediate.steps("es", models) == expected
 
 
 def test_parts_are_computed_half_by_half() -> None:
     rows = halves({"xavier": (0.3, 0.5), "es": (0.5, 0.9), "mean": (0.2, 0.8), "es_permuted": (0.4, 0.6)})
-    found = section.parts(rows, ["xavier", "es", "mean", "es_permuted"])
+    found = immediate.parts(rows, ["xavier", "es", "mean", "es_permuted"])
     points = {(half, part): round(gain.mean, 6) for (_, half), gains in found.items()
               for (part, *_), gain in gains.items()}  # fmt: skip
     assert points == {
@@ -295,7 +295,7 @@ def test_parts_are_computed_half_by_half() -> None:
         ("mrr_star_relation", "centre"): 30, ("mrr_star_relation", "kind and meaning"): 10,
         ("mrr_star_relation", "all of it"): 40, ("mrr_star_relation", "words"): 30,
     }  # fmt: skip
-    whole, entities, relations = (section.composition(found["novel", half], "es") or {} for half in HALVES)
+    whole, entities, relations = (immediate.composition(found["novel", half], "es") or {} for half in HALVES)
     shares = [(part, round(points.mean, 6), percent and round(percent)) for part, points, percent in whole["parts"]]
     assert shares == [("centre", 10, 33), ("kind and meaning", 20, 67)]
     assert [percent for *_, percent in entities["parts"]] == [None, None]  # the centre loses there
