@@ -13,22 +13,12 @@ from isi.sources import procthor_houses, triples
 from isi.tables import paths
 from stages.mine import mine
 from tests.fuzz import formats
-from tests.mistakes import LOG, Case, assert_names, files_of
-from tests.mistakes.listed import (
-    BEHAVIOR_CASES,
-    ID_CASES,
-    MP3D_CASES,
-    RDF_CASES,
-    SHIPPED_CASES,
-    TABLE_CASES,
-    WORD_CASES,
-)
-from tests.mistakes.scenes import HOUSE_CASES, RECORDING_CASES, SCENE_CASES
+from tests.mistakes import LOG, Case, assert_names, files_of, listed, scenes
 
 ROOT = Path(__file__).parent.parent
 CASES = [
-    *SCENE_CASES, *RECORDING_CASES, *HOUSE_CASES, *TABLE_CASES, *RDF_CASES, *MP3D_CASES, *SHIPPED_CASES, *ID_CASES,
-    *BEHAVIOR_CASES, *WORD_CASES,
+    *scenes.SCENE_CASES, *scenes.RECORDING_CASES, *scenes.HOUSE_CASES, *listed.TABLE_CASES, *listed.RDF_CASES,
+    *listed.MP3D_CASES, *listed.SHIPPED_CASES, *listed.ID_CASES, *listed.BEHAVIOR_CASES, *listed.WORD_CASES,
 ]  # fmt: skip
 
 
