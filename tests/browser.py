@@ -75,10 +75,12 @@ def opened(
         java_script_enabled=script, reduced_motion="reduce",
     )  # fmt: skip
     found, address = Opened(window.new_page()), path.resolve().as_uri()
-    found.page.on("console", lambda said: found.errors.append(said.text) if said.type in ("error", "warning") else None)
+    found.page.on(
+        "console", lambda message: found.errors.append(message.text) if message.type in ("error", "warning") else None
+    )
     found.page.on("pageerror", lambda error: found.errors.append(str(error)))
     found.page.on(
-        "request", lambda asked: found.requests.append(asked.url) if asked.url.split("#")[0] != address else None
+        "request", lambda request: found.requests.append(request.url) if request.url.split("#")[0] != address else None
     )
     try:
         found.page.goto(f"{address}#{fragment}" if fragment else address)

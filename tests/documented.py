@@ -14,8 +14,8 @@ PAGE = DOCS / "extending.md"
 
 def block(mark: str, language: str) -> str:
     """What the fence behind ``<!-- mark -->`` holds."""
-    _, found, rest = PAGE.read_text(encoding="utf-8").partition(f"<!-- {mark} -->\n```{language}\n")
-    assert found, f"{PAGE.name} has no {mark}"
+    _, there, rest = PAGE.read_text(encoding="utf-8").partition(f"<!-- {mark} -->\n```{language}\n")
+    assert there, f"{PAGE.name} has no {mark}"
     return rest.partition("```")[0]
 
 

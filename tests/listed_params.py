@@ -6,6 +6,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,13 @@ from isi.config import value_of
 from isi.stage import PIPELINES, StageContext, context_of
 from isi.tables import paths
 
+parsed = cache(yaml.safe_load)  # of a text, since that takes long
+
 
 def listed(stage: str, names: Mapping[str, str]) -> dict[Path, list[str]]:
     """The keys that are listed for a stage with its arguments, by the file of params."""
-    first, beyond = (yaml.safe_load(path.read_text(encoding="utf-8"))["stages"] for path in PIPELINES)
-    values = yaml.safe_load(paths.PARAMS.read_text(encoding="utf-8"))
+    first, beyond = (parsed(path.read_text(encoding="utf-8"))["stages"] for path in PIPELINES)
+    values = parsed(paths.PARAMS.read_text(encoding="utf-8"))
 
     def filled(part: re.Match[str]) -> str:
         matrix, _, item = part[1].partition(".")
@@ -29,8 +32,8 @@ def listed(stage: str, names: Mapping[str, str]) -> dict[Path, list[str]]:
     keys = defaultdict[Path, list[str]](list)
     for entry in (first | beyond)[stage].get("params", []):
         of_files = entry if isinstance(entry, dict) else {str(paths.PARAMS): [entry]}
-        for file, found in of_files.items():
-            keys[Path(file)] += [re.sub(r"\$\{([^}]+)\}", filled, key) for key in found]
+        for file, patterns in of_files.items():
+            keys[Path(file)] += [re.sub(r"\$\{([^}]+)\}", filled, key) for key in patterns]
     return keys
 
 

@@ -27,8 +27,8 @@ class Observations:
 
     def rows(self, *columns: str) -> list[tuple[object, ...]]:
         """Some columns of the observations, row by row; missing values are null."""
-        some = self.table[list(columns)].astype(object)
-        return list(some.where(some.notna(), None).itertuples(index=False, name=None))
+        chosen = self.table[list(columns)].astype(object)
+        return list(chosen.where(chosen.notna(), None).itertuples(index=False, name=None))
 
     def kind_of(self) -> dict[str, str]:
         return dict(zip(self.kinds["entity"], self.kinds["kind"], strict=True))
@@ -70,3 +70,9 @@ def refused(reader: str, path: Path, expected: Sequence[str], **settings: object
     assert line.isprintable()
     assert len(line) < 500 + len(str(path))
     assert all(part in line for part in expected), line
+
+
+def written(path: Path, content: str | bytes) -> Path:
+    """A file of this content."""
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path

@@ -31,10 +31,10 @@ class Pretend(TorchFunctionMode):
             return args[0].detach().clone()
         if func is Tensor.to and DEVICE in args:
             return self.put(args[0].detach().clone())
-        asked = kwargs.pop("device", None)
-        given = [value for value in _tensors((args, kwargs)) if value.dim()]
-        where = {self.lies_there(value) for value in given}
-        if asked is not None and torch.device(asked) == DEVICE:
+        wanted = kwargs.pop("device", None)
+        tensors = [value for value in _tensors((args, kwargs)) if value.dim()]
+        where = {self.lies_there(value) for value in tensors}
+        if wanted is not None and torch.device(wanted) == DEVICE:
             where = {True}
         elif func in _TAKING_INDICES:
             where = {self.lies_there(args[0])}

@@ -67,13 +67,3 @@ def for_a_while(path: Path, alter: Callable[[Path], object]) -> Iterator[None]:
         yield
     finally:
         path.write_bytes(before)
-
-
-def refusal(command: str) -> str:
-    """The one line in which a stage refuses what it reads."""
-    with pytest.raises(SystemExit) as ended:
-        run(command)
-    line = str(ended.value)
-    assert "\n" not in line
-    assert len(line) < 300, line
-    return line

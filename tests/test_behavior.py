@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from importlib.metadata import PackageNotFoundError, distribution
+from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
@@ -73,14 +73,10 @@ def test_each_object_is_in_its_room_and_has_the_affordances_of_its_properties_on
     }  # fmt: skip
 
 
-def has_package() -> bool:
-    try:
-        return distribution("bddl").version == "3.6.0"
-    except PackageNotFoundError:
-        return False
-
-
-@pytest.mark.skipif(not has_package(), reason="needs the package bddl 3.6.0")
+@pytest.mark.skipif(
+    ("bddl", "3.6.0") not in {(package.name, package.version) for package in distributions()},
+    reason="needs the package bddl 3.6.0",
+)
 def test_the_package_read_as_shipped_has_51_scenes_and_all_their_instances() -> None:
     shipped = read_params(ROOT / paths.BEYOND_PARAMS)["graphs"]["behavior"]["source"]
     settings = {key: value for key, value in shipped.items() if key not in ("reader", "from")}

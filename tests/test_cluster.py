@@ -10,11 +10,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import pytest
 import torch
@@ -25,21 +24,13 @@ from isi.experiment.grid import GridPoints
 from isi.experiment.insert import insert_stack
 from isi.experiment.runner import Compute, TaskError, run
 from isi.experiment.train import TrainConfig, TrainResult, train_stack
+from tests.environment import wait_for
 from tests.small_grid import insert_tasks, inserted_bytes, theta0, trained_bytes, training_tasks
 
 pytest.importorskip("distributed")
 
 ROOT = Path(__file__).parent.parent
 PROCESSES = Compute(workers=2, stack=1)
-Found = TypeVar("Found")
-
-
-def wait_for(what: Callable[[], Found | None], seconds: float = 30) -> Found:
-    deadline = time.monotonic() + seconds
-    while not (found := what()):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    return found
 
 
 @dataclass(frozen=True)
@@ -66,7 +57,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     try:
         start("dask_scheduler", "--port", "0")
         workers = [start("dask_worker", "--nthreads", "1", "--no-nanny") for _ in range(2)]
-        wait_for(lambda: all(b"Registered to" in (folder / f"{n}.log").read_bytes() for n in (1, 2)))
+        assert wait_for(lambda: all(b"Registered to" in (folder / f"{n}.log").read_bytes() for n in (1, 2)))
         address = json.loads(at.read_text(encoding="utf-8"))["address"]
         compute = Compute(workers=1, stack=1, engine="dask", scheduler=address)
         yield Cluster(compute, {process.pid: process for process in workers})
@@ -115,6 +106,7 @@ def test_a_cluster_gives_the_bytes_of_processes_though_a_worker_is_killed(cluste
 
     def kill_one() -> None:
         note = wait_for(lambda: next(tmp_path.iterdir(), None))
+        assert note
         os.kill(int(note.name.split()[0]), signal.SIGKILL)
 
     killer = threading.Thread(target=kill_one)
@@ -126,8 +118,8 @@ def test_a_cluster_gives_the_bytes_of_processes_though_a_worker_is_killed(cluste
     done_by = {pid: {path.name.split()[1] for path in tmp_path.glob(f"{pid} *")} for pid in cluster.workers}
     assert done_by[killed] <= done_by[other] == {"0", "1", "2", "3"}
     assert trained_bytes(learned) == expected
-    told = insert_tasks(2, "ers", theta0(steps=2), steps=2)
-    inserted, again = (run(insert_stack, told, compute, "ers") for compute in (PROCESSES, cluster.compute))
+    later = insert_tasks(2, "ers", theta0(steps=2), steps=2)
+    inserted, again = (run(insert_stack, later, compute, "ers") for compute in (PROCESSES, cluster.compute))
     assert inserted_bytes(inserted) == inserted_bytes(again)
 
 

@@ -62,8 +62,8 @@ def test_some_hundred_updates_give_the_numbers_of_batches_of_one(kind: str, deca
         run_epoch(compiled, data, SAMPLED, settings, 0, epoch)
         by_batches(plain, data, settings, epoch)
     assert 4 * int(data.counts.sum(1).min()) > 300
-    for found, expected in zip(tensors(compiled), tensors(plain), strict=True):
-        torch.testing.assert_close(found, expected, rtol=1e-4, atol=2e-5)
+    for result, expected in zip(tensors(compiled), tensors(plain), strict=True):
+        torch.testing.assert_close(result, expected, rtol=1e-4, atol=2e-5)
     assert not torch.allclose(compiled.embedding.entity, begin(points, kind).embedding.entity, atol=0.1)
 
 

@@ -19,26 +19,18 @@ from isi.experiment.runner import Compute
 from isi.experiment.train import evaluate_stack, train_stack
 from isi.models.model import MODELS, make_model
 from isi.training import batches
+from tests import small_grid as grid
 from tests.pretend import DEVICE, Pretend
-from tests.small_grid import (
-    INITIALIZERS,
-    LEARNING,
-    MODEL_OPTIONS,
-    explorer_task,
-    insert_tasks,
-    stacks,
-    theta0,
-    training_tasks,
-)
 
-TRAINED = theta0(steps=2)
-(POINTS,) = stacks(4, steps=2)
+TRAINED = grid.theta0(steps=2)
+(POINTS,) = grid.stacks(4, steps=2)
 TASKS: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
-    **{f"inserting by {name}": (insert_stack, insert_tasks(4, name, TRAINED, steps=2)[0]) for name in INITIALIZERS},
+    **{f"inserting by {name}": (insert_stack, grid.insert_tasks(4, name, TRAINED, steps=2)[0])
+       for name in grid.INITIALIZERS},
     "measuring": (evaluate_stack, (POINTS, [TRAINED, TRAINED])),
-    "tracing": (trace_trajectory, (*insert_tasks(1, "es", TRAINED, steps=2)[0][:3],
-                                   insert_tasks(1, "es", TRAINED, steps=2)[0][-1], 1)),
-    "single insertions": (single_insertions, explorer_task()),
+    "tracing": (trace_trajectory, (*grid.insert_tasks(1, "es", TRAINED, steps=2)[0][:3],
+                                   grid.insert_tasks(1, "es", TRAINED, steps=2)[0][-1], 1)),
+    "single insertions": (single_insertions, grid.explorer_task()),
 }  # fmt: skip
 
 
@@ -76,10 +68,10 @@ def test_training_on_another_device_is_training(
 ) -> None:
     if mode == "lists":
         monkeypatch.setattr(batches, "DENSE_LIMIT", 0)
-    negatives = LEARNING.negatives.model_copy(update={"mode": "expected" if mode == "expected" else "sampled"})
-    model = make_model(name, MODEL_OPTIONS.get(name, {}), f"models.{name}")
-    for points in (stacks(4)[0], stacks(4)[0].all_known):
-        assert on_both(train_stack, (points, replace(LEARNING, model=model, negatives=negatives)))
+    negatives = grid.LEARNING.negatives.model_copy(update={"mode": "expected" if mode == "expected" else "sampled"})
+    model = make_model(name, grid.MODEL_OPTIONS.get(name, {}), f"models.{name}")
+    for points in (grid.stacks(4)[0], grid.stacks(4)[0].all_known):
+        assert on_both(train_stack, (points, replace(grid.LEARNING, model=model, negatives=negatives)))
 
 
 @pytest.mark.parametrize("name", TASKS)
@@ -94,11 +86,11 @@ def test_without_a_gpu_auto_is_the_cpu_and_cuda_is_refused_by_name() -> None:
     with pytest.raises(InputError, match=r"compute\.device"):
         runner.stack_height(Compute(workers=1, stack=7, device="cuda"))
     with pytest.raises(InputError, match=r"compute\.device"):  # by a worker, which may be another machine
-        runner.run(train_stack, training_tasks(2), Compute(workers=1, stack=2, device="cuda"), "refused")
+        runner.run(train_stack, grid.training_tasks(2), Compute(workers=1, stack=2, device="cuda"), "refused")
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
 def test_on_a_gpu_training_learns_as_much() -> None:
-    (task,) = training_tasks(4)
+    (task,) = grid.training_tasks(4)
     there, here = (runner.run_task(train_stack, task, device) for device in ("cuda", "cpu"))
     assert np.allclose(there.log["mrr_star"].mean(), here.log["mrr_star"].mean(), atol=0.02)

@@ -86,8 +86,8 @@ def test_adagrads_sums_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_grid_names_the_cells_that_diverged(workers: int) -> None:
-    how = replace(LEARNING, training=LEARNING.training.model_copy(update={"learning_rate": 1e30}))
-    tasks = training_tasks(2, how)
+    steep = replace(LEARNING, training=LEARNING.training.model_copy(update={"learning_rate": 1e30}))
+    tasks = training_tasks(2, steep)
     with pytest.raises(InputError) as ended:
         run(train_stack, tasks, Compute(workers=workers, stack=2), "learning")
     assert any(f": {points}: diverged in epoch 1 (" in str(ended.value) for points, *_ in tasks), str(ended.value)

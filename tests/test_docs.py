@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 
 from isi.__main__ import main
-from isi.bundle.folder import ManifestFile
-from isi.cli import COMMANDS
 from tests.documented import blocks, commands
-from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, files, written
+from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, written
 from tools import docs
 
 PAGES = [*docs.pages(), *(docs.ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md"))]
@@ -46,20 +44,6 @@ def test_links_lead_somewhere(page: Path) -> None:
 def slug(heading: str) -> str:
     """What a heading is linked by, as forges make it."""
     return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
-
-
-def test_what_the_method_says_of_rates_and_batches_is_in_its_tables() -> None:
-    training, tuning = (
-        {rate: float(docs.value(["docs/benchmarks/rates", row, str(rate)])) for rate in rates}
-        for row, rates in (("training", (0.1, 0.2, 0.4)), ("fine-tuning", (0.01, 0.02, 0.04, 0.08, 0.16)))
-    )
-    assert max(training.values()) - min(training.values()) <= 1
-    assert min(rate for rate in tuning if tuning[rate] >= max(tuning.values()) - 0.5) == 0.04
-    assert docs.value(["params", "finetuning.learning_rate"]) == "0.04"
-    assert docs.value(["params", "training.learning_rate"]) == "0.1"
-    for row in ("training", "fine-tuning"):
-        small, large = (float(docs.value(["docs/benchmarks/batch_sizes", row, size])) for size in ("512", "2,048"))
-        assert 0 <= round(small - large, 1) <= 0.5
 
 
 @pytest.mark.parametrize("of_pykeen", [False, True])
@@ -103,14 +87,3 @@ def test_its_commands_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.Monk
     assert lines
     for line in lines:
         main(shlex.split(line))
-
-
-def test_it_lists_the_files_of_a_folder(tmp_path: Path) -> None:
-    section = PAGE.partition("## The folder of a bundle")[2].partition("## ")[0]
-    assert set(re.findall(r"^\| `([\w.]+)` \|", section, re.MULTILINE)) == set(files(written(tmp_path / "one")))
-    assert "format and version" in section
-    assert {"format", "version"} <= set(ManifestFile.model_fields)
-
-
-def test_it_lists_the_commands_about_embeddings() -> None:
-    assert set(re.findall(r"`isi ([a-z]+)", PAGE)) == set(COMMANDS)

@@ -17,34 +17,16 @@ from isi.analyses.single_insertions import place_of_interest, trace_trajectory
 from isi.analyses.variants import train_models
 from isi.evaluation.query_sets import CONVERGING
 from isi.experiment import runner
-from isi.experiment.grid import GridPoints
 from isi.experiment.insert import InsertTask, JointTargets, init_context, insert_sessions, insert_stack
 from isi.experiment.runner import Compute
 from isi.experiment.train import TrainResult, evaluate_stack, train_stack
 from isi.graph.sessions import TRAIN
 from isi.models.stack import Embedding
 from isi.training import trainer
+from tests import small_grid as grid
 from tests.small_graphs import points_of
-from tests.small_grid import (
-    ENTITIES,
-    GRAPH,
-    INITIALIZERS,
-    LEARNING,
-    MARGIN,
-    OPTIMIZER,
-    SAMPLED,
-    SCOPES,
-    SEEDS,
-    SIZE,
-    WORDS,
-    csv,
-    insert_tasks,
-    inserted_bytes,
-    stacks,
-    theta0,
-    trained_bytes,
-    training_tasks,
-)
+
+MEASURES = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "queries"]
 
 
 def cut(tasks: Callable[[int], list[Any]], function: Callable[..., Any], workers: int) -> dict[int, list[Any]]:
@@ -56,106 +38,106 @@ def cut(tasks: Callable[[int], list[Any]], function: Callable[..., Any], workers
 
 
 def test_learning_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stacks() -> None:
-    one, two = (cut(training_tasks, train_stack, workers) for workers in (1, 2))
-    expected = trained_bytes(one[2])
-    for height, learned in [*one.items(), *two.items()]:
-        assert trained_bytes(learned) == expected
+    serial, parallel = (cut(grid.training_tasks, train_stack, workers) for workers in (1, 2))
+    expected = grid.trained_bytes(serial[2])
+    for height, learned in [*serial.items(), *parallel.items()]:
+        assert grid.trained_bytes(learned) == expected
         seeds = [result.log["seed"].unique().tolist() for result in learned]
-        assert seeds == [points.seeds for points in stacks(height)]  # in the order of the tasks
+        assert seeds == [points.seeds for points in grid.stacks(height)]  # in the order of the tasks
 
 
 def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stacks() -> None:
-    trained = {steps: theta0(steps=steps) for steps in (1, 2)}
-    cases = [(name, steps) for name in ("xavier", "ers", "gaussian", "es_permuted") for steps in trained]
+    cases = [("xavier", 1), ("ers", 2), ("es_permuted", 2)]
 
     def tasks(height: int) -> list[InsertTask]:
-        return [task for name, steps in cases for task in insert_tasks(height, name, trained[steps], steps=steps)]
+        return [
+            task for name, steps in cases for task in grid.insert_tasks(height, name, grid.theta0(steps), steps=steps)
+        ]
 
-    one, two = (cut(tasks, insert_stack, workers) for workers in (1, 2))
+    serial, parallel = (cut(tasks, insert_stack, workers) for workers in (1, 2))
     for place in range(len(cases)):
         grids = [
-            inserted_bytes(inserted[place * len(inserted) // len(cases) : (place + 1) * len(inserted) // len(cases)])
-            for inserted in (*one.values(), *two.values())
+            grid.inserted_bytes(
+                inserted[place * len(inserted) // len(cases) : (place + 1) * len(inserted) // len(cases)]
+            )
+            for inserted in (*serial.values(), *parallel.values())
         ]
         assert all(grid == grids[0] for grid in grids)
 
 
 def test_novel_sets_and_queries_are_shared_by_all_initializers() -> None:
-    trained = theta0()
-    found = {name: insert_stack(*insert_tasks(4, name, trained)[0]) for name in INITIALIZERS}
-    key = ["size", "seed", "session", "epoch", "scope"]
-    at_once = {name: result.runs[result.runs["epoch"] == 0].set_index(key) for name, result in found.items()}
-    first, first_own = at_once["xavier"], found["xavier"].entities
-    for name, result in found.items():
-        assert at_once[name]["queries"].equals(first["queries"])
-        own = result.entities[["size", "seed", "session", "entity", "queries"]]
-        assert own.equals(first_own[own.columns])
-    assert len({result.vectors.tobytes() for result in found.values()}) == len(found)
+    trained = grid.theta0()
+    results = [insert_stack(*grid.insert_tasks(4, name, trained)[0]) for name in grid.INITIALIZERS]
+    key, entity_key = ["size", "seed", "session", "scope", "queries"], ["size", "seed", "session", "entity", "queries"]
+    immediate = [result.runs[result.runs["epoch"] == 0][key].reset_index(drop=True) for result in results]
+    assert all(rows.equals(immediate[0]) for rows in immediate)
+    assert all(result.entities[entity_key].equals(results[0].entities[entity_key]) for result in results)
+    assert len({result.vectors.tobytes() for result in results}) == len(results)
 
 
 def test_batches_and_negatives_are_shared_by_all_initializers() -> None:
-    trained, wordless = theta0(), np.zeros_like(WORDS)
-    (by_words,), (by_relations,) = (insert_tasks(4, name, trained, wordless) for name in ("es", "rs"))
+    trained, wordless = grid.theta0(), np.zeros_like(grid.WORDS)
+    (by_words,), (by_relations,) = (grid.insert_tasks(4, name, trained, wordless) for name in ("es", "rs"))
     assert by_words[-1].options != by_relations[-1].options
-    same = [insert_stack(*rest, replace(config, options={"k": 4})) for *rest, config in (by_words, by_relations)]
-    assert same[0].vectors.tobytes() == same[1].vectors.tobytes()  # ES falls back to RS
-    assert same[0].runs.equals(same[1].runs)
-    assert set(same[0].entities["fallback"]) == {"rs"} != set(same[1].entities["fallback"])
+    es, rs = (insert_stack(*rest, replace(config, options={"k": 4})) for *rest, config in (by_words, by_relations))
+    assert es.vectors.tobytes() == rs.vectors.tobytes()  # ES falls back to RS
+    assert es.runs.equals(rs.runs)
+    assert set(es.entities["fallback"]) == {"rs"} != set(rs.entities["fallback"])
 
 
 def test_insertion_stops_once_within_the_margin_of_the_joint_model() -> None:
-    (task,) = insert_tasks(4, "es", theta0())
-    at_once = insert_stack(*task).runs.query("seed == 1 and epoch == 0").set_index("scope")["mrr_star"]
+    (task,) = grid.insert_tasks(4, "es", grid.theta0())
+    immediate = insert_stack(*task).runs.query("seed == 1 and epoch == 0").set_index("scope")["mrr_star"]
     for (_, scope), joint in task[3].items():
-        joint[1] = at_once[scope] + 0.8 * MARGIN
+        joint[1] = immediate[scope] + 0.8 * grid.MARGIN
     runs = insert_stack(*task).runs.sort_values("epoch")
     reached_at = []
-    for model, seed in enumerate(SEEDS):
+    for model, seed in enumerate(grid.SEEDS):
         reached = []
         for (_, scope), joint in task[3].items():
             mrr_star = runs[(runs["seed"] == seed) & (runs["scope"] == scope)]["mrr_star"]
-            reached.append(np.logical_or.accumulate(mrr_star.to_numpy() >= joint[model] - MARGIN))
+            reached.append(np.logical_or.accumulate(mrr_star.to_numpy() >= joint[model] - grid.MARGIN))
         both = np.stack(reached).all(0)
         assert not both[:-1].any()
-        assert both[-1] or len(both) == OPTIMIZER.max_epochs + 1
+        assert both[-1] or len(both) == grid.OPTIMIZER.max_epochs + 1
         reached_at.append(len(both) - 1 if both[-1] else None)
     assert reached_at[:2] == [0, 0]
     assert reached_at[3] is None  # its joint model is out of reach
 
 
 def test_the_joint_model_of_each_session_is_measured_in_all_scopes_of_that_session() -> None:
-    (points,) = stacks(4, steps=2)
+    (points,) = grid.stacks(4, steps=2)
     insert_triples = points.insert_triples
-    runs = evaluate_stack(points, train_models(points, LEARNING)[1])
+    runs = evaluate_stack(points, train_models(points, grid.LEARNING)[1])
     assert set(runs["epoch"]) == {0}
-    assert set(runs["size"]) == {SIZE}
-    found = sorted(zip(runs["session"], runs["seed"], runs["scope"], strict=True))
-    assert found == sorted((session, seed, scope) for session in (1, 2) for seed in SEEDS for scope in SCOPES)
+    assert set(runs["size"]) == {grid.SIZE}
+    cells = sorted(zip(runs["session"], runs["seed"], runs["scope"], strict=True))
+    assert cells == sorted((session, seed, scope) for session in (1, 2) for seed in grid.SEEDS for scope in grid.SCOPES)
     novel = runs[runs["scope"] == "novel"].set_index(["session", "seed"])["queries"]
-    for model, seed in enumerate(SEEDS):
-        touching, later = (np.isin(GRAPH.triples[:, [0, 2]], novel).any(1) for novel in points.novel[model])
+    for model, seed in enumerate(grid.SEEDS):
+        touching, later = (np.isin(grid.GRAPH.triples[:, [0, 2]], novel).any(1) for novel in points.novel[model])
         first, second = ((insert_triples[:, :2] == (session, model)).all(1).sum() for session in (1, 2))
         assert novel[1, seed] == (touching & ~later).sum() - first
         assert novel[2, seed] == later.sum() - second
-    asked = runs[runs["queries"] > 0]
-    assert asked["mrr_star"].between(0, 1).all()
+    queried = runs[runs["queries"] > 0]
+    assert queried["mrr_star"].between(0, 1).all()
     assert runs[runs["queries"] == 0]["mrr_star"].isna().all()
-    # trained for 8 epochs on what it is asked about: better than a guess among 14
-    assert asked[asked["scope"] == "all"]["mrr_star_entity"].mean() > 0.2
+    # trained for 8 epochs on the queried triples: better than a guess among 14
+    assert queried[queried["scope"] == "all"]["mrr_star_entity"].mean() > 0.2
 
 
 def test_the_joint_model_of_a_session_has_not_seen_what_arrives_later() -> None:
-    (points,) = stacks(4, steps=2)
-    _, (first, last) = train_models(points, LEARNING)
+    (points,) = grid.stacks(4, steps=2)
+    _, (first, last) = train_models(points, grid.LEARNING)
     for model, (novel1, novel2) in enumerate(points.novel):
         assert not first.entity[model, novel2].any()
         assert first.entity[model, novel1].any(-1).all()
         assert last.entity[model].any(-1).all()
-    ends = GRAPH.triples[:, [0, 2]].numpy()
+    ends = grid.GRAPH.triples[:, [0, 2]].numpy()
     later = np.stack([np.isin(ends, novel).any(1) for novel in points.novel[:, 1]])
     other_splits = replace(points, splits=np.where(later, TRAIN, points.splits).astype(np.int8))
-    assert np.array_equal(train_stack(other_splits, LEARNING, 1).theta.entity, first.entity)
-    alone = train_stack(points.all_known, LEARNING).theta
+    assert np.array_equal(train_stack(other_splits, grid.LEARNING, 1).theta.entity, first.entity)
+    alone = train_stack(points.all_known, grid.LEARNING).theta
     assert np.array_equal(last.entity, alone.entity)  # of the last session, what it is with any number of sessions
 
 
@@ -164,11 +146,11 @@ def test_the_joint_model_of_a_session_has_not_seen_what_arrives_later() -> None:
 
 def joint_of(first: float, second: float) -> JointTargets:
     """MRR* to reach in two sessions: NaN, which is none to reach, or what never is."""
-    return {(s, scope): np.full(len(SEEDS), mrr) for s, mrr in ((1, first), (2, second)) for scope in CONVERGING}
+    return {(s, scope): np.full(len(grid.SEEDS), mrr) for s, mrr in ((1, first), (2, second)) for scope in CONVERGING}
 
 
 def two_sessions(name: str, first: float, second: float) -> InsertTask:
-    ((points, trained, words, _, config),) = insert_tasks(4, name, theta0(steps=2), steps=2)
+    ((points, trained, words, _, config),) = grid.insert_tasks(4, name, grid.theta0(steps=2), steps=2)
     return points, trained, words, joint_of(first, second), config
 
 
@@ -191,7 +173,7 @@ def test_a_session_inserts_into_what_the_one_before_has_learned_and_leaves_it_as
 def test_a_later_session_has_its_own_insert_triples_and_knows_the_entities_before() -> None:
     task = two_sessions("rs", np.nan, np.nan)
     points, ((theta1, _), _) = task[0], insert_sessions(*task)
-    rows, context = points.insert_triples_in(2), init_context(points, theta1, WORDS, 0, 2)
+    rows, context = points.insert_triples_in(2), init_context(points, theta1, grid.WORDS, 0, 2)
     came_before = 0
     for model, (novel1, novel2) in enumerate(points.novel):
         assert context.known[model, novel1].all()
@@ -201,36 +183,39 @@ def test_a_later_session_has_its_own_insert_triples_and_knows_the_entities_befor
         came_before += len(ends & set(novel1.tolist()))
         triples = rows[rows[:, 0] == model, 2]
         assert context.observed[model].sum() == len(triples)
-        assert np.isin(GRAPH.triples[triples][:, [0, 2]], novel2).any(1).all()
+        assert np.isin(grid.GRAPH.triples[triples][:, [0, 2]], novel2).any(1).all()
     assert came_before  # some triple ties the two sessions
-    assert context.keys.tolist() == [[SIZE, seed, 2] for seed in SEEDS]
+    assert context.keys.tolist() == [[grid.SIZE, seed, 2] for seed in grid.SEEDS]
 
 
 def test_insertion_gives_rows_of_every_session() -> None:
-    (task,) = insert_tasks(4, "es", theta0(steps=2), steps=2, full_curves=[SIZE])
+    (task,) = grid.insert_tasks(4, "es", grid.theta0(steps=2), steps=2, full_curves=[grid.SIZE])
     inserted = insert_stack(*task)
-    assert inserted.vectors.shape == (len(SEEDS), 2 * SIZE, LEARNING.dimension)
+    assert inserted.vectors.shape == (len(grid.SEEDS), 2 * grid.SIZE, grid.LEARNING.dimension)
     epochs = inserted.runs.groupby(["seed", "session", "scope"])["epoch"].apply(list)
     rows = inserted.entities.sort_values(["seed", "session", "entity"])
-    for model, seed in enumerate(SEEDS):
+    for model, seed in enumerate(grid.SEEDS):
         for session in (1, 2):
             assert epochs[seed, session, "novel"] == [0]
-            for scope in SCOPES - {"novel"}:
-                assert epochs[seed, session, scope] == list(range(OPTIMIZER.max_epochs + 1))
-            own = rows[(rows["seed"] == seed) & (rows["session"] == session)]
-            assert own["entity"].tolist() == task[0].novel[model, session - 1].tolist()
+            for scope in grid.SCOPES - {"novel"}:
+                assert epochs[seed, session, scope] == list(range(grid.OPTIMIZER.max_epochs + 1))
+            entities = rows[(rows["seed"] == seed) & (rows["session"] == session)]["entity"]
+            assert entities.tolist() == task[0].novel[model, session - 1].tolist()
     known = inserted.runs.query("scope == 'known' and epoch == 0").set_index(["session", "seed"])["queries"]
-    for seed in SEEDS:
+    for seed in grid.SEEDS:
         assert known[2, seed] > known[1, seed]
 
 
 # Analyses
 
 
-@pytest.mark.parametrize("name", INITIALIZERS)
+@pytest.mark.parametrize("name", grid.INITIALIZERS)
 def test_a_trace_is_of_one_entity_of_the_experiment_and_its_indicators(name: str) -> None:
-    trained = theta0()
-    (stack,), (points, vectors, words, _, config) = insert_tasks(4, name, trained), insert_tasks(1, name, trained)[2]
+    trained = grid.theta0()
+    (stack,), (points, vectors, words, _, config) = (
+        grid.insert_tasks(4, name, trained),
+        grid.insert_tasks(1, name, trained)[2],
+    )
     (short, indicators), (long, _) = (
         trace_trajectory(points, vectors, words, config.training(max_epochs=epochs), 1) for epochs in (2, 4)
     )
@@ -238,33 +223,32 @@ def test_a_trace_is_of_one_entity_of_the_experiment_and_its_indicators(name: str
     assert short[0].tobytes() == insert_stack(*stack).vectors[2, 1].tobytes()
     assert short.tobytes() == long[:3].tobytes()
     assert not np.array_equal(long[3], long[4])
-    assert indicators.sum() == INITIALIZERS[name].get("k", ENTITIES - SIZE if name == "mean" else 0)
+    assert indicators.sum() == grid.INITIALIZERS[name].get("k", grid.ENTITIES - grid.SIZE if name == "mean" else 0)
     if indicators.any():
         assert np.allclose(trained.entity[2][indicators].mean(0), short[0], atol=1e-6)
 
 
 def test_a_trace_takes_an_object_that_has_words_and_insert_triples() -> None:
-    points, trained, *_ = insert_tasks(1, "ers", theta0())[0]
+    points, trained, *_ = grid.insert_tasks(1, "ers", grid.theta0())[0]
     first, second = points.novel[0, 0]
-    kinds = pd.Series("object", index=range(ENTITIES))
-    assert place_of_interest(points, trained, WORDS, kinds, "object") == 0
-    assert place_of_interest(points, trained, WORDS, kinds.replace({"object": "room"}), "object") is None
-    assert place_of_interest(points, trained, WORDS, kinds.where(kinds.index != first, "room"), "object") == 1
-    wordless = WORDS * (np.arange(ENTITIES) != first)[:, None]
+    kinds = pd.Series("object", index=range(grid.ENTITIES))
+    assert place_of_interest(points, trained, grid.WORDS, kinds, "object") == 0
+    assert place_of_interest(points, trained, grid.WORDS, kinds.replace({"object": "room"}), "object") is None
+    assert place_of_interest(points, trained, grid.WORDS, kinds.where(kinds.index != first, "room"), "object") == 1
+    wordless = grid.WORDS * (np.arange(grid.ENTITIES) != first)[:, None]
     assert place_of_interest(points, trained, wordless, kinds, "object") == 1
     of_second = replace(points, insert_triples=points.insert_triples[points.insert_triples[:, 2] == 1])
-    assert place_of_interest(of_second, trained, WORDS, kinds, "object") == 1
+    assert place_of_interest(of_second, trained, grid.WORDS, kinds, "object") == 1
     assert second > first
 
 
 def test_models_are_measured_over_all_test_triples_with_what_training_took() -> None:
-    (points,) = stacks(4)
-    trained = train_stack(points.all_known, LEARNING)
-    table = compare(points.all_known, LEARNING).set_index("seed")
+    (points,) = grid.stacks(4)
+    trained = train_stack(points.all_known, grid.LEARNING)
+    table = compare(points.all_known, grid.LEARNING).set_index("seed")
     runs = evaluate_stack(points, [trained.theta])
-    columns = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "queries"]
-    pd.testing.assert_frame_equal(table[columns], runs[runs["scope"] == "all"].set_index("seed")[columns])
-    for seed in SEEDS:
+    pd.testing.assert_frame_equal(table[MEASURES], runs[runs["scope"] == "all"].set_index("seed")[MEASURES])
+    for seed in grid.SEEDS:
         log = trained.log[trained.log["seed"] == seed]
         assert table["epochs"][seed] == log["epoch"].max()
         assert table["valid_mrr_star"][seed] == log["mrr_star"].max()
@@ -278,13 +262,13 @@ FEW = CrossValidation(
 def test_cross_validation_gives_the_same_bits_for_any_height_of_stacks() -> None:
     tables = []
     for height in (1, 2, 5):
-        grid = fold_points("home", GRAPH, LEARNING.root, 5, height)
-        assert max(len(points.seeds) for points in grid) == height
+        folds = fold_points("home", grid.GRAPH, grid.LEARNING.root, 5, height)
+        assert max(len(points.seeds) for points in folds) == height
         tables.append(pd.concat(
-            best_validations(train_stack(points, changed_config(LEARNING, setting)), setting)
-            for setting in FEW for points in grid
+            best_validations(train_stack(points, changed_config(grid.LEARNING, setting)), setting)
+            for setting in FEW for points in folds
         ))  # fmt: skip
-    assert csv(tables[0]) == csv(tables[1]) == csv(tables[2])
+    assert grid.csv(tables[0]) == grid.csv(tables[1]) == grid.csv(tables[2])
     assert tables[0][["dimension", "fold"]].to_numpy().tolist() == [[d, fold] for d in (12, 8) for fold in range(5)]
 
 
@@ -293,27 +277,21 @@ def test_the_best_validation_on_a_fold_is_the_last_that_was_kept() -> None:
         {"seed": [0, 0, 0, 1, 1, 1], "epoch": [2, 4, 6] * 2, "mrr_star": [0.3, 0.5, 0.4, 0.6, 0.5, 0.2],
          "kept": [True, True, False, True, False, False]}
     )  # fmt: skip
-    best = best_validations(TrainResult(theta0(), np.zeros(0), log), FEW[0])
+    best = best_validations(TrainResult(grid.theta0(), np.zeros(0), log), FEW[0])
     assert best.set_index("fold")["mrr_star"].to_dict() == {0: 0.5, 1: 0.6}
     assert best.set_index("fold")["epoch"].to_dict() == {0: 4, 1: 2}
 
 
-MEASURES = ["mrr_star", "mrr_star_entity", "mrr_star_relation", "mrr", "queries"]
-
-
-def finetuned(points: GridPoints, trained: Embedding) -> pd.DataFrame:
-    return finetune_only(points, trained, 0, SAMPLED, OPTIMIZER)
-
-
-def test_before_training_it_is_what_every_insertion_starts_from() -> None:
-    trained = theta0()
-    runs = finetuned(points_of(GRAPH, SIZE, SEEDS), trained).query("epoch == 0").set_index("seed")
-    (inserting,) = insert_tasks(len(SEEDS), "es", trained)
+def test_fine_tuning_alone_starts_where_every_insertion_starts() -> None:
+    trained = grid.theta0()
+    runs = finetune_only(points_of(grid.GRAPH, grid.SIZE, grid.SEEDS), trained, 0, grid.SAMPLED, grid.OPTIMIZER)
+    runs = runs.query("epoch == 0").set_index("seed")
+    (inserting,) = grid.insert_tasks(len(grid.SEEDS), "es", trained)
     inserted = insert_stack(*inserting).runs.query("epoch == 0 and scope == 'known_closed'").set_index("seed")
     pd.testing.assert_frame_equal(runs[MEASURES], inserted[MEASURES], check_exact=True)
 
 
-def test_known_entities_move_and_novel_ones_never_do(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fine_tuning_alone_moves_known_entities_and_no_novel_one(monkeypatch: pytest.MonkeyPatch) -> None:
     ended: list[Embedding] = []
 
     def recorded(*arguments: object) -> Embedding:
@@ -321,8 +299,8 @@ def test_known_entities_move_and_novel_ones_never_do(monkeypatch: pytest.MonkeyP
         return ended[-1]
 
     monkeypatch.setattr("isi.analyses.finetuning.train", recorded)
-    points, trained = points_of(GRAPH, SIZE, SEEDS), theta0()
-    finetuned(points, trained)
+    points, trained = points_of(grid.GRAPH, grid.SIZE, grid.SEEDS), grid.theta0()
+    finetune_only(points, trained, 0, grid.SAMPLED, grid.OPTIMIZER)
     (after,), before = ended, trained
     still = (after.entity == before.entity).all(-1)
     for model, novel in enumerate(points.novel[:, 0].tolist()):

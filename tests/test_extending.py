@@ -39,12 +39,12 @@ def own(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Modu
 @pytest.mark.usefixtures("own")
 def test_an_initializer() -> None:
     given, (shown,) = insertion(), params("own initializer params").values()
-    found = INITIALIZERS.get("nearest", "").function(given, **options_of("nearest", shown, "initializers.nearest"))
+    result = INITIALIZERS.get("nearest", "").function(given, **options_of("nearest", shown, "initializers.nearest"))
     units = normalize(given.words, dim=-1)
     for model, entity in enumerate(given.novel[:, 0].tolist()):
         able = given.eligible[model] & (given.words != 0).any(-1)
         nearest = int((units @ units[entity]).masked_fill(~able, -2).argmax())
-        torch.testing.assert_close(found.vectors[model, 0], shown["scale"] * given.theta0.entity[model, nearest])
+        torch.testing.assert_close(result.vectors[model, 0], shown["scale"] * given.theta0.entity[model, nearest])
 
 
 @pytest.mark.parametrize("own", ["own initializer"], indirect=True)

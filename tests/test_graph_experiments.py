@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pandas as pd
@@ -13,12 +11,7 @@ import yaml
 from isi.analyses.variants import GRAPH_QUERIES, GRAPH_RUNS, VARIANT_QUERIES, VARIANT_RUNS
 from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, TRIPLES
 from isi.tables import paths
-from stages.build_graph import build_graph
-from stages.embed_words import embed_words
-from stages.explore import explore
-from stages.make_sessions import make_sessions
-from stages.mine import mine
-from stages.vary import vary
+from tests import small
 from tests.beyond_entries import GRAPH, ROOT, SESSIONS, WORDS, copy_pipelines, list_entries
 
 FIRST = {name: GRAPH[name] for name in ("initializers", "changes")} | {
@@ -41,39 +34,33 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     list_entries(graphs={"again": GRAPH}, variants={"first": FIRST})
 
 
-def ran(monkeypatch: pytest.MonkeyPatch, stage: Callable[[], None], name: str) -> None:
-    monkeypatch.setattr(sys, "argv", ["stage", name])
-    stage()
-
-
 @pytest.mark.usefixtures("workspace")
-def test_an_experiment_on_a_graph_is_what_the_first_pipeline_would_have_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    for stage in (mine, build_graph, embed_words, make_sessions):
-        ran(monkeypatch, stage, "published")
-    ran(monkeypatch, vary, "first")
-    ran(monkeypatch, explore, "again")
+def test_an_experiment_on_a_graph_is_what_the_first_pipeline_would_have_run() -> None:
+    for command in ("mine published", "build_graph published", "embed_words published", "make_sessions published",
+                    "vary first", "explore again"):  # fmt: skip
+        small.run(command)
     for table, theirs in (
         (GRAPH_ENTITIES, ENTITIES.read(experiment="published")),
         (GRAPH_TRIPLES, TRIPLES.read(experiment="published")),
         (GRAPH_RUNS, VARIANT_RUNS.read(variant="first")),
         (GRAPH_QUERIES, VARIANT_QUERIES.read(variant="first")),
     ):
-        own = table.read(graph="again")
-        assert len(own) > 0
+        table_of_graph = table.read(graph="again")
+        assert len(table_of_graph) > 0
         for column in ("source", "experiment"):
-            if column in own:
-                assert set(own[column]) == {"again"}
-                own, theirs = own.drop(columns=column), theirs.drop(columns=column)
-        pd.testing.assert_frame_equal(own, theirs, check_exact=True)
+            if column in table_of_graph:
+                assert set(table_of_graph[column]) == {"again"}
+                table_of_graph, theirs = table_of_graph.drop(columns=column), theirs.drop(columns=column)
+        pd.testing.assert_frame_equal(table_of_graph, theirs, check_exact=True)
     assert (GRAPH_TRIPLES.read(graph="again")["count"] >= 2).all()
 
 
 @pytest.mark.usefixtures("workspace")
-def test_a_graph_with_too_few_entities_is_refused_and_nothing_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_graph_with_too_few_entities_is_refused_and_nothing_is_written() -> None:
     list_entries(graphs={"again": GRAPH | {"sessions": SESSIONS | {"sizes": [500]}}})
     with pytest.raises(SystemExit, match=r"^explore: beyond/params\.yaml: graphs\.again: .*sessions\.sizes.*fewer"):
-        ran(monkeypatch, explore, "again")
+        small.run("explore again")
     list_entries(graphs={"again": GRAPH | {"min_count": 10_000}})
     with pytest.raises(SystemExit, match=r"graphs\.again\.source: expected triples .* 10000 times"):
-        ran(monkeypatch, explore, "again")
+        small.run("explore again")
     assert not GRAPH_RUNS.path(graph="again").parent.exists()

@@ -170,7 +170,7 @@ def test_equal_scores_go_to_the_lower_id(name: str, options: dict[str, int], low
         torch.testing.assert_close(result.vectors[model], entity[model, lowest[model]].mean(0).expand(3, -1))
 
 
-def test_word_similarity_is_the_same_where_there_are_too_many_for_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_word_similarity_is_the_same_where_entities_are_too_many_for_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
     given = insertion()
     whole = similarity.word_similarity(given)
     monkeypatch.setattr(similarity, "WHOLE", len(given.words) ** 2 - 1)
@@ -231,8 +231,7 @@ def test_random_initializers_are_keyed_by_root_and_grid_point_and_no_other_draws
     given = insertion()
     first, drawn = initial(name, given).vectors, name in RANDOM
     assert torch.equal(first, initial(name, given).vectors)
-    others = [replace(given, root=1), replace(given, keys=given.keys + torch.tensor([1, 0])),
-              replace(given, keys=given.keys + torch.tensor([0, 9]))]  # fmt: skip
+    others = [replace(given, root=1), *(replace(given, keys=given.keys + torch.tensor(by)) for by in ([1, 0], [0, 9]))]
     if not name.startswith("es_permuted"):  # which deals words: see below
         assert all((initial(name, other).vectors != first).all() == drawn for other in others)
         assert all(torch.equal(initial(name, other).vectors, first) != drawn for other in others)
@@ -274,9 +273,9 @@ def test_options_come_from_the_signature_and_a_name_is_the_label_registered_here
     def constant(insertion: InitContext, at: float, times: Count = 2) -> InitResult:
         return without_weights(torch.full((*insertion.novel.shape, DIMENSION), at * times))
 
-    given = options_of("constant", {"at": 1.5}, "initializers.constant")
-    assert given == {"at": 1.5, "times": 2}
-    assert (insert("constant", insertion(), **given).vectors == 3).all()
+    options = options_of("constant", {"at": 1.5}, "initializers.constant")
+    assert options == {"at": 1.5, "times": 2}
+    assert (insert("constant", insertion(), **options).vectors == 3).all()
     registered = INITIALIZERS.get("constant", "initializers")
     assert (registered.label, registered.role, registered.colour) == ("constant", "own", None)
 
@@ -288,10 +287,9 @@ def test_the_params_list_all_that_ship_with_their_options() -> None:
     assert set(listed) <= set(INITIALIZERS.names())
     for name, options in listed.items():
         assert options_of(name, options, f"initializers.{name}") == options
-    shown = [INITIALIZERS.get(name, "initializers") for name in listed]
-    assert len({one.label for one in shown}) == len({one.colour for one in shown}) == len(EVERYONE)
-    assert Counter(one.role for one in shown) == {"paper": 2, "isi": 3, "control": 7, "baseline": 11}
-    assert all(one.description.endswith(".") for one in shown)
+    registered = [INITIALIZERS.get(name, "initializers") for name in listed]
+    assert len({each.label for each in registered}) == len({each.colour for each in registered}) == len(EVERYONE)
+    assert Counter(each.role for each in registered) == {"paper": 2, "isi": 3, "control": 7, "baseline": 11}
 
 
 @pytest.mark.parametrize("name", EVERYONE)
@@ -319,21 +317,6 @@ def test_what_an_initializer_needs_and_its_defaults_are_those_of_its_function(na
     assert torch.equal(wordless.vectors, whole.vectors) == ("words" not in registered.needs)
     if not (whole.fallback == RS).any():
         assert torch.equal(alone.vectors, whole.vectors) == ("insert_triples" not in registered.needs)
-
-
-def test_an_insertion_holds_the_insert_triples_and_no_other() -> None:
-    of = world()
-    given = seen(of)
-    for model in range(2):
-        for place in range(3):
-            listed = [
-                (other, relation, is_tail)
-                for other, relation, is_tail, there in zip(
-                    given.other[model, place].tolist(), given.relation[model, place].tolist(),
-                    given.novel_is_tail[model, place].tolist(), given.observed[model, place].tolist(), strict=True,
-                ) if there
-            ]  # fmt: skip
-            assert sorted(listed) == sorted(Plain(of, model, place).observed)
 
 
 def test_xavier_and_iu_draw_from_streams_of_their_own() -> None:

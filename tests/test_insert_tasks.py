@@ -33,9 +33,9 @@ def joint_runs() -> pd.DataFrame:
 
 
 def test_what_convergence_is_measured_against_is_the_joint_models_at_once_in_the_same_cells() -> None:
-    found = joint_targets(joint_runs(), POINTS)
-    assert found.keys() == {(session, scope) for session in (1, 2) for scope in CONVERGING}
-    for (session, scope), values in found.items():
+    targets = joint_targets(joint_runs(), POINTS)
+    assert targets.keys() == {(session, scope) for session in (1, 2) for scope in CONVERGING}
+    for (session, scope), values in targets.items():
         place = CONVERGING.index(scope) / 10
         assert values.dtype == np.float64
         np.testing.assert_allclose(values, [2400 + 10 * session + place, 2600 + 10 * session + place])

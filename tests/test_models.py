@@ -12,6 +12,7 @@ from torch import Tensor
 from torch.nn.functional import logsigmoid
 
 from isi import config
+from isi.config import Option
 from isi.errors import InputError
 from isi.graph.sessions import session_of
 from isi.models.bilinear import BlockModel
@@ -23,6 +24,7 @@ from isi.training import trainer
 from isi.training.batches import DenseBatch, Negatives, batches, training_data
 from isi.training.trainer import Optimizer
 from tests.small_graphs import ANALOGY, dense, graph_of, points_of, random_embedding, random_graph
+from tests.small_grid import MODEL_OPTIONS
 
 DIMENSION = 12
 STACK, ENTITIES, RELATIONS = 3, 5, 2
@@ -43,19 +45,17 @@ class Stretch(RelationMapModel):
         return vectors.roll(-1, -1) * relation.exp()
 
 
-#: Options of those that ship, whatever params say; a model of a user's own has those of params.
-OPTIONS: dict[str, dict[str, object]] = {
-    "analogy": {}, "distmult": {}, "complex": {}, "transe": {"margin": 4.0, "squared": False},
-    "rotate": {"margin": 4.0, "squared": False}, "transe_l1": {"margin": 4.0},
-}  # fmt: skip
+#: Options of models that ship, whatever params say; a model of a user's own has those of params.
+OPTIONS: dict[str, dict[str, Option]] = {"analogy": {}, "distmult": {}, "complex": {}, **MODEL_OPTIONS}
 
 
 def registered() -> dict[str, Model]:
     """Every model, and with its square where it has that option."""
     options = config.read(paths.PARAMS)["models"] | OPTIONS
     every = {name: make_model(name, options.get(name, {}), name) for name in MODELS.names()}
-    squares = {name: own | {"squared": True} for name, own in options.items() if "squared" in own}
-    return every | {f"{name} squared": make_model(name, own, name) for name, own in squares.items()}
+    squares = {f"{name} squared": make_model(name, listed | {"squared": True}, name)
+               for name, listed in options.items() if "squared" in listed}  # fmt: skip
+    return every | squares
 
 
 BATTERY = registered()
@@ -146,25 +146,25 @@ def test_scores_and_gradients_are_bit_identical_whatever_the_stack(scoring: Mode
     embedding = random_embedding(models, entities, RELATIONS, DIMENSION, model=scoring)
     head, relation, tail = (ids.expand(models, -1) for ids in all_ids(entities))
 
-    def results(some: Tensor) -> list[Tensor]:
+    def results(chosen: Tensor) -> list[Tensor]:
         """Scores and gradients of some of the models, in both forms."""
-        stack, found = select(embedding, some), []
-        number = len(some)
+        stack, results_of = select(embedding, chosen), []
+        number = len(chosen)
         listed = all_listed(number, entities)
         for triples in (DenseTriples.of(stack.entity, stack.relation), listed):
             scores, backward = scoring.scores(stack.entity, stack.relation, triples)
             by_entity, by_relation = backward(scores / 8)
-            found += [scores.reshape(number, -1), by_entity, by_relation]
-        found.append(stack.score_tails(head[some], relation[some]))
-        found.append(stack.score_heads(relation[some], tail[some]))
+            results_of += [scores.reshape(number, -1), by_entity, by_relation]
+        results_of.append(stack.score_tails(head[chosen], relation[chosen]))
+        results_of.append(stack.score_heads(relation[chosen], tail[chosen]))
         maps = (move(stack.entity[:, :2], stack.relation) for move in (scoring.transform, scoring.inverse))
-        return [*found, stack.score_relations(head[some], tail[some]), *maps]
+        return [*results_of, stack.score_relations(head[chosen], tail[chosen]), *maps]
 
     together = results(torch.arange(models))
     for height in (1, 4):
-        for some in torch.arange(models).split(height):
-            for one, alone in zip(together, results(some), strict=True):
-                assert torch.equal(one[some], alone)
+        for chosen in torch.arange(models).split(height):
+            for one, alone in zip(together, results(chosen), strict=True):
+                assert torch.equal(one[chosen], alone)
 
 
 @over_all
@@ -174,17 +174,18 @@ def test_epochs_are_bit_identical_whatever_the_stack(
     scoring: Model, models: list[int], points: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", points)
-    some, settings = torch.tensor(models), Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=1)
+    chosen = torch.tensor(models)
+    settings = Optimizer(batch_size=50, learning_rate=0.05, weight_decay=1e-3, max_epochs=1)
     grid = points_of(random_graph(13, RELATIONS, 60), 2, [0, 1, 2, 3])
     start = uniform(grid.session(0).entities, RELATIONS, scoring, DIMENSION, 0.5, 0, grid.keys())
     negatives = Negatives(mode="sampled", ratio=3, head_pool="unseen")
     data = training_data(grid.session(0), "test", grid.keys(), "unseen")
-    together, alone = trainer.start(start), trainer.start(select(start, some))
+    together, alone = trainer.start(start), trainer.start(select(start, chosen))
     for epoch in (1, 2, 3):
         trainer.run_epoch(together, data, negatives, settings, 0, epoch)
-        trainer.run_epoch(alone, select(data, some), negatives, settings, 0, epoch)
+        trainer.run_epoch(alone, select(data, chosen), negatives, settings, 0, epoch)
     for table in ("entity", "relation"):
-        assert torch.equal(getattr(together.embedding, table)[some], getattr(alone.embedding, table))
+        assert torch.equal(getattr(together.embedding, table)[chosen], getattr(alone.embedding, table))
         assert not torch.equal(getattr(together.embedding, table), getattr(start, table))
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 from typing import Any, Literal
 
 import pytest
 import yaml
 
-from isi.config import Count, Section, check, keywords, options
+from isi.config import Count, check, keywords, options
 from isi.errors import InputError
 from isi.initializers.api import options_of
 from isi.params import Params, load
@@ -60,23 +62,23 @@ def test_a_key_too_many_is_refused(tmp_path: Path, key: str) -> None:
 AI2THOR, TRANSFER = "experiments.ai2thor", "experiments.transfer"
 #: Values of a wrong type, or out of the range of their own key.
 WRONG: list[tuple[str, object]] = [
-    ("seed", "0"), ("seed", -1), ("seed", 0.5), ("sources.ai2thor", 3), ("sources.ai2thor.sha256", "5BB9"),
+    ("seed", "0"), ("seed", -1), ("sources.ai2thor", 3), ("sources.ai2thor.sha256", "5BB9"),
     ("sources.ai2thor.recording", None), ("sources.ai2thor.materials", "sungc"), ("sources.ai2thor.reader", "unity"),
     ("sources.ai2thor.reader", None), ("sources.mp3d", {**HOUSES, "folder": None}), ("sources.mp3d.rooms", {}),
     ("sources.mp3d.vocabulary", {"structure": []}), ("experiments", {}), (f"{AI2THOR}.graph.min_count", 0),
     (f"{TRANSFER}.graph.extend.min_observations", 0), (f"{AI2THOR}.sessions.novel", "all"),
-    (f"{AI2THOR}.sessions.novel", 3), (f"{AI2THOR}.sessions.seeds", True), (f"{AI2THOR}.sessions.seeds", 30.0),
-    (f"{AI2THOR}.sessions.sizes", []), (f"{AI2THOR}.sessions.sizes", 5), (f"{AI2THOR}.sessions.sizes", [1, 0]),
-    (f"{AI2THOR}.sessions.sizes", [1, "2"]), (f"{AI2THOR}.full_curves", [5]), (f"{AI2THOR}.full_curves.sizes", 5),
+    (f"{AI2THOR}.sessions.seeds", True), (f"{AI2THOR}.sessions.seeds", 30.0),
+    (f"{AI2THOR}.sessions.sizes", []), (f"{AI2THOR}.sessions.sizes", [1, 0]),
+    (f"{AI2THOR}.sessions.sizes", [1, "2"]), (f"{AI2THOR}.full_curves.sizes", 5),
     (f"{AI2THOR}.full_curves.initializers", []), (f"{AI2THOR}.initializers", "xavier"), ("words.text", "definitions"),
     ("sessions.valid", 0.0), ("sessions.test", 1.0), ("sessions.insert_fraction", 1.01), ("embedding.dimension", 0),
-    ("models.transe.margin", 0), ("models.transe.squared", 1), ("models.analogy", {"margin": 1.0}),
-    ("negatives.mode", "all"), ("negatives.ratio", "9"), ("training.learning_rate", float("nan")),
-    ("training.learning_rate", float("inf")), ("training.weight_decay", -1e-3), ("convergence.margin", 1),
-    ("initializers", {}), ("initializers.xavier", 3), ("initializers.xavier", {"k": 3}), ("initializers.es", {}),
+    ("models.transe.margin", 0), ("models.analogy", {"margin": 1.0}),
+    ("negatives.mode", "all"), ("training.learning_rate", float("nan")),
+    ("training.weight_decay", -1e-3), ("convergence.margin", 1),
+    ("initializers", {}), ("initializers.xavier", {"k": 3}), ("initializers.es", {}),
     ("initializers.rs.k", 0), ("initializers.ers.candidates", "30"), ("sweep.initializers", {}), ("sweep.k", []),
     ("cross_validation.experiments", "ai2thor"), ("cross_validation.folds", 1), ("explorer.answers", 0),
-    ("compute.workers", 0), ("compute.workers", "every"), ("compute.engine", "threads"),
+    ("compute.workers", 0), ("compute.engine", "threads"),
     ("compute.scheduler", "localhost:8786"), ("compute.scheduler", "tcp://localhost"),
 ]  # fmt: skip
 #: Values that do not agree with another key, or name what there is not.
@@ -142,12 +144,10 @@ def test_a_value_that_is_wrong_or_disagrees_is_refused_by_its_key(tmp_path: Path
     ids=str,
 )
 def test_values_at_the_edge_of_their_range_are_accepted(tmp_path: Path, changes: dict[str, object]) -> None:
-    found: Any = changed(tmp_path, changes).model_dump()
+    values = changed(tmp_path, changes).model_dump()
     for key, value in changes.items():
         *parents, last = key.split(".")
-        section = found
-        for parent in parents:
-            section = section[parent]
+        section: Any = reduce(operator.getitem, parents, values)
         assert last not in section if value is DROP else section[last] == value
 
 
@@ -169,10 +169,7 @@ def test_params_cannot_be_changed_after_they_were_checked() -> None:
         load().experiments["ai2thor"].graph.min_count = 2
 
 
-# Cross-validation
-
-
-def test_settings_are_the_choice_and_then_one_factor_changed_at_a_time(tmp_path: Path) -> None:
+def test_settings_of_cross_validation_change_one_factor_of_the_choice_at_a_time(tmp_path: Path) -> None:
     few = {"experiments": [], "folds": 2, "dimension": [40], "ratio": [], "learning_rate": [0.1, 0.2]}
     settings = changed(tmp_path, {"cross_validation": few | {"weight_decay": [0]}}).settings
     assert [tuple(setting.model_dump().values()) for setting in settings] == [
@@ -181,15 +178,9 @@ def test_settings_are_the_choice_and_then_one_factor_changed_at_a_time(tmp_path:
         (100, 9, 0.2, 0.001),  # the rate of 0.1 is the choice
         (100, 9, 0.1, 0),
     ]
-
-
-def test_settings_move_with_the_choice(tmp_path: Path) -> None:
     moved = changed(tmp_path, {"training.learning_rate": 0.2})
     assert moved.settings[0].learning_rate == 0.2
     assert len(moved.settings) == 12  # 0.2 is listed and 0.1 is not
-
-
-# Initializers of an experiment
 
 
 def test_an_experiment_runs_all_initializers_or_those_that_it_lists_in_the_order_of_params(tmp_path: Path) -> None:
@@ -216,26 +207,17 @@ def test_an_old_name_is_refused_with_the_new_one(tmp_path: Path, old: str, new: 
 # Options from a signature
 
 
-def cook(dish: str, minutes: Count, heat: Literal["low", "high"] = "low", *, salt: float = 0.5) -> str:
-    return f"{dish}, {minutes} minutes, {heat}, {salt}"
+def cook(dish: str, minutes: Count, heat: Literal["low", "high"] = "low", *, salt: float = 0.5) -> None: ...
 
 
-def raw(dish: str) -> str:
-    return dish
+def raw(dish: str) -> None: ...
 
 
 def test_options_are_the_parameters_after_the_first_with_their_defaults() -> None:
-    section = options(cook)
-    assert issubclass(section, Section)
-    assert list(section.model_fields) == ["minutes", "heat", "salt"]
-    assert [name for name, field in section.model_fields.items() if field.is_required()] == ["minutes"]
-    assert list(options(raw).model_fields) == []
-
-
-def test_keywords_are_options_with_what_they_leave_out() -> None:
-    given = keywords(cook, {"minutes": 3}, "recipes.soup")
-    assert given == {"minutes": 3, "heat": "low", "salt": 0.5}
-    assert cook("soup", **given) == "soup, 3 minutes, low, 0.5"
+    fields = options(cook).model_fields
+    assert list(fields) == ["minutes", "heat", "salt"]
+    assert [name for name, field in fields.items() if field.is_required()] == ["minutes"]
+    assert keywords(cook, {"minutes": 3}, "recipes.soup") == {"minutes": 3, "heat": "low", "salt": 0.5}
     assert keywords(cook, {"minutes": 3, "heat": "high", "salt": 1}, "recipes.soup")["heat"] == "high"
     assert keywords(raw, {}, "recipes.carrot") == {}
 
@@ -257,7 +239,7 @@ def test_keywords_are_options_with_what_they_leave_out() -> None:
     ],
 )
 def test_options_that_a_function_does_not_take_are_refused_by_name(
-    function: Callable[..., str], given: Any, named: str
+    function: Callable[..., None], given: Any, named: str
 ) -> None:
     with pytest.raises(InputError, match=rf"^params\.yaml: {named}") as refused:
         keywords(function, given, "recipes.soup")
@@ -265,8 +247,7 @@ def test_options_that_a_function_does_not_take_are_refused_by_name(
 
 
 def test_an_unknown_initializer_is_refused_with_the_names_of_those_there_are() -> None:
-    listed = r"^params\.yaml: initializers\.xaver: .*\bers, es, .*\bxavier, got 'xaver'; did you mean 'xavier'\?$"
-    with pytest.raises(InputError, match=listed):
+    with pytest.raises(InputError, match=r"^params\.yaml: initializers\.xaver: .*\bers, es, .*\bxavier, got 'xaver'"):
         options_of("xaver", {}, "initializers.xaver")
 
 

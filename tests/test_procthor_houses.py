@@ -18,21 +18,6 @@ from hypothesis import strategies as st
 from isi.errors import InputError
 from isi.sources import READERS, Mining
 from isi.sources import procthor_houses as procthor
-from isi.sources.procthor_houses import (  # fmt: skip
-    ELSEWHERE,
-    INSTANCES,
-    OUTSIDE,
-    TAKEN,
-    UNNAMED,
-    UNRECORDED,
-    HouseObject,
-    Point,
-    Room,
-    asset_types,
-    read_houses,
-    rooms_of,
-    type_and_room,
-)
 from isi.sources.recordings import Scene, SceneObject
 from tests.observing import observations_of
 from tests.procthor import house, thing
@@ -73,7 +58,7 @@ def test_objects_are_in_the_room_whose_floor_holds_them_and_children_in_their_pa
         ("House1", "living room", "Sofa|3|0", "sofa", "atLocation", "living room", 1),
         ("House1", "living room", "Sofa|3|0", "sofa", "hasAffordance", "heat", 1),
     ]
-    assert left == {INSTANCES: 4}
+    assert left == {procthor.INSTANCES: 4}
 
 
 @pytest.mark.parametrize(
@@ -81,14 +66,14 @@ def test_objects_are_in_the_room_whose_floor_holds_them_and_children_in_their_pa
     [
         ("Sofa|2|0", 5, 1, "kitchen", None),  # in the corner
         ("Sofa|3|0", 5, 3, "living room", None),  # beside it
-        ("Sofa|2|0", 5, 3, "living room", ELSEWHERE),
-        ("Sofa|7|0", 5, 3, "living room", UNNAMED),
-        ("Sofa", 5, 3, "living room", UNNAMED),
+        ("Sofa|2|0", 5, 3, "living room", procthor.ELSEWHERE),
+        ("Sofa|7|0", 5, 3, "living room", procthor.UNNAMED),
+        ("Sofa", 5, 3, "living room", procthor.UNNAMED),
         ("Sofa|3|0", 9.0005, 3, "living room", None),  # corners are rounded to a millimetre
         ("Sofa|3|0", 9.0, 4.0, "living room", None),
-        ("Sofa|3|0", 9.0015, 3, None, OUTSIDE),
-        ("Sofa|3|0", -20, 3, None, OUTSIDE),
-        ("WashingMachine|3|0", 5, 3, "living room", f"{UNRECORDED}washing machine"),
+        ("Sofa|3|0", 9.0015, 3, None, procthor.OUTSIDE),
+        ("Sofa|3|0", -20, 3, None, procthor.OUTSIDE),
+        ("WashingMachine|3|0", 5, 3, "living room", f"{procthor.UNRECORDED}washing machine"),
     ],
 )
 def test_what_is_odd_is_counted_and_what_stands_in_no_room_is_dropped(
@@ -96,18 +81,18 @@ def test_what_is_odd_is_counted_and_what_stands_in_no_room_is_dropped(
 ) -> None:
     rows, left = observed(tmp_path / "x.jsonl", house(thing(identifier, x, z)))
     assert [row[5] for row in rows if row[4] == "atLocation"] == [room] * bool(room)
-    assert left == {INSTANCES: 1, **({counted: 1} if counted else {})}
+    assert left == {procthor.INSTANCES: 1, **({counted: 1} if counted else {})}
 
 
 def test_of_two_objects_of_the_same_id_the_first_counts_but_other_houses_may_have_it_too(tmp_path: Path) -> None:
     twice = [thing("Painting|2|0", 1, 1), thing("Painting|2|0", 8, 1)]
     rows, left = observed(tmp_path / "x.jsonl", house(*twice), house(*twice[:1]))
     assert [(row[0], row[1]) for row in rows] == [("House1", "kitchen"), ("House2", "kitchen")]
-    assert left == {INSTANCES: 3, TAKEN: 1}
+    assert left == {procthor.INSTANCES: 3, procthor.TAKEN: 1}
 
 
 def test_an_object_whose_id_names_no_type_is_of_the_type_of_its_asset(tmp_path: Path) -> None:
-    assert asset_types()["Mug_1"] == "Mug"
+    assert procthor.asset_types()["Mug_1"] == "Mug"
     objects = [thing("2|0", 1, 1, thing("small|2|0", 1, 1, asset="Pen_2"), asset="Mug_1")]
     rows, _ = observed(tmp_path / "x.jsonl", house(*objects, metadata={"schema": "0.0.1"}))
     assert [row[3:6] for row in rows if row[4] == "atLocation"] == [
@@ -118,8 +103,8 @@ def test_an_object_whose_id_names_no_type_is_of_the_type_of_its_asset(tmp_path: 
 def test_objects_of_made_houses_are_where_their_ids_say(tmp_path: Path) -> None:
     make_houses.write(tmp_path / "x.jsonl", 20)
     counted = 0
-    for _, made, objects in read_houses(tmp_path / "x.jsonl", None):
-        rooms = rooms_of(made.rooms, objects)
+    for _, made, objects in procthor.read_houses(tmp_path / "x.jsonl", None):
+        rooms = procthor.rooms_of(made.rooms, objects)
         assert [room and room.id for room in rooms] == [thing.room for thing in objects]
         counted += len(objects)
     assert counted > 500
@@ -142,9 +127,8 @@ def recording() -> procthor.RecordedTypes:
 
 
 def test_a_type_affords_what_more_than_half_of_its_recorded_objects_do() -> None:
-    assert {name: procthor.affordances_of(objects) for name, objects in recording().items()} == {
-        "mug": ["open", "close", "pick up", "put"]
-    }
+    affordances = {name: procthor.affordances_of(objects) for name, objects in recording().items()}
+    assert affordances == {"mug": ["open", "close", "pick up", "put"]}
 
 
 def test_materials_are_those_of_a_recorded_object_of_the_type_as_often_as_there_are_such() -> None:
@@ -168,8 +152,10 @@ def test_the_source_mines_a_file_with_what_the_real_recording_says(
     mined = observations_of(given)
     frame = mined.table.astype(str)
     assert {"atLocation", "hasMaterial", "hasAffordance"} == set(frame["relation"])
-    assert mined.counts[INSTANCES] == len(frame[["scene", "instance"]].drop_duplicates())
-    assert {INSTANCES, OUTSIDE, TAKEN, UNNAMED, ELSEWHERE} <= set(mined.counts)  # though there are none
+    assert mined.counts[procthor.INSTANCES] == len(frame[["scene", "instance"]].drop_duplicates())
+    assert {procthor.INSTANCES, procthor.OUTSIDE, procthor.TAKEN, procthor.UNNAMED, procthor.ELSEWHERE} <= set(
+        mined.counts
+    )  # though there are none
     switches = frame[(frame["head"] == "light switch") & (frame["relation"] == "hasAffordance")]
     assert set(switches["tail"]) == {"turn on", "turn off"}
 
@@ -193,27 +179,21 @@ def test_a_house_may_be_a_line_or_a_file_plain_or_packed(tmp_path: Path, indent:
     content = content if indent else b"\n" + content + b"\n\n"
     path = tmp_path / f"x.json{'' if indent else 'l'}{'.gz' if packed else ''}"
     path.write_bytes(gzip.compress(content) if packed else content)
-    [(line, read, _)] = read_houses(path, hashlib.sha256(path.read_bytes()).hexdigest())
+    [(line, read, _)] = procthor.read_houses(path, hashlib.sha256(path.read_bytes()).hexdigest())
     assert line == (1 if indent else 2)
     assert [item.id for item in read.objects or ()] == ["Mug|2|0"]
 
 
 @pytest.mark.parametrize(
     ("identifier", "kind", "room"),
-    [
-        ("Bed|2|0", "Bed", "room|2"),
-        ("Pillow|2|0|1", "Pillow", "room|2"),
-        ("Book|surface|12|3", "Book", "room|12"),
-        ("small|4|0", None, "room|4"),
-        ("4|0|1", None, "room|4"),
-        ("Bed", "Bed", None),
-        ("sofa-0 (living room)", None, None),
-    ],
-)
+    [("Bed|2|0", "Bed", "room|2"), ("Pillow|2|0|1", "Pillow", "room|2"), ("Book|surface|12|3", "Book", "room|12"),
+     ("small|4|0", None, "room|4"), ("4|0|1", None, "room|4"), ("Bed", "Bed", None),
+     ("sofa-0 (living room)", None, None)],
+)  # fmt: skip
 def test_ids_of_both_versions_name_a_type_or_none_and_a_room(
     identifier: str, kind: str | None, room: str | None
 ) -> None:
-    assert type_and_room(identifier) == (kind, room)
+    assert procthor.type_and_room(identifier) == (kind, room)
 
 
 @given(st.integers(0, 10_000), st.integers(1, 10), st.floats(0.001, 0.999), st.floats(0.001, 0.999))
@@ -226,9 +206,9 @@ def test_each_point_of_a_floor_plan_is_in_the_one_room_that_it_was_cut_into(
     x, z = along * width, across * depth
     cut = [any(x0 < x < x1 and z0 < z < z1 for x0, z0, x1, z1 in area) for area in areas]
     rooms = [
-        Room.model_validate({"id": "room|1", "roomType": "Kitchen", "floorPolygon": make_houses.outline(area)})
+        procthor.Room.model_validate({"id": "room|1", "roomType": "Kitchen", "floorPolygon": make_houses.outline(area)})
         for area in areas
     ]
-    (room,) = rooms_of(rooms, [HouseObject("Mug|7|0", "Mug", Point(x=x, z=z), None, None)])
+    (room,) = procthor.rooms_of(rooms, [procthor.HouseObject("Mug|7|0", "Mug", procthor.Point(x=x, z=z), None, None)])
     assert room is not None
     assert not any(cut) or cut[rooms.index(room)]  # else on a border between rectangles

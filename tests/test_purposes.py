@@ -50,14 +50,10 @@ def test_a_split_is_the_first_of_such_an_order() -> None:
     assert np.flatnonzero(splits == VALID).tolist() == sorted(free[tests : tests + valids])
 
 
-def test_gaussians_are_drawn_for_one_purpose() -> None:
+def test_gaussians_and_xavier_are_drawn_each_for_its_own_purpose() -> None:
     of = four_novel()
     drawn = generator("gaussian", *of.keys[0].tolist()).standard_normal((4, 8))
     torch.testing.assert_close(standard_normal(of)[0], torch.as_tensor(drawn, dtype=torch.float32))
-
-
-def test_xavier_is_drawn_for_its_own() -> None:
-    of = four_novel()
     drawn, bound = generator("xavier", *of.keys[0].tolist()).random((4, 8)), 6 / 8**0.5
     np.testing.assert_allclose(xavier(of).vectors[0].numpy(), (2 * drawn - 1) * bound, rtol=1e-5)
 
@@ -70,9 +66,8 @@ def test_words_are_permuted_for_the_purpose_of_each_control(within: str) -> None
     for group in sorted(set(groups.tolist())):
         wordy = [entity for entity in range(len(of.words)) if groups[entity] == group and of.words[entity].any()]
         batched[wordy] = np.array(wordy)[rng.permutation(len(wordy))]
-    groups = of.kinds if within.endswith("kinds") else torch.zeros_like(of.kinds)
-    found = dealt_words(of, within, groups)
-    assert found[0].tolist() == batched.tolist()
+    dealt = dealt_words(of, within, groups)
+    assert dealt[0].tolist() == batched.tolist()
 
 
 def shuffled(model: int, epoch: int) -> np.ndarray:

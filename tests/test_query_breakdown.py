@@ -35,7 +35,7 @@ def random_task(seeds: list[int]) -> tuple[GridPoints, Embedding, Embedding, dic
 def test_groups_put_together_are_the_measures_of_their_scope() -> None:
     points, theta0, joint, inserted = task = random_task([0, 1, 2])
     rows, novel = break_down(*task), points.novel_in(1)
-    found = combined(rows, POINT).set_index(POINT)
+    whole = combined(rows, POINT).set_index(POINT)
     plain = combined(rows.assign(mrr_star=rows["mrr"]), POINT).set_index(POINT)
     models = {name: with_vectors(theta0, novel, torch.as_tensor(own)) for name, own in inserted.items()}
     compared = 0
@@ -44,11 +44,11 @@ def test_groups_put_together_are_the_measures_of_their_scope() -> None:
             for (scope, which), queries in scopes.items():
                 measures = evaluate(embedding, {"own": queries})["own"].measures
                 for seed, expected in zip(points.seeds, measures.tolist(), strict=True):
-                    own = found.loc[name, 2, seed, scope, which]
-                    assert own[list(MEASURES[:3])].tolist() == pytest.approx(expected[:3], abs=1e-6)
+                    found = whole.loc[name, 2, seed, scope, which]
+                    assert found[list(MEASURES[:3])].tolist() == pytest.approx(expected[:3], abs=1e-6)
                     assert plain.loc[name, 2, seed, scope, which]["mrr_star"] == pytest.approx(expected[3], abs=1e-6)
                     compared += 1
-    assert compared == len(found) == 3 * 3 * 3 * 2
+    assert compared == len(whole) == 3 * 3 * 3 * 2
 
 
 def test_a_cells_groups_are_the_same_whatever_stands_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -76,14 +76,9 @@ def test_groups_by_hand() -> None:
     rows = break_down(points, joint, joint, {})
     assert set(rows["model"]) == {"joint"}
     assert set(rows["seed"]) == {7}
-    own = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned")]
-    found = {
-        (relation, hidden, novel): (queries, mrr, observations)
-        for relation, hidden, novel, queries, mrr, observations in own[
-            ["relation", "hidden", "novel", "queries", "mrr", "observations"]
-        ].itertuples(index=False)
-    }
-    assert found == {
+    queries = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned")]
+    groups = queries.set_index(["relation", "hidden", "novel"])[["queries", "mrr", "observations"]]
+    assert {key: tuple(row) for key, row in zip(groups.index, groups.to_numpy(), strict=True)} == {
         # (?, 0, 1): 3 is behind 4 alone, 0 and 2 being filtered
         ("relation 0", "head", "answer"): (1, pytest.approx(1 / 2), 8),
         # (3, 0, ?): 1 is behind 4, 3 and 2, 0 being filtered
@@ -170,7 +165,7 @@ def rows_of(*groups: tuple[str, str, int, float, int]) -> pd.DataFrame:
     return pd.DataFrame(groups, columns=columns).assign(model="es", size=1, seed=0)
 
 
-def test_parts_weigh_queries_within_a_relation_and_observations_between() -> None:
+def test_parts_weigh_queries_within_a_relation_and_observations_between_and_a_half_without_queries_is_null() -> None:
     rows = rows_of(
         ("on", "head", 2, 0.2, 3), ("on", "tail", 1, 0.8, 3), ("in", "tail", 5, 0.9, 1),
         ("on", "relation", 1, 0.5, 3), ("in", "relation", 3, 0.8, 1),
@@ -183,9 +178,6 @@ def test_parts_weigh_queries_within_a_relation_and_observations_between() -> Non
     assert combined(split, ["seed"])["mrr_star_entity"].tolist() == pytest.approx([(3 * (4.4 / 7) + 0.9) / 4])
     by_relation = combined(rows, ["seed", "relation"]).set_index("relation")["mrr_star_entity"]
     assert by_relation.to_dict() == pytest.approx({"on": 0.4, "in": 0.9})
-
-
-def test_a_half_that_is_not_asked_is_null() -> None:
     rows = rows_of(("on", "head", 2, 0.25, 3), ("on", "relation", 2, 0.75, 3))
     (entities,) = combined(rows[rows["hidden"] == "head"], ["seed"]).to_dict("records")
     (relations,) = combined(rows[rows["hidden"] == "relation"], ["seed"]).to_dict("records")

@@ -19,12 +19,9 @@ NONE: frozenset[Triple] = frozenset()
 
 
 def measure(
-    counts: Mapping[Triple, int],
-    embedding: Embedding,
-    answers: Collection[Triple],
-    filtered: Collection[Triple] = NONE,
-    candidates: Collection[int] | None = None,
-) -> list[float]:
+    counts: Mapping[Triple, int], embedding: Embedding, answers: Collection[Triple],
+    filtered: Collection[Triple] = NONE, candidates: Collection[int] | None = None,
+) -> list[float]:  # fmt: skip
     """MRR*, its entity and relation halves, and MRR of the first model, of chosen queries."""
     _, entities, _ = embedding.entity.shape
     session = session_of(graph_of(counts, entities, embedding.relation.shape[1]), torch.zeros(1, len(counts)))
@@ -65,9 +62,7 @@ CASES = {
     # tail: 2 is no rival, R_G = 2 = R_P
     "filtered rival": Case(tail=1, head=1 / 4, tail_rank=1 / 2, head_rank=1 / 4, filtered=frozenset({(0, 0, 2)})),
     # tail: R_G = 1 without 1, R_P = 2
-    "filtered better rival": Case(
-        tail=1 / 2, head=1 / 4, tail_rank=1 / 2, head_rank=1 / 4, filtered=frozenset({(0, 0, 1)})
-    ),
+    "filtered better": Case(tail=1 / 2, head=1 / 4, tail_rank=1 / 2, head_rank=1 / 4, filtered=frozenset({(0, 0, 1)})),
     "filtered answer stays": Case(
         tail=1 / 2, head=1 / 4, tail_rank=1 / 3, head_rank=1 / 4, filtered=frozenset({QUERY})
     ),

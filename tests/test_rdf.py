@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rdflib import Graph, URIRef
 
 from isi.sources.rdf import BLANK, LITERALS, STRUCTURE, local_name
-from tests.observing import TRIPLE, observe, refused
+from tests.observing import TRIPLE, observe, refused, written
 
 HOME = """@prefix : <http://home.example/things#> .
 @prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
@@ -25,11 +25,6 @@ HOME = """@prefix : <http://home.example/things#> .
 """
 EXPECTED = [("mug", "atLocation", "kitchen"), ("mug", "atLocation", "side table")]
 NAMES = "http://home.example/things#"
-
-
-def written(path: Path, content: str | bytes) -> Path:
-    path.write_bytes(content.encode() if isinstance(content, str) else content)
-    return path
 
 
 def line(head: str, relation: str, tail: str) -> str:
@@ -114,7 +109,7 @@ def test_two_things_of_one_name_are_refused_unless_they_go_by_their_iris(tmp_pat
 def test_as_many_triples_as_rdflib_finds(tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[str, ...]]) -> None:
     graph = Graph()
     for row in rows:
-        graph.add(tuple(URIRef(f"urn:{what}:{name}") for what, name in zip("ere", row, strict=True)))
+        graph.add(tuple(URIRef(f"urn:{prefix}:{name}") for prefix, name in zip("ere", row, strict=True)))
     path = tmp_path_factory.getbasetemp() / "all.nt"
     graph.serialize(path, format="nt", encoding="utf-8")
     assert set(observe("rdf", path).rows(*TRIPLE)) == set(rows)

@@ -85,12 +85,6 @@ def test_scenes_of_the_package_bear_the_numbers_of_their_floor_plans_and_only_wh
     assert scenes[4] == Scene("FloorPlan5", 5, "kitchen", [READ])
 
 
-def test_a_byte_order_mark_is_no_part_of_a_recording_of_either_form(tmp_path: Path) -> None:
-    mark = "\ufeff"
-    assert read(tmp_path / "r.json", mark + json.dumps(package()))[4].objects == [READ]
-    assert read_lines(tmp_path / "r", (mark + json.dumps(HEADER)).encode(), scene(objects=(MUG,)))[0].objects == [READ]
-
-
 # As the recorder writes it
 
 
@@ -146,17 +140,17 @@ def test_what_is_written_is_what_the_simulator_gave_less_what_is_not_mined_and_i
 def test_a_recording_that_is_killed_anywhere_in_a_scene_goes_on_behind_the_last_whole_one(tmp_path: Path) -> None:
     path, first, second = tmp_path / "r", Layout(scene="FloorPlan1", spawn=None), Layout(scene="FloorPlan2", spawn=None)
     write(path, first)
-    one = path.read_bytes()
+    first_line = path.read_bytes()
     write(path, second)
     both = path.read_bytes()
-    for length in range(len(one), len(both)):
+    for length in range(len(first_line), len(both)):
         path.write_bytes(both[:length])
-        if length > len(one):
+        if length > len(first_line):
             with pytest.raises(InputError, match=r"cut short|gzip"):
                 list(read_recording(path, None))
         recording = Recording(path, SIMULATOR)
         assert recording.names == {"FloorPlan1"}
-        assert path.read_bytes() == one
+        assert path.read_bytes() == first_line
     recording.append(second, [MUG])
     assert path.read_bytes() == both
 

@@ -23,15 +23,15 @@ TWO_SOURCES = ["a", "b", *["a", "b"] * (NUMBER // 2 - 1)]
 ADDED = set(range(1, NUMBER, 2))
 
 
-def sessions(graph: Graph = GRAPH, sources: list[str] = TWO_SOURCES, **how: Any) -> dict[Table, pd.DataFrame]:
+def sessions(graph: Graph = GRAPH, sources: list[str] = TWO_SOURCES, **changed: Any) -> dict[Table, pd.DataFrame]:
     entities = pd.DataFrame({"kind": ["object", "room", "material"] * (NUMBER // 3), "source": sources})
-    values: dict[str, Any] = {"novel": "any", "sizes": [2], "seeds": 8, **how}
+    values: dict[str, Any] = {"novel": "any", "sizes": [2], "seeds": 8, **changed}
     return session_tables(graph, entities, SessionsOf(**values), SHARES, 3, KEY)
 
 
-def refusal(**how: Any) -> tuple[object, ...]:
+def refusal(**changed: Any) -> tuple[object, ...]:
     with pytest.raises(InputError) as refused:
-        sessions(**how)
+        sessions(**changed)
     return refused.value.args
 
 
@@ -40,7 +40,7 @@ def test_a_graph_without_triples_is_refused_by_its_key() -> None:
 
 
 @pytest.mark.parametrize(
-    ("how", "candidates"),
+    ("changed", "candidates"),
     [
         ({"sizes": [1, 12]}, 12),
         ({"sizes": [4], "steps": 3}, 12),
@@ -50,9 +50,11 @@ def test_a_graph_without_triples_is_refused_by_its_key() -> None:
         ({"novel": "added", "sizes": [1], "sources": ["a"] * NUMBER}, 0),
     ],
 )
-def test_more_novel_entities_than_there_may_be_are_refused_by_their_key(how: dict[str, Any], candidates: int) -> None:
+def test_more_novel_entities_than_there_may_be_are_refused_by_their_key(
+    changed: dict[str, Any], candidates: int
+) -> None:
     few = f"expected fewer novel entities than the {candidates} that may be novel"
-    assert refusal(**how) == ("params.yaml", f"{KEY}.sizes", few)
+    assert refusal(**changed) == ("params.yaml", f"{KEY}.sizes", few)
 
 
 def test_a_list_of_kinds_as_novel_draws_of_these_kinds_alone() -> None:

@@ -226,8 +226,8 @@ def test_a_session_that_no_other_follows_draws_from_streams_of_size_and_seed(siz
             and entity in (head, tail)
             and sum(end in novel for end in (head, tail)) == 1
         ]  # fmt: skip
-        told = sorted(rng.choice(own, max(1, len(own) // 2), replace=False).tolist()) if own else []
-        expected += [(entity, triple) for triple in told]
+        chosen = sorted(rng.choice(own, max(1, len(own) // 2), replace=False).tolist()) if own else []
+        expected += [(entity, triple) for triple in chosen]
     assert sample_insert_triples(graph, splits, novel[None], 1, 0, seed, 0.5) == expected
     assert points_of(graph, size, [seed, seed + 1]).keys().tolist() == [[size, seed], [size, seed + 1]]
 
@@ -242,10 +242,10 @@ def test_a_later_session_has_streams_of_its_own() -> None:
         for number, (head, _, tail) in enumerate(graph.triples.tolist())
         if points.splits[0, number] == TRAIN and entity in (head, tail) and head != tail
     ]
-    told = np.sort(generator("insert triples", 1, 5, 2).choice(own, len(own) // 2, replace=False))
-    assert len(told) > 1
+    chosen = np.sort(generator("insert triples", 1, 5, 2).choice(own, len(own) // 2, replace=False))
+    assert len(chosen) > 1
     pairs = sample_insert_triples(graph, points.splits[0], novel, 2, 0, 5, 0.5)
-    assert pairs == [(entity, triple) for triple in told.tolist()]
+    assert pairs == [(entity, triple) for triple in chosen.tolist()]
 
 
 def test_streams_with_different_keys_differ() -> None:

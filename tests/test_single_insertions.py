@@ -29,7 +29,7 @@ SEEDS_OF = explorer_task()[5]
 
 
 @pytest.fixture(scope="module")
-def found() -> dict[str, pd.DataFrame]:
+def tables() -> dict[str, pd.DataFrame]:
     return single_insertions(*explorer_task())
 
 
@@ -38,9 +38,9 @@ def found() -> dict[str, pd.DataFrame]:
 
 def test_a_plane_holds_the_two_axes_of_most_variance() -> None:
     vectors = torch.tensor([[3.0, 0, 1, 0], [-3, 0, 1, 0], [0, -2, 1, 0], [0, 2, 1, 0], [0, 0, 2, 0], [0, 0, 0, 0]])
-    found = Plane.of(vectors)
-    assert found.share == pytest.approx((18 + 8) / (18 + 8 + 2))
-    places = found.project(torch.tensor([[3.0, 0, 1, 5], [0, 2, 1, 0]]))
+    tables = Plane.of(vectors)
+    assert tables.share == pytest.approx((18 + 8) / (18 + 8 + 2))
+    places = tables.project(torch.tensor([[3.0, 0, 1, 5], [0, 2, 1, 0]]))
     assert places.numpy() == pytest.approx(np.array([[3, 0], [0, 2]]), abs=1e-12)
 
 
@@ -59,25 +59,25 @@ def test_what_is_turned_scaled_and_moved_comes_back() -> None:
         assert share == pytest.approx(1 - float(left))
 
 
-def test_places_are_of_the_map_of_the_entitys_own_seed(found: dict[str, pd.DataFrame]) -> None:
+def test_places_are_of_the_map_of_the_entitys_own_seed(tables: dict[str, pd.DataFrame]) -> None:
     vectors = insert_stack(*insert_tasks(4, "es", TRAINED)[0]).vectors
     for entity, seed in SEEDS_OF.items():
         model = POINTS.seeds.index(seed)
         known = [row for row in range(ENTITIES) if row not in POINTS.novel[model, 0]]
         axes = Plane.of(TRAINED.entity[model, known])
-        places = found["places"]
-        own = places[places["seed"] == seed].set_index(["model", "epoch", "entity"]).sort_index()
-        assert own.loc["theta0", 0].index.tolist() == known
+        places = tables["places"]
+        rows_of_entity = places[places["seed"] == seed].set_index(["model", "epoch", "entity"]).sort_index()
+        assert rows_of_entity.loc["theta0", 0].index.tolist() == known
         expected = axes.project(torch.as_tensor(vectors[model, POINTS.novel[model, 0].tolist().index(entity)]))
-        assert own.loc[("es", 0, entity), ["x", "y"]].tolist() == pytest.approx(expected.tolist(), abs=1e-6)
-        assert {("joint", 0, entity), ("es", EXPLORER.epochs, entity)} <= set(own.index)
+        assert rows_of_entity.loc[("es", 0, entity), ["x", "y"]].tolist() == pytest.approx(expected.tolist(), abs=1e-6)
+        assert {("joint", 0, entity), ("es", EXPLORER.epochs, entity)} <= set(rows_of_entity.index)
 
 
 # Indicators
 
 
-def test_indicators_are_those_whose_centroid_was_taken(found: dict[str, pd.DataFrame]) -> None:
-    indicators = found["indicators"]
+def test_indicators_are_those_whose_centroid_was_taken(tables: dict[str, pd.DataFrame]) -> None:
+    indicators = tables["indicators"]
     assert set(indicators["model"]) == {"es", "rs", "ers", "soft_hybrid"}
     number = indicators.groupby(["model", "entity"]).size()
     assert (number.loc["es"] == 3).all()
@@ -85,13 +85,15 @@ def test_indicators_are_those_whose_centroid_was_taken(found: dict[str, pd.DataF
     vectors = insert_stack(*insert_tasks(4, "es", TRAINED)[0]).vectors
     unit = WORDS / np.linalg.norm(WORDS, axis=1, keepdims=True)
     for entity, seed in SEEDS_OF.items():
-        own = indicators[(indicators["model"] == "es") & (indicators["entity"] == entity)]
+        rows_of_entity = indicators[(indicators["model"] == "es") & (indicators["entity"] == entity)]
         place = POINTS.novel[seed, 0].tolist().index(entity)
-        centre = TRAINED.entity[seed, own["indicator"].tolist()].mean(0).numpy()
+        centre = TRAINED.entity[seed, rows_of_entity["indicator"].tolist()].mean(0).numpy()
         assert centre == pytest.approx(vectors[seed, place], abs=1e-6)
-        assert own["weight"].tolist() == pytest.approx([1 / 3] * 3)
-        assert own["by_words"].is_monotonic_decreasing
-        assert own["by_words"].tolist() == pytest.approx((unit[own["indicator"]] @ unit[entity]).tolist(), abs=1e-6)
+        assert rows_of_entity["weight"].tolist() == pytest.approx([1 / 3] * 3)
+        assert rows_of_entity["by_words"].is_monotonic_decreasing
+        assert rows_of_entity["by_words"].tolist() == pytest.approx(
+            (unit[rows_of_entity["indicator"]] @ unit[entity]).tolist(), abs=1e-6
+        )
 
 
 # Answers
@@ -116,10 +118,10 @@ def answered(first: int, *numbers: float) -> pd.DataFrame:
 def test_answers_by_hand() -> None:
     rows = answered(1, 1.0, 2.0, 9.0, 1.0, 2.0, 99.0).fillna("")
     assert set(rows["entity"]) == {3}
-    asked = {key: list(own[["answer", "rank", "true"]].itertuples(index=False, name=None))
-             for key, own in rows.groupby(["relation", "hidden"])}  # fmt: skip
+    answers_of = {key: list(rows_of_entity[["answer", "rank", "true"]].itertuples(index=False, name=None))
+             for key, rows_of_entity in rows.groupby(["relation", "hidden"])}  # fmt: skip
     # kind 0 is an end of each relation on either side; 2 comes first and is not true; 1 and 4 are equal, so go by id
-    assert asked == {
+    assert answers_of == {
         ("relation 0", "tail"): [(2, 1, ""), (1, 2, "held_out"), (4, 3, "learned"), (0, 4, "told")],
         ("relation 0", "head"): [(2, 1, "")],
         ("relation 1", "tail"): [(2, 1, "")],
@@ -127,8 +129,8 @@ def test_answers_by_hand() -> None:
     }
 
 
-def test_answers_are_those_of_every_model_as_inserted_and_after_training(found: dict[str, pd.DataFrame]) -> None:
-    answers, entities = found["answers"], found["entities"]
+def test_answers_are_those_of_every_model_as_inserted_and_after_training(tables: dict[str, pd.DataFrame]) -> None:
+    answers, entities = tables["answers"], tables["entities"]
     steps = {(name, epoch) for name in (*SHOWN, "soft_hybrid") for epoch in (0, EXPLORER.epochs)}
     assert set(answers.groupby(["model", "epoch"]).groups) == steps | {("joint", 0)}
     ranks = answers.groupby(["entity", "model", "epoch", "relation", "hidden"])["rank"]

@@ -14,7 +14,7 @@ import pytest
 import torch
 
 from isi.analyses.variants import VARIANT_RUNS
-from isi.errors import LONGEST, InputError, cut, meant, short
+from isi.errors import LONGEST, InputError, meant, short
 from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, THETA0, TIES
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
@@ -55,10 +55,10 @@ def run_stage(workspace: Path, *command: str) -> subprocess.CompletedProcess[str
 @pytest.mark.parametrize(
     ("old", "new", "command", "names"),
     [
-        ("\nseed:", "\nsede:", "mine ai2thor", "sede: unknown key; did you mean 'seed'?"),
+        ("\nseed:", "\nsede:", "mine ai2thor", "sede: "),
         ("reader: ai2thor", "reader: ai2tor", "mine ai2thor", "sources.ai2thor.reader"),
         ("min_count: 1 ", f"min_count: 1{'0' * 30}", "build_graph ai2thor", "experiments.ai2thor.graph.min_count"),
-        ("novel: any ", "novel: object ", "make_sessions ai2thor", "sessions.novel: expected a list, got the text"),
+        ("novel: any ", "novel: object ", "make_sessions ai2thor", "sessions.novel: "),
         ("source: shipped", f"source: {'ab' * 5000}", "embed_words ai2thor", ""),  # a file of that name
         ("\n  model: analogy", "\n  model: analog", "train_theta0 ai2thor", "embedding.model"),
         ("\n    k: 8", "\n    kk: 8", "insert ai2thor es", "initializers.es.kk"),
@@ -111,9 +111,6 @@ def test_broken_yaml_is_one_short_line_and_runs_nothing(workspace: Path, says: S
     (workspace / paths.PARAMS).write_bytes(text.encode() if isinstance(text, str) else text)
     assert re.match(r"params\.yaml: .*expected (YAML|UTF-8|a mapping)", says("build_graph ai2thor"))
     assert not (workspace / "run").exists()
-
-
-# Files
 
 
 # What is sound
@@ -180,15 +177,13 @@ def test_the_stage_that_makes_a_missing_file_is_found(monkeypatch: pytest.Monkey
 
 
 def test_a_stage_outside_the_project_says_so(tmp_path: Path) -> None:
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    for command, expected in (
-        ([sys.executable, "-m", "stages.build_graph", "ai2thor"], "dvc.yaml: no such file in .*: run this in"),
-        ([sys.executable, str(ROOT / "tools/repro.py")], "go to the folder of the project first"),
-        (
-            [sys.executable, "-S", str(ROOT / "tools/repro.py")],
-            r"repro: \S+ lacks DVC or this project: use `make repro`",
-        ),
+    environment, repro = os.environ | {"PYTHONPATH": str(ROOT)}, str(ROOT / "tools/repro.py")
+    for arguments, expected in (
+        (["-m", "stages.build_graph", "ai2thor"], r"dvc\.yaml: no such file"),
+        ([repro], "go to the folder of the project"),
+        (["-S", repro], "lacks DVC or this project"),
     ):
+        command = [sys.executable, *arguments]
         ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=environment)
         (line,) = ended.stderr.splitlines()
         assert ended.returncode == 1
@@ -207,26 +202,19 @@ def test_wrong_arguments_are_one_line_and_status_2(
     assert re.fullmatch(r"python -m stages\.insert: .+; see --help\n", err)
 
 
-@pytest.mark.parametrize(
-    ("stage", "parts"),
-    [
-        ("insert", ["experiment: ai2thor, transfer, published\n", "initializer: xavier, iu, es, rs, ers, ",
-                    "reads: data/graph/EXPERIMENT, data/sessions/EXPERIMENT, ",
-                    "writes: data/runs/EXPERIMENT/INITIALIZER.parquet, "]),
-        ("explore", ["graph: ", "writes: data/beyond/graphs/GRAPH/entities.parquet, "]),
-        ("report", ["reads: data/raw, data/observations, ", "writes: reports/index.html, "]),
-    ],
-)  # fmt: skip
-def test_help_lists_the_choices_of_arguments_and_what_is_read_and_written(
-    stage: str, parts: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_help_lists_the_choices_of_arguments_and_the_files_that_are_read_and_written(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(ROOT)
-    monkeypatch.setattr(sys, "argv", [stage, "--help"])
-    with pytest.raises(SystemExit) as ended:
-        main_of(stage)()
-    assert ended.value.code == 0
-    out = capsys.readouterr().out
-    assert all(part in out for part in parts)
+    for stage, *parts in (
+        ("insert", "experiment: ai2thor, transfer", "initializer: xavier, iu", "data/runs/EXPERIMENT/INITIALIZER."),
+        ("explore", "graph: ", "data/beyond/graphs/GRAPH/entities.parquet"), ("report", "reports/index.html"),
+    ):  # fmt: skip
+        monkeypatch.setattr(sys, "argv", [stage, "--help"])
+        with pytest.raises(SystemExit, match=r"^0$"):
+            main_of(stage)()
+        out = capsys.readouterr().out
+        assert all(part in out for part in parts)
 
 
 # How a message is kept short
@@ -237,8 +225,6 @@ def test_a_message_is_short_and_in_one_line_whatever_it_repeats() -> None:
     assert len(long) <= LONGEST
     assert long.startswith("params.yaml: xxx")
     assert str(InputError("f", "a\nb\x1b[31m\ud800", "c\tc")) == "f: a b\\x1b[31m\\ud800: c c"
-    assert cut("abcdefghij", 10) == "abcdefghij"
-    assert cut("abcdefghijk", 10) == "abcde...jk"
     deep: list[object] = []
     for _ in range(2000):
         deep = [deep]

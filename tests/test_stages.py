@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import ast
 import json
+import operator
 import os
 import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import reduce
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -56,10 +58,7 @@ def cases(name: str) -> Iterator[dict[str, str]]:
 
 def at(key: str) -> Any:
     """The value at a dotted key of the params of either pipeline, which must be there."""
-    value: Any = PARAMS | BEYOND_PARAMS
-    for part in key.split("."):
-        value = value[part]
-    return value
+    return reduce(operator.getitem, key.split("."), PARAMS | BEYOND_PARAMS)
 
 
 def parsed(path: Path) -> ast.Module:
@@ -83,24 +82,17 @@ def code_of(name: str) -> list[Path]:
 
 
 @pytest.mark.parametrize("name", STAGES)
-def test_a_stage_depends_on_every_module_that_it_imports_and_that_those_import(name: str) -> None:
-    files = closure(Path(f"stages/{name}.py"))
-    missing = [file for file in files if not any(file.is_relative_to(dep) for dep in code_of(name))]
-    starting = Path("stages/__init__.py")
-    assert not [str(file) for file in missing if len(parsed(file).body) > 1 and file != starting]  # more than text
-
-
-@pytest.mark.parametrize("name", STAGES)
-def test_a_stage_depends_whole_on_packages_whose_modules_params_name(name: str) -> None:
-    """And on what those import."""
-    files = closure(Path(f"stages/{name}.py"))
+def test_a_stage_depends_on_every_module_that_it_imports_and_on_packages_whose_modules_params_name(name: str) -> None:
+    """And on all that those import."""
+    files, depended = closure(Path(f"stages/{name}.py")), code_of(name)
     keys = [key.split(".")[0] for key in STAGES[name].get("params", []) if isinstance(key, str)]
     for package, key in PLUGINS.items():
         if (key in keys and Path(package, "__init__.py") in files) or name == "explore":
-            assert Path(package) in code_of(name) or Path("isi") in code_of(name)
-            inside = closure(*Path(package).rglob("*.py"))
-            missing = [file for file in inside if not any(file.is_relative_to(dep) for dep in code_of(name))]
-            assert not [str(file) for file in missing if len(parsed(file).body) > 1]
+            assert {Path(package), Path("isi")} & set(depended)
+            files = files | closure(*Path(package).rglob("*.py"))
+    missing = [file for file in files if not any(file.is_relative_to(dep) for dep in depended)]
+    starting = Path("stages/__init__.py")
+    assert not [str(file) for file in missing if len(parsed(file).body) > 1 and file != starting]  # more than text
 
 
 @pytest.mark.parametrize("name", sorted(set(STAGES) - {"report"}))
@@ -166,17 +158,13 @@ def test_the_lock_fits_the_pipeline_and_the_params() -> None:
     ran = [path for path in (paths.PIPELINE, paths.BEYOND_PIPELINE) if path.with_name("dvc.lock").exists()]
     if not ran:
         pytest.skip("the pipeline has not run")
-    asked = [sys.executable, "-m", "dvc", "status", "--json", *map(str, ran)]
-    status = json.loads(subprocess.run(asked, capture_output=True, text=True, check=True).stdout)
+    command = [sys.executable, "-m", "dvc", "status", "--json", *map(str, ran)]
+    status = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     changed = []
     for stage_name, parts in status.items():
         for part in parts:
-            if part == "changed command":
-                changed.append((stage_name, part))
-                continue
-            changed += [
-                (stage_name, path) for path, state in part.get("changed deps", {}).items() if state != "deleted"
-            ]
+            deps = {part: ""} if part == "changed command" else part.get("changed deps", {})
+            changed += [(stage_name, path) for path, state in deps.items() if state != "deleted"]
     assert not changed
 
 

@@ -6,16 +6,16 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import psutil
 import pytest
 import yaml
 
 from tests import sleepers
-from tests.environment import ENVIRONMENT
+from tests.environment import ENVIRONMENT, wait_for
 from tools import workspace as workspaces
 
 ROOT = Path(__file__).parent.parent
@@ -49,29 +49,14 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 SIGNALS = pytest.mark.parametrize(("signalled", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 
 
-def session(leader: int) -> dict[int, str]:
-    """Living processes of the session that a process leads: id and command."""
-    processes = {}
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                state, _, _, of = (entry / "stat").read_text().rpartition(")")[2].split()[:4]
-                command = (entry / "cmdline").read_text().replace("\0", " ")
-            except OSError:  # it ended meanwhile
-                continue
-            if int(of) == leader and state not in "ZX":
-                processes[int(entry.name)] = command
+def session(leader: int) -> set[int]:
+    """Living processes of the session that a process leads."""
+    processes = set()
+    for process in psutil.process_iter():
+        with suppress(psutil.Error, OSError):  # it ended meanwhile
+            if os.getsid(process.pid) == leader and process.status() != psutil.STATUS_ZOMBIE:
+                processes.add(process.pid)
     return processes
-
-
-def wait_until(done: Callable[[], bool], seconds: float) -> bool:
-    """Whether a condition comes true in time."""
-    deadline = time.monotonic() + seconds
-    while not done():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.05)
-    return True
 
 
 @contextmanager
@@ -82,7 +67,7 @@ def running(command: list[str], folder: Path, begun: Callable[[], bool]) -> Iter
         env=WITH_CODE, preexec_fn=_heed_ctrl_c,
     ) as process:  # fmt: skip
         try:
-            assert wait_until(lambda: begun() or process.poll() is not None, 60)
+            assert wait_for(lambda: begun() or process.poll() is not None, 60)
             assert process.poll() is None, process.communicate()
             yield process
         finally:
@@ -129,9 +114,9 @@ def test_no_process_of_a_stage_outlives_it_or_its_parent(tmp_path: Path, killed:
     with running([sys.executable, "-c", PARENT, SLEEP, "."], tmp_path, asleep(tmp_path)) as parent:
         assert parent.stdout
         stage, workers = int(parent.stdout.readline()), {int(p.name) for p in tmp_path.iterdir() if p.name.isdigit()}
-        assert {parent.pid, stage} | workers <= session(parent.pid).keys()
+        assert {parent.pid, stage} | workers <= session(parent.pid)
         os.kill(parent.pid if killed == "parent" else stage, signal.SIGKILL)
-        assert wait_until(lambda: not session(parent.pid), 10), session(parent.pid)
+        assert wait_for(lambda: not session(parent.pid), 10), session(parent.pid)
 
 
 @SIGNALS
@@ -155,7 +140,7 @@ def test_a_stage_that_is_stopped_while_it_starts_ends_in_one_line(tmp_path: Path
     command = [sys.executable, "-m", "stages.train_theta0", "ai2thor"]
     with running(command, tmp_path, lambda: bool(started) or True) as stage:
         started.append(stage.pid)
-        assert wait_until(importing, 30)
+        assert wait_for(importing, 30)
         stage.send_signal(signal.SIGINT)
         _, err = stage.communicate(timeout=30)
     assert (stage.returncode, len(err.splitlines())) == (130, 1), err
@@ -192,7 +177,7 @@ def test_ctrl_c_on_dvc_shows_no_traceback_and_leaves_no_process(pipeline: Path) 
 
 
 @SIGNALS
-def test_make_repro_that_is_stopped_ends_in_one_line_with_all_that_it_began(
+def test_make_repro_that_is_stopped_ends_in_one_line_with_all_its_processes(
     pipeline: Path, signalled: signal.Signals, status: int
 ) -> None:
     with running(REPRO, pipeline, asleep(pipeline / "asleep")) as repro:
@@ -200,13 +185,13 @@ def test_make_repro_that_is_stopped_ends_in_one_line_with_all_that_it_began(
         _, err = repro.communicate(timeout=30)
         assert err == f"repro: stopped by {signalled.name}; no file is half-written; `make repro` goes on from here\n"
         assert repro.returncode == status
-        assert wait_until(lambda: not session(repro.pid), 10)
+        assert wait_for(lambda: not session(repro.pid), 10)
 
 
 @pytest.mark.parametrize("first", [DVC, REPRO], ids=["dvc", "make"])
 def test_a_second_run_says_that_there_is_a_first_and_leaves_it_alone(pipeline: Path, first: list[str]) -> None:
     with running(first, pipeline, asleep(pipeline / "asleep")) as running_first:
-        before = session(running_first.pid).keys()
+        before = session(running_first.pid)
         second = subprocess.run(first, cwd=pipeline, capture_output=True, text=True, env=WITH_CODE)
         assert second.returncode
         assert "Traceback" not in second.stderr
@@ -217,18 +202,17 @@ def test_a_second_run_says_that_there_is_a_first_and_leaves_it_alone(pipeline: P
         else:
             assert "is busy, it is being blocked by:" in second.stderr
             assert f"(PID {running_first.pid})" in second.stderr
-        assert session(running_first.pid).keys() == before
+        assert session(running_first.pid) == before
 
 
-def test_dvc_that_is_terminated_takes_its_stage_along(pipeline: Path) -> None:
-    with running(DVC, pipeline, asleep(pipeline / "asleep")) as dvc:
-        dvc.terminate()
-        _, err = dvc.communicate(timeout=30)
-        assert (dvc.returncode, err) == (-signal.SIGTERM, "")  # which a shell gives as 143
-        assert wait_until(lambda: not session(dvc.pid), 10)
-
-
-def test_make_repro_that_is_killed_takes_all_that_it_began_along(pipeline: Path) -> None:
-    with running(REPRO, pipeline, asleep(pipeline / "asleep")) as repro:
-        repro.kill()
-        assert wait_until(lambda: not session(repro.pid), 10), session(repro.pid)
+@pytest.mark.parametrize(
+    ("command", "signalled"), [(DVC, signal.SIGTERM), (REPRO, signal.SIGKILL)], ids=["dvc", "make"]
+)
+def test_a_run_that_is_ended_ends_with_all_its_processes(
+    pipeline: Path, command: list[str], signalled: signal.Signals
+) -> None:
+    with running(command, pipeline, asleep(pipeline / "asleep")) as run:
+        run.send_signal(signalled)
+        _, err = run.communicate(timeout=30)
+        assert (run.returncode, err) == (-signalled, "")  # which a shell gives as 128 + its number
+        assert wait_for(lambda: not session(run.pid), 10), session(run.pid)

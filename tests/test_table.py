@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from isi.errors import InputError
 from isi.sources import CHUNK, Source
 from isi.sources.names import name_fault, phrase
-from tests.observing import TRIPLE, observe, refused
+from tests.observing import TRIPLE, observe, refused, written
 
 LOG = """head,relation,tail,count,room,instance
 mug,atLocation,kitchen,3,kitchen,mug_1
@@ -34,16 +34,6 @@ HOMELY = {"atLocation": {"head": "thing", "tail": "place"}, "hasMaterial": {"hea
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
     return written(tmp_path / "log.csv", LOG)
-
-
-def written(path: Path, content: str | bytes) -> Path:
-    path.write_bytes(content.encode() if isinstance(content, str) else content)
-    return path
-
-
-def parquet(path: Path, **columns: object) -> Path:
-    pq.write_table(pa.table(columns), path)
-    return path
 
 
 # What a table gives
@@ -141,4 +131,5 @@ def test_a_table_of_entities_goes_before_relations(log: Path, tmp_path: Path) ->
 def test_a_broken_parquet_table_is_refused_by_its_row(
     tmp_path: Path, columns: dict[str, object], expected: list[str]
 ) -> None:
-    refused("table", parquet(tmp_path / "a.parquet", head=["a"], **columns), ["a.parquet", *expected])
+    pq.write_table(pa.table({"head": ["a"], **columns}), tmp_path / "a.parquet")
+    refused("table", tmp_path / "a.parquet", ["a.parquet", *expected])

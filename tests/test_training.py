@@ -59,9 +59,9 @@ def test_loss_gradient_is_that_of_autograd() -> None:
     generator = torch.Generator().manual_seed(3)
     positives, negatives = (torch.randint(4, (2, 3, 4, 4), generator=generator).double() for _ in range(2))
     by_entity, by_relation = torch.autograd.grad(loss(entity, relation, positives, negatives), (entity, relation))
-    found = loss_gradient(Embedding(entity.detach(), relation.detach(), ANALOGY), DenseBatch(positives, negatives))
-    torch.testing.assert_close(found.entity, by_entity)
-    torch.testing.assert_close(found.relation, by_relation)
+    result = loss_gradient(Embedding(entity.detach(), relation.detach(), ANALOGY), DenseBatch(positives, negatives))
+    torch.testing.assert_close(result.entity, by_entity)
+    torch.testing.assert_close(result.relation, by_relation)
 
 
 def test_adagrad_is_that_of_torch() -> None:
@@ -79,8 +79,8 @@ def test_adagrad_is_that_of_torch() -> None:
         gradient = loss_gradient(state.embedding, DenseBatch(positives, negatives))
         number = positives.sum((1, 2, 3)).long()
         adagrad(state, gradient, number, torch.zeros(1, 5, dtype=torch.bool), settings)
-    for found, expected in zip((state.embedding.entity, state.embedding.relation), tables, strict=True):
-        torch.testing.assert_close(found, expected.detach(), rtol=1e-4, atol=1e-5)
+    for result, expected in zip((state.embedding.entity, state.embedding.relation), tables, strict=True):
+        torch.testing.assert_close(result, expected.detach(), rtol=1e-4, atol=1e-5)
     assert not torch.allclose(state.embedding.entity, begin.entity, atol=0.1)
 
 
@@ -107,9 +107,7 @@ def test_entities_outside_the_session_stay_zero(negatives: Negatives) -> None:
     assert (state.embedding.entity != before)[members].all()
 
 
-FITTING = Training(
-    batch_size=60, learning_rate=0.1, weight_decay=1e-3, max_epochs=30, evaluate_every=2, patience=2
-)  # fmt: skip
+FITTING = Training(batch_size=60, learning_rate=0.1, weight_decay=1e-3, max_epochs=30, evaluate_every=2, patience=2)
 
 
 def fitted(seeds: list[int], settings: Training = FITTING) -> tuple[Embedding, pd.DataFrame]:
@@ -244,13 +242,9 @@ def test_weight_decay_acts_on_all_rows_of_the_session() -> None:
     assert (state.embedding.entity.abs() < before.abs()).all()
 
 
-def test_fit_looks_at_the_last_epoch_too() -> None:
-    settings = FITTING.model_copy(update={"max_epochs": 5, "evaluate_every": 3})
-    _, looks = fitted([0], settings)
-    assert looks["epoch"].tolist() == [3, 5]
-
-
-def test_a_plateau_is_no_better_one() -> None:
+def test_fit_validates_the_last_epoch_too_and_a_plateau_is_no_better() -> None:
+    _, validations = fitted([0], FITTING.model_copy(update={"max_epochs": 5, "evaluate_every": 3}))
+    assert validations["epoch"].tolist() == [3, 5]
     _, validations = fitted([0], FITTING.model_copy(update={"learning_rate": 1e-12}))
     assert len({score for _, score, _ in validations_of(0, validations)}) == 1
     assert [is_best for _, _, is_best in validations_of(0, validations)] == [True, *[False] * FITTING.patience]

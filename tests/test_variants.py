@@ -60,11 +60,11 @@ def test_so_many_of_each_entity_are_given_and_the_fewer_are_part_of_the_more(ste
     assert max(number.values()) > 3
     fewer: set[tuple[int, ...]] = set()
     for most in range(6):
-        found = rows_of(at_most(points, most, 0))
-        assert Counter(row[:3] for row in found) == Counter({slot: min(most, n) for slot, n in number.items()})
-        assert found == [row for row in rows_of(given) if row in set(found)]  # in their order
-        assert fewer <= set(found)
-        fewer = set(found)
+        fewer_rows = rows_of(at_most(points, most, 0))
+        assert Counter(row[:3] for row in fewer_rows) == Counter({slot: min(most, n) for slot, n in number.items()})
+        assert fewer_rows == [row for row in rows_of(given) if row in set(fewer_rows)]  # in their order
+        assert fewer <= set(fewer_rows)
+        fewer = set(fewer_rows)
     assert rows_of(at_most(points, None, 0)) == rows_of(given)
     assert at_most(replace(points, insert_triples=no_triples()), 3, 0).shape == (0, 4)
 
@@ -128,8 +128,8 @@ def test_from_stored_embeddings_the_runs_are_those_of_the_first_pipeline() -> No
     points, *_, configs, _ = variant_task = task((theta0, joint))
     runs, answers = run_variant(*variant_task)
     measured = evaluate_stack(points, joint)
-    target = {(1, scope): measured[measured["scope"] == scope].set_index("seed")["mrr_star"].loc[SEEDS].to_numpy(
-        copy=True) for scope in ("all", "novel_heldout")}  # fmt: skip
+    joint_runs = measured.set_index(["scope", "seed"])["mrr_star"]
+    target = {(1, scope): joint_runs[scope].loc[SEEDS].to_numpy(copy=True) for scope in ("all", "novel_heldout")}
     inserted = {name: insert_stack(points, theta0, WORDS, target, config) for name, config in configs.items()}
     assert set(runs["model"]) == {*NAMES, "joint"}
     pd.testing.assert_frame_equal(of_model(runs, "joint"), measured.reset_index(drop=True))

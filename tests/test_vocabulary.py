@@ -45,8 +45,10 @@ def unwanted(name: str) -> bool:
 
 @pytest.mark.parametrize("folder", ["isi", "stages", "tools"])
 def test_code_uses_the_words_of_the_field(folder: str) -> None:
-    found = {f"{path}: {name}" for path in (ROOT / folder).rglob("*.py") for name in names(path) if unwanted(name)}
-    assert not found
+    names_found = {
+        f"{path}: {name}" for path in (ROOT / folder).rglob("*.py") for name in names(path) if unwanted(name)
+    }
+    assert not names_found
 
 
 @pytest.mark.parametrize("file", ["params.yaml", "beyond/params.yaml", "dvc.yaml", "beyond/dvc.yaml"])

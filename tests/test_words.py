@@ -46,26 +46,16 @@ def binary(vectors: dict[str, list[float]] = VECTORS, header: str | None = None,
 
 def loaded(path: Path, content: bytes) -> KeyedVectors:
     path.write_bytes(content)
-    return words.load_vectors(named(path))
-
-
-def named(path: Path, sha256: str | None = None) -> Words:
-    """Params that name a file."""
-    return Words(source=str(path), text="definition", sha256=sha256)
+    return words.load_vectors(Words(source=str(path), text="definition", sha256=None))
 
 
 @pytest.mark.parametrize(
     ("name", "content"),
-    [
-        ("word2vec.txt", text()),
-        ("word2vec.bin", binary()),
-        ("google.bin", binary(newline=b"")),  # as Google's own file: no newline after a vector
-        ("glove.txt", glove()),
-        ("word2vec.txt.gz", gzip.compress(text())),
-        ("glove.txt.gz", gzip.compress(glove())),
-        ("word2vec.bin.gz", gzip.compress(binary())),
-    ],
-)
+    [("word2vec.txt", text()), ("word2vec.bin", binary()), ("glove.txt", glove()),
+     ("google.bin", binary(newline=b"")),  # as Google's own file: no newline after a vector
+     ("word2vec.txt.gz", gzip.compress(text())), ("glove.txt.gz", gzip.compress(glove())),
+     ("word2vec.bin.gz", gzip.compress(binary()))],
+)  # fmt: skip
 def test_every_form_of_file_gives_the_same_vectors(tmp_path: Path, name: str, content: bytes) -> None:
     read = loaded(tmp_path / name, content)
     assert read.index_to_key == list(VECTORS)
@@ -127,16 +117,10 @@ def known() -> KeyedVectors:
 def test_a_phrase_is_one_token_or_joined_or_the_mean_of_its_tokens_or_nothing(
     known: KeyedVectors, phrase: str, vector: list[float], served_by: str | None
 ) -> None:
-    found = words.look_up(known, [phrase])
-    np.testing.assert_allclose(found.vectors, [vector])
-    assert found.vectors.dtype == np.float32
-    assert found.served_by == [served_by]
-
-
-def test_vectors_are_aligned_with_the_phrases(known: KeyedVectors) -> None:
-    found = words.look_up(known, ["unheard", "clock", "alarm", "clock"])
-    np.testing.assert_allclose(found.vectors, [[0, 0, 0], [0, 1, -2.5], [1, 0, 0], [0, 1, -2.5]])
-    assert found.served_by == [None, "clock", "alarm", "clock"]
+    looked_up = words.look_up(known, ["unheard", phrase, "alarm"])
+    np.testing.assert_allclose(looked_up.vectors, [[0, 0, 0], vector, [1, 0, 0]])
+    assert looked_up.vectors.dtype == np.float32
+    assert looked_up.served_by == [None, served_by, "alarm"]
 
 
 # Broken files
@@ -145,9 +129,9 @@ def test_vectors_are_aligned_with_the_phrases(known: KeyedVectors) -> None:
 @pytest.mark.parametrize("token", ["\u00a0", "\u0085", "\u3000", ". . .", "at name@domain.com", "snake_case"])
 def test_tokens_of_real_files_are_read(tmp_path: Path, token: str) -> None:
     """Blanks other than those between numbers, and GloVe's tokens of several pieces."""
-    found = loaded(tmp_path / "glove.txt", glove({"the": [1.0, 2.0]} | {token: [3.0, 4.0]}))
-    assert found.index_to_key == ["the", token]
-    assert found[token].tolist() == [3.0, 4.0]
+    vectors = loaded(tmp_path / "glove.txt", glove({"the": [1.0, 2.0]} | {token: [3.0, 4.0]}))
+    assert vectors.index_to_key == ["the", token]
+    assert vectors[token].tolist() == [3.0, 4.0]
 
 
 def test_a_download_that_nothing_can_check_is_refused_without_asking_the_network() -> None:
@@ -197,17 +181,11 @@ def test_the_shipped_vectors_serve_every_phrase_as_one_token(shipped: KeyedVecto
     assert words.look_up(shipped, phrases).served_by == [phrase.replace(" ", "_") for phrase in phrases]
 
 
-def test_both_shipped_sets_hold_the_phrases_of_the_definitions_and_no_others(shipped: KeyedVectors) -> None:
+def test_the_shipped_vectors_are_of_unit_length_one_for_each_phrase_and_no_two_alike(shipped: KeyedVectors) -> None:
     assert shipped.index_to_key == [phrase.replace(" ", "_") for phrase in definitions()]
-
-
-def test_the_shipped_vectors_are_unit_length_rows_of_384_and_no_two_alike(shipped: KeyedVectors) -> None:
     assert shipped.vectors.shape == (len(definitions()), 384)
     np.testing.assert_allclose(np.linalg.norm(shipped.vectors, axis=1), 1, atol=1e-5)
     assert len(np.unique(shipped.vectors, axis=0)) == len(shipped.vectors)
-
-
-def test_the_shipped_vectors_know_what_is_alike(shipped: KeyedVectors) -> None:
     assert shipped.similarity("sofa", "arm_chair") > shipped.similarity("sofa", "egg")
     assert shipped.similarity("sink", "sink_basin") > shipped.similarity("sink", "alarm_clock")
 

@@ -47,27 +47,22 @@ def ranking(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """Medians over repeats; ratios are of triples ranked in a second."""
     rate = rows["triples"] / rows["median"]
     return {
-        "": rows["what"],
-        "triples": _count(rows["triples"]),
-        "ms": _figures(1000 * rows["median"]),
+        "": rows["what"], "triples": _count(rows["triples"]), "ms": _figures(1000 * rows["median"]),
         "thousand triples per second": _figures(rate / 1e3),
         "times PyKEEN": _figures(rate / float(rate[rows["what"].str.startswith("PyKEEN")].iloc[0])),
-    }
+    }  # fmt: skip
 
 
 def growth(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """An epoch and a ranking on graphs of growing size, by form."""
     rows = rows.sort_values(["entities", "form"], ascending=[True, False])
     return {
-        "entities": _count(rows["entities"]),
-        "triples": _count(rows["triples"]),
-        "batches as": rows["form"],
-        "s per epoch": _figures(rows["epoch_seconds"]),
-        "µs per observation": _figures(1e6 * _per_observation(rows)),
+        "entities": _count(rows["entities"]), "triples": _count(rows["triples"]), "batches as": rows["form"],
+        "s per epoch": _figures(rows["epoch_seconds"]), "µs per observation": _figures(1e6 * _per_observation(rows)),
         "peak MiB of training": _count(rows["training_mib"]),
         "s to rank up to 200 triples": _figures(rows["ranking_seconds"]),
         "peak MiB with ranking": _count(rows["peak_mib"]),
-    }
+    }  # fmt: skip
 
 
 def mining(rows: pd.DataFrame) -> dict[str, pd.Series]:
@@ -81,12 +76,9 @@ def mining(rows: pd.DataFrame) -> dict[str, pd.Series]:
 def insert(rows: pd.DataFrame) -> dict[str, pd.Series]:
     """``isi.insert`` on one thread, three insert triples for each new entity; medians."""
     return {
-        "known entities": _count(rows["entities"]),
-        "new ones": _count(rows["new"]),
-        "initializer": rows["initializer"],
-        "ms": _figures(1000 * rows["seconds"]),
-        "peak MiB": _count(rows["peak_mib"]),
-    }
+        "known entities": _count(rows["entities"]), "new ones": _count(rows["new"]), "initializer": rows["initializer"],
+        "ms": _figures(1000 * rows["seconds"]), "peak MiB": _count(rows["peak_mib"]),
+    }  # fmt: skip
 
 
 def umls(rows: pd.DataFrame) -> dict[str, pd.Series]:
@@ -105,12 +97,9 @@ def thor_u(rows: pd.DataFrame) -> dict[str, pd.Series]:
 
 
 def facts(rows: pd.DataFrame) -> dict[str, pd.Series]:
-    """What benchmarks say of themselves: for those without a table of their own."""
-    rows = rows.drop(columns="median")
-    return {
-        name.replace("_", " "): _figures(rows[name]) if rows[name].dtype == float else rows[name].astype(str)
-        for name in rows
-    }
+    """The columns that benchmarks report, for those without a table of their own."""
+    return {name.replace("_", " "): _figures(values) if values.dtype == float else values.astype(str)
+            for name, values in rows.drop(columns="median").items()}  # fmt: skip
 
 
 TABLES = {
@@ -157,8 +146,8 @@ def main() -> None:
     parser.add_argument("results", type=Path, help="JSON of pytest-benchmark")
     results = json.loads(parser.parse_args().results.read_text(encoding="utf-8"))
     groups: dict[str, list[dict[str, Any]]] = {}
-    for one in results["benchmarks"]:
-        groups.setdefault(one["group"], []).append({**one["extra_info"], "median": one["stats"]["median"]})
+    for run in results["benchmarks"]:
+        groups.setdefault(run["group"], []).append({**run["extra_info"], "median": run["stats"]["median"]})
     info = results["machine_info"]
     versions = ", ".join([f"Python {info['python_version']}", *(f"{name} {v}" for name, v in info["versions"].items())])
     line = f"{info['cpu']['brand_raw']}, {info['cores']} cores, {info['system']}; {versions}.\n"

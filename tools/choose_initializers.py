@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -30,6 +29,7 @@ from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.stack import Embedding
 from isi.params import Params, load
 from isi.random import stream
+from tools.choose_models import combinations
 from tools.docs import BENCHMARKS, write_table
 
 Setting = tuple[str, dict[str, Any]]
@@ -99,10 +99,8 @@ def settings_of(names: list[str], listed: dict[str, dict[str, Any]]) -> list[Set
     """What is compared: what params say of each initializer, then its grid."""
     settings = []
     for name in names:
-        combinations = [listed[name]] if name in listed else []
-        grid = INITIALIZERS.get(name, name).grid or {}
-        combinations += [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
-        once = {tuple(setting.items()): setting for setting in combinations}
+        every = [listed[name]] * (name in listed) + combinations(INITIALIZERS.get(name, name).grid or {})
+        once = {tuple(setting.items()): setting for setting in every}
         settings += [(name, options_of(name, setting, f"initializers.{name}")) for setting in once.values()]
     return settings
 

@@ -20,8 +20,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ruamel.yaml import YAML
-
+from isi.config import read, value_of
 from isi.process import one_line
 
 if TYPE_CHECKING:
@@ -48,7 +47,7 @@ def filled(page: str, root: Path = ROOT) -> str:
 
     def fill(place: re.Match[str]) -> str:
         begin, kind, path, _, end = place.groups()
-        content = f"\n{_text(root, path)}" if kind == "table" else value(path.split(" | "), root)
+        content = "\n" + (root / f"{path}.md").read_text("utf-8") if kind == "table" else value(path.split(" | "), root)
         return begin + content + end
 
     return PLACE.sub(fill, page)
@@ -58,19 +57,13 @@ def value(path: list[str], root: Path = ROOT) -> str:
     """The number that a place names."""
     name, *cells = path
     if name == "params":
-        params = YAML(typ="safe", pure=True).load((root / "params.yaml").read_text(encoding="utf-8"))
-        for key in cells[0].split("."):
-            params = params[key]
-        return str(params)
-    head, _, *body = ([cell.strip() for cell in line.split("|")[1:-1]] for line in _text(root, name).splitlines())
+        return str(value_of(read(root / "params.yaml"), cells[0]))
+    lines = (root / f"{name}.md").read_text(encoding="utf-8").splitlines()
+    head, _, *body = ([cell.strip() for cell in line.split("|")[1:-1]] for line in lines)
     rows = [row for row in body if row[: len(cells) - 1] == cells[:-1]]
     if len(rows) != 1 or cells[-1] not in head:
         raise LookupError(f"{' | '.join(path)}: {len(rows)} rows, columns {', '.join(head)}")
     return rows[0][head.index(cells[-1])].partition(" [")[0]
-
-
-def _text(root: Path, table: str) -> str:
-    return (root / f"{table}.md").read_text(encoding="utf-8")
 
 
 def with_output(page: str, folder: Path) -> str:

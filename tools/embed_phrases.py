@@ -58,12 +58,11 @@ def embed(sentences: list[str]) -> np.ndarray:
 
 def reuse(tokens: Sequence[str], vectors: np.ndarray, stored: KeyedVectors) -> int:
     """Put stored vectors in place of those, (tokens, dimension), that are the same but for rounding; gives how many."""
-    reused = 0
-    for row, token in enumerate(tokens):
-        if token in stored and np.allclose(stored[token], vectors[row], rtol=0, atol=ROUNDING):
-            vectors[row] = stored[token]
-            reused += 1
-    return reused
+    same = [row for row, token in enumerate(tokens)
+            if token in stored and np.allclose(stored[token], vectors[row], rtol=0, atol=ROUNDING)]  # fmt: skip
+    for row in same:
+        vectors[row] = stored[tokens[row]]
+    return len(same)
 
 
 if __name__ == "__main__":

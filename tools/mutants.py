@@ -10,7 +10,6 @@ import pandas as pd
 
 from tools.docs import BENCHMARKS, write_table
 
-FOLDER = Path("mutants")
 #: By the exit status of its tests, as mutmut has it; what has another was killed.
 FATES = {0: "live", 5: "met by no test", 33: "met by no test", None: "not tried", 34: "not tried"}
 
@@ -19,8 +18,8 @@ def main() -> None:
     """Write a row for each package, and one for all; print the mutants that were not killed."""
     counts: dict[str, Counter[str]] = {}
     survivors = []
-    for path in sorted(FOLDER.rglob("*.py.meta")):
-        name = path.relative_to(FOLDER)
+    for path in sorted(Path("mutants").rglob("*.py.meta")):
+        name = path.relative_to("mutants")
         statuses = json.loads(path.read_text(encoding="utf-8"))["exit_code_by_key"]
         fates = {mutant: FATES.get(status, "killed") for mutant, status in statuses.items()}
         counts.setdefault(str(name.parent), Counter()).update(fates.values())

@@ -21,10 +21,10 @@ CLAMP, TIE = 1e-6, 1e-5
 HALVES = ("mrr_star", "mrr_star_entity", "mrr_star_relation")
 
 
-def columns(path: str, *names: str) -> list[np.ndarray]:
-    """Columns of a Parquet table; null numbers are NaN."""
+def rows_of(path: str, *names: str) -> list[tuple[Any, ...]]:
+    """Columns of a Parquet table, row by row; null numbers are NaN."""
     table = pq.read_table(Path("data") / path, columns=list(names))
-    return [np.asarray(table[name].to_pandas()) for name in names]
+    return list(zip(*(np.asarray(table[name].to_pandas()) for name in names), strict=True))
 
 
 class Experiment:
@@ -32,30 +32,27 @@ class Experiment:
 
     def __init__(self, name: str, initializers: list[str]) -> None:
         self.name, self.initializers = name, initializers
-        (entities,) = columns(f"graph/{name}/entities.parquet", "entity")
-        heads, relations, tails, counts = columns(f"graph/{name}/triples.parquet", "head", "relation", "tail", "count")
-        ids = {entity: number for number, entity in enumerate(entities)}
-        self.relations = sorted(set(relations))
-        self.triples: list[Triple] = [(ids[h], self.relations.index(r), ids[t])
-                                      for h, r, t in zip(heads, relations, tails, strict=True)]  # fmt: skip
-        self.entities = len(entities)
+        ids = {entity: number for number, (entity,) in enumerate(rows_of(f"graph/{name}/entities.parquet", "entity"))}
+        triples = rows_of(f"graph/{name}/triples.parquet", "head", "relation", "tail", "count")
+        self.relations = sorted({relation for _, relation, _, _ in triples})
+        self.triples: list[Triple] = [(ids[h], self.relations.index(r), ids[t]) for h, r, t, _ in triples]
+        self.entities = len(ids)
         self.counts = np.zeros((len(self.relations), self.entities, self.entities))
-        for (head, relation, tail), count in zip(self.triples, counts, strict=True):
+        for (head, relation, tail), (*_, count) in zip(self.triples, triples, strict=True):
             self.counts[relation, head, tail] = count
         self.words = load_file(f"data/words/{name}/vectors.safetensors")["vectors"].astype(float)
         self.novel = self._by_cell("novel", "entity")
         self.insert_triples = self._by_cell("insert_triples", "entity", "triple")
         self.splits: dict[int, dict[str, set[Triple]]] = {}
-        rows = columns(f"sessions/{name}/splits.parquet", "seed", "triple", "split")
-        for seed, triple, split in zip(*rows, strict=True):
+        for seed, triple, split in rows_of(f"sessions/{name}/splits.parquet", "seed", "triple", "split"):
             of_seed = self.splits.setdefault(int(seed), {"train": set(), "valid": set(), "test": set()})
             of_seed[split].add(self.triples[triple])
 
     def _by_cell(self, table: str, *names: str) -> dict[tuple[int, int, int], list[Any]]:
         """Rows of a table of sessions, by size, seed and session, in their order."""
         by_cell: dict[tuple[int, int, int], list[Any]] = {}
-        rows = columns(f"sessions/{self.name}/{table}.parquet", "size", "seed", "session", *names)
-        for size, seed, session, *row in zip(*rows, strict=True):
+        path = f"sessions/{self.name}/{table}.parquet"
+        for size, seed, session, *row in rows_of(path, "size", "seed", "session", *names):
             by_cell.setdefault((int(size), int(seed), int(session)), []).append(tuple(map(int, row)))
         return by_cell
 
@@ -69,8 +66,7 @@ class Experiment:
         by_cell: dict[str, Any] = {}
         for model in [*self.initializers, "joint"]:
             group, names = by_cell.setdefault(model, {}), ("size", "seed", "session", "scope", "epoch", *HALVES)
-            rows = columns(f"runs/{self.name}/{model}.parquet", *names)
-            for size, seed, session, scope, epoch, *values in zip(*rows, strict=True):
+            for size, seed, session, scope, epoch, *values in rows_of(f"runs/{self.name}/{model}.parquet", *names):
                 group.setdefault((int(size), int(seed), int(session), scope), []).append((int(epoch), values))
         return by_cell
 
@@ -80,12 +76,10 @@ class Session:
 
     def __init__(self, experiment: Experiment, size: int, seed: int) -> None:
         self.experiment = experiment
-        inserted = {
-            key[2]: {row[0] for row in rows} for key, rows in experiment.novel.items() if key[:2] == (size, seed)
-        }
+        sets = {key[2]: {row[0] for row in rows} for key, rows in experiment.novel.items() if key[:2] == (size, seed)}
         self.order = [row[0] for row in experiment.novel[size, seed, 1]]
-        self.novel = inserted[1]
-        later = set().union(*(ids for session, ids in inserted.items() if session > 1))
+        self.novel = sets[1]
+        later = set().union(*(ids for session, ids in sets.items() if session > 1))
         splits = experiment.splits[seed]
         self.train, self.valid, self.test = (
             {t for t in splits[name] if not {t[0], t[2]} & later} for name in ("train", "valid", "test")

@@ -105,11 +105,10 @@ class LockFile:
 
         if not set(_stage_names(self._copy)) <= set(_stage_names(self.path)):  # DVC takes no stage away
             return False
-        try:
+        with suppress(Exception):  # whatever is wrong with it
             COMPILED_LOCKFILE_SCHEMA(load_yaml(self.path))
-        except Exception:  # whatever is wrong with it
-            return False
-        return True
+            return True
+        return False
 
 
 def mend_notes(path: Path = NOTES) -> None:
@@ -117,15 +116,14 @@ def mend_notes(path: Path = NOTES) -> None:
 
     Another DVC may be writing them just now: they must stay broken for a second.
     """
-    for _ in range(10):
-        try:
-            json.loads(path.read_text(encoding="utf-8"))
-            return
-        except FileNotFoundError:
-            return
-        except ValueError:
-            time.sleep(0.1)
-    path.unlink(missing_ok=True)
+    with suppress(FileNotFoundError):
+        for _ in range(10):
+            try:
+                json.loads(path.read_text(encoding="utf-8"))
+                return
+            except ValueError:
+                time.sleep(0.1)
+        path.unlink()
 
 
 def run(command: list[str], progress: Progress, lock: LockFile) -> int:

@@ -34,8 +34,6 @@ from tools.docs import BENCHMARKS, write_table
 TRIPLE = ["head", "relation", "tail"]
 #: Name of the houses that are made, and how many: as ProcTHOR-10K has in its training set.
 MADE, HOUSES = "procthor_made", 10_000
-#: Of params, those that name sources.
-_SECTIONS = ("sources", "graphs")
 #: Objects in a picture, or as many as it has rooms.
 SHOWN = 25
 NONE = "–"
@@ -62,7 +60,9 @@ def source_settings(files: Iterable[Path]) -> dict[str, Any]:
     settings: dict[str, Any] = {}
     for file in files:
         params = read(file)
-        sources, graphs = (check(params.get(key) or {}, dict[Name, dict[str, Any]], key, file) for key in _SECTIONS)
+        sources, graphs = (
+            check(params.get(key) or {}, dict[Name, dict[str, Any]], key, file) for key in ("sources", "graphs")
+        )
         for name, section in [*sources.items(), *((name, graph.get("source")) for name, graph in graphs.items())]:
             if name in settings:
                 raise InputError(file, name, "expected a name that no other source has")
@@ -157,8 +157,7 @@ def main() -> None:
             if "procthor_houses" not in readers:
                 section = {"reader": "procthor_houses", "path": str(houses), "sha256": None, "materials": "suncg"}
                 sources[MADE] = section
-            unknown = set(given.names) - set(sources)
-            if unknown:
+            if unknown := set(given.names) - set(sources):
                 sys.exit(f"{min(unknown)!r}: expected one of {', '.join(sources)}")
             chosen = {name: sources[name] for name in given.names or sources}
             if MADE in chosen:

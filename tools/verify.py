@@ -47,47 +47,38 @@ class Check:
             self.disagreements.append(f"{self.about}, {where}: {ours:.6g} here, {theirs:.6g} there")
 
 
-def check_vectors(experiment: Experiment, size: int, seed: int, options: dict[str, Any], check: Check) -> int:
-    """Compare initial vectors; how many were left open."""
-    session, row = Session(experiment, size, seed), experiment.row(size, seed)
-    theta0 = load_file(f"data/embeddings/{experiment.name}/theta0/size={size:02d}.safetensors")
-    vectors, relations = (theta0[name][row].astype(float) for name in ("entity", "relation"))
-    left_open = 0
-    for name in [name for name in experiment.initializers if name in RECOMPUTED]:
-        stored = load_file(f"data/runs/{experiment.name}/{name}.safetensors")[f"size={size:02d}"][row]
-        for place, entity in enumerate(session.order):
-            chosen, gap = RECOMPUTED[name](Around(session, entity, vectors, relations), **options[name])
-            where = f"{name}, {experiment.name}, size {size}, seed {seed}, entity {entity}"
-            if gap < UNDECIDED:
-                left_open += 1
-            else:
-                check.compare(where, vectors[sorted(chosen)].mean(0), stored[place])
-    return left_open
+def check_cell(
+    experiment: Experiment, size: int, seed: int, options: dict[str, Any], initial: Check, immediate: Check
+) -> int:
+    """Compare initial vectors, and MRR* and its halves of every model in every scope; how many vectors are left out.
 
-
-def check_mrr_star(experiment: Experiment, size: int, seed: int, check: Check) -> None:
-    """Compare MRR* and its halves of every model in every scope.
-
-    Where a tie begins hangs on how scores are rounded, so a slightly wider or narrower one may agree as well.
+    Where a tie begins depends on how scores are rounded, so a slightly wider or narrower one may agree as well.
     """
     session, row = Session(experiment, size, seed), experiment.row(size, seed)
     theta0 = load_file(f"data/embeddings/{experiment.name}/theta0/size={size:02d}.safetensors")
     joint = load_file(f"data/embeddings/{experiment.name}/joint.safetensors")
+    left_open = 0
     for model in [*experiment.initializers, "joint"]:
         table, place = (joint, joint["seed"].tolist().index(seed)) if model == "joint" else (theta0, row)
         vectors, relations = (table[name][place].astype(float) for name in ("entity", "relation"))
+        cell = f"{experiment.name}, size {size}, seed {seed}"
         if model != "joint":
             stored = load_file(f"data/runs/{experiment.name}/{model}.safetensors")[f"size={size:02d}"][row]
+            for entity, vector in zip(session.order if model in RECOMPUTED else (), stored, strict=False):
+                chosen, gap = RECOMPUTED[model](Around(session, entity, vectors, relations), **options[model])
+                left_open += gap < UNDECIDED
+                if gap >= UNDECIDED:
+                    initial.compare(f"{model}, {cell}, entity {entity}", vectors[sorted(chosen)].mean(0), vector)
             vectors[session.order] = stored[: len(session.order)]
         scores = np.stack([there(vectors, relation) @ vectors.T for relation in relations])  # (R, heads, tails)
         for name, scope in session.scopes().items():
             ((_, published),) = [run for run in experiment.runs[model][size, seed, 1, name] if run[0] == 0]
-            where = f"{model}, scope {name}, {experiment.name}, size {size}, seed {seed}"
             here = mrr_star(session, scores, scope)
-            if not np.allclose(here, published, atol=check.tolerance, equal_nan=True):
+            if not np.allclose(here, published, atol=immediate.tolerance, equal_nan=True):
                 others = [mrr_star(session, scores, scope, share * TIE) for share in (0.9, 1.1)]
                 here = min([here, *others], key=lambda way: np.abs(np.subtract(way, published)).max())
-            check.compare(where, here, published)
+            immediate.compare(f"{model}, scope {name}, {cell}", here, published)
+    return left_open
 
 
 def check_epochs(experiment: Experiment, suffix: str, params: dict[str, Any], mean: Check, share: Check) -> None:
@@ -126,13 +117,11 @@ def verify(params: dict[str, Any], number: int, seed: int) -> list[Check]:
         )
     checks = [Check("initial vectors", 1e-5), Check("MRR* at once", 1e-5), Check("mean epochs", 6e-3),
               Check("unconverged %", 6e-3)]  # fmt: skip
-    vectors, at_once, epochs, unconverged = checks
+    initial, immediate, epochs, unconverged = checks
     cells = [(experiment, *cell[:2]) for experiment in experiments for cell in experiment.novel if cell[2] == 1]
     if params["embedding"]["model"] == "analogy":
         chosen = [cells[place] for place in np.random.default_rng(seed).permutation(len(cells))[:number]]
-        left_open = sum(check_vectors(*cell, params["initializers"], vectors) for cell in chosen)
-        for cell in chosen:
-            check_mrr_star(*cell, at_once)
+        left_open = sum(check_cell(*cell, params["initializers"], initial, immediate) for cell in chosen)
         others = ", ".join(name for name in params["initializers"] if name not in RECOMPUTED)
         print(f"Not computed again: vectors of {others or 'none'}, which are random or another matter; and {left_open} "
               f"vectors whose last indicator is less than {UNDECIDED:.0e} ahead of the next.")  # fmt: skip

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 from functools import cache
 from pathlib import Path
 
 import pandas as pd
 
 from isi.errors import InputError
+from isi.process import one_line
 from isi.tables.io import atomically
 from tools.embed_phrases import WORDNET
 
@@ -26,14 +26,10 @@ FILES = {"n": "noun", "v": "verb", "a": "adj", "s": "adj", "r": "adv"}
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tools.wordnet", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folder", type=Path, help="with WordNet's own files: index.noun, data.noun, ...")
-    folder = parser.parse_args().folder
-    try:
-        table = pd.read_csv(WORDNET, keep_default_na=False, dtype=str)
-        filled = table.assign(definition=[definition(folder, synset) if synset else "" for synset in table["synset"]])
-    except InputError as error:
-        sys.exit(str(error))
-    columns = ["phrase", "definition", "synset"]
-    written = filled.sort_values("phrase")[columns]
+    folder, table = parser.parse_args().folder, pd.read_csv(WORDNET, keep_default_na=False, dtype=str)
+    with one_line("wordnet"):
+        definitions = [definition(folder, synset) if synset else "" for synset in table["synset"]]
+    written = table.assign(definition=definitions).sort_values("phrase")[["phrase", "definition", "synset"]]
     atomically(WORDNET, lambda temporary: written.to_csv(temporary, index=False, lineterminator="\n"))
     print(f"{WORDNET}: {(written['definition'] != '').sum()} of {len(written)} phrases have a definition")
 

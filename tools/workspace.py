@@ -20,11 +20,8 @@ ROOT = Path(__file__).parent.parent
 COPIED = ("isi", "stages", "data/raw", "dvc.yaml", "pyproject.toml")
 
 YAML_1_2 = YAML()  # keeps the comments
-
-
 #: Value of a key that is to be removed.
 DROP = "<dropped>"
-
 #: A grid that takes about five minutes: fewer of everything, the plain mean the only control.
 QUICK: dict[str, Any] = {
     "experiments.published": DROP, "sources.published": DROP,

@@ -6,12 +6,14 @@ import os
 from importlib.metadata import version
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pytest
 import torch
 
 from isi.config import read
 from isi.graph.graph import Graph, MinedSource, build_graph, build_tables
+from isi.graph.sessions import Session, session_of, split
 from isi.params import Params, load
 from isi.sources import Source
 from isi.tables import paths
@@ -41,3 +43,9 @@ def home() -> Graph:
     observations = pa.concat_tables(source.tables()).to_pandas()
     made = build_tables(MinedSource("ai2thor", observations, source.kinds))
     return build_graph(made.entities, made.triples)
+
+
+def split_session(home: Graph, params: Params, models: int) -> Session:
+    """A session of several models, each with the split of a seed."""
+    shares = params.sessions.valid, params.sessions.test
+    return session_of(home, torch.from_numpy(np.stack([split(home, params.seed, s, *shares) for s in range(models)])))

@@ -22,10 +22,11 @@ from torch import Tensor
 from isi.evaluation.query_sets import epoch_query_sets
 from isi.evaluation.ranking import Queries, evaluate, make_queries, padded_ids
 from isi.graph.graph import Graph
-from isi.graph.sessions import TEST, TRAIN, VALID, Session, sample_novel, session_of, split
+from isi.graph.sessions import TEST, TRAIN, VALID, Session, sample_novel
 from isi.models.model import make_model
 from isi.models.stack import Embedding, uniform
 from isi.params import Params
+from tests.benchmarks.conftest import split_session
 
 SCOPES_MODELS = 5
 NOVEL = 5
@@ -38,14 +39,9 @@ def measure(benchmark: Any, ranked: Callable[[], object], triples: int, **facts:
     benchmark.pedantic(ranked, rounds=15, warmup_rounds=2)
 
 
-def sessions(home: Graph, params: Params, models: int) -> Session:
-    shares = params.sessions.valid, params.sessions.test
-    return session_of(home, torch.from_numpy(np.stack([split(home, params.seed, s, *shares) for s in range(models)])))
-
-
 @pytest.fixture(scope="module")
 def session(home: Graph, params: Params) -> Session:
-    return sessions(home, params, 1)
+    return split_session(home, params, 1)
 
 
 @pytest.fixture(scope="module")
@@ -70,19 +66,19 @@ def embedding(complex_model: ComplEx) -> Embedding:
 
 def ask(session: Session) -> Queries:
     """The test triples, where no known triple is a rival, test triples among them."""
-    asked = session.members(TEST)
+    queried = session.members(TEST)
     known = session.members(TRAIN, VALID, TEST)
-    return make_queries(session, padded_ids(asked), asked, known, session.entities)
+    return make_queries(session, padded_ids(queried), queried, known, session.entities)
 
 
 def mean_reciprocal_ranks(embedding: Embedding, session: Session) -> Tensor:
     """Of the head and the tail query of each test triple: a stack in which each model is asked for one triple."""
     triples = session.members(TEST)[0].nonzero()
     number = len(triples)
-    asked = torch.zeros(number, session.splits.shape[1], dtype=torch.bool).scatter_(1, triples, True)
+    queried = torch.zeros(number, session.splits.shape[1], dtype=torch.bool).scatter_(1, triples, True)
     everyone, known = (part.expand(number, -1) for part in (session.entities, session.members(TRAIN, VALID, TEST)))
     alone = Session(session.graph, everyone, session.splits.expand(number, -1))
-    queries = make_queries(alone, triples, asked, known, everyone)
+    queries = make_queries(alone, triples, queried, known, everyone)
     assert queries.rows is not None
     entities_only = replace(queries.rows, relation_weight=torch.zeros_like(queries.rows.relation_weight))
     stack = Embedding(
@@ -98,13 +94,13 @@ def test_ours(benchmark: Any, embedding: Embedding, session: Session, prepared: 
     def ranked() -> None:
         evaluate(embedding, {"test": ready if prepared else ask(session)})
 
-    what = "isi, queries prepared before" if prepared else "isi, with preparing the queries"
-    measure(benchmark, ranked, int(ready.queried.sum()), what=what)
+    label = "isi, queries prepared before" if prepared else "isi, with preparing the queries"
+    measure(benchmark, ranked, int(ready.queried.sum()), what=label)
 
 
 def test_pykeen(benchmark: Any, complex_model: ComplEx, embedding: Embedding, session: Session, home: Graph) -> None:
     evaluator = RankBasedEvaluator(metrics=["mrr"], add_defaults=False, clear_on_finalize=False)
-    test, learned = (home.triples[session.members(*some)[0]] for some in ((TEST,), (TRAIN, VALID)))
+    test, learned = (home.triples[session.members(*splits)[0]] for splits in ((TEST,), (TRAIN, VALID)))
 
     def ranked() -> None:
         evaluator.evaluate(complex_model, test, batch_size=len(test), additional_filter_triples=learned, use_tqdm=False)
@@ -117,7 +113,7 @@ def test_pykeen(benchmark: Any, complex_model: ComplEx, embedding: Embedding, se
 
 def test_scopes(benchmark: Any, home: Graph, params: Params) -> None:
     """What a stack is asked after each epoch of fine-tuning."""
-    session = sessions(home, params, SCOPES_MODELS)
+    session = split_session(home, params, SCOPES_MODELS)
     everyone = np.arange(len(home.entities))
     novel = np.concatenate([sample_novel(everyone, params.seed, NOVEL, seed) for seed in range(SCOPES_MODELS)])
     scopes = epoch_query_sets(session, torch.from_numpy(novel))
@@ -125,5 +121,5 @@ def test_scopes(benchmark: Any, home: Graph, params: Params) -> None:
     model = make_model(name, params.models[name], f"models.{name}")
     stack = uniform(session.entities, len(home.relations), model, params.embedding.dimension, 1.0, params.seed, keys)
     triples = sum(int(scope.queried.sum()) for scope in scopes.values())
-    what = f"isi, a stack of {SCOPES_MODELS} in {len(scopes)} scopes"
-    measure(benchmark, lambda: evaluate(stack, scopes), triples, what=what)
+    label = f"isi, a stack of {SCOPES_MODELS} in {len(scopes)} scopes"
+    measure(benchmark, lambda: evaluate(stack, scopes), triples, what=label)

@@ -63,11 +63,16 @@ def session() -> Session:
 
 def trained(name: str, session: Session) -> Embedding:
     """Models of a family, each at its best look."""
-    how, keys = SETTINGS[name], torch.arange(MODELS)[:, None].expand(-1, 2)
-    family, relations = make_model(name, how.options, name), len(session.graph.relations)
+    setting, keys = SETTINGS[name], torch.arange(MODELS)[:, None].expand(-1, 2)
+    family, relations = make_model(name, setting.options, name), len(session.graph.relations)
     start = uniform(session.entities, relations, family, DIMENSION, INIT_RANGE, 0, keys)
     settings = Training(
-        batch_size=256, learning_rate=how.rate, weight_decay=how.decay, max_epochs=300, evaluate_every=5, patience=6
+        batch_size=256,
+        learning_rate=setting.rate,
+        weight_decay=setting.decay,
+        max_epochs=300,
+        evaluate_every=5,
+        patience=6,
     )
     return train_until_best(
         start, training_data(session, "training", keys, NEGATIVES.head_pool), NEGATIVES, settings, 0
@@ -80,10 +85,10 @@ def measured(embedding: Embedding, session: Session, split: int) -> tuple[float,
     return float((1 / ranks).mean()), float((ranks <= 10).float().mean())
 
 
-def filtered_ranks(embedding: Embedding, known: Tensor, asked: Tensor) -> Tensor:
+def filtered_ranks(embedding: Embedding, known: Tensor, queried: Tensor) -> Tensor:
     """Ranks of the tails, then of the heads, of some of the known triples; shape (M, 2Q)."""
     models, entities = embedding.entity.shape[:2]
-    head, relation, tail = (column.expand(models, -1) for column in known[asked].T)
+    head, relation, tail = (column.expand(models, -1) for column in known[queried].T)
     is_true = torch.zeros(len(embedding.relation[0]), entities, entities, dtype=torch.bool)
     is_true[known[:, 1], known[:, 0], known[:, 2]] = True
     tails, heads = is_true[relation[0], head[0]], is_true[relation[0], :, tail[0]]
@@ -98,9 +103,13 @@ def filtered_ranks(embedding: Embedding, known: Tensor, asked: Tensor) -> Tensor
 @pytest.mark.parametrize("name", SETTINGS)
 def test_thor_u(benchmark: Any, name: str, session: Session) -> None:
     embedding = benchmark.pedantic(trained, args=(name, session), rounds=1)
-    how, valid, test = SETTINGS[name], measured(embedding, session, VALID), measured(embedding, session, TEST)
+    setting, valid, test = SETTINGS[name], measured(embedding, session, VALID), measured(embedding, session, TEST)
     benchmark.group = "thor_u"
     benchmark.extra_info.update(
-        model=how.label, triples=int((session.splits[0] == TEST).sum()), published=how.published, valid=valid, test=test
+        model=setting.label,
+        triples=int((session.splits[0] == TEST).sum()),
+        published=setting.published,
+        valid=valid,
+        test=test,
     )
-    assert min(own - theirs for own, theirs in zip(test, how.published, strict=True)) >= -WITHIN
+    assert min(own - theirs for own, theirs in zip(test, setting.published, strict=True)) >= -WITHIN

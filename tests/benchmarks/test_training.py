@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import Any
 from unittest.mock import patch
 
-import numpy as np
 import pytest
 import torch
 from pykeen.models import ComplEx
@@ -25,13 +24,14 @@ from torchkge.sampling import BernoulliNegativeSampler
 from torchkge.utils import LogisticLoss
 
 from isi.graph.graph import Graph
-from isi.graph.sessions import TRAIN, Session, session_of, split
+from isi.graph.sessions import TRAIN
 from isi.models.model import make_model
 from isi.models.stack import uniform
 from isi.params import Params
 from isi.training import trainer
 from isi.training.batches import TrainingData, training_data
 from isi.training.trainer import Training
+from tests.benchmarks.conftest import split_session
 
 ROUNDS = 5
 #: Observations that are trained on one by one where that is not compiled.
@@ -58,15 +58,10 @@ def time_updates(benchmark: Any, epoch: Callable[[], object], observations: int,
     })  # fmt: skip
 
 
-def session(home: Graph, params: Params, models: int) -> Session:
-    shares = params.sessions.valid, params.sessions.test
-    return session_of(home, torch.from_numpy(np.stack([split(home, params.seed, s, *shares) for s in range(models)])))
-
-
 @pytest.fixture(scope="module")
 def observations(home: Graph, params: Params) -> Tensor:
     """The first model's training observations, as triples; shape (N, 3)."""
-    train = session(home, params, 1).members(TRAIN)[0]
+    train = split_session(home, params, 1).members(TRAIN)[0]
     return home.triples[train].repeat_interleave(home.counts[train], 0)
 
 
@@ -106,7 +101,7 @@ def torchkge_epoch(home: Graph, params: Params, observations: Tensor, batch_size
 )  # fmt: skip
 def test_stack(benchmark: Any, home: Graph, params: Params, models: int, mode: str, name: str) -> None:
     keys = torch.tensor([[0, seed] for seed in range(models)])
-    data = training_data(session(home, params, models), "training", keys, params.negatives.head_pool)
+    data = training_data(split_session(home, params, models), "training", keys, params.negatives.head_pool)
     scored = int(data.counts.sum()) * (1 + len(home.relations) * params.negatives.ratio)
     label = type(make_model(name, params.models[name], name)).__name__
     epoch = epoch_of(params, data, name, mode, params.training)
@@ -139,7 +134,7 @@ def test_pykeen(benchmark: Any, home: Graph, params: Params, observations: Tenso
 @pytest.mark.parametrize("name", ["analogy", "distmult", "complex", "batches of one"])
 def test_single_observations(benchmark: Any, home: Graph, params: Params, name: str) -> None:
     keys, compiled = torch.zeros(1, 2, dtype=torch.int64), name != "batches of one"
-    data = training_data(session(home, params, 1), "training", keys, params.negatives.head_pool)
+    data = training_data(split_session(home, params, 1), "training", keys, params.negatives.head_pool)
     if not compiled:
         data, name = replace(data, counts=(data.counts.cumsum(1) <= FEW) * data.counts), "analogy"
     epoch = epoch_of(params, data, name, "sampled", params.training.model_copy(update={"batch_size": 1}))

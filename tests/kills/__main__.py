@@ -18,11 +18,11 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
-from tabulate import tabulate
+import pandas as pd
 from tqdm import tqdm
 
 from tests.kills.workspace import SIGNALS, WHOM, Fault, Lost, Workspace
@@ -101,20 +101,15 @@ def full_disks(expected: dict[str, str], number: int, chosen: random.Random) -> 
 
 
 def table(faults: Sequence[Fault]) -> str:
-    """A row for each way in which runs were struck."""
-    ways: dict[tuple[str, str], list[Fault]] = {}
-    for fault in faults:
-        ways.setdefault((fault.whom, fault.how), []).append(fault)
-    ways["all", ""] = list(faults)
-    return tabulate(
-        [
-            (whom, how, len(found), len({fault.stage for fault in found}),
-             sum(fault.status != 0 for fault in found), sum(bool(fault.lost) for fault in found))
-            for (whom, how), found in ways.items()
-        ],
-        ["struck", "by", "times", "in as many stages", "the run ended", "lost something"],
-        "pipe",
-    ) + "\n"  # fmt: skip
+    """A row for each kind of process and signal, and one for all."""
+    rows = pd.DataFrame(map(asdict, faults))
+    rows = rows.assign(status=rows["status"] != 0, lost=rows["lost"] != "")
+    groups = pd.concat([rows, rows.assign(whom="all", how="")]).groupby(["whom", "how"], sort=False)
+    counts = groups.agg(
+        times=("stage", "size"), stages=("stage", "nunique"), ended=("status", "sum"), lost=("lost", "sum")
+    )
+    names = ["struck", "by", "times", "in as many stages", "the run ended", "lost something"]
+    return counts.reset_index().set_axis(names, axis=1).to_markdown(index=False) + "\n"
 
 
 def main() -> None:

@@ -41,6 +41,8 @@ WHOM = ("make repro", "DVC", "a stage", "a worker")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 #: Seconds in which a run that was struck must end, or be done; and in which all that it began must be gone.
 MOST, GONE = 600, 30
+#: Raised where a process has ended meanwhile.
+ENDED = (psutil.Error, OSError)
 #: What ``make repro`` calls.
 REPRO = [sys.executable, str(Path(workspace.__file__).with_name("repro.py"))]
 
@@ -140,7 +142,7 @@ class Workspace:
             if not (victims := _victims(run.pid, whom)):
                 return None
             stage = _stage_of(run.pid)
-            with _gone():
+            with suppress(*ENDED):
                 chosen.choice(victims).send_signal(how)
             try:
                 run.communicate(timeout=MOST)
@@ -184,18 +186,11 @@ def _ended(run: subprocess.Popen[str]) -> Iterator[None]:
         yield
     finally:
         for process in _session(run.pid):
-            with _gone():
+            with suppress(*ENDED):
                 process.kill()
         run.wait()
         if run.stderr:
             run.stderr.close()
-
-
-@contextmanager
-def _gone() -> Iterator[None]:
-    """A process may have ended while we looked."""
-    with suppress(psutil.Error, OSError):
-        yield
 
 
 def _session(leader: int) -> list[psutil.Process]:
@@ -203,12 +198,12 @@ def _session(leader: int) -> list[psutil.Process]:
 
     DVC takes these for alive, and their lock for theirs.
     """
-    found = []
+    processes = []
     for process in psutil.process_iter():
-        with _gone():
+        with suppress(*ENDED):
             if os.getsid(process.pid) == leader:
-                found.append(process)
-    return found
+                processes.append(process)
+    return processes
 
 
 def _nobody_left(leader: int) -> None:
@@ -225,7 +220,7 @@ def _victims(leader: int, whom: str) -> list[psutil.Process]:
     for _ in range(WHOM.index(whom)):
         below = []
         for process in level:
-            with _gone():
+            with suppress(*ENDED):
                 below += process.children()
         level = below
     return level
@@ -233,6 +228,6 @@ def _victims(leader: int, whom: str) -> list[psutil.Process]:
 
 def _stage_of(leader: int) -> str:
     for process in _victims(leader, "a stage"):
-        with _gone():
+        with suppress(*ENDED):
             return " ".join(process.cmdline()).partition("stages.")[2]
     return "between stages"
