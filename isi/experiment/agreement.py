@@ -103,7 +103,7 @@ def seeds_are(path: Path, seed: np.ndarray, expected: Sequence[int], *tensors: n
 def known_are(path: Path, known: np.ndarray, expected: np.ndarray, entity: np.ndarray) -> None:
     """Check that embeddings know their session's entities, (M, E), and that other rows of (M, E, d) are zero."""
     for name, wrong, says in (
-        ("known", known != expected, "expected true for the session's entities alone, without later novel entities"),
+        ("known", known != expected, "expected the entities of the session, and no others"),
         ("entity", entity.any(-1) & ~known, "expected zeros for an entity that is not known"),
     ):
         if wrong.any():
