@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
 
@@ -17,10 +18,21 @@ import isi
 from isi.bundle import calibration
 from isi.bundle.calibration import HeldOutCalibration, answer, fit_curve, fit_platt
 from isi.bundle.insert import NewEntity, ablations, before, indicators, insert_entity
-from isi.bundle.query import OpenBundle, Query, find, queries_of
+from isi.bundle.query import OpenBundle, Query, find, open_bundle, queries_of
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
-from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, WORDS, new_entity, opened, random_bundle, small
+from tests.small_bundle import (
+    BETWEEN,
+    NAMES,
+    RELATIONS,
+    VECTORS,
+    WORDS,
+    new_entity,
+    opened,
+    random_bundle,
+    small,
+    written,
+)
 
 KITCHEN, BEDROOM, KETTLE, BED, TURN_ON, LIE_ON = range(6)
 AT, HAS = range(2)
@@ -280,3 +292,24 @@ def test_where_no_entity_is_left_none_is_held_out(known: OpenBundle) -> None:
     result = calibration_of(alone, triples=[], vector=None, initializer="mean")
     assert result.held_out == []
     assert result.curve(0, TAIL) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"model_name": "holographic"}, r"^one/embedding\.json: family: .*expected one of "),
+        ({"model_name": "transe"}, r"^one/embedding\.json: family: .*margin"),
+        (
+            {"model_name": "rotate", "model_options": {"margin": 1.0, "squared": False}},
+            r"^one/vectors\.\w+: .*rel.* 2",
+        ),
+    ],
+)
+def test_a_model_that_the_tables_are_not_of_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any], line: str
+) -> None:
+    manifest = small().manifest.model_copy(update=change)
+    monkeypatch.chdir(tmp_path)
+    written(Path("one"), small(manifest=manifest))
+    with pytest.raises(InputError, match=line):
+        open_bundle(Path("one"))

@@ -275,3 +275,14 @@ def test_the_report_names_no_experiment_and_no_source() -> None:
     assert {name for _, name in found} <= {"transfer"}
     # a section, and what the paper states
     assert {path for path, _ in found} <= {"page.py", "paper.py", "finetuning.py", "paper_values.py"}
+
+
+def test_equal_results_make_equal_bytes(tmp_path: Path) -> None:
+    for folder in ("one", "other"):
+        page.write(
+            tmp_path / folder, small_results(["home"], studies=False), (ReportSection.of("immediate.immediate"),)
+        )
+    one, other = ({path.relative_to(tmp_path / folder): path.read_bytes() for path in (tmp_path / folder).rglob("*.*")}
+                  for folder in ("one", "other"))  # fmt: skip
+    assert len(one) > 5
+    assert one == other

@@ -7,7 +7,6 @@ or an unknown name.
 from __future__ import annotations
 
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -51,15 +50,17 @@ def insert(
     check(name, Annotated[Text, Field(max_length=200, pattern=r"\S")], "", "NAME")  # type: ignore[arg-type]
     check(definition, Text | None, "", "--definition")  # type: ignore[arg-type]
     check(str(vectors), Text, "", "--vectors")
-    for entity in filter(partial(same_name, name), opened.entity_names):
-        raise InputError("NAME", "", f"expected a new name: {entity!r:.80} is known (see isi ask, isi nearest)")
+    if same := [entity for entity in opened.entity_names if same_name(entity, name)]:
+        raise InputError("NAME", "", f"expected a new name: {same[0]!r:.80} is known (see isi ask, isi nearest)")
 
     def known(option: str, relation: str, entity: str) -> tuple[str, str]:
         label = find(relation, opened.relation_ids, option, "a relation")
         return label, find(entity, opened.entity_ids, option, "an entity")
 
-    triples = [(name, *known("--fact", *pair)) for pair in fact]
-    triples += [(*known("--inverse-fact", *pair[::-1])[::-1], name) for pair in inverse_fact]
+    triples = [(name, *known("--fact", relation, entity)) for relation, entity in fact]
+    for entity, relation in inverse_fact:
+        label, head = known("--inverse-fact", relation, entity)
+        triples.append((head, label, name))
     if set and initializer is None:
         raise InputError("--set", "", "expected an --initializer, whose options these are")
     if kind is not None:

@@ -73,12 +73,12 @@ def insert(
     rows = table(entities, "entities")
     known, names = len(rows), arguments.all_names(len(rows), entity_names, new)
     rows = np.concatenate([rows, np.zeros((names.number - known, rows.shape[1]), rows.dtype)])
-    relations, model, labels, triples, known_triples = arguments.checked_arguments(
+    given = arguments.checked_arguments(
         rows, relations, model, model_options, names, relation_names, known, triples, known_triples
     )
     vectors, kind_ids = arguments.word_table(words, word_source, names), arguments.kinds_of(kinds, names)
-    one_new_end = (triples[:, [HEAD, TAIL]] >= known).sum(1) == 1
-    insert_triples = triples[one_new_end]
+    one_new_end = (given.triples[:, [HEAD, TAIL]] >= known).sum(1) == 1
+    insert_triples = given.triples[one_new_end]
     has_triple = np.isin(np.arange(known, len(rows)), insert_triples[:, [HEAD, TAIL]])
     has_words = np.zeros_like(has_triple) if vectors is None else vectors[known:].any(1)
     words_serve = vectors is not None and bool(vectors[:known].any() and has_words.any())
@@ -89,12 +89,12 @@ def insert(
     if initializer is None and (bare := ~(has_triple | (has_words & words_serve))).any():
         expected = "expected a triple with a known entity, or a word vector, or an initializer that needs neither"
         raise refusal(bare, expected)
-    theta0 = stack_of_one(rows, relations, model)
+    theta0 = stack_of_one(rows, given.relations, given.model)
     chosen, used, why, together = choose(initializer, options, theta0, len(insert_triples) > 0, words_serve)
     name, results = chosen.name, []
     try:
         for part in torch.split(torch.arange(known, len(rows)), together):
-            context = what_is_seen(theta0, part, known, insert_triples, known_triples, vectors, kind_ids, seed)
+            context = what_is_seen(theta0, part, known, insert_triples, given.known_triples, vectors, kind_ids, seed)
             with argument("initializer"):
                 results.append(chosen.initialize(context, used))
     except NoRelationMap as error:
@@ -111,9 +111,10 @@ def insert(
     few = len(weights) == len(results) and (names.number - known) * known <= MOST_WEIGHTS
     masks = [result.indicators[0] for result in results if result.indicators is not None]
     return Inserted(
-        entities=rows, relations=relations, model=model, entity_names=names.names, relation_names=labels.names,
-        new=list(range(known, len(rows))), insert_triples=insert_triples, between=triples[~one_new_end],
-        known_triples=known_triples, initializer=name, options=used, why=why,
+        entities=rows, relations=given.relations, model=given.model, entity_names=names.names,
+        relation_names=given.relation_names.names, new=list(range(known, len(rows))), insert_triples=insert_triples,
+        between=given.triples[~one_new_end], known_triples=given.known_triples,
+        initializer=name, options=used, why=why,
         fallback=[initializers.FALLBACKS[code] for result in results for code in result.fallback[0].tolist()],
         weights=torch.cat(weights).numpy() if few else None,
         indicators=[row.nonzero()[:, 0].tolist() for mask in masks for row in mask] if masks else None,
@@ -128,7 +129,7 @@ def choose(
     ``triples`` and ``words`` say whether there are some. An ``InputError`` where the initializer or an option is
     unknown, the embedding is too large for it, or the model lacks what it needs.
     """
-    given = dict(check(options or {}, Mapping[str, Any], "", "argument 'options'"))  # type: ignore[type-abstract]
+    given = arguments.options_by_name(options, "options")
     model, why, (_, entities, dimension) = theta0.model, "as asked", theta0.entity.shape
     possible = 2 * theta0.relation.shape[1] * entities
     check(initializer, str | None, "", "argument 'initializer'")  # type: ignore[arg-type]
@@ -227,19 +228,19 @@ def fit_new(
     if not arguments.is_whole(new) or not 0 < new < len(rows):
         raise InputError("argument 'new'", "", f"expected a number from 1 to {len(rows) - 1}, got {short(new)}")
     names, known = Names("entity_names", len(rows), entity_names), len(rows) - int(new)
-    relations, model, _, triples, known_triples = arguments.checked_arguments(
+    given = arguments.checked_arguments(
         rows, relations, model, model_options, names, relation_names, known, triples, known_triples
     )
     for name, wrong, expected in (
-        ("triples", not len(triples), "expected triples, each with a new entity"),
+        ("triples", not len(given.triples), "expected triples, each with a new entity"),
         ("epochs", epochs + all_epochs < 1, "expected at least one epoch"),
-        ("all_epochs", all_epochs > 0 and not len(known_triples),
+        ("all_epochs", all_epochs > 0 and not len(given.known_triples),
          "expected 'known_triples' too: all rows would forget what they know"),
     ):  # fmt: skip
         if wrong:
             raise InputError(f"argument {name!r}", "", expected)
-    theta = stack_of_one(rows, relations, model)
-    session = arguments.trained_session(np.concatenate([triples, known_triples]), theta)
+    theta = stack_of_one(rows, given.relations, given.model)
+    session = arguments.trained_session(np.concatenate([given.triples, given.known_triples]), theta)
     settings = {"batch_size": batch_size, "learning_rate": learning_rate, "weight_decay": weight_decay,
                 "new_rows_first": epochs, "max_epochs": epochs + all_epochs}  # fmt: skip
     sampling = {"mode": "expected" if is_dense(session.graph) else "sampled", "ratio": ratio, "head_pool": "unseen"}
@@ -252,5 +253,5 @@ def fit_new(
         raise InputError("fit_new", "", error.message) from error
     vectors = trained.entity[0].numpy().astype(rows.dtype)
     if not all_epochs:
-        return np.concatenate([rows[:known], vectors[known:]]), relations.copy()
-    return vectors, trained.relation[0].numpy().astype(relations.dtype)
+        return np.concatenate([rows[:known], vectors[known:]]), given.relations.copy()
+    return vectors, trained.relation[0].numpy().astype(given.relations.dtype)

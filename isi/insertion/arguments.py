@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -51,6 +51,11 @@ def as_list(values: Any, item: type = object, expected: str = "a list") -> list[
 
 def is_whole(value: object) -> bool:
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def options_by_name(values: Any, name: str) -> dict[str, Any]:
+    """The options that an argument gives by name; none if it is null."""
+    return dict(check({} if values is None else values, Mapping[str, Any], "", f"argument {name!r}"))  # type: ignore[type-abstract]
 
 
 def table(values: Any, name: str, width: int | None = None, dtype: type[np.floating[Any]] | None = None) -> np.ndarray:
@@ -122,7 +127,7 @@ def all_names(known: int, entity_names: Any, new: Any) -> Names:
 
 def checked_model(model: Any, options: Any, dimension: int) -> Model:
     """The model of a name and options. An ``InputError`` says if its vectors cannot have this dimension."""
-    given = dict(check(options or {}, Mapping[str, Any], "", "argument 'model_options'"))  # type: ignore[type-abstract]
+    given = options_by_name(options, "model_options")
     with argument("model"):
         if not isinstance(model, str | Model):
             raise InputError("", "", f"expected the name of a model, or a model, got {short(model)}")
@@ -131,14 +136,22 @@ def checked_model(model: Any, options: Any, dimension: int) -> Model:
     return checked
 
 
+@dataclass(frozen=True)
+class Arguments:
+    """The checked arguments that ``isi.insert`` and ``isi.fit_new`` share; ids of known entities come first."""
+
+    relations: np.ndarray
+    model: Model
+    relation_names: Names
+    triples: np.ndarray  #: of new entities; ids, shape: (T, 3)
+    known_triples: np.ndarray  #: ids, shape: (K, 3)
+
+
 def checked_arguments(
     entities: np.ndarray, relations: Any, model: Any, model_options: Any, names: Names, relation_names: Any,
     known: int, triples: Any, known_triples: Any,
-) -> tuple[np.ndarray, Model, Names, np.ndarray, np.ndarray]:  # fmt: skip
-    """Relations, model, names of relations, and triples as ids: of new entities, (T, 3), and of known ones, (K, 3).
-
-    ``entities``, their ``names`` and how many are ``known`` have been checked; known entities come first.
-    """
+) -> Arguments:  # fmt: skip
+    """Check the arguments of a call whose ``entities``, ``names`` and number of ``known`` entities are checked."""
     checked = checked_model(model, model_options, entities.shape[1])
     rows = table(relations, "relations", checked.width(entities.shape[1]))
     labels = Names("relation_names", len(rows), relation_names)
@@ -151,7 +164,7 @@ def checked_arguments(
         for head, relation, tail in ids[wrong][:1].tolist():
             triple = f"({names.of(head)}, {labels.of(relation)}, {names.of(tail)})"[:200]
             raise InputError(f"argument {name!r}", triple, f"expected {expected}")
-    return rows, checked, labels, new, old
+    return Arguments(rows, checked, labels, new, old)
 
 
 def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np.ndarray:
@@ -166,11 +179,8 @@ def triples_of(triples: Any, name: str, entities: Names, relations: Names) -> np
         else:
             rows = []
             for row, triple in enumerate(as_list(triples)):
-                if (
-                    isinstance(triple, str | bytes | Set | Mapping)
-                    or not isinstance(triple, Collection)
-                    or len(triple) != 3
-                ):
+                is_sized = hasattr(triple, "__len__") and not isinstance(triple, str | bytes | Set | Mapping)
+                if not is_sized or len(triple) != 3:
                     raise InputError("", f"triple {row}", f"expected head, relation and tail, got {triple!r:.80}")
                 slots = zip(columns, triple, SLOTS, strict=True)
                 rows.append([names.id(value, f"triple {row}: {slot}") for names, value, slot in slots])

@@ -108,7 +108,8 @@ class ModelRuns:
     @cached_property
     def directed(self) -> pd.DataFrame:
         """Entity prediction about novel entities by direction (``scope``), model, size and seed; usual filter."""
-        rows = pd.DataFrame(self.queries)
+        rows = self.queries
+        assert rows is not None  # noqa: S101  # of those with a query breakdown alone
         rows = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned") & (rows["hidden"] != "relation")]
         rows = rows[rows["novel"].isin(list(DIRECTIONS))].drop(columns="scope").rename(columns={"novel": "scope"})
         measures = stats.combined(rows, ["scope", "model", "size", "seed"])

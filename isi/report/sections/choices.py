@@ -90,8 +90,8 @@ def chosen_sizes(
 
 def picked_sizes(means: pd.DataFrame) -> dict[str, int]:
     """The size that the paper's rule picks for each initializer, by queries about novel entities."""
-    measures = pd.DataFrame({0: means[Column("MRR*", "novel")] / 100, 1: means[Column("epochs", "novel_heldout")]})
-    return {model: select_size(measures.loc[model].index.tolist(), *measures.loc[model].T.to_numpy().tolist())
+    mrr_star, epochs = means[Column("MRR*", "novel")] / 100, means[Column("epochs", "novel_heldout")]
+    return {model: select_size(mrr_star[model].index.tolist(), mrr_star[model].tolist(), epochs[model].tolist())
             for model in means.index.unique("model")}  # fmt: skip
 
 
@@ -233,7 +233,13 @@ def embedding_table(rows: pd.DataFrame, options: Mapping[str, Mapping[str, Any]]
     means = over_seeds(rows, ["family"], {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"})
     return [
         {"embedding": class_name(name), **means.loc[name], "epochs": rows.loc[rows["family"] == name, "epochs"].mean()}
-        | {option.replace("_", " "): ("no", "yes")[value] if isinstance(value, bool) else
-           f"{value:g}" if isinstance(value, float) else str(value) for option, value in values.items()}
+        | {option.replace("_", " "): _written(value) for option, value in values.items()}
         for name, values in options.items() if name in means.index
     ]  # fmt: skip
+
+
+def _written(value: object) -> str:
+    """The value of an option as people write it."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:g}" if isinstance(value, float) else str(value)
