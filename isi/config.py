@@ -5,10 +5,10 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Generic, TypeVar, cast, get_type_hints
+from typing import Annotated, Any, ClassVar, Generic, Self, TypeVar, cast, get_type_hints
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, create_model, model_validator
 from pydantic_core import PydanticCustomError
@@ -21,8 +21,7 @@ from isi.tables import paths
 Count = Annotated[int, Field(ge=1, lt=2**31)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 Fraction = Annotated[float, Field(gt=0, lt=1)]
-#: Within single precision.
-Positive = Annotated[float, Field(gt=0, le=1e30)]
+Positive = Annotated[float, Field(gt=0, le=1e30)]  #: Within single precision.
 NotNegative = Annotated[float, Field(ge=0, le=1e30)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 #: Of an experiment, a source, an initializer: it names files and stages.
@@ -57,8 +56,8 @@ class Section(BaseModel):
     """A mapping of ``params.yaml``: no unknown keys, no silent conversions."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-    #: Keys that had another name: old and new.
-    renamed: ClassVar[dict[str, str]] = {}
+    renamed: ClassVar[dict[str, str]] = {}  #: Keys that had another name: old and new.
+    rules: ClassVar[Sequence[tuple[Callable[[Any], bool], str]]] = ()  #: and what a message expects
 
     @model_validator(mode="before")
     @classmethod
@@ -70,6 +69,13 @@ class Section(BaseModel):
                 message = f"renamed; use {new}" if new else f"unknown key{meant(key, known)}"
                 raise PydanticCustomError("unknown_key", "{message}", {"key": key, "message": message})
         return values
+
+    @model_validator(mode="after")
+    def _rules_hold(self) -> Self:
+        for holds, expected in self.rules:
+            if not holds(self):
+                raise ValueError(expected)
+        return self
 
 
 class Study(Section):

@@ -15,8 +15,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-#: Characters of a message, at most: what is longer repeats the input, and is cut.
-LONGEST = 270
+LONGEST = 270  #: Characters of a message, at most: what is longer repeats the input, and is cut.
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 

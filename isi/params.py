@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from isi import config
 from isi.analyses import variants
@@ -35,29 +35,26 @@ from isi.training.trainer import Optimizer, Training
 
 S = TypeVar("S", bound=Section)
 
-#: Of cross-validation, which trains a model for each setting and fold.
-MOST_SETTINGS = 13
+MOST_SETTINGS = 13  #: Of cross-validation, which trains a model for each setting and fold.
 
 
 class ExperimentOf(Section):
     """An entry under ``experiments``."""
 
     renamed: ClassVar = {"at_once": "immediate_only", "followed": "full_curves"}
+    rules = (
+        (lambda entry: (entry.sessions.novel == "added") == (entry.graph.extend is not None),
+         "expected sessions.novel: added if there is graph.extend, and only then"),
+        (lambda entry: not entry.graph.extend
+         or entry.sessions.steps * max(entry.sessions.sizes) <= entry.graph.extend.candidates,
+         "sessions: expected steps times the largest of sizes not above graph.extend.candidates"),
+    )  # fmt: skip
     title: str
     graph: GraphOf
     sessions: SessionsOf
     initializers: InitializerList
     immediate_only: Names  #: which are not fine-tuned
     full_curves: FullCurves
-
-    @model_validator(mode="after")
-    def _sessions_fit_the_graph(self) -> Self:
-        sessions, extend = self.sessions, self.graph.extend
-        if (sessions.novel == "added") != (extend is not None):
-            raise ValueError("expected sessions.novel: added if there is graph.extend, and only then")
-        if extend and sessions.steps * max(sessions.sizes) > extend.candidates:
-            raise ValueError("sessions: expected steps times the largest of sizes not above graph.extend.candidates")
-        return self
 
 
 class Plots(Section):

@@ -20,8 +20,7 @@ from typing import NoReturn
 from isi.errors import InputError, cut, system_says
 
 _PR_SET_PDEATHSIG = 1
-#: By Ctrl-C, and by ``kill``, ``timeout`` or a scheduler.
-STOPPING = (signal.SIGINT, signal.SIGTERM)
+STOPPING = (signal.SIGINT, signal.SIGTERM)  #: By Ctrl-C, and by ``kill``, ``timeout`` or a scheduler.
 
 
 def tie_to_parent(parent: int | None = None) -> None:

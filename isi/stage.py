@@ -30,8 +30,7 @@ class StageContext:
 
     stage: str
     params: Params
-    #: empty for stages of the first pipeline
-    beyond: Beyond
+    beyond: Beyond  #: empty for stages of the first pipeline
 
 
 def stage(body: Callable[..., None]) -> Callable[[], None]:

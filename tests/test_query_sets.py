@@ -14,7 +14,7 @@ from torch import Tensor
 
 from isi.evaluation.query_sets import entity_query_sets, epoch_query_sets, novel_query_set, validation
 from isi.evaluation.ranking import Result, evaluate
-from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, Timeline
+from isi.graph.sessions import OUT, TEST, TRAIN, VALID, Session, session_at
 from isi.models.model import make_model
 from isi.models.stack import Embedding
 from tests.small_graphs import ANALOGY, Triple, graph_of
@@ -199,7 +199,7 @@ def test_validation_asks_the_sessions_own_triples_among_its_own_entities(world: 
 def test_validation_of_d0_leaves_novel_entities_out() -> None:
     counts = {(0, 0, 1): 1, (2, 0, 1): 1, (3, 0, 1): 1, (0, 0, 2): 1}
     splits = torch.tensor([[TRAIN, TRAIN, VALID, VALID]], dtype=torch.int8)
-    session = Timeline.of_novel(graph_of(counts, 4, 1), splits, torch.tensor([[[3]]])).session(0)
+    session = session_at(graph_of(counts, 4, 1), splits, torch.tensor([[[3]]]), 0)
     entity, relation = torch.tensor([[[0.0], [1.0], [2.0], [9.0]]]), torch.tensor([[[1.0]]])
     products = Embedding(entity, relation, make_model("distmult", {}, "models.distmult"))
     result = evaluate(products, validation(session))["valid"]

@@ -24,12 +24,12 @@ from isi.graph.sessions import (
     VALID,
     SessionsOf,
     Shares,
-    Timeline,
     check_held_out,
     folds,
     later_key,
     sample_insert_triples,
     sample_novel,
+    session_at,
     session_of,
     session_tables,
     split,
@@ -107,7 +107,7 @@ def sessions_of(points: GridPoints) -> list[tuple[np.ndarray, np.ndarray]]:
 def test_d0_has_no_novel_entity_and_none_of_its_triples(graph: Graph, seed: int, size: int) -> None:
     points = points_of(graph, size, [seed])
     splits, novel = points.splits[0], set(points.novel[0, 0].tolist())
-    session = Timeline.of_novel(graph, torch.from_numpy(splits)[None], torch.from_numpy(points.novel)).session(0)
+    session = session_at(graph, torch.from_numpy(splits)[None], torch.from_numpy(points.novel), 0)
     assert set(np.flatnonzero(~session.entities[0].numpy())) == novel
     for (head, _, tail), before, now in zip(graph.triples.tolist(), splits, session.splits[0], strict=True):
         assert now == (OUT if {head, tail} & novel else before)
@@ -138,7 +138,7 @@ def test_known_entities_without_a_training_triple_are_told(heldout: int) -> None
     # 3 is tied to 0 alone, 4 to 2 by a held-out triple alone: both are orphans once 0 is novel
     graph = graph_of({(0, 0, 3): 1, (1, 0, 2): 1, (2, 0, 4): 1, (0, 0, 1): 1, (0, 0, 4): 1}, 5, 1)
     splits = torch.tensor([[TRAIN, TRAIN, heldout, TRAIN, TRAIN]], dtype=torch.int8)
-    session = Timeline.of_novel(graph, splits, torch.tensor([[[0]]])).session(0)
+    session = session_at(graph, splits, torch.tensor([[[0]]]), 0)
     assert session.entities[0].tolist() == [False, True, True, True, True]
     assert session.trained()[0].tolist() == [False, True, True, False, False]
 

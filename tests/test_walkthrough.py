@@ -13,7 +13,7 @@ import torch
 from isi.evaluation.query_sets import novel_query_set
 from isi.evaluation.ranking import MEASURES, evaluate
 from isi.graph.graph import build_graph
-from isi.graph.sessions import TEST, TRAIN, Timeline
+from isi.graph.sessions import TEST, TRAIN, session_at
 from isi.initializers.api import INITIALIZERS, NovelEntities, context_of
 from isi.models.model import make_model
 from isi.models.stack import Embedding, uniform
@@ -40,8 +40,7 @@ OBSERVED, HIDDEN = 1, 2
 GRAPH = build_graph(ENTITIES, TRIPLES)  # relations are numbered by the alphabet: atLocation 0, hasAffordance 1
 SPLITS = torch.tensor([[TRAIN, TRAIN, TEST, TRAIN, TRAIN, TRAIN]], dtype=torch.int8)
 NOVEL = torch.tensor([[CUP]])
-TIMELINE = Timeline.of_novel(GRAPH, SPLITS, NOVEL[:, None])
-D0, D1 = TIMELINE.session(0), TIMELINE.session(1)
+D0, D1 = (session_at(GRAPH, SPLITS, NOVEL[:, None], number) for number in (0, 1))
 
 #: Cup, mug and sofa have similar word vectors, bowl a less similar one; rooms and drink have none.
 WORDS = torch.tensor([[0.8, 0.6], [1.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [1.0, 0.1], [1.0, 0.2]])

@@ -13,21 +13,16 @@ from isi.experiment.grid import GridPoints
 from isi.experiment.store import runs_table
 from isi.experiment.train import run_rows
 from isi.models.stack import Embedding
-from isi.tables.rules import at_least
-from isi.tables.table import INT, REAL
+from isi.tables.rules import FROM_1, REAL, at_least
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import ConvergenceWatch, Optimizer, train
 
+FACTOR = at_least(0, REAL.type)
 #: Runs with ``k`` indicators, and at ``factor`` times the fine-tuning rate.
-INDICATOR_SWEEP = runs_table(
-    "data/analyses/indicator_sweep/{experiment}/{initializer}.parquet", {"k": INT}, at_least(1, "k")
-)
-RATE_SWEEP = runs_table(
-    "data/analyses/rate_sweep/{experiment}/{initializer}.parquet", {"factor": REAL}, at_least(0, "factor")
-)
+INDICATOR_SWEEP = runs_table("data/analyses/indicator_sweep/{experiment}/{initializer}.parquet", {"k": FROM_1})
+RATE_SWEEP = runs_table("data/analyses/rate_sweep/{experiment}/{initializer}.parquet", {"factor": FACTOR})
 FINETUNE_ONLY = runs_table("data/analyses/finetune_only/{experiment}.parquet")
-#: The scope whose queries are the same before and after insertion.
-SCOPE = "known_closed"
+SCOPE = "known_closed"  #: The scope whose queries are the same before and after insertion.
 
 
 class Sweep(Study):

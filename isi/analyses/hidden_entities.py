@@ -15,8 +15,8 @@ from isi.graph.graph import HEAD, RELATION, TAIL
 from isi.graph.words import Words
 from isi.random import stream
 from isi.tables import paths
-from isi.tables.rules import at_least, one_of, within
-from isi.tables.table import INT, NAME, REAL, Table
+from isi.tables.rules import FROM_0, FROM_1, NAME, SHARE, one_of
+from isi.tables.table import Table
 
 #: ``method``: what gave hidden entities their vectors. ``initializer``: of ``isi.pykeen.insert``, where that did.
 #: ``told``: insert triples of each entity, at most (null: all). ``asked``: queries for the ``known`` end of a triple of
@@ -24,12 +24,10 @@ from isi.tables.table import INT, NAME, REAL, Table
 #: were not trained on; all entities are candidates.
 HIDDEN_ENTITIES = Table(
     "data/beyond/hidden/{graph}.parquet",
-    {"method": NAME, "initializer": NAME, "told": INT, "seed": INT, "asked": NAME, "entities": INT, "queries": INT,
-     "mrr": REAL, "hits_at_10": REAL},
+    {"method": NAME, "initializer": NAME.optional, "told": FROM_1.optional, "seed": FROM_0,
+     "asked": one_of("known", "hidden", "earlier"), "entities": FROM_1, "queries": FROM_1, "mrr": SHARE,
+     "hits_at_10": SHARE},
     key=["method", "initializer", "told", "seed", "asked"],
-    checks=[*at_least(1, "told", "entities", "queries"), *at_least(0, "seed"),
-            *one_of("asked", ("known", "hidden", "earlier")), *within(0, 1, "mrr", "hits_at_10")],
-    nullable=["initializer", "told"],
 )  # fmt: skip
 
 
@@ -56,15 +54,13 @@ class Hidden(Section):
 
     renamed: ClassVar = {"asked": "queries", "told": "max_insert_triples"}
     title: str  #: what people read
-    #: where the graph is: in PyKEEN's package, or among ``graphs``, under the name of the entry
-    source: Literal["pykeen", "graphs"]
+    source: Literal["pykeen", "graphs"]  #: of PyKEEN's package, or the entry of that name in ``graphs``
     words: Words | None  #: of its entities, if they have any
     seeds: Count
     fraction: Fraction  #: share of the entities that is hidden
     fewest: Annotated[int, Field(ge=2)]  #: triples with a known end that a hidden entity has, at least
     queries: Fraction  #: share of these that are queries; one at least
-    #: of the others, how many are insert triples; null: all
-    max_insert_triples: Annotated[list[Count | None], Field(min_length=1)]
+    max_insert_triples: Annotated[list[Count | None], Field(min_length=1)]  #: of the others; null: all
     initializers: list[Name]  #: set beside the one that ``isi.pykeen.insert`` takes where none is named
     training: HiddenTraining
     epochs: Count  #: of training with the new entities' triples

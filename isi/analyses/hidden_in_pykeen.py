@@ -32,8 +32,7 @@ from isi.pykeen import enlarge, inserted, read_model, warm
 
 Model = ERModel[Any, Any, Any]
 Slot = Literal["head", "tail"]
-#: Triples whose answers are ranked at once.
-BATCH = 256
+BATCH = 256  #: Triples whose answers are ranked at once.
 
 
 def hidden_in(

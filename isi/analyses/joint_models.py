@@ -22,28 +22,23 @@ from isi.graph.graph import Graph
 from isi.graph.sessions import TRAIN, VALID, folds
 from isi.models.stack import Embedding
 from isi.tables import paths
-from isi.tables.rules import at_least, measured, within
-from isi.tables.table import INT, REAL, Table
+from isi.tables.rules import FROM_0, FROM_1, REAL, SHARE, at_least, null_without
+from isi.tables.table import Table
 from isi.training.trainer import train
 
+RATE = at_least(0, REAL.type)
 #: The best evaluation of each setting on each held-out fold (section 5.3).
 CROSS_VALIDATION = Table(
     "data/analyses/cross_validation/{experiment}.parquet",
-    {"dimension": INT, "ratio": INT, "learning_rate": REAL, "weight_decay": REAL, "fold": INT, **MEASURE_COLUMNS,
-     "epoch": INT},
-    key=["dimension", "ratio", "learning_rate", "weight_decay", "fold"],
-    ordered=True,
-    checks=[*at_least(1, "dimension", "ratio", "epoch"), *at_least(0, "learning_rate", "weight_decay", "fold"),
-            *within(0, 1, *MEASURES), *HALVES],
+    {"dimension": FROM_1, "ratio": FROM_1, "learning_rate": RATE, "weight_decay": RATE, "fold": FROM_0,
+     **dict.fromkeys(MEASURES, SHARE), "epoch": FROM_1},
+    key=["dimension", "ratio", "learning_rate", "weight_decay", "fold"], ordered=True, checks=[HALVES],
 )  # fmt: skip
 #: Measures of the joint models of one scoring function.
 MODEL_COMPARISON = Table(
     "data/analyses/models/{experiment}/{model}.parquet",
-    {"seed": INT, "epochs": INT, **MEASURE_COLUMNS, "valid_mrr_star": REAL, "queries": INT},
-    key=["seed"],
-    checks=[*at_least(0, "seed"), *at_least(1, "epochs"), *within(0, 1, "valid_mrr_star"),
-            *measured(MEASURES, "queries"), *HALVES],
-    nullable=MEASURES,
+    {"seed": FROM_0, "epochs": FROM_1, **MEASURE_COLUMNS, "valid_mrr_star": SHARE, "queries": FROM_0},
+    key=["seed"], checks=[null_without("queries", *MEASURES), HALVES],
 )  # fmt: skip
 
 

@@ -18,23 +18,21 @@ from isi.evaluation.query_sets import epoch_query_sets, novel_query_set
 from isi.evaluation.ranking import Queries, RankedQueries, make_queries, observations, rank_queries
 from isi.experiment.grid import JOINT_MODEL, GridPoints
 from isi.experiment.insert import with_vectors
-from isi.experiment.store import SCOPES, SESSION_CHECKS, SIZE_AND_SEED
+from isi.experiment.store import SCOPES, SESSION, SIZE_AND_SEED
 from isi.experiment.train import run_rows
 from isi.graph.sessions import TEST, TRAIN, VALID, membership
 from isi.models.bilinear import BlockModel
 from isi.models.model import Model
 from isi.models.stack import Embedding
-from isi.tables.rules import at_least, not_above, one_of, within
-from isi.tables.table import INT, LONG, NAME, REAL, Table, concat
+from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, SHARE, ColumnType, at_least, not_above, one_of
+from isi.tables.table import Table, concat
 
-#: Where a query has a novel entity, by 1 for among what is given and 2 for as the answer.
-NOVEL_AT = ("none", "given", "answer", "both")
-#: Magnitude above which a coordinate of a relation counts as used.
-USED = 1e-3
+NOVEL_AT = ("none", "given", "answer", "both")  #: 1: among what is given; 2: as the answer.
+USED = 1e-3  #: Magnitude above which a coordinate of a relation counts as used.
 GROUP = ["place", "relation", "hidden", "novel"]
 
 
-def breakdown_table(template: str, by: Mapping[str, pa.DataType] | None = None) -> Table:
+def breakdown_table(template: str, by: Mapping[str, ColumnType] | None = None) -> Table:
     """Means of MRR* and MRR over queries, grouped by what is given and what is hidden.
 
     ``filter``: ``learned``, that of the scope, or ``true``, all true triples. ``hidden``: the slot that is predicted.
@@ -42,13 +40,11 @@ def breakdown_table(template: str, by: Mapping[str, pa.DataType] | None = None) 
     """
     return Table(
         template,
-        {**(by or {}), **SIZE_AND_SEED, "session": INT, "model": NAME, "scope": NAME, "filter": NAME,
-         "relation": NAME, "hidden": NAME, "novel": NAME, "queries": INT, "mrr_star": REAL, "mrr": REAL,
-         "observations": LONG},
+        {**(by or {}), **SIZE_AND_SEED, **SESSION, "model": NAME, "scope": one_of(*SCOPES),
+         "filter": one_of("learned", "true"), "relation": NAME, "hidden": one_of("head", "relation", "tail"),
+         "novel": one_of(*NOVEL_AT), "queries": FROM_1, "mrr_star": SHARE, "mrr": SHARE,
+         "observations": at_least(1, pa.int64())},
         key=[*(by or {}), "size", "seed", "session", "model", "scope", "filter", "relation", "hidden", "novel"],
-        checks=[*SESSION_CHECKS, *one_of("scope", SCOPES), *one_of("filter", ("learned", "true")),
-                *one_of("hidden", ("head", "relation", "tail")), *one_of("novel", NOVEL_AT),
-                *at_least(1, "queries", "observations"), *within(0, 1, "mrr_star", "mrr")],
     )  # fmt: skip
 
 
@@ -57,17 +53,14 @@ QUERY_BREAKDOWN = breakdown_table("data/analyses/query_breakdown/{experiment}.pa
 #: Coordinates of relations that are not zero: of each relation, and (null) of any of them.
 USED_COORDINATES = Table(
     "data/analyses/query_breakdown/{experiment}.used.parquet",
-    {"seed": INT, "model": NAME, "relation": NAME, "part": NAME, "used": INT, "of": INT},
+    {"seed": FROM_0, "model": NAME, "relation": NAME.optional, "part": NAME, "used": FROM_0, "of": FROM_0},
     key=["seed", "model", "relation", "part"],
-    checks=[*at_least(0, "seed", "used"), *not_above("used", "of")],
-    nullable=["relation"],
+    checks=[not_above("used", "of")],
 )
 #: Rank of each answer to (entity, relation, ?) right after insertion.
 AFFORDANCES = Table(
     "data/analyses/affordances/{experiment}.parquet",
-    {"initializer": NAME, "seed": INT, "entity": INT, "answer": INT, "rank": INT},
-    checks=[*at_least(0, "seed", "entity", "answer"), *at_least(1, "rank")],
-    entity_ids=["entity", "answer"],
+    {"initializer": NAME, "seed": FROM_0, "entity": ENTITY, "answer": ENTITY, "rank": FROM_1},
 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,59 +20,49 @@ from isi.graph.sessions import OUT, TRAIN
 from isi.initializers import similarity
 from isi.initializers.api import FALLBACKS, InitContext, InitResult
 from isi.models.stack import Embedding
-from isi.tables.rules import at_least, finite, one_of, unique, within
-from isi.tables.table import INT, NAME, REAL, Table, TensorFile
+from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, REAL, SHARE, one_of, unique, within
+from isi.tables.table import Table, TensorFile
 from isi.training.trainer import never_stop
 
 #: ``entity``, ``known``, ``theta0``, and of each initializer ``NAME.path`` and ``NAME.indicators``.
 TRAJECTORY = TensorFile("data/analyses/trajectory/{experiment}.safetensors")
-#: What a true answer is to a session; none: not true.
-TRUE = (None, "told", "learned", "held_out")
+TRUE = (None, "told", "learned", "held_out")  #: How an answer is true to a session; none: not true.
 TOLD, LEARNED, HELD_OUT = 1, 2, 3
-#: Columns of triples with the end that a query hides, and with the one that it gives.
-HIDDEN = {"tail": (TAIL, HEAD), "head": (HEAD, TAIL)}
+HIDDEN = {"tail": (TAIL, HEAD), "head": (HEAD, TAIL)}  #: The slot that a query hides, and the one that it gives.
 #: One row per entity. ``told``: number of its insert triples. ``shown``: share of the known entities' variance on the
 #: two axes of its map. ``fitted``: share of it that the joint model's vectors of them have in common with Θ⁰'s.
 SINGLE_INSERTIONS = Table(
     "data/analyses/explorer/{experiment}.parquet",
-    {"entity": INT, "seed": INT, "told": INT, "shown": REAL, "fitted": REAL},
-    key=["entity"], ordered=True, entity_ids=["entity"],
-    checks=[*at_least(0, "entity", "seed", "told"), *within(0, 1, "shown", "fitted")],
+    {"entity": ENTITY, "seed": FROM_0, "told": FROM_0, "shown": SHARE, "fitted": SHARE},
+    key=["entity"], ordered=True,
 )  # fmt: skip
 #: Indicators of each entity with their weights; ``fallback``: of the initializer that it fell back to. ``by_words``:
 #: cosine of word vectors; ``by_relations``: mean of cos(v_e, ᾱ_r) over the relations of the insert triples.
 SINGLE_INDICATORS = Table(
     "data/analyses/explorer/{experiment}.indicators.parquet",
-    {"entity": INT, "model": NAME, "fallback": NAME, "indicator": INT, "weight": REAL, "by_words": REAL,
-     "by_relations": REAL},
+    {"entity": ENTITY, "model": NAME, "fallback": one_of(*FALLBACK_NAMES).optional, "indicator": ENTITY,
+     "weight": SHARE, "by_words": within(-1, 1).optional, "by_relations": within(-1, 1).optional},
     key=["entity", "model", "indicator"],
-    checks=[*at_least(0, "entity", "indicator"), *one_of("fallback", FALLBACK_NAMES), *within(0, 1, "weight"),
-            *within(-1, 1, "by_words", "by_relations")],
-    nullable=["fallback", "by_words", "by_relations"], entity_ids=["entity", "indicator"],
 )  # fmt: skip
 #: Places on the map of a seed: the known entities in Θ⁰, others in a model after an epoch.
 SINGLE_PLACES = Table(
     "data/analyses/explorer/{experiment}.places.parquet",
-    {"seed": INT, "entity": INT, "model": NAME, "epoch": INT, "x": REAL, "y": REAL},
-    key=["seed", "entity", "model", "epoch"], entity_ids=["entity"],
-    checks=[*at_least(0, "seed", "entity", "epoch"), *finite("x", "y")],
-)  # fmt: skip
+    {"seed": FROM_0, "entity": ENTITY, "model": NAME, "epoch": FROM_0, "x": REAL, "y": REAL},
+    key=["seed", "entity", "model", "epoch"],
+)
 #: The first answers to (entity, relation, ?) and (?, relation, entity), and the true ones, ranked among all entities
 #: of the session. ``true``: in which way an answer is true; null: it is not.
 SINGLE_ANSWERS = Table(
     "data/analyses/explorer/{experiment}.answers.parquet",
-    {"entity": INT, "model": NAME, "epoch": INT, "relation": NAME, "hidden": NAME, "answer": INT, "rank": INT,
-     "true": NAME},
+    {"entity": ENTITY, "model": NAME, "epoch": FROM_0, "relation": NAME, "hidden": one_of(*HIDDEN), "answer": ENTITY,
+     "rank": FROM_1, "true": one_of(*TRUE[1:]).optional},
     key=["entity", "model", "epoch", "relation", "hidden", "answer"],
-    checks=[*at_least(0, "entity", "epoch", "answer"), *at_least(1, "rank"), *one_of("hidden", ("tail", "head")),
-            *one_of("true", TRUE[1:]), *unique("entity", "model", "epoch", "relation", "hidden", "rank")],
-    nullable=["true"], entity_ids=["entity", "answer"],
+    checks=[unique("entity", "model", "epoch", "relation", "hidden", "rank")],
 )  # fmt: skip
 
 #: The paper's initializers whose path is traced, and those that are shown beside the one that params name.
 TRACED, SHOWN = ("xavier", "iu", "es", "rs", "ers"), ("xavier", "es", "rs", "ers")
-#: What a map shows of the known entities.
-THETA0 = "theta0"
+THETA0 = "theta0"  #: What a map shows of the known entities.
 #: Each table by name, and what it is sorted by.
 TABLES = {
     "entities": (SINGLE_INSERTIONS, "entity"), "indicators": (SINGLE_INDICATORS, "entity"),
@@ -161,22 +152,20 @@ def turn(vectors: Tensor, onto: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
 
 @dataclass(frozen=True)
 class ShownEntities:
-    """The novel entities that the explorer shows: model, place in ``novel`` and id; shapes (K,)."""
+    """The novel entities that the explorer shows: model, place in ``novel``, id and seed; shapes (K,)."""
 
     model: Tensor
     place: Tensor
     entity: Tensor
-    columns: Mapping[str, np.ndarray]  #: ``entity`` and ``seed``
+    seed: Tensor
 
     @classmethod
     def of(cls, points: GridPoints, seeds: Mapping[int, int]) -> ShownEntities:
         """The shown entities of session 1; ``seeds``: the seed in which each entity is shown."""
-        novel = points.novel_in(1)
-        shown = torch.tensor([[seeds[entity] == seed for entity in row]
-                              for row, seed in zip(novel.tolist(), points.seeds, strict=True)])  # fmt: skip
-        model, place = shown.nonzero(as_tuple=True)
-        entity, seed = novel[model, place], np.array(points.seeds)[model.cpu().numpy()]
-        return cls(model, place, entity, {"entity": entity.cpu().numpy(), "seed": seed})
+        novel, of_model = points.novel_in(1), torch.tensor(points.seeds)
+        shown_in = torch.tensor([[seeds[entity] for entity in row] for row in novel.tolist()])
+        model, place = (shown_in == of_model[:, None]).nonzero(as_tuple=True)
+        return cls(model, place, novel[model, place], of_model[model])
 
     def pick(self, values: Tensor) -> Tensor:
         """Values of novel entities, (M, n, ...), restricted to these; shape (K, ...)."""
@@ -185,9 +174,13 @@ class ShownEntities:
 
 def first_seeds(novel: pd.DataFrame, size: int) -> dict[int, int]:
     """For each entity, the first seed whose session 1 inserts it at this size (``NOVEL``)."""
-    rows = novel[(novel["size"] == size) & (novel["session"] == 1)].sort_values("seed", kind="stable")
-    firsts = rows.drop_duplicates("entity")
-    return dict(zip(firsts["entity"].tolist(), firsts["seed"].tolist(), strict=True))
+    rows = novel[(novel["size"] == size) & (novel["session"] == 1)]
+    return rows.groupby("entity")["seed"].min().to_dict()  # type: ignore[return-value]
+
+
+def columns(**of: Any) -> pd.DataFrame:
+    """A frame of columns, of which some are tensors."""
+    return pd.DataFrame({name: c.cpu().numpy() if isinstance(c, Tensor) else c for name, c in of.items()})
 
 
 def single_insertions(
@@ -198,8 +191,8 @@ def single_insertions(
     shown, known = ShownEntities.of(points, seeds), points.session(0).entities
     planes = [Plane.of(vectors[mask]) for vectors, mask in zip(theta.entity, known, strict=True)]
     turned, fitted = turn(joint.entity, theta.entity, known)
-    steps = [(JOINT_MODEL, 0, joint, turned)]
-    indicators, places = list[pd.DataFrame](), [known_places(points, shown, theta.entity, planes)]
+    steps, parts = [(JOINT_MODEL, 0, joint, turned)], {name: list[pd.DataFrame]() for name in TABLES}
+    parts["places"].append(known_places(points, shown, theta.entity, planes))
     for config in configs:
         initial = initialize(points, theta, words, config)
         inserted = with_vectors(theta, points.novel_in(1), initial.vectors)
@@ -207,27 +200,22 @@ def single_insertions(
         steps += [(config.initializer, 0, inserted, inserted.entity)]
         steps += [(config.initializer, settings.epochs, trained, trained.entity)]
         if initial.weights is not None:
-            context = init_context(points, theta, words, config.root)
-            rows = indicator_rows(context, initial, initial.weights, shown)
+            rows = indicator_rows(init_context(points, theta, words, config.root), initial, initial.weights, shown)
             # most similar first, of equal weights
             similar = ["by_words", "by_relations"] if config.initializer == "es" else ["by_relations", "by_words"]
             rows = rows.sort_values(["weight", *similar], ascending=False, kind="stable")
             first = rows.groupby("entity", sort=False).head(settings.indicators).sort_values("entity", kind="stable")
-            indicators.append(first.assign(model=config.initializer))
+            parts["indicators"].append(first.assign(model=config.initializer))
     queried, truth = queries_of(points, shown)
-    answers = list[pd.DataFrame]()
     for name, epoch, embedding, entity in steps:
-        rows = first_answers(embedding, points, shown, queried, truth, settings.answers)
-        answers.append(rows.assign(model=name, epoch=epoch))
+        answers = first_answers(embedding, points, shown, queried, truth, settings.answers)
         pairs = zip(shown.model.tolist(), shown.entity.tolist(), strict=True)
-        x, y = torch.stack([planes[model].project(entity[model, row]) for model, row in pairs]).T.cpu().numpy()
-        places.append(pd.DataFrame({**shown.columns, "x": x, "y": y, "model": name, "epoch": epoch}))
-    entities = pd.DataFrame({
-        **shown.columns, "told": (truth == TOLD).sum((1, 2, 3)).cpu().numpy(),
-        "shown": [planes[model].share for model in shown.model.tolist()], "fitted": fitted[shown.model].cpu().numpy(),
-    })  # fmt: skip
-    parts = [entities], indicators, places, answers
-    return {name: pd.concat(frames) for name, frames in zip(TABLES, parts, strict=True)}
+        x, y = torch.stack([planes[model].project(entity[model, row]) for model, row in pairs]).T
+        for table, rows in ("answers", answers), ("places", columns(entity=shown.entity, seed=shown.seed, x=x, y=y)):
+            parts[table].append(rows.assign(model=name, epoch=epoch))
+    told, share = (truth == TOLD).sum((1, 2, 3)), [planes[model].share for model in shown.model.tolist()]
+    entities = columns(entity=shown.entity, seed=shown.seed, told=told, shown=share, fitted=fitted[shown.model])
+    return {name: pd.concat(frames) for name, frames in (parts | {"entities": [entities]}).items()}
 
 
 def indicator_rows(context: InitContext, initial: InitResult, weights: Tensor, shown: ShownEntities) -> pd.DataFrame:
@@ -235,25 +223,24 @@ def indicator_rows(context: InitContext, initial: InitResult, weights: Tensor, s
     k, indicator = (shown.pick(weights) > 0).nonzero(as_tuple=True)
     worded = similarity.has_words(context)[..., None] & similarity.word_eligible(context)
     observed = similarity.has_insert_triples(context)[..., None]
-    columns = {
+    numbers = {
         "weight": weights,
         "by_words": similarity.word_similarity(context).masked_fill(~worded, torch.nan),
         "by_relations": similarity.mean_relational_score(context).masked_fill(~observed, torch.nan),
     }
-    return pd.DataFrame({
-        "entity": shown.entity[k].cpu().numpy(), "indicator": indicator.cpu().numpy(),
-        **{name: shown.pick(values)[k, indicator].double().cpu().numpy() for name, values in columns.items()},
-        "fallback": np.array(FALLBACKS, dtype=object)[shown.pick(initial.fallback)[k].cpu().numpy()],
-    })  # fmt: skip
+    return columns(
+        entity=shown.entity[k], indicator=indicator,
+        **{name: shown.pick(values)[k, indicator].double() for name, values in numbers.items()},
+        fallback=np.array(FALLBACKS, dtype=object)[shown.pick(initial.fallback)[k].cpu().numpy()],
+    )  # fmt: skip
 
 
 def known_places(points: GridPoints, shown: ShownEntities, entity: Tensor, planes: Sequence[Plane]) -> pd.DataFrame:
     """Positions of the known entities in Θ⁰ of each seed that is shown (``SINGLE_PLACES``)."""
     known, parts = points.session(0).entities, []
     for model in sorted(set(shown.model.tolist())):
-        x, y = planes[model].project(entity[model, known[model]]).T.cpu().numpy()
-        ids = known[model].nonzero().flatten().cpu().numpy()
-        parts.append(pd.DataFrame({"seed": points.seeds[model], "entity": ids, "x": x, "y": y}))
+        x, y = planes[model].project(entity[model, known[model]]).T
+        parts.append(columns(seed=points.seeds[model], entity=known[model].nonzero().flatten(), x=x, y=y))
     return pd.concat(parts).assign(model=THETA0, epoch=0)
 
 
@@ -287,10 +274,8 @@ def first_answers(
     listed = queried[..., None] & ~barred & ((order.argsort(-1) < first) | (truth > 0))
     k, relation, side, place = listed.gather(-1, order).nonzero(as_tuple=True)
     answer = order[k, relation, side, place]
-    return pd.DataFrame({
-        "entity": shown.entity[k].cpu().numpy(),
-        "relation": np.array(points.graph.relations)[relation.cpu().numpy()],
-        "hidden": np.array(list(HIDDEN))[side.cpu().numpy()], "answer": answer.cpu().numpy(),
-        "rank": place.cpu().numpy() + 1,
-        "true": np.array(TRUE, dtype=object)[truth[k, relation, side, answer].cpu().numpy()],
-    })  # fmt: skip
+    return columns(
+        entity=shown.entity[k], relation=np.array(points.graph.relations)[relation.cpu().numpy()],
+        hidden=np.array(list(HIDDEN))[side.cpu().numpy()], answer=answer, rank=place + 1,
+        true=np.array(TRUE, dtype=object)[truth[k, relation, side, answer].cpu().numpy()],
+    )  # fmt: skip

@@ -23,7 +23,7 @@ from isi.graph.sessions import SessionsOf, later_key
 from isi.graph.words import Words, load_vectors, look_up
 from isi.models.stack import Embedding
 from isi.random import stream
-from isi.tables.table import NAME
+from isi.tables.rules import NAME
 
 if TYPE_CHECKING:
     from isi.params import Params
@@ -35,13 +35,10 @@ VARIANT_QUERIES = breakdown_table("data/beyond/{variant}.queries.parquet", {"exp
 GRAPH_RUNS = replace(VARIANT_RUNS, template="data/beyond/graphs/{graph}/runs.parquet")
 GRAPH_QUERIES = replace(VARIANT_QUERIES, template="data/beyond/graphs/{graph}/queries.parquet")
 
-#: Sections of params that decide what Θ⁰ and the joint model are: a variant that changes one trains its own.
-LEARNED = ("embedding", "models", "negatives", "training")
-#: Sections of params that a variant may change.
-CHANGEABLE = (*LEARNED, "words", "finetuning", "convergence", "initializers")
+LEARNED = ("embedding", "models", "negatives", "training")  #: Sections that decide Θ⁰ and the joint model.
+CHANGEABLE = (*LEARNED, "words", "finetuning", "convergence", "initializers")  #: By a variant.
 
-#: Values of params.yaml, by dotted key.
-Changes = Annotated[dict[str, Any], Field(default_factory=dict)]
+Changes = Annotated[dict[str, Any], Field(default_factory=dict)]  #: By dotted key.
 
 
 class Variant(Section):
@@ -49,14 +46,12 @@ class Variant(Section):
 
     renamed: ClassVar = {"told": "max_insert_triples", "followed": "full_curves"}
     title: str  #: what people read
-    #: where the report shows it
-    group: Literal["baselines", "embeddings", "insert_triples", "words", "causes", "graphs"]
+    group: Literal["baselines", "embeddings", "insert_triples", "words", "causes", "graphs"]  #: in the report
     experiments: Annotated[list[Name], Field(min_length=1)]
     initializers: Annotated[list[Name], Field(min_length=1)]
     size: Count  #: |ξ|
     seeds: Count  #: how many of the sessions' seeds, from the first on
-    #: of initializers, in place of what params.yaml has
-    options: Annotated[dict[Name, dict[str, Option]], Field(default_factory=dict)]
+    options: Annotated[dict[Name, dict[str, Option]], Field(default_factory=dict)]  #: in place of those of params.yaml
     changes: Changes
     max_insert_triples: Annotated[int, Field(ge=0)] | None = None  #: of each novel entity; null: all
     finetuned: bool = True  #: else measured immediately alone
@@ -122,8 +117,7 @@ def results(params: Params, variant: Variant, stores: Sequence[Store], name: str
     return ordered, answers.sort_values(["experiment", "size", "seed"], kind="stable")
 
 
-#: Θ⁰ and the joint model of each session.
-Models = tuple[Embedding, list[Embedding]]
+Models = tuple[Embedding, list[Embedding]]  #: Θ⁰ and the joint model of each session.
 #: Arguments of ``run_variant``.
 VariantTask = tuple[GridPoints, Models | TrainConfig, np.ndarray, Mapping[str, InsertConfig], int | None]
 

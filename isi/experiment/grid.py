@@ -9,17 +9,10 @@ import torch
 from torch import Tensor
 
 from isi.graph.graph import Graph
-from isi.graph.sessions import Session, Timeline
+from isi.graph.sessions import Session, session_at
 
-#: Size that stands for no insertion, in keys of random streams and in logs.
-NO_INSERTION = 0
-#: Name of the joint model, as of an initializer, in tables.
-JOINT_MODEL = "joint"
-
-
-def no_triples() -> np.ndarray:
-    """No insert triples."""
-    return np.empty((0, 4), dtype=np.int64)
+NO_INSERTION = 0  #: Size that stands for no insertion, in keys of random streams and in logs.
+JOINT_MODEL = "joint"  #: Name of the joint model, as of an initializer, in tables.
 
 
 @dataclass(frozen=True)
@@ -33,7 +26,7 @@ class GridPoints:
     splits: np.ndarray  #: of each seed; shape: (M, T), int8
     novel: np.ndarray  #: ids of the novel entities, by the session that inserts them; shape: (M, S, size)
     #: (session, model, place in ``novel``, triple), in this order; shape: (I, 4)
-    insert_triples: np.ndarray = field(default_factory=no_triples)
+    insert_triples: np.ndarray = field(default_factory=lambda: np.empty((0, 4), np.int64))
 
     @classmethod
     def without_insertion(cls, experiment: str, graph: Graph, seeds: list[int], splits: np.ndarray) -> GridPoints:
@@ -59,8 +52,7 @@ class GridPoints:
 
     def session(self, number: int) -> Session:
         """D of a session: D⁰, D¹, ..."""
-        splits, novel = torch.as_tensor(self.splits), torch.as_tensor(self.novel)
-        return Timeline.of_novel(self.graph, splits, novel).session(number)
+        return session_at(self.graph, torch.as_tensor(self.splits), torch.as_tensor(self.novel), number)
 
     @property
     def last_session(self) -> Session:

@@ -31,10 +31,8 @@ from isi.training.trainer import ConvergenceWatch, Optimizer, Watch
 if TYPE_CHECKING:
     from isi.params import Params
 
-#: ``initializers`` of an experiment in params.
-InitializerList = Annotated[Names, Field(min_length=1)] | Literal["all"]
-#: MRR* of the joint models, by session and scope; NaN without queries; shape: (M,).
-JointTargets = Mapping[tuple[int, str], np.ndarray]
+InitializerList = Annotated[Names, Field(min_length=1)] | Literal["all"]  #: Of an experiment.
+JointTargets = Mapping[tuple[int, str], np.ndarray]  #: MRR* by session and scope; NaN without queries; (M,).
 
 
 def is_listed(listed: InitializerList, initializer: str) -> bool:
@@ -88,8 +86,7 @@ def insert_config(
     )  # fmt: skip
 
 
-#: Arguments of ``insert_stack``.
-InsertTask = tuple[GridPoints, Embedding, np.ndarray, JointTargets, InsertConfig]
+InsertTask = tuple[GridPoints, Embedding, np.ndarray, JointTargets, InsertConfig]  #: Of ``insert_stack``.
 
 
 def insert_tasks(store: Store, params: Params, grid: Sequence[GridPoints], config: InsertConfig) -> list[InsertTask]:

@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Annotated, Literal, Self, TypeVar, TypeVarTuple
+from multiprocessing.reduction import ForkingPickler
+from typing import Annotated, Literal, TypeVar, TypeVarTuple
 
 import torch
-from pydantic import Field, model_validator
+from pydantic import Field
 from torch import Tensor
 from tqdm import tqdm
 
@@ -25,29 +26,25 @@ from isi.process import serve
 from isi.tables import paths
 from isi.training.batches import DENSE_LIMIT
 
-#: What a task has behind its grid points, and what it gives.
-Arguments = TypeVarTuple("Arguments")
+Arguments = TypeVarTuple("Arguments")  #: Of a task, behind its grid points.
 Done = TypeVar("Done")
 
 
 class Compute(Section):
     """``compute`` in params: where and how tasks run; changes no result."""
 
+    rules = ((lambda compute: compute.engine != "dask" or compute.scheduler is not None,
+              "engine dask needs the address of its scheduler: compute.scheduler: tcp://host:port"),)  # fmt: skip
     workers: Count | Literal["all"]
     stack: Count
     engine: Literal["processes", "dask"] = "processes"
     scheduler: Annotated[str, Field(pattern=r"^tcp://[^/\s]+:[0-9]{1,5}$")] | None = None
     device: Literal["cpu", "auto", "cuda"] = "cpu"
 
-    @model_validator(mode="after")
-    def _dask_has_a_scheduler(self) -> Self:
-        if self.engine == "dask" and self.scheduler is None:
-            raise ValueError("engine dask needs the address of its scheduler: compute.scheduler: tcp://host:port")
-        return self
 
-
-#: Seconds in which a scheduler must answer.
-REACH = 5
+#: Tensors reach another process as arrays, not as memory that is shared and runs short.
+ForkingPickler.register(Tensor, lambda tensor: (torch.from_numpy, (tensor.numpy(),)))
+REACH = 5  #: Seconds in which a scheduler must answer.
 #: Memory that a model of a stack takes on a GPU, at most: its batch, scores and slopes as tables, and as much again.
 BYTES_PER_MODEL = 6 * 4 * DENSE_LIMIT
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,29 +20,27 @@ from isi.graph.sessions import INSERT_TRIPLES, NOVEL, OUT, SPLIT_NAMES, SPLITS
 from isi.graph.words import WORD_VECTORS
 from isi.models.model import Model
 from isi.models.stack import Embedding
-from isi.tables.rules import Rule, at_least, mean_of, measured, named, one_of, within
-from isi.tables.table import BOOL, INT, NAME, REAL, DataFile, Table, TensorFile
+from isi.tables.rules import ENTITY, FROM_0, FROM_1, NAME, SHARE, ColumnType, mean_of, null_without, one_of
+from isi.tables.table import DataFile, Table, TensorFile
 
 SCOPES = ("all", "known", "known_closed", "novel", "novel_heldout")
-#: What an initializer falls back to where it lacks what it needs.
-FALLBACK_NAMES = ("es", "rs", "centroid")
+FALLBACK_NAMES = ("es", "rs", "centroid")  #: What an initializer falls back to.
 
-MEASURE_COLUMNS = dict.fromkeys(MEASURES, REAL)
-#: MRR* is the mean of its halves.
-HALVES = mean_of(*MEASURES[:3])
-#: Point of the grid.
-SIZE_AND_SEED = {"size": INT, "seed": INT}
-SESSION_CHECKS = [*at_least(1, "size"), *at_least(0, "seed"), *at_least(1, "session")]
+HALVES = mean_of(*MEASURES[:3])  #: MRR* is the mean of its halves.
+#: Columns of measures, null without queries; of a grid point; and of a session.
+MEASURE_COLUMNS = dict.fromkeys(MEASURES, SHARE.optional)
+SIZE_AND_SEED = {"size": FROM_1, "seed": FROM_0}
+SESSION = {"session": FROM_1}
 
 
-def runs_table(template: str, by: Mapping[str, pa.DataType] | None = None, checks: Sequence[Rule] = ()) -> Table:
+def runs_table(template: str, by: Mapping[str, ColumnType] | None = None) -> Table:
     """A table of measures by epoch; the columns ``by`` distinguish runs of one grid point."""
     return Table(
         template,
-        {**(by or {}), **SIZE_AND_SEED, "epoch": INT, "scope": NAME, **MEASURE_COLUMNS, "queries": INT, "session": INT},
-        key=[*(by or {}), "size", "seed", "session", "epoch", "scope"], ordered=True, nullable=MEASURES,
-        checks=[*checks, *SESSION_CHECKS, *at_least(0, "epoch"), *one_of("scope", SCOPES),
-                *measured(MEASURES, "queries"), *HALVES],
+        {**(by or {}), **SIZE_AND_SEED, "epoch": FROM_0, "scope": one_of(*SCOPES), **MEASURE_COLUMNS, "queries": FROM_0,
+         **SESSION},
+        key=[*(by or {}), "size", "seed", "session", "epoch", "scope"], ordered=True,
+        checks=[null_without("queries", *MEASURES), HALVES],
     )  # fmt: skip
 
 
@@ -53,9 +51,8 @@ JOINT = TensorFile("data/embeddings/{experiment}/joint.safetensors")
 #: Validation of a model, Θ⁰ or joint, as training evaluates it. The joint model has size 0.
 TRAINING_LOG = Table(
     "data/embeddings/{experiment}/{model}.log.parquet",
-    {**SIZE_AND_SEED, "epoch": INT, **MEASURE_COLUMNS, "kept": BOOL},
-    key=["size", "seed", "epoch"], ordered=True, nullable=MEASURES,  # of a model without validation triples
-    checks=[*at_least(0, "size", "seed"), *at_least(1, "epoch"), *within(0, 1, *MEASURES), *HALVES],
+    {"size": FROM_0, "seed": FROM_0, "epoch": FROM_1, **MEASURE_COLUMNS, "kept": ColumnType(pa.bool_())},
+    key=["size", "seed", "epoch"], ordered=True, checks=[HALVES],
 )  # fmt: skip
 #: Of each initializer, and of the joint model. ``queries`` counts triples, of each of which all three slots are hidden.
 RUNS = runs_table("data/runs/{experiment}/{model}.parquet")
@@ -64,18 +61,15 @@ INITIAL_VECTORS = TensorFile("data/runs/{experiment}/{initializer}.safetensors")
 #: One row per inserted entity: measures of its own queries of scope ``novel`` at epoch 0, and what it fell back to.
 INSERTED = Table(
     "data/runs/{experiment}/{initializer}.inserted.parquet",
-    {**SIZE_AND_SEED, "entity": INT, "kind": NAME, "fallback": NAME, **MEASURE_COLUMNS, "queries": INT, "ties": INT,
-     "session": INT},
-    key=["size", "seed", "session", "entity"], ordered=True, nullable=["fallback", *MEASURES], entity_ids=["entity"],
-    checks=[*SESSION_CHECKS, *at_least(0, "entity", "ties"), *named("kind"), *one_of("fallback", FALLBACK_NAMES),
-            *measured(MEASURES, "queries"), *HALVES],
+    {**SIZE_AND_SEED, "entity": ENTITY, "kind": NAME, "fallback": one_of(*FALLBACK_NAMES).optional, **MEASURE_COLUMNS,
+     "queries": FROM_0, "ties": FROM_0, **SESSION},
+    key=["size", "seed", "session", "entity"], ordered=True, checks=[null_without("queries", *MEASURES), HALVES],
 )  # fmt: skip
 #: Candidates whose score is tied with the answer's, at epoch 0.
 TIES = Table(
     "data/runs/{experiment}/{model}.ties.parquet",
-    {**SIZE_AND_SEED, "scope": NAME, "ties": INT, "session": INT},
+    {**SIZE_AND_SEED, "scope": one_of(*SCOPES), "ties": FROM_0, **SESSION},
     key=["size", "seed", "session", "scope"], ordered=True,
-    checks=[*SESSION_CHECKS, *at_least(0, "ties"), *one_of("scope", SCOPES)],
 )  # fmt: skip
 
 

@@ -9,33 +9,32 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated
 
 import numpy as np
 import pandas as pd
 import torch
-from pydantic import model_validator
 from torch import Tensor
 
 from isi.config import Count, EachOnce, Name, Section
 from isi.errors import InputError
 from isi.random import stream
 from isi.tables import paths
-from isi.tables.rules import MOST_OBSERVED, counted, in_blocks, named, refuse
-from isi.tables.table import INT, NAME, TEXT, Table, as_text
+from isi.tables.rules import COUNT, MOST_OBSERVED, NAME, TEXT, in_blocks, refuse
+from isi.tables.table import Table, as_text
 
 #: Row numbers are ids, here and of triples; rows of one source stand together, first those that others extend.
 ENTITIES = Table(
     "data/graph/{experiment}/entities.parquet",
     {"entity": TEXT, "kind": NAME, "source": NAME, "phrase": TEXT},
     key=["entity"],
-    checks=[*named("entity", "kind", "source", "phrase"), *in_blocks("source", "entity")],
+    checks=[in_blocks("source", "entity")],
 )
 TRIPLES = Table(
     "data/graph/{experiment}/triples.parquet",
-    {"head": NAME, "relation": NAME, "tail": NAME, "count": INT, "source": NAME},
+    {"head": NAME, "relation": NAME, "tail": NAME, "count": COUNT, "source": NAME},
     key=["head", "relation", "tail"],
-    checks=[*named("head", "relation", "tail", "source"), *counted(), *in_blocks("source", "head", "relation", "tail")],
+    checks=[in_blocks("source", "head", "relation", "tail")],
 )
 #: The same of a graph of the second pipeline.
 GRAPH_ENTITIES = replace(ENTITIES, template="data/beyond/graphs/{graph}/entities.parquet")
@@ -52,21 +51,6 @@ class Graph:
     triples: Tensor  #: head, relation, tail ids; shape: (T, 3), int64
     counts: Tensor  #: observations of each unique triple; shape: (T,), int64
     kinds: Tensor  #: of each entity, numbered by the alphabet; shape: (E,), int64
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as plain arrays, to reach another process."""
-        return _from_arrays, (
-            self.entities,
-            self.relations,
-            self.triples.numpy(),
-            self.counts.numpy(),
-            self.kinds.numpy(),
-        )
-
-    def on(self, device: torch.device) -> Graph:
-        """The graph with its tensors on a device."""
-        tensors = {name: getattr(self, name).to(device) for name in ("triples", "counts", "kinds")}
-        return replace(self, **tensors)
 
     def part(self, triples: np.ndarray) -> Graph:
         """The graph of some unique triples, given by id; entities and relations stay."""
@@ -91,10 +75,6 @@ class Graph:
         return sorted_by_slot
 
 
-def _from_arrays(entities: list[str], relations: list[str], *arrays: np.ndarray) -> Graph:
-    return Graph(entities, relations, *(torch.from_numpy(array) for array in arrays))
-
-
 def build_graph(entities: pd.DataFrame, triples: pd.DataFrame, path: Path | str = "triples.parquet") -> Graph:
     """The graph of an experiment's tables: entity ids are row numbers, ids of relations and kinds alphabetical."""
     names = [str(name) for name in entities["entity"]]
@@ -115,16 +95,12 @@ def _ids(triples: pd.DataFrame, column: str, names: list[str], path: Path | str)
 class Extension(Section):
     """``extension`` in params: entities of another source that join the graph."""
 
+    rules = ((lambda extension: len(extension.always) <= extension.candidates,
+              "expected at most as many names in always as candidates"),)  # fmt: skip
     source: Name
     min_observations: Count
     candidates: Count  #: how many are drawn, with those that always are
     always: Annotated[list[str], EachOnce]
-
-    @model_validator(mode="after")
-    def _room_for_always(self) -> Self:
-        if len(self.always) > self.candidates:
-            raise ValueError("expected at most as many names in always as candidates")
-        return self
 
 
 class GraphOf(Section):

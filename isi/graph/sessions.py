@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
 import torch
-from pydantic import Field, model_validator
+from pydantic import Field
 from torch import Tensor
 
 from isi.config import Count, EachOnce, Fraction, Names, Section
@@ -21,8 +21,8 @@ from isi.errors import InputError
 from isi.graph.graph import Graph
 from isi.random import stream
 from isi.tables import paths
-from isi.tables.rules import at_least, one_of, unique
-from isi.tables.table import INT, NAME, Table
+from isi.tables.rules import FROM_0, FROM_1, one_of, unique
+from isi.tables.table import Table
 
 OUT, TRAIN, VALID, TEST = -1, 0, 1, 2  #: Split of a triple in a session; ``OUT`` where it takes no part.
 SPLIT_NAMES = ("train", "valid", "test")
@@ -30,25 +30,23 @@ NEVER = 2**31 - 1  #: Arrival of what takes part in no session.
 
 SPLITS = Table(
     "data/sessions/{experiment}/splits.parquet",
-    {"seed": INT, "triple": INT, "split": NAME},
+    {"seed": FROM_0, "triple": FROM_0, "split": one_of(*SPLIT_NAMES)},
     key=["seed", "triple"],
     ordered=True,
-    checks=[*at_least(0, "seed", "triple"), *one_of("split", SPLIT_NAMES)],
 )
 #: ``session``: in which the entity is inserted, from 1; Θ⁰ is trained in session 0.
 NOVEL = Table(
     "data/sessions/{experiment}/novel.parquet",
-    {"size": INT, "seed": INT, "entity": INT, "session": INT},
+    {"size": FROM_1, "seed": FROM_0, "entity": FROM_0, "session": FROM_1},
     key=["size", "seed", "session", "entity"],
     ordered=True,
-    checks=[*at_least(1, "size", "session"), *at_least(0, "seed", "entity"), *unique("size", "seed", "entity")],
+    checks=[unique("size", "seed", "entity")],
 )
 INSERT_TRIPLES = Table(
     "data/sessions/{experiment}/insert_triples.parquet",
-    {"size": INT, "seed": INT, "entity": INT, "triple": INT, "session": INT},
+    {"size": FROM_1, "seed": FROM_0, "entity": FROM_0, "triple": FROM_0, "session": FROM_1},
     key=["size", "seed", "session", "entity", "triple"],
     ordered=True,
-    checks=[*at_least(1, "size", "session"), *at_least(0, "seed", "entity", "triple")],
 )
 
 
@@ -69,32 +67,18 @@ class Session:
         return self.entities & ends(self.graph, self.members(TRAIN))
 
 
-@dataclass(frozen=True)
-class Timeline:
-    """Sessions D⁰, D¹, ... of a stack of M models over one graph; each holds all that has arrived (section 5.2)."""
+def session_at(graph: Graph, splits: Tensor, novel: Tensor, number: int) -> Session:
+    """D of a session: what has arrived by then (section 5.2); session 0 holds what is known from the start.
 
-    graph: Graph
-    entity_arrival: Tensor  #: session in which an entity arrives, 0 if it is known from the start; shape: (M, E), int64
-    triple_arrival: Tensor  #: the same of unique triples, of which none arrives before its ends; shape: (M, T), int64
-    splits: Tensor  #: TRAIN, VALID, TEST or OUT; shape: (M, T), int8
-
-    @classmethod
-    def of_novel(cls, graph: Graph, splits: Tensor, novel: Tensor) -> Timeline:
-        """A triple arrives with the later of its ends. An entity without a triple in a split never arrives.
-
-        Shapes: splits (M, T); ``novel``, ids of the entities that each of S sessions inserts, (M, S, n).
-        """
-        arrival = torch.zeros(len(splits), len(graph.entities), dtype=torch.int64)
-        for session in range(novel.shape[1]):
-            arrival.scatter_(1, novel[:, session], session + 1)
-        arrival.masked_fill_(~ends(graph, splits != OUT), NEVER)
-        by_end = (arrival[:, graph.triples[:, slot]] for slot in (0, 2))
-        return cls(graph, arrival, torch.maximum(*by_end), splits)
-
-    def session(self, number: int) -> Session:
-        """D of a session; session 0 holds what is known from the start."""
-        splits = self.splits.masked_fill(self.triple_arrival > number, OUT)
-        return Session(self.graph, self.entity_arrival <= number, splits)
+    A novel entity arrives in its session, a triple with the later of its ends. An entity without a triple in a split
+    never arrives. Shapes: splits (M, T); ``novel``, ids of the entities that each of S sessions inserts, (M, S, n).
+    """
+    arrival = torch.zeros(len(splits), len(graph.entities), dtype=torch.int64)
+    for session in range(novel.shape[1]):
+        arrival.scatter_(1, novel[:, session], session + 1)
+    arrival.masked_fill_(~ends(graph, splits != OUT), NEVER)
+    later = torch.maximum(arrival[:, graph.triples[:, 0]], arrival[:, graph.triples[:, 2]])
+    return Session(graph, arrival <= number, splits.masked_fill(later > number, OUT))
 
 
 def session_of(graph: Graph, splits: Tensor) -> Session:
@@ -123,30 +107,22 @@ def membership(ids: Tensor, entities: int) -> Tensor:
 class Shares(Section):
     """``sessions`` in params: the shares that are held out, and that are given as insert triples."""
 
+    rules = ((lambda shares: shares.valid + shares.test < 1,
+              "expected valid and test to sum to less than 1, to leave triples for training"),)  # fmt: skip
     valid: Fraction
     test: Fraction
     insert_fraction: Annotated[float, Field(gt=0, le=1)]
-
-    @model_validator(mode="after")
-    def _leave_something(self) -> Self:
-        if self.valid + self.test >= 1:
-            raise ValueError("expected valid and test to sum to less than 1, to leave triples for training")
-        return self
 
 
 class SessionsOf(Section):
     """``sessions`` of one experiment: which entities may be novel, the set sizes, and the number of seeds."""
 
+    rules = ((lambda sessions: sessions.novel != "added" or len(sessions.sizes) == 1,
+              "sizes: expected one with novel: added, since a seed's triples depend on its candidates"),)  # fmt: skip
     novel: Annotated[Names, Field(min_length=1)] | Literal["any", "added"]
     sizes: Annotated[list[Count], Field(min_length=1), EachOnce]
     seeds: Count
     steps: Count = 1
-
-    @model_validator(mode="after")
-    def _one_size_of_added(self) -> Self:
-        if self.novel == "added" and len(self.sizes) > 1:
-            raise ValueError("sizes: expected one with novel: added, since a seed's triples depend on its candidates")
-        return self
 
 
 def split(graph: Graph, root: int, seed: int, valid: float, test: float) -> np.ndarray:

@@ -18,7 +18,8 @@ from isi.config import Section, Sha256
 from isi.errors import InputError, at, cut, short
 from isi.tables import paths
 from isi.tables.io import check_sha256
-from isi.tables.table import TEXT, Table, TensorFile
+from isi.tables.rules import TEXT, ColumnType
+from isi.tables.table import Table, TensorFile
 
 if TYPE_CHECKING:
     from gensim.models import KeyedVectors  # elsewhere where it is used, since it takes seconds to import
@@ -28,9 +29,8 @@ WORD_VECTORS = TensorFile("data/words/{experiment}/vectors.safetensors")
 #: Which phrase or words of it have vectors.
 COVERAGE = Table(
     "data/words/{experiment}/coverage.parquet",
-    {"entity": TEXT, "phrase": TEXT, "served_by": TEXT},
+    {"entity": TEXT, "phrase": TEXT, "served_by": ColumnType(TEXT.type, nullable=True)},
     key=["entity"],
-    nullable=["served_by"],
 )
 
 LARGEST = 1e6  #: What numbers of vectors lie within; those of word2vec and GloVe are below a hundred.

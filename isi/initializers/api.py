@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -19,8 +20,7 @@ from isi.models.stack import Embedding
 from isi.random import stream
 from isi.tables import paths
 
-#: What serves a novel entity for which an initializer lacks what it needs.
-FALLBACKS = (None, "es", "rs", "centroid")
+FALLBACKS = (None, "es", "rs", "centroid")  #: Serve a novel entity for which an initializer lacks what it needs.
 NONE, ES, RS, CENTROID = range(4)
 
 
@@ -88,8 +88,7 @@ class InitResult:
 
     vectors: Tensor  #: shape: (M, n, d)
     fallback: Tensor  #: index into ``FALLBACKS``; shape: (M, n)
-    #: of each known entity in the vector, or, for MAP and ridge, in the prior's mean; sum to 1; shape: (M, n, E)
-    weights: Tensor | None = None
+    weights: Tensor | None = None  #: of known entities, sum to 1 (MAP, ridge: of the prior); shape: (M, n, E)
     is_centroid: bool = False  #: of the entities that have a weight, which are its indicators
 
     @property
@@ -103,15 +102,12 @@ def without_weights(vectors: Tensor) -> InitResult:
     return InitResult(vectors, torch.full(vectors.shape[:2], NONE))
 
 
-#: A function of an ``InitContext`` and its own options.
-Initializer = Callable[..., InitResult]
+Initializer = Callable[..., InitResult]  #: A function of an ``InitContext`` and its own options.
 #: The paper's baselines, ISI, controls (each has a part of what ISI has beside meaning), stronger baselines that the
 #: paper does not have, and anyone's own.
 Role = Literal["paper", "isi", "control", "baseline", "own"]
-#: What an initializer goes by, beside known vectors.
-Need = Literal["words", "insert_triples", "inverse", "linear_score"]
-#: What its time and memory grow with: entities, pairs of entities, or triples that a novel entity might have.
-Cost = Literal["entities", "pairs", "triples"]
+Need = Literal["words", "insert_triples", "inverse", "linear_score"]  #: An initializer's, beside known vectors.
+Cost = Literal["entities", "pairs", "triples"]  #: Pairs of entities; triples that a novel entity may have.
 
 
 @dataclass(frozen=True)
@@ -123,12 +119,11 @@ class Registered:
     label: str  #: as people read it
     role: Role = "own"
     colour: str | None = None  #: of its curves, ``#rrggbb``; where there is none, the report takes a spare one
-    description: str = ""  #: one sentence
+    description: str = ""  #: one sentence; the first of the function's docstring unless another is given
     defaults: Mapping[str, Any] = field(default_factory=dict)  #: options where the caller of ``isi.insert`` gives none
     needs: tuple[Need, ...] = ()
     cost: Cost = "triples"
-    #: values of options that ``tools/choose_initializers`` compares; null: it leaves the initializer out
-    grid: Mapping[str, Sequence[Any]] | None = None
+    grid: Mapping[str, Sequence[Any]] | None = None  #: options that ``tools/choose_initializers`` compares
 
     def misses(self, model: Model) -> str | None:
         """What the initializer needs and the model lacks, or null."""
@@ -156,7 +151,8 @@ def initializer(name: str, *, label: str | None = None, **about: Any) -> Callabl
     """Register a function whose parameters after the context are its options; ``about``: fields of ``Registered``."""
 
     def register(function: Initializer) -> Initializer:
-        INITIALIZERS.register(name, Registered(name, function, label or name, **about))
+        described = {"description": (inspect.getdoc(function) or "").partition("\n\n")[0].replace("\n", " ")}
+        INITIALIZERS.register(name, Registered(name, function, label or name, **described | about))
         return function
 
     return register

@@ -19,11 +19,9 @@ _TEMPERATURES = [0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.2]
 
 
 @initializer("soft_es", label="Soft ES", role="baseline", colour="#56a3d9", cost="entities", needs=("words",),
-             defaults={"temperature": 0.07}, grid={"temperature": _TEMPERATURES},
-             description="Soft ES: the mean of all known entities, weighted by the similarity of their "
-                         "names.")  # fmt: skip
+             defaults={"temperature": 0.07}, grid={"temperature": _TEMPERATURES})  # fmt: skip
 def soft_entity_similarity(context: InitContext, temperature: Positive) -> InitResult:
-    """Mean weighted by softmax(cos / temperature) of word vectors (Nadaraya-Watson; ConSE); without words, soft RS."""
+    """Soft ES (ConSE): the mean of all known entities, weighted by softmax(cos / temperature) of their names."""
     return similarity.mean_of_first(
         context,
         words=lambda: softmax(similarity.word_similarity(context) / temperature, similarity.word_eligible(context)),
@@ -32,21 +30,18 @@ def soft_entity_similarity(context: InitContext, temperature: Positive) -> InitR
 
 
 @initializer("soft_rs", label="Soft RS", role="baseline", colour="#4cc2a0", cost="entities",
-             needs=("insert_triples", "inverse"), defaults={"temperature": 0.02}, grid={"temperature": _TEMPERATURES},
-             description="Soft RS: the mean of all known entities, weighted by how near they are to where the insert "
-                         "triples point.")  # fmt: skip
+             needs=("insert_triples", "inverse"), defaults={"temperature": 0.02},
+             grid={"temperature": _TEMPERATURES})  # fmt: skip
 def soft_relational_similarity(context: InitContext, temperature: Positive) -> InitResult:
-    """Mean weighted by softmax(score / temperature); the score is equation 5 over the number of relations."""
+    """Soft RS: the mean of all known entities, weighted by how near they are to where the insert triples point."""
     return similarity.mean_of_first(context, triples=lambda: _soft_by_relations(context, temperature))
 
 
 @initializer("soft_hybrid", label="Soft hybrid", role="baseline", colour="#b8488f", cost="entities",
              needs=("words", "insert_triples", "inverse"), defaults={"word_weight": 12.0, "relation_weight": 32.0},
-             grid={"word_weight": _WEIGHTS, "relation_weight": _WEIGHTS},
-             description="Soft hybrid: the mean of all known entities, weighted by names and by relations, each with "
-                         "its temperature.")  # fmt: skip
+             grid={"word_weight": _WEIGHTS, "relation_weight": _WEIGHTS})  # fmt: skip
 def soft_hybrid(context: InitContext, word_weight: NotNegative, relation_weight: NotNegative) -> InitResult:
-    """Mean by softmax(``word_weight`` · cosine + ``relation_weight`` · mean relational score), or by one of the two."""
+    """Soft hybrid: the mean of all known entities, weighted by names and by relations, each with its temperature."""
     similar = word_weight * similarity.word_similarity(context)
     related = relation_weight * similarity.mean_relational_score(context)
     named = similarity.word_eligible(context)
@@ -68,11 +63,9 @@ def _soft_by_relations(context: InitContext, temperature: float) -> Tensor:
 
 
 @initializer("class_noise", label="Kind mean + noise", role="baseline", colour="#a6761d", cost="entities",
-             defaults={"fraction": 0.1}, grid={"fraction": [0.1, 0.25, 0.5, 1.0]},
-             description="Kind mean and noise: a random place among the known entities of the same kind (arXiv "
-                         "2511.11118).")  # fmt: skip
+             defaults={"fraction": 0.1}, grid={"fraction": [0.1, 0.25, 0.5, 1.0]})  # fmt: skip
 def class_noise(context: InitContext, fraction: NotNegative) -> InitResult:
-    """Kind mean + fraction · σ · N(0, 1), with the kind's deviation σ of each coordinate (see ``kind_mean``)."""
+    """Kind mean and noise: kind mean + fraction · σ · N(0, 1), σ the deviation within the kind (arXiv 2511.11118)."""
     kind, fallback = similarity.weights_of_first(context, nothing=lambda: similarity.same_kind(context))
     noise = fraction * deviation(context, kind) * standard_normal(context)
     return InitResult(similarity.centroid(context, kind, fallback).vectors + noise, fallback)
@@ -85,30 +78,26 @@ def deviation(context: InitContext, among: Tensor) -> Tensor:
     return (weight @ entity.square() - (weight @ entity).square()).clamp(min=0).sqrt().float()
 
 
-@initializer("er_avg", label="ERAvg", role="baseline", colour="#9467bd", needs=("insert_triples", "inverse"), grid={},
-             description="ERAvg (Albooyeh et al. 2020): the mean of the known ends of the insert triples, each taken "
-                         "through its relation.")  # fmt: skip
+@initializer("er_avg", label="ERAvg", role="baseline", colour="#9467bd", needs=("insert_triples", "inverse"),
+             grid={})  # fmt: skip
 def entity_relation_average(context: InitContext) -> InitResult:
-    """Mean of the vectors that the insert triples expect (ERAvg); without insert triples, the centroid."""
+    """ERAvg (Albooyeh et al. 2020): the mean of the insert triples' known ends, each taken through its relation."""
     weights = similarity.insert_triple_table(context).flatten(2)
     mean = weights @ similarity.cell_anchors(context.theta0) / weights.sum(-1, keepdim=True).clamp(min=1)
     return _or_centroid(context, mean, triples=lambda: similarity.everyone_known(context))
 
 
 @initializer("neighbour_mean", label="Neighbour mean", role="baseline", colour="#c9a227", needs=("insert_triples",),
-             grid={},
-             description="Neighbour mean: the mean of the known ends of the insert triples.")  # fmt: skip
+             grid={})  # fmt: skip
 def neighbour_mean(context: InitContext) -> InitResult:
-    """Mean of the known ends of the insert triples, with repetition."""
+    """Neighbour mean: the mean of the known ends of the insert triples, each as often as it occurs."""
     return similarity.mean_of_first(context, triples=lambda: similarity.insert_triple_table(context).sum((2, 3)))
 
 
 @initializer("projection", label="Projection", role="baseline", colour="#e377c2", cost="entities", needs=("words",),
-             defaults={"penalty": 0.3}, grid={"penalty": [0.03, 0.1, 0.3, 1.0, 3.0, 10.0]},
-             description="Projection: a linear map from word vectors to entities' vectors, learned on the known ones "
-                         "(DeViSE).")  # fmt: skip
+             defaults={"penalty": 0.3}, grid={"penalty": [0.03, 0.1, 0.3, 1.0, 3.0, 10.0]})  # fmt: skip
 def projection(context: InitContext, penalty: Positive) -> InitResult:
-    """Ridge regression from unit word vectors to embeddings; without a word vector, the centroid."""
+    """Projection: a linear map from word vectors to entities' vectors, by ridge regression on the known (DeViSE)."""
     return _or_centroid(
         context, predicted(context, penalty), words=lambda: similarity.word_eligible(context).any(-1, keepdim=True)
     )

@@ -21,18 +21,12 @@ from isi.initializers.baselines import soft_hybrid
 from isi.models.scoring import padded
 from isi.models.stack import Embedding, NotFinite, mapped, select
 
-#: Share of an isotropic covariance of equal trace in that of the prior, whose rank is below d.
-SHRINKAGE = 0.1
-#: Of Newton's method, at most: it needs about six where a score is linear.
-STEPS = 20
-#: A step that is expected to gain less than this much log-probability is the last; what is left then is its square.
-TOLERANCE = 1e-6
-#: Relative rounding of an objective.
-ROUNDING = 1e-12
-#: Times that a step may be halved.
-HALVINGS = 10
-#: Numbers in one product of cells and novel entities, at most, for each model.
-BUDGET = 2**23
+SHRINKAGE = 0.1  #: Share of an isotropic covariance of equal trace in that of the prior, whose rank is below d.
+STEPS = 20  #: Of Newton's method, at most: it needs about six where a score is linear.
+TOLERANCE = 1e-6  #: A step that is expected to gain less log-probability is the last.
+ROUNDING = 1e-12  #: Relative rounding of an objective.
+HALVINGS = 10  #: Times that a step may be halved.
+BUDGET = 2**23  #: Numbers in one product of cells and novel entities, at most, for each model.
 
 
 @dataclass(frozen=True)
@@ -169,43 +163,35 @@ _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio":
 @initializer("map_ers", label="MAP, ERS", role="baseline", colour="#d6604d",
              needs=("words", "insert_triples", "inverse"),
              defaults={"k": 9, "candidates": 30, "strength": 0.2, "ratio": 1},
-             grid={"k": [9], "candidates": [30], **_PRIOR},
-             description="MAP around ERS: the most probable vector given the insert triples and a prior at the vector "
-                         "of ERS.")  # fmt: skip
+             grid={"k": [9], "candidates": [30], **_PRIOR})  # fmt: skip
 def map_around_ers(context: InitContext, k: Count, candidates: Count, strength: Positive, ratio: Count) -> InitResult:
-    """MAP with the vector of ERS as the mean of its prior."""
+    """MAP around ERS: the most probable vector given the insert triples and a prior at the vector of ERS."""
     return most_probable(context, similarity.nearest_by_both(context, k, candidates), strength, ratio)
 
 
 @initializer("map_mean", label="MAP, mean", role="baseline", colour="#f4a582", needs=("insert_triples",),
-             defaults={"strength": 0.1, "ratio": 1}, grid=_PRIOR,
-             description="MAP around the mean: the most probable vector given the insert triples and a prior at the "
-                         "centroid of the known entities.")  # fmt: skip
+             defaults={"strength": 0.1, "ratio": 1}, grid=_PRIOR)  # fmt: skip
 def map_around_mean(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
-    """MAP with the centroid of the known entities as the mean of its prior."""
+    """MAP around the mean: the most probable vector given the insert triples and a prior at the known centroid."""
     return most_probable(context, _mean_of_known(context), strength, ratio)
 
 
 @initializer("map_soft_hybrid", label="MAP", role="baseline", colour="#b2182b",
              needs=("words", "insert_triples", "inverse"),
              defaults={"word_weight": 16.0, "relation_weight": 16.0, "strength": 0.2, "ratio": 1},
-             grid={"word_weight": [12.0, 16.0], "relation_weight": [8.0, 16.0], **_PRIOR},
-             description="MAP: the most probable vector given the insert triples and a prior at the soft hybrid's "
-                         "vector.")  # fmt: skip
+             grid={"word_weight": [12.0, 16.0], "relation_weight": [8.0, 16.0], **_PRIOR})  # fmt: skip
 def map_around_soft_hybrid(
     context: InitContext, word_weight: NotNegative, relation_weight: NotNegative, strength: Positive, ratio: Count
 ) -> InitResult:
-    """MAP with the vector of the soft hybrid as the mean of its prior."""
+    """MAP: the most probable vector given the insert triples and a prior at the soft hybrid's vector."""
     return most_probable(context, soft_hybrid(context, word_weight, relation_weight), strength, ratio)
 
 
 @initializer("ridge", label="Ridge", role="baseline", colour="#8c6d46",
              needs=("insert_triples", "inverse", "linear_score"), defaults={"strength": 1e-4, "ratio": 3},
-             grid={"strength": [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1], "ratio": [1, 3, 9]},
-             description="Ridge: the vector whose scores are nearest to 1 for insert triples and to 0 for their "
-                         "corruptions.")  # fmt: skip
+             grid={"strength": [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1], "ratio": [1, 3, 9]})  # fmt: skip
 def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
-    """Weighted least squares around the centroid of the known (see ``ridge_regression``); not for distances."""
+    """Ridge: the vector whose scores are nearest to 1 for insert triples and to 0 for their corruptions."""
     return ridge_regression(context, _mean_of_known(context), strength, ratio)
 
 

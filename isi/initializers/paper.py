@@ -13,22 +13,19 @@ from isi.initializers.api import NONE, InitContext, InitResult, initializer, wit
 from isi.models.stack import Embedding
 from isi.random import stream
 
-#: A map that stretches a coordinate by less is dead there: ``inverse`` would blow up what is left of it.
-DEAD = 1e-3
+DEAD = 1e-3  #: A map that stretches a coordinate by less is dead there: ``inverse`` would blow it up.
 
 
-@initializer("xavier", label="Xavier", role="paper", colour="#999999", cost="entities",
-             description="Xavier: small random vectors around zero, the usual start of a new row.")  # fmt: skip
+@initializer("xavier", label="Xavier", role="paper", colour="#999999", cost="entities")
 def xavier(context: InitContext) -> InitResult:
-    """U(-6/√d, 6/√d) in each coordinate (section 5.3)."""
+    """Xavier: random vectors around zero, U(-6/√d, 6/√d), the usual start of a new row (section 5.3)."""
     bound = 6 / context.theta0.entity.shape[-1] ** 0.5
     return without_weights(context.draw("xavier", Generator.random) * 2 * bound - bound)
 
 
-@initializer("iu", label="IU", role="paper", colour="#e69f00", cost="entities",
-             description="IU, informed uniform: random vectors within the range of the known ones.")  # fmt: skip
+@initializer("iu", label="IU", role="paper", colour="#e69f00", cost="entities")
 def informed_uniform(context: InitContext) -> InitResult:
-    """Uniform in the range of each coordinate over the known vectors (equation 10)."""
+    """IU, informed uniform: uniform in the range of each coordinate over the known vectors (equation 10)."""
     known, vectors = context.known[..., None], context.theta0.entity
     low = vectors.masked_fill(~known, torch.inf).amin(1, keepdim=True)
     high = vectors.masked_fill(~known, -torch.inf).amax(1, keepdim=True)
@@ -36,63 +33,50 @@ def informed_uniform(context: InitContext) -> InitResult:
 
 
 @initializer("es", label="ES", role="isi", colour="#0072b2", cost="entities", needs=("words",), defaults={"k": 8},
-             grid={"k": [1, 2, 3, 4, 6, 8, 12, 18, 30]},
-             description="ES, entity similarity: the centroid of the entities whose names are most "
-                         "similar.")  # fmt: skip
+             grid={"k": [1, 2, 3, 4, 6, 8, 12, 18, 30]})  # fmt: skip
 def entity_similarity(context: InitContext, k: Count) -> InitResult:
-    """Centroid of the k entities of nearest word vectors (equations 2 and 3)."""
+    """ES, entity similarity: the centroid of the k entities whose names are most similar (equations 2 and 3)."""
     return similarity.nearest_by_words(context, similarity.word_similarity(context), k)
 
 
 @initializer("rs", label="RS", role="isi", colour="#009e73", cost="entities", needs=("insert_triples", "inverse"),
-             defaults={"k": 18}, grid={"k": [1, 2, 4, 8, 12, 18, 30]},
-             description="RS, relational similarity: the centroid of the entities nearest to where the insert triples "
-                         "point.")  # fmt: skip
+             defaults={"k": 18}, grid={"k": [1, 2, 4, 8, 12, 18, 30]})  # fmt: skip
 def relational_similarity(context: InitContext, k: Count) -> InitResult:
-    """Centroid of the k entities nearest to where the insert triples put the novel one (equations 4 and 5)."""
+    """RS, relational similarity: the centroid of the k entities nearest to where the triples point (equations 4, 5)."""
     return similarity.nearest_by_relations(context, k)
 
 
 @initializer("ers", label="ERS", role="isi", colour="#d55e00", cost="entities",
              needs=("words", "insert_triples", "inverse"), defaults={"k": 9, "candidates": 30},
-             grid={"k": [1, 2, 3, 5, 9, 15], "candidates": [15, 30, 60]},
-             description="ERS, hybrid of ES and RS: among the entities whose names are most similar, the best of "
-                         "RS.")  # fmt: skip
+             grid={"k": [1, 2, 3, 5, 9, 15], "candidates": [15, 30, 60]})  # fmt: skip
 def hybrid_similarity(context: InitContext, k: Count, candidates: Count) -> InitResult:
-    """RS among the first ``candidates`` of ES (equation 6)."""
+    """ERS, hybrid of ES and RS: among the entities whose names are most similar, the best of RS (equation 6)."""
     return similarity.nearest_by_both(context, k, candidates)
 
 
-@initializer("mean", label="Mean", role="control", colour="#a08a5b", cost="entities", grid={},
-             description="Mean: the centroid of all known entities, without a choice of indicators (a "
-                         "control).")  # fmt: skip
+@initializer("mean", label="Mean", role="control", colour="#a08a5b", cost="entities", grid={})
 def mean(context: InitContext) -> InitResult:
-    """Centroid of all known entities (equation 1)."""
+    """Mean: the centroid of all known entities, without a choice of indicators (equation 1; a control)."""
     return similarity.centroid(context, similarity.everyone_known(context), torch.full(context.novel.shape, NONE))
 
 
-@initializer("kind_mean", label="Kind mean", role="control", colour="#6f8f5b", cost="entities", grid={},
-             description="Kind mean: the centroid of the known entities of the same kind, what the kind alone is "
-                         "worth (a control).")  # fmt: skip
+@initializer("kind_mean", label="Kind mean", role="control", colour="#6f8f5b", cost="entities", grid={})
 def kind_mean(context: InitContext) -> InitResult:
-    """Centroid of the known entities of the same kind; if there are none, of all known entities."""
+    """Kind mean: the centroid of the known entities of the same kind, what the kind alone is worth (a control)."""
     return similarity.centroid_of_first(context, nothing=lambda: similarity.same_kind(context))
 
 
-@initializer("gaussian", label="Gaussian", role="control", colour="#a58fbf", cost="entities",
-             description="Gaussian: random vectors with the centre and the spread of the known ones, without meaning "
-                         "(a control).")  # fmt: skip
+@initializer("gaussian", label="Gaussian", role="control", colour="#a58fbf", cost="entities")
 def gaussian(context: InitContext) -> InitResult:
-    """Normal with the mean and standard deviation of each coordinate over the known vectors."""
+    """Gaussian: random vectors with the centre and the spread of the known ones, without meaning (a control)."""
     centre, deviation = known_moments(context)
     return without_weights(centre + deviation * standard_normal(context))
 
 
-@initializer("gaussian_centred", label="Centred Gaussian", role="control", colour="#c79aa6", cost="entities",
-             description="Centred Gaussian: random vectors around zero with the spread of the known ones (a "
-                         "control).")  # fmt: skip
+@initializer("gaussian_centred", label="Centred Gaussian", role="control", colour="#c79aa6",
+             cost="entities")  # fmt: skip
 def gaussian_centred(context: InitContext) -> InitResult:
-    """The same draws as ``gaussian``, but centred at zero."""
+    """Centred Gaussian: random vectors around zero with the spread of the known ones (a control)."""
     _, deviation = known_moments(context)
     return without_weights(deviation * standard_normal(context))
 
@@ -112,20 +96,16 @@ def known_moments(context: InitContext) -> tuple[Tensor, Tensor]:
 
 
 @initializer("es_permuted", label="Permuted ES", role="control", colour="#8db4cf", cost="pairs", needs=("words",),
-             defaults={"k": 8},
-             description="Permuted ES: centroids as ES takes them, after word vectors have been dealt out anew (a "
-                         "control).")  # fmt: skip
+             defaults={"k": 8})  # fmt: skip
 def permuted_entity_similarity(context: InitContext, k: Count) -> InitResult:
-    """ES with the word vectors permuted among the entities that have one."""
+    """Permuted ES: centroids as ES takes them, after word vectors have been dealt out anew (a control)."""
     return _es_of_dealt(context, "es_permuted", torch.zeros_like(context.kinds), k)
 
 
 @initializer("es_permuted_kinds", label="ES permuted within kinds", role="control", colour="#5f7f96", cost="pairs",
-             needs=("words",), defaults={"k": 8},
-             description="ES permuted within kinds: the same, but word vectors stay within a kind of entity (a "
-                         "control).")  # fmt: skip
+             needs=("words",), defaults={"k": 8})  # fmt: skip
 def permuted_within_kinds(context: InitContext, k: Count) -> InitResult:
-    """ES with the word vectors permuted among the entities of each kind that have one."""
+    """ES permuted within kinds: the same, but word vectors stay within a kind of entity (a control)."""
     return _es_of_dealt(context, "es_permuted_kinds", context.kinds, k)
 
 
@@ -149,11 +129,9 @@ def dealt_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
 
 
 @initializer("rs_alive", label="RS, alive coordinates", role="control", colour="#7fb8a4", cost="entities",
-             needs=("insert_triples", "inverse"), defaults={"k": 18},
-             description="RS without dead coordinates: where a relation's map is close to zero, a coordinate takes no "
-                         "part (a control).")  # fmt: skip
+             needs=("insert_triples", "inverse"), defaults={"k": 18})  # fmt: skip
 def relational_similarity_alive(context: InitContext, k: Count) -> InitResult:
-    """RS with α set to zero in the coordinates where the relation's map is dead."""
+    """RS without dead coordinates: where a relation's map is close to zero, a coordinate takes no part (a control)."""
     models = torch.arange(len(context.novel))[:, None, None]
     alpha = similarity.resultants(context) * alive(context.theta0)[models, context.relation]
     return similarity.nearest_by_relations(context, k, alpha)

@@ -11,11 +11,9 @@ from torch.nn.functional import normalize, one_hot
 from isi.initializers.api import CENTROID, ES, NONE, RS, InitContext, InitResult, NoRelationMap
 from isi.models.stack import Embedding
 
-#: Numbers in a table of the cosines of every two entities, up to which it is made as a whole.
-WHOLE = 2**24
+WHOLE = 2**24  #: Numbers in a table of cosines, up to which it is made as a whole.
 
-#: Makes weights of known entities, or a mask of indicators, (M, n, E).
-Weigh = Callable[[], Tensor]
+Weigh = Callable[[], Tensor]  #: Makes weights of known entities, or a mask of indicators, (M, n, E).
 
 
 def word_similarity(context: InitContext) -> Tensor:

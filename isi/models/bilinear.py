@@ -25,8 +25,7 @@ from isi.models.model import RelationMapModel, register_model
 from isi.models.scoring import Backward, Triples
 from isi.tables import paths
 
-#: Smallest |r| of a scalar and smallest x² + y² of a block by which ``inverse`` divides.
-CLAMP = 1e-6
+CLAMP = 1e-6  #: Smallest |r| of a scalar and x² + y² of a block by which ``inverse`` divides.
 
 
 class BlockModel(RelationMapModel):

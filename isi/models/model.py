@@ -18,8 +18,7 @@ from torch import Tensor
 from isi.config import Count, Name, Plugins, Positive, Section, keywords
 from isi.models.scoring import Backward, Interaction, Product, Triples
 
-#: Numbers in intermediate results, at most, where entities are scored query by query.
-BUDGET = 2**24
+BUDGET = 2**24  #: Numbers in intermediate results, at most, where entities are scored query by query.
 
 
 class Model(ABC):
@@ -28,8 +27,7 @@ class Model(ABC):
     Tables of a stack are (M, E, d) for entities and (M, R, w) for relations, where w is ``width``.
     """
 
-    #: whether f is linear in a head and in a tail: f(h, r, t) = ⟨transform(h, r), t⟩ = ⟨h, transform_tail(t, r)⟩
-    linear: ClassVar[bool] = False
+    linear: ClassVar[bool] = False  #: f(h, r, t) = ⟨transform(h, r), t⟩ = ⟨h, transform_tail(t, r)⟩
     invertible: ClassVar[bool] = True  #: whether ``transform`` and ``inverse`` are known
     distance: ClassVar[bool] = False  #: whether f = margin - a distance, with the margin as an option
     complex_vectors: ClassVar[bool] = False  #: whether vectors are complex numbers, real halves before imaginary ones

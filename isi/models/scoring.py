@@ -21,13 +21,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-#: Smallest squared distance: below it rounding decides, and a gradient that divides by the distance would be noise.
-EPSILON = 1e-6
-#: A multiple of the numbers that PyTorch takes at once, on any processor.
-_REGISTER = 64
+EPSILON = 1e-6  #: Smallest squared distance: a gradient that divides by less would be noise.
+_REGISTER = 64  #: A multiple of the numbers that PyTorch takes at once, on any processor.
 
-#: From the slope of each score to the gradients of Σ slope · f by two tables.
-Backward = Callable[[Tensor], tuple[Tensor, Tensor]]
+Backward = Callable[[Tensor], tuple[Tensor, Tensor]]  #: From slopes to the gradients of Σ slope · f by two tables.
 Linear = Callable[[Tensor], Tensor]
 #: Takes the vectors of heads, relations and tails, which broadcast against each other, from a model's two tables.
 Pick = Callable[[Tensor, Tensor], tuple[Tensor, Tensor, Tensor]]

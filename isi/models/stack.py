@@ -17,8 +17,7 @@ from isi.random import stream
 
 T = TypeVar("T")
 
-#: Largest sound coordinate: above it, a product of three of them, summed over a vector, may overflow float32.
-LARGEST = 1e11
+LARGEST = 1e11  #: Largest sound coordinate: a sum of products of three above it may overflow float32.
 
 
 @dataclass(frozen=True)
@@ -28,10 +27,6 @@ class Embedding:
     entity: Tensor  #: shape: (M, E, d)
     relation: Tensor  #: shape: (M, R, w), with the model's width
     model: Model = field(metadata={"shared": True})
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as plain arrays, to reach another process."""
-        return _from_arrays, (self.entity.numpy(), self.relation.numpy(), self.model)
 
     def score(self, head: Tensor, relation: Tensor, tail: Tensor) -> Tensor:
         """f(h, r, t) of triples (section 2); ids and result of shape (M, Q)."""
@@ -53,10 +48,6 @@ class Embedding:
     def score_all(self) -> Tensor:
         """Scores of every triple; shape (M, R, E, E)."""
         return self.model.scores(self.entity, self.relation, DenseTriples.of(self.entity, self.relation))[0]
-
-
-def _from_arrays(entity: np.ndarray, relation: np.ndarray, model: Model) -> Embedding:
-    return Embedding(torch.from_numpy(entity), torch.from_numpy(relation), model)
 
 
 def rows(table: Tensor, ids: Tensor) -> Tensor:

@@ -18,29 +18,24 @@ import pyarrow as pa
 from isi import config
 from isi.errors import InputError, short
 from isi.sources.names import name_fault
-from isi.tables.rules import MOST_OBSERVED, at_least, counted, named
-from isi.tables.table import INT, LONG, NAME, TEXT, Table
+from isi.tables.rules import COUNT, MOST_OBSERVED, NAME, TEXT, ColumnType, at_least
+from isi.tables.table import Table
 
 #: One row per instance, or per tally with its number.
 OBSERVATIONS = Table(
     "data/observations/{source}.parquet",
-    {"scene": NAME, "room": NAME, "instance": TEXT, "head": NAME, "relation": NAME, "tail": NAME, "count": INT},
-    checks=[*named("room", "head", "relation", "tail"), *counted()],
-    nullable=["scene", "room", "instance"],
-)
+    {"scene": ColumnType(NAME.type, nullable=True), "room": NAME.optional,
+     "instance": ColumnType(TEXT.type, nullable=True), "head": NAME, "relation": NAME, "tail": NAME, "count": COUNT},
+)  # fmt: skip
 #: The entities of a source.
 KINDS = Table(
     "data/observations/{source}.entities.parquet",
     {"entity": TEXT, "kind": NAME, "phrase": TEXT},
     key=["entity"],
-    checks=named("entity", "kind", "phrase"),
 )
 #: How many instances each step of mining leaves.
 MINED = Table(
-    "data/observations/{source}.mined.parquet",
-    {"step": TEXT, "instances": LONG},
-    key=["step"],
-    checks=at_least(0, "instances"),
+    "data/observations/{source}.mined.parquet", {"step": TEXT, "instances": at_least(0, pa.int64())}, key=["step"]
 )
 CHUNK = 65_536  #: Rows of a table of observations, which are held at once.
 #: Scene, room and instance (null where there is none), head, relation, tail, count.

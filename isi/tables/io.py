@@ -20,8 +20,7 @@ from isi.process import lives
 if TYPE_CHECKING:
     from torch import Tensor
 
-#: Key of a file's metadata that names the stage that wrote it.
-STAGE = "isi.stage"
+STAGE = "isi.stage"  #: Key of a file's metadata that names the stage that wrote it.
 
 
 @contextmanager

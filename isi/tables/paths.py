@@ -6,14 +6,12 @@ from pathlib import Path
 
 PARAMS = Path("params.yaml")
 PIPELINE = Path("dvc.yaml")
-#: What lies beyond the paper: a pipeline and params of its own, whose stages run beside those of the first.
-BEYOND_PARAMS = Path("beyond") / "params.yaml"
+BEYOND_PARAMS = Path("beyond") / "params.yaml"  #: Of the second pipeline, beyond the paper.
 BEYOND_PIPELINE = Path("beyond") / "dvc.yaml"
 DATA = Path("data")
 RAW = DATA / "raw"
 REPORTS = Path("reports")
-#: Embeddings that commands of ``isi`` insert into.
-FINAL_MODELS = DATA / "final_models"
+FINAL_MODELS = DATA / "final_models"  #: Embeddings that commands of ``isi`` insert into.
 
 MATERIAL_SHARES = RAW / "suncg" / "material_shares.csv"
 MATERIAL_CATEGORIES = RAW / "suncg" / "categories.csv"

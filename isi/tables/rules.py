@@ -1,35 +1,92 @@
-"""Rules for the rows of tables, and how an error names the row that breaks one."""
+"""Types of columns and rules for the rows of tables, and how an error names the row that breaks one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
 from isi.errors import InputError
 
-#: Characters of a name, and of a value that a message repeats, at most.
-LONGEST, SHOWN = 1000, 40
-#: Observations of a table, at most: training passes over all of them in every epoch.
-MOST_OBSERVED = 10**9
-#: Whether rows break a rule; shape: (rows,), bool.
-Broken = np.ndarray | pd.Series
-#: By how much single-precision means may differ.
-ROUNDING = 1e-6
+LONGEST, SHOWN = 1000, 40  #: Characters of a name, and of a value in a message, at most.
+MOST_OBSERVED = 10**9  #: Observations of a table, at most: an epoch passes over all of them.
+ROUNDING = 1e-6  #: Means in single precision may differ by this.
+Broken = np.ndarray | pd.Series  #: By row, bool.
 
 
 @dataclass(frozen=True)
 class Rule:
     """What every row must hold."""
 
-    #: what is expected
-    says: str
-    #: whose values a message shows of a row that breaks it
-    columns: Sequence[str]
-    #: of a table
+    expected: str
+    columns: Sequence[str]  #: a message shows their values in a row that breaks the rule
     broken: Callable[[pd.DataFrame], Broken]
+
+
+@dataclass(frozen=True)
+class ColumnType:
+    """The type of a column and the rule for its values; null breaks no rule, but needs a ``nullable`` column."""
+
+    type: pa.DataType
+    expected: str = ""  #: ``{}`` is the column's name
+    broken: Callable[[pd.Series], Broken] | None = None
+    nullable: bool = False
+    is_entity: bool = False  #: its values are ids of the experiment's entities
+
+    @property
+    def optional(self) -> ColumnType:
+        """The same column, which may lack values."""
+        return replace(self, nullable=True)
+
+    def rules(self, name: str) -> Iterator[Rule]:
+        """The rules for the rows of a table that has this column under a name."""
+        if not self.nullable:
+            yield Rule(f"expected a value in column {name!r}", [name], lambda frame: frame[name].isna())
+        if broken := self.broken:
+            yield Rule(self.expected.format(repr(name)), [name], lambda frame: broken(frame[name]))
+
+
+def at_least(low: float, kind: pa.DataType) -> ColumnType:
+    """Numbers that are not below."""
+    return ColumnType(kind, f"expected {{}} of at least {low:g}", lambda values: values < low)
+
+
+def within(low: float, high: float) -> ColumnType:
+    """Real numbers in an interval."""
+    expected = f"expected {{}} from {low:g} to {high:g}"
+    return ColumnType(pa.float64(), expected, lambda values: (values < low - ROUNDING) | (values > high + ROUNDING))
+
+
+def one_of(*names: str) -> ColumnType:
+    """Text that is in a list."""
+    expected = f"expected {{}} among {', '.join(names)}"
+    return ColumnType(NAME.type, expected, lambda values: ~(values.isin(names) | values.isna()))
+
+
+def _nameless(values: pd.Series) -> pd.Series:
+    """Which texts are blank, too long, or have control characters."""
+
+    def is_nameless(name: str) -> bool:
+        return not name.strip() or len(name) > LONGEST or any(ord(char) < 32 or ord(char) == 127 for char in name)
+
+    return values.isin([*filter(is_nameless, values.dropna().unique())])
+
+
+_NAMED = f"expected {{}} to be a name: not blank, at most {LONGEST:,} characters, no control characters"
+#: A name that is a row's own, and one that repeats.
+TEXT, NAME = (ColumnType(kind, _NAMED, _nameless) for kind in (pa.string(), pa.dictionary(pa.int32(), pa.string())))
+FROM_0, FROM_1 = at_least(0, pa.int32()), at_least(1, pa.int32())
+ENTITY = replace(FROM_0, is_entity=True)
+REAL = ColumnType(pa.float64(), "expected {} to be finite", np.isinf)
+SHARE = within(0, 1)
+#: Numbers of observations.
+COUNT = ColumnType(
+    pa.int32(), f"expected {{}} of at least 1, and at most {MOST_OBSERVED:,} observations in all",
+    lambda values: (values < 1) | (values.astype(np.int64).cumsum() > MOST_OBSERVED),
+)  # fmt: skip
 
 
 def place_of(frame: pd.DataFrame, row: int, columns: Iterable[str]) -> str:
@@ -49,105 +106,51 @@ def _shown(value: object) -> str:
     return text if len(text) <= SHOWN else f"{text[:SHOWN]}…"
 
 
-def _each(columns: Iterable[str], says: str, broken: Callable[[pd.Series], Broken]) -> list[Rule]:
-    """One rule for each column; ``{}`` in the text becomes the column's name."""
-
-    def of(name: str) -> Rule:
-        return Rule(says.format(repr(name)), [name], lambda frame: broken(frame[name]))
-
-    return [of(name) for name in columns]
-
-
-def present(*columns: str) -> list[Rule]:
-    """No value is null."""
-    return _each(columns, "expected a value in column {}", pd.Series.isna)
-
-
-def at_least(low: float, *columns: str) -> list[Rule]:
-    """No number is below; null is allowed."""
-    return _each(columns, f"expected {{}} of at least {low:g}", lambda values: values < low)
-
-
-def within(low: float, high: float, *columns: str) -> list[Rule]:
-    """Numbers lie in an interval; null is allowed."""
-    says = f"expected {{}} from {low:g} to {high:g}"
-    return _each(columns, says, lambda values: (values < low - ROUNDING) | (values > high + ROUNDING))
-
-
-def finite(*columns: str) -> list[Rule]:
-    """Numbers are not infinite; null is allowed."""
-    return _each(columns, "expected {} to be finite", lambda values: np.isinf(values))
-
-
-def one_of(column: str, names: Collection[str]) -> list[Rule]:
-    """Text is in a list; null is allowed."""
-    says = f"expected {{}} among {', '.join(names)}"
-    return _each([column], says, lambda values: ~(values.isin(list(names)) | values.isna()))
-
-
-def named(*columns: str) -> list[Rule]:
-    """Text is a name: not blank, not longer than ``LONGEST``, without control characters; null is allowed."""
-
-    def nameless(name: str) -> bool:
-        return not name.strip() or len(name) > LONGEST or any(ord(char) < 32 or ord(char) == 127 for char in name)
-
-    says = f"expected {{}} to be a name: not blank, at most {LONGEST:,} characters, no control characters"
-    return _each(columns, says, lambda values: values.isin([*filter(nameless, values.dropna().unique())]))
-
-
-def unique(*key: str) -> list[Rule]:
+def unique(*key: str) -> Rule:
     """No two rows have the same values in these columns."""
-    says = f"expected only one row with the same {', '.join(key)}"
-    return [Rule(says, key, lambda frame: frame.duplicated(list(key)))]
+    same = ", ".join(key)
+    return Rule(f"expected only one row with the same {same}", key, lambda frame: frame.duplicated(list(key)))
 
 
-def ascending(*key: str) -> list[Rule]:
+def ascending(*key: str) -> Rule:
     """Rows ascend in these columns, text by its code points, and no two have the same values in them."""
-    says = f"expected rows in ascending order of {', '.join(key)}, each once"
-    return [Rule(says, key, lambda frame: _descending([_ranks(frame[name]) for name in key]))]
+    expected = f"expected rows in ascending order of {', '.join(key)}, each once"
+    return Rule(expected, key, lambda frame: _descending([_ranks(frame[name]) for name in key]))
 
 
-def in_blocks(block: str, *key: str) -> list[Rule]:
+def in_blocks(block: str, *key: str) -> Rule:
     """Rows with the same value of a column are adjacent, and ascend within their block (see ``ascending``)."""
-    says = f"expected rows of each {block} together, in ascending order of {', '.join(key)}"
+    expected = f"expected rows of each {block} together, in ascending order of {', '.join(key)}"
 
     def broken(frame: pd.DataFrame) -> np.ndarray:
         return _descending([pd.factorize(frame[block])[0], *(_ranks(frame[name]) for name in key)])
 
-    return [Rule(says, (block, *key), broken)]
+    return Rule(expected, (block, *key), broken)
 
 
-def counted(column: str = "count") -> list[Rule]:
-    """Numbers of observations: each at least 1, and at most ``MOST_OBSERVED`` altogether."""
-    says = f"expected at most {MOST_OBSERVED:,} observations in all"
-    too_many = _each([column], says, lambda values: values.astype(np.int64).cumsum() > MOST_OBSERVED)
-    return [*at_least(1, column), *too_many]
+def null_without(queries: str, *measures: str) -> Rule:
+    """Measures are null where there are no queries, and nowhere else."""
+
+    def broken(frame: pd.DataFrame) -> pd.Series:
+        return frame[list(measures)].isna().ne(frame[queries] == 0, axis=0).any(axis=1)
+
+    return Rule(f"expected null where {queries!r} is 0, and nowhere else", (*measures, queries), broken)
 
 
-def measured(measures: Sequence[str], queries: str) -> list[Rule]:
-    """Measures in [0, 1], null where there are no queries and nowhere else."""
-    says = f"expected null where {queries!r} is 0, and nowhere else"
-
-    def broken(name: str) -> Rule:
-        return Rule(says, (name, queries), lambda frame: frame[name].isna() != (frame[queries] == 0))
-
-    return [*at_least(0, queries), *within(0, 1, *measures), *map(broken, measures)]
-
-
-def mean_of(whole: str, *halves: str) -> list[Rule]:
+def mean_of(whole: str, *halves: str) -> Rule:
     """A number is the mean of others; null is allowed."""
 
     def broken(frame: pd.DataFrame) -> np.ndarray:
         mean = frame[list(halves)].to_numpy(np.float64).mean(1)
         return np.asarray(np.abs(frame[whole].to_numpy(np.float64) - mean) > ROUNDING)
 
-    return [Rule(f"expected {whole!r} to be the mean of {' and '.join(halves)}", (whole, *halves), broken)]
+    return Rule(f"expected {whole!r} to be the mean of {' and '.join(halves)}", (whole, *halves), broken)
 
 
-def not_above(lesser: str, greater: str) -> list[Rule]:
+def not_above(lesser: str, greater: str) -> Rule:
     """A number is not above another."""
-    says = f"expected {lesser!r} to be at most {greater!r}"
-    return [Rule(says, (lesser, greater), lambda frame: frame[lesser] > frame[greater])]
+    expected = f"expected {lesser!r} to be at most {greater!r}"
+    return Rule(expected, (lesser, greater), lambda frame: frame[lesser] > frame[greater])
 
 
 def _descending(columns: Sequence[np.ndarray]) -> np.ndarray:

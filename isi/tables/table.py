@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,14 +14,10 @@ import pandas as pd
 import pyarrow as pa
 
 from isi.tables import io
-from isi.tables.rules import Rule, ascending, present, refuse, unique
+from isi.tables.rules import ColumnType, Rule, ascending, refuse, unique
 
 if TYPE_CHECKING:
     from torch import Tensor
-
-#: Types of columns; ``NAME`` is text that repeats.
-NAME = pa.dictionary(pa.int32(), pa.string())
-INT, LONG, REAL, TEXT, BOOL = pa.int32(), pa.int64(), pa.float64(), pa.string(), pa.bool_()
 
 _DECLARED: list[DataFile] = []
 
@@ -60,26 +56,26 @@ class DataFile:
 class Table(DataFile):
     """A Parquet table: its path, its columns in order, and the rules for its rows."""
 
-    columns: Mapping[str, pa.DataType]
-    #: columns that no two rows share; rows ascend in them where ``ordered``
-    key: Sequence[str] = ()
+    columns: Mapping[str, ColumnType]
+    key: Sequence[str] = ()  #: columns that no two rows share; rows ascend in them where ``ordered``
     ordered: bool = False
-    checks: Sequence[Rule] = ()
-    #: columns that may lack values
-    nullable: Collection[str] = ()
-    #: columns of ids of the experiment's entities
-    entity_ids: Sequence[str] = ()
+    checks: Sequence[Rule] = ()  #: beside those of the columns and of the key
 
     @cached_property
     def schema(self) -> pa.Schema:
-        return pa.schema(list(self.columns.items()))
+        return pa.schema([(name, column.type) for name, column in self.columns.items()])
+
+    @property
+    def entity_ids(self) -> list[str]:
+        """The columns of ids of the experiment's entities."""
+        return [name for name, column in self.columns.items() if column.is_entity]
 
     def check(self, frame: pd.DataFrame, path: Path) -> None:
         """Check all rules; InputError names the first row (from 0) that breaks one, and the rule."""
-        required = present(*(name for name in self.columns if name not in self.nullable))
-        of_key = (ascending if self.ordered else unique)(*self.key) if self.key else []
-        for rule in (*required, *self.checks, *of_key):
-            refuse(path, frame, rule.broken(frame), rule.columns, rule.says)
+        of_columns = [rule for name, column in self.columns.items() for rule in column.rules(name)]
+        of_key = [(ascending if self.ordered else unique)(*self.key)] if self.key else []
+        for rule in (*of_columns, *self.checks, *of_key):
+            refuse(path, frame, rule.broken(frame), rule.columns, rule.expected)
 
     def read(self, **names: str | int) -> pd.DataFrame:
         """Read the table of these names; strings that repeat become categories.
