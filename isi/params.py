@@ -175,29 +175,27 @@ def check_params(params: Params) -> None:
 
 def _listed_names(params: Params) -> Iterator[tuple[str, Iterable[str], Iterable[str]]]:
     """For each key that lists names: the key, the names listed, and the names that exist."""
-    known = params.initializers
+    known, studies = params.initializers, params.studies
     yield "plots.initializers", params.plots.initializers, known
     yield "embedding.model", [params.embedding.model], params.models
     yield "compare_models.models", params.compare_models.models, params.models
-    for name, study in params.studies.items():
-        yield f"{name}.experiments", study.experiments, params.experiments
-    if params.sweep.experiments:
-        yield "sweep.initializers", params.sweep.initializers, known
-    if params.rate_sweep.experiments:
-        yield "rate_sweep.initializers", params.rate_sweep.initializers, known
-    if params.trajectory.experiments:
-        yield "trajectory.experiments: its initializers", TRACED, known
-    if params.explorer.experiments:
-        yield "explorer.experiments: its initializers", SHOWN, known
-        yield "explorer.best", [params.explorer.best], [name for name in known if name not in SHOWN]
+    yield from ((f"{name}.experiments", study.experiments, params.experiments) for name, study in studies.items())
+    for study, place, listed, names in (
+        ("sweep", "initializers", params.sweep.initializers, known),
+        ("rate_sweep", "initializers", params.rate_sweep.initializers, known),
+        ("trajectory", "experiments: its initializers", TRACED, known),
+        ("explorer", "experiments: its initializers", SHOWN, known),
+        ("explorer", "best", [params.explorer.best], [name for name in known if name not in SHOWN]),
+    ):
+        if studies[study].experiments:
+            yield f"{study}.{place}", listed, names
     for name, experiment in params.experiments.items():
         key, extend, curves = f"experiments.{name}", experiment.graph.extend, experiment.full_curves
         yield f"{key}.graph.source", [experiment.graph.source], params.sources
         yield f"{key}.graph.extend.source", [extend.source] if extend else [], params.sources
         yield f"{key}.immediate_only", experiment.immediate_only, known
-        for place, listed in (("initializers", experiment.initializers),
-                              ("full_curves.initializers", curves.initializers)):  # fmt: skip
-            yield f"{key}.{place}", [] if listed == "all" else listed, known
+        lists = {"initializers": experiment.initializers, "full_curves.initializers": curves.initializers}
+        yield from ((f"{key}.{place}", [] if names == "all" else names, known) for place, names in lists.items())
 
 
 def _check_study(study: Study, params: Params, name: str) -> None:

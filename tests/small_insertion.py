@@ -10,7 +10,7 @@ import torch
 from isi.experiment.grid import GridPoints
 from isi.graph.graph import Graph
 from isi.graph.sessions import TRAIN, VALID
-from isi.initializers.api import InitContext, NovelEntities, context_of
+from isi.initializers.api import InitContext, context_of
 from isi.models.stack import Embedding
 from tests.small_graphs import graph_of, insert_triples_of, points_of, random_counts, random_embedding
 
@@ -57,8 +57,8 @@ def points_at(graph: Graph, splits: np.ndarray) -> GridPoints:
 def seen(of: World) -> InitContext:
     """What initializers are shown of it."""
     points = points_at(of.graph, of.splits)
-    given = NovelEntities(torch.as_tensor(NOVEL), torch.as_tensor(of.insert_triples), torch.as_tensor(of.words))
-    return context_of(of.theta0, points.session(0), given, 0, points.keys())
+    given = map(torch.as_tensor, (NOVEL, of.insert_triples, of.words))
+    return context_of(of.theta0, points.session(0), *given, 0, points.keys())
 
 
 def insertion() -> InitContext:

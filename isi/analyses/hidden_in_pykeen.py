@@ -53,14 +53,10 @@ def hidden_in(
     case = Case(trained(train, valid, training, seed), train, valid, names, words, settings, seed)
     answers, seconds = list[dict[str, Any]](), [{"method": "known", "seconds": time.process_time() - start}]
     methods: dict[str, dict[str, Any]] = {
-        "insert": {},
-        **{name: {"initializer": name} for name in settings.initializers},
-        "own": {"pykeen_rows": True},
-        "insert_new_rows": {"then": "new_rows"},
-        "own_new_rows": {"pykeen_rows": True, "then": "new_rows"},
-        "own_all_rows": {"pykeen_rows": True, "then": "all_rows"},
-        "retrained": {"then": "retrain"},
-    }
+        "insert": {}, **{name: {"initializer": name} for name in settings.initializers}, "own": {"pykeen_rows": True},
+        "insert_new_rows": {"then": "new_rows"}, "own_new_rows": {"pykeen_rows": True, "then": "new_rows"},
+        "own_all_rows": {"pykeen_rows": True, "then": "all_rows"}, "retrained": {"then": "retrain"},
+    }  # fmt: skip
     for number, (name, options) in product(settings.max_insert_triples, methods.items()):
         if name == "retrained" and number is not None:
             continue

@@ -54,9 +54,8 @@ QUERY_BREAKDOWN = breakdown_table("data/analyses/query_breakdown/{experiment}.pa
 USED_COORDINATES = Table(
     "data/analyses/query_breakdown/{experiment}.used.parquet",
     {"seed": FROM_0, "model": NAME, "relation": NAME.optional, "part": NAME, "used": FROM_0, "of": FROM_0},
-    key=["seed", "model", "relation", "part"],
-    checks=[not_above("used", "of")],
-)
+    key=["seed", "model", "relation", "part"], checks=[not_above("used", "of")],
+)  # fmt: skip
 #: Rank of each answer to (entity, relation, ?) right after insertion.
 AFFORDANCES = Table(
     "data/analyses/affordances/{experiment}.parquet",

@@ -63,7 +63,7 @@ def check_data(params: Params) -> tuple[int, list[str]]:
     files = [path for path in data if any(makers(path))]
     for path, file in product(files, catalogue()):
         if (names := file.names_in(path)) is not None:
-            attempt(file.check_file, path)
+            attempt(file.read_file, path)
             experiments[names.get("experiment", "")].append((path, file, names))
     for folder in sorted({path.parent for path in files if path.is_relative_to(paths.FINAL_MODELS)}):
         attempt(bundles.read, folder)

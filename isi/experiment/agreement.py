@@ -32,10 +32,7 @@ def rows_are_entities(path: Path, table: pd.DataFrame, entities: pd.DataFrame) -
 def splits_are_whole(
     path: Path, splits: Mapping[int, np.ndarray], graph: Graph, sources: np.ndarray, novel: pd.DataFrame
 ) -> None:
-    """Check that every triple has a split, except those of added entities that a seed does not draw.
-
-    Also that each split has triples, and train every entity and relation.
-    """
+    """Check that all triples but those of undrawn added entities have a split, and train every entity and relation."""
     triples = graph.triples.numpy()
     for seed, split in splits.items():
         absent = np.setdiff1d(np.flatnonzero(sources != sources[0]), novel.loc[novel["seed"] == seed, "entity"])

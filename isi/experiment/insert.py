@@ -155,9 +155,9 @@ def initialize(
 
 def init_context(points: GridPoints, theta: Embedding, words: np.ndarray, root: int, session: int = 1) -> InitContext:
     """What an initializer may see in a session that inserts into Θ."""
-    rows, words_of = torch.as_tensor(points.insert_triples_in(session)), torch.as_tensor(words)
-    given = api.NovelEntities(points.novel_in(session), rows, words_of)
-    return api.context_of(theta, points.session(session - 1), given, root, points.keys(*later_key(session)))
+    rows, keys = torch.as_tensor(points.insert_triples_in(session)), points.keys(*later_key(session))
+    before, novel = points.session(session - 1), points.novel_in(session)
+    return api.context_of(theta, before, novel, rows, torch.as_tensor(words), root, keys)
 
 
 def finetune(points: GridPoints, theta: Embedding, config: InsertConfig, watch: Watch, session: int = 1) -> Embedding:

@@ -57,10 +57,7 @@ def run(
     function: Callable[[GridPoints, *Arguments], Done], tasks: Sequence[tuple[GridPoints, *Arguments]],
     compute: Compute, name: str,
 ) -> list[Done]:  # fmt: skip
-    """Call a function with each task's arguments, where ``compute`` says; results come in the order of the tasks.
-
-    ``TaskError`` as soon as one fails; ``InputError`` without an engine or memory, or where a model diverges.
-    """
+    """Results of a function for each task, where ``compute`` says; ``TaskError`` or ``InputError`` once one fails."""
     engine = _dask if compute.engine == "dask" else _processes
     models = sum(len(points.seeds) for points, *_ in tasks)
     with engine(compute) as executor:

@@ -1,7 +1,4 @@
-"""The knowledge graph: entities, relations, unique triples and how often each was observed.
-
-The graph of an experiment from the observations of its sources: counted, named, and extended (section 6.3).
-"""
+"""The knowledge graph of an experiment, counted from the observations of its sources and extended (section 6.3)."""
 
 from __future__ import annotations
 
@@ -27,15 +24,13 @@ from isi.tables.table import Table, as_text
 ENTITIES = Table(
     "data/graph/{experiment}/entities.parquet",
     {"entity": TEXT, "kind": NAME, "source": NAME, "phrase": TEXT},
-    key=["entity"],
-    checks=[in_blocks("source", "entity")],
-)
+    key=["entity"], checks=[in_blocks("source", "entity")],
+)  # fmt: skip
 TRIPLES = Table(
     "data/graph/{experiment}/triples.parquet",
     {"head": NAME, "relation": NAME, "tail": NAME, "count": COUNT, "source": NAME},
-    key=["head", "relation", "tail"],
-    checks=[in_blocks("source", "head", "relation", "tail")],
-)
+    key=["head", "relation", "tail"], checks=[in_blocks("source", "head", "relation", "tail")],
+)  # fmt: skip
 #: The same of a graph of the second pipeline.
 GRAPH_ENTITIES = replace(ENTITIES, template="data/beyond/graphs/{graph}/entities.parquet")
 GRAPH_TRIPLES = replace(TRIPLES, template="data/beyond/graphs/{graph}/triples.parquet")
@@ -150,10 +145,7 @@ def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
 
 
 def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:
-    """Heads that are not among the entities, and how often each was observed; in alphabetical order.
-
-    InputError where a tail is neither such a head nor, by name and kind, one of the entities.
-    """
+    """New heads and their observations, by name; ``InputError`` for a tail that is neither one nor in the graph."""
     here, there = _kinds(entities), _kinds(seen.kinds)
     totals = seen.observations["count"].groupby(seen.observations["head"].astype(str), sort=True).sum()
     for tail in sorted(set(seen.observations["tail"].astype(str)) - set(totals.index)):
@@ -185,10 +177,7 @@ def sample_candidates(enough: pd.Series[int], settings: Extension, key: str, roo
 
 
 def extend(home: GraphTables, seen: MinedSource, added: Collection[str]) -> GraphTables:
-    """A graph with new entities appended, and their triples.
-
-    Observations of entities that are neither in the graph nor added are left out.
-    """
+    """A graph with new entities appended, and the triples that these have with each other and with its own."""
     joined, observed = {*home.entities["entity"], *added}, seen.observations
     of_added = observed[observed["head"].isin(added) & observed["tail"].isin(joined)]
     more = build_tables(replace(seen, observations=of_added))

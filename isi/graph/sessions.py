@@ -1,7 +1,4 @@
-"""Sessions of incremental learning: when each entity and triple arrives, and in which split.
-
-Splits, folds, novel (OOKB) entities and insert triples are drawn at random (sections 5.2 and 5.3).
-"""
+"""Sessions of incremental learning: splits, folds, novel (OOKB) entities and insert triples (sections 5.2, 5.3)."""
 
 from __future__ import annotations
 
@@ -31,23 +28,19 @@ NEVER = 2**31 - 1  #: Arrival of what takes part in no session.
 SPLITS = Table(
     "data/sessions/{experiment}/splits.parquet",
     {"seed": FROM_0, "triple": FROM_0, "split": one_of(*SPLIT_NAMES)},
-    key=["seed", "triple"],
-    ordered=True,
-)
+    key=["seed", "triple"], ordered=True,
+)  # fmt: skip
 #: ``session``: in which the entity is inserted, from 1; Θ⁰ is trained in session 0.
 NOVEL = Table(
     "data/sessions/{experiment}/novel.parquet",
     {"size": FROM_1, "seed": FROM_0, "entity": FROM_0, "session": FROM_1},
-    key=["size", "seed", "session", "entity"],
-    ordered=True,
-    checks=[unique("size", "seed", "entity")],
-)
+    key=["size", "seed", "session", "entity"], ordered=True, checks=[unique("size", "seed", "entity")],
+)  # fmt: skip
 INSERT_TRIPLES = Table(
     "data/sessions/{experiment}/insert_triples.parquet",
     {"size": FROM_1, "seed": FROM_0, "entity": FROM_0, "triple": FROM_0, "session": FROM_1},
-    key=["size", "seed", "session", "entity", "triple"],
-    ordered=True,
-)
+    key=["size", "seed", "session", "entity", "triple"], ordered=True,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -144,10 +137,7 @@ def check_held_out(splits: np.ndarray, valid: float, test: float) -> None:
 
 
 def folds(graph: Graph, root: int, number: int) -> np.ndarray:
-    """Splits for cross-validation: in each, one fold is valid and the rest is train; shape (number, T), int8.
-
-    Every entity and relation has a triple that is in no fold and thus always in train.
-    """
+    """Splits for cross-validation, (number, T), int8: a fold is valid; the rest, with a triple of each name, train."""
     splits = np.full((number, len(graph.triples)), TRAIN, dtype=np.int8)
     for row, fold in zip(splits, np.array_split(_free(graph, stream(root, "folds")), number), strict=True):
         row[fold] = VALID
@@ -198,11 +188,7 @@ def later_key(session: int) -> tuple[int, ...]:
 def session_tables(
     graph: Graph, entities: pd.DataFrame, settings: SessionsOf, shares: Shares, root: int, key: str
 ) -> dict[Table, pd.DataFrame]:
-    """``SPLITS``, ``NOVEL`` and ``INSERT_TRIPLES`` of a graph with these ``ENTITIES``, drawn for every size and seed.
-
-    D of the last session is the whole graph, without added entities that are not drawn; the triples of the
-    others have no split. ``key`` is where the settings stand in params.
-    """
+    """Draw ``SPLITS``, ``NOVEL`` and ``INSERT_TRIPLES``; triples of added entities that are not drawn have no split."""
     if not len(graph.triples):
         raise InputError(paths.PARAMS, key, "expected a graph with triples")
     added = np.flatnonzero(entities["source"].astype(str) != str(entities["source"].iloc[0]))

@@ -28,10 +28,9 @@ if TYPE_CHECKING:
 WORD_VECTORS = TensorFile("data/words/{experiment}/vectors.safetensors")
 #: Which phrase or words of it have vectors.
 COVERAGE = Table(
-    "data/words/{experiment}/coverage.parquet",
-    {"entity": TEXT, "phrase": TEXT, "served_by": ColumnType(TEXT.type, nullable=True)},
-    key=["entity"],
-)
+    "data/words/{experiment}/coverage.parquet", key=["entity"],
+    columns={"entity": TEXT, "phrase": TEXT, "served_by": ColumnType(TEXT.type, nullable=True)},
+)  # fmt: skip
 
 LARGEST = 1e6  #: What numbers of vectors lie within; those of word2vec and GloVe are below a hundred.
 WIDEST, LONGEST = 100_000, 1_000  #: The most numbers of a vector, and characters of a token.

@@ -29,15 +29,6 @@ class NoRelationMap(Exception):
 
 
 @dataclass(frozen=True)
-class NovelEntities:
-    """What is known of the novel entities of a stack of M models; initializers see nothing else of them."""
-
-    novel: Tensor  #: ids; shape: (M, n)
-    insert_triples: Tensor  #: (model, place in ``novel``, triple) of the insert triples, in this order; shape: (I, 3)
-    words: Tensor  #: word vectors, zero where there is none; shape: (E, w)
-
-
-@dataclass(frozen=True)
 class InitContext:
     """All that an initializer may look at, for M models and n novel entities each: no validation or test triple."""
 
@@ -61,9 +52,11 @@ class InitContext:
         return torch.as_tensor(np.stack(numbers), dtype=torch.float32)
 
 
-def context_of(theta: Embedding, before: Session, given: NovelEntities, root: int, keys: Tensor) -> InitContext:
-    """The context of an initializer: Θ, the session before, word vectors and insert triples."""
-    novel, (model, place, triple) = given.novel, given.insert_triples.T
+def context_of(
+    theta: Embedding, before: Session, novel: Tensor, insert_triples: Tensor, words: Tensor, root: int, keys: Tensor
+) -> InitContext:
+    """Put together what an initializer sees; rows of ``insert_triples``, (I, 3): model, place in ``novel``, triple."""
+    model, place, triple = insert_triples.T
     slot = model * novel.shape[1] + place
     number = torch.arange(len(slot)) - torch.searchsorted(slot, slot)  # within its entity; slots ascend
     longest = int(number.max()) + 1 if len(number) else 1
@@ -76,7 +69,7 @@ def context_of(theta: Embedding, before: Session, given: NovelEntities, root: in
         return table
 
     return InitContext(
-        theta0=theta, known=before.entities, eligible=before.trained(), novel=novel, words=given.words,
+        theta0=theta, known=before.entities, eligible=before.trained(), novel=novel, words=words,
         kinds=before.graph.kinds, other=padded(torch.where(is_tail, head, tail)), relation=padded(relation),
         novel_is_tail=padded(is_tail), observed=padded(torch.ones_like(is_tail)), root=root, keys=keys,
     )  # fmt: skip

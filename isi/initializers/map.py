@@ -18,6 +18,7 @@ from isi.config import Count, NotNegative, Positive
 from isi.initializers import similarity
 from isi.initializers.api import InitContext, InitResult, initializer
 from isi.initializers.baselines import soft_hybrid
+from isi.initializers.paper import hybrid_similarity
 from isi.models.scoring import padded
 from isi.models.stack import Embedding, NotFinite, mapped, select
 
@@ -66,16 +67,6 @@ def evidence(context: InitContext, mean: Tensor, strength: float, ratio: int) ->
         problem = "the known vectors are all equal and have no covariance: lower the weight decay of training"
         raise NotFinite(failed.nonzero()[:, 0].tolist(), problem)
     return Evidence(positive.flatten(2).double(), negative.flatten(2).double(), mean.double(), strength * inverse)
-
-
-def ridge_regression(context: InitContext, prior: InitResult, strength: float, ratio: int) -> InitResult:
-    """argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ), with y = 1 for positives, 0 for negatives."""
-    known = evidence(context, prior.vectors, strength, ratio)
-    alpha = similarity.cell_anchors(mapped(context.theta0, Tensor.double))
-    weight, mean = known.positive + known.negative, known.mean
-    residual = known.positive - weight * (mean @ alpha.mT)
-    step = solve(gram(alpha, weight) + known.precision[:, None], residual @ alpha)
-    return replace(prior, vectors=(mean + step).to(prior.vectors.dtype), is_centroid=False)
 
 
 def most_probable(context: InitContext, prior: InitResult, strength: float, ratio: int) -> InitResult:
@@ -166,7 +157,7 @@ _PRIOR: dict[str, list[Any]] = {"strength": [0.05, 0.1, 0.2, 0.5, 1.0], "ratio":
              grid={"k": [9], "candidates": [30], **_PRIOR})  # fmt: skip
 def map_around_ers(context: InitContext, k: Count, candidates: Count, strength: Positive, ratio: Count) -> InitResult:
     """MAP around ERS: the most probable vector given the insert triples and a prior at the vector of ERS."""
-    return most_probable(context, similarity.nearest_by_both(context, k, candidates), strength, ratio)
+    return most_probable(context, hybrid_similarity(context, k, candidates), strength, ratio)
 
 
 @initializer("map_mean", label="MAP, mean", role="baseline", colour="#f4a582", needs=("insert_triples",),
@@ -192,7 +183,14 @@ def map_around_soft_hybrid(
              grid={"strength": [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1], "ratio": [1, 3, 9]})  # fmt: skip
 def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
     """Ridge: the vector whose scores are nearest to 1 for insert triples and to 0 for their corruptions."""
-    return ridge_regression(context, _mean_of_known(context), strength, ratio)
+    # argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ), with y = 1 for positives, 0 for negatives; μ: the known centroid
+    prior = _mean_of_known(context)
+    known = evidence(context, prior.vectors, strength, ratio)
+    alpha = similarity.cell_anchors(mapped(context.theta0, Tensor.double))
+    weight, mean = known.positive + known.negative, known.mean
+    residual = known.positive - weight * (mean @ alpha.mT)
+    step = solve(gram(alpha, weight) + known.precision[:, None], residual @ alpha)
+    return replace(prior, vectors=(mean + step).to(prior.vectors.dtype), is_centroid=False)
 
 
 def _mean_of_known(context: InitContext) -> InitResult:

@@ -43,7 +43,7 @@ def entity_similarity(context: InitContext, k: Count) -> InitResult:
              defaults={"k": 18}, grid={"k": [1, 2, 4, 8, 12, 18, 30]})  # fmt: skip
 def relational_similarity(context: InitContext, k: Count) -> InitResult:
     """RS, relational similarity: the centroid of the k entities nearest to where the triples point (equations 4, 5)."""
-    return similarity.nearest_by_relations(context, k)
+    return similarity.centroid_of_first(context, triples=lambda: similarity.top_related(context, k))
 
 
 @initializer("ers", label="ERS", role="isi", colour="#d55e00", cost="entities",
@@ -51,7 +51,14 @@ def relational_similarity(context: InitContext, k: Count) -> InitResult:
              grid={"k": [1, 2, 3, 5, 9, 15], "candidates": [15, 30, 60]})  # fmt: skip
 def hybrid_similarity(context: InitContext, k: Count, candidates: Count) -> InitResult:
     """ERS, hybrid of ES and RS: among the entities whose names are most similar, the best of RS (equation 6)."""
-    return similarity.nearest_by_both(context, k, candidates)
+    similar, related = similarity.word_similarity(context), similarity.relational_score(context)
+    named, top_k = similarity.word_eligible(context), similarity.top_k
+    return similarity.centroid_of_first(
+        context,
+        both=lambda: top_k(related, top_k(similar, named, candidates), k),
+        triples=lambda: top_k(related, context.eligible[:, None], k),
+        words=lambda: top_k(similar, named, k),
+    )
 
 
 @initializer("mean", label="Mean", role="control", colour="#a08a5b", cost="entities", grid={})
@@ -134,7 +141,7 @@ def relational_similarity_alive(context: InitContext, k: Count) -> InitResult:
     """RS without dead coordinates: where a relation's map is close to zero, a coordinate takes no part (a control)."""
     models = torch.arange(len(context.novel))[:, None, None]
     alpha = similarity.resultants(context) * alive(context.theta0)[models, context.relation]
-    return similarity.nearest_by_relations(context, k, alpha)
+    return similarity.centroid_of_first(context, triples=lambda: similarity.top_related(context, k, alpha))
 
 
 def alive(theta0: Embedding) -> Tensor:

@@ -62,25 +62,9 @@ def nearest_by_words(context: InitContext, similarity: Tensor, k: int) -> InitRe
     )
 
 
-def nearest_by_relations(context: InitContext, k: int, alpha: Tensor | None = None) -> InitResult:
-    """RS: centroid of the k entities of highest relational score, with the α of insert triples or other ones."""
-    return centroid_of_first(context, triples=lambda: top_related(context, k, alpha))
-
-
 def top_related(context: InitContext, k: int, alpha: Tensor | None = None) -> Tensor:
     """The k eligible entities of highest relational score, with α of insert triples or other ones; (M, n, E), bool."""
     return top_k(relational_score(context, alpha), context.eligible[:, None], k)
-
-
-def nearest_by_both(context: InitContext, k: int, candidates: int) -> InitResult:
-    """RS among the best of ES (equation 6); ES or RS alone where the other is impossible."""
-    similar, related, named = word_similarity(context), relational_score(context), word_eligible(context)
-    return centroid_of_first(
-        context,
-        both=lambda: top_k(related, top_k(similar, named, candidates), k),
-        triples=lambda: top_k(related, context.eligible[:, None], k),
-        words=lambda: top_k(similar, named, k),
-    )
 
 
 def insert_triple_table(context: InitContext) -> Tensor:

@@ -188,8 +188,7 @@ def what_is_seen(
     order = order[(place[order] >= 0) & (place[order] < len(new))]
     triples = torch.stack([torch.zeros_like(order), place[order], order], 1)
     vectors = torch.zeros(len(session.graph.entities), 1) if words is None else torch.from_numpy(words)
-    novel = initializers.NovelEntities(new[None], triples, vectors)
-    context = initializers.context_of(theta0, session, novel, seed, new[None, :1] - known)
+    context = initializers.context_of(theta0, session, new[None], triples, vectors, seed, new[None, :1] - known)
     return context if len(known_triples) else replace(context, eligible=context.known)
 
 

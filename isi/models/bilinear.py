@@ -7,9 +7,6 @@ relation holds one factor for each scalar and, at the places of a and b, the x a
     vᵀW = v ⊙ (r, x, x) + swap(v) ⊙ (0, -y, y)
 
 so that a map costs two products.
-
-ANALOGY: Liu et al. 2017 (section 2: relations are normal, commuting maps). DistMult: Yang et al. 2015. ComplEx:
-Trouillon et al. 2016.
 """
 
 from __future__ import annotations
@@ -107,7 +104,7 @@ class BlockModel(RelationMapModel):
 @register_model("analogy")
 @dataclass(frozen=True)
 class ANALOGY(BlockModel):
-    """f(h, r, t) = ⟨vₕᵀW, vₜ⟩: half of the coordinates are scalars, half are of blocks."""
+    """f(h, r, t) = ⟨vₕᵀW, vₜ⟩: half of the coordinates are scalars, half are of blocks (Liu et al. 2017)."""
 
     linear = True
     scalars = 50
@@ -116,7 +113,7 @@ class ANALOGY(BlockModel):
 @register_model("complex")
 @dataclass(frozen=True)
 class ComplEx(BlockModel):
-    """f(h, r, t) = Re⟨vₕ ⊙ r, conj(vₜ)⟩: all coordinates are of blocks."""
+    """f(h, r, t) = Re⟨vₕ ⊙ r, conj(vₜ)⟩: all coordinates are of blocks (Trouillon et al. 2016)."""
 
     linear = True
     complex_vectors = True
@@ -126,7 +123,7 @@ class ComplEx(BlockModel):
 @register_model("distmult")
 @dataclass(frozen=True)
 class DistMult(BlockModel):
-    """f(h, r, t) = ⟨vₕ ⊙ r, vₜ⟩: a triple and its reverse score alike."""
+    """f(h, r, t) = ⟨vₕ ⊙ r, vₜ⟩: a triple and its reverse score alike (Yang et al. 2015)."""
 
     linear = True
     scalars = 100

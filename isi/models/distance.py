@@ -1,7 +1,4 @@
-"""Models that score by a distance: TransE, with either norm, and RotatE.
-
-A relation of TransE (Bordes et al. 2013) is a translation; one of RotatE (Sun et al. 2019) turns pairs of coordinates.
-"""
+"""Models that score by a distance: TransE (Bordes et al. 2013), with either norm, and RotatE (Sun et al. 2019)."""
 
 from __future__ import annotations
 

@@ -54,10 +54,7 @@ class Model(ABC):
         """The inverse map: the head that a tail expects; shapes (..., d), (..., w)."""
 
     def transform_tail(self, vectors: Tensor, relation: Tensor) -> Tensor:
-        """The tail as heads see it: interaction(transform(h, r), t) = interaction(h, transform_tail(t, r)).
-
-        The transposed map Wv where f is a product; the inverse, for a distance that the map keeps.
-        """
+        """The tail as heads see it: interaction(transform(h, r), t) = interaction(h, transform_tail(t, r))."""
         return self.inverse(vectors, relation)
 
     def score_tails(self, head: Tensor, relation: Tensor, entity: Tensor) -> Tensor:
@@ -69,10 +66,7 @@ class Model(ABC):
         return _in_parts(lambda t, r, e: self.score(e, r[:, None], t[:, None]), tail, relation, entity)
 
     def scores(self, entity: Tensor, relation: Tensor, triples: Triples) -> tuple[Tensor, Backward]:
-        """Scores of triples, and the gradients of Σ slope · f by both tables, as a function of the slopes.
-
-        The slopes have the shape of the scores, and may be the same memory.
-        """
+        """Scores of triples, and gradients of Σ slope · f by both tables, from slopes that may be the same memory."""
         _, scores = triples.empty(entity)
         return scores, _by_autograd(self.score, entity, relation, triples, scores)
 
@@ -116,15 +110,16 @@ def _by_autograd(
     values: Tensor,
 ) -> Backward:  # fmt: skip
     """Write a function's ``values`` for heads, relations and tails, and return its backward function."""
-    for model, place, pick in triples.parts():
-        values[place] = function(*pick(entity[model], relation[model])).view_as(values[place])
+    for model, place, (h, r, t) in triples.parts():
+        vectors = entity[model][h], relation[model][r], entity[model][t]
+        values[place] = function(*vectors).view_as(values[place])
 
     def backward(slope: Tensor) -> tuple[Tensor, Tensor]:
         total = torch.zeros_like(entity), torch.zeros_like(relation)
-        for model, place, pick in triples.parts():
-            tables = tuple(table[model].detach().requires_grad_() for table in (entity, relation))
+        for model, place, (h, r, t) in triples.parts():
+            tables = entities, relations = tuple(table[model].detach().requires_grad_() for table in (entity, relation))
             with torch.enable_grad():
-                result = function(*pick(*tables))
+                result = function(entities[h], relations[r], entities[t])
             gradients = torch.autograd.grad(result, tables, slope[place].view_as(result))
             for table, gradient in zip(total, gradients, strict=True):
                 table[model] += gradient

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
 from typing import Any
 
@@ -26,12 +25,8 @@ _REGISTER = 64  #: A multiple of the numbers that PyTorch takes at once, on any 
 
 Backward = Callable[[Tensor], tuple[Tensor, Tensor]]  #: From slopes to the gradients of Σ slope · f by two tables.
 Linear = Callable[[Tensor], Tensor]
-#: Takes the vectors of heads, relations and tails, which broadcast against each other, from a model's two tables.
-Pick = Callable[[Tensor, Tensor], tuple[Tensor, Tensor, Tensor]]
-
-
-def _pick(ids: tuple[Any, Any, Any], entity: Tensor, relation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    return entity[ids[0]], relation[ids[1]], entity[ids[2]]
+#: What takes the vectors of heads, relations and tails, which broadcast against each other, from a model's tables.
+Indices = tuple[Any, Any, Any]
 
 
 def spaced(table: Tensor) -> Tensor:
@@ -151,10 +146,10 @@ class DenseTriples:
 
         return scores[:, :-1].view(*self.shape, -1), backward
 
-    def parts(self) -> Iterator[tuple[int, Any, Pick]]:
-        """The models one by one: place in the stack, slice of the scores, and a function that picks the vectors."""
+    def parts(self) -> Iterator[tuple[int, Any, Indices]]:
+        """The models one by one: place in the stack, slice of the scores, and indices of rows of its tables."""
         for model, number in product(range(self.shape[0]), range(self.shape[1])):
-            yield model, (model, number), partial(_pick, ((slice(None), None), number, None))
+            yield model, (model, number), ((slice(None), None), number, None)
 
 
 @dataclass(frozen=True)
@@ -194,10 +189,10 @@ class TripleList:
 
         return scores, backward
 
-    def parts(self) -> Iterator[tuple[int, Any, Pick]]:
+    def parts(self) -> Iterator[tuple[int, Any, Indices]]:
         for model in range(self.shape[0]):
             place = (self.model == model).nonzero()[:, 0]
-            yield model, place, partial(_pick, (self.head[place], self.relation[place], self.tail[place]))
+            yield model, place, (self.head[place], self.relation[place], self.tail[place])
 
     def _gather(self, table: Tensor, ids: Tensor) -> Tensor:
         """Rows of a stack of tables, (M, N', d), one for each triple; shape (N, d)."""

@@ -78,10 +78,7 @@ def mapped(value: T, function: Callable[[Tensor], Tensor], shared: bool = True) 
 def uniform(
     entities: Tensor, relations: int, model: Model, dimension: int, half_range: float, root: int, keys: Tensor
 ) -> Embedding:
-    """Draw tables uniformly in ± half_range (relations: ``Model.half_range``); zero outside ``entities``, (M, E), bool.
-
-    The random stream of each embedding is keyed by the root seed and a row of ``keys``.
-    """
+    """Draw tables in ± half_range, zero outside ``entities``, (M, E); each row of ``keys`` keys a random stream."""
     bound, of_relations = half_range, model.half_range(half_range)
     shape, relation_shape = (entities.shape[1], dimension), (relations, model.width(dimension))
     streams = [stream(root, "embedding", *key) for key in keys.tolist()]

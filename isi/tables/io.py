@@ -38,10 +38,7 @@ def _opening(path: Path, form: str, fault: type[Exception]) -> Iterator[None]:
 
 
 def read_parquet(path: Path, schema: pa.Schema) -> pa.Table:
-    """Read the columns of a schema, dictionary-encoded or not.
-
-    InputError where the file is missing or broken, or a column is missing or of another type.
-    """
+    """Read the columns of a schema, dictionary-encoded or not; ``InputError`` for a missing one or another type."""
     with _opening(path, "a Parquet table", pa.ArrowException):
         table = pq.ParquetFile(path).read()
     for expected in schema:
@@ -88,10 +85,7 @@ def reading(parts: Iterable[pa.Table]) -> Iterator[pa.Table]:
 
 
 def read_tensors(path: Path, names: Sequence[str] | None = None) -> dict[str, Tensor]:
-    """Read named tensors (null: all) of a safetensors file.
-
-    InputError where the file is missing or broken, lacks a tensor, or a number is not finite.
-    """
+    """Read named tensors (null: all) of a safetensors file; ``InputError`` where one is missing or not finite."""
     with _opened(path) as file:
         tensors = {name: file.get_tensor(_tensor_of(path, file, name)) for name in names or file.keys()}
     _check_finite(path, tensors)
@@ -154,10 +148,7 @@ def check_sha256(path: Path, expected: str | None) -> None:
 
 
 def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
-    """Let a function write to a temporary name beside the path, then replace the path.
-
-    InputError where the path has no name, such as ``.``, or the disk is full or read-only; an old file stays.
-    """
+    """Let a function write beside the path, then replace it; ``InputError`` without a name or space."""
     if path.name in ("", ".."):
         raise InputError(path, "", "expected the name of a file")
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")

@@ -47,7 +47,7 @@ class DataFile:
         match = re.fullmatch(pattern, path.as_posix())
         return match and match.groupdict()
 
-    def check_file(self, path: Path) -> None:
+    def read_file(self, path: Path) -> object:
         """Read a whole file; InputError where it is missing, broken or not as declared."""
         raise NotImplementedError
 
@@ -78,10 +78,7 @@ class Table(DataFile):
             refuse(path, frame, rule.broken(frame), rule.columns, rule.expected)
 
     def read(self, **names: str | int) -> pd.DataFrame:
-        """Read the table of these names; strings that repeat become categories.
-
-        InputError where the file is broken, a column is missing or of another type, or a row breaks a rule.
-        """
+        """Read the table of these names, with strings that repeat as categories, or an ``InputError``."""
         return self.read_file(self.path(**names))
 
     def read_text(self, **names: str | int) -> pd.DataFrame:
@@ -89,20 +86,12 @@ class Table(DataFile):
         return as_text(self.read(**names))
 
     def read_file(self, path: Path) -> pd.DataFrame:
-        """Like ``read``, from any path."""
         frame: pd.DataFrame = io.read_parquet(path, self.schema).to_pandas()
         self.check(frame, path)
         return frame
 
-    def check_file(self, path: Path) -> None:
-        self.read_file(path)
-
     def write(self, frame: pd.DataFrame, stage: str, **names: str | int) -> None:
-        """Write the table of these names atomically; the file's metadata name the stage.
-
-        Other columns of the frame are dropped, and an ordered table is sorted first. InputError
-        where a row breaks a rule, or the file cannot be written.
-        """
+        """Write these columns of a frame, sorted where the table is ordered, or an ``InputError``; metadata: stage."""
         self.write_file(self.path(**names), frame, stage)
 
     def write_file(self, path: Path, frame: pd.DataFrame, stage: str) -> None:
@@ -111,10 +100,7 @@ class Table(DataFile):
         self.write_parts(path, [pa.Table.from_pandas(frame, schema=self.schema, preserve_index=False)], stage)
 
     def write_parts(self, path: Path, parts: Iterable[pa.Table], stage: str) -> int:
-        """Like ``write_file``, from parts that come one by one; each is checked by itself and becomes a row group.
-
-        Returns the number of rows.
-        """
+        """Write parts that come one by one, each checked by itself, as row groups; returns the number of rows."""
         rows = 0
 
         def checked() -> Iterator[pa.Table]:
@@ -140,8 +126,8 @@ class TensorFile(DataFile):
         """The shape of a tensor, without reading its numbers."""
         return io.shape_of(self.path(**names), tensor)
 
-    def check_file(self, path: Path) -> None:
-        io.read_tensors(path)
+    def read_file(self, path: Path) -> dict[str, Tensor]:
+        return io.read_tensors(path)
 
     def write(self, tensors: Mapping[str, Tensor], stage: str, **names: str | int) -> None:
         """Write the file of these names atomically; InputError where a number is not finite."""
