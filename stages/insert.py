@@ -16,7 +16,9 @@ from isi.tables.table import concat
 def insert(context: StageContext, experiment: str, initializer: str) -> None:
     params, store = context.params, Store(experiment)
     entry = params.experiments[experiment]
-    config = insert_config(params, initializer, entry.full_curves.sizes_of(initializer))
+    curves = entry.full_curves
+    full_curves = curves.sizes if is_listed(curves.initializers, initializer) else []
+    config = insert_config(params, initializer, full_curves)
     config = config.training(max_epochs=0) if initializer in entry.immediate_only else config
     grid = store.grid(stack_height(params.compute)) if is_listed(entry.initializers, initializer) else []
     tasks = insert_tasks(store, params, grid, config)

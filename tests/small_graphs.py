@@ -14,6 +14,7 @@ from isi.experiment.grid import GridPoints
 from isi.graph.graph import Graph
 from isi.graph.sessions import sample_insert_triples, sample_novel, split
 from isi.models.model import Model, make_model
+from isi.models.scoring import DenseTriples
 from isi.models.stack import Embedding
 
 #: Head, relation and tail id.
@@ -29,6 +30,12 @@ def graph_of(counts: Mapping[Triple, int], entities: int, relations: int) -> Gra
         torch.tensor(list(counts.values())),
         torch.arange(entities) % 3,
     )
+
+
+def score_all(embedding: Embedding) -> Tensor:
+    """Scores of every triple; shape (M, R, E, E)."""
+    entity, relation = embedding.entity, embedding.relation
+    return embedding.model.scores(entity, relation, DenseTriples.of(entity, relation))[0]
 
 
 def random_counts(entities: int, relations: int, triples: int, seed: int) -> dict[Triple, int]:

@@ -18,7 +18,7 @@ from isi.experiment.train import train_stack
 from isi.models.stack import LARGEST, Embedding, NotFinite, check_finite
 from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, start, train
-from tests.small_graphs import ANALOGY, points_of, random_embedding, random_graph
+from tests.small_graphs import ANALOGY, points_of, random_embedding, random_graph, score_all
 from tests.small_grid import LEARNING, insert_tasks, theta0, training_tasks
 from tests.stage_workspace import Says, main_of, says, set_params, workspace
 
@@ -44,7 +44,7 @@ def test_models_that_are_not_finite_are_named_by_their_places() -> None:
 
 def test_vectors_below_the_bound_have_finite_scores() -> None:
     extreme = Embedding(torch.full((1, 3, 400), LARGEST), torch.full((1, 2, 400), LARGEST), ANALOGY)
-    assert extreme.score_all().isfinite().all()
+    assert score_all(extreme).isfinite().all()
 
 
 def diverging(embedding: Embedding, settings: Optimizer, seeds: list[int]) -> NotFinite:

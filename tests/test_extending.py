@@ -20,6 +20,7 @@ from isi.models.stack import uniform
 from isi.sources import READERS, Source
 from tests.documented import code, params
 from tests.small_bundle import written
+from tests.small_graphs import score_all
 from tests.small_insertion import insertion
 
 
@@ -68,7 +69,7 @@ def test_a_model() -> None:
     scoring = make_model("transh", params("own model params")["models.transh"], "models.transh")
     everyone = torch.ones(2, 6, dtype=torch.bool)
     theta = uniform(everyone, 3, scoring, 4, 0.5, 0, torch.tensor([[0], [1]]))
-    scores = theta.score_all()
+    scores = score_all(theta)
     for model, relation, head, tail in np.ndindex(2, 3, 6, 6):
         normal, translation = theta.relation[model, relation].double().split(4)
         normal = normal / normal.norm()

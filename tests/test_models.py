@@ -23,7 +23,7 @@ from isi.tables import paths
 from isi.training import trainer
 from isi.training.batches import DenseBatch, Negatives, batches, training_data
 from isi.training.trainer import Optimizer
-from tests.small_graphs import ANALOGY, dense, graph_of, points_of, random_embedding, random_graph
+from tests.small_graphs import ANALOGY, dense, graph_of, points_of, random_embedding, random_graph, score_all
 from tests.small_grid import MODEL_OPTIONS
 
 DIMENSION = 12
@@ -101,7 +101,7 @@ def test_all_ways_to_score_agree(scoring: Model) -> None:
 
     for scores in (
         embedding.score(head, relation, tail),
-        embedding.score_all().flatten(1),
+        score_all(embedding).flatten(1),
         embedding.score_tails(head, relation).gather(2, tail[..., None])[..., 0],
         embedding.score_heads(relation, tail).gather(2, head[..., None])[..., 0],
         embedding.score_relations(head, tail).gather(2, relation[..., None])[..., 0],
@@ -202,7 +202,7 @@ def test_it_learns_steps_along_a_line_better_than_any_constant_score_would(scori
         trainer.run_epoch(state, data, negatives, settings, 0, epoch)
     batch, _ = next(batches(data, negatives, settings.batch_size, 0, 1))
     assert isinstance(batch, DenseBatch)
-    scores, share = state.embedding.score_all(), 1 / (1 + 3 * ratio)
+    scores, share = score_all(state.embedding), 1 / (1 + 3 * ratio)
     loss = -(batch.positives * logsigmoid(scores) + batch.negatives * logsigmoid(-scores)).sum() / len(steps)
     assert loss < 0.9 * -(math.log(share) + 3 * ratio * math.log(1 - share))
 

@@ -46,10 +46,6 @@ class FullCurves(Section):
     sizes: list[Count]
     initializers: InitializerList = "all"
 
-    def sizes_of(self, initializer: str) -> list[int]:
-        """The sizes at which an initializer's runs are fine-tuned for all epochs."""
-        return self.sizes if is_listed(self.initializers, initializer) else []
-
 
 class Convergence(Section):
     """``convergence`` in params: when Θ¹ counts as about as good as the joint model."""

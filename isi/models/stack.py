@@ -12,7 +12,6 @@ from torch import Tensor
 
 from isi.errors import InputError
 from isi.models.model import Model
-from isi.models.scoring import DenseTriples
 from isi.random import stream
 
 T = TypeVar("T")
@@ -44,10 +43,6 @@ class Embedding:
         """Scores of all relations of (h, ?, t); ids of shape (M, Q), result (M, Q, R)."""
         heads, tails = rows(self.entity, head), rows(self.entity, tail)
         return self.model.score(heads[:, :, None], self.relation[:, None], tails[:, :, None])
-
-    def score_all(self) -> Tensor:
-        """Scores of every triple; shape (M, R, E, E)."""
-        return self.model.scores(self.entity, self.relation, DenseTriples.of(self.entity, self.relation))[0]
 
 
 def rows(table: Tensor, ids: Tensor) -> Tensor:

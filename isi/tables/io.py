@@ -76,14 +76,6 @@ def _in_order_of_rows(column: pa.ChunkedArray, kind: pa.DataType) -> pa.ChunkedA
     return pa.chunked_array(column.cast(kind.value_type).combine_chunks().dictionary_encode())
 
 
-def reading(parts: Iterable[pa.Table]) -> Iterator[pa.Table]:
-    """Pass parts on, such that an error of their source is not reported as one of writing."""
-    try:
-        yield from parts
-    except OSError as error:
-        raise InputError(error.filename or "its source", "", f"cannot be read ({error.strerror or error})") from error
-
-
 def read_tensors(path: Path, names: Sequence[str] | None = None) -> dict[str, Tensor]:
     """Read named tensors (null: all) of a safetensors file; ``InputError`` where one is missing or not finite."""
     with _opened(path) as file:

@@ -89,16 +89,11 @@ COUNT = ColumnType(
 )  # fmt: skip
 
 
-def place_of(frame: pd.DataFrame, row: int, columns: Iterable[str]) -> str:
-    """How an error names a row: by its number from 0, and its values in some columns."""
-    return f"row {row} ({', '.join(f'{name} {_shown(frame[name].iloc[row])}' for name in columns)})"
-
-
 def refuse(path: object, frame: pd.DataFrame, wrong: Broken, columns: Iterable[str], expected: str) -> None:
     """Raise an InputError that names the first wrong row of a table, if there is one."""
-    rows = np.flatnonzero(wrong)
-    if len(rows):
-        raise InputError(path, place_of(frame, int(rows[0]), columns), expected)
+    for row in np.flatnonzero(wrong)[:1].tolist():
+        values = ", ".join(f"{name} {_shown(frame[name].iloc[row])}" for name in columns)
+        raise InputError(path, f"row {row} ({values})", expected)
 
 
 def _shown(value: object) -> str:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 import pyarrow as pa
 
+from isi.errors import InputError
 from isi.tables import io
 from isi.tables.rules import ColumnType, Rule, ascending, refuse, unique
 
@@ -105,10 +106,14 @@ class Table(DataFile):
 
         def checked() -> Iterator[pa.Table]:
             nonlocal rows
-            for part in io.reading(parts):
-                self.check(part.to_pandas(), path)
-                rows += part.num_rows
-                yield part
+            try:
+                for part in parts:
+                    self.check(part.to_pandas(), path)
+                    rows += part.num_rows
+                    yield part
+            except OSError as error:  # of what is written
+                why = f"cannot be read ({error.strerror or error})"
+                raise InputError(error.filename or "its source", "", why) from error
 
         io.write_parquet(path, checked(), self.schema, stage)
         return rows
