@@ -31,8 +31,7 @@ from isi.sources.ai2thor import (  # fmt: skip
     reported_materials,
     suncg_materials,
 )
-from isi.sources.names import entity_name
-from isi.sources.recordings import Scene, SceneObject, locate, read_recording
+from isi.sources.recordings import ROBOTHOR, Scene, SceneObject, locate, read_recording, scene_objects
 from isi.tables import paths
 from tests.observing import TRIPLE, observations_of, observe, source_of
 
@@ -45,11 +44,12 @@ PROPERTIES = (
 def thing(
     kind: str, number: int = 1, parents: list[str] | None = None, made_of: list[str] | None = None, *properties: str
 ) -> SceneObject:
-    """An object as the simulator reports it."""
-    return {
+    """An object that the simulator reports."""
+    reported = {
         "objectType": kind, "objectId": f"{kind}|{number}", "name": f"{kind}_{number}", "parentReceptacles": parents,
         "receptacleObjectIds": None, "salientMaterials": made_of, **{name: name in properties for name in PROPERTIES},
     }  # fmt: skip
+    return scene_objects(Path("recording.json"), "a scene", [reported])[0]
 
 
 COLUMNS = ["scene", "room", "instance", "head", "relation", "tail", "count"]
@@ -161,7 +161,7 @@ def test_receptacles_that_lie_in_what_they_hold_stay_or_are_dropped_and_counted(
     assert counts == {IN_CYCLE: 5}
 
 
-SHELF = {**thing("Shelf"), "receptacleObjectIds": ["Mug|1", "Mug|2", "Mug|3", "Mug|4"]}
+SHELF = thing("Shelf")._replace(contents=["Mug|1", "Mug|2", "Mug|3", "Mug|4"])
 ON_SHELF = [thing("Mug", 1, ["Shelf|1"]), thing("Mug", 2, ["Sink|1"]), thing("Mug", 3), thing("Sink")]
 
 
@@ -272,9 +272,8 @@ def test_the_real_recording_gives_the_known_figures(real: list[Scene]) -> None:
 
 
 def test_every_mapped_object_is_a_type_of_the_recording(real: list[Scene], shares: pd.DataFrame) -> None:
-    robothor = json.loads(locate("recording").read_bytes())["robothor"]
-    types = {thing["objectType"] for objects in [*(scene.objects for scene in real), *robothor] for thing in objects}
-    assert set(shares.index) <= {entity_name(kind) for kind in types}
+    scenes = [*real, *read_recording(locate("recording"), None, ROBOTHOR)]
+    assert set(shares.index) <= {thing.name for scene in scenes for thing in scene.objects}
     assert shares.index.is_unique
 
 

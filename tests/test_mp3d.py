@@ -14,7 +14,6 @@ from isi.errors import InputError
 from isi.sources import settings_of
 from isi.sources.ai2thor import read_shares, reported_materials
 from isi.sources.mp3d import STEPS
-from isi.sources.names import entity_name
 from isi.sources.recordings import AFFORDANCES, ITHOR, locate, read_recording
 from isi.tables import paths
 from tests.observing import observations_of
@@ -216,7 +215,7 @@ def test_names_lead_to_objects_of_ai2thor_or_are_new_and_have_a_definition(publi
         thing for scene in read_recording(locate(of_ai2thor["from_"]), of_ai2thor["sha256"]) for thing in scene.objects
     ]
     shares = read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
-    objects = {entity_name(thing["objectType"]) for thing in things}
+    objects = {thing.name for thing in things}
     others = {material for materials in reported_materials(0, things) for material in materials} | set(shares.columns)
     others |= {name for pair in AFFORDANCES.values() for name in pair} | {plans.room for plans in ITHOR}
     assert set(words["same_as"].values()) - objects == {"drinking glass", "sheet of paper"}

@@ -24,9 +24,11 @@ from tests.procthor import house, thing
 from tools import make_houses
 
 #: An object of each type that was recorded.
-RECORDED: dict[str, list[SceneObject]] = {
-    "mug": [{"pickupable": True}], "counter top": [{}], "pen": [{"breakable": True}], "sofa": [{"isHeatSource": True}],
-    "painting": [{}],
+RECORDED = {
+    name: [SceneObject("", name, affordances=affordances)]
+    for name, affordances in {
+        "mug": ("pick up", "put"), "counter top": (), "pen": ("break",), "sofa": ("heat",), "painting": (),
+    }.items()
 }  # fmt: skip
 
 
@@ -105,7 +107,7 @@ def test_objects_of_made_houses_are_where_their_ids_say(tmp_path: Path) -> None:
     counted = 0
     for _, made, objects in procthor.read_houses(tmp_path / "x.jsonl", None):
         rooms = procthor.rooms_of(made.rooms, objects)
-        assert [room and room.id for room in rooms] == [thing.room for thing in objects]
+        assert [room and room.id for room in rooms] == [named for _, _, named in objects]
         counted += len(objects)
     assert counted > 500
 
@@ -117,11 +119,12 @@ RECORDED_TYPES = procthor.recorded_types
 
 
 def recording() -> procthor.RecordedTypes:
+    held, opened, broken = ("pick up", "put"), ("open", "close"), ("break",)
     mugs = [
-        {"objectType": "Mug", "pickupable": True, "openable": True, "salientMaterials": ["Ceramic", "Metal"]},
-        {"objectType": "Mug", "pickupable": True, "openable": True, "breakable": True, "salientMaterials": ["Glass"]},
-        {"objectType": "Mug", "pickupable": True, "breakable": True, "openable": True},
-        {"objectType": "Mug", "pickupable": True, "salientMaterials": ["Glass"]},
+        SceneObject("1", "mug", materials=["ceramic", "metal"], affordances=[*opened, *held]),
+        SceneObject("2", "mug", materials=["glass"], affordances=[*opened, *held, *broken]),
+        SceneObject("3", "mug", affordances=[*opened, *held, *broken]),
+        SceneObject("4", "mug", materials=["glass"], affordances=held),
     ]
     return RECORDED_TYPES([Scene("FloorPlan1", 1, "kitchen", mugs[:2]), Scene("FloorPlan2", 2, "kitchen", mugs[2:])])
 
@@ -133,13 +136,13 @@ def test_a_type_affords_what_more_than_half_of_its_recorded_objects_do() -> None
 
 def test_materials_are_those_of_a_recorded_object_of_the_type_as_often_as_there_are_such() -> None:
     drawn = procthor.recorded_materials(recording(), 0)
-    things = [{"objectType": "Mug"}] * 4_000
-    counts = Counter(map(tuple, drawn(7, [*things, {"objectType": "Cart"}])[:-1]))
+    cart, things = SceneObject("5", "cart"), [SceneObject("6", "mug")] * 4_000
+    counts = Counter(map(tuple, drawn(7, [*things, cart])[:-1]))
     assert set(counts) == {("ceramic", "metal"), ("glass",), ()}
     assert counts["glass",] == pytest.approx(2_000, abs=130)  # four standard deviations
     assert counts[()] == pytest.approx(1_000, abs=110)
     assert drawn(7, things) == drawn(7, things) != drawn(8, things)
-    assert drawn(7, [{"objectType": "Cart"}]) == [[]]
+    assert drawn(7, [cart]) == [()]
 
 
 @pytest.mark.parametrize("materials", ["suncg", "simulator"])
@@ -209,6 +212,7 @@ def test_each_point_of_a_floor_plan_is_in_the_one_room_that_it_was_cut_into(
         procthor.Room.model_validate({"id": "room|1", "roomType": "Kitchen", "floorPolygon": make_houses.outline(area)})
         for area in areas
     ]
-    (room,) = procthor.rooms_of(rooms, [procthor.HouseObject("Mug|7|0", "Mug", procthor.Point(x=x, z=z), None, None)])
+    placed = procthor.HouseObject(SceneObject("Mug|7|0", "mug"), procthor.Point(x=x, z=z), None)
+    (room,) = procthor.rooms_of(rooms, [placed])
     assert room is not None
     assert not any(cut) or cut[rooms.index(room)]  # else on a border between rectangles

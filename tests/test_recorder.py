@@ -19,7 +19,7 @@ import yaml
 from isi import config
 from isi.errors import InputError
 from isi.sources import OBSERVATIONS, Source
-from isi.sources.recordings import ITHOR, Layout, Recorder, SceneObject, locate
+from isi.sources.recordings import ITHOR, Layout, Recorder, locate
 from isi.tables import paths
 from stages.record import record
 from tests import player
@@ -27,7 +27,7 @@ from tests.observing import observations_of
 
 ROOT = Path(__file__).parent.parent
 RAW: dict[str, Any] = yaml.safe_load((ROOT / paths.PARAMS).read_text(encoding="utf-8"))
-KITCHEN: list[SceneObject] = [
+KITCHEN: list[dict[str, Any]] = [
     {"objectId": f"Mug|{number}", "objectType": "Mug", "pickupable": True, "parentReceptacles": [f"Shelf|{number}"]}
     for number in range(5)
 ] + [{"objectId": f"Shelf|{number}", "objectType": "Shelf"} for number in range(5)]

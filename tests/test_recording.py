@@ -32,15 +32,12 @@ from isi.tables import paths
 
 ROOT = Path(__file__).parent.parent
 KEYS = ("kitchens", "living_rooms", "bedrooms", "bathrooms")
-MUG: SceneObject = {
+MUG = {
     "objectId": "Mug|1", "objectType": "Mug", "parentReceptacles": ["Shelf|1"], "receptacleObjectIds": None,
     "salientMaterials": ["Ceramic"], "pickupable": True, "openable": False, "position": {"x": 1.0},
 }  # fmt: skip
 #: What mining reads of it.
-READ = {
-    "objectId": "Mug|1", "objectType": "Mug", "parentReceptacles": ["Shelf|1"], "salientMaterials": ["Ceramic"],
-    "pickupable": True,
-}  # fmt: skip
+READ = SceneObject("Mug|1", "mug", ["Shelf|1"], [], ["ceramic"], ["pick up", "put"])
 SIMULATOR = {"build": "thor-1", "package": "5.0.0"}
 HEADER = FORMAT | SIMULATOR
 
@@ -163,7 +160,7 @@ def test_a_recording_that_is_killed_anywhere_in_a_scene_goes_on_behind_the_last_
         (lambda _whole: b"a photograph, and nothing else", "byte 0: .*gzip"),
         (lambda whole: whole[:150] + b"????" + whole[154:], "byte .*gzip"),
         (lambda whole: whole + b"\0" * 40, "byte .*gzip"),
-        (lambda _whole: gzip.compress(b'{"format": "other"}\n'), "line 1: expected a header"),
+        (lambda _whole: gzip.compress(b'{"format": "other"}\n'), "line 1: expected 'isi recording' as format"),
         (lambda whole: whole + gzip.compress(b"3\n"), "line 3: "),
     ],
 )  # fmt: skip
@@ -190,9 +187,8 @@ def test_another_local_build_of_the_same_name_does_not_go_on_with_a_recording(tm
     digits = [hashlib.sha256(content).hexdigest()[:16] for content in (b"one", b"other")]
     assert [made["build"] for made in headers] == [f"thor-Linux64 {first}" for first in digits]
     Recording(tmp_path / "r", headers[0]).append(Layout(scene="FloorPlan1", spawn=None), [MUG])
-    with pytest.raises(
-        InputError, match=f"line 1: was recorded with build 'thor-Linux64 {digits[0]}', not .*{digits[1]}"
-    ):
+    expected = f"line 1: expected 'thor-Linux64 {digits[1]}' as build of the recording, got .*{digits[0]}"
+    with pytest.raises(InputError, match=expected):
         Recording(tmp_path / "r", headers[1])
     program.unlink()
     with pytest.raises(InputError, match="other/thor-Linux64: cannot be read"):

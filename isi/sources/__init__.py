@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from isi import config
 from isi.errors import InputError, short
-from isi.sources.names import name_fault
+from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, name_fault
 from isi.tables.rules import COUNT, MOST_OBSERVED, NAME, TEXT, ColumnType, at_least
 from isi.tables.table import Table
 
@@ -50,24 +50,20 @@ class Mining:
     """What a reader gets beside its settings, and where it reports counts and names of entities."""
 
     seed: int  #: root of every random stream
-    #: what was dropped, or is left after each step; empty where a reader does not count
-    counts: Counter[str] = field(default_factory=Counter)
-    #: set where the settings or the file itself say how entities are named; else the reader's function names them
-    name_entities: NameEntities | None = None
+    counts: Counter[str] = field(default_factory=Counter)  #: what is dropped, or left after each step
+    name_entities: NameEntities | None = None  #: set where settings or the file say it, in place of the reader's own
 
 
 @dataclass(frozen=True)
 class Reader:
     """A function that reads observations, and which settings and files it takes."""
 
-    #: gives observations from a ``Mining`` and settings, whose types and defaults are those of its parameters
-    read: Read
+    read: Read  #: gives observations from a ``Mining`` and settings, which are its other parameters
     name_entities: NameEntities
     path: str | None = None  #: the setting that names the file or folder to read; null where it reads what ships
     suffixes: Collection[str] = ()  #: suffixes of the files that it reads
     reads_json: Callable[[Any], bool] = lambda _value: False  #: whether it reads JSON that begins with this value
-    #: settings for a file alone, where its parameters have no default
-    defaults: Mapping[str, Any] = field(default_factory=dict)
+    defaults: Mapping[str, Any] = field(default_factory=dict)  #: settings for a file alone, beside those of ``read``
 
 
 #: The recorder loads the simulator's package, and registers nothing.
@@ -101,9 +97,12 @@ def settings_of(section: object, key: str) -> tuple[Reader, dict[str, Any]]:
 
 
 def observed(
-    scene: str, room: str | None, instance: str, head: str, tails: Mapping[str, Iterable[str]], count: int = 1
-) -> Iterator[Observation]:
-    """One observation for each tail of an object; ``tails`` are by relation."""
+    scene: str, room: str | None, instance: str, head: str, receptacles: Iterable[str] = (),
+    materials: Iterable[str] = (), affordances: Iterable[str] = (), count: int = 1,
+) -> Iterator[Observation]:  # fmt: skip
+    """The observations of an object: one for its room, if known, and for each receptacle, material and affordance."""
+    locations = [room, *receptacles] if room else receptacles
+    tails = {AT_LOCATION: locations, HAS_MATERIAL: materials, HAS_AFFORDANCE: affordances}
     for relation, names in tails.items():
         for tail in names:
             yield scene, room, instance, head, relation, tail, count
@@ -119,7 +118,6 @@ class Source:
         self._reader, self._settings = settings_of(section, key)
         self._place = str(self._settings.get(self._reader.path or "", key))
         self._mining = Mining(seed)
-        #: what mining has dropped, or has left after each step
         self.counts = self._mining.counts
 
     def tables(self) -> Iterator[pa.Table]:

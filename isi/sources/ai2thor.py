@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain, compress
 from pathlib import Path
 from typing import Any, Literal
@@ -16,26 +16,31 @@ from isi.config import Sha256
 from isi.errors import InputError, cut, short
 from isi.random import stream
 from isi.sources import Mining, Observation, observed, reader
-from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, Name, entity_name, household, name_fault
-from isi.sources.readers import parse_json, read_table, read_text, refuse
-from isi.sources.recordings import AFFORDANCES, SIMULATORS, Scene, SceneObject, check_objects, locate, read_recording
+from isi.sources.names import Name, household, name_fault
+from isi.sources.readers import read_json, read_table, refuse
+from isi.sources.recordings import SIMULATORS, Scene, SceneObject, locate, read_recording, scene_objects
 from isi.tables import paths
 
 FLOOR = "floor"
-#: Settings: whose materials; and what becomes of containment that cannot be, which a simulator may report: of a
-#: receptacle that its scene lacks or that is the object itself, and of contents that are not there or elsewhere
-#: (broken); of a receptacle that lies, itself or through others, in what it holds (circular).
-Materials = Literal["suncg", "simulator"]
+Materials = Literal["suncg", "simulator"]  #: Setting: where materials come from.
+#: Settings: whether containment that cannot be is dropped. It is broken where the receptacle or the content is not in
+#: the scene, is the object itself, or does not agree; and circular where a receptacle lies in what it holds.
 Broken = Literal["error", "drop"]
 Circular = Literal["keep", "error", "drop"]
-MISSING = "receptacles dropped that their scene lacks"  #: Under what it is counted when it is dropped.
+ROOMLESS = "objects without a room: neither the scene's name nor the setting room tells it"
+#: What is dropped, as it is counted, and what an error says of it.
+MISSING = "receptacles dropped that their scene lacks"
 ITSELF = "receptacles dropped that are what they hold"
 IN_CYCLE = "receptacles dropped that lie in what they hold"
 NOT_THERE = "contents of receptacles dropped that their scene lacks"
 ELSEWHERE = "contents of receptacles dropped that lie elsewhere"
-ROOMLESS = "objects without a room: neither the scene's name nor the setting room tells it"
-#: Gives the materials of each object of a scene, from the scene's number and the types of its objects.
-MaterialsOf = Callable[[int, Sequence[SceneObject]], list[list[str]]]
+PROBLEMS = {
+    MISSING: "its parent receptacle {} is not in the scene", ITSELF: "it is its own parent receptacle",
+    IN_CYCLE: "its parent receptacle {} lies in it", NOT_THERE: "it holds {}, which is not in the scene",
+    ELSEWHERE: "it holds {}, which lies elsewhere",
+}  # fmt: skip
+#: Gives the materials of each object of a scene, whose number it takes, too.
+MaterialsOf = Callable[[int, Sequence[SceneObject]], list[Sequence[str]]]
 
 
 def _register(simulator: str, **known: Any) -> None:
@@ -77,18 +82,18 @@ def ai2thor_scene(
     ``room`` is the scene's room; null: the one that its name stands for, such as ``FloorPlan1``.
     """
     file = Path(path)
-    content: Any = parse_json(Any, read_text(file, "a scene"), file)
+    content: Any = read_json(Any, file, "a scene")
     if isinstance(content, dict):
         content = content.get("metadata", content)
     fields = content if isinstance(content, dict) else {"objects": content}
-    name, objects = fields.get("scene") or fields.get("sceneName") or "scene", fields.get("objects")
+    name, reported = fields.get("scene") or fields.get("sceneName") or "scene", fields.get("objects")
     if fault := name_fault(name):
         raise InputError(path, "scene", fault)
-    if not isinstance(objects, list) or not objects:
+    if not isinstance(reported, list) or not reported:
         raise InputError(path, "", "expected a scene: a list of objects, or a mapping with the key objects")
     plan = re.sub("_physics$|#[0-9]+$", "", name)
     of_plan = next((plans.room for plans in chain(*SIMULATORS.values()) if plan in plans.names), "")
-    scene = Scene(name, 0, room or of_plan, check_objects(file, name, objects))
+    scene = Scene(name, 0, room or of_plan, scene_objects(file, name, reported))
     if not scene.room:
         mining.counts[ROOMLESS] = len(scene.objects)
     yield from mine([scene], reported_materials, file, mining.counts, broken, circular)
@@ -100,56 +105,41 @@ def mine(
 ) -> Iterator[Observation]:  # fmt: skip
     """Observations of scenes, which are read one by one; ``counts`` counts what is dropped, errors name ``file``."""
     for scene in scenes:
-        receptacles: dict[str, list[str]] = {thing["objectId"]: [] for thing in scene.objects}
-        for name, receptacle, fault in _containment(scene, find_cycles=circular != "keep"):
+        things = {thing.id: thing for thing in scene.objects}
+        receptacles: dict[str, list[str]] = {name: [] for name in things}
+        for name, other, fault in _containment(things, find_cycles=circular != "keep"):
             if not fault:
-                receptacles[name].append(receptacle)
+                receptacles[name].append(things[other].name)
             elif (circular if fault == IN_CYCLE else broken) == "error":
-                raise InputError(file, f"{scene.name}, object {cut(name)}", receptacle)
+                raise InputError(file, f"{scene.name}, object {cut(name)}", PROBLEMS[fault].format(short(other)))
             else:
                 counts[fault] += 1
         for thing, materials in zip(scene.objects, materials_of(scene.number, scene.objects), strict=True):
-            head, locations = entity_name(thing["objectType"]), receptacles[thing["objectId"]]
-            if head != FLOOR:
-                tails = {
-                    AT_LOCATION: [scene.room, *locations] if scene.room else locations,
-                    HAS_MATERIAL: materials,
-                    HAS_AFFORDANCE: [act for key, acts in AFFORDANCES.items() if thing.get(key) for act in acts],
-                }
-                yield from observed(scene.name, scene.room or None, thing["objectId"], head, tails)
+            if thing.name != FLOOR:
+                seen = receptacles[thing.id], materials, thing.affordances
+                yield from observed(scene.name, scene.room or None, thing.id, thing.name, *seen)
 
 
-def _containment(scene: Scene, find_cycles: bool) -> Iterator[tuple[str, str, str | None]]:
-    """(object, receptacle, None) for each containment but the floor's; (object, problem, fault) where it cannot be."""
-    type_of = {thing["objectId"]: entity_name(thing["objectType"]) for thing in scene.objects}
-    parents = {thing["objectId"]: thing.get("parentReceptacles") or [] for thing in scene.objects}
-    inside = {name: frozenset(listed) for name, listed in parents.items()}
+def _containment(things: Mapping[str, SceneObject], find_cycles: bool) -> Iterator[tuple[str, str, str | None]]:
+    """Id of an object, id of a receptacle (the floor left out) or of its content, and the fault if this cannot be."""
+    inside = {name: frozenset(thing.receptacles) for name, thing in things.items()}
     cycle_of: dict[str, int] = {}  # alike for objects that lie, themselves or through others, in each other
     if find_cycles:
         import networkx as nx  # here, since few ask for it
 
-        graph = nx.DiGraph((name, parent) for name, listed in parents.items() for parent in listed if parent in parents)
+        graph = nx.DiGraph((name, other) for name, others in inside.items() for other in others if other in things)
         parts = enumerate(nx.strongly_connected_components(graph))
         cycle_of = {name: number for number, part in parts for name in part}
-    for thing in scene.objects:
-        name = thing["objectId"]
-        for content in thing.get("receptacleObjectIds") or ():
-            if content not in parents:
-                yield name, f"it holds {short(content)}, which is not in the scene", NOT_THERE
-            elif name not in inside[content]:
-                yield name, f"it holds {short(content)}, which lies elsewhere", ELSEWHERE
-    for name, listed in parents.items():
-        for parent in listed if type_of[name] != FLOOR else ():
-            if parent not in parents:
-                yield name, f"its parent receptacle {short(parent)} is not in the scene", MISSING
-            elif parent == name:
-                yield name, "it is its own parent receptacle", ITSELF
-            elif type_of[parent] == FLOOR:
-                continue
-            elif cycle_of and cycle_of[parent] == cycle_of[name]:
-                yield name, f"its parent receptacle {short(parent)} lies in it", IN_CYCLE
-            else:
-                yield name, type_of[parent], None
+    for name, thing in things.items():
+        for content in thing.contents:
+            if content not in things or name not in inside[content]:
+                yield name, content, ELSEWHERE if content in things else NOT_THERE
+    for name, thing in things.items():
+        for other in thing.receptacles if thing.name != FLOOR else ():
+            if other not in things or other == name:
+                yield name, other, ITSELF if other == name else MISSING
+            elif things[other].name != FLOOR:
+                yield name, other, IN_CYCLE if cycle_of.get(other, other) == cycle_of.get(name, name) else None
 
 
 def materials_of(materials: Materials, seed: int) -> MaterialsOf:
@@ -159,17 +149,17 @@ def materials_of(materials: Materials, seed: int) -> MaterialsOf:
     return suncg_materials(read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES), seed)
 
 
-def reported_materials(_scene: int, objects: Sequence[SceneObject]) -> list[list[str]]:
-    """The ``salientMaterials`` that the simulator reports, in lower case, each once."""
-    return [list(dict.fromkeys(map(str.lower, thing.get("salientMaterials") or ()))) for thing in objects]
+def reported_materials(_scene: int, objects: Sequence[SceneObject]) -> list[Sequence[str]]:
+    """The materials that the simulator reports."""
+    return [thing.materials for thing in objects]
 
 
 def suncg_materials(shares: pd.DataFrame, root: int) -> MaterialsOf:
     """Draw each material of an object by the share of its category in SUNCG; one random stream per scene."""
     table = np.vstack([shares.to_numpy(dtype=float), np.zeros(shares.shape[1])])
 
-    def draw(scene: int, objects: Sequence[SceneObject]) -> list[list[str]]:
-        names = pd.Index([entity_name(thing["objectType"]) for thing in objects], dtype=shares.index.dtype)
+    def draw(scene: int, objects: Sequence[SceneObject]) -> list[Sequence[str]]:
+        names = pd.Index([thing.name for thing in objects], dtype=shares.index.dtype)
         rows = shares.index.get_indexer(names)  # -1 is the last row
         drawn = stream(root, "materials", scene).random((len(rows), shares.shape[1])) < table[rows]
         return [list(compress(shares.columns, has_material)) for has_material in drawn.tolist()]
@@ -185,8 +175,7 @@ def read_shares(shares: Path, categories: Path) -> pd.DataFrame:
     listed = read_table(shares, ["concept", "material", "share"], ["concept", "material"])
     wrong = ~pd.to_numeric(listed["share"], errors="coerce").between(0, 1)
     refuse(shares, listed["share"], wrong, "expected a number from 0 to 1 as share")
-    listed["share"] = listed["share"].map(float)
-    table = listed.pivot(index="concept", columns="material", values="share")
+    table = listed.assign(share=listed["share"].map(float)).pivot(index="concept", columns="material", values="share")
     mapping = read_table(categories, ["object", "category"], ["object"])
     refuse(categories, mapping["category"], ~mapping["category"].isin(table.index), "expected a category with shares")
     return table.loc[mapping["category"]].set_axis(pd.Index(mapping["object"]), axis=0).fillna(0.0)

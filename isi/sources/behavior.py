@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,8 +11,8 @@ from pydantic import BaseModel, Field
 
 from isi.errors import InputError, short
 from isi.sources import Mining, Observation, observed, reader
-from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, Name, household, name_fault
-from isi.sources.readers import packaged, parse_json, read_table, read_text, refuse
+from isi.sources.names import Name, household, name_fault
+from isi.sources.readers import check_settings, packaged, read_json, read_table, refuse
 
 SCENES, CATEGORIES = "combined_room_object_list.json", "category_mapping.csv"
 PROPERTIES = "propagated_annots_canonical.json"
@@ -43,17 +43,19 @@ def behavior(
     content = "the scenes of BEHAVIOR-1K"
     folder = packaged("bddl", "bddl/generated_data", content) if from_ == "package" else Path(from_)
     path, categories, listed = (folder / name for name in (SCENES, CATEGORIES, PROPERTIES))
-    scenes = parse_json(_SceneList, read_text(path, content), path).scenes
-    properties = parse_json(dict[str, dict[str, Any]], read_text(listed, content), listed)
+    scenes = read_json(_SceneList, path, content).scenes
+    properties = read_json(dict[str, dict[str, Any]], listed, content)
     table = read_table(categories, ["category", "synset"]).drop_duplicates(["category", "synset"])
     refuse(categories, table["category"], table.duplicated("category"), "expected each category with one synset")
     synset_of = dict(zip(table["category"], table["synset"], strict=True))
-    _check_known(categories, "synset", structure, synset_of.values())
-    _check_known(listed, "property", affordances, {name for of_synset in properties.values() for name in of_synset})
+    check_settings(categories, "synset", structure, synset_of.values())
+    check_settings(listed, "property", affordances, {name for of_synset in properties.values() for name in of_synset})
     synset_named: dict[str, str] = {}
-    rooms = ((scene, room, models) for scene, of_scene in scenes.items() for room, models in of_scene.items())
     for scene, room, model, count in (
-        (scene, room, *entry) for scene, room, models in rooms for entry in models.items()
+        (scene, room, model, count)
+        for scene, rooms in scenes.items()
+        for room, models in rooms.items()
+        for model, count in models.items()
     ):
         synset = synset_of.get(model[:-7], "")
         if not SYNSET.fullmatch(synset) or synset not in properties:
@@ -72,14 +74,8 @@ def behavior(
             expected = f"{synset_named[head]} has this name, too: give {synset} another one in the setting names"
             raise InputError(categories, f"entity {head!r}", expected)
         actions = {action for name in properties[synset] for action in affordances.get(name, ())}
-        tails = {AT_LOCATION: [place], HAS_AFFORDANCE: sorted(actions)}
-        yield from observed(scene, place, f"{room}/{model}", head, tails, count)
+        yield from observed(scene, place, f"{room}/{model}", head, affordances=sorted(actions), count=count)
 
 
 def _words(key: str) -> str:
     return " ".join(key.lower().replace("_", " ").split())
-
-
-def _check_known(path: Path, what: str, named: Collection[str], known: Collection[str]) -> None:
-    if unknown := set(named).difference(known):
-        raise InputError(path, f"{what} {min(unknown)!r}", "a setting names it, but this file lacks it")

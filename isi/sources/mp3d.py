@@ -4,33 +4,33 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import accumulate
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import pandas as pd
 from pydantic import Field, ValidationInfo, field_validator
 
 from isi import config
 from isi.config import Section
 from isi.errors import InputError, short
 from isi.sources import Mining, Observation, reader
-from isi.sources.names import AT_LOCATION, check_name, check_names, household, name_fault
-from isi.sources.readers import read_table, read_text, reading, refuse
+from isi.sources.names import AT_LOCATION, check_name, household, name_fault
+from isi.sources.readers import COUNT, check_names, check_settings, read_table, read_text, reading, refuse
 from isi.tables import paths
 
-#: Of tallies; scene, instance, region and category may be null.
-COLUMNS = ["scene", "instance", "region", "category", "count"]
 #: What is left after each step of mining.
 STEPS = ("instances", "of a category and in a region", "in AI2-THOR's rooms", "without structure")
-#: Where a record ``C`` of a house has the name of its category, behind its letter.
-CATEGORY_FIELD = {"category_mapping_name": 2, "mpcat40": 4}
 #: Kinds of records as a house's header counts them, in its order; panoramas and portals are both ``P``.
 HEADERS = {"1.0": "IPVSRL", "1.1": "IPVSEOCRPL"}
 RECORD_KINDS = {
     "I": "images", "P": "panoramas and portals", "V": "vertices", "S": "surfaces", "E": "segments", "O": "objects",
     "C": "categories", "R": "regions", "L": "levels",
 }  # fmt: skip
+#: Where a record ``C`` of a house has the name of its category, behind its letter.
+CATEGORY_FIELD = {"category_mapping_name": 2, "mpcat40": 4}
+#: Scene and instance (null in published tallies), region and category (empty if unknown), and the number of objects.
+Tally = tuple[str | None, str | None, str, str, int]
 #: Settings: room of each type of region, or of each label of a region in a house; other regions are left out.
 Rooms = Annotated[dict[str, str], Field(min_length=1)]
 HouseRooms = Annotated[dict[Annotated[str, Field(pattern=r"^[a-pr-zBCDSZ]$")], str], Field(min_length=1)]
@@ -69,23 +69,22 @@ def mp3d_houses(
 
 
 def mine(
-    batches: Iterable[pd.DataFrame], rooms: Mapping[str, str], vocabulary: Path, counts: Counter[str]
+    batches: Iterable[Iterable[Tally]], rooms: Mapping[str, str], vocabulary: Path, counts: Counter[str]
 ) -> Iterator[Observation]:
     """Observations of batches of tallies, such as houses; equal observations of a batch are added up.
 
-    A tally counts the objects of a category in a region (``COLUMNS``). ``counts`` grows by the instances
-    that are left after each of ``STEPS``. The vocabulary is a file, since DVC parses the params once a stage.
+    ``counts`` grows by the instances that are left after each of ``STEPS``. The vocabulary is a file, since DVC parses
+    the params once a stage.
     """
     words = config.check(config.read(vocabulary), Vocabulary, "", vocabulary)
     for batch in batches:
-        placed = batch.dropna(subset=["region", "category"])
-        in_rooms = placed[placed["region"].isin(rooms)]
-        objects = in_rooms[~in_rooms["category"].isin(words.structure)]
-        for step, left in zip(STEPS, (batch, placed, in_rooms, objects), strict=True):
-            counts[step] += int(left["count"].sum())
-        observed: Counter[tuple[str | None, str, str | None, str]] = Counter()
-        for scene, instance, region, category, count in objects.itertuples(index=False, name=None):
-            observed[scene, rooms[region], instance, words.same_as.get(category, category)] += count
+        observed = Counter[tuple[str | None, str, str | None, str]]()
+        for scene, instance, region, category, count in batch:
+            kept = True, bool(region and category), region in rooms, category not in words.structure
+            for step, left in zip(STEPS, accumulate(kept, min), strict=True):
+                counts[step] += count * left
+            if all(kept):
+                observed[scene, rooms[region], instance, words.same_as.get(category, category)] += count
         for (scene, room, instance, head), count in observed.items():
             yield scene, room, instance, head, AT_LOCATION, room, count
 
@@ -95,19 +94,17 @@ def _category_name(category: str) -> str:
     return " ".join(re.sub("[#_]", " ", category).lower().split())
 
 
-def read_tallies(path: Path, regions: Iterable[str]) -> pd.DataFrame:
+def read_tallies(path: Path, regions: Iterable[str]) -> Iterator[Tally]:
     """Published counts from a CSV ``object,room,count``; InputError where a room of the setting is not in it."""
-    table = read_table(path, ["object", "room", "count"])
+    table = read_table(path, ["object", "room", COUNT])
     table["object"] = table["object"].map(_category_name)
-    check_names(table["object"], path)
+    check_names(table, path)
     refuse(path, table["object"], table.duplicated(["object", "room"]), "expected each category once per room")
-    if unknown := set(regions) - set(table["room"]):
-        raise InputError(path, f"room {short(min(unknown))}", "the setting rooms names it, but this file lacks it")
-    renamed = table.rename(columns={"object": "category", "room": "region"})
-    return renamed.assign(scene=None, instance=None)[COLUMNS]
+    check_settings(path, "room", regions, table["room"])
+    return ((None, None, room, name, count) for name, room, count in table.itertuples(index=False, name=None))
 
 
-def _read_houses(folder: Path, category_field: int) -> Iterator[pd.DataFrame]:
+def _read_houses(folder: Path, category_field: int) -> Iterator[list[Tally]]:
     """The objects of each ``*.house`` file in a folder and its subfolders, sorted by path."""
     content = "a folder with *.house files, unpacked"
     with reading(folder, content):
@@ -122,14 +119,17 @@ def _read_houses(folder: Path, category_field: int) -> Iterator[pd.DataFrame]:
         yield tallies
 
 
-def _read_house(path: Path, category_field: int) -> tuple[str, pd.DataFrame]:
+def _read_house(path: Path, category_field: int) -> tuple[str, list[Tally]]:
     """The name of a house and its objects; regions and categories may be listed after the objects."""
     first, *lines = read_text(path, "a .house file").split("\n")
     version = re.fullmatch(r"ASCII\s+(\S+)\s*", first)
     if not version or version[1] not in HEADERS:
         raise InputError(path, "line 1", "expected a .house file, which starts with ASCII 1.0 or ASCII 1.1")
+    layouts: dict[str, tuple[Callable[[str], Any], list[int]]] = {  # fields behind a record's number
+        "R": (str, [4]), "C": (_category_name, [category_field]), "O": (_integer, [1, 2]),
+    }  # fmt: skip
+    numbered: dict[str, dict[int, list[Any]]] = {kind: {} for kind in layouts}
     counts, expected = Counter[str](), Counter[str]()
-    numbered: dict[str, dict[int, Any]] = {"R": {}, "C": {}, "O": {}}
     records = ((line, text.split()) for line, text in enumerate(lines, 2) if text.strip())
     header, (kind, *fields) = next(records, (2, [""]))
     line = header
@@ -141,31 +141,29 @@ def _read_house(path: Path, category_field: int) -> tuple[str, pd.DataFrame]:
             expected[letter] += _integer(fields[place])
         for line, (kind, *fields) in records:
             counts[kind] += 1
-            if kind in numbered:
-                number = _integer(fields[0])
+            if kind in layouts:
+                number, (convert, places) = _integer(fields[0]), layouts[kind]
                 if number in numbered[kind]:
                     raise ValueError(f"{kind} {number} is in the file twice")
-                numbered[kind][number] = (
-                    (line, _integer(fields[1]), _integer(fields[2])) if kind == "O" else
-                    fields[4] if kind == "R" else _category_name(fields[category_field])
-                )  # fmt: skip
+                numbered[kind][number] = [line, *(convert(fields[place]) for place in places)]
             elif kind not in RECORD_KINDS:
                 raise ValueError(f"expected a record of a kind {', '.join(RECORD_KINDS)}, got {short(kind)}")
     except (ValueError, IndexError) as error:
         too_few = f"{len(fields) + 1} fields are too few for a record {kind}"
         raise InputError(path, f"line {line}", too_few if isinstance(error, IndexError) else str(error)) from error
-    for kind, number in expected.items():
-        if counts[kind] != number:
-            problem = f"the header counts {number} {RECORD_KINDS[kind]} ({kind}), the file has {counts[kind]}"
-            raise InputError(path, f"line {header}", problem)
-    tallies = []
+    if wrong := next((kind for kind in expected if counts[kind] != expected[kind]), None):
+        problem = f"the header counts {expected[wrong]} {RECORD_KINDS[wrong]} ({wrong}), the file has {counts[wrong]}"
+        raise InputError(path, f"line {header}", problem)
+    tallies: list[Tally] = []
     for number, (line, *ends) in numbered["O"].items():
+        names = []
         for kind, end in zip("RC", ends, strict=True):
-            if fault := name_fault(numbered[kind].get(end, "none" if end == -1 else "")):
+            names.append(numbered[kind].get(end, [0, ""])[1])
+            if (fault := name_fault(names[-1])) and (end in numbered[kind] or end != -1):
                 problem = f"object {number} is of {kind} {end}, which the file lacks or does not name: {fault}"
                 raise InputError(path, f"line {line}", problem)
-        tallies.append((house, str(number), numbered["R"].get(ends[0]), numbered["C"].get(ends[1]), 1))
-    return house, pd.DataFrame(tallies, columns=COLUMNS, dtype=object)
+        tallies.append((house, str(number), names[0], names[1], 1))
+    return house, tallies
 
 
 def _integer(text: str) -> int:

@@ -41,14 +41,6 @@ def check_name(name: str) -> str:
 Name = Annotated[str, AfterValidator(check_name)]
 
 
-def check_names(names: pd.Series[str], path: object) -> None:
-    """InputError for the first invalid name of a column, whose index holds numbers of lines or rows."""
-    faults = {name: fault for name in names.unique() if (fault := name_fault(name))}
-    if faults:
-        place, name = next((place, name) for place, name in names.items() if name in faults)
-        raise InputError(path, f"{names.index.name} {place}", f"{names.name}: {faults[name]}")
-
-
 @cache
 def entity_name(object_type: str) -> str:
     """Lower-case words of a type in camel case: ``TVStand`` → ``tv stand``."""
@@ -67,12 +59,11 @@ class Ends(Section):
     tail: Name
 
 
-KindsByRelation = Annotated[dict[str, Ends], Field(min_length=1)]  #: By relation.
+KindsByRelation = Annotated[dict[str, Ends], Field(min_length=1)]
 #: The relations of a household; a location is a room where it bears a room's name.
 HOUSEHOLD = {
-    AT_LOCATION: Ends(head="object", tail="object"),
-    HAS_MATERIAL: Ends(head="object", tail="material"),
-    HAS_AFFORDANCE: Ends(head="object", tail="affordance"),
+    relation: Ends(head="object", tail=tail)
+    for relation, tail in ((AT_LOCATION, "object"), (HAS_MATERIAL, "material"), (HAS_AFFORDANCE, "affordance"))
 }
 
 
@@ -103,20 +94,23 @@ class Naming:
         return pd.DataFrame({"entity": names, "kind": [kinds.get(name, ENTITY) for name in names], "phrase": phrases})
 
     def _by_relation(self, triples: pd.DataFrame, rooms: Collection[str]) -> dict[str, str]:
-        """The kind of each entity by its relations, except entities that a table describes."""
+        """The kind of each entity by its relations; those that a table describes are checked in a household only."""
         ends: Mapping[str, Ends] = HOUSEHOLD if self.household else self.kinds or {}
-        known = set() if self.household else set(self.kind_of)
+        described = () if self.household else self.kind_of
+        slots = {
+            (relation, slot, name)
+            for slot in ("head", "tail")
+            for relation, name in zip(triples["relation"], triples[slot], strict=True)
+            if relation in ends and name not in described
+        }
         kind_and_place: dict[str, tuple[str, str]] = {}
-        for relation, of_relation in triples[triples["relation"].isin(ends)].groupby("relation"):
-            for slot in ("head", "tail"):
-                place = f"{slot} of {relation}"
-                for name in sorted(set(of_relation[slot]) - known):
-                    is_room = self.household and (relation, slot) == (AT_LOCATION, "tail") and name in rooms
-                    kind = "room" if is_room else getattr(ends[str(relation)], slot)
-                    other, other_place = kind_and_place.setdefault(name, (kind, place))
-                    if other != kind:
-                        expected = f"expected one kind, got {other} ({other_place}) and {kind} ({place})"
-                        raise InputError(f"entity {name!r}", "", expected)
+        for relation, slot, name in sorted(slots):
+            is_room = self.household and (relation, slot) == (AT_LOCATION, "tail") and name in rooms
+            kind, place = "room" if is_room else getattr(ends[relation], slot), f"{slot} of {relation}"
+            other, other_place = kind_and_place.setdefault(name, (kind, place))
+            if other != kind:
+                expected = f"expected one kind, got {other} ({other_place}) and {kind} ({place})"
+                raise InputError(f"entity {name!r}", "", expected)
         return {name: kind for name, (kind, _) in kind_and_place.items()}
 
 

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
-from isi.config import Sha256, distinct
+from isi.config import Sha256, distinct, must
 from isi.errors import InputError, short
 from isi.random import stream
 from isi.sources import Mining, Observation, observed, reader
-from isi.sources.ai2thor import Materials, MaterialsOf, materials_of, reported_materials
-from isi.sources.names import AT_LOCATION, HAS_AFFORDANCE, HAS_MATERIAL, Name, entity_name, household
-from isi.sources.readers import json_lines, packaged, parse_json, read_text
+from isi.sources.ai2thor import Materials, MaterialsOf, materials_of
+from isi.sources.names import Name, entity_name, household
+from isi.sources.readers import json_lines, packaged, parse_json, read_json
 from isi.sources.recordings import AFFORDANCES, Scene, SceneObject, locate, read_recording
 
 #: The largest house that is read, in bytes, objects, and corners of floors; those of ProcTHOR-10K have a few hundred
@@ -53,10 +54,6 @@ class Room(_Fields):
     floor: Annotated[list[Point], Field(alias="floorPolygon", min_length=3)]
 
 
-class _Metadata(_Fields):
-    version: Literal["0.0.1", "1.0.0"] = Field(alias="schema")
-
-
 class Item(_Fields):
     """An object, with the objects on or in it."""
 
@@ -66,29 +63,28 @@ class Item(_Fields):
     children: list[Item] | None = None
 
 
-def _check_rooms(rooms: list[Room]) -> list[Room]:
-    if sum(len(room.floor) for room in rooms) > MOST_CORNERS:
-        raise ValueError(f"expected at most {MOST_CORNERS:,} corners of floors")
-    if not distinct(room.id for room in rooms):
-        raise ValueError("two rooms have the same id")
-    return rooms
+class _Metadata(_Fields):
+    version: Literal["0.0.1", "1.0.0"] = Field(alias="schema")
 
 
 class House(_Fields):
     """A house in either version of ProcTHOR-10K's format; its objects form a forest."""
 
-    rooms: Annotated[list[Room], Field(min_length=1), AfterValidator(_check_rooms)]
+    rooms: Annotated[
+        list[Room],
+        Field(min_length=1),
+        must(lambda rooms: sum(len(room.floor) for room in rooms) <= MOST_CORNERS, f"at most {MOST_CORNERS:,} corners"),
+        must(lambda rooms: distinct(room.id for room in rooms), "each room with an id of its own"),
+    ]
     objects: list[Item] | None
     metadata: _Metadata | None = None
 
 
 class HouseObject(NamedTuple):
-    """An object of a house: its ``parent`` is the type of what it is on or in; ``room`` is the id in its own id."""
+    """An object of a house, where it stands, and the id of the room that its own id names."""
 
-    id: str
-    type: str
+    thing: SceneObject
     position: Point
-    parent: str | None
     room: str | None
 
 
@@ -110,55 +106,50 @@ def procthor_houses(mining: Mining, path: str, sha256: Sha256 | None, materials:
     """
     recorded, counts = recorded_types(read_recording(locate("recording"), None)), mining.counts
     affordances = {name: affordances_of(objects) for name, objects in recorded.items()}
-    drawn = materials_of(materials, mining.seed) if materials == "suncg" else recorded_materials(recorded, mining.seed)
+    draw = materials_of(materials, mining.seed) if materials == "suncg" else recorded_materials(recorded, mining.seed)
     counts.update(dict.fromkeys((INSTANCES, OUTSIDE, TAKEN, UNNAMED, ELSEWHERE), 0))
     for number, house, objects in read_houses(Path(path), sha256):
-        room_ids = {room.id for room in house.rooms}
-        ids: set[str] = set()
-        placed = []
-        for thing, room in zip(objects, rooms_of(house.rooms, objects), strict=True):
+        room_ids, ids = {room.id for room in house.rooms}, set[str]()
+        placed: list[tuple[str, SceneObject]] = []
+        for (thing, _, named), room in zip(objects, rooms_of(house.rooms, objects), strict=True):
             counts[INSTANCES] += 1
             if thing.id in ids:
                 counts[TAKEN] += 1
             elif room is None:
                 counts[OUTSIDE] += 1
             else:
-                counts[UNNAMED] += thing.room not in room_ids
-                counts[ELSEWHERE] += thing.room in room_ids - {room.id}
-                placed.append((thing, entity_name(room.type)))
+                counts[UNNAMED] += named not in room_ids
+                counts[ELSEWHERE] += named in room_ids - {room.id}
+                placed.append((entity_name(room.type), thing))
             ids.add(thing.id)
-        all_materials = drawn(number, [{"objectType": thing.type} for thing, _ in placed])
-        for (thing, place), made_of in zip(placed, all_materials, strict=True):
-            head = entity_name(thing.type)
-            if head not in affordances:
-                counts[UNRECORDED + head] += 1
-            locations = [place, entity_name(thing.parent)] if thing.parent else [place]
-            tails = {AT_LOCATION: locations, HAS_MATERIAL: made_of, HAS_AFFORDANCE: affordances.get(head, ())}
-            yield from observed(f"House{number}", place, thing.id, head, tails)
+        for (place, thing), made_of in zip(placed, draw(number, [thing for _, thing in placed]), strict=True):
+            if thing.name not in affordances:
+                counts[UNRECORDED + thing.name] += 1
+            seen = thing.receptacles, made_of, affordances.get(thing.name, ())
+            yield from observed(f"House{number}", place, thing.id, thing.name, *seen)
 
 
 def recorded_types(scenes: Iterable[Scene]) -> RecordedTypes:
     """The objects of scenes by type."""
     objects: dict[str, list[SceneObject]] = {}
     for thing in (thing for scene in scenes for thing in scene.objects):
-        objects.setdefault(entity_name(thing["objectType"]), []).append(thing)
+        objects.setdefault(thing.name, []).append(thing)
     return objects
 
 
 def affordances_of(objects: Sequence[SceneObject]) -> list[str]:
     """What can be done with more than half of these objects. Objects of one type hardly differ."""
-    most = [key for key in AFFORDANCES if 2 * sum(bool(thing.get(key)) for thing in objects) > len(objects)]
-    return [action for key in most for action in AFFORDANCES[key]]
+    counts = Counter(action for thing in objects for action in thing.affordances)
+    return [action for actions in AFFORDANCES.values() for action in actions if 2 * counts[action] > len(objects)]
 
 
 def recorded_materials(recorded: RecordedTypes, root: int) -> MaterialsOf:
     """Take the materials of a random recorded object of the same type, if any; one random stream per house."""
-    materials = {name: reported_materials(0, objects) for name, objects in recorded.items()}
 
-    def draw(house: int, objects: Sequence[SceneObject]) -> list[list[str]]:
+    def draw(house: int, objects: Sequence[SceneObject]) -> list[Sequence[str]]:
         draws = stream(root, "recorded materials", house).random(len(objects)).tolist()
-        choices = [materials.get(entity_name(thing["objectType"])) or [[]] for thing in objects]
-        return [among[int(draw * len(among))] for among, draw in zip(choices, draws, strict=True)]
+        choices = [recorded.get(thing.name) or [thing] for thing in objects]
+        return [among[int(draw * len(among))].materials for among, draw in zip(choices, draws, strict=True)]
 
     return draw
 
@@ -190,10 +181,10 @@ def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, li
     types, line = asset_types(), 0
     for line, content in json_lines(path, sha256, LONGEST, "a house as JSON", whole=".json" in path.suffixes[-2:]):
         house = parse_json(House, content, path, f"line {line}")
-        objects = list(house_objects(house.objects or (), types, None))
+        objects = list(house_objects(house.objects or (), types))
         if len(objects) > MOST_OBJECTS:
             raise InputError(path, f"line {line}, objects", f"expected at most {MOST_OBJECTS:,}")
-        if unknown := next((thing.id for thing in objects if not thing.type), None):
+        if unknown := next((thing.id for thing, *_ in objects if not thing.name), None):
             expected = "expected an id that names its type, such as 'Bed|2|0', or a known asset"
             raise InputError(path, f"line {line}, object {short(unknown)}", expected)
         yield line, house, objects
@@ -201,13 +192,13 @@ def read_houses(path: Path, sha256: str | None) -> Iterator[tuple[int, House, li
         raise InputError(path, "", "expected houses, found none")
 
 
-def house_objects(items: Iterable[Item], types: Mapping[str, str], parent: str | None) -> Iterator[HouseObject]:
+def house_objects(items: Iterable[Item], types: Mapping[str, str], parent: Sequence[str] = ()) -> Iterator[HouseObject]:
     """All objects, each before those on or in it. The type is that of the id, else that of the asset."""
     for item in items:
-        named, room = type_and_room(item.id)
-        kind = named or types.get(item.asset, "")
-        yield HouseObject(item.id, kind, item.position, parent, room)
-        yield from house_objects(item.children or (), types, kind)
+        kind, room = type_and_room(item.id)
+        name = entity_name(kind or types.get(item.asset, ""))
+        yield HouseObject(SceneObject(item.id, name, parent), item.position, room)
+        yield from house_objects(item.children or (), types, [name])
 
 
 @lru_cache(maxsize=2**16)
@@ -223,5 +214,5 @@ def asset_types() -> dict[str, str]:
     """The type of each asset, from the package ``procthor``."""
     content = "the assets of houses"
     path = packaged("procthor", "procthor/databases/asset-database.json", content)
-    listed = parse_json(dict[str, list[dict[str, Any]]], read_text(path, content), path)
+    listed = read_json(dict[str, list[dict[str, Any]]], path, content)
     return {asset["assetId"]: kind for kind, assets in listed.items() for asset in assets}

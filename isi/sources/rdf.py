@@ -42,18 +42,17 @@ def rdf(
     """
     logging.getLogger("rdflib").setLevel(logging.ERROR)  # it warns of IRIs that are none
     mining.name_entities = named = naming(entities, kinds, household)
-    entities_by_name, relations_by_name = dict[str, str](), dict[str, str]()  # IRIs
+    iris: dict[str, dict[str, str]] = {"entity": {}, "relation": {}}  # by what has the name, and by name
     types = dict[str, list[tuple[str, Node]]]()  # of each IRI, and where they stand
     labels = dict[str, tuple[str, str]]()
     seen = set[Triple]()
 
-    def name_of(place: str, node: Node, iri_by_name: dict[str, str] | None = None) -> str:
+    def name_of(place: str, node: Node, role: str = "") -> str:
         iri = str(node)
         name = local_name(iri) if names == "local" else iri
         if fault := name_fault(name):
             raise InputError(path, place, f"<{cut(iri, 40)}>: {fault}")
-        other = iri if iri_by_name is None else iri_by_name.setdefault(name, iri)
-        if other != iri:
+        if role and (other := iris[role].setdefault(name, iri)) != iri:
             also = f"{short(name)} is also the name of <{cut(other)}>; the setting names: iri keeps them apart"
             raise InputError(path, place, also)
         return name
@@ -71,8 +70,8 @@ def rdf(
         elif str(relation).startswith(str(RDF)):
             mining.counts[STRUCTURE] += 1
         else:
-            ends = name_of(place, head, entities_by_name), name_of(place, tail, entities_by_name)
-            triple = ends[0], name_of(place, relation, relations_by_name), ends[1]
+            ends = name_of(place, head, "entity"), name_of(place, tail, "entity")
+            triple = ends[0], name_of(place, relation, "relation"), ends[1]
             if triple in seen:
                 mining.counts[REPEATED] += 1
             else:
@@ -81,7 +80,7 @@ def rdf(
     if not seen:
         raise InputError(path, "", "expected triples between entities that have IRIs, got none")
     listed = set(named.kind_of)
-    for name, iri in entities_by_name.items():  # types and labels of relations and others are not looked at
+    for name, iri in iris["entity"].items():  # types and labels of relations and others do not matter
         for place, node in types.get(iri, ()) if name not in listed else ():
             kind = name_of(place, node)
             if (other := named.kind_of.setdefault(name, kind)) != kind:
@@ -100,24 +99,6 @@ def local_name(iri: str) -> str:
     return unquote(parts[-1])
 
 
-def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
-    """Place and nodes of each triple. Turtle's triples are sorted and have no place."""
-    if suffix_of(path) not in SUFFIXES:
-        raise InputError(path, "", "expected a file name that ends in .nt, .nt.gz, .ttl or .ttl.gz")
-    if suffix_of(path) == ".nt":
-        yield from _of_lines(path)
-        return
-    text = read_text(path, "Turtle, which is read as a whole,")
-    try:
-        graph = Graph().parse(data=text, format="turtle", publicID="file:///")
-    except Exception as error:  # text that ends too early, or is too deep, makes the parser stumble in any way
-        place, problem = "", f"{type(error).__name__}: {error}"
-        if isinstance(error, BadSyntax):
-            place, problem = f"line {error.lines + 1}", str(error._why)
-        raise InputError(path, place, f"expected Turtle ({cut(problem, 120)})") from error
-    yield from (("", triple) for triple in sorted(graph))
-
-
 class _Sink(list[Nodes], DummySink):
     """Collects the triples of a line."""
 
@@ -125,16 +106,29 @@ class _Sink(list[Nodes], DummySink):
         self.append((s, p, o))
 
 
-def _of_lines(path: Path) -> Iterator[tuple[str, Nodes]]:
-    sink = _Sink()
-    parser = W3CNTriplesParser(sink)
-    with reading(path, "RDF in UTF-8 text"), open_text(path) as file:
-        for number, line in enumerate(iter(lambda: file.readline(BLOCK), ""), 1):
-            parser.line = line.rstrip("\r\n")
-            sink.clear()
-            try:
-                parser.parseline()
-            except (ParserError, ValueError, OverflowError) as error:
-                expected = f"expected a triple of N-Triples, got {short(line.strip())}"
-                raise InputError(path, f"line {number}", expected) from error
-            yield from ((f"line {number}", triple) for triple in sink)
+def _read_triples(path: Path) -> Iterator[tuple[str, Nodes]]:
+    """Place and nodes of each triple. Turtle is read as a whole; its triples are sorted and have no place."""
+    if suffix_of(path) == ".nt":
+        parser = W3CNTriplesParser(sink := _Sink())
+        with reading(path, "RDF in UTF-8 text"), open_text(path) as file:
+            for number, line in enumerate(iter(lambda: file.readline(BLOCK), ""), 1):
+                parser.line = line.rstrip("\r\n")
+                sink.clear()
+                try:
+                    parser.parseline()
+                except (ParserError, ValueError, OverflowError) as error:
+                    expected = f"expected a triple of N-Triples, got {short(line.strip())}"
+                    raise InputError(path, f"line {number}", expected) from error
+                yield from ((f"line {number}", triple) for triple in sink)
+    elif suffix_of(path) == ".ttl":
+        text = read_text(path, "Turtle, which is read as a whole,")
+        try:
+            graph = Graph().parse(data=text, format="turtle", publicID="file:///")
+        except Exception as error:  # text that ends too early, or is too deep, makes the parser stumble in any way
+            place, problem = "", f"{type(error).__name__}: {error}"
+            if isinstance(error, BadSyntax):
+                place, problem = f"line {error.lines + 1}", str(error._why)
+            raise InputError(path, place, f"expected Turtle ({cut(problem, 120)})") from error
+        yield from (("", triple) for triple in sorted(graph))
+    else:
+        raise InputError(path, "", "expected a file name that ends in .nt, .nt.gz, .ttl or .ttl.gz")

@@ -7,7 +7,7 @@ import csv
 import gzip
 import re
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 from pydantic import TypeAdapter
 
 from isi.errors import InputError, at, cut, short
-from isi.sources.names import check_names
+from isi.sources.names import name_fault
 from isi.tables.io import check_sha256
 from isi.tables.rules import MOST_OBSERVED
 
@@ -76,6 +76,11 @@ def read_text(path: Path, content: str) -> str:
     return text
 
 
+def read_json(form: type[T], path: Path, content: str) -> T:
+    """A JSON file as a type (see ``read_text`` and ``parse_json``)."""
+    return parse_json(form, read_text(path, content), path)
+
+
 def json_lines(
     path: Path, sha256: str | None, most: int, content: str, whole: bool = False
 ) -> Iterator[tuple[int, bytes]]:
@@ -112,20 +117,36 @@ def refuse(path: Path, column: pd.Series, wrong: pd.Series[bool], expected: str)
         raise InputError(path, f"{column.index.name} {place}", f"{expected}, got {short(value)}")
 
 
+def check_settings(path: Path, content: str, named: Iterable[str], known: Iterable[str]) -> None:
+    """InputError where settings name a thing that a file lacks; ``content`` is what kind of thing."""
+    if unknown := set(named).difference(known):
+        raise InputError(path, f"{content} {short(min(unknown))}", "a setting names it, but this file lacks it")
+
+
+def check_names(table: pd.DataFrame, path: object, optional: Collection[str] = ()) -> None:
+    """InputError for the first invalid name of a table (see ``read_batches``); ``optional`` columns may be empty."""
+    for column, names in table.drop(columns=COUNT, errors="ignore").items():
+        faults = {name: fault for name in names.unique() if (fault := name_fault(name))}
+        if column in optional:
+            faults.pop("", None)
+        if faults:
+            place, name = next((place, name) for place, name in names.items() if name in faults)
+            raise InputError(path, f"{names.index.name} {place}", f"{column}: {faults[name]}")
+
+
 def read_table(
     path: Path, columns: Sequence[str], *keys: Sequence[str], optional: Sequence[str] | None = None
 ) -> pd.DataFrame:
     """Read a whole table of names; its index holds the numbers of lines (see ``read_batches``).
 
-    All ``columns`` hold names, except ``COUNT``. Rows are unique in ``key``. Names in ``optional``
-    columns may be empty; null allows any other columns and skips them.
+    Each key is a list of columns, in which rows are unique. Null as ``optional`` skips any other columns.
     """
-    batches: list[pd.DataFrame] = []
+    batches, rows = [], 0
     for batch in read_batches(path, columns, optional or (), others=optional is None):
-        for name in set(batch.columns) - {COUNT}:
-            check_names(batch[name] if name in columns else batch.loc[batch[name] != "", name], path)
+        check_names(batch, path, optional or ())
         batches.append(batch)
-        if sum(map(len, batches)) > MOST_ROWS:
+        rows += len(batch)
+        if rows > MOST_ROWS:
             raise InputError(path, "", f"expected a table of at most {MOST_ROWS:,} rows")
     if not batches:
         raise InputError(path, "", "expected rows, got none")
@@ -147,21 +168,20 @@ def read_batches(
     form = suffix_of(path)
     if form not in (*SEPARATORS, ".parquet"):
         raise InputError(path, "", "expected a file name that ends in .csv, .csv.gz, .tsv, .tsv.gz or .parquet")
-    is_text = form != ".parquet"
-    place, unit = (2, "line") if is_text else (1, "row")
-    with reading(path, "a table of UTF-8 text" if is_text else "a Parquet table"):
-        header = _header(path, SEPARATORS[form]) if is_text else list(pq.read_schema(path).names)
+    separator = SEPARATORS.get(form)
+    place, unit, content = (2, "line", "a table of UTF-8 text") if separator else (1, "row", "a Parquet table")
+    with reading(path, content):
+        header = _header(path, separator)
         names = [name for name in (*required, *optional) if name in header]
         known = [name for name in header if name in names] if others else header
         if not set(required) <= set(known) <= set(names) or len(set(known)) < len(known):
             expected = f"expected the columns {', '.join(required)}"
             expected += f" and optionally {', '.join(optional)}" * bool(optional)
             got = cut(", ".join(repr(name[:40]) for name in header) or "none", 100)
-            raise InputError(path, "line 1" if is_text else "columns", f"{expected}; got {got}")
-        for batch in _text(path, SEPARATORS[form], header) if is_text else _parquet(path, names):
-            columns = {name: batch[name].cast(pa.string()).fill_null("").to_pylist() for name in names}
-            index = pd.RangeIndex(place, place := place + batch.num_rows, name=unit)
-            frame = pd.DataFrame(columns, index, dtype=str)
+            raise InputError(path, "line 1" if separator else "columns", f"{expected}; got {got}")
+        for batch in _batches(path, separator, header, names):
+            frame = pd.DataFrame({name: batch[name].to_pylist() for name in names}, dtype=str)
+            frame.index = pd.RangeIndex(place, place := place + len(frame), name=unit)
             if COUNT in frame:
                 number = frame[COUNT].where(frame[COUNT].str.fullmatch("[0-9]{1,10}"), "0").astype("int64")
                 expected = f"expected a whole number from 1 to {MOST_OBSERVED} as count"
@@ -170,24 +190,25 @@ def read_batches(
             yield frame
 
 
-def _header(path: Path, separator: str) -> list[str]:
+def _header(path: Path, separator: str | None) -> list[str]:
+    if separator is None:
+        return list(pq.read_schema(path).names)
     with open_text(path) as file:
         return next(csv.reader([file.readline(BLOCK)], delimiter=separator, skipinitialspace=True), [])
 
 
-def _parquet(path: Path, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
-    with pq.ParquetFile(path) as file:
-        yield from file.iter_batches(BATCH, columns=names)
-
-
-def _text(path: Path, separator: str, header: Sequence[str]) -> Iterator[pa.RecordBatch]:
-    with pa.input_stream(path) as stream:
-        table = pc.open_csv(
-            stream,
+def _batches(
+    path: Path, separator: str | None, header: Sequence[str], names: Sequence[str]
+) -> Iterator[dict[str, pa.Array]]:
+    """Columns of text, batch by batch; null is empty text."""
+    if separator is None:
+        for batch in pq.ParquetFile(path).iter_batches(BATCH, columns=names):
+            yield {name: batch[name].cast(pa.string()).fill_null("") for name in names}
+    else:
+        for batch in pc.open_csv(
+            path,
             pc.ReadOptions(use_threads=False, block_size=BLOCK, column_names=header, skip_rows=1),
             pc.ParseOptions(delimiter=separator),
             pc.ConvertOptions(column_types=dict.fromkeys(header, pa.string()), strings_can_be_null=False),
-        )
-        for batch in table:
-            columns = [compute.utf8_ltrim_whitespace(column) for column in batch.columns]
-            yield pa.RecordBatch.from_arrays(columns, header)
+        ):
+            yield {name: compute.utf8_ltrim_whitespace(batch[name]) for name in names}

@@ -31,12 +31,13 @@ from ai2thor.fifo_server import FifoServer
 from ai2thor.platform import STR_PLATFORM_MAP, Request
 from ai2thor.wsgi_server import WsgiServer
 
-from isi.errors import InputError, at, short, unwritable
+from isi.errors import InputError, at, unwritable
 from isi.sources import recordings
 from isi.sources.readers import parse_json
-from isi.sources.recordings import MOST_BYTES, Layout, RecordedScene, Recorder, SceneObject
+from isi.sources.recordings import MOST_BYTES, Layout, Recorder
 from isi.tables import io, paths
 
+Reported = Mapping[str, Any]  #: An object as the simulator reports it.
 LOOK = 0.2  #: Seconds between looks at whether the player lives.
 _LONGEST = 300  #: The longest message of the simulator's that is passed on.
 _CHUNK, _GZIP = 2**20, 16 + zlib.MAX_WBITS
@@ -51,28 +52,23 @@ class Recording:
     def __init__(self, path: Path, simulator: Mapping[str, Any]) -> None:
         """Read which scenes are recorded, and cut off an incomplete last line; InputError for another simulator."""
         self.path, self._header = path, recordings.FORMAT | dict(simulator)
-        #: names of layouts
-        self.names: set[str] = set()
+        self.names: set[str] = set()  #: of layouts
         if not path.exists():
             return
         whole = 0
         lines = ((end, line) for end, content in _members(path) for line in content.splitlines())
         for number, (whole, line) in enumerate(lines, 1):  # noqa: B007
-            if number > 1:
-                self.names.add(parse_json(RecordedScene, line, path, f"line {number}").name)
-                continue
-            header = recordings.check_header(path, line)
-            for key, value in self._header.items():
-                if header.get(key) != value:
-                    other = f"was recorded with {key} {short(header.get(key))}, not {short(value)}"
-                    raise InputError(path, "line 1", f"{other}: choose another output, or remove it")
+            if number == 1:
+                recordings.check_header(path, line, self._header)
+            else:
+                self.names.add(parse_json(Layout, line, path, f"line {number}").name)
         if not whole:
             raise InputError(path, "", "expected a recording to continue, or no file")
         if whole < path.stat().st_size:
             with _writing(path):
                 os.truncate(path, whole)
 
-    def append(self, layout: Layout, objects: Iterable[SceneObject]) -> None:
+    def append(self, layout: Layout, objects: Iterable[Reported]) -> None:
         """Add a scene with the fields that mining reads; on disk when this returns, or InputError."""
         fields = [{key: thing[key] for key in recordings.FIELDS if key in thing} for thing in objects]
         scene = _member(layout.model_dump() | {"objects": fields})
@@ -150,7 +146,7 @@ class Simulator:
         self._end()
         self._folder.cleanup()
 
-    def objects(self, layout: Layout) -> list[SceneObject]:
+    def objects(self, layout: Layout) -> list[Reported]:
         """The objects of a scene as the simulator reports them; tries again when the player dies."""
         settings = self._settings
         for _ in range(settings.retries + 1):
@@ -164,7 +160,7 @@ class Simulator:
         times = f"the player died {settings.retries + 1} times (recorder.retries)"
         raise InputError(settings.platform, layout.name, times + f": {_NEEDS}" * (not self._started.is_set()))
 
-    def _observed(self, layout: Layout) -> list[SceneObject]:
+    def _observed(self, layout: Layout) -> list[Reported]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what the controller warns of is said here in one line
             event = self._player.reset(layout.scene) if self._player else self._start(layout.scene)
@@ -173,7 +169,7 @@ class Simulator:
                 raise RuntimeError(f"the scene is {got}")
             if layout.spawn is not None and self._player:
                 event = self._player.step("InitialRandomSpawn", randomSeed=layout.spawn, raise_for_failure=True)
-        objects: list[SceneObject] = event.metadata["objects"]
+        objects: list[Reported] = event.metadata["objects"]
         if not isinstance(objects, list) or not all(isinstance(thing, dict) for thing in objects):
             raise RuntimeError("it has no list of objects")
         return objects
@@ -239,20 +235,18 @@ class Player(Controller):  # type: ignore[misc]
         return list(super().unity_command(*settings, **keywords))
 
     def start(self, *settings: Any, **keywords: Any) -> Any:
-        if self._served:  # the controller would go on in the scene that was before
-            self.server = self._served
-            raise UnityCrashException("the player has died")
-        try:
-            first = super().start(*settings, **keywords)
-        finally:
-            self._served = self.server
+        first = super().start(*settings, **keywords)
         self._started.set()
         return first
 
     def _build_server(self, host: str, port: int, width: int, height: int) -> None:
-        if self.server is None and self.server_class is FifoServer and "FIFO" in self._build.server_types:
+        if self._served:  # the controller would go on in the scene that was before
+            self.server = self._served
+            raise UnityCrashException("the player has died")
+        if self.server_class is FifoServer and "FIFO" in self._build.server_types:
             self.server = Fifo(width, height, self.server_timeout)
         super()._build_server(host, port, width, height)
+        self._served = self.server
 
     def end(self) -> None:
         """End the process and its server."""

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import AfterValidator, BaseModel, Field, create_model
 
 from isi import config
-from isi.config import Count, EachOnce, Positive, Section, Seed, distinct
+from isi.config import Count, EachOnce, Positive, Section, Seed
 from isi.errors import InputError, cut, short
-from isi.sources.names import Name, name_fault
+from isi.sources.names import Name, entity_name, name_fault
 from isi.sources.readers import GZIP, json_lines, packaged, parse_json, reading
 from isi.tables import paths
 from isi.tables.io import check_sha256
 
-#: Header of a recording of ``make record``, a line of JSON; each line behind it is a scene.
+#: Header of a recording of ``make record``: its first line, as JSON. Each line after it is a scene.
 FORMAT = {"format": "isi recording", "version": 1, "simulator": "ai2thor"}
-#: The longest line of a recording (a thousand times the largest recorded scene's), and the largest JSON of the
-#: package's form, which is held as a whole (three times the package's), in bytes.
+#: Most bytes of a line of a recording (a thousand times the largest scene), and of the package's JSON, which is
+#: read as a whole (three times its size).
 MOST_BYTES, MOST_BYTES_WHOLE = 2**26, 2**27
 #: What can be done with an object that has a property.
 AFFORDANCES = {
@@ -31,23 +30,29 @@ AFFORDANCES = {
     "isColdSource": ("cool",),
 }  # fmt: skip
 
-
 _Text = Annotated[str, Field(min_length=1)]
-_Receptacles = Annotated[list[Name], EachOnce] | None
-#: What mining reads of an object; the rest would only cost memory.
+#: What mining reads of an object as the simulator reports it; what is empty or false may be missing.
 _FIELDS: dict[str, Any] = {
     "objectId": (Name, ...),
     "objectType": (Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z]([A-Za-z0-9_ -]*[A-Za-z0-9_-])?$")], ...),
-    "parentReceptacles": (_Receptacles, None),
-    "receptacleObjectIds": (_Receptacles, None),
+    **dict.fromkeys(("parentReceptacles", "receptacleObjectIds"), (Annotated[list[Name], EachOnce] | None, None)),
     "salientMaterials": (list[Name] | None, None),
     **dict.fromkeys(AFFORDANCES, (bool, False)),
 }
 FIELDS = tuple(_FIELDS)
-_Object: Any = create_model("SceneObject", **_FIELDS)
-_Objects: Any = Annotated[list[_Object], Field(max_length=100_000)]
-#: An object of a scene as the simulator reports it, by field; what is empty or false may be missing.
-SceneObject = dict[str, Any]
+_Reported: Any = create_model("Reported", **_FIELDS)
+_Objects: Any = Annotated[list[_Reported], Field(max_length=100_000)]
+
+
+class SceneObject(NamedTuple):
+    """An object of a scene or a house, as mining sees it."""
+
+    id: str
+    name: str  #: lower-case words of its type
+    receptacles: Sequence[str] = ()  #: what it is on or in; ids, or names where nothing else is known
+    contents: Sequence[str] = ()  #: ids of what is on or in it
+    materials: Sequence[str] = ()
+    affordances: Sequence[str] = ()
 
 
 class Scene(NamedTuple):
@@ -60,14 +65,13 @@ class Scene(NamedTuple):
 
 
 class FloorPlans(NamedTuple):
-    """Floor plans of one kind of room, by the key of their list in the package's recording."""
+    """Floor plans of one kind of room."""
 
-    key: str
+    key: str  #: of their list in the package's recording
     room: str
     first: int  #: number of the first
-    #: in the simulator; and in the package's recording, where it does not say which floor plan each is
-    names: Sequence[str]
-    packaged: Sequence[str] = ()
+    names: Sequence[str]  #: in the simulator
+    packaged: Sequence[str] = ()  #: in the package's recording, where it does not say which floor plan each is
 
 
 ITHOR = tuple(
@@ -77,9 +81,9 @@ ITHOR = tuple(
         ("bathrooms", "bathroom", 401),
     )
 )  # fmt: skip
-#: One apartment each: nothing says in which of its rooms an object is.
 _APARTMENTS = [f"{part}{walls}" for part, number in (("Train", 12), ("Val", 3)) for walls in range(1, number + 1)]
 _PLANS = [f"FloorPlan_{apartment}_{objects}" for apartment in _APARTMENTS for objects in range(1, 6)]
+#: One apartment each: nothing says in which of its rooms an object is.
 ROBOTHOR = (FloorPlans("robothor", "apartment", 501, _PLANS, [f"RoboTHOR{place}" for place in range(1, 76)]),)
 SIMULATORS = {"ai2thor": ITHOR, "robothor": ROBOTHOR}  #: By the reader of its recordings.
 
@@ -89,16 +93,11 @@ class Layout(BaseModel):
 
     scene: _Text
     spawn: int | None
+    objects: Any = None  #: of a line of a recording, which ``scene_objects`` checks
 
     @property
     def name(self) -> str:
         return self.scene if self.spawn is None else f"{self.scene}#{self.spawn}"
-
-
-class RecordedScene(Layout):
-    """A line of a recording."""
-
-    objects: Any  # which ``check_objects`` checks
 
 
 def locate(from_: str, simulator: str = "ai2thor") -> Path:
@@ -119,16 +118,15 @@ def read_recording(path: Path, sha256: str | None, plans: Sequence[FloorPlans] =
 
 
 def _packaged_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]:
-    if path.stat().st_size > MOST_BYTES_WHOLE:
-        raise InputError(path, "", f"expected at most {MOST_BYTES_WHOLE:,} bytes of JSON, or a recording in gzip")
-    recording = parse_json(dict[str, Any], path.read_bytes(), path)
+    _, content = next(json_lines(path, None, MOST_BYTES_WHOLE, "JSON", whole=True), (1, b""))
+    recording = parse_json(dict[str, Any], content, path)
     for listed in plans:
         names = listed.packaged or listed.names
         scenes = config.check(recording.get(listed.key), list[Any], listed.key, path)
         if len(scenes) != len(names):
             raise InputError(path, listed.key, f"expected a list of {len(names)} scenes, got {len(scenes)}")
         for number, (name, objects) in enumerate(zip(names, scenes, strict=True), listed.first):
-            yield Scene(name, number, listed.room, check_objects(path, name, objects))
+            yield Scene(name, number, listed.room, scene_objects(path, name, objects))
 
 
 def _recorded_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]:
@@ -137,7 +135,7 @@ def _recorded_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]
     check_header(path, next(lines, (1, b""))[1])
     seen: set[str] = set()
     for number, line in lines:
-        recorded = parse_json(RecordedScene, line, path, f"line {number}")
+        recorded = parse_json(Layout, line, path, f"line {number}")
         name, plan = recorded.name, recorded.scene
         fault = name_fault(name) or f"scene {name} is in the file twice" * (name in seen)
         if plan not in known:
@@ -145,29 +143,31 @@ def _recorded_scenes(path: Path, plans: Iterable[FloorPlans]) -> Iterator[Scene]
         if fault:
             raise InputError(path, f"line {number}", fault)
         seen.add(name)
-        yield Scene(name, *known[plan], check_objects(path, name, recorded.objects))
+        yield Scene(name, *known[plan], scene_objects(path, name, recorded.objects))
     if not seen:
         raise InputError(path, "", "expected scenes after the header, got none")
 
 
-def check_objects(path: Path, scene: str, objects: Any) -> list[SceneObject]:
-    """The checked objects of a scene, with the fields that mining reads; InputError also where two share an id."""
-    checked: Any = config.check(objects, _Objects, scene, path)
-    seen: set[str] = set()
-    for thing in checked:
-        if thing.objectId in seen:
+def scene_objects(path: Path, scene: str, reported: Any) -> list[SceneObject]:
+    """The objects of a scene from the simulator's report; InputError also where two share an id."""
+    objects: dict[str, SceneObject] = {}
+    for thing in config.check(reported, _Objects, scene, path):
+        if thing.objectId in objects:
             raise InputError(path, f"{scene}, object {cut(thing.objectId)}", "is in the scene twice")
-        seen.add(thing.objectId)
-    return [thing.model_dump(exclude_defaults=True) for thing in checked]
+        objects[thing.objectId] = SceneObject(
+            thing.objectId, entity_name(thing.objectType), thing.parentReceptacles or [],
+            thing.receptacleObjectIds or [], list(dict.fromkeys(map(str.lower, thing.salientMaterials or ()))),
+            [action for key, actions in AFFORDANCES.items() if getattr(thing, key) for action in actions],
+        )  # fmt: skip
+    return list(objects.values())
 
 
-def check_header(path: Path, line: bytes) -> dict[str, Any]:
-    """The header of a recording; InputError where the line is not one."""
+def check_header(path: Path, line: bytes, expected: Mapping[str, Any] = FORMAT) -> None:
+    """InputError where the first line of a recording is not a header with all that is expected."""
     header = parse_json(dict[str, Any], line, path, "line 1")
-    got = {key: header.get(key) for key in FORMAT}
-    if got != FORMAT:
-        raise InputError(path, "line 1", f"expected a header with {json.dumps(FORMAT)}, got {cut(short(got), 100)}")
-    return header
+    if differs := next((key for key, value in expected.items() if header.get(key) != value), None):
+        got = f"{short(expected[differs])} as {differs} of the recording, got {short(header.get(differs))}"
+        raise InputError(path, "line 1", f"expected {got}")
 
 
 PLATFORMS = ("CloudRendering", "Linux64", "OSXIntel64")  #: Builds that the package ``ai2thor`` downloads.
@@ -175,28 +175,24 @@ PLATFORMS = ("CloudRendering", "Linux64", "OSXIntel64")  #: Builds that the pack
 GROUPS = {"ithor": [name for plans in ITHOR for name in plans.names], "robothor": _PLANS}
 
 
-def floor_plans(item: str) -> list[str]:
-    """The floor plans of a group, a name, or a range such as ``FloorPlan201-230``; ValueError for anything else."""
-    if item in GROUPS:
-        return GROUPS[item]
-    parts = re.fullmatch(r"([A-Za-z]\w{0,98}?)([0-9]{1,6})(?:-([0-9]{1,6}))?", item, re.ASCII)
-    numbers = range(int(parts[2]), int(parts[3] or parts[2]) + 1) if parts else range(0)
-    if not parts or not numbers:
-        expected = f"expected {', '.join(GROUPS)}, a floor plan or a range such as FloorPlan1-30"
-        raise ValueError(f"{expected}, got {item[:80]!r}")
-    return [f"{parts[1]}{number}" for number in numbers]
-
-
-def _floor_plans_once(items: list[str]) -> list[str]:
-    if not distinct(plan for item in items for plan in floor_plans(item)):
-        raise ValueError("expected each floor plan once")
-    return items
+def _floor_plans(items: list[str]) -> list[str]:
+    """The floor plans of groups, names, and ranges such as ``FloorPlan201-230``."""
+    plans = []
+    for item in items:
+        parts = re.fullmatch(r"([A-Za-z]\w{0,98}?)([0-9]{1,6})(?:-([0-9]{1,6}))?", item, re.ASCII)
+        numbers = range(int(parts[2]), int(parts[3] or parts[2]) + 1) if parts else ()
+        listed = GROUPS.get(item) or [f"{parts[1]}{number}" for number in numbers if parts]
+        if not listed:
+            expected = f"expected {', '.join(GROUPS)}, a floor plan or a range such as FloorPlan1-30"
+            raise ValueError(f"{expected}, got {item[:80]!r}")
+        plans += listed
+    return plans
 
 
 class Recorder(Section):
     """How ``make record`` drives the simulator: the section ``recorder`` of params."""
 
-    scenes: Annotated[list[str], Field(min_length=1), AfterValidator(_floor_plans_once)]
+    scenes: Annotated[list[str], Field(min_length=1), AfterValidator(_floor_plans), EachOnce]  #: floor plans
     #: of each floor plan: null as it is built, a number as ``InitialRandomSpawn`` with this seed leaves it
     spawns: Annotated[list[Seed | None], Field(min_length=1), EachOnce]
     output: _Text
@@ -212,8 +208,7 @@ class Recorder(Section):
     @property
     def layouts(self) -> list[Layout]:
         """All that is to be recorded, in order."""
-        plans = [plan for item in self.scenes for plan in floor_plans(item)]
-        return [Layout(scene=plan, spawn=spawn) for plan in plans for spawn in self.spawns]
+        return [Layout(scene=plan, spawn=spawn) for plan in self.scenes for spawn in self.spawns]
 
     @property
     def executable(self) -> Path | None:

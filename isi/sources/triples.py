@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -12,8 +12,8 @@ import pandas as pd
 
 from isi.errors import InputError, short
 from isi.sources import Mining, Observation, reader
-from isi.sources.names import ENTITY, KindsByRelation, Naming, check_names, name_fault
-from isi.sources.readers import COUNT, SEPARATORS, read_batches, read_table, read_text, refuse
+from isi.sources.names import ENTITY, KindsByRelation, Naming
+from isi.sources.readers import COUNT, SEPARATORS, check_names, read_batches, read_table, read_text, refuse
 from isi.tables import paths
 
 TRIPLE, PLACES = ["head", "relation", "tail"], ["scene", "room", "instance"]
@@ -29,20 +29,16 @@ def table(
     mining: Mining, path: str, entities: str | None = None, kinds: KindsByRelation | None = None,
     household: bool = False,
 ) -> Iterator[Observation]:  # fmt: skip
-    """Observations of a table of triples: ``.csv``, ``.tsv`` or ``.parquet``.
+    """Observations of a table (``.csv``, ``.tsv``, ``.parquet``) of ``TRIPLE``, and perhaps ``count`` and ``PLACES``.
 
-    Args:
-        mining: receives the naming of entities.
-        path: of a table with the columns ``TRIPLE``, and perhaps ``count`` (else one each) and ``PLACES``.
-        entities: path of such a file with the column ``entity``, and perhaps ``kind`` and ``phrase``.
-        kinds: of each relation's heads and tails, for entities to which that table gives none.
-        household: whether relations and kinds are those of homes; rooms are the names in the column ``room``.
+    ``entities`` is the path of such a table with the column ``entity``, and perhaps ``kind`` and ``phrase``; ``kinds``
+    are those of each relation's heads and tails, for other entities; ``household`` takes relations and kinds of homes,
+    where rooms are the names in the column ``room``.
     """
     mining.name_entities = naming(entities, kinds, household)
     for batch in read_batches(Path(path), TRIPLE, [COUNT, *PLACES]):
         rows = pd.DataFrame({**dict.fromkeys(PLACES, ""), COUNT: 1, **batch}, batch.index)
-        for name in (*TRIPLE, *PLACES):
-            check_names(rows.loc[(rows[name] != "") | (name in TRIPLE), name], path)
+        check_names(rows[[*TRIPLE, *PLACES]], path, PLACES)
         places = ([place or None for place in rows[name]] for name in PLACES)
         yield from zip(*places, *(rows[name] for name in TRIPLE), rows[COUNT], strict=True)
 
@@ -68,12 +64,11 @@ def published(mining: Mining) -> Iterator[Observation]:
     of_entity = described.set_index("entity")
     mining.name_entities = Naming(kind_of=dict(of_entity["kind"]), phrase_of=dict(of_entity["phrase"]))
     path = paths.PUBLISHED_TRIPLES
-    listed = read_table(path, [*TRIPLE, "count"], TRIPLE)
+    listed = read_table(path, [*TRIPLE, COUNT], TRIPLE)
     for slot in ("head", "tail"):
         refuse(path, listed[slot], ~listed[slot].isin(described.index), "expected a synset that has an entity")
         listed[slot] = listed[slot].map(described["entity"])
-    for row in listed.itertuples(index=False, name=None):
-        yield None, None, None, *row
+    yield from ((None, None, None, *row) for row in listed.itertuples(index=False, name=None))
 
 
 def published_phrases() -> pd.DataFrame:
@@ -90,7 +85,7 @@ def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = Non
     The kind of an entity comes from the suffix of its name, and its phrase from the words, unless listed otherwise.
     """
     if from_ in SHIPPED:
-        shipped = read_table(paths.RAW / from_ / "triples.csv", [*TRIPLE, "count"], TRIPLE)
+        shipped = read_table(paths.RAW / from_ / "triples.csv", [*TRIPLE, COUNT], TRIPLE)
         counts = {(head, rel, tail): count for head, rel, tail, count in shipped.itertuples(index=False, name=None)}
         listed = list(shipped_names()[["name", "entity", "phrase"]].itertuples(index=False, name=None))
     else:
@@ -117,14 +112,14 @@ def shipped_names() -> pd.DataFrame:
 def read_ids(folder: Path, files: Collection[str]) -> dict[Triple, int]:
     """How often each triple occurs in files of ids, whose columns are head, tail, relation."""
     names, relations = read_id_names(folder / ENTITIES), read_id_names(folder / RELATIONS)
+    most = {"head": len(names), "tail": len(names), "relation": len(relations)}
     counts: Counter[Triple] = Counter()
     for path in (folder / file for file in files):
-        for number, ids in _lines(path, r"\s*([0-9]{1,9})[\s,]+([0-9]{1,9})[\s,]+([0-9]{1,9})\s*", "three ids"):
-            head, tail, relation = map(int, ids.groups())
-            if max(head, tail) >= len(names) or relation >= len(relations):
-                expected = f"expected ids of {len(names)} entities and {len(relations)} relations, got {short(ids[0])}"
-                raise InputError(path, f"line {number}", expected)
-            counts[names[head], relations[relation], names[tail]] += 1
+        lines, table = _read_lines(path, r"\s*([0-9]{1,9})[\s,]+([0-9]{1,9})[\s,]+([0-9]{1,9})\s*", most, "three ids")
+        ids = table.astype(int)
+        expected = f"expected ids of {len(names)} entities and {len(relations)} relations"
+        refuse(path, lines, (ids >= pd.Series(most)).any(axis=1), expected)
+        counts.update((names[head], relations[relation], names[tail]) for _, head, tail, relation in ids.itertuples())
     if not counts:
         raise InputError(folder, ", ".join(files), "expected triples, got none")
     return counts
@@ -132,28 +127,23 @@ def read_ids(folder: Path, files: Collection[str]) -> dict[Triple, int]:
 
 def read_id_names(path: Path) -> list[str]:
     """Names by id, from lines of name, tab and id; InputError where an id is missing or repeats."""
-    name_of, names = dict[int, str](), set[str]()
-    for number, line in _lines(path, r"(.+)\t([0-9]{1,9})\s*", "a name, a tab and an id"):
-        name, row = line[1], int(line[2])
-        is_there = row in name_of or name in names
-        if fault := name_fault(name) or f"the name or the id of {short(line[0])} is in the file twice" * is_there:
-            raise InputError(path, f"line {number}", fault)
-        names.add(name)
-        name_of[row] = name
-    if sorted(name_of) != list(range(len(name_of))):
-        raise InputError(path, "", f"expected each id from 0 to {len(name_of) - 1}")
-    return [name for _, name in sorted(name_of.items())]
+    lines, table = _read_lines(path, r"(.+)\t([0-9]{1,9})\s*", ["name", "id"], "a name, a tab and an id")
+    names, ids = table["name"], table["id"].astype(int)
+    check_names(table[["name"]], path)
+    refuse(path, lines, names.duplicated() | ids.duplicated(), "expected each name and each id once")
+    if set(ids) != set(range(len(ids))):
+        raise InputError(path, "", f"expected each id from 0 to {len(ids) - 1}")
+    return names.loc[ids.sort_values().index].tolist()
 
 
-def _lines(path: Path, pattern: str, content: str) -> Iterator[tuple[int, re.Match[str]]]:
-    """Number and match of each line after the first, which holds the number of lines."""
-    first, *lines = read_text(path, "a text file of ids").split("\n")
-    filled = [(number, line) for number, line in enumerate(lines, 2) if line.strip()]
+def _read_lines(path: Path, pattern: str, columns: Iterable[str], content: str) -> tuple[pd.Series, pd.DataFrame]:
+    """Lines after the first, which holds their number; and what the groups of a pattern match in them, by column."""
+    first, *rest = read_text(path, "a text file of ids").split("\n")
+    filled = {number: line for number, line in enumerate(rest, 2) if line.strip()}
     if not re.fullmatch(r"[0-9]{1,9}\s*", first) or int(first) != len(filled):
         expected = f"expected {len(filled)}, the number of lines that follow, got {short(first)}"
         raise InputError(path, "line 1", expected)
-    for number, line in filled:
-        match = re.fullmatch(pattern, line)
-        if not match:
-            raise InputError(path, f"line {number}", f"expected {content}, got {short(line)}")
-        yield number, match
+    lines = pd.Series(filled, dtype=object).rename_axis("line")
+    table = lines.str.extract(f"^(?:{pattern})$").set_axis(list(columns), axis=1)
+    refuse(path, lines, table.isna().any(axis=1), f"expected {content}")
+    return lines, table

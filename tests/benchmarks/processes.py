@@ -42,9 +42,8 @@ def mine_houses(houses: int, table: str) -> dict[str, Any]:
     from tests.observing import source_of
 
     def renamed(thing: SceneObject, house: int) -> SceneObject:
-        names = {key: [f"{name}|{house}" for name in thing.get(key) or ()]
-                 for key in ("parentReceptacles", "receptacleObjectIds")}  # fmt: skip
-        return {**thing, "objectId": f"{thing['objectId']}|{house}", **names}
+        receptacles, contents = ([f"{name}|{house}" for name in names] for names in (thing.receptacles, thing.contents))
+        return thing._replace(id=f"{thing.id}|{house}", receptacles=receptacles, contents=contents)
 
     start = time.perf_counter()
     _, settings = settings_of(read(paths.PARAMS)["sources"]["ai2thor"], "sources.ai2thor")

@@ -25,7 +25,7 @@ from isi.graph.words import look_up, read_vectors
 from isi.sources import KINDS, OBSERVATIONS, Source, procthor_houses
 from isi.sources.names import name_fault
 from isi.sources.recorder import Recording
-from isi.sources.recordings import FORMAT, ITHOR, Scene
+from isi.sources.recordings import FORMAT, ITHOR, Scene, scene_objects
 from isi.sources.triples import shipped_names
 from isi.tables import io as tables
 from isi.tables import paths
@@ -157,7 +157,9 @@ def houses() -> str:
 
 
 PROCTHOR = {"reader": "procthor_houses", "path": "houses.jsonl", "sha256": None, "materials": "simulator"}
-RECORDED = procthor_houses.recorded_types([Scene("FloorPlan1", 1, "kitchen", THINGS)])
+RECORDED = procthor_houses.recorded_types(
+    [Scene("FloorPlan1", 1, "kitchen", scene_objects(Path(), "FloorPlan1", THINGS))]
+)
 ASSETS = {"Asset_1": "Mug"}
 
 
