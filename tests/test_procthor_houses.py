@@ -212,7 +212,6 @@ def test_each_point_of_a_floor_plan_is_in_the_one_room_that_it_was_cut_into(
         procthor.Room.model_validate({"id": "room|1", "roomType": "Kitchen", "floorPolygon": make_houses.outline(area)})
         for area in areas
     ]
-    placed = procthor.HouseObject(SceneObject("Mug|7|0", "mug"), procthor.Point(x=x, z=z), None)
-    (room,) = procthor.rooms_of(rooms, [placed])
+    (room,) = procthor.rooms_of(rooms, [(SceneObject("Mug|7|0", "mug"), procthor.Point(x=x, z=z), None)])
     assert room is not None
     assert not any(cut) or cut[rooms.index(room)]  # else on a border between rectangles

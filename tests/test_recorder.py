@@ -195,7 +195,7 @@ CUP = {"objectId": "Cup|1", "objectType": "Cup", "parentReceptacles": ["Desk|1"]
 ROBOTHOR = {"reader": "robothor", "sha256": None, "materials": "simulator", "broken": "error"}
 
 
-def test_apartments_of_the_simulator_are_found_where_the_recorder_was_told_to_put_them(
+def test_apartments_of_the_simulator_are_read_from_the_output_of_the_recorder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

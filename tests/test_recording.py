@@ -94,7 +94,7 @@ def test_scenes_of_the_recorder_come_in_its_order_with_their_layouts(tmp_path: P
     ]
 
 
-def test_apartments_are_told_by_name_or_in_the_package_by_place(tmp_path: Path) -> None:
+def test_apartments_have_their_names_or_in_the_package_their_places(tmp_path: Path) -> None:
     recorded = read_lines(
         tmp_path / "r", HEADER, scene("FloorPlan_Train2_1"), scene("FloorPlan_Val3_5"), plans=ROBOTHOR
     )
@@ -201,7 +201,7 @@ def test_what_cannot_be_written_is_named(tmp_path: Path) -> None:
         write(tmp_path / "file" / "r", Layout(scene="FloorPlan1", spawn=None))
 
 
-def test_a_line_that_cannot_be_cut_off_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_line_that_cannot_be_cut_off_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(_path: Path, _length: int) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 

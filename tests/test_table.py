@@ -39,7 +39,7 @@ def log(tmp_path: Path) -> Path:
 # What a table gives
 
 
-def test_every_row_is_an_observation_with_what_it_tells(log: Path) -> None:
+def test_every_row_is_an_observation(log: Path) -> None:
     assert observe("table", log).rows(*COLUMNS) == EXPECTED
 
 
@@ -63,7 +63,7 @@ def test_columns_in_any_order_and_without_counts_are_one_observation_a_row(tmp_p
     assert observe("table", path).rows(*TRIPLE, "count") == [("c", "d", "a, b", 1)]
 
 
-def test_a_long_table_comes_in_chunks_that_are_read_when_they_are_asked_for(tmp_path: Path) -> None:
+def test_a_long_table_is_read_chunk_by_chunk(tmp_path: Path) -> None:
     path = written(tmp_path / "log.csv", "head,relation,tail\n" + "a,r,b\n" * (20 * CHUNK + 1) + "a,r\n")
     parts = Source({"reader": "table", "path": str(path)}, "sources.mine", 0).tables()
     assert next(parts).num_rows == CHUNK
@@ -99,7 +99,7 @@ def test_kinds_come_from_relations(log: Path) -> None:
     assert observe("table", log, kinds=HOMELY).kind_of() == expected
 
 
-def test_kinds_of_homes_tell_rooms_by_their_column(log: Path) -> None:
+def test_rooms_of_homes_are_the_names_in_their_column(log: Path) -> None:
     expected = {"TVStand": "object", "kitchen": "room", "mug": "object", "wood": "material"}
     assert observe("table", log, household=True).kind_of() == expected
 

@@ -37,7 +37,7 @@ KINDS = Table(
 MINED = Table(
     "data/observations/{source}.mined.parquet", {"step": TEXT, "instances": at_least(0, pa.int64())}, key=["step"]
 )
-CHUNK = 65_536  #: Rows of a table of observations, which are held at once.
+CHUNK = 65_536  #: So many observations are held at once.
 #: Scene, room and instance (null where there is none), head, relation, tail, count.
 Observation = tuple[str | None, str | None, str | None, str, str, str, int]
 #: Gives the entities of a source (``KINDS``) from its unique triples and the names of its rooms.

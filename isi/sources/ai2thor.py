@@ -28,17 +28,15 @@ Materials = Literal["suncg", "simulator"]  #: Setting: where materials come from
 Broken = Literal["error", "drop"]
 Circular = Literal["keep", "error", "drop"]
 ROOMLESS = "objects without a room: neither the scene's name nor the setting room tells it"
-#: What is dropped, as it is counted, and what an error says of it.
-MISSING = "receptacles dropped that their scene lacks"
-ITSELF = "receptacles dropped that are what they hold"
-IN_CYCLE = "receptacles dropped that lie in what they hold"
-NOT_THERE = "contents of receptacles dropped that their scene lacks"
-ELSEWHERE = "contents of receptacles dropped that lie elsewhere"
+#: Containment that cannot be is counted under these names where it is dropped, and else is an error in these words.
 PROBLEMS = {
-    MISSING: "its parent receptacle {} is not in the scene", ITSELF: "it is its own parent receptacle",
-    IN_CYCLE: "its parent receptacle {} lies in it", NOT_THERE: "it holds {}, which is not in the scene",
-    ELSEWHERE: "it holds {}, which lies elsewhere",
-}  # fmt: skip
+    "receptacles dropped that their scene lacks": "its parent receptacle {} is not in the scene",
+    "receptacles dropped that are what they hold": "it is its own parent receptacle",
+    "receptacles dropped that lie in what they hold": "its parent receptacle {} lies in it",
+    "contents of receptacles dropped that their scene lacks": "it holds {}, which is not in the scene",
+    "contents of receptacles dropped that lie elsewhere": "it holds {}, which lies elsewhere",
+}
+MISSING, ITSELF, IN_CYCLE, NOT_THERE, ELSEWHERE = PROBLEMS
 #: Gives the materials of each object of a scene, whose number it takes, too.
 MaterialsOf = Callable[[int, Sequence[SceneObject]], list[Sequence[str]]]
 

@@ -16,12 +16,12 @@ from isi.sources.readers import check_settings, packaged, read_json, read_table,
 
 SCENES, CATEGORIES = "combined_room_object_list.json", "category_mapping.csv"
 PROPERTIES = "propagated_annots_canonical.json"
-STEPS = ("instances", "without structure")  #: What is left after each step of mining.
+STEPS = ("instances", "without structure")  #: After each step of mining, what is left is counted.
 SYNSET = re.compile(r"([^\s.]{1,60})\.[nvars]\.[0-9]{2}")
-#: How many objects of each model stand in a room: a model is a category and six letters.
+#: The number of objects of each model in a room; the name of a model is a category and six letters.
 _Model = Annotated[str, Field(pattern=r"^[\w-]{1,60}-[a-z]{6}$")]
 _Models = dict[_Model, Annotated[int, Field(ge=1, le=1_000_000)]]
-#: By room (its type and a number), and by scene.
+#: Models by room, whose name is its type and a number; and rooms by scene.
 _Rooms = dict[Annotated[str, Field(pattern=r"^[a-z_]{1,60}_[0-9]{1,6}$")], Annotated[_Models, Field(min_length=1)]]
 _Scenes = dict[Annotated[str, Field(pattern=r"^\w{1,100}$")], Annotated[_Rooms, Field(min_length=1)]]
 

@@ -19,7 +19,7 @@ from isi.sources.names import AT_LOCATION, check_name, household, name_fault
 from isi.sources.readers import COUNT, check_names, check_settings, read_table, read_text, reading, refuse
 from isi.tables import paths
 
-#: What is left after each step of mining.
+#: After each step of mining, what is left is counted.
 STEPS = ("instances", "of a category and in a region", "in AI2-THOR's rooms", "without structure")
 #: Kinds of records as a house's header counts them, in its order; panoramas and portals are both ``P``.
 HEADERS = {"1.0": "IPVSRL", "1.1": "IPVSEOCRPL"}
@@ -27,11 +27,11 @@ RECORD_KINDS = {
     "I": "images", "P": "panoramas and portals", "V": "vertices", "S": "surfaces", "E": "segments", "O": "objects",
     "C": "categories", "R": "regions", "L": "levels",
 }  # fmt: skip
-#: Where a record ``C`` of a house has the name of its category, behind its letter.
+#: The field of a record ``C``, behind its letter, that holds the name of a category.
 CATEGORY_FIELD = {"category_mapping_name": 2, "mpcat40": 4}
 #: Scene and instance (null in published tallies), region and category (empty if unknown), and the number of objects.
 Tally = tuple[str | None, str | None, str, str, int]
-#: Settings: room of each type of region, or of each label of a region in a house; other regions are left out.
+#: These settings give the room of each type of region, or of each label in a house; other regions are left out.
 Rooms = Annotated[dict[str, str], Field(min_length=1)]
 HouseRooms = Annotated[dict[Annotated[str, Field(pattern=r"^[a-pr-zBCDSZ]$")], str], Field(min_length=1)]
 Category = Literal["category_mapping_name", "mpcat40"]

@@ -14,8 +14,8 @@ from pydantic import AfterValidator, Field
 from isi.config import Section
 from isi.errors import InputError, short
 
-LONGEST = 200  #: Characters of a name, at most.
-ENTITY = "entity"  #: Kind of an entity of which nothing says the kind.
+LONGEST = 200  #: A name has at most so many characters.
+ENTITY = "entity"  #: The kind of an entity if nothing says its kind.
 AT_LOCATION, HAS_MATERIAL, HAS_AFFORDANCE = "atLocation", "hasMaterial", "hasAffordance"
 
 
@@ -37,7 +37,7 @@ def check_name(name: str) -> str:
     return name
 
 
-#: Name of an entity, a relation, a scene, an object: printable text of 1 to ``LONGEST`` characters.
+#: The name of an entity, a relation, a scene or an object is printable text of 1 to ``LONGEST`` characters.
 Name = Annotated[str, AfterValidator(check_name)]
 
 
@@ -69,7 +69,7 @@ HOUSEHOLD = {
 
 @dataclass
 class Naming:
-    """Gives entities a kind, by name, else by their relations, else ``ENTITY``; and a phrase."""
+    """Gives each entity a phrase and a kind: by its name, else by its relations, else ``ENTITY``."""
 
     kinds: KindsByRelation | None = None
     household: bool = False  #: whether relations and kinds are those of a household
@@ -114,4 +114,4 @@ class Naming:
         return {name: kind for name, (kind, _) in kind_and_place.items()}
 
 
-household = Naming(household=True, words=str)  #: Names the entities of a household, which go by their own words.
+household = Naming(household=True, words=str)  #: In a household, the phrase of an entity is its name.

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -24,6 +24,7 @@ from isi.sources.recordings import AFFORDANCES, Scene, SceneObject, locate, read
 #: thousand, hundred and dozen at most.
 LONGEST, MOST_OBJECTS, MOST_CORNERS = 16 * 2**20, 10_000, 2_000
 ROUNDED = 0.001  #: Corners of floors are rounded to it (metres).
+SCHEMAS = ("0.0.1", "1.0.0")  #: Versions of the format.
 INSTANCES = "instances"
 OUTSIDE = "dropped, in no room of their house"
 TAKEN = "dropped, with the id of another one in their house"
@@ -63,10 +64,6 @@ class Item(_Fields):
     children: list[Item] | None = None
 
 
-class _Metadata(_Fields):
-    version: Literal["0.0.1", "1.0.0"] = Field(alias="schema")
-
-
 class House(_Fields):
     """A house in either version of ProcTHOR-10K's format; its objects form a forest."""
 
@@ -77,17 +74,13 @@ class House(_Fields):
         must(lambda rooms: distinct(room.id for room in rooms), "each room with an id of its own"),
     ]
     objects: list[Item] | None
-    metadata: _Metadata | None = None
+    metadata: Annotated[dict[str, Any], must(lambda given: given.get("schema") in SCHEMAS, "a known schema")] | None = (
+        None
+    )
 
 
-class HouseObject(NamedTuple):
-    """An object of a house, where it stands, and the id of the room that its own id names."""
-
-    thing: SceneObject
-    position: Point
-    room: str | None
-
-
+#: An object of a house, where it stands, and the id of the room that its own id names.
+HouseObject = tuple[SceneObject, Point, str | None]
 RecordedTypes = Mapping[str, Sequence[SceneObject]]  #: By name of a type, the objects that were recorded of it.
 
 
@@ -156,7 +149,7 @@ def recorded_materials(recorded: RecordedTypes, root: int) -> MaterialsOf:
 
 def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room | None]:
     """The room whose floor an object is above, else the one it borders; of several, that of its id, or the first."""
-    x, z = np.array([(thing.position.x, thing.position.z) for thing in objects]).reshape(-1, 2).T
+    x, z = np.array([(point.x, point.z) for _, point, _ in objects]).reshape(-1, 2).T
     scores = np.zeros((len(rooms), len(objects)), dtype=int)
     for room, score in zip(rooms, scores, strict=True):
         inside, borders = np.zeros((2, len(objects)), dtype=bool)
@@ -170,7 +163,7 @@ def rooms_of(rooms: Sequence[Room], objects: Sequence[HouseObject]) -> list[Room
                 share = ((x - start.x) * along + (z - start.z) * across) / length if length else 0.0
                 share = np.clip(share, 0.0, 1.0)
                 borders |= np.hypot(x - start.x - share * along, z - start.z - share * across) <= ROUNDED
-        is_named = np.array([thing.room == room.id for thing in objects], dtype=bool)
+        is_named = np.array([named == room.id for *_, named in objects], dtype=bool)
         score[:] = np.where(inside, 4, 2 * borders) + ((inside | borders) & is_named)
     best = scores.argmax(0) if objects else []
     return [rooms[room] if scores[room, place] else None for place, room in enumerate(best)]
@@ -197,7 +190,7 @@ def house_objects(items: Iterable[Item], types: Mapping[str, str], parent: Seque
     for item in items:
         kind, room = type_and_room(item.id)
         name = entity_name(kind or types.get(item.asset, ""))
-        yield HouseObject(SceneObject(item.id, name, parent), item.position, room)
+        yield SceneObject(item.id, name, parent), item.position, room
         yield from house_objects(item.children or (), types, [name])
 
 

@@ -21,7 +21,7 @@ from isi.sources.names import KindsByRelation, Naming, name_fault
 from isi.sources.readers import BLOCK, open_text, read_text, reading, suffix_of
 from isi.sources.triples import Triple, naming
 
-#: What becomes of triples that are no observations, as they are counted.
+#: Triples that are no observations are counted under these names.
 LITERALS = "triples dropped that end in a literal"
 BLANK = "triples dropped with a node that has no name"
 STRUCTURE = "triples dropped of RDF's own structures"

@@ -7,7 +7,7 @@ import csv
 import gzip
 import re
 import zlib
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
@@ -25,26 +25,26 @@ from isi.sources.names import name_fault
 from isi.tables.io import check_sha256
 from isi.tables.rules import MOST_OBSERVED
 
-#: Bytes of a text table, and rows of a Parquet table, that are read at once; a line is not longer.
+#: So many bytes of a text table, or rows of a Parquet table, are read at once; a longer line is refused.
 BLOCK, BATCH = 2**20, 65_536
-MOST, MOST_ROWS = 2**26, 1_000_000  #: Characters, and rows, of a file that is read as a whole, at most.
-COUNT = "count"  #: The column of whole numbers from 1; all others hold text.
-GZIP = b"\x1f\x8b"  #: What a file starts with that is compressed by gzip.
+MOST, MOST_ROWS = 2**26, 1_000_000  #: A file that is read as a whole has at most so many characters, or rows.
+COUNT = "count"  #: This column holds whole numbers from 1; all other columns hold text.
+GZIP = b"\x1f\x8b"  #: The first bytes of a file that gzip has compressed.
 SEPARATORS = {".csv": ",", ".tsv": "\t"}
-#: What reading a broken file raises.
+#: Errors that reading a broken file raises.
 UNREADABLE = (OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error, pa.ArrowException)
 T = TypeVar("T")
 
 
 @contextmanager
-def reading(path: Path, content: str) -> Iterator[None]:
-    """Turn errors in reading a broken file into an ``InputError``; ``content`` says what was expected."""
+def reading(path: Path, content: str, place: Callable[[], str] = str) -> Iterator[None]:
+    """Turn errors in reading a broken file into an ``InputError``, which says what content was expected at a place."""
     try:
         yield
     except UNREADABLE as error:
         row = re.fullmatch(r".*Row #([0-9]+): (.*)", str(error), re.DOTALL)  # as pyarrow says it
-        place, problem = (f"line {row[1]}", row[2]) if row else ("", str(error))
-        raise InputError(path, place, f"expected {content} ({cut(problem, 120)})") from error
+        line, problem = (f"line {row[1]}", row[2]) if row else (place(), str(error))
+        raise InputError(path, line, f"expected {content} ({cut(problem, 120)})") from error
 
 
 def packaged(package: str, path: str, content: str) -> Path:
@@ -84,23 +84,20 @@ def read_json(form: type[T], path: Path, content: str) -> T:
 def json_lines(
     path: Path, sha256: str | None, most: int, content: str, whole: bool = False
 ) -> Iterator[tuple[int, bytes]]:
-    """The lines of a plain or gzip file, at most ``most`` bytes each, with numbers from 1; blank ones are skipped.
+    """The lines of a plain or gzip file, at most ``most`` bytes each, with numbers from 1; blank lines are skipped.
 
-    ``whole`` takes the file as one line; ``content`` is what was expected; ``sha256`` is checked if it is given.
+    ``whole`` takes the file as one line; ``content`` says what was expected; ``sha256`` is checked unless it is null.
     """
     check_sha256(path, sha256)
     number = 0
-    try:
-        with path.open("rb") as raw:
-            file = gzip.GzipFile(fileobj=raw) if raw.peek(2)[:2] == GZIP else raw
-            while line := file.read(most + 1) if whole else file.readline(most + 1):
-                number += 1
-                if len(line) > most:
-                    raise InputError(path, f"line {number}", f"expected at most {most:,} bytes")
-                if line.strip():
-                    yield number, line
-    except (OSError, EOFError, zlib.error) as error:
-        raise InputError(path, f"line {number + 1}", f"expected {content} ({error})") from error
+    with reading(path, content, lambda: f"line {number + 1}"), path.open("rb") as raw:
+        file = gzip.GzipFile(fileobj=raw) if raw.peek(2)[:2] == GZIP else raw
+        while line := file.read(most + 1) if whole else file.readline(most + 1):
+            number += 1
+            if len(line) > most:
+                raise InputError(path, f"line {number}", f"expected at most {most:,} bytes")
+            if line.strip():
+                yield number, line
 
 
 def parse_json(form: type[T], content: bytes | str, path: object, place: str = "") -> T:

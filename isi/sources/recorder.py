@@ -1,4 +1,4 @@
-"""Records scenes of the live simulator (``make record``) for the readers of AI2-THOR and RoboTHOR.
+"""The recorder of scenes of the live simulator (``make record``), for the readers of AI2-THOR and RoboTHOR.
 
 A recording grows scene by scene: each line is a gzip member of its own, so that a run that is killed loses one scene.
 """
@@ -33,15 +33,15 @@ from ai2thor.wsgi_server import WsgiServer
 
 from isi.errors import InputError, at, unwritable
 from isi.sources import recordings
-from isi.sources.readers import parse_json
+from isi.sources.readers import parse_json, reading
 from isi.sources.recordings import MOST_BYTES, Layout, Recorder
 from isi.tables import io, paths
 
 Reported = Mapping[str, Any]  #: An object as the simulator reports it.
-LOOK = 0.2  #: Seconds between looks at whether the player lives.
-_LONGEST = 300  #: The longest message of the simulator's that is passed on.
+LOOK = 0.2  #: After so many seconds the recorder looks again whether the player lives.
+_LONGEST = 300  #: A longer message of the simulator is cut.
 _CHUNK, _GZIP = 2**20, 16 + zlib.MAX_WBITS
-#: What is raised where the player has died, by whichever way that was noticed.
+#: Errors that say that the player has died.
 _DIED = (UnityCrashException, RestartError, BrokenPipeError)
 _NEEDS = "it needs a graphics device and, except with CloudRendering, a display"
 
@@ -98,19 +98,16 @@ def _member(record: Mapping[str, Any]) -> bytes:
 def _members(path: Path) -> Iterator[tuple[int, bytes]]:
     """End and content of each complete gzip member of a file; the content is at most the longest line."""
     unpack, content, end, rest = zlib.decompressobj(_GZIP), b"", 0, b""
-    try:
-        with path.open("rb") as file:
-            while chunk := rest or file.read(_CHUNK):
-                content += unpack.decompress(chunk, MOST_BYTES + 1 - len(content))
-                if len(content) > MOST_BYTES:
-                    raise InputError(path, f"byte {end:,}", f"expected lines of at most {MOST_BYTES:,} bytes")
-                rest = unpack.unused_data
-                end += len(chunk) - len(rest)
-                if unpack.eof:
-                    yield end, content
-                    unpack, content = zlib.decompressobj(_GZIP), b""
-    except (OSError, zlib.error) as error:
-        raise InputError(path, f"byte {end:,}", f"expected a recording, compressed by gzip ({error})") from error
+    with reading(path, "a recording, compressed by gzip", lambda: f"byte {end:,}"), path.open("rb") as file:
+        while chunk := rest or file.read(_CHUNK):
+            content += unpack.decompress(chunk, MOST_BYTES + 1 - len(content))
+            if len(content) > MOST_BYTES:
+                raise InputError(path, f"byte {end:,}", f"expected lines of at most {MOST_BYTES:,} bytes")
+            rest = unpack.unused_data
+            end += len(chunk) - len(rest)
+            if unpack.eof:
+                yield end, content
+                unpack, content = zlib.decompressobj(_GZIP), b""
 
 
 def header(settings: Recorder) -> dict[str, Any]:
@@ -124,7 +121,7 @@ def header(settings: Recorder) -> dict[str, Any]:
 
 
 class Simulator:
-    """The simulator: starts with the first scene; must be closed."""
+    """The simulator, which starts with the first scene and must be closed."""
 
     def __init__(self, settings: Recorder) -> None:
         """Check that it can start: InputError where there is no such build, or no display or driver for it."""
@@ -202,8 +199,9 @@ class Simulator:
             return f"no answer within {limit}, or {settings.start_seconds:g} s at the start (recorder.start_seconds)"
         lines = filter(None, map(str.strip, str(causes[-1]).splitlines()))
         message = next(lines, "an error without a message")[:_LONGEST]
-        is_started = self._started.is_set()
-        return f"the simulator answers: {message}" if is_started else f"cannot be started: {message}: {_NEEDS}"
+        return (
+            f"the simulator answers: {message}" if self._started.is_set() else f"cannot be started: {message}: {_NEEDS}"
+        )
 
 
 def _chain(error: BaseException) -> list[BaseException]:

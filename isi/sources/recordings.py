@@ -22,7 +22,7 @@ FORMAT = {"format": "isi recording", "version": 1, "simulator": "ai2thor"}
 #: Most bytes of a line of a recording (a thousand times the largest scene), and of the package's JSON, which is
 #: read as a whole (three times its size).
 MOST_BYTES, MOST_BYTES_WHOLE = 2**26, 2**27
-#: What can be done with an object that has a property.
+#: Actions that an object with a property affords.
 AFFORDANCES = {
     "openable": ("open", "close"), "pickupable": ("pick up", "put"), "toggleable": ("turn on", "turn off"),
     "canFillWithLiquid": ("fill", "empty"), "sliceable": ("slice",), "breakable": ("break",),
@@ -83,7 +83,7 @@ ITHOR = tuple(
 )  # fmt: skip
 _APARTMENTS = [f"{part}{walls}" for part, number in (("Train", 12), ("Val", 3)) for walls in range(1, number + 1)]
 _PLANS = [f"FloorPlan_{apartment}_{objects}" for apartment in _APARTMENTS for objects in range(1, 6)]
-#: One apartment each: nothing says in which of its rooms an object is.
+#: Each is one apartment, and nothing says in which of its rooms an object is.
 ROBOTHOR = (FloorPlans("robothor", "apartment", 501, _PLANS, [f"RoboTHOR{place}" for place in range(1, 76)]),)
 SIMULATORS = {"ai2thor": ITHOR, "robothor": ROBOTHOR}  #: By the reader of its recordings.
 

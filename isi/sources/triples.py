@@ -18,7 +18,7 @@ from isi.tables import paths
 
 TRIPLE, PLACES = ["head", "relation", "tail"], ["scene", "room", "instance"]
 ENTITIES, RELATIONS, ALL = "entity2id.txt", "relation2id.txt", "gt2id.txt"
-#: Of what kind an entity is, by the last part of its name.
+#: The kind of an entity by the last part of its name.
 KINDS_BY_SUFFIX = {"o": "object", "l": "location", "r": "room", "a": "action", "s": "state", "m": "material"}
 SHIPPED = ("virtualhome", "thor_u")
 Triple = tuple[str, str, str]
