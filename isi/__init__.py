@@ -4,8 +4,6 @@
 Each is imported on first use (types are in ``__init__.pyi``).
 """
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

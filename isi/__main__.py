@@ -1,7 +1,5 @@
 """``python -m isi COMMAND``, and the script ``isi``."""
 
-from __future__ import annotations
-
 import sys
 
 try:

@@ -1,7 +1,5 @@
 """Reading ``params.yaml``: each section has a pydantic model in the module that uses it; plug-ins go by name."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import pkgutil

@@ -1,7 +1,5 @@
 """A user's mistake as one line: the file, the place in it, what was found, what was expected, the way out."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

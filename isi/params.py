@@ -1,7 +1,5 @@
 """All of ``params.yaml`` and of ``beyond/params.yaml``: the model of each section, and checks across sections."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
 from pathlib import Path

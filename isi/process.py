@@ -1,7 +1,5 @@
 """How processes end: no worker outlives its parent, and a command that ends early says why in one line."""
 
-from __future__ import annotations
-
 import argparse
 import ctypes
 import errno

@@ -1,7 +1,5 @@
 """Insertion into a model trained by PyKEEN: it is read as an embedding, and new entities go into a copy."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace

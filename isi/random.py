@@ -1,7 +1,5 @@
 """Random streams, keyed by their purpose and never by what ran before them."""
 
-from __future__ import annotations
-
 import zlib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Turn the results of ``make benchmark`` into the tables and the figure of docs/benchmarks."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from pathlib import Path

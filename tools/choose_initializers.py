@@ -6,8 +6,6 @@ training and validation triples is ranked (scope novel). The novel entities of t
 and neither has a test triple, but for the counts that true ranks come from. Writes the tables of the documentation.
 """
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from typing import Any

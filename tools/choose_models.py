@@ -4,8 +4,6 @@ Each setting trains the joint model of a few seeds; the best validation MRR* of 
 is used. Writes the table that the documentation shows.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Mapping, Sequence
 from itertools import product

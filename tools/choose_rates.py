@@ -4,8 +4,6 @@ Training is judged by the joint model's best validation MRR*; fine-tuning by val
 averaged over the paper's initializers and over epochs, which favours none by name. No test triple is used.
 """
 
-from __future__ import annotations
-
 import argparse
 from itertools import product
 

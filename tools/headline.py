@@ -1,7 +1,5 @@
 """Say where a report is, and its headline numbers."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Turn what the stage `hide` found into the table of docs/benchmarks/hidden.md, with who is first in words."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 

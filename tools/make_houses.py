@@ -6,8 +6,6 @@ what, is the package's; each object stands in the room that its id names.
 python -m tools.make_houses 10000 houses.jsonl.gz
 """
 
-from __future__ import annotations
-
 import argparse
 import gzip
 import json

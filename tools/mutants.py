@@ -1,7 +1,5 @@
 """Sum up what became of mutants (``make mutants``) in docs/benchmarks/mutants.md, and list those that live."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from pathlib import Path

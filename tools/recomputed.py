@@ -3,8 +3,6 @@
 A second way of computing: nothing here is the library's, and nothing is clever. Of ANALOGY alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Run ``dvc repro``, saying which stage of how many runs, and how long the rest may take."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

@@ -4,8 +4,6 @@ By code that shares nothing with the library: initial vectors of some initialize
 cells chosen at random, and mean epochs to convergence. Vectors and MRR* of ANALOGY alone. Run it where dvc.yaml lies.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import sys

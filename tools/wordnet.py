@@ -6,8 +6,6 @@ FOLDER has WordNet's own files (index.noun, data.noun, ...) of version 3.0, whos
 A phrase without a synset has no definition.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 from functools import cache

@@ -1,7 +1,5 @@
 """Copy the pipeline into a folder of its own, with some params changed, ready for ``dvc repro`` there."""
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Fine-tuning with other indicator set sizes, other rates, and without insertion."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """Entities hidden from an embedding of another trainer: their draw, insert triples and queries."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal

@@ -1,7 +1,5 @@
 """Hidden entities inserted into PyKEEN's models, by ``isi.pykeen.insert`` and by PyKEEN's own means."""
 
-from __future__ import annotations
-
 import gc
 import logging
 import time

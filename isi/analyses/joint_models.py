@@ -1,7 +1,5 @@
 """Joint models with other settings or scoring functions, and the final model of a whole graph."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from statistics import median_low
 from typing import Annotated, ClassVar

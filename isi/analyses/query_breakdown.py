@@ -1,7 +1,5 @@
 """Measures right after insertion, broken down by relation, hidden slot and novel end; and answers of Table 3."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Annotated

@@ -6,8 +6,6 @@ are any, ``words``), ``entities.tsv`` names, kinds and phrases in the order of i
 read, and before it is written, whole or not at all.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

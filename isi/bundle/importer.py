@@ -3,8 +3,6 @@
 Tensors are NumPy's, safetensors, JSON, and PyTorch's as far as they hold tensors alone: no pickle is run.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import pickle

@@ -3,8 +3,6 @@
 Its vector is explained by its indicators, and by ablations: the insertion without each piece of what was given.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """A bundle that is open for queries: names as they are typed, scores, known answers, candidates, nearest entities."""
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """The command ``isi``: reads the command line, imports the module of one command alone, and prints its answer."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence

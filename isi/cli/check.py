@@ -1,7 +1,5 @@
 """``isi check``: checks tables and tensor files under data/ by their own rules, and against each other."""
 
-from __future__ import annotations
-
 import pkgutil
 import sys
 from collections import defaultdict

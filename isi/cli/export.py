@@ -1,7 +1,5 @@
 """``isi export``: a graph, of an experiment or of a bundle, and what a model predicts beyond it, for other tools."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """``isi graph``: a graph of scenes or triples of your own, by the reader that fits them, and what is in it."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``isi import``: a bundle of an embedding that another tool has trained."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

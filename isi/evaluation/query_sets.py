@@ -3,8 +3,6 @@
 Two of them say when fine-tuning has converged: when Θ¹ is about as good as the joint model (section 6.2).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pandas as pd

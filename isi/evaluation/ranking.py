@@ -4,8 +4,6 @@ A query hides one slot of a triple. Its candidates are the entities of the sessi
 make a triple of the filter. The true answer always stays.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeVar

@@ -1,7 +1,5 @@
 """Checks across the files of an experiment: ids, splits, novel entities, insert triples, shapes of tensors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

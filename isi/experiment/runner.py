@@ -1,7 +1,5 @@
 """Where the tasks of a stage run: on processes of this machine, or on a Dask cluster."""
 
-from __future__ import annotations
-
 import asyncio
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """The files of an experiment: the tables of training, insertion and measures, and a store that reads them for tasks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

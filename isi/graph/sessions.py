@@ -1,7 +1,5 @@
 """Sessions of incremental learning: splits, folds, novel (OOKB) entities and insert triples (sections 5.2, 5.3)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from itertools import product

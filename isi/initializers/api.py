@@ -1,7 +1,5 @@
 """The interface of initializers, which give novel entities vectors before fine-tuning, and their registry."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

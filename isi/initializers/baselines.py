@@ -1,7 +1,5 @@
 """Baselines beyond the paper: means weighted by similarity, ERAvg, neighbours, noise, a linear map from words."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import torch

@@ -4,8 +4,6 @@ Each insert triple is a positive, with the negatives expected in training: ``rat
 end, true ones among them, and ``ratio`` with another relation. Both are weights of cells (``insert_triple_table``).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

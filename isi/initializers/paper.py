@@ -1,7 +1,5 @@
 """Initializers of the paper: Xavier, IU and the three of ISI (sections 4 and 5.3); and controls for them."""
 
-from __future__ import annotations
-
 import torch
 from numpy.random import Generator
 from torch import Tensor

@@ -1,7 +1,5 @@
 """Similarity by words and by relations, and centroids of the most similar entities: the parts of ISI (section 4)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import torch

@@ -1,7 +1,5 @@
 """``isi.insert``: vectors for new entities in an embedding that is trained; ``isi.fit_new``: training them further."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

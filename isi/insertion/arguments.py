@@ -1,7 +1,5 @@
 """Checks the arguments of ``isi.insert`` and ``isi.fit_new``. An ``InputError`` names the argument."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """What ``isi.insert`` returns: enlarged tables, a report of each new entity, interference with known answers."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

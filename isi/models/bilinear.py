@@ -9,8 +9,6 @@ relation holds one factor for each scalar and, at the places of a and b, the x a
 so that a map costs two products.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

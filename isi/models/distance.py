@@ -1,7 +1,5 @@
 """Models that score by a distance: TransE (Bordes et al. 2013), with either norm, and RotatE (Sun et al. 2019)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

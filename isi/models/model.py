@@ -6,8 +6,6 @@ autograd. One whose relations map a head derives from ``RelationMapModel``: all 
 scored at once, and its map alone is left to autograd, or has a gradient in closed form (``map``).
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, TypeVar

@@ -1,7 +1,5 @@
 """A stack of embeddings, scored by one model: the unit of training, ranking and insertion."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar

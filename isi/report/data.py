@@ -1,7 +1,5 @@
 """The pipeline's tables as the report reads them: experiments, analyses of them, and what lies beyond the paper."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial

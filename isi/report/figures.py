@@ -1,7 +1,5 @@
 """How figures are drawn, in files and in the page: style, panels, lines with intervals, legends, and words for them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

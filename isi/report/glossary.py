@@ -1,7 +1,5 @@
 """The words of the page with their meanings: for the guide, and for whoever points at a word."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection
 from dataclasses import dataclass

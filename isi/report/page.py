@@ -1,7 +1,5 @@
 """The page, one self-contained HTML file; every table and figure, headline numbers and curves as files beside it."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Collection, Sequence

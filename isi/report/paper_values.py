@@ -1,7 +1,5 @@
 """The paper's numbers and words, from the files of ``data/raw/paper``: any part may be missing."""
 
-from __future__ import annotations
-
 from math import nan
 from pathlib import Path
 from typing import Annotated, Any, Literal

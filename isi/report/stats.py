@@ -1,7 +1,5 @@
 """Means over runs with bootstrap intervals over seeds, MRR* of any part of the queries, and differences with tests."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, reduce

@@ -1,7 +1,5 @@
 """What the report calls things: labels, roles and colours of models, names of scopes, and lists within sentences."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 

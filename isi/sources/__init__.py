@@ -4,8 +4,6 @@ Each module registers its readers by the names that ``reader`` has in params; a 
 What cannot be read (missing, broken, of another form) is refused by an ``InputError`` that names the file and place.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """AI2-THOR's and RoboTHOR's scenes, from recordings or single files, mined into observations (section 5.1)."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

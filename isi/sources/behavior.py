@@ -1,7 +1,5 @@
 """BEHAVIOR-1K's scenes: which kinds of objects stand in which rooms, and what can be done with them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

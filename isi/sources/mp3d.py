@@ -1,7 +1,5 @@
 """Matterport3D's objects by room, from published tallies or from its own houses, in AI2-THOR's words (section 6.3)."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping

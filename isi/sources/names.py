@@ -1,7 +1,5 @@
 """Names, kinds and phrases of the entities of a source."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Triples of one's own, from RDF: N-Triples or Turtle."""
 
-from __future__ import annotations
-
 import logging
 import re
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 A recording grows scene by scene: each line is a gzip member of its own, so that a run that is killed loses one scene.
 """
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import json

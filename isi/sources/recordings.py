@@ -1,7 +1,5 @@
 """Recorded scenes of AI2-THOR and RoboTHOR: those of the package ``procthor``, and those of ``make record``."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path

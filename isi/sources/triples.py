@@ -1,7 +1,5 @@
 """Graphs that are triples already: tables of one's own, files of OpenKE's ids, and the three graphs that ship."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator

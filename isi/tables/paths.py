@@ -1,7 +1,5 @@
 """Paths of files that are no tables: params, pipelines, shipped data; relative to the folder of ``dvc.yaml``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 PARAMS = Path("params.yaml")

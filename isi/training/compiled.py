@@ -4,8 +4,6 @@ For ANALOGY, DistMult and ComplEx, whose relations are scalars and 2×2 blocks (
 Importing numba takes a second: import this module where it is used.
 """
 
-from __future__ import annotations
-
 import math
 from typing import cast
 

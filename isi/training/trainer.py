@@ -1,7 +1,5 @@
 """Training a stack of embeddings: the loss and its gradient, Adagrad, the loop over epochs, and when it stops."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal

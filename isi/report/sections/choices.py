@@ -1,7 +1,5 @@
 """The choices of this run beside others: indicator set sizes (Figures 2a and 2b), settings on folds, embeddings."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from math import nan
 from typing import Any

@@ -1,7 +1,5 @@
 """What fine-tuning does: epochs to convergence and forgetting (section 6.2), and the transfer (section 6.3)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, product
 from typing import Any

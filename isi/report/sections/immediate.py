@@ -1,7 +1,5 @@
 """Right after insertion: the answer, Figure 3a and gains (section 6.1), their parts, and their significance."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby, product
 from math import nan

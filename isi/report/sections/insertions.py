@@ -1,7 +1,5 @@
 """Single insertions: Figure 1, from initial vectors to where training takes them, and the explorer of the page."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any

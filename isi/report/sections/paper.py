@@ -1,7 +1,5 @@
 """The paper beside this run: its numbers, and the causes of the gap."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from math import nan

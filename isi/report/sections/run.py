@@ -1,7 +1,5 @@
 """The ground that the numbers stand on: the guide, the graphs and their training, word vectors, and the run itself."""
 
-from __future__ import annotations
-
 import json
 import platform
 import re

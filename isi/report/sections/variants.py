@@ -1,7 +1,5 @@
 """Beyond the paper: stronger initializers, fewer insert triples, other words, other embeddings, and other graphs."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
