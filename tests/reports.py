@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -11,15 +12,16 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pytest
 import yaml
 
 from isi.analyses.single_insertions import SHOWN
 from isi.config import check
 from isi.graph.graph import MinedSource
 from isi.params import Params
+from isi.report import page
 from isi.report.data import Experiment, Results
 from isi.report.figures import Figure, rendered
-from isi.report.page import SECTIONS
 from isi.report.section import FilledSection
 from isi.report.tables import ReportTable
 from isi.report.words import JOINT
@@ -256,9 +258,17 @@ def _singles(params: Params, entities: int) -> dict[str, pd.DataFrame]:
     }  # fmt: skip
 
 
+@contextmanager
+def svg_alone() -> Iterator[None]:
+    """Figures as PNG are left empty, since drawing them takes a quarter of a report's time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, "rendered", lambda canvas, form: rendered(canvas, form) if form == "svg" else b"")
+        yield
+
+
 def part_of(name: str, results: Results) -> FilledSection | None:
     """A section of the page by its name."""
-    return next(section for section in SECTIONS if section.name == name).filled(results)
+    return next(section for section in page.SECTIONS if section.name == name).filled(results)
 
 
 def shown(name: str, results: Results) -> tuple[str, dict[str, pd.DataFrame], list[Figure]]:

@@ -13,7 +13,7 @@ import pytest
 from isi.report import page
 from isi.report.section import Content, ReportSection
 from tests.browser import Opened, opened
-from tests.reports import small_results
+from tests.reports import small_results, svg_alone
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -28,7 +28,8 @@ PLAIN = ReportSection("plain", lambda _: [Content(tables={"plain_table": FRAME})
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A whole report of a few invented runs, and a part with a plain table."""
     folder = tmp_path_factory.mktemp("report")
-    page.write(folder, small_results(["home", "away", "moved"]), (*page.SECTIONS, PLAIN))
+    with svg_alone():
+        page.write(folder, small_results(["home", "away", "moved"]), (*page.SECTIONS, PLAIN))
     return folder / "index.html"
 
 

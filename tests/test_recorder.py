@@ -107,8 +107,7 @@ def test_a_run_records_only_what_is_not_there(tmp_path: Path) -> None:
     assert not (tmp_path / "player" / "actions").exists()  # no player was started
 
 
-@both
-@pytest.mark.parametrize("at", ["Reset", "Initialize"])
+@pytest.mark.parametrize(("server", "at"), [("wsgi", "Reset"), ("fifo", "Initialize")])
 def test_a_scene_is_tried_again_by_another_player_when_the_first_has_died(tmp_path: Path, server: str, at: str) -> None:
     dies = {"at": at, "scene": "FloorPlan2", "does": "die", "times": 1}
     program = player.install(tmp_path / "player", SCENES, dies)
@@ -134,10 +133,11 @@ def test_a_player_that_dies_at_its_start_ends_the_run_with_a_hint(tmp_path: Path
     assert not (tmp_path / "r").exists()
 
 
-@both
 @pytest.mark.parametrize(
-    ("at", "limits"), [("Start", {"start_seconds": 1.0}), ("Reset", {"seconds": 1.0}), ("Initialize", {"seconds": 1.0})]
-)
+    ("server", "at", "limits"),
+    [("wsgi", "Start", {"start_seconds": 1.0}), ("fifo", "Start", {"start_seconds": 1.0}),
+     ("wsgi", "Reset", {"seconds": 1.0}), ("fifo", "Initialize", {"seconds": 1.0})],
+)  # fmt: skip
 def test_a_player_that_does_not_answer_is_waited_for_no_longer_than_params_say_and_is_ended(
     tmp_path: Path, server: str, at: str, limits: Mapping[str, float]
 ) -> None:

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isi.errors import InputError
-from isi.sources import CHUNK, Source
+from isi.sources import Source
 from isi.sources.names import name_fault, phrase
 from tests.observing import TRIPLE, observe, refused, written
 
@@ -63,11 +63,13 @@ def test_columns_in_any_order_and_without_counts_are_one_observation_a_row(tmp_p
     assert observe("table", path).rows(*TRIPLE, "count") == [("c", "d", "a, b", 1)]
 
 
-def test_a_long_table_is_read_chunk_by_chunk(tmp_path: Path) -> None:
-    path = written(tmp_path / "log.csv", "head,relation,tail\n" + "a,r,b\n" * (20 * CHUNK + 1) + "a,r\n")
+def test_a_long_table_is_read_chunk_by_chunk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("isi.sources.CHUNK", 500)
+    monkeypatch.setattr("isi.sources.readers.BLOCK", 2**10)
+    path = written(tmp_path / "log.csv", "head,relation,tail\n" + "a,r,b\n" * 10_001 + "a,r\n")
     parts = Source({"reader": "table", "path": str(path)}, "sources.mine", 0).tables()
-    assert next(parts).num_rows == CHUNK
-    with pytest.raises(InputError, match=f"line {20 * CHUNK + 3}: .*Expected 3 columns, got 2"):
+    assert next(parts).num_rows == 500
+    with pytest.raises(InputError, match=r"line 10003: .*Expected 3 columns, got 2"):
         list(parts)
 
 

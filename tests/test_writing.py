@@ -94,23 +94,18 @@ def only_line(stderr: str) -> str:
 
 
 @mounts
-@pytest.mark.parametrize(
-    ("limit", "free"), [("size=8k", "0.0 MiB"), ("size=64k,nr_inodes=3", "0.1 MiB")], ids=["full", "no more files"]
-)
-def test_a_full_disk_ends_a_stage_in_one_line_and_the_earlier_outputs_stand(
-    workspace: Path, limit: str, free: str
-) -> None:
+def test_a_full_disk_ends_a_stage_in_one_line_and_the_earlier_outputs_stand(workspace: Path) -> None:
     observed(workspace, "ai2thor", OBSERVED, KINDS)
     (workspace / "data/graph/ai2thor").mkdir(parents=True)
     script = f"""
-        mount -t tmpfs -o {limit} tmpfs data/graph/ai2thor
+        mount -t tmpfs -o size=8k tmpfs data/graph/ai2thor
         cd data/graph/ai2thor && echo earlier > entities.parquet && echo earlier > triples.parquet
         cd ../../.. && {BUILD}; status=$?
         cd data/graph/ai2thor && ls -A && cat * && exit $status
     """
     ended = subprocess.run([*OWN_MOUNTS, "sh", "-c", script], cwd=workspace, capture_output=True, text=True)
     refused = "data/graph/ai2thor/entities.parquet: cannot be written (No space left on device"
-    assert only_line(ended.stderr) == f"build_graph: {refused}; {free} free there)"
+    assert only_line(ended.stderr) == f"build_graph: {refused}; 0.0 MiB free there)"
     assert ended.returncode == 1
     assert ended.stdout.split() == ["entities.parquet", "triples.parquet", "earlier", "earlier"]
 
@@ -128,27 +123,15 @@ def test_a_read_only_folder_ends_a_stage_in_one_line(workspace: Path) -> None:
     assert (ended.returncode, outputs(workspace)) == (1, before)
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_that_is_not_ones_own_ends_a_stage_in_one_line(workspace: Path) -> None:
-    leave(workspace, ENTITIES.path(experiment="ai2thor"), TRIPLES.path(experiment="ai2thor"))
-    observed(workspace, "ai2thor", OBSERVED, KINDS)
-    (workspace / "data/graph/ai2thor").chmod(0o500)
-    ended = subprocess.run(BUILD.split(), cwd=workspace, capture_output=True, text=True)
-    assert only_line(ended.stderr).endswith(
-        "data/graph/ai2thor/entities.parquet: cannot be written (Permission denied)"
-    )
-
-
 @pytest.mark.parametrize(
-    ("command", "most", "named"),
+    ("command", "named"),
     [
-        ("mine mp3d", 1000, "data/observations/mp3d.parquet"),  # a stream of tables
-        ("build_graph ai2thor", 1000, "data/graph/ai2thor/entities.parquet"),
-        ("embed_words ai2thor", 1000, "data/words/ai2thor/vectors.safetensors"),
+        ("mine mp3d", "data/observations/mp3d.parquet"),  # a stream of tables
+        ("embed_words ai2thor", "data/words/ai2thor/vectors.safetensors"),
     ],
 )
 def test_a_file_that_may_not_grow_ends_a_stage_in_one_line_and_the_earlier_outputs_stand(
-    workspace: Path, command: str, most: int, named: str
+    workspace: Path, command: str, named: str
 ) -> None:
     observed(workspace, "ai2thor", OBSERVED, KINDS)
     write(workspace, ENTITIES.path(experiment="ai2thor"), KINDS.assign(source="ai2thor"), ENTITIES)
@@ -156,7 +139,7 @@ def test_a_file_that_may_not_grow_ends_a_stage_in_one_line_and_the_earlier_outpu
     before = outputs(workspace)
     ended = subprocess.run(
         [sys.executable, "-m", *f"stages.{command}".split()], cwd=workspace, capture_output=True, text=True,
-        preexec_fn=partial(resource.setrlimit, resource.RLIMIT_FSIZE, (most, most)),
+        preexec_fn=partial(resource.setrlimit, resource.RLIMIT_FSIZE, (1000, 1000)),
     )  # fmt: skip
     expected = rf"{named}: cannot be written \(File too large; \d+\.\d [GM]iB free there\)"
     assert re.search(expected, only_line(ended.stderr)), ended.stderr
