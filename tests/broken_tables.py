@@ -18,6 +18,7 @@ from tests.example_tables import Change
 from tests.small import NAME
 
 Tensors = dict[str, torch.Tensor]
+ChangeTensors = Callable[[Tensors], object]
 
 
 def put(column: str, value: object, row: int = 0) -> Change:
@@ -105,58 +106,28 @@ CASES: list[tuple[str, Table, Change, str]] = [
 ]  # fmt: skip
 
 
-def relabelled(tensors: Tensors) -> None:
-    tensors["seed"] += 1
-
-
-def seeds_swapped(tensors: Tensors) -> None:
-    tensors["seed"] = tensors["seed"].flip(0)
-
-
-def rows_shuffled(tensors: Tensors) -> None:
-    tensors["entity"] = tensors["entity"].roll(1, 1)
-
-
-def novel_known(tensors: Tensors) -> None:
-    tensors["known"][:] = True
-
-
-def novel_with_a_vector(tensors: Tensors) -> None:
-    tensors["entity"][~tensors["known"]] = 0.5
-
-
-def infinite(tensors: Tensors) -> None:
-    next(iter(tensors.values())).view(-1)[3] = torch.inf
-
-
-def not_a_number(tensors: Tensors) -> None:
-    tensors["entity"][0, 1, 2] = torch.nan
-
-
-def cut(name: str, dimension: int) -> Callable[[Tensors], None]:
-    def altered(tensors: Tensors) -> None:
-        tensors[name] = tensors[name].narrow(dimension, 0, tensors[name].shape[dimension] // 2)
-
-    return altered
-
-
-def doubles(tensors: Tensors) -> None:
-    tensors["entity"] = tensors["entity"].double()
+def cut(name: str, dimension: int) -> ChangeTensors:
+    """The first half of a tensor along a dimension."""
+    return lambda t: t.update({name: t[name].narrow(dimension, 0, t[name].shape[dimension] // 2)})
 
 
 VECTORS, WORDS = THETA0.path(experiment=NAME, size=2), WORD_VECTORS.path(experiment=NAME)
-TENSOR_CASES: list[tuple[str, Path, Callable[[Tensors], None], str]] = [
-    ("seeds relabelled", VECTORS, relabelled, "the sessions' seeds"),
-    ("seeds swapped", VECTORS, seeds_swapped, "the sessions' seeds"),
-    ("rows shuffled", VECTORS, rows_shuffled, "zeros for an entity that is not known"),
-    ("a novel entity inside D0", VECTORS, novel_known, "the entities of the session, and no others"),
-    ("a novel entity with a vector", VECTORS, novel_with_a_vector, "zeros for an entity that is not known"),
-    ("not a number", VECTORS, not_a_number, r"tensor 'entity', \[0, 1, 2\]: expected finite numbers"),
+TENSOR_CASES: list[tuple[str, Path, ChangeTensors, str]] = [
+    ("seeds relabelled", VECTORS, lambda t: t["seed"].add_(1), "the sessions' seeds"),
+    ("seeds swapped", VECTORS, lambda t: t.update(seed=t["seed"].flip(0)), "the sessions' seeds"),
+    ("rows shuffled", VECTORS, lambda t: t.update(entity=t["entity"].roll(1, 1)),
+     "zeros for an entity that is not known"),
+    ("a novel entity inside D0", VECTORS, lambda t: t["known"].fill_(True),
+     "the entities of the session, and no others"),
+    ("a novel entity with a vector", VECTORS, lambda t: t["entity"].masked_fill_(~t["known"][..., None], 0.5),
+     "zeros for an entity that is not known"),
+    ("not a number", VECTORS, lambda t: t["entity"][0, 1, 2].fill_(torch.nan),
+     r"tensor 'entity', \[0, 1, 2\]: expected finite numbers"),
     ("a model less", VECTORS, cut("entity", 0), "2 rows in every tensor"),
     ("an entity less", VECTORS, cut("entity", 1), "tensor 'entity': expected float32 of shape"),
     ("vectors of half the length", VECTORS, cut("entity", 2), "tensor 'relation': expected float32 of shape"),
     ("a relation less", VECTORS, cut("relation", 1), "tensor 'relation': expected float32 of shape"),
-    ("double precision", VECTORS, doubles, "expected float32 .*, got float64"),
-    ("an infinite word vector", WORDS, infinite, "expected finite numbers"),
+    ("double precision", VECTORS, lambda t: t.update(entity=t["entity"].double()), "expected float32 .*, got float64"),
+    ("an infinite word vector", WORDS, lambda t: t["vectors"][0, 3].fill_(torch.inf), "expected finite numbers"),
     ("half of the word vectors", WORDS, cut("vectors", 0), "tensor 'vectors': expected float32 of shape"),
 ]  # fmt: skip

@@ -65,8 +65,7 @@ ROWS: dict[Table, dict[str, Any]] = {
     VARIANT_RUNS: {**MEASURED_RUNS, "experiment": ["away", "home", "home"], "model": ["es", "es", "joint"]},
     VARIANT_QUERIES: {**QUERIES, "experiment": ["away", "home", "home"]},
     USED_COORDINATES: {"seed": [0, 0, 1], "model": "joint", "relation": ["in", None, "in"], "part": "scalars",
-        "used": [0, 2, 1],
-             "of": 2},
+                       "used": [0, 2, 1], "of": 2},
     TIES: {**CELLS, "scope": ["all", "known", "all"], "ties": [0, 9, 2]},
     SINGLE_INSERTIONS: {"entity": [0, 1, 4], "seed": [3, 0, 0], "told": [2, 0, 5], "shown": [0.25, 0.5, 1.0],
                 "fitted": [0.0, 0.5, 1.0]},
@@ -78,10 +77,9 @@ ROWS: dict[Table, dict[str, Any]] = {
     SINGLE_ANSWERS: {"entity": [0, 0, 1], "model": "es", "epoch": [0, 0, 100], "relation": "atLocation",
                        "hidden": ["tail", "tail", "head"], "answer": [1, 2, 0], "rank": [2, 1, 1],
                        "true": ["told", None, "held_out"]},
-    HIDDEN_ENTITIES: {"method": ["insert", "insert", "retrained"], "initializer": ["es", "es", None], "told": [1,
-        None, None],
-               "seed": [0, 0, 1], "asked": ["known", "hidden", "earlier"], "entities": 5, "queries": [4, 4, 9],
-               "mrr": [0.5, 1 / 3, 1.0], "hits_at_10": [0.0, 0.5, 1.0]},
+    HIDDEN_ENTITIES: {"method": ["insert", "insert", "retrained"], "initializer": ["es", "es", None],
+                      "told": [1, None, None], "seed": [0, 0, 1], "asked": ["known", "hidden", "earlier"],
+                      "entities": 5, "queries": [4, 4, 9], "mrr": [0.5, 1 / 3, 1.0], "hits_at_10": [0.0, 0.5, 1.0]},
 }  # fmt: skip
 
 

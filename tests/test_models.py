@@ -310,9 +310,3 @@ def test_rotate_starts_with_phases_all_around() -> None:
     assert start.relation.shape == (2, 200, 4)
     assert start.entity.abs().max() <= 0.01
     assert 3.1 < start.relation.abs().max() <= math.pi
-
-
-def test_a_halves_stand_before_b_halves() -> None:
-    relation = torch.tensor([1.0, 1, 1, 1, 2, 3, 5, 7])  # blocks (x, y): (2, 5) and (3, 7)
-    vector = torch.tensor([0.0, 0, 0, 0, 1, 0, 0, 1])  # blocks (a, b): (1, 0) and (0, 1)
-    assert ANALOGY.transform(vector, relation).tolist() == [0, 0, 0, 0, 2, -7, 5, 3]

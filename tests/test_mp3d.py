@@ -35,16 +35,6 @@ def mined_houses(folder: Path, category: str = "category_mapping_name") -> tuple
     return mined("mp3d_houses", folder / "words.yaml", folder=str(folder), category=category, rooms=LABELS)
 
 
-def refusal(folder: Path, content: str, name: str = "x.house") -> str:
-    """The line that refuses a file of this content."""
-    write(folder / name, content)
-    with pytest.raises(InputError) as refused:
-        mined_houses(folder)
-    line = str(refused.value)
-    assert line.startswith(f"{folder / name}: ")
-    return line
-
-
 # Houses
 
 REGIONS = ((0, "b"), (1, "t"), (2, "Z"), (3, "-"), (4, "?"), (5, "k"))
@@ -134,8 +124,10 @@ def test_houses_are_found_in_folders_below_and_read_in_order(tmp_path: Path) -> 
 def test_a_header_that_counts_other_records_than_there_are_is_refused(tmp_path: Path, kind: str, records: str) -> None:
     lines = house().splitlines()
     first = next(number for number, line in enumerate(lines) if line.startswith(f"{kind} "))
-    line = refusal(tmp_path, "\n".join(lines[:first] + lines[first + 1 :]))
-    assert all(part in line for part in ("line 2", records, f"({kind[0]})"))
+    write(tmp_path / "x.house", "\n".join(lines[:first] + lines[first + 1 :]))
+    with pytest.raises(InputError, match=rf"^{tmp_path}/x\.house: line 2: .*{records}") as refused:
+        mined_houses(tmp_path)
+    assert f"({kind[0]})" in str(refused.value)
 
 
 # Tallies
@@ -184,14 +176,8 @@ def published() -> pd.DataFrame:
     return pd.read_csv(paths.MP3D_TALLIES, keep_default_na=False)
 
 
-def test_the_published_tallies_are_whole(published: pd.DataFrame) -> None:
-    assert (published["object"].nunique(), published["room"].nunique()) == (197, 27)
-    assert published["count"].sum() == 30_038
-    indexed = published.set_index(["object", "room"])["count"]
-    assert indexed["toilet", "bathroom"] == 283
-
-
 def test_the_mined_tallies_add_up_to_the_published_ones(published: pd.DataFrame) -> None:
+    assert (published["object"].nunique(), published["room"].nunique()) == (197, 27)
     rooms = settings("mp3d")["rooms"]
     rows, left = mined("mp3d_tallies", Path(settings("mp3d")["vocabulary"]), rooms=rooms)
     lounging = published["room"].isin(["living room", "family room", "lounge"])

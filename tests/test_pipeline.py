@@ -14,7 +14,6 @@ from typing import Any
 
 import networkx as nx
 import pandas as pd
-import pyarrow.parquet as pq
 import pytest
 import torch
 import yaml
@@ -171,25 +170,10 @@ def test_theta0_knows_all_but_the_novel_entities(folder: Path) -> None:
             assert theta0["entity"][row][theta0["known"][row]].any(-1).all()
 
 
-def test_tables_name_their_stage(folder: Path) -> None:
-    for name, stage in (("es", "insert"), ("joint", "train_joint")):
-        metadata = pq.read_schema(folder / f"data/runs/ai2thor/{name}.parquet").metadata
-        assert metadata[b"isi.stage"].decode() == stage
-
-
 def test_the_report_is_whole_and_stands_alone(folder: Path) -> None:
     page = (folder / "reports/index.html").read_text(encoding="utf-8")
     assert page.count("<figure") == 1 + 8  # of the verdict, and of the first experiment
-    assert "src=" not in page
-    assert re.findall("<script[^>]*>", page) == [
-        '<script type="application/json" id="explorer-data">', "<script>", "<script>",
-    ]  # fmt: skip
-    assert "<link" not in page
-    tables = {path.stem for path in (folder / "reports/tables").iterdir()}
-    for name in tables:
-        for form in ("csv", "md", "tex"):
-            assert (folder / f"reports/tables/{name}.{form}").stat().st_size
-    assert "\\toprule" in (folder / "reports/tables/table2_convergence.tex").read_text(encoding="utf-8")
+    assert not re.search("src=|<link", page)
     differences = pd.read_csv(folder / "reports/tables/differences.csv")
     assert len(differences) == 5 * len(INITIALIZERS) * (len(INITIALIZERS) - 1) / 2
     metrics = json.loads((folder / "reports/metrics.json").read_text(encoding="utf-8"))
@@ -281,26 +265,6 @@ def test_each_repeat_of_the_transfer_has_ai2thors_entities_and_its_ten(folder: P
         assert (ranked.groupby("entity")["rank"].apply(sorted).map(len) == len(ends)).all()
     runs = table("runs/transfer/es")
     assert set(runs["epoch"]) == set(range(SMALL["finetuning.max_epochs"] + 1))
-
-
-def test_undoing_an_edit_of_params_runs_nothing(folder: Path) -> None:
-    path = folder / "data/runs/ai2thor/es.parquet"
-    before = path.read_bytes()
-    set_param(folder, "initializers.es.k", 3)
-    assert stages_run(dvc(folder, "repro", "--single-item", "insert@ai2thor-es")) == {"insert@ai2thor-es"}
-    assert path.read_bytes() != before
-    set_param(folder, "initializers.es.k", 8)
-    assert not stages_run(dvc(folder, "repro", "--single-item", "insert@ai2thor-es"))  # it comes from the cache
-    assert path.read_bytes() == before
-    assert not json.loads(dvc(folder, "status", "--json"))
-
-
-def test_a_deleted_output_comes_back_by_checkout(folder: Path) -> None:
-    path = folder / "data/runs/ai2thor/es.parquet"
-    before = path.read_bytes()
-    path.unlink()
-    dvc(folder, "checkout", "--force")
-    assert path.read_bytes() == before
 
 
 def test_params_and_code_are_dependencies_of_the_stages_that_read_them_alone(folder: Path) -> None:

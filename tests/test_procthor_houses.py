@@ -102,16 +102,6 @@ def test_an_object_whose_id_names_no_type_is_of_the_type_of_its_asset(tmp_path: 
     ]  # fmt: skip
 
 
-def test_objects_of_made_houses_are_where_their_ids_say(tmp_path: Path) -> None:
-    make_houses.write(tmp_path / "x.jsonl", 20)
-    counted = 0
-    for _, made, objects in procthor.read_houses(tmp_path / "x.jsonl", None):
-        rooms = procthor.rooms_of(made.rooms, objects)
-        assert [room and room.id for room in rooms] == [named for _, _, named in objects]
-        counted += len(objects)
-    assert counted > 500
-
-
 # What was recorded
 
 
@@ -156,9 +146,8 @@ def test_the_source_mines_a_file_with_what_the_real_recording_says(
     frame = mined.table.astype(str)
     assert {"atLocation", "hasMaterial", "hasAffordance"} == set(frame["relation"])
     assert mined.counts[procthor.INSTANCES] == len(frame[["scene", "instance"]].drop_duplicates())
-    assert {procthor.INSTANCES, procthor.OUTSIDE, procthor.TAKEN, procthor.UNNAMED, procthor.ELSEWHERE} <= set(
-        mined.counts
-    )  # though there are none
+    odd = (procthor.OUTSIDE, procthor.TAKEN, procthor.UNNAMED, procthor.ELSEWHERE)
+    assert {step: mined.counts.get(step) for step in odd} == dict.fromkeys(odd, 0)  # listed, though there are none
     switches = frame[(frame["head"] == "light switch") & (frame["relation"] == "hasAffordance")]
     assert set(switches["tail"]) == {"turn on", "turn off"}
 

@@ -75,14 +75,13 @@ def test_ntriples_and_compressed_files_give_the_same(home: Path, tmp_path: Path)
         assert observed.counts == expected.counts
 
 
-def test_what_a_table_of_entities_says_goes_before_types_and_labels(home: Path, tmp_path: Path) -> None:
+def test_a_table_of_entities_goes_before_types_and_labels_and_these_before_relations(
+    home: Path, tmp_path: Path
+) -> None:
     listed = written(tmp_path / "names.csv", "entity,kind,phrase\nmug,cup,beaker\nside table,table,\n")
     observed = observe("rdf", home, entities=str(listed))
     assert observed.kind_of() == {"kitchen": "Room", "mug": "cup", "side table": "table"}
     assert observed.phrase_of()["mug"] == "beaker"
-
-
-def test_kinds_come_from_relations_where_there_is_no_type(home: Path) -> None:
     kinds = {"atLocation": {"head": "thing", "tail": "place"}}
     assert observe("rdf", home, kinds=kinds).kind_of() == {"kitchen": "Room", "mug": "Object", "side table": "place"}
 

@@ -222,12 +222,6 @@ def test_interference_is_what_is_lost_with_the_novel_entities_alone() -> None:
     assert values == pytest.approx(np.array([[45, 65, 75], [90, 90, 90]]))
 
 
-def pairs_at_the_end(rows: pd.DataFrame) -> dict[tuple[str, str, str], float]:
-    pairs = finetuning.at_the_end(rows)
-    return {(scope, pair.first, pair.second): round(pair.difference.mean, 6)
-            for scope, of_scope in pairs.items() for pair in of_scope}  # fmt: skip
-
-
 def test_earlier_knowledge_is_compared_with_before_and_with_nothing_inserted() -> None:
     values = {"xavier": (0.3, 0.6), "es": (0.5, 0.75)}
     rows = [(model, "known", 5, seed, epoch, value + seed / 10)
@@ -243,13 +237,15 @@ def test_earlier_knowledge_is_compared_with_before_and_with_nothing_inserted() -
     assert changed["es", "known_closed"].tolist() == pytest.approx([0, 0.1])
     assert changed["finetune_only", "known_closed"].tolist() == pytest.approx([0, 0.05])
     assert changed["joint", "known"].tolist() == pytest.approx([0.15])
-    assert pairs_at_the_end(every) == {
+    pairs = finetuning.at_the_end(every)
+    differences = {(scope, pair.first, pair.second): pair.difference.mean for scope in pairs for pair in pairs[scope]}
+    assert differences == pytest.approx({
         ("known", "es", "xavier"): 15, ("known_closed", "es", "xavier"): 10,
         ("known_closed", "es", "finetune_only"): 5, ("known_closed", "xavier", "finetune_only"): -5,
-    }  # fmt: skip
+    })  # fmt: skip
     names = [line.get_label() for line in finetuning.drawn(every, ["xavier", "es", "joint"]).axes[1].lines]
     assert names == ["Xavier", "ES", "Nothing inserted", "Joint"]
-    ended = {(scope, model): pairs for scope, model, pairs in finetuning.ended(finetuning.at_the_end(every))}
+    ended = {(scope, model): of_model for scope, model, of_model in finetuning.ended(pairs)}
     (es,) = ended["known_closed", "finetune_only"]
     assert es.difference.parts == pytest.approx((5, 5, 5))
     assert not es.significant

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import json
 import operator
-import os
 import re
 import subprocess
 import sys
@@ -166,16 +165,3 @@ def test_the_lock_fits_the_pipeline_and_the_params() -> None:
             deps = {part: ""} if part == "changed command" else part.get("changed deps", {})
             changed += [(stage_name, path) for path, state in deps.items() if state != "deleted"]
     assert not changed
-
-
-def test_a_stage_without_the_packages_says_so_in_one_line() -> None:
-    """As where DVC is another installation's, whose Python runs the stages."""
-    ended = subprocess.run(
-        [sys.executable, "-S", "-m", "stages.insert", "ai2thor", "es"],
-        env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    (line,) = ended.stderr.splitlines()
-    assert re.fullmatch(r"stages: \S+ lacks the packages of this project: .*make repro.*\.venv.*", line)
-    assert ended.returncode == 1
-    assert ended.stdout == ""

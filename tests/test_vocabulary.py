@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -57,14 +58,9 @@ def test_params_and_stages_use_the_words_of_the_field(file: str) -> None:
 
 
 def test_no_two_classes_have_the_same_name() -> None:
-    seen: dict[str, Path] = {}
-    twice = []
-    for path in sorted((ROOT / "isi").rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ClassDef):
-                twice += [(node.name, path, seen[node.name])] if node.name in seen else []
-                seen[node.name] = path
-    assert not twice
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in (ROOT / "isi").rglob("*.py")]
+    number = Counter(node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
+    assert not [name for name in number if number[name] > 1]
 
 
 def test_no_module_is_longer_than_350_lines() -> None:
