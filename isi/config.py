@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from isi.errors import InputError, at, meant, short
+from isi.errors import InputError, at, short, suggestion
 from isi.tables import paths
 
 Count = Annotated[int, Field(ge=1, lt=2**31)]
@@ -35,8 +35,8 @@ def distinct(values: Iterable[Any]) -> bool:
     return len(set(listed)) == len(listed)
 
 
-def must(hold: Callable[[Any], bool], expected: str) -> AfterValidator:
-    """A validator for a type: refuses a value for which ``hold`` is false, and says what was expected."""
+def ensure(hold: Callable[[Any], bool], expected: str) -> AfterValidator:
+    """A pydantic validator: where ``hold`` of the value is false, the error is "expected ..."."""
 
     def checked(value: Any) -> Any:
         if not hold(value):
@@ -46,7 +46,7 @@ def must(hold: Callable[[Any], bool], expected: str) -> AfterValidator:
     return AfterValidator(checked)
 
 
-EachOnce = must(distinct, "each once")
+EachOnce = ensure(distinct, "each once")
 Names = Annotated[list[Name], EachOnce]
 
 
@@ -64,7 +64,7 @@ class Section(BaseModel):
         for key in values if isinstance(values, dict) else ():
             if key not in known:
                 new = cls.renamed.get(key)
-                message = f"renamed; use {new}" if new else f"unknown key{meant(key, known)}"
+                message = f"renamed; use {new}" if new else f"unknown key{suggestion(key, known)}"
                 raise PydanticCustomError("unknown_key", "{message}", {"key": key, "message": message})
         return values
 
@@ -150,7 +150,7 @@ class Plugins(Generic[T]):
     def get(self, name: str, key: str = "") -> T:
         """What is registered under a name; an unknown name is an InputError at this key of params."""
         if name not in self._registered and name not in (known := self.names()):
-            expected = f"expected one of {', '.join(known)}, got {short(name)}{meant(name, known)}"
+            expected = f"expected one of {', '.join(known)}, got {short(name)}{suggestion(name, known)}"
             raise InputError(paths.PARAMS, key, expected)
         return self._registered[name]
 

@@ -57,7 +57,7 @@ def _place_and_message(error: Exception, file: str) -> tuple[str, str]:
         case ValidationError():
             return _first_mistake(error)
         case OSError():
-            return "", f"cannot be read ({system_says(error)})"
+            return "", f"cannot be read ({os_message(error)})"
     if type(error).__module__.split(".")[0] == "pyarrow":
         return "", f"cannot be read ({cut(str(error), 120)})"
     raise error
@@ -75,13 +75,13 @@ def _first_mistake(error: ValidationError) -> tuple[str, str]:
     elif kind not in ("missing", "value_error", "unknown_key", "json_invalid"):
         message += f", got {short(got)}"
     if kind == "literal_error":
-        message += meant(got, re.findall("'([^']+)'", context["expected"]))
+        message += suggestion(got, re.findall("'([^']+)'", context["expected"]))
     return place, message + f" (and {error.error_count() - 1} more)" * (error.error_count() > 1)
 
 
 def unwritable(path: Path, error: OSError) -> InputError:
     """An ``InputError`` that says why a file cannot be written, with the free space if the disk is full."""
-    why = "its folder is a file" if error.errno == errno.EEXIST else system_says(error)
+    why = "its folder is a file" if error.errno == errno.EEXIST else os_message(error)
     if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         with suppress(OSError, StopIteration):
             free = shutil.disk_usage(next(folder for folder in path.absolute().parents if folder.is_dir())).free
@@ -89,7 +89,7 @@ def unwritable(path: Path, error: OSError) -> InputError:
     return InputError(path, "", f"cannot be written ({why})")
 
 
-def system_says(error: OSError) -> str:
+def os_message(error: OSError) -> str:
     """What went wrong, without the file's name."""
     return os.strerror(error.errno) if error.errno else str(error) or type(error).__name__
 
@@ -108,7 +108,7 @@ def cut(text: str, most: int = 80) -> str:
     return text if len(text) <= most else f"{text[: max(0, most - 3 - behind)]}...{text[len(text) - behind :]}"
 
 
-def meant(name: object, known: Iterable[object]) -> str:
+def suggestion(name: object, known: Iterable[object]) -> str:
     """``; did you mean ...`` with the known name nearest to a misspelt one, or an empty text."""
     close = get_close_matches(str(name)[:LONGEST], map(str, known), 1)
     return f"; did you mean {close[0]!r}?" if close else ""

@@ -16,7 +16,7 @@ from isi.analyses.query_breakdown import Affordances
 from isi.analyses.single_insertions import SHOWN, TRACED, ExplorerParams, Trajectories
 from isi.analyses.variants import GraphExperiment, Variant
 from isi.config import Name, Names, Section, Seed, Study, distinct
-from isi.errors import InputError, at, meant
+from isi.errors import InputError, at, suggestion
 from isi.experiment.insert import Convergence, FullCurves, InitializerList, is_listed
 from isi.experiment.runner import Compute
 from isi.graph.graph import GraphOf
@@ -24,7 +24,7 @@ from isi.graph.sessions import SessionsOf, Shares
 from isi.graph.words import Words
 from isi.initializers.api import INITIALIZERS, options_of
 from isi.models.model import EmbeddingParams, make_model
-from isi.process import one_line
+from isi.process import errors_in_one_line
 from isi.sources import settings_of
 from isi.sources.recordings import Recorder
 from isi.tables import paths
@@ -239,9 +239,9 @@ def _check_variant(variant: Variant, params: Params, key: str) -> None:
 def _check_names(listed: Iterable[str], known: Iterable[str] | Mapping[str, Any], key: str) -> None:
     for name in listed:
         if name not in known:
-            raise InputError("", key, f"expected names among {', '.join(known)}, got {name!r}{meant(name, known)}")
+            raise InputError("", key, f"expected names among {', '.join(known)}, got {name!r}{suggestion(name, known)}")
 
 
 if __name__ == "__main__":  # `make` checks before DVC, which reads the keys that its stages name and no others
-    with one_line("params"):
+    with errors_in_one_line("params"):
         load_beyond(load())

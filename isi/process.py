@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
-from isi.errors import InputError, cut, system_says
+from isi.errors import InputError, cut, os_message
 
 _PR_SET_PDEATHSIG = 1
 STOPPING = (signal.SIGINT, signal.SIGTERM)  #: By Ctrl-C, and by ``kill``, ``timeout`` or a scheduler.
@@ -38,7 +38,7 @@ def _watch(parent: int) -> None:
     os._exit(1)
 
 
-def lives(process: str) -> bool:
+def is_running(process: str) -> bool:
     """Whether another process with this id runs on this machine."""
     try:
         with suppress(PermissionError):  # someone else's
@@ -48,15 +48,15 @@ def lives(process: str) -> bool:
     return int(process) != os.getpid()
 
 
-def serve(parent: int) -> None:
+def become_worker(parent: int) -> None:
     """Make this process a worker: it ends with its parent and ignores Ctrl-C, which the parent handles."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     tie_to_parent(parent)
 
 
-def stop_in_one_line(name: str, then: str = "run it again") -> None:
-    """Have Ctrl-C and SIGTERM raise, so that temporary files go, and end this process with one line; again: at once."""
+def handle_stop_signals(name: str, then: str = "run it again") -> None:
+    """On Ctrl-C or SIGTERM print a line and raise ``SystemExit``, so that temporary files go; a second signal kills."""
     process = os.getpid()
 
     def stop(number: int, _: FrameType | None) -> None:
@@ -81,12 +81,12 @@ class Parser(argparse.ArgumentParser):
 
 
 @contextmanager
-def one_line(name: str, then: str = "run it again") -> Iterator[None]:
+def errors_in_one_line(name: str, then: str = "run it again") -> Iterator[None]:
     """End the process with one line instead of a traceback; ``then`` says how to go on after a signal."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names may be of letters that a terminal lacks
     before = {stopping: signal.getsignal(stopping) for stopping in STOPPING}
-    stop_in_one_line(name, then)
+    handle_stop_signals(name, then)
     try:
         yield
         sys.stdout.flush()
@@ -111,4 +111,4 @@ def _of_system(error: OSError) -> InputError:
 
         return missing(Path(error.filename))
     full = "standard output, or memory that processes share" if error.errno == errno.ENOSPC else ""
-    return InputError(error.filename or full, "", f"cannot be written or read ({system_says(error)})")
+    return InputError(error.filename or full, "", f"cannot be written or read ({os_message(error)})")

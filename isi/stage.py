@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isi import config
-from isi.errors import InputError, meant
-from isi.process import Parser, one_line
+from isi.errors import InputError, suggestion
+from isi.process import Parser, errors_in_one_line
 from isi.tables import paths
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def stage(body: Callable[..., None]) -> Callable[[], None]:
         for argument in arguments:
             parser.add_argument(argument)
         names = vars(parser.parse_args())
-        with one_line(name, "`dvc repro` goes on from here"):
+        with errors_in_one_line(name, "`dvc repro` goes on from here"):
             body(context_of(name, names), **names)
 
     return main
@@ -58,7 +58,7 @@ def context_of(name: str, names: Mapping[str, str]) -> StageContext:
     for argument, key in _matrix(entry).items():
         known = config.value_of(values, key) or ()
         if isinstance(known, dict) and names[argument] not in known:
-            close = meant(names[argument], known)
+            close = suggestion(names[argument], known)
             expected = f"expected the {argument} to be one of {', '.join(known)}{close}"
             raise InputError(PIPELINES[pipeline], f"{key}.{names[argument]}", expected)
     main, beyond = params.load(), paths.BEYOND_PARAMS if pipeline == paths.BEYOND_PIPELINE else None

@@ -9,8 +9,8 @@ from importlib.util import find_spec
 if sys.version_info < (3, 11) or not all(map(find_spec, ("numpy", "pandas", "pyarrow", "pydantic", "ruamel", "torch"))):
     sys.exit(f"stages: {sys.executable} lacks the packages of this project: use `make repro`, or activate .venv first")
 
-from isi.process import stop_in_one_line, tie_to_parent
+from isi.process import handle_stop_signals, tie_to_parent
 
 if sys.argv[0] == "-m":  # run, not imported
     tie_to_parent()  # DVC leaves its stage running when it is killed
-    stop_in_one_line("stages")
+    handle_stop_signals("stages")

@@ -3,7 +3,7 @@
 import torch
 
 from isi.analyses import single_insertions as analysis
-from isi.analyses.single_insertions import TRACED, TRAJECTORY, place_of_interest
+from isi.analyses.single_insertions import TRACED, TRAJECTORY, place_of_traced
 from isi.errors import InputError
 from isi.experiment.insert import insert_config
 from isi.experiment.runner import run
@@ -21,7 +21,7 @@ def trace_trajectory(context: StageContext, experiment: str) -> None:
         expected = f"expected one of the seeds of {experiment}, got {settings.seed}"
         raise InputError(paths.PARAMS, "trajectory.seed", expected)
     theta0, words = store.theta0(points, model_of(params)), store.words()
-    place = place_of_interest(points, theta0, words, store.entities()["kind"], settings.kind)
+    place = place_of_traced(points, theta0, words, store.entities()["kind"], settings.kind)
     if place is None:
         expected = f"expected a seed with a novel {settings.kind} that has a word vector and insert triples"
         raise InputError(paths.PARAMS, "trajectory.seed", expected)

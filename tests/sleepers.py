@@ -12,7 +12,7 @@ import torch
 from isi.experiment.grid import GridPoints
 from isi.experiment.runner import Compute, run
 from isi.graph.graph import Graph
-from isi.process import one_line, tie_to_parent
+from isi.process import errors_in_one_line, tie_to_parent
 
 WORKERS = 2
 
@@ -25,7 +25,7 @@ def sleep(points: GridPoints) -> None:
 
 def main(folder: str) -> None:
     tie_to_parent()
-    with one_line("sleepers"):
+    with errors_in_one_line("sleepers"):
         _sleep(folder)
 
 

@@ -19,7 +19,7 @@ from isi.errors import InputError
 from isi.initializers import map as evidence
 from isi.initializers import similarity
 from isi.initializers.api import FALLBACKS, InitContext, InitResult
-from isi.initializers.paper import DEAD, alive, dealt_words, standard_normal
+from isi.initializers.paper import DEAD, alive, permuted_words, standard_normal
 from isi.models.model import Model, make_model
 from isi.models.stack import NotFinite, mapped
 from tests.init_contexts import DIMENSION, ENTITIES, four_novel, insertion, stacked
@@ -65,15 +65,15 @@ def test_es_permuted_within_kinds_is_es_with_words_permuted_within_kinds() -> No
     of = four_novel()
     keys = torch.tensor([[5, seed] for seed in range(400)])
     many = replace(of, novel=of.novel.expand(400, -1), keys=keys)
-    permuted = dealt_words(many, "es_permuted_kinds", many.kinds)
+    permuted = permuted_words(many, "es_permuted_kinds", many.kinds)
     assert (of.kinds[permuted] == of.kinds).all()
     assert (permuted.sort(1).values == torch.arange(ENTITIES)).all()
     assert (permuted[:, [10, 11]] == torch.tensor([10, 11])).all()  # the one cannot swap with the other, which has none
     for entity in range(4):
         shares = (permuted[:, entity, None] == torch.arange(4)).float().mean(0)
         assert (shares - 0.25).abs().max() < 5 * (0.25 * 0.75 / 400) ** 0.5
-    assert not torch.equal(permuted, dealt_words(replace(many, root=1), "es_permuted_kinds", many.kinds))
-    (dealt,) = dealt_words(of, "es_permuted_kinds", of.kinds)
+    assert not torch.equal(permuted, permuted_words(replace(many, root=1), "es_permuted_kinds", many.kinds))
+    (dealt,) = permuted_words(of, "es_permuted_kinds", of.kinds)
     for k in (1, 3):
         result = insert("es_permuted_kinds", of, k=k)
         expected = insert("es", replace(of, words=of.words[dealt]), k=k)
@@ -248,13 +248,13 @@ def test_anchors_are_what_a_novel_vector_is_multiplied_with(name: str) -> None:
     theta0 = random_embedding(2, 5, 3, 8, model=model_named(name))
     assert theta0.model.linear
     at = torch.randn(2, 1, 8, generator=torch.Generator().manual_seed(3))
-    cells = (at @ similarity.cell_anchors(theta0).mT)[:, 0].view(2, 2, 3, 5)
+    cells = (at @ similarity.alpha_of_all_triples(theta0).mT)[:, 0].view(2, 2, 3, 5)
     for relation in range(3):
         for end in range(5):
             rows = theta0.relation[:, relation], theta0.entity[:, end]
             torch.testing.assert_close(cells[:, 0, relation, end], theta0.model.score(at[:, 0], *rows))
             torch.testing.assert_close(cells[:, 1, relation, end], theta0.model.score(rows[1], rows[0], at[:, 0]))
-    torch.testing.assert_close(evidence.score_gradients(theta0, at), similarity.cell_anchors(theta0))
+    torch.testing.assert_close(evidence.score_gradients(theta0, at), similarity.alpha_of_all_triples(theta0))
 
 
 def plain_objective(
@@ -346,7 +346,7 @@ def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
     of = four_novel(model_named("distmult"))
     theta0 = mapped(of.theta0, Tensor.double)
     known = evidence.evidence(of, insert("mean", of).vectors, 1000, 3)
-    step, _ = evidence.newton(known, theta0, known.mean, similarity.cell_anchors(theta0))
+    step, _ = evidence.newton(known, theta0, known.mean, similarity.alpha_of_all_triples(theta0))
     for times, share in ((0, 1), (1, 1), (3, 1 / 2), (6, 1 / 4), (12, 1 / 8)):
         expected = [share, share, 1, share]  # the third has nothing to go for
         assert evidence.length(known, theta0, known.mean, times * step)[0].tolist() == expected

@@ -234,7 +234,7 @@ def test_tables_are_whole_where_there_is_nothing_to_compare(names: tuple[str, ..
     assert shares_of({name: constant(0.5) for name in names}) == []
 
 
-# What the gain is made of
+# Parts of the gain: controls
 
 
 def halves(models: dict[str, tuple[float, float]], seeds: int = 3) -> pd.DataFrame:

@@ -13,7 +13,7 @@ import torch
 
 from isi.analyses.finetuning import finetune_only
 from isi.analyses.joint_models import CrossValidation, Setting, best_validations, changed_config, compare, fold_points
-from isi.analyses.single_insertions import place_of_interest, trace_trajectory
+from isi.analyses.single_insertions import place_of_traced, trace_trajectory
 from isi.analyses.variants import train_models
 from isi.evaluation.query_sets import CONVERGING
 from isi.experiment import runner
@@ -232,13 +232,13 @@ def test_a_trace_takes_an_object_that_has_words_and_insert_triples() -> None:
     points, trained, *_ = grid.insert_tasks(1, "ers", grid.theta0())[0]
     first, second = points.novel[0, 0]
     kinds = pd.Series("object", index=range(grid.ENTITIES))
-    assert place_of_interest(points, trained, grid.WORDS, kinds, "object") == 0
-    assert place_of_interest(points, trained, grid.WORDS, kinds.replace({"object": "room"}), "object") is None
-    assert place_of_interest(points, trained, grid.WORDS, kinds.where(kinds.index != first, "room"), "object") == 1
+    assert place_of_traced(points, trained, grid.WORDS, kinds, "object") == 0
+    assert place_of_traced(points, trained, grid.WORDS, kinds.replace({"object": "room"}), "object") is None
+    assert place_of_traced(points, trained, grid.WORDS, kinds.where(kinds.index != first, "room"), "object") == 1
     wordless = grid.WORDS * (np.arange(grid.ENTITIES) != first)[:, None]
-    assert place_of_interest(points, trained, wordless, kinds, "object") == 1
+    assert place_of_traced(points, trained, wordless, kinds, "object") == 1
     of_second = replace(points, insert_triples=points.insert_triples[points.insert_triples[:, 2] == 1])
-    assert place_of_interest(of_second, trained, grid.WORDS, kinds, "object") == 1
+    assert place_of_traced(of_second, trained, grid.WORDS, kinds, "object") == 1
     assert second > first
 
 

@@ -126,7 +126,7 @@ def test_interference_queries_the_known_triples_or_a_sample() -> None:
     assert done.interference().queries == 2 * len(KNOWN_TRIPLES)
     assert done.interference(most=2).queries == 4
     assert done.interference(most=2) == done.interference(most=2)
-    with pytest.raises(InputError, match="expected triples of known entities, to ask about"):
+    with pytest.raises(InputError, match="expected triples of known entities, which give the queries"):
         call(known_triples=None).interference()
 
 

@@ -25,7 +25,7 @@ from isi.initializers.api import (
     options_of,
     without_weights,
 )
-from isi.initializers.paper import dealt_words
+from isi.initializers.paper import permuted_words
 from isi.models.stack import select
 from isi.tables import paths
 from tests.init_contexts import initialize as insert
@@ -332,7 +332,7 @@ def test_xavier_and_iu_draw_from_streams_of_their_own() -> None:
 def test_es_permuted_is_the_plain_es_under_the_permuted_words() -> None:
     of = world()
     given = seen(of)
-    dealt, fallbacks = dealt_words(given, "es_permuted", torch.zeros_like(given.kinds)).numpy(), set()
+    dealt, fallbacks = permuted_words(given, "es_permuted", torch.zeros_like(given.kinds)).numpy(), set()
     for k in (1, 3, 8, 40):
         result = insert("es_permuted", given, k=k)
         assert result.indicators is not None
@@ -351,13 +351,13 @@ def test_words_are_permuted_by_model_among_entities_that_have_one() -> None:
     keys = torch.tensor([[size, seed] for size in range(20) for seed in range(50)])
     many = replace(given, novel=given.novel[:1].expand(len(keys), -1), keys=keys)
     together = torch.zeros_like(given.kinds)
-    dealt = dealt_words(many, "es_permuted", together).numpy()
+    dealt = permuted_words(many, "es_permuted", together).numpy()
     worded = [e for e in range(ENTITIES) if e not in WORDLESS]
     assert (dealt[:, WORDLESS] == WORDLESS).all()
     assert (np.sort(dealt[:, worded], axis=1) == worded).all()
     shares = np.array([[(dealt[:, e] == other).mean() for other in worded] for e in worded])
     chance = 1 / len(worded)
     assert abs(shares - chance).max() < 5 * (chance / len(keys)) ** 0.5  # each gets each as often
-    other_way = dealt_words(replace(many, keys=keys.flip(0)), "es_permuted", together).numpy()
+    other_way = permuted_words(replace(many, keys=keys.flip(0)), "es_permuted", together).numpy()
     assert (other_way[::-1] == dealt).all()
-    assert (dealt_words(replace(many, root=1), "es_permuted", together).numpy() != dealt).any(1).all()
+    assert (permuted_words(replace(many, root=1), "es_permuted", together).numpy() != dealt).any(1).all()

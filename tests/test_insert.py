@@ -124,7 +124,7 @@ def test_only_known_entities_with_a_triple_are_indicators() -> None:
 def test_the_default_is_the_best_for_what_is_known_and_says_why(given: dict[str, Any], expected: str) -> None:
     done = call(**given)
     assert done.initializer == expected
-    assert ("as asked" in done.why) == ("initializer" in given)
+    assert ("as named" in done.why) == ("initializer" in given)
 
 
 def test_the_default_on_a_large_graph_looks_at_entities_and_not_at_all_triples() -> None:
@@ -133,7 +133,7 @@ def test_the_default_on_a_large_graph_looks_at_entities_and_not_at_all_triples()
     done = isi.insert(entities, relations, [(3000, 1, 2), (5, 3, 3001)], new=2, model="complex")
     assert done.initializer == "soft_rs"
     assert "size" in done.why
-    with pytest.raises(InputError, match=r"argument 'initializer': expected another one: ridge looks at"):
+    with pytest.raises(InputError, match=r"argument 'initializer': too large for ridge, which scores"):
         isi.insert(np.tile(entities, (20, 1)), relations, [(60000, 1, 2)], new=1, model="complex", initializer="ridge")
 
 

@@ -19,7 +19,7 @@ from isi.__main__ import main
 from isi.errors import InputError
 from isi.insertion.result import Inserted
 from isi.params import load, load_beyond
-from isi.process import one_line
+from isi.process import errors_in_one_line
 from tests.mistakes import assert_names, of_pykeen
 from tests.mistakes.calls import Called, Typed, lay_out
 from tests.mistakes.commands import COMMAND_CASES
@@ -78,7 +78,7 @@ def _run(module: str, arguments: list[str]) -> None:
         if module == "isi":
             main(arguments)
         elif module == "isi.params":  # pydantic resolves its types in the module of that name
-            with one_line("params"):
+            with errors_in_one_line("params"):
                 load_beyond(load())
             sys.exit(0)
         else:

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from isi.graph.sessions import TEST, TRAIN, VALID, folds, split
-from isi.initializers.paper import dealt_words, standard_normal, xavier
+from isi.initializers.paper import permuted_words, standard_normal, xavier
 from isi.training.batches import corrupt, sample_epoch, shuffle_into_batches, training_data
 from tests.init_contexts import four_novel
 from tests.small_graphs import generator, points_of, random_graph
@@ -66,7 +66,7 @@ def test_words_are_permuted_for_the_purpose_of_each_control(within: str) -> None
     for group in sorted(set(groups.tolist())):
         wordy = [entity for entity in range(len(of.words)) if groups[entity] == group and of.words[entity].any()]
         batched[wordy] = np.array(wordy)[rng.permutation(len(wordy))]
-    dealt = dealt_words(of, within, groups)
+    dealt = permuted_words(of, within, groups)
     assert dealt[0].tolist() == batched.tolist()
 
 

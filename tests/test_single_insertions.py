@@ -13,9 +13,9 @@ from isi.analyses.single_insertions import (
     Plane,
     ShownEntities,
     first_answers,
+    procrustes,
     queries_of,
     single_insertions,
-    turn,
 )
 from isi.experiment.grid import GridPoints
 from isi.experiment.insert import insert_stack
@@ -49,11 +49,11 @@ def test_what_is_turned_scaled_and_moved_comes_back() -> None:
     onto = torch.as_tensor(rng.normal(size=(2, 9, 4)))
     rotation = torch.as_tensor(np.linalg.qr(rng.normal(size=(4, 4)))[0])
     known = torch.tensor([[True] * 6 + [False] * 3] * 2)
-    turned, fitted = turn(0.3 * onto @ rotation + 7, onto, known)
+    turned, fitted = procrustes(0.3 * onto @ rotation + 7, onto, known)
     assert turned.numpy() == pytest.approx(onto.numpy(), abs=1e-9)
     assert fitted.tolist() == pytest.approx([1, 1])
     noisy = onto + torch.as_tensor(rng.normal(size=onto.shape))
-    turned, fitted = turn(noisy, onto, known)
+    turned, fitted = procrustes(noisy, onto, known)
     for one, other, share in zip(turned[:, :6], onto[:, :6], fitted.tolist(), strict=True):
         left = (one - other).square().sum() / (other - other.mean(0)).square().sum()
         assert share == pytest.approx(1 - float(left))

@@ -14,7 +14,7 @@ import pytest
 import torch
 
 from isi.analyses.variants import VARIANT_RUNS
-from isi.errors import LONGEST, InputError, meant, short
+from isi.errors import LONGEST, InputError, short, suggestion
 from isi.experiment.store import INITIAL_VECTORS, INSERTED, RUNS, THETA0, TIES
 from isi.graph.graph import ENTITIES, TRIPLES
 from isi.graph.sessions import INSERT_TRIPLES, NOVEL, SPLITS
@@ -214,5 +214,5 @@ def test_a_message_is_short_and_in_one_line_whatever_it_repeats() -> None:
         deep = [deep]
     for value in ("x" * 5000, deep, list(range(10**6)), {n: n for n in range(10**5)}, int("f" * 5000, 16)):
         assert len(short(value)) < 100
-    assert meant("xaver", ["es", "xavier"]) == "; did you mean 'xavier'?"
-    assert meant("mug", ["es", "xavier"]) == ""
+    assert suggestion("xaver", ["es", "xavier"]) == "; did you mean 'xavier'?"
+    assert suggestion("mug", ["es", "xavier"]) == ""

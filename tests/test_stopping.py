@@ -24,7 +24,7 @@ SLEEP = "import sys; from tests import sleepers; sleepers.main(sys.argv[1])"
 WRITE = """
 import sys, time
 from pathlib import Path
-from isi.process import one_line
+from isi.process import errors_in_one_line
 from isi.tables.io import atomically
 
 def half(temporary):
@@ -32,7 +32,7 @@ def half(temporary):
     Path("begun").touch()
     time.sleep(300)
 
-with one_line("writer"):
+with errors_in_one_line("writer"):
     atomically(Path("table"), half)
 """
 #: Starts a stage, as DVC does, says its process id, and waits for it.

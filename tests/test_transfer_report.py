@@ -37,15 +37,15 @@ def test_the_drop_is_what_new_candidates_cost_at_once() -> None:
         ("es", "known", 10, 0, 0, 0.75), ("es", "known_closed", 10, 0, 0, 0.75),
         ("joint", "known", 10, 0, 0, 0.1), ("joint", "known_closed", 10, 0, 0, 0.9),
     ])  # fmt: skip
-    found = {model: drop.mean for model, drop in finetuning.drops(start).items()}
+    found = {model: drop.mean for model, drop in finetuning.interference_percent(start).items()}
     assert found == pytest.approx({"es": 0, "xavier": 100 * (1 - 0.9 / 1.5)})
-    assert finetuning.drops(start[start["scope"] == "known"]) == {}
+    assert finetuning.interference_percent(start[start["scope"] == "known"]) == {}
 
 
 def test_the_drop_resamples_both_scopes_together() -> None:
     rows = [("es", scope, 10, seed, 0, value * (0.5 if scope == "known" else 1))
             for scope in ("known", "known_closed") for seed, value in enumerate((0.4, 0.8))]  # fmt: skip
-    assert finetuning.drops(runs(rows))["es"].parts == pytest.approx((50, 50, 50))
+    assert finetuning.interference_percent(runs(rows))["es"].parts == pytest.approx((50, 50, 50))
 
 
 def test_what_was_mined_goes_on_to_what_was_inserted() -> None:
@@ -55,13 +55,13 @@ def test_what_was_mined_goes_on_to_what_was_inserted() -> None:
     triples = pd.DataFrame([("fan", "atLocation", "kitchen", "shop"), ("shelf", "hasAffordance", "open", "home")],
                            columns=["head", "relation", "tail", "source"])  # fmt: skip
     added = (ENTITIES, triples, MinedSource("shop", seen, kinds), "the home", 3, 10)
-    table = frame_of(finetuning.mined({"instances": 12}, *added))
+    table = frame_of(finetuning.mining_steps({"instances": 12}, *added))
     assert dict(table.itertuples(index=False, name=None)) == {
         "instances": 12, "of these, of objects that the home has not": 5, "kinds of such objects": 2,
         "of these, with at least 3 observations": 1, "drawn as candidates": 1, "unique triples of the candidates": 1,
         "inserted in a repeat": 10,
     }  # fmt: skip
-    uncounted = finetuning.mined({}, *added)
+    uncounted = finetuning.mining_steps({}, *added)
     assert uncounted[0][""] == "instances of objects that the home has not"
 
 

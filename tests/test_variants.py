@@ -22,8 +22,8 @@ from isi.analyses.variants import (
     Models,
     Variant,
     VariantTask,
-    at_most,
     changed,
+    limit_insert_triples,
     run_variant,
     train_models,
 )
@@ -59,19 +59,19 @@ def test_so_many_of_each_entity_are_given_and_the_fewer_are_part_of_the_more(ste
     assert max(number.values()) > 3
     fewer: set[tuple[int, ...]] = set()
     for most in range(6):
-        fewer_rows = rows_of(at_most(points, most, 0))
+        fewer_rows = rows_of(limit_insert_triples(points, most, 0))
         assert Counter(row[:3] for row in fewer_rows) == Counter({slot: min(most, n) for slot, n in number.items()})
         assert fewer_rows == [row for row in rows_of(given) if row in set(fewer_rows)]  # in their order
         assert fewer <= set(fewer_rows)
         fewer = set(fewer_rows)
-    assert rows_of(at_most(points, None, 0)) == rows_of(given)
-    assert at_most(replace(points, insert_triples=np.empty((0, 4), np.int64)), 3, 0).shape == (0, 4)
+    assert rows_of(limit_insert_triples(points, None, 0)) == rows_of(given)
+    assert limit_insert_triples(replace(points, insert_triples=np.empty((0, 4), np.int64)), 3, 0).shape == (0, 4)
 
 
 def test_insert_triples_are_drawn_anew_for_each_entity_and_root() -> None:
     points = points_of(GRAPH, 2, SEEDS)
     given = points.insert_triples
-    one, other = (rows_of(at_most(points, 1, root)) for root in (0, 1))
+    one, other = (rows_of(limit_insert_triples(points, 1, root)) for root in (0, 1))
     first = {row[:3]: row for row in reversed(rows_of(given))}
     assert one != other
     assert 0 < sum(row != first[row[:3]] for row in one) < len(one)  # neither always nor never the first

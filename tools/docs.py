@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from isi.config import read, value_of
-from isi.process import one_line
+from isi.process import errors_in_one_line
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -101,5 +101,5 @@ def main(named: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    with one_line("docs"):
+    with errors_in_one_line("docs"):
         main(sys.argv[1:])

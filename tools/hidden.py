@@ -7,7 +7,7 @@ import pandas as pd
 
 from isi.analyses.hidden_entities import HIDDEN_ENTITIES, Hidden, seconds_path
 from isi.params import load, load_beyond
-from isi.process import one_line
+from isi.process import errors_in_one_line
 from tools.docs import BENCHMARKS, write_table
 
 ALL = "all"
@@ -54,13 +54,13 @@ def sentences_of(mean: pd.DataFrame, settings: Hidden, default: str) -> Iterator
         untrained = [method for method in ranked.index if "rows" not in method and method != "retrained"]
         named = list(dict.fromkeys([ranked.index[0], untrained[0]]))
         labels = [f"{label(method, settings, default)} ({ranked[method]:.3f})" for method in named]
-        sentence = f"Told {number or ALL}, first is " + ", and of those that train nothing ".join(labels)
+        sentence = f"With {number or ALL} insert triples, best is " + ", and best without training ".join(labels)
         if "insert" not in named:
             place = list(ranked.index).index("insert") + 1
-            sentence += f"; the default stands at place {place} of {len(ranked)} ({ranked['insert']:.3f})"
+            sentence += f"; the default has rank {place} of {len(ranked)} ({ranked['insert']:.3f})"
         yield f"{sentence}."
     inserted, again = (mean["mrr", "earlier", ALL][method] for method in ("insert", "retrained"))
-    yield f"Earlier triples have {inserted:.3f} with the default, and {again:.3f} where all is trained again."
+    yield f"Earlier triples: MRR {inserted:.3f} with the default, {again:.3f} after training from scratch."
 
 
 def main() -> None:
@@ -82,5 +82,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    with one_line("hidden"):
+    with errors_in_one_line("hidden"):
         main()

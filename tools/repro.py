@@ -17,7 +17,7 @@ if not (find_spec("dvc") and find_spec("isi")):
     sys.exit(f"repro: {sys.executable} lacks DVC or this project: use `make repro`, or activate .venv first")
 
 from isi.errors import InputError
-from isi.process import one_line, tie_to_parent
+from isi.process import errors_in_one_line, tie_to_parent
 
 #: Seconds that each stage took when it last ran here; before that, those of the documented run (``SHIPPED``).
 HERE = Path(".dvc/tmp/stage_seconds.json")
@@ -184,5 +184,5 @@ def _read(path: Path) -> dict[str, float]:
 if __name__ == "__main__":
     if not PIPELINES[0].exists():
         sys.exit(f"repro: {Path.cwd()} has no dvc.yaml: go to the folder of the project first")
-    with one_line("repro", "`make repro` goes on from here"), alone():
+    with errors_in_one_line("repro", "`make repro` goes on from here"), alone():
         sys.exit(main(sys.argv[1:]))

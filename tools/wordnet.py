@@ -14,7 +14,7 @@ from pathlib import Path
 import pandas as pd
 
 from isi.errors import InputError
-from isi.process import one_line
+from isi.process import errors_in_one_line
 from isi.tables.io import atomically
 from tools.embed_phrases import WORDNET
 
@@ -25,7 +25,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tools.wordnet", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folder", type=Path, help="with WordNet's own files: index.noun, data.noun, ...")
     folder, table = parser.parse_args().folder, pd.read_csv(WORDNET, keep_default_na=False, dtype=str)
-    with one_line("wordnet"):
+    with errors_in_one_line("wordnet"):
         definitions = [definition(folder, synset) if synset else "" for synset in table["synset"]]
     written = table.assign(definition=definitions).sort_values("phrase")[["phrase", "definition", "synset"]]
     atomically(WORDNET, lambda temporary: written.to_csv(temporary, index=False, lineterminator="\n"))

@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 from isi.cli import settings
 from isi.config import value_of
 from isi.errors import InputError
-from isi.process import one_line
+from isi.process import errors_in_one_line
 
 ROOT = Path(__file__).parent.parent
 COPIED = ("isi", "stages", "data/raw", "dvc.yaml", "pyproject.toml")
@@ -89,7 +89,7 @@ def main() -> None:
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="params to change, values in YAML")
     parser.add_argument("--drop", nargs="*", default=[], metavar="KEY", help="params to leave out")
     given = parser.parse_args()
-    with one_line("workspace"):
+    with errors_in_one_line("workspace"):
         try:
             changes = settings(given.set)
         except ValueError as error:

@@ -5,7 +5,7 @@ from typing import Annotated
 import pandas as pd
 from pydantic import Field
 
-from isi.config import Count, EachOnce, Name, Option, Positive, Study, must
+from isi.config import Count, EachOnce, Name, Option, Positive, Study, ensure
 from isi.evaluation.query_sets import epoch_query_sets
 from isi.experiment.grid import GridPoints
 from isi.experiment.store import runs_table
@@ -27,7 +27,7 @@ class Sweep(Study):
     """``sweep`` in params: indicator set sizes, and the initializers and grid points they are tried with."""
 
     initializers: Annotated[dict[Name, dict[str, Option]], Field(min_length=1)]  #: with their options beside k
-    k: Annotated[list[Count], Field(min_length=1), EachOnce, must(lambda k: sorted(k) == k, "values that ascend")]
+    k: Annotated[list[Count], Field(min_length=1), EachOnce, ensure(lambda k: sorted(k) == k, "values that ascend")]
     size: Count
     seeds: Count
 
@@ -36,7 +36,9 @@ class RateSweep(Study):
     """``rate_sweep`` in params: multiples of the fine-tuning rate, and the size at which they are tried."""
 
     initializers: list[Name]
-    factors: Annotated[list[Positive], Field(min_length=1), EachOnce, must(lambda values: 1 not in values, "none of 1")]
+    factors: Annotated[
+        list[Positive], Field(min_length=1), EachOnce, ensure(lambda values: 1 not in values, "none of 1")
+    ]
     size: Count
 
 

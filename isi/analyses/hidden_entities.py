@@ -1,4 +1,4 @@
-"""Entities hidden from an embedding of another trainer: their draw, insert triples and queries."""
+"""Entities held out from PyKEEN's training: which, their insert triples and their queries."""
 
 from dataclasses import dataclass
 from pathlib import Path

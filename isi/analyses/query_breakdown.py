@@ -62,7 +62,7 @@ AFFORDANCES = Table(
 
 
 class Affordances(Study):
-    """``affordances`` in params: the experiment and relation, and the entities that the table shows."""
+    """``affordances`` in params: the experiments, the relation that is queried, and the entities of Table 3."""
 
     relation: str
     entities: Annotated[list[str], Field(min_length=1), EachOnce]

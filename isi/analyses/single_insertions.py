@@ -105,7 +105,7 @@ def trace_trajectory(
     return torch.stack(path).cpu().numpy(), indicators.cpu().numpy()
 
 
-def place_of_interest(
+def place_of_traced(
     points: GridPoints, theta0: Embedding, words: np.ndarray, kinds: pd.Series, kind: str
 ) -> int | None:
     """Place in the set of the first novel entity of a kind with a word vector and insert triples; null if none has."""
@@ -137,8 +137,8 @@ class Plane:
         return (vectors.double() - self.centre) @ self.axes.T
 
 
-def turn(vectors: Tensor, onto: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
-    """Rotate vectors, (M, E, d), onto a target by Procrustes over known entities; and the explained variance, (M,)."""
+def procrustes(vectors: Tensor, onto: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
+    """Procrustes fit (rotation, scale, shift) of (M, E, d) vectors over known ones; explained variance, (M,)."""
     moved, shares = [], []
     for model, target, mask in zip(vectors.double(), onto.double(), known, strict=True):
         centre, target_centre = model[mask].mean(0), target[mask].mean(0)
@@ -190,9 +190,9 @@ def single_insertions(
     """Indicators, positions and answers of the shown entities, for each initializer (``TABLES``)."""
     shown, known = ShownEntities.of(points, seeds), points.session(0).entities
     planes = [Plane.of(vectors[mask]) for vectors, mask in zip(theta.entity, known, strict=True)]
-    turned, fitted = turn(joint.entity, theta.entity, known)
+    turned, fitted = procrustes(joint.entity, theta.entity, known)
     steps, parts = [(JOINT_MODEL, 0, joint, turned)], {name: list[pd.DataFrame]() for name in TABLES}
-    parts["places"].append(known_places(points, shown, theta.entity, planes))
+    parts["places"].append(places_of_known(points, shown, theta.entity, planes))
     for config in configs:
         initial = initialize(points, theta, words, config)
         inserted = with_vectors(theta, points.novel_in(1), initial.vectors)
@@ -235,7 +235,7 @@ def indicator_rows(context: InitContext, initial: InitResult, weights: Tensor, s
     )  # fmt: skip
 
 
-def known_places(points: GridPoints, shown: ShownEntities, entity: Tensor, planes: Sequence[Plane]) -> pd.DataFrame:
+def places_of_known(points: GridPoints, shown: ShownEntities, entity: Tensor, planes: Sequence[Plane]) -> pd.DataFrame:
     """Positions of the known entities in Θ⁰ of each seed that is shown (``SINGLE_PLACES``)."""
     known, parts = points.session(0).entities, []
     for model in sorted(set(shown.model.tolist())):
@@ -245,7 +245,7 @@ def known_places(points: GridPoints, shown: ShownEntities, entity: Tensor, plane
 
 
 def queries_of(points: GridPoints, shown: ShownEntities) -> tuple[Tensor, Tensor]:
-    """Which queries entities of the kind have answers to, (K, R, 2), and how an answer is true, (K, R, 2, E)."""
+    """Queries that fit each entity's kind, (K, R, 2), bool; index of each answer in ``TRUE``, (K, R, 2, E), int8."""
     graph, session = points.graph, points.session(1)
     code = torch.where(session.splits == TRAIN, torch.where(points.insert_mask(1), TOLD, LEARNED), HELD_OUT)
     code = code.masked_fill(session.splits == OUT, 0).to(torch.int8)
@@ -263,7 +263,7 @@ def queries_of(points: GridPoints, shown: ShownEntities) -> tuple[Tensor, Tensor
 def first_answers(
     embedding: Embedding, points: GridPoints, shown: ShownEntities, queried: Tensor, truth: Tensor, first: int
 ) -> pd.DataFrame:
-    """The best answers to queries (see ``queries_of``) and the true ones, by rank; ties by id."""
+    """The ``first`` best answers to ``queried``, (K, R, 2), and all of ``truth``, (K, R, 2, E), by rank; ties by id."""
     novel, pick = points.novel_in(1), shown.pick
     scores = torch.stack([
         torch.stack([pick(embedding.score_tails(novel, relation)), pick(embedding.score_heads(relation, novel))], 1)

@@ -146,7 +146,7 @@ def run_variant(*task: *VariantTask) -> tuple[pd.DataFrame, pd.DataFrame]:
     measured = evaluate_stack(points, joint)
     targets, runs, inserted = joint_targets(measured, points), [measured.assign(model=JOINT_MODEL)], {}
     for name, config in configs.items():
-        seen = replace(points, insert_triples=at_most(points, most, config.root))
+        seen = replace(points, insert_triples=limit_insert_triples(points, most, config.root))
         result = insert_stack(seen, theta0, words, targets, config)
         runs.append(result.runs.assign(model=name))
         inserted[name] = result.vectors[:, : points.size]
@@ -160,7 +160,7 @@ def train_models(points: GridPoints, config: TrainConfig) -> Models:
     return theta0, joint
 
 
-def at_most(points: GridPoints, most: int | None, root: int) -> np.ndarray:
+def limit_insert_triples(points: GridPoints, most: int | None, root: int) -> np.ndarray:
     """At most ``most`` random insert triples of each novel entity; smaller sets are subsets of larger ones; (I, 4)."""
     triples = points.insert_triples
     if most is None or not len(triples):

@@ -226,7 +226,7 @@ def _checked(folder: Path, files: Mapping[str, bytes]) -> Bundle:
     with at(folder / MANIFEST):
         for key, number in bundle.sizes().items():
             if (got := getattr(manifest, key)) != number:
-                raise InputError("", key, f"expected {number}, as the other files have, got {got}")
+                raise InputError("", key, f"expected {number}, the number in the other files, got {got}")
         if list(bundle.insertions()) != names[len(names) - len(manifest.inserted) :]:
             raise InputError("", "inserted", "expected the entities of the last rows, in their order")
         known = set(names)
@@ -266,7 +266,7 @@ def triple_ids(
             with at(path, f"line {row + first}"):
                 TEXTS.validate_python([name])
                 if not name.strip() or ids.setdefault(name, row) != row:
-                    raise InputError("", "", f"expected a name that does not repeat, got {short(name)}")
+                    raise InputError("", "", f"expected a name, neither blank nor repeated, got {short(name)}")
     triples = []
     for line, triple in enumerate(rows, first):
         for slot, name, known in zip(COLUMNS[TRIPLES], triple, (entities, relations, entities), strict=True):

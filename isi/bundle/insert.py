@@ -1,4 +1,4 @@
-"""A new entity in a bundle: its word vector, ``isi.insert`` with all that the bundle knows, and why it lies there.
+"""A new entity in a bundle: its word vector, ``isi.insert`` with the bundle's data, and an explanation.
 
 Its vector is explained by its indicators, and by ablations: the insertion without each piece of what was given.
 """
@@ -18,7 +18,7 @@ from isi.bundle.folder import MODEL, InsertionRecord, InsertionRequest, WordSour
 from isi.bundle.query import OpenBundle, Query
 from isi.errors import InputError
 from isi.initializers import similarity
-from isi.insertion.api import insert, what_is_seen
+from isi.insertion.api import init_context_of, insert
 from isi.insertion.result import Inserted
 from isi.tables import paths
 
@@ -49,7 +49,7 @@ class NewEntity:
 
 def indicators(opened: OpenBundle, result: Inserted) -> list[Indicator]:
     """The known entities that determined the vector in the last row. The largest weight comes first."""
-    seen = what_is_seen(
+    seen = init_context_of(
         result.embedding, torch.tensor(result.new), result.known, result.insert_triples, result.known_triples,
         opened.words, None, 0,
     )  # fmt: skip

@@ -98,7 +98,7 @@ class OpenBundle(Bundle):
         shown = min(number, len(cosines) - 1)
         return list(zip(best.indices[:shown].tolist(), best.values[:shown].tolist(), strict=True))
 
-    def unusual(self, insert_triples: Iterable[tuple[str, str, str]]) -> Iterator[str]:
+    def kind_notes(self, insert_triples: Iterable[tuple[str, str, str]]) -> Iterator[str]:
         """Notes on triples of a new entity: no known triple of the relation has an end of the kind that theirs has."""
         for head, relation, tail in dict.fromkeys(insert_triples):
             slot, end, role = (HEAD, head, "a head") if head in self.entity_ids else (TAIL, tail, "a tail")

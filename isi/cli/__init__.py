@@ -12,7 +12,7 @@ from cyclopts.validators import Number
 from tabulate import tabulate  # type: ignore[import-untyped]
 
 from isi.errors import InputError, cut, short
-from isi.process import one_line
+from isi.process import errors_in_one_line
 from isi.tables import paths
 
 DEFAULT = paths.final_model("ai2thor")  #: The embedding that the pipeline trains for the commands.
@@ -63,8 +63,8 @@ Out = Annotated[Path | None, Parameter(validator=_check_folder, help="write the 
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Run a command. A mistake is told in one line; on the command line it ends with status 2, elsewhere with 1."""
-    with one_line("isi"):
+    """Run a command. A mistake prints one line; the status is 2 for the command line, 1 for anything else."""
+    with errors_in_one_line("isi"):
         tokens = list(sys.argv[1:] if argv is None else argv)
         app = App(
             name="isi", help="New entities in knowledge-graph embeddings, queries about them, and graphs of your own.",
@@ -73,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         for command, (function, about) in COMMANDS.items():
             app.command(f"{__name__}.{function}", name=command, help=about)
         name = f"isi {tokens[0]}" if tokens and tokens[0] in COMMANDS else "isi"
-        with one_line(name):
+        with errors_in_one_line(name):
             try:
                 if not tokens:
                     raise CycloptsError(f"expected a COMMAND: {', '.join(COMMANDS)}")

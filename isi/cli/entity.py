@@ -78,7 +78,7 @@ def insert(
     )  # fmt: skip
     with flags(initializer="--initializer", entities="--embedding"):
         larger, result = insert_entity(opened, NewEntity(request, kind or "", plain(name), vector))
-    answer = insertion(larger, result, note, list(opened.unusual(triples)), top)
+    answer = insertion(larger, result, note, list(opened.kind_notes(triples)), top)
     if out:
         write(out, larger)
     show(answer, json)

@@ -23,7 +23,7 @@ from isi import config
 from isi.cli import FROM_ZERO
 from isi.cli.entity import open_folder
 from isi.config import check, value_of
-from isi.errors import InputError, meant, unwritable
+from isi.errors import InputError, suggestion, unwritable
 from isi.experiment.agreement import has_shape
 from isi.experiment.store import JOINT, Store
 from isi.graph.graph import ENTITIES, GRAPH_ENTITIES, GRAPH_TRIPLES, HEAD, RELATION, TAIL, TRIPLES, Graph
@@ -102,7 +102,7 @@ def of_experiment(experiment: str, most: int, seed: int | None) -> GraphExport:
         experiments = [*(config.read(paths.PARAMS).get("experiments") or ())]
         known = [*experiments, *(config.read(paths.BEYOND_PARAMS).get("graphs") or ())]
         if experiment not in known and not second[0].exists():
-            expected = f"expected one of {', '.join(known)}, got {experiment[:80]!r}{meant(experiment, known)}"
+            expected = f"expected one of {', '.join(known)}, got {experiment[:80]!r}{suggestion(experiment, known)}"
             raise InputError("EXPERIMENT", "", expected)
         files = files if experiment in experiments and not second[0].exists() else second
     if most and files == second:

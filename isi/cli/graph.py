@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from isi import config
 from isi.cli import FROM_ONE, Settings, settings, show
 from isi.config import Seed, check
-from isi.errors import InputError, meant, short
+from isi.errors import InputError, short, suggestion
 from isi.graph.graph import ENTITIES, TRIPLES, GraphTables, MinedSource, build_graph, build_tables
 from isi.graph.sessions import TRAIN, Shares, split
 from isi.graph.words import Words, load_vectors, look_up
@@ -53,7 +53,7 @@ def read(file: Path, reader: str | None, given: Mapping[str, Any], seed: int) ->
     """Read a file or folder: the reader's name (guessed if null), what it counted, and the triples it observed."""
     known, name = all_readers(), reader or guess(file)
     if name not in known:
-        expected = f"expected one of {', '.join(known)}, got {short(name)}{meant(name, known)}"
+        expected = f"expected one of {', '.join(known)}, got {short(name)}{suggestion(name, known)}"
         raise InputError("--reader", "", expected)
     if known[name].path is None:
         raise InputError(f"reader {name}", "", "expected one that reads a file")

@@ -1,4 +1,4 @@
-"""Query sets: the triples that are queried, with filter and candidates, to measure old and new knowledge apart.
+"""Query sets: the triples that are queried, with filter and candidates, for earlier knowledge and for novel entities.
 
 Two of them say when fine-tuning has converged: when Θ¹ is about as good as the joint model (section 6.2).
 """

@@ -164,5 +164,5 @@ def finetune(points: GridPoints, theta: Embedding, config: InsertConfig, watch: 
 
 
 def with_vectors(theta: Embedding, novel: Tensor, vectors: Tensor) -> Embedding:
-    """Θ with the vectors of novel entities, (M, n, d), in place (equations 8 and 9)."""
+    """A copy of Θ with vectors, (M, n, d), in the rows of the novel entities, (M, n) (equations 8 and 9)."""
     return replace(theta, entity=theta.entity.scatter(1, novel[..., None].expand_as(vectors), vectors))

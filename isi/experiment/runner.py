@@ -20,7 +20,7 @@ from isi.config import Count, Section
 from isi.errors import InputError
 from isi.experiment.grid import GridPoints
 from isi.models.stack import NotFinite, mapped
-from isi.process import serve
+from isi.process import become_worker
 from isi.tables import paths
 from isi.training.batches import DENSE_LIMIT
 
@@ -119,7 +119,9 @@ def _processes(compute: Compute) -> Iterator[Executor]:
     """Worker processes of this machine; forked ones save the imports but cannot use a GPU."""
     forked = sys.platform == "linux" and compute.device == "cpu"
     context = multiprocessing.get_context("fork" if forked else "spawn")
-    with ProcessPoolExecutor(_workers(compute), context, initializer=serve, initargs=(os.getpid(),)) as executor:
+    with ProcessPoolExecutor(
+        _workers(compute), context, initializer=become_worker, initargs=(os.getpid(),)
+    ) as executor:
         try:
             yield executor
         except BaseException:

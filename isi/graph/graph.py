@@ -138,14 +138,14 @@ def build_tables(seen: MinedSource, min_count: int = 1) -> GraphTables:
     triples = counts[counts["count"] >= min_count].reset_index(drop=True)
     names = set(triples["head"]) | set(triples["tail"])
     if missing := names - set(seen.kinds["entity"]):
-        raise InputError(seen.file or seen.source, "", f"expected the kind of {min(missing)!r}")
+        raise InputError(seen.file or seen.source, "", f"expected a kind for entity {min(missing)!r}, got none")
     entities = seen.kinds[seen.kinds["entity"].isin(names)].sort_values("entity").reset_index(drop=True)
     triples = triples.assign(source=seen.source).astype({"count": "int32"})
     return GraphTables(entities.assign(source=seen.source), triples)
 
 
 def new_entities(seen: MinedSource, entities: pd.DataFrame) -> pd.Series[int]:
-    """New heads and their observations, by name; ``InputError`` for a tail that is neither one nor in the graph."""
+    """New heads with their counts of observations; ``InputError`` for a tail that is no head and not in the graph."""
     here, there = _kinds(entities), _kinds(seen.kinds)
     totals = seen.observations["count"].groupby(seen.observations["head"].astype(str), sort=True).sum()
     for tail in sorted(set(seen.observations["tail"].astype(str)) - set(totals.index)):
@@ -165,7 +165,7 @@ def frequent(newcomers: pd.Series[int], seen: MinedSource, entities: pd.DataFram
 
 
 def sample_candidates(enough: pd.Series[int], settings: Extension, key: str, root: int) -> list[str]:
-    """Draw entities at random, but ``always`` some; fewer candidates are all taken. The result is sorted."""
+    """``always`` and random others, ``candidates`` in all, sorted; ``InputError`` if one of ``always`` is too rare."""
     for name in set(settings.always) - set(enough.index):
         which = f"that is not in the graph, observed at least {settings.min_observations} times"
         expected = f"{name!r}: expected an entity of {settings.source} {which}"

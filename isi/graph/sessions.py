@@ -59,7 +59,7 @@ class Session:
 
 
 def session_at(graph: Graph, splits: Tensor, novel: Tensor, number: int) -> Session:
-    """D of a session: what has arrived by then (section 5.2); session 0 holds what is known from the start.
+    """The graph D of a session: entities and triples that have arrived by then (section 5.2); session 0 is D⁰.
 
     A novel entity arrives in its session, a triple with the later of its ends. An entity without a triple in a split
     never arrives. Shapes: splits (M, T); ``novel``, ids of the entities that each of S sessions inserts, (M, S, n).
@@ -96,7 +96,7 @@ def membership(ids: Tensor, entities: int) -> Tensor:
 
 
 class Shares(Section):
-    """``sessions`` in params: the shares that are held out, and that are given as insert triples."""
+    """``sessions`` in params: shares of triples held out, and of a novel entity's training triples to insert."""
 
     rules = ((lambda shares: shares.valid + shares.test < 1,
               "expected valid and test to sum to less than 1, to leave triples for training"),)  # fmt: skip

@@ -64,7 +64,7 @@ def _soft_by_relations(context: InitContext, temperature: float) -> Tensor:
              defaults={"fraction": 0.1}, grid={"fraction": [0.1, 0.25, 0.5, 1.0]})  # fmt: skip
 def class_noise(context: InitContext, fraction: NotNegative) -> InitResult:
     """Kind mean and noise: kind mean + fraction · σ · N(0, 1), σ the deviation within the kind (arXiv 2511.11118)."""
-    kind, fallback = similarity.weights_of_first(context, nothing=lambda: similarity.same_kind(context))
+    kind, fallback = similarity.weights_or_fallback(context, nothing=lambda: similarity.same_kind(context))
     noise = fraction * deviation(context, kind) * standard_normal(context)
     return InitResult(similarity.centroid(context, kind, fallback).vectors + noise, fallback)
 
@@ -81,8 +81,8 @@ def deviation(context: InitContext, among: Tensor) -> Tensor:
 def entity_relation_average(context: InitContext) -> InitResult:
     """ERAvg (Albooyeh et al. 2020): the mean of the insert triples' known ends, each taken through its relation."""
     weights = similarity.insert_triple_table(context).flatten(2)
-    mean = weights @ similarity.cell_anchors(context.theta0) / weights.sum(-1, keepdim=True).clamp(min=1)
-    return _or_centroid(context, mean, triples=lambda: similarity.everyone_known(context))
+    mean = weights @ similarity.alpha_of_all_triples(context.theta0) / weights.sum(-1, keepdim=True).clamp(min=1)
+    return _or_centroid(context, mean, triples=lambda: similarity.all_known(context))
 
 
 @initializer("neighbour_mean", label="Neighbour mean", role="baseline", colour="#c9a227", needs=("insert_triples",),
@@ -114,7 +114,7 @@ def predicted(context: InitContext, penalty: float) -> Tensor:
 
 def _or_centroid(context: InitContext, vectors: Tensor, **ways: similarity.Weigh) -> InitResult:
     """Vectors, (M, n, d), where they are possible; elsewhere the centroid of the known entities."""
-    fallback = similarity.weights_of_first(context, **ways)[1]
-    centre = similarity.centroid(context, similarity.everyone_known(context), fallback)
+    fallback = similarity.weights_or_fallback(context, **ways)[1]
+    centre = similarity.centroid(context, similarity.all_known(context), fallback)
     vectors = torch.where((centre.fallback == NONE)[..., None], vectors.to(centre.vectors.dtype), centre.vectors)
     return replace(centre, vectors=vectors, weights=None, is_centroid=False)

@@ -30,7 +30,7 @@ BUDGET = 2**23  #: Numbers in one product of cells and novel entities, at most, 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Weights of cells, and the prior of the novel vectors; all float64."""
+    """Weights of the K = 2·R·E triples (cells) that a novel entity may have, and its prior; all float64."""
 
     positive: Tensor  #: shape: (M, n, K)
     negative: Tensor  #: shape: (M, n, K)
@@ -74,7 +74,7 @@ def most_probable(context: InitContext, prior: InitResult, strength: float, rati
     Newton), and the step is halved until it gains; the result is near a local optimum.
     """
     known, theta0 = evidence(context, prior.vectors, strength, ratio), mapped(context.theta0, Tensor.double)
-    alpha = similarity.cell_anchors(theta0) if theta0.model.linear else None
+    alpha = similarity.alpha_of_all_triples(theta0) if theta0.model.linear else None
     if alpha is None:  # each novel entity alone, as a stack of M · n models
         model = torch.arange(len(known.mean)).repeat_interleave(known.mean.shape[1])
         positive, negative, mean = (v.flatten(0, 1)[:, None] for v in (known.positive, known.negative, known.mean))
@@ -94,8 +94,8 @@ def newton(known: Evidence, theta0: Embedding, at: Tensor, alpha: Tensor | None)
     slopes = score_gradients(theta0, at) if alpha is None else alpha
     weight, likely = known.positive + known.negative, padded(torch.sigmoid, scores(theta0, at))
     gradient = (weight * likely - known.positive) @ slopes + (at - known.mean) @ known.precision
-    bend = (weight * likely * (1 - likely)).float()  # in single precision, since it only shapes the step
-    step = -solve(gram(slopes.float(), bend).double() + known.precision[:, None], gradient)
+    curvature = (weight * likely * (1 - likely)).float()  # in single precision, since it only shapes the step
+    step = -solve(gram(slopes.float(), curvature).double() + known.precision[:, None], gradient)
     return step, -(gradient * step).sum(-1)
 
 
@@ -184,7 +184,7 @@ def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
     # argmin Σ w (y - ⟨v, α⟩)² + λ (v - μ)ᵀΣ⁻¹(v - μ), with y = 1 for positives, 0 for negatives; μ: the known centroid
     prior = _mean_of_known(context)
     known = evidence(context, prior.vectors, strength, ratio)
-    alpha = similarity.cell_anchors(mapped(context.theta0, Tensor.double))
+    alpha = similarity.alpha_of_all_triples(mapped(context.theta0, Tensor.double))
     weight, mean = known.positive + known.negative, known.mean
     residual = known.positive - weight * (mean @ alpha.mT)
     step = solve(gram(alpha, weight) + known.precision[:, None], residual @ alpha)
@@ -193,4 +193,4 @@ def ridge(context: InitContext, strength: Positive, ratio: Count) -> InitResult:
 
 def _mean_of_known(context: InitContext) -> InitResult:
     """The centroid of the known entities, as a fallback where there are no insert triples."""
-    return similarity.centroid_of_first(context, triples=lambda: similarity.everyone_known(context))
+    return similarity.centroid_of_first(context, triples=lambda: similarity.all_known(context))

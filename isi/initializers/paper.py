@@ -62,7 +62,7 @@ def hybrid_similarity(context: InitContext, k: Count, candidates: Count) -> Init
 @initializer("mean", label="Mean", role="control", colour="#a08a5b", cost="entities", grid={})
 def mean(context: InitContext) -> InitResult:
     """Mean: the centroid of all known entities, without a choice of indicators (equation 1; a control)."""
-    return similarity.centroid(context, similarity.everyone_known(context), torch.full(context.novel.shape, NONE))
+    return similarity.centroid(context, similarity.all_known(context), torch.full(context.novel.shape, NONE))
 
 
 @initializer("kind_mean", label="Kind mean", role="control", colour="#6f8f5b", cost="entities", grid={})
@@ -87,7 +87,7 @@ def gaussian_centred(context: InitContext) -> InitResult:
 
 
 def standard_normal(context: InitContext) -> Tensor:
-    """Standard normal draws that both initializers share; shape (M, n, d)."""
+    """Standard normal draws, the same for ``gaussian``, ``gaussian_centred`` and ``class_noise``; shape (M, n, d)."""
     return context.draw("gaussian", Generator.standard_normal)
 
 
@@ -104,24 +104,24 @@ def known_moments(context: InitContext) -> tuple[Tensor, Tensor]:
              defaults={"k": 8})  # fmt: skip
 def permuted_entity_similarity(context: InitContext, k: Count) -> InitResult:
     """Permuted ES: centroids as ES takes them, after word vectors have been dealt out anew (a control)."""
-    return _es_of_dealt(context, "es_permuted", torch.zeros_like(context.kinds), k)
+    return _es_permuted(context, "es_permuted", torch.zeros_like(context.kinds), k)
 
 
 @initializer("es_permuted_kinds", label="ES permuted within kinds", role="control", colour="#5f7f96", cost="pairs",
              needs=("words",), defaults={"k": 8})  # fmt: skip
 def permuted_within_kinds(context: InitContext, k: Count) -> InitResult:
     """ES permuted within kinds: the same, but word vectors stay within a kind of entity (a control)."""
-    return _es_of_dealt(context, "es_permuted_kinds", context.kinds, k)
+    return _es_permuted(context, "es_permuted_kinds", context.kinds, k)
 
 
-def _es_of_dealt(context: InitContext, purpose: str, groups: Tensor, k: int) -> InitResult:
+def _es_permuted(context: InitContext, purpose: str, groups: Tensor, k: int) -> InitResult:
     """ES with permuted word vectors."""
-    dealt = dealt_words(context, purpose, groups)
+    dealt = permuted_words(context, purpose, groups)
     cosine = similarity.cosines(context.words)[dealt.gather(1, context.novel)]
     return similarity.nearest_by_words(context, cosine.gather(-1, dealt[:, None].expand_as(cosine)), k)
 
 
-def dealt_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
+def permuted_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
     """A permutation of the entities within each group, (E,), for each model; shape (M, E)."""
     wordy = (context.words != 0).any(-1)
     members = [(wordy & (groups == group)).nonzero().flatten() for group in torch.unique(groups)]
@@ -138,7 +138,7 @@ def dealt_words(context: InitContext, purpose: str, groups: Tensor) -> Tensor:
 def relational_similarity_alive(context: InitContext, k: Count) -> InitResult:
     """RS without dead coordinates: where a relation's map is close to zero, a coordinate takes no part (a control)."""
     models = torch.arange(len(context.novel))[:, None, None]
-    alpha = similarity.resultants(context) * alive(context.theta0)[models, context.relation]
+    alpha = similarity.insert_triple_alpha(context) * alive(context.theta0)[models, context.relation]
     return similarity.centroid_of_first(context, triples=lambda: similarity.top_related(context, k, alpha))
 
 

@@ -22,7 +22,7 @@ def word_similarity(context: InitContext) -> Tensor:
     return unit[context.novel] @ unit.T
 
 
-def resultants(context: InitContext) -> Tensor:
+def insert_triple_alpha(context: InitContext) -> Tensor:
     """α of each insert triple, (M, n, I, d): the vector that it expects (equation 4); or ``NoRelationMap``."""
     theta0, models = context.theta0, torch.arange(len(context.novel))[:, None, None]
     if not theta0.model.invertible:
@@ -34,7 +34,7 @@ def resultants(context: InitContext) -> Tensor:
 
 def relational_score(context: InitContext, alpha: Tensor | None = None) -> Tensor:
     """Σ_r cos(v_e, ᾱ_r) over the relations of insert triples (equation 5), with their α or other ones; (M, n, E)."""
-    theta0, alpha = context.theta0, resultants(context) if alpha is None else alpha
+    theta0, alpha = context.theta0, insert_triple_alpha(context) if alpha is None else alpha
     of = one_hot(context.relation, theta0.relation.shape[1]) * context.observed[..., None]
     centroids = torch.einsum("mnir,mnid->mnrd", of.to(alpha.dtype), alpha)  # ᾱ, but for its length
     return torch.einsum("mnrd,med->mne", normalize(centroids, dim=-1), normalize(theta0.entity, dim=-1))
@@ -74,21 +74,21 @@ def insert_triple_table(context: InitContext) -> Tensor:
     return table.view(*context.novel.shape, 2, relations, entities)
 
 
-def cell_anchors(theta0: Embedding) -> Tensor:
-    """α of each cell: the vector that its known end expects of a head, then of a tail; shape (M, K, d)."""
+def alpha_of_all_triples(theta0: Embedding) -> Tensor:
+    """α of each of the K = 2·R·E triples that a novel entity may have, as head, then as tail; shape (M, K, d)."""
     entity, relation = theta0.entity[:, None], theta0.relation[:, :, None]
     there, back = theta0.model.transform(entity, relation), theta0.model.transform_tail(entity, relation)
     return torch.stack([back, there], 1).flatten(1, 3)
 
 
-def weights_of_first(context: InitContext, **ways: Weigh) -> tuple[Tensor, Tensor]:
-    """Weights or indicators, (M, n, E), by the first way that is possible, else of all known; and the fallback.
+def weights_or_fallback(context: InitContext, **ways: Weigh) -> tuple[Tensor, Tensor]:
+    """Weights or indicators, (M, n, E), by the first method whose data exist, else all known; and the fallback.
 
     A way is named by what it needs: ``words``, insert ``triples``, ``both`` or ``nothing``.
     """
     words, triples = has_words(context), has_insert_triples(context)
     has = {"words": words, "triples": triples, "both": words & triples, "nothing": torch.ones_like(words)}
-    chosen, fallback = everyone_known(context), torch.full(context.novel.shape, CENTROID)
+    chosen, fallback = all_known(context), torch.full(context.novel.shape, CENTROID)
     unserved = torch.ones_like(words)
     for number, (needed, weigh) in enumerate(ways.items()):
         if (has[needed] & unserved).any():
@@ -101,8 +101,8 @@ def weights_of_first(context: InitContext, **ways: Weigh) -> tuple[Tensor, Tenso
 
 
 def centroid_of_first(context: InitContext, **ways: Weigh) -> InitResult:
-    """The centroid of the indicators of the first possible way (see ``weights_of_first``)."""
-    return centroid(context, *weights_of_first(context, **ways))
+    """The centroid of the indicators by the first method whose data exist (see ``weights_or_fallback``)."""
+    return centroid(context, *weights_or_fallback(context, **ways))
 
 
 def centroid(context: InitContext, indicators: Tensor, fallback: Tensor) -> InitResult:
@@ -113,14 +113,14 @@ def centroid(context: InitContext, indicators: Tensor, fallback: Tensor) -> Init
 
 
 def mean_of_first(context: InitContext, **ways: Weigh) -> InitResult:
-    """The mean by the weights of the first possible way (see ``weights_of_first``)."""
-    weights, fallback = weights_of_first(context, **ways)
+    """The mean by the weights of the first method whose data exist (see ``weights_or_fallback``)."""
+    weights, fallback = weights_or_fallback(context, **ways)
     weights = weights.to(context.theta0.entity.dtype)
     weights = weights / weights.sum(-1, keepdim=True)
     return InitResult(weights @ context.theta0.entity, fallback, weights)
 
 
-def everyone_known(context: InitContext) -> Tensor:
+def all_known(context: InitContext) -> Tensor:
     """All known entities as the indicators of each novel one; shape (M, n, E), bool."""
     return context.known[:, None].expand(-1, context.novel.shape[1], -1)
 

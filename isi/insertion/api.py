@@ -48,12 +48,12 @@ def insert(
         triples: of the new entities: head, relation, tail, by names or ids. Those with a known end are insert triples,
             which the initializer sees; those between two new ones are counted (``fit_new`` learns from them). New
             entities have the ids E, E + 1, ... in the order of ``new``.
-        new: names of the new entities; or how many they are, where entities have no names.
+        new: names of the new entities, or their number if entities have no names.
         model: how a triple is scored: analogy, distmult, complex, transe, transe_l1 (the L1 norm) or rotate, or a
             ``Model`` of your own (with ``invertible = False`` where its ``transform`` and ``inverse`` are not known).
         model_options: ``margin`` and, but for ``transe_l1``, ``squared`` of distances.
         entity_names: of the known ones; ``relation_names``, of relations.
-        known_triples: of known entities: one that has none is no indicator; ``interference`` takes its queries here.
+        known_triples: of known entities; an entity without one is no indicator. ``interference`` queries these triples.
         words: word vectors of known and new entities, shape (E + n, w), zero where there is none; or, by name or id, a
             vector or a text.
         word_source: what makes vectors of texts: a function, gensim's ``KeyedVectors``, or a file of such.
@@ -92,13 +92,13 @@ def insert(
     name, results = chosen.name, []
     try:
         for part in torch.split(torch.arange(known, len(rows)), together):
-            context = what_is_seen(theta0, part, known, insert_triples, given.known_triples, vectors, kind_ids, seed)
+            context = init_context_of(theta0, part, known, insert_triples, given.known_triples, vectors, kind_ids, seed)
             with argument("initializer"):
                 results.append(chosen.initialize(context, used))
     except NoRelationMap as error:
-        raise refusal(has_triple & ~has_words, f"expected a word vector, which {name} goes by") from error
+        raise refusal(has_triple & ~has_words, f"expected a word vector, which {name} needs") from error
     except NotFinite as error:
-        expected = f"expected known vectors that differ, whose covariance {name} goes by"
+        expected = f"expected known vectors that differ: {name} needs their covariance"
         raise InputError("argument 'entities'", "", expected) from error
     with np.errstate(over="ignore"):
         rows[known:] = torch.cat([result.vectors[0] for result in results]).numpy()
@@ -122,13 +122,13 @@ def insert(
 def choose(
     initializer: Any, options: Any, theta0: Embedding, triples: bool, words: bool
 ) -> tuple[Registered, dict[str, Any], str, int]:
-    """The initializer of a name, or the best for what is known; its options, why, and how many entities at a time.
+    """The named initializer, else the best for what is known; its options, the reason, and new entities per batch.
 
     ``triples`` and ``words`` say whether there are some. An ``InputError`` where the initializer or an option is
     unknown, the embedding is too large for it, or the model lacks what it needs.
     """
     given = arguments.options_by_name(options, "options")
-    model, why, (_, entities, dimension) = theta0.model, "as asked", theta0.entity.shape
+    model, why, (_, entities, dimension) = theta0.model, "as named", theta0.entity.shape
     possible = 2 * theta0.relation.shape[1] * entities
     check(initializer, str | None, "", "argument 'initializer'")  # type: ignore[arg-type]
     with argument("initializer"):
@@ -138,11 +138,11 @@ def choose(
         checked = initializers.options_of(initializer, {**registered.defaults, **given}, "initializer")
         registered.check(model)
         for cost, too_large, work in (
-            ("triples", possible * dimension > MOST, f"looks at {possible:,} triples that an entity might have"),
+            ("triples", possible * dimension > MOST, f"scores {possible:,} triples per new entity"),
             ("pairs", entities**2 > PAIRS, f"compares the words of every two of {entities:,} entities"),
         ):
             if registered.cost == cost and too_large:
-                raise InputError("", "", f"expected another one: {initializer} {work}")
+                raise InputError("", "", f"too large for {initializer}, which {work}: choose another initializer")
     by_triples = possible if model.linear else possible * dimension
     numbers = by_triples if registered.cost == "triples" else max(entities, theta0.relation.shape[1] * dimension)
     return registered, checked, why, max(1, BUDGET // numbers)  # numbers are of one new entity
@@ -159,7 +159,7 @@ def best(small: bool, triples: bool, words: bool, model: Model) -> tuple[str, st
 
 
 def margin_of(embedding: Embedding, triples: Tensor, margin: float | None) -> float:
-    """The given margin, or midway between mean scores of triples, (T, 3), and of others. If f is linear, zero."""
+    """The given margin, or minus the midpoint of mean scores of triples, (T, 3), and corrupted ones; 0 for linear f."""
     if margin is not None or embedding.model.linear or not len(triples):
         return margin or 0.0
     head, relation, tail = triples[:: -(-len(triples) // MARGIN_TRIPLES)].T[:, None]
@@ -170,7 +170,7 @@ def margin_of(embedding: Embedding, triples: Tensor, margin: float | None) -> fl
     return -(right / 2 + (other_heads + other_tails) / 4).item()
 
 
-def what_is_seen(
+def init_context_of(
     theta0: Embedding, new: Tensor, known: int, insert_triples: np.ndarray, known_triples: np.ndarray,
     words: np.ndarray | None, kinds: np.ndarray | None, seed: int,
 ) -> InitContext:  # fmt: skip
@@ -205,9 +205,9 @@ def fit_new(
         entities: vectors of known entities, then of new ones, as ``insert`` gives them; shape (E + n, d).
         relations: shape (R, w).
         triples: of the new entities, with known ends or new ones.
-        new: how many the new entities are.
+        new: number of new entities, the last rows of ``entities``.
         model: as for ``insert``, like ``model_options``; ``entity_names``, of known and new ones, ``relation_names``.
-        known_triples: of the known entities, to learn from beside; without them all rows may not move.
+        known_triples: of the known entities, trained on as well; ``all_epochs`` needs them.
         epochs: in which the new rows alone move; ``all_epochs``, in which all rows of both tables move after that.
         learning_rate: of Adagrad; ``weight_decay``, of every update.
         batch_size: triples in one update; ``ratio``, how many corrupted heads, tails and relations each has.
@@ -232,7 +232,7 @@ def fit_new(
         ("triples", not len(given.triples), "expected triples, each with a new entity"),
         ("epochs", epochs + all_epochs < 1, "expected at least one epoch"),
         ("all_epochs", all_epochs > 0 and not len(given.known_triples),
-         "expected 'known_triples' too: all rows would forget what they know"),
+         "expected 'known_triples' too: without them the known rows would be forgotten"),
     ):  # fmt: skip
         if wrong:
             raise InputError(f"argument {name!r}", "", expected)

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from isi.config import check
-from isi.errors import InputError, meant, short
+from isi.errors import InputError, short, suggestion
 from isi.graph.graph import HEAD, TAIL, Graph
 from isi.graph.sessions import TRAIN, Session
 from isi.models.model import Model, make_model
@@ -57,7 +57,7 @@ def options_by_name(values: Any, name: str) -> dict[str, Any]:
 
 
 def table(values: Any, name: str, width: int | None = None, dtype: type[np.floating[Any]] | None = None) -> np.ndarray:
-    """A table of finite real numbers, of a width if one is given."""
+    """An argument as an array, (rows, width), of finite floats; ``InputError`` names the argument and the row."""
     with argument(name), np.errstate(over="ignore"):
         try:
             numbers = np.asarray(values, dtype)
@@ -108,7 +108,7 @@ class Names:
         expected = f"an id from 0 to {self.number - 1}"
         if self.names is not None:
             expected += f", or one of {self.argument!r}" + " or a new entity" * (self.argument == "entity_names")
-        raise InputError("", place, f"expected {expected}, got {value!r:.80}{meant(value, self.ids)}")
+        raise InputError("", place, f"expected {expected}, got {value!r:.80}{suggestion(value, self.ids)}")
 
 
 def all_names(known: int, entity_names: Any, new: Any) -> Names:
@@ -196,7 +196,7 @@ def kinds_of(kinds: Any, entities: Names) -> np.ndarray | None:
             kinds = [kind_of.get(row, "") for row in range(entities.number)]
         labels = list(map(str, as_list(kinds, object, "a list of kinds")))
         if len(labels) != entities.number:
-            expected = f"expected {entities.number} kinds, of known and new entities, got {len(labels)}"
+            expected = f"expected {entities.number} kinds, one for each entity (new ones too), got {len(labels)}"
             raise InputError("", "", expected)
     return np.unique(np.array(labels), return_inverse=True)[1].astype(np.int64)
 
@@ -209,7 +209,7 @@ def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray
         with np.errstate(over="ignore"):
             rows = table(table(words, "words").astype(np.float32), "words")
         if len(rows) != entities.number:
-            expected = f"expected {entities.number} rows, of known and new entities, got {len(rows)}"
+            expected = f"expected {entities.number} rows, one for each entity (new ones too), got {len(rows)}"
             raise InputError("argument 'words'", "", expected)
         return rows
     with argument("words"):
@@ -231,7 +231,7 @@ def word_table(words: Any, source: Source | None, entities: Names) -> np.ndarray
 def _vectors_of(texts: Sequence[str], source: Source | None) -> np.ndarray:
     """The vectors of texts, (T, w), float32. They are zero if the source has none."""
     if source is None:
-        raise InputError("", "", "expected vectors, or the argument 'word_source' that makes vectors of texts")
+        raise InputError("", "", "expected vectors: texts need the argument 'word_source', which embeds them")
     if callable(source):
         vectors = table(source(list(texts)), "word_source", dtype=np.float32)
         if len(vectors) != len(texts):
@@ -249,7 +249,7 @@ def _vectors_of(texts: Sequence[str], source: Source | None) -> np.ndarray:
 
 
 def stack_of_one(entities: np.ndarray, relations: np.ndarray, model: Model) -> Embedding:
-    """Tables as a stack of one embedding in single precision. It shares memory with entities in single precision."""
+    """Tables, (E, d) and (R, w), as a stack of one float32 embedding; float32 ``entities`` are shared, not copied."""
     with np.errstate(over="ignore"):  # what is too large is refused later
         entity = torch.from_numpy(np.ascontiguousarray(entities, np.float32))
     return Embedding(entity[None], torch.from_numpy(np.array(relations, np.float32))[None], model)

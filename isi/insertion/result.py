@@ -28,27 +28,27 @@ CLOUD = 2**16  #: Known vectors from which the spread is taken, at most, evenly 
 
 @dataclass(frozen=True)
 class Entity:
-    """What became of a new entity."""
+    """The report of a new entity."""
 
     name: str | int
     id: int
     insert_triples: int  #: triples with a known end, which the initializer saw
     between: int  #: triples between two new ones, which it did not
-    fallback: str | None  #: what served where the initializer could not: es, rs, centroid
+    fallback: str | None  #: what replaced the initializer where data were missing: es, rs, centroid
     indicators: list[str | int] | None  #: whose centroid was taken, if one was
     nearest: list[tuple[str | int, float]]  #: the known entities of nearest vectors, with their cosines
-    #: from the centre of the known cloud, coordinates in its deviations, root mean square: 1 is usual
+    #: root mean square, over coordinates, of the z-score among known vectors; 1 is usual
     distance: float
     farther_than: float  #: share of the known that lie nearer to the centre
 
 
 @dataclass(frozen=True)
 class Interference:
-    """What new entities do to known answers. Each triple gives two queries, for its head and for its tail."""
+    """Effect of new entities on ranks of known answers. Each triple gives two queries, for its head and its tail."""
 
     queries: int
     #: of each new entity, the share of queries in which it ranks above the known answer (½ where they are tied);
-    #: where an insert triple makes it an answer itself, it does not count
+    #: where an insert triple makes it an answer itself, it counts as below
     above: list[float]
     #: filtered mean reciprocal rank and mean rank of the known answers, among known entities and among all
     mrr_before: float
@@ -143,7 +143,7 @@ class Inserted:
         labels = Names("relation_names", len(self.relations), self.relation_names)
         queried = self.known_triples if triples is None else triples_of(triples, "triples", self.names, labels)
         if not len(queried) or (queried[:, [HEAD, TAIL]] >= self.known).any():
-            raise InputError("argument 'triples'", "", "expected triples of known entities, to ask about")
+            raise InputError("argument 'triples'", "", "expected triples of known entities, which give the queries")
         if len(queried) > most:
             queried = queried[np.sort(stream(seed, "interference").permutation(len(queried))[:most])]
         right = np.concatenate([queried, self.insert_triples, self.known_triples])
@@ -156,7 +156,7 @@ class Inserted:
 
 
 def ranked_above(embedding: Embedding, known: int, queried: Tensor, insert_triples: Tensor) -> Tensor:
-    """The share of queries, (n,), in which each new entity ranks above the answer. Its insert triples do not count."""
+    """Share of all queries, (n,), in which each new entity, unless an answer itself, ranks above the answer."""
     head, relation, tail = queried.T[:, None]  # (1, Q)
     relations, new = rows_of(embedding.relation, relation), embedding.entity[:, known:]
     model, heads, tails = embedding.model, rows_of(embedding.entity, head), rows_of(embedding.entity, tail)

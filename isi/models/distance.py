@@ -78,6 +78,6 @@ class RotatE(DistanceModel, BlockModel):
         return torch.cat([padded(torch.cos, relation), padded(torch.sin, relation)], -1)
 
     def maps_backward(self, by_maps: Tensor, relation: Tensor) -> Tensor:
-        """By θ: cos θ times the gradient by y, minus sin θ times that by x."""
+        """Gradient by θ, (M, R, w): with x = cos θ and y = sin θ it is x · ∂f/∂y - y · ∂f/∂x."""
         (x, y), (by_x, by_y) = self.maps(relation).chunk(2, -1), by_maps.chunk(2, -1)
         return x * by_y - y * by_x

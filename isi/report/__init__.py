@@ -1,1 +1,1 @@
-"""The report: what was found, as tables, figures, headline metrics and one page."""
+"""The report: tables, figures, headline metrics and one page."""

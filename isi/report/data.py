@@ -1,4 +1,4 @@
-"""The pipeline's tables as the report reads them: experiments, analyses of them, and what lies beyond the paper."""
+"""The pipeline's tables as the report reads them: experiments, analyses of them, and variants beyond the paper."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -177,7 +177,7 @@ class Experiment(ModelRuns):
 
     @property
     def collapsed(self) -> dict[str, float]:
-        """Models that score nearly everything the same, each with the mean number of rivals that tie with an answer.
+        """Models that score nearly all candidates alike, each with the mean number of competitors tied with an answer.
 
         They are those for which, over a triple's head and tail query, at least half as many rivals tie as there are
         entities.
@@ -233,20 +233,22 @@ class Results:
     @property
     def standalone(self) -> list[Experiment]:
         """Experiments all of whose entities are from one source."""
-        return [one for one in self.experiments.values() if one.settings.graph.extend is None]
+        return [experiment for experiment in self.experiments.values() if experiment.settings.graph.extend is None]
 
     @property
     def extended(self) -> list[Experiment]:
         """Experiments that insert entities of another source."""
-        return [one for one in self.experiments.values() if one.settings.graph.extend is not None]
+        return [experiment for experiment in self.experiments.values() if experiment.settings.graph.extend is not None]
 
     def source_title(self, source: str) -> str:
-        """What people call a source: the title of the experiment on its graph."""
-        return next((one.title for one in self.standalone if one.settings.graph.source == source), source)
+        """The title of a source: that of the experiment on its graph, else its name."""
+        titles = {experiment.settings.graph.source: experiment.title for experiment in reversed(self.standalone)}
+        return titles.get(source, source)
 
     def analysis(self, name: str) -> list[tuple[Experiment, Any]]:
         """The experiments for which an analysis was run, each with its result."""
-        return [(one, one.analyses[name]) for one in self.experiments.values() if name in one.analyses]
+        ran = (experiment for experiment in self.experiments.values() if name in experiment.analyses)
+        return [(experiment, experiment.analyses[name]) for experiment in ran]
 
     def variants_of(self, group: str) -> list[VariantRuns]:
         """The variants of one group."""
@@ -271,7 +273,7 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
         observed={name: MinedSource(name, OBSERVATIONS.read_text(source=name), KINDS.read_text(source=name))
                   for name in sources},
         mined={name: MINED.read_text(source=name) for name in sources},
-        variants=read_variants({name: one.title for name, one in experiments.items()}, params),
+        variants=read_variants({name: experiment.title for name, experiment in experiments.items()}, params),
         other_graphs=other_graphs,
     )  # fmt: skip
 

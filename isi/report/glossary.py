@@ -1,4 +1,4 @@
-"""The words of the page with their meanings: for the guide, and for whoever points at a word."""
+"""The glossary of the page: its terms with their meanings, for the guide and for tooltips."""
 
 import re
 from collections.abc import Collection
@@ -13,7 +13,7 @@ from isi.report.words import JOINT, capitalized, described, label
 
 @dataclass(frozen=True)
 class Term:
-    """A word, and what it means; ``in_text``: whether it is marked within text, not only where it fills a cell."""
+    """A glossary term and its meaning; ``in_text``: marked within sentences too, not only as a whole table cell."""
 
     name: str
     means: str
@@ -45,7 +45,7 @@ def of_models(results: Results) -> list[Term]:
     meanings = {name: described(name).removeprefix(title).lstrip(",: ") for name, title in titles.items()}
     terms = [Term(title, capitalized(meanings[name]), in_text=title.isupper() or title == "Xavier")
              for name, title in titles.items()]  # fmt: skip
-    return [*terms, Term(label(JOINT), "The joint model: trained from the start on everything.", in_text=False)]
+    return [*terms, Term(label(JOINT), "The joint model: trained from scratch on the whole graph.", in_text=False)]
 
 
 class Marker:

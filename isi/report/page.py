@@ -26,18 +26,18 @@ from isi.tables.io import atomically
 #: that are asked first to what is looked up.
 CONTENTS = {
     "How to read this page": ("run.guide",),
-    "What a new vector knows immediately": (
+    "Right after insertion": (
         "immediate.immediate", "queries.query_breakdown", "immediate.controls", "variants.stronger",
         "variants.n_insert_triples", "variants.other_words", "queries.affordances",
     ),
-    "Look for yourself": ("insertions.explorer",),
-    "What training makes of it": ("finetuning.convergence", "finetuning.forgetting"),
+    "Explorer": ("insertions.explorer",),
+    "Fine-tuning": ("finetuning.convergence", "finetuning.forgetting"),
     "Does it hold elsewhere?": ("finetuning.transfer", "variants.other_graphs", "variants.embeddings"),
     "Beside the paper": (
         "paper.paper", "paper.causes", "run.departures", "insertions.trajectory", "choices.indicators",
         "choices.cross_validation", "choices.embedding_models",
     ),
-    "How far to trust it": ("immediate.differences", "run.graph", "run.definitions", "run.run"),
+    "Significance, data and the run": ("immediate.differences", "run.graph", "run.definitions", "run.run"),
 }  # fmt: skip
 SECTIONS = tuple(ReportSection.of(place, group) for group, places in CONTENTS.items() for place in places)
 #: Above all sections: the answer, in numbers and one figure.
@@ -133,7 +133,7 @@ def _headlines(experiment: Experiment) -> dict[str, Any]:
     else:
         runs = experiment.curves
         ended = runs[(runs["scope"] == "known_closed") & (runs["epoch"] == experiment.max_epochs)]
-        numbers["drop_percent"] = stats.values(finetuning.drops(experiment.immediate))
+        numbers["drop_percent"] = stats.values(finetuning.interference_percent(experiment.immediate))
         numbers["known_closed_at_the_end"] = stats.means(ended, "mrr_star")
     if experiment.queries is not None:
         numbers["novel_entity_given"] = stats.values(experiment.given_means)

@@ -35,7 +35,7 @@ from isi.report.tables import ReportTable
 
 @dataclass(frozen=True)
 class Content:
-    """What a section has to show (once, or for each of several experiments): numbers and a heading for the template."""
+    """What a section shows, once or for each experiment: numbers for its template, tables, figures and a heading."""
 
     numbers: Mapping[str, Any] = field(default_factory=dict)
     #: rows by name (``ReportTable.of``), and figures; the template names them without the suffix
@@ -49,7 +49,7 @@ class Content:
 
 @dataclass(frozen=True)
 class Block:
-    """A paragraph, list or heading, or a table, figure or numbers, which the template names behind ``@``."""
+    """A block of a template: a paragraph, list or heading; or, after ``@``, a table, figure or numbers by name."""
 
     kind: str
     text: str = ""
@@ -104,7 +104,7 @@ class ReportSection:
 
 def of_each(experiments: Iterable[Experiment], content_of: Callable[[Experiment], Content | None]) -> Iterator[Content]:
     """The same of every experiment under its own names, with headings where there are several."""
-    contents = [(one, content) for one in experiments if (content := content_of(one)) is not None]
+    contents = [(experiment, content) for experiment in experiments if (content := content_of(experiment)) is not None]
     for place, (experiment, content) in enumerate(contents):
         heading = f"## {words.capitalized(experiment.title)}{' | folded' if place else ''}"
         yield replace(content, numbers={"experiment": experiment, **content.numbers}, suffix=experiment.suffix,

@@ -53,7 +53,7 @@ class Pair:
 
 
 def by_scope(values: pd.Series, models: Sequence[str]) -> ByScope:
-    """Values by (scope, model) as a mapping for each scope, with the models in their order."""
+    """Values indexed by (scope, model) as a mapping for each scope, in the order of ``models``."""
     return {str(scope): {model: float(values[scope, model]) for model in models if (scope, model) in values.index}
             for scope in values.index.unique("scope")}  # fmt: skip
 
@@ -221,7 +221,7 @@ def compare(measures: Mapping[str, pd.DataFrame], models: Sequence[str]) -> list
 
 
 def pairs_table(pairs: Iterable[Pair]) -> list[dict[Any, Any]]:
-    """Every pair with its interval and test; "none" stands for the p of a pair that no seed tells apart."""
+    """Every pair with its interval and test; "none" stands for the p of a pair for which no seed differs."""
 
     def form(p: float) -> str:
         return f"{p:.3f}" if p >= 0.001 else "< 0.001"

@@ -1,4 +1,4 @@
-"""What the report calls things: labels, roles and colours of models, names of scopes, and lists within sentences."""
+"""Words of the report: labels, roles and colours of models, names of scopes, and lists within sentences."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

@@ -32,11 +32,11 @@ class _SceneList(BaseModel):
 def behavior(
     mining: Mining, from_: str, structure: list[str], names: dict[str, Name], affordances: dict[str, list[Name]]
 ) -> Iterator[Observation]:
-    """Observations of the scenes: objects go by the words of their synset; their materials are not known.
+    """Observations of the scenes. An object has the name of its synset; there are no materials.
 
     ``from_`` is ``package``, the data in the package ``bddl``, or the path of a folder of the same files; ``structure``
-    are synsets of parts of the building, left out; ``names`` are those of synsets and types of rooms that do not go by
-    their own words; ``affordances`` are what can be done with an object that has a property.
+    are synsets of parts of the building, which are left out; ``names`` renames synsets and types of rooms;
+    ``affordances`` lists the affordances of an object with a property.
     """
     content = "the scenes of BEHAVIOR-1K"
     folder = packaged("bddl", "bddl/generated_data", content) if from_ == "package" else Path(from_)
@@ -57,7 +57,7 @@ def behavior(
     ):
         synset = synset_of.get(model[:-7], "")
         if not SYNSET.fullmatch(synset) or synset not in properties:
-            expected = f"expected its category in {CATEGORIES}, with a synset that {PROPERTIES} has"
+            expected = f"expected a category listed in {CATEGORIES}, whose synset {PROPERTIES} lists"
             raise InputError(path, f"{scene}: {room}: model {short(model)}", expected)
         mining.counts[STEPS[0]] += count
         if synset in structure:

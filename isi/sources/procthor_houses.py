@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from isi.config import Sha256, distinct, must
+from isi.config import Sha256, distinct, ensure
 from isi.errors import InputError, short
 from isi.random import stream
 from isi.sources import Mining, Observation, observed, reader
@@ -70,13 +70,15 @@ class House(_Fields):
     rooms: Annotated[
         list[Room],
         Field(min_length=1),
-        must(lambda rooms: sum(len(room.floor) for room in rooms) <= MOST_CORNERS, f"at most {MOST_CORNERS:,} corners"),
-        must(lambda rooms: distinct(room.id for room in rooms), "each room with an id of its own"),
+        ensure(
+            lambda rooms: sum(len(room.floor) for room in rooms) <= MOST_CORNERS, f"at most {MOST_CORNERS:,} corners"
+        ),
+        ensure(lambda rooms: distinct(room.id for room in rooms), "each room with an id of its own"),
     ]
     objects: list[Item] | None
-    metadata: Annotated[dict[str, Any], must(lambda given: given.get("schema") in SCHEMAS, "a known schema")] | None = (
-        None
-    )
+    metadata: (
+        Annotated[dict[str, Any], ensure(lambda given: given.get("schema") in SCHEMAS, "a known schema")] | None
+    ) = None
 
 
 #: An object of a house, where it stands, and the id of the room that its own id names.

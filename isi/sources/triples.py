@@ -76,10 +76,10 @@ def published_phrases() -> pd.DataFrame:
 
 @reader("triples_with_ids", Naming(), path="from_")
 def triples_with_ids(mining: Mining, from_: str, triples: list[str] | None = None) -> Iterator[Observation]:
-    """Observations of files of ids, counted by triple.
+    """Observations from OpenKE's files of ids; a triple that repeats is counted.
 
     ``from_`` is ``virtualhome`` or ``thor_u``, which ship, or the path of a folder with the files ``entity2id.txt`` and
-    ``relation2id.txt``; ``triples`` are its files of triples (null: ``gt2id.txt``), where a repeat is an observation.
+    ``relation2id.txt``; ``triples`` are its files of triples (null: ``gt2id.txt``).
     The kind of an entity comes from the suffix of its name, and its phrase from the words, unless listed otherwise.
     """
     if from_ in SHIPPED:

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from isi.errors import InputError, at, unwritable
-from isi.process import lives
+from isi.process import is_running
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -38,7 +38,7 @@ def _opening(path: Path, form: str, fault: type[Exception]) -> Iterator[None]:
 
 
 def read_parquet(path: Path, schema: pa.Schema) -> pa.Table:
-    """Read the columns of a schema, dictionary-encoded or not; ``InputError`` for a missing one or another type."""
+    """Read the columns of a schema, dictionary-encoded or not; ``InputError`` if one is missing or of another type."""
     with _opening(path, "a Parquet table", pa.ArrowException):
         table = pq.ParquetFile(path).read()
     for expected in schema:
@@ -147,7 +147,7 @@ def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         for stale in path.parent.glob(f".{glob.escape(path.name)}.*.tmp"):  # of a stage that was killed
-            if not lives(stale.name.split(".")[-2]):
+            if not is_running(stale.name.split(".")[-2]):
                 stale.unlink()
         write_to(temporary)
         temporary.replace(path)

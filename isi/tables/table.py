@@ -124,7 +124,7 @@ class TensorFile(DataFile):
     """A safetensors file; all numbers in it are finite."""
 
     def read(self, tensors: Sequence[str], **names: str | int) -> dict[str, Tensor]:
-        """Read named tensors of the file of these names (``io.read_tensors``)."""
+        """Read ``tensors`` from the file whose path ``names`` complete (``io.read_tensors``)."""
         return io.read_tensors(self.path(**names), tensors)
 
     def shape(self, tensor: str, **names: str | int) -> tuple[int, ...]:
@@ -135,7 +135,7 @@ class TensorFile(DataFile):
         return io.read_tensors(path)
 
     def write(self, tensors: Mapping[str, Tensor], stage: str, **names: str | int) -> None:
-        """Write the file of these names atomically; InputError where a number is not finite."""
+        """Write the file whose path ``names`` complete, atomically; ``InputError`` where a number is not finite."""
         io.write_tensors(self.path(**names), tensors, stage)
 
 

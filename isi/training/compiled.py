@@ -1,4 +1,4 @@
-"""Compiled training with one observation per update: batches of one, about a hundred times as fast.
+"""Compiled training with one observation per update: batches of one, a few hundred times as fast.
 
 For ANALOGY, DistMult and ComplEx, whose relations are scalars and 2×2 blocks (``isi.models.bilinear``).
 Importing numba takes a second: import this module where it is used.

@@ -1,1 +1,1 @@
-"""The sections of the page, one module each; ``contents`` has their order."""
+"""The sections of the page; ``CONTENTS`` in ``isi/report/page.py`` has their order."""

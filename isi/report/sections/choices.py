@@ -222,7 +222,7 @@ def embedding_models(results: Results) -> Iterator[Content]:
 
 
 def class_name(model: str) -> str:
-    """What people call an embedding model."""
+    """The display name of an embedding model."""
     return MODELS.get(model, f"models.{model}").__name__
 
 

@@ -103,7 +103,7 @@ def forgetting(_: Results, experiment: Experiment) -> Content:
     pairs = at_the_end(runs)
     tables = {"forgetting": interference(runs, [*experiment.models, FINETUNE_ONLY]),
               "earlier_at_the_end": pairs_table(chain(*pairs.values()))}  # fmt: skip
-    return Content({"ended": ended(pairs)}, tables, {"forgetting": drawn(runs, experiment.models)})
+    return Content({"ended": end_comparisons(pairs)}, tables, {"forgetting": curves_figure(runs, experiment.models)})
 
 
 def with_finetune_only(experiment: Experiment) -> pd.DataFrame:
@@ -124,7 +124,7 @@ def since_before(runs: pd.DataFrame) -> pd.DataFrame:
     return shown.assign(mrr_star=shown["mrr_star"] - before)
 
 
-def drawn(runs: pd.DataFrame, models: Sequence[str]) -> Canvas:
+def curves_figure(runs: pd.DataFrame, models: Sequence[str]) -> Canvas:
     """By how much MRR* differs from before insertion, by epoch; a panel for each scope."""
     lines = [*(model for model in models if model != JOINT), FINETUNE_ONLY]
     return by_epoch(since_before(runs), lines, EARLIER, ylabel="MRR* minus before (points)")
@@ -143,15 +143,15 @@ def at_the_end(runs: pd.DataFrame) -> dict[str, list[Pair]]:
     return pairs
 
 
-def against(pairs: Sequence[Pair], model: str) -> dict[str, Pair]:
+def pairs_with(pairs: Sequence[Pair], model: str) -> dict[str, Pair]:
     """ISI against one model, by initializer."""
     return {pair.first: pair for pair in pairs if pair.second == model and isi([pair.first])}
 
 
-def ended(pairs: Mapping[str, Sequence[Pair]]) -> list[tuple[str, str, list[Pair]]]:
+def end_comparisons(pairs: Mapping[str, Sequence[Pair]]) -> list[tuple[str, str, list[Pair]]]:
     """Interference and forgetting at the end, ISI against Xavier and against nothing inserted: scope, model, pairs."""
     shown = (("known_closed", BASELINE), ("known", BASELINE), ("known_closed", FINETUNE_ONLY))
-    lines = [(scope, model, list(against(pairs[scope], model).values())) for scope, model in shown]
+    lines = [(scope, model, list(pairs_with(pairs[scope], model).values())) for scope, model in shown]
     return [line for line in lines if line[2]]
 
 
@@ -175,7 +175,11 @@ def transfer(results: Results) -> Iterator[Content]:
         settings, name, runs, figures = experiment.settings, experiment.name, experiment.immediate, {}
         extend, (size, *_), triples = settings.graph.extend, settings.sessions.sizes, experiment.triples
         assert extend is not None  # noqa: S101  # as of all that are extended
-        base, dropped, paper = results.source_title(settings.graph.source), drops(runs), results.paper["transfer"]
+        base, dropped, paper = (
+            results.source_title(settings.graph.source),
+            interference_percent(runs),
+            results.paper["transfer"],
+        )
         numbers: dict[str, Any] = {
             "experiment": experiment, "base": base, "size": size, "ended": [], "order": None,
             "heldout": runs[(runs["scope"] == "novel_heldout") & (runs["model"] == JOINT)]["queries"],
@@ -185,7 +189,7 @@ def transfer(results: Results) -> Iterator[Content]:
         epochs = epochs_summary(experiment.convergence, ["scope", "model"]).drop(columns="std")
         steps = dict(results.mined[extend.source].itertuples(index=False, name=None))
         tables: dict[str, Any] = {
-            f"{name}_mined": mined(steps, experiment.entities, triples, results.observed[extend.source], base,
+            f"{name}_mined": mining_steps(steps, experiment.entities, triples, results.observed[extend.source], base,
                                    extend.min_observations, settings.sessions.steps * size),
             f"{name}_immediate": stats.by_label(experiment.models, {
                 **stats.halves(runs, "all"), Column("paper", "all"): paper["all_queries"],
@@ -198,17 +202,17 @@ def transfer(results: Results) -> Iterator[Content]:
         if experiment.curve_size is not None:
             curves = with_finetune_only(experiment)
             pairs = at_the_end(curves)
-            bases = (one for one in results.standalone if one.settings.graph.source == settings.graph.source)
-            own = next((one for one in bases if one.curve_size is not None), None)
-            numbers |= {"ended": ended(pairs), "order": own and _order(pairs, own)}
+            bases = (other for other in results.standalone if other.settings.graph.source == settings.graph.source)
+            first = next((other for other in bases if other.curve_size is not None), None)
+            numbers |= {"ended": end_comparisons(pairs), "order": first and _order(pairs, first)}
             tables[f"{name}_at_the_end"] = pairs_table(chain(*pairs.values()))
-            figures[f"figure4_{name}"] = drawn(curves, experiment.models)
+            figures[f"figure4_{name}"] = curves_figure(curves, experiment.models)
         yield Content(numbers, tables, figures)
 
 
 def _order(pairs: Mapping[str, Sequence[Pair]], base: Experiment) -> dict[str, Any] | None:
     """Whether ISI ends on the same side of Xavier as where entities of the base graph itself were inserted."""
-    here, there = (against(of_scope["known_closed"], BASELINE) for of_scope in (pairs, at_the_end(base.curves)))
+    here, there = (pairs_with(of_scope["known_closed"], BASELINE) for of_scope in (pairs, at_the_end(base.curves)))
     both = [(here[name], there[name]) for name in here if name in there]
     turned = [new.first for new, own in both if new.difference.mean * own.difference.mean < 0]
     significant = any(new.significant or own.significant for new, own in both)
@@ -216,7 +220,7 @@ def _order(pairs: Mapping[str, Sequence[Pair]], base: Experiment) -> dict[str, A
     return order if both else None
 
 
-def mined(
+def mining_steps(
     steps: Mapping[str, int], entities: pd.DataFrame, triples: pd.DataFrame, seen: MinedSource, base: str,
     minimum: int, inserted: int,
 ) -> list[dict[str, Any]]:  # fmt: skip
@@ -233,8 +237,8 @@ def mined(
     return [{"": step, "count": count} for step, count in counts.items()]
 
 
-def drops(runs: pd.DataFrame) -> dict[str, Estimate]:
-    """By how much inserting puts each initializer's MRR* in ``known`` below that in ``known_closed``, in per cent."""
+def interference_percent(runs: pd.DataFrame) -> dict[str, Estimate]:
+    """Interference by initializer: how far MRR* in ``known`` is below that in ``known_closed``, in per cent."""
     earlier = runs[runs["scope"].isin(EARLIER) & (runs["model"] != JOINT)]
     pairs = {}
     for model, rows in earlier.groupby("model"):

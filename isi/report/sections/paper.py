@@ -13,7 +13,7 @@ from isi.report.data import Experiment, ModelRuns, Results, VariantRuns
 from isi.report.figures import by_epoch
 from isi.report.section import Content
 from isi.report.sections import choices, queries, run
-from isi.report.sections.finetuning import CURVES, drops, table2
+from isi.report.sections.finetuning import CURVES, interference_percent, table2
 from isi.report.tables import Column
 from isi.report.words import BASELINE, JOINT, SCOPES, isi, joined, label
 
@@ -26,9 +26,9 @@ def paper(results: Results) -> Iterator[Content]:
     if not results.standalone:
         return
     first, *others = results.standalone
-    columns = {"paper": "", "this run": ""} | {one.name: one.title for one in others}
+    columns = {"paper": "", "this run": ""} | {experiment.name: experiment.title for experiment in others}
     rows = rows_of(results, first)
-    ours = [{row[:2]: row[3] for row in rows_of(results, one)} for one in others]
+    ours = [{row[:2]: row[3] for row in rows_of(results, experiment)} for experiment in others]
     yield Content({"others": others}, {"paper_against_this_run": [
         {"where": where, "what": what, **{
             Column(name, title=title, form=shown, any_size=True): number for (name, title), number in
@@ -46,11 +46,11 @@ def shown(value: float) -> str:
 def rows_of(results: Results, experiment: Experiment) -> list[Row]:
     """All numbers of the paper, beside one experiment: the same rows whatever was run."""
     source, paper, methods = experiment.settings.graph.source, results.paper, list(results.paper["indicators"])
-    moved = next((one for one in results.extended if one.settings.graph.source == source), None)
+    moved = next((other for other in results.extended if other.settings.graph.source == source), None)
     gain, fewer = stats.values(stats.improvements(experiment.immediate, "all")), fewer_epochs(experiment)
     theirs, saved = paper["immediate"]["improvement_over_xavier"], paper["convergence"]["fewer_epochs_than_xavier"]
     title, names = "immediate gain over Xavier, all queries, %", joined(map(label, methods))
-    means, dropped = (moved.mrr_star, stats.values(drops(moved.immediate))) if moved else ({}, {})
+    means, dropped = (moved.mrr_star, stats.values(interference_percent(moved.immediate))) if moved else ({}, {})
     gained = ("section 6.1", title, theirs, gain)
     later = (
         ("section 6.2", "fewer epochs than Xavier, %", {name: saved.get(name, nan) for name in methods}, fewer),
@@ -147,7 +147,8 @@ def _settings(results: Results, experiment: Experiment, moved: Experiment | None
 
 def _analysis(name: str, *experiments: Experiment | None) -> tuple[Experiment, Any] | None:
     """The first of the experiments for which an analysis was run, and its result."""
-    return next(((one, one.analyses[name]) for one in experiments if one and name in one.analyses), None)
+    ran = (experiment for experiment in experiments if experiment and name in experiment.analyses)
+    return next(((experiment, experiment.analyses[name]) for experiment in ran), None)
 
 
 def _choices(results: Results, experiment: Experiment, moved: Experiment | None) -> Iterator[Any]:
@@ -250,9 +251,9 @@ def _lines(results: Results, first: Experiment, variants: Sequence[VariantRuns])
     for runs in variants:
         title, now, later = _line(f"{runs.variant.title} ({runs.title})", runs)
         yield title, now, later if runs.variant.finetuned else {}
-    for one in results.standalone[1:]:
-        if size := one.curve_size:
-            yield _line(f"{one.title}, {size} novel entities", one.of_size(size))
+    for experiment in results.standalone[1:]:
+        if size := experiment.curve_size:
+            yield _line(f"{experiment.title}, {size} novel entities", experiment.of_size(size))
 
 
 def _line(title: str, runs: ModelRuns, column: str = "mrr_star") -> Line:

@@ -25,8 +25,9 @@ _PAIR = ["scope", "relation", "hidden", "novel"]
 
 def query_breakdown(results: Results) -> Iterator[Content]:
     """Both directions, relations and directions, and both filters, of every experiment with a breakdown."""
-    experiments = [one for one in results.experiments.values() if one.queries is not None and len(one.queries)]
-    return of_each(experiments, _breakdown)
+    experiments = results.experiments.values()
+    ran = [experiment for experiment in experiments if experiment.queries is not None and len(experiment.queries)]
+    return of_each(ran, _breakdown)
 
 
 def _breakdown(experiment: Experiment) -> Content:

@@ -1,4 +1,4 @@
-"""The ground that the numbers stand on: the guide, the graphs and their training, word vectors, and the run itself."""
+"""The guide, the graphs and their training, leaks of word vectors, and the params and counts of the run."""
 
 import json
 import platform
@@ -60,7 +60,7 @@ def _of_graph(results: Results, experiment: Experiment) -> Content:
 
 
 def table1(observations: pd.DataFrame, paper: Mapping[str, Any], words: Mapping[str, str]) -> pd.DataFrame:
-    """Table 1: the median counts of one environment, by room type, beside the paper's; ``words``: of relations."""
+    """Table 1: median counts per environment by room type, beside the paper's; ``words``: titles of relations."""
     rows = observations[observations["scene"].notna()]
     counts = rows.groupby(["scene", "relation"]).size().unstack(fill_value=0)
     counts = counts[in_order(counts.columns, list(words))].rename(columns=words)
@@ -100,9 +100,10 @@ def in_use(used: pd.DataFrame) -> dict[str, float]:
 
 
 def definitions(results: Results) -> Iterator[Content]:
-    """What the word vectors could leak: triples that a definition gives away."""
+    """Triples that word vectors could leak: the definition of one end names the other end."""
     meaning = dict(zip(results.definitions["phrase"], results.definitions["definition"], strict=True))
-    frame, number = leaks([(one.entities, one.triples) for one in results.experiments.values()], meaning)
+    graphs = [(experiment.entities, experiment.triples) for experiment in results.experiments.values()]
+    frame, number = leaks(graphs, meaning)
     counts, words = frame["defined"].value_counts(), results.params.words
     frame = frame.rename(columns={"defined": "defined end", "definition": "its definition"})
     used = words.source == "shipped" and words.text == "definition"
@@ -137,14 +138,15 @@ def names(text: str, phrase: str) -> bool:
 def run(results: Results) -> Iterator[Content]:
     """Counts over all experiments, then params, versions and hashes."""
     experiments = results.experiments
-    coverage = pd.concat(one.coverage for one in experiments.values())
-    sets = {name: len(one.novel[["size", "seed"]].drop_duplicates()) for name, one in experiments.items()}
-    inserted = {name: len(one.inserted) // max(one.inserted["model"].nunique(), 1) for name, one in experiments.items()}
+    coverage = pd.concat(experiment.coverage for experiment in experiments.values())
+    sets = {name: len(experiment.novel[["size", "seed"]].drop_duplicates()) for name, experiment in experiments.items()}
+    inserted = {name: experiment.inserted for name, experiment in experiments.items()}
+    numbers = {name: len(rows) // max(rows["model"].nunique(), 1) for name, rows in inserted.items()}
     uncovered = dict.fromkeys(coverage.loc[coverage["served_by"].isna(), "entity"], "")
-    left_out = pd.DataFrame({Column(name, title=one.title): _left_out(one) for name, one in experiments.items()})
-    tables = {"left_out": left_out.rename_axis("").reset_index(), "ties": ties(experiments),
+    columns = {Column(name, title=experiment.title): _left_out(experiment) for name, experiment in experiments.items()}
+    tables = {"left_out": pd.DataFrame(columns).rename_axis("").reset_index(), "ties": ties(experiments),
               "fallbacks": fallbacks(experiments)}  # fmt: skip
-    yield Content({"sets": sets, "inserted": inserted, **results.run, "uncovered": uncovered}, tables)
+    yield Content({"sets": sets, "inserted": numbers, **results.run, "uncovered": uncovered}, tables)
 
 
 def what_was_run(params: Params) -> dict[str, dict[str, Any]]:
@@ -198,8 +200,9 @@ def orphans(entities: pd.DataFrame, triples: pd.DataFrame, splits: pd.DataFrame,
 
 
 def ties(experiments: Mapping[str, Experiment]) -> list[dict[Any, Any]]:
-    """Rivals whose score is tied with the answer's, right after insertion: they count half in a rank."""
-    counts = {name: one.ties.groupby(["model", "scope"])["ties"].sum() for name, one in experiments.items()}
+    """Number of competitors tied with the answer right after insertion, by experiment and model; each counts half."""
+    ties_of = {name: experiment.ties.groupby(["model", "scope"])["ties"] for name, experiment in experiments.items()}
+    counts = {name: groups.sum() for name, groups in ties_of.items()}
     return [
         {_experiment(experiments): name, "model": label(model)}
         | {scope: int(counts[name].get((model, scope), 0)) for scope in ("all", "novel")}
@@ -209,9 +212,9 @@ def ties(experiments: Mapping[str, Experiment]) -> list[dict[Any, Any]]:
 
 def fallbacks(experiments: Mapping[str, Experiment]) -> pd.DataFrame:
     """How often each initializer lacked what it needs, and what it fell back to."""
-    numbers = {name: one.inserted.groupby(["model", "fallback"]).size() for name, one in experiments.items()}
-    rows = [(name, label(model), fallback, number) for name, of_name in numbers.items()
-            for model, fallback, number in of_name.reset_index().itertuples(index=False, name=None)]  # fmt: skip
+    inserted = {name: experiment.inserted.groupby(["model", "fallback"]) for name, experiment in experiments.items()}
+    rows = [(name, label(model), fallback, number) for name, groups in inserted.items()
+            for model, fallback, number in groups.size().reset_index().itertuples(index=False, name=None)]  # fmt: skip
     columns = [_experiment(experiments), "initializer", "fell back to", "inserted entities"]
     return pd.DataFrame(rows, columns=columns)
 
