@@ -65,7 +65,7 @@ def _place_and_message(error: Exception, file: str) -> tuple[str, str]:
 
 def _first_mistake(error: ValidationError) -> tuple[str, str]:
     """Place and text of pydantic's first error, and how many more there are."""
-    first: Any = min(error.errors(), key=lambda one: one["type"] not in ("unknown_key", "list_type"))
+    first: Any = min(error.errors(), key=lambda mistake: mistake["type"] not in ("unknown_key", "list_type"))
     kind, got, context = first["type"], first["input"], first.get("ctx", {})
     loc = [*first["loc"], *([context["key"]] if kind == "unknown_key" else [])]
     place = ".".join(str(part) for part in loc if not re.search(r"[\[\]()]", str(part)))  # types of a union

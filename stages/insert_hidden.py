@@ -29,7 +29,7 @@ def insert_hidden(context: StageContext, graph: str) -> None:
     words = None if settings.words is None else look_up(load_vectors(settings.words), phrases).vectors
     splits = np.zeros((1, len(triples.triples)), dtype=np.int8)
     points = [GridPoints.without_insertion(graph, triples, [seed], splits) for seed in range(settings.seeds)]
-    tasks = [(one, words, settings, f"hidden.{graph}", params.seed) for one in points]
+    tasks = [(point, words, settings, f"hidden.{graph}", params.seed) for point in points]
     answers, seconds = zip(*run(hidden_in, tasks, params.compute, f"hidden, {graph}"), strict=True)
     HIDDEN_ENTITIES.write(pd.concat(answers, ignore_index=True), context.stage, graph=graph)
     by_method = pd.concat(seconds).astype({"told": "Int64"}).groupby(["method", "told"], dropna=False, sort=False)

@@ -22,6 +22,8 @@ WHOLE = {
     "approach", "at_once", "cell", "cells", "drawing", "every", "found", "given", "held", "how", "keep", "listed",
     "meet", "news", "nothing", "one", "own", "placed", "pull", "rates", "some", "what",
 }  # fmt: skip
+#: Words that name no argument and no local: they do not say what the thing is.
+LOCALS = {"found", "how", "one", "own", "some", "what"}
 
 
 def names(path: Path) -> Iterator[str]:
@@ -50,6 +52,17 @@ def test_code_uses_the_words_of_the_field(folder: str) -> None:
         f"{path}: {name}" for path in (ROOT / folder).rglob("*.py") for name in names(path) if unwanted(name)
     }
     assert not names_found
+
+
+@pytest.mark.parametrize("folder", ["isi", "stages", "tools"])
+def test_arguments_and_locals_say_what_they_hold(folder: str) -> None:
+    for path in (ROOT / folder).rglob("*.py"):
+        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(function, ast.FunctionDef | ast.Lambda):
+                stored = [node for node in ast.walk(function) if isinstance(getattr(node, "ctx", None), ast.Store)]
+                assigned = {node.id for node in stored if isinstance(node, ast.Name)}
+                arguments = {node.arg for node in ast.walk(function) if isinstance(node, ast.arg)}
+                assert not (assigned | arguments) & LOCALS, path
 
 
 @pytest.mark.parametrize("file", ["params.yaml", "beyond/params.yaml", "dvc.yaml", "beyond/dvc.yaml"])

@@ -213,8 +213,8 @@ def single_insertions(
         x, y = torch.stack([planes[model].project(entity[model, row]) for model, row in pairs]).T
         for table, rows in ("answers", answers), ("places", columns(entity=shown.entity, seed=shown.seed, x=x, y=y)):
             parts[table].append(rows.assign(model=name, epoch=epoch))
-    told, share = (truth == TOLD).sum((1, 2, 3)), [planes[model].share for model in shown.model.tolist()]
-    entities = columns(entity=shown.entity, seed=shown.seed, told=told, shown=share, fitted=fitted[shown.model])
+    n_triples, share = (truth == TOLD).sum((1, 2, 3)), [planes[model].share for model in shown.model.tolist()]
+    entities = columns(entity=shown.entity, seed=shown.seed, told=n_triples, shown=share, fitted=fitted[shown.model])
     return {name: pd.concat(frames) for name, frames in (parts | {"entities": [entities]}).items()}
 
 

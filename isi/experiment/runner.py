@@ -119,9 +119,7 @@ def _processes(compute: Compute) -> Iterator[Executor]:
     """Worker processes of this machine; forked ones save the imports but cannot use a GPU."""
     forked = sys.platform == "linux" and compute.device == "cpu"
     context = multiprocessing.get_context("fork" if forked else "spawn")
-    with ProcessPoolExecutor(
-        _workers(compute), context, initializer=become_worker, initargs=(os.getpid(),)
-    ) as executor:
+    with ProcessPoolExecutor(_workers(compute), context, become_worker, (os.getpid(),)) as executor:
         try:
             yield executor
         except BaseException:

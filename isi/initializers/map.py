@@ -79,12 +79,12 @@ def most_probable(context: InitContext, prior: InitResult, strength: float, rati
         model = torch.arange(len(known.mean)).repeat_interleave(known.mean.shape[1])
         positive, negative, mean = (v.flatten(0, 1)[:, None] for v in (known.positive, known.negative, known.mean))
         known, theta0 = Evidence(positive, negative, mean, known.precision[model]), select(theta0, model)
-    at, going = known.mean, torch.ones(known.mean.shape[:2], dtype=torch.bool)
+    at, active = known.mean, torch.ones(known.mean.shape[:2], dtype=torch.bool)
     for _ in range(STEPS):
         step, gain = newton(known, theta0, at, alpha)
-        at = torch.where(going[..., None], at + length(known, theta0, at, step)[..., None] * step, at)
-        going &= gain > TOLERANCE
-        if not going.any():
+        at = torch.where(active[..., None], at + step_size(known, theta0, at, step)[..., None] * step, at)
+        active &= gain > TOLERANCE
+        if not active.any():
             break
     return replace(prior, vectors=at.view(prior.vectors.shape).to(prior.vectors.dtype), is_centroid=False)
 
@@ -99,7 +99,7 @@ def newton(known: Evidence, theta0: Embedding, at: Tensor, alpha: Tensor | None)
     return step, -(gradient * step).sum(-1)
 
 
-def length(known: Evidence, theta0: Embedding, at: Tensor, step: Tensor) -> Tensor:
+def step_size(known: Evidence, theta0: Embedding, at: Tensor, step: Tensor) -> Tensor:
     """The longest step of 1, ½, ¼, ... that does not increase the objective; shape (M, n)."""
     here, share = objective(known, theta0, at), torch.ones(at.shape[:2], dtype=at.dtype)
     for _ in range(HALVINGS):

@@ -14,14 +14,12 @@ In text, ```code```, ``**weight**``, ``[text](#section)`` and ``[text](https://â
 section that the page does not have is plain text.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from math import nan
-from typing import Any
+from typing import Any, Self
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure as Canvas
@@ -80,7 +78,7 @@ class ReportSection:
     group: str = ""
 
     @classmethod
-    def of(cls, place: str, group: str = "") -> ReportSection:
+    def of(cls, place: str, group: str = "") -> Self:
         """A section by its module and function; where the module has a ``TEXT``, that is its template."""
         module_name, _, name = place.rpartition(".")
         module = import_module(f"isi.report.sections.{module_name}")

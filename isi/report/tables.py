@@ -1,11 +1,9 @@
 """Estimates and tables as values: sections return them, and CSV, Markdown, LaTeX and the page are written from them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isnan, nan
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -64,7 +62,7 @@ class ReportTable:
     rows: Sequence[Sequence[Any]]
 
     @classmethod
-    def of(cls, name: str, rows: pd.DataFrame | Mapping[Any, Any] | Iterable[Mapping[Any, Any]]) -> ReportTable:
+    def of(cls, name: str, rows: pd.DataFrame | Mapping[Any, Any] | Iterable[Mapping[Any, Any]]) -> Self:
         """A table of a frame or of a mapping whose labels are columns, or of rows; text is a plain column."""
         if isinstance(rows, Mapping):
             cells = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]

@@ -72,8 +72,8 @@ class Corrupted:
 
     def at(self, number: int) -> Corrupted:
         """The observation at a place; empty behind the last one."""
-        one = slice(number, number + 1)
-        return Corrupted(self.triples[one], [ids[one] for ids in self.replacements])
+        row = slice(number, number + 1)
+        return Corrupted(self.triples[row], [ids[row] for ids in self.replacements])
 
     def negatives(self) -> Tensor:
         """Corrupted triples, first of all by tail, then by head, then by relation; shape (2 or 3 · N · ratio, 3)."""

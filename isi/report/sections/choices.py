@@ -174,7 +174,7 @@ def cross_validation_table(rows: pd.DataFrame, settings: Sequence[Setting], pape
             Column("from the choice", form="{:+.1f}".format): _lead(rows, choice, setting),
             "beyond the folds' deviation":
                 "" if setting == choice else "no" if _within(rows, choice, setting) else "yes",
-            "choice of": ", ".join(who for who, own in (("this run", choice), ("paper", paper)) if setting == own),
+            "choice of": ", ".join(who for who, best in (("this run", choice), ("paper", paper)) if setting == best),
         })  # fmt: skip
     return lines
 

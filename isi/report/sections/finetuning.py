@@ -214,9 +214,9 @@ def _order(pairs: Mapping[str, Sequence[Pair]], base: Experiment) -> dict[str, A
     """Whether ISI ends on the same side of Xavier as where entities of the base graph itself were inserted."""
     here, there = (pairs_with(of_scope["known_closed"], BASELINE) for of_scope in (pairs, at_the_end(base.curves)))
     both = [(here[name], there[name]) for name in here if name in there]
-    turned = [new.first for new, own in both if new.difference.mean * own.difference.mean < 0]
-    significant = any(new.significant or own.significant for new, own in both)
-    order = {"title": base.title, "pairs": [own for _, own in both], "reversed": turned, "significant": significant}
+    turned = [new.first for new, old in both if new.difference.mean * old.difference.mean < 0]
+    significant = any(new.significant or old.significant for new, old in both)
+    order = {"title": base.title, "pairs": [old for _, old in both], "reversed": turned, "significant": significant}
     return order if both else None
 
 

@@ -30,10 +30,10 @@ def paper(results: Results) -> Iterator[Content]:
     rows = rows_of(results, first)
     ours = [{row[:2]: row[3] for row in rows_of(results, experiment)} for experiment in others]
     yield Content({"others": others}, {"paper_against_this_run": [
-        {"where": where, "what": what, **{
-            Column(name, title=title, form=shown, any_size=True): number for (name, title), number in
-            zip(columns.items(), [*numbers, *(values.get((where, what), nan) for values in ours)], strict=True)
-        }, "note": note} for where, what, *numbers, note in rows
+        {"where": where, "what": title, **{
+            Column(name, title=header, form=shown, any_size=True): number for (name, header), number in
+            zip(columns.items(), [*numbers, *(values.get((where, title), nan) for values in ours)], strict=True)
+        }, "note": note} for where, title, *numbers, note in rows
     ]})  # fmt: skip
 
 
