@@ -1,7 +1,5 @@
 """Entries of the params of the second pipeline, and a folder with both pipelines, for tests to share."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

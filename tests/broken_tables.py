@@ -1,7 +1,5 @@
 """Changes of the tables and tensors of a small run, each with what it breaks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Settings and fixtures that every test shares."""
 
-from __future__ import annotations
-
 import torch
 from hypothesis import settings
 

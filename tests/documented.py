@@ -1,7 +1,5 @@
 """The code, the params and the commands that pages of docs/ show, for tests to run."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """How tests start commands of their own, and wait."""
 
-from __future__ import annotations
-
 import os
 import sys
 import time

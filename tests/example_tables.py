@@ -1,7 +1,5 @@
 """Three valid rows of every table, and ways to change a file on disk."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What an initializer sees, from plain lists: of one model with four novel entities, or of a stack at random."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Params cut down to the keys that a pipeline lists for a stage: whatever else the stage reads is not there."""
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """Sources run as mining runs them."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 It is a program of its own, which the simulator's own controller starts: ``install`` makes one.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """A device that computes on the CPU but refuses what a GPU would refuse, for machines without one."""
 
-from __future__ import annotations
-
 import weakref
 from collections.abc import Callable, Iterator
 from typing import Any

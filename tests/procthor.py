@@ -1,7 +1,5 @@
 """A house of two rooms in ProcTHOR's format, with objects as tests want them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 #: A kitchen with a corner in the living room: the floor is 4 m deep, the corner spans x from 4 to 6 and z from 0 to 2.

@@ -1,7 +1,5 @@
 """Small results of experiments and analyses, for tests of the report to share."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace

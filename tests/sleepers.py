@@ -1,7 +1,5 @@
 """A stage that never ends: workers that note their process ids and sleep, for tests that kill it."""
 
-from __future__ import annotations
-
 import os
 import time
 from pathlib import Path

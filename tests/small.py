@@ -1,7 +1,5 @@
 """A whole run of the pipeline's main stages on a small grid, without DVC, for tests to alter."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager

@@ -1,7 +1,5 @@
 """A small bundle, its folder, and folders of other tools with the same tables, for tests of bundles and commands."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A small embedding with names, and calls of ``isi.insert`` and ``isi.fit_new`` on it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

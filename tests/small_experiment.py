@@ -1,7 +1,5 @@
 """A small experiment as the pipeline leaves it, with names that files may mistake, for tests of commands."""
 
-from __future__ import annotations
-
 import pandas as pd
 import torch
 import yaml

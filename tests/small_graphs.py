@@ -1,7 +1,5 @@
 """Small graphs, and grids over them, for tests to share."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

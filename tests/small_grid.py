@@ -1,7 +1,5 @@
 """Training and insertion over a small grid, as tasks, for tests to share."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 

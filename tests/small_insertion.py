@@ -1,7 +1,5 @@
 """A small graph with novel entities in two models, at random, as a step of learning and as initializers see it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The whole pipeline on a small grid in a folder of its own, and DVC there."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A folder in which stages run as a user runs them, in this process, and what earlier stages have left there."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Results that are lawful and strange: no queries, no rows, all scores tied."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any

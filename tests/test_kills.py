@@ -1,7 +1,5 @@
 """Runs that are killed, and run again; and that the comparison sees what is lost."""
 
-from __future__ import annotations
-
 import random
 import signal
 import sys

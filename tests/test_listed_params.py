@@ -1,7 +1,5 @@
 """A stage reads no more of params than its pipeline lists for it: every stage runs with nothing else."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import chdir
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """A mistake in what is typed, or in an argument of the library, ends in one line that names its place."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import runpy

@@ -1,7 +1,5 @@
 """Mining a file that is not what its reader reads ends in one line that names the file and the place."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

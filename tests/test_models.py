@@ -1,7 +1,5 @@
 """One battery over every registered model; what those that ship score by hand, and their numbers near zero."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Matterport3D: tallies and houses as observations, in AI2-THOR's words."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

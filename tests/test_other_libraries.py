@@ -1,7 +1,5 @@
 """Tables of TorchKGE's models score by our models what they score there."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What ``params.yaml`` may say, and how it is refused when it says something else."""
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable
 from functools import reduce

@@ -1,7 +1,5 @@
 """One run of the whole pipeline through DVC on a small grid, then what an edit re-runs."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """A pipeline with a model, source, initializer, report section and stage that a user adds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Packages that are open: what their modules register is found by name."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

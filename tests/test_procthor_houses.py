@@ -1,7 +1,5 @@
 """ProcTHOR's houses: objects in the room whose floor they stand on, and what was recorded of their types."""
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """What is drawn for which purpose: the names of random streams are part of every result, and stay as they are."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

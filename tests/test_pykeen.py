@@ -1,7 +1,5 @@
 """``isi.pykeen.insert``, against PyKEEN itself: scores, ranks, saving, further training."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """MRR* by kind of query, against a handful of groups."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Queries by kind: each group by hand, and all of them together as the measures of their scope."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scopes, and ranks in them, against brute force over dictionaries."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

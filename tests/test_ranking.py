@@ -1,7 +1,5 @@
 """Ranks and MRR*: by hand, and as chance (against brute force: with the scopes)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """RDF of one's own: what N-Triples and Turtle give, how their entities are named, and what is refused."""
 
-from __future__ import annotations
-
 import gzip
 from pathlib import Path
 

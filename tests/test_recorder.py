@@ -1,7 +1,5 @@
 """The recorder drives the simulator's own controller, which starts a player of ours and speaks with it on the wire."""
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """Recordings of either form read, and those of the recorder written, cut short and gone on with."""
 
-from __future__ import annotations
-
 import errno
 import gzip
 import hashlib

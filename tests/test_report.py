@@ -1,7 +1,5 @@
 """The report's numbers, worked out by hand on a handful of runs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

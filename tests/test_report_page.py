@@ -1,7 +1,5 @@
 """The page as a whole: whatever was run, it has a part for it and for nothing else."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

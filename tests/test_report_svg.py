@@ -1,7 +1,5 @@
 """Figures as the page holds them."""
 
-from __future__ import annotations
-
 import re
 
 import matplotlib as mpl

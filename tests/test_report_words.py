@@ -1,7 +1,5 @@
 """What the page calls things, what it explains, and what it answers first."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The paper's rule for the size of the indicator set, worked out by hand."""
 
-from __future__ import annotations
-
 import pytest
 
 from isi.report.sections.choices import select_size

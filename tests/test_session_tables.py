@@ -1,7 +1,5 @@
 """Sessions as tables: who counts as added, what is refused, and one split for each seed."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Splits, novel sets, insert triples and what they make of a graph, as properties of random graphs."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Single insertions: whose vectors make a centre, where vectors lie, and which answers come first."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """Sources as data: registered in one place, set from their signatures, and named when they end."""
 
-from __future__ import annotations
-
 import gzip
 from collections.abc import Callable, Iterator
 from importlib.metadata import PackageNotFoundError

@@ -1,7 +1,5 @@
 """A user's mistake ends a stage in one line that names the file and the place, and earlier outputs stay."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

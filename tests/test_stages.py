@@ -1,7 +1,5 @@
 """The pipelines' description against their code: what stages import, read and were locked with, and are given."""
 
-from __future__ import annotations
-
 import ast
 import json
 import operator

@@ -1,7 +1,5 @@
 """Commands that are stopped on purpose, and a second one where the first still runs: one line, and no process left."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

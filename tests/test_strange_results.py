@@ -1,7 +1,5 @@
 """The report on results that are lawful and strange: a dash, a sentence or one line, and never a traceback."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Tables of triples of one's own: what they give, how their entities are named, and what is refused."""
 
-from __future__ import annotations
-
 import gzip
 from pathlib import Path
 

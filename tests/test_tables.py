@@ -1,7 +1,5 @@
 """Tables and tensors on disk: the catalogue, checked reads and atomic writes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The tools around the pipeline: progress, workspaces, the choice of settings, and words."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

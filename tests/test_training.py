@@ -1,7 +1,5 @@
 """Adagrad, the loop over epochs, and models that come and go in a stack."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

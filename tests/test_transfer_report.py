@@ -1,7 +1,5 @@
 """What the report says of the transfer, and of the paper, against small tables worked out by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Graphs published as triples: hand-made files of ids, bad ones, and the three graphs that ship."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Experiments under other conditions: fewer insert triples, other params, and runs as the first pipeline has them."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Callable

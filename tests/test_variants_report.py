@@ -1,7 +1,5 @@
 """What the report says of what lies beyond the paper, against a handful of runs and answers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import chain

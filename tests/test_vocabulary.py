@@ -1,7 +1,5 @@
 """Names in the code are the field's: none of the words below names a package, module, class, function or param."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections import Counter

@@ -3,8 +3,6 @@
 A robot knows mugs, bowls, a sofa, two rooms and that one drinks from a mug. It meets a cup that stands in the kitchen.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """Word vectors: every form of file, every way to look a phrase up, and every broken file."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import struct

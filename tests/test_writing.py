@@ -1,7 +1,5 @@
 """Outputs that cannot be written: one line, the earlier ones stand, and nothing is left behind."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

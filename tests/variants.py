@@ -1,7 +1,5 @@
 """Small variants and graphs of the second pipeline, for tests of the report to share."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -7,8 +7,6 @@ same to the byte as one that nobody disturbed, with no process or temporary file
 python -m tests.kills [--kills 20] [--disks 4] [--seed 0] [--out FILE]
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import random

@@ -1,7 +1,5 @@
 """A small pipeline whose runs can be struck."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import random
