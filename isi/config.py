@@ -106,10 +106,17 @@ def read(path: Path) -> dict[str, Any]:
     return raw
 
 
+@cache
+def adapter(kind: Any) -> TypeAdapter[Any]:
+    """What validates values of a type, made once: that takes a millisecond."""
+    return TypeAdapter(kind)
+
+
 def check(value: Any, kind: type[T], key: str, path: Path | str = paths.PARAMS) -> T:
     """Validate a value as a type; InputError names the key that is unknown, missing or wrong."""
     with at(path, key):
-        return TypeAdapter(kind).validate_python(value, strict=True)
+        checked: T = adapter(kind).validate_python(value, strict=True)
+        return checked
 
 
 @cache

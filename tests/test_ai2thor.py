@@ -17,7 +17,7 @@ import pytest
 from isi.config import read as read_params
 from isi.errors import InputError
 from isi.graph.graph import MinedSource, build_tables
-from isi.sources import CHUNK, OBSERVATIONS, settings_of
+from isi.sources import CHUNK, settings_of
 from isi.sources.ai2thor import (  # fmt: skip
     ELSEWHERE,
     IN_CYCLE,
@@ -109,13 +109,11 @@ def tails(observations: pd.DataFrame, relation: str) -> list[str]:
     return sorted(observations.loc[observations["relation"] == relation, "tail"])
 
 
-def test_two_rooms_give_the_observations_written_out_by_hand(tmp_path: Path) -> None:
+def test_two_rooms_give_the_observations_written_out_by_hand() -> None:
     scenes = [Scene("FloorPlan1", 1, "kitchen", KITCHEN), Scene("FloorPlan302", 302, "bedroom", BEDROOM)]
     observations, _ = mined(scenes)
     assert rows(observations) == sorted(EXPECTED)
     assert (observations["count"] == 1).all()
-    OBSERVATIONS.write_file(tmp_path / "table.parquet", observations, "mine")
-    assert rows(OBSERVATIONS.read_file(tmp_path / "table.parquet")) == sorted(EXPECTED)
 
 
 def test_each_property_gives_its_affordances() -> None:
@@ -194,11 +192,6 @@ def test_containment_that_cannot_be_is_refused_or_dropped_and_counted(
 @pytest.fixture(scope="module")
 def shares() -> pd.DataFrame:
     return read_shares(paths.MATERIAL_SHARES, paths.MATERIAL_CATEGORIES)
-
-
-def test_simulator_materials_are_the_salient_ones_in_lower_case() -> None:
-    objects = [thing("Pot", 1, None, ["Metal", "Glass"]), thing("Pot", 2, None, None), thing("Pot", 3, None, [])]
-    assert reported_materials(1, objects) == [["metal", "glass"], [], []]
 
 
 def test_suncg_materials_of_many_instances_meet_the_published_shares_independently(shares: pd.DataFrame) -> None:

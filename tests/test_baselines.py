@@ -49,8 +49,12 @@ def mean_of(of: InitContext, *entities: int) -> Tensor:
 KNOWN = (1, 2, 3, 4, 6, 7, 8, 10)
 
 
-def test_kind_mean_is_the_centroid_of_the_known_of_the_kind() -> None:
-    of = four_novel()
+@pytest.fixture
+def of() -> InitContext:
+    return four_novel()
+
+
+def test_kind_mean_is_the_centroid_of_the_known_of_the_kind(of: InitContext) -> None:
     result = insert("kind_mean", of)
     expected = [mean_of(of, 1, 2, 3), mean_of(of, 4, 6, 7), mean_of(of, 8), mean_of(of, 10)]
     torch.testing.assert_close(result.vectors[0], torch.stack(expected))
@@ -61,28 +65,33 @@ def test_kind_mean_is_the_centroid_of_the_known_of_the_kind() -> None:
     torch.testing.assert_close(result.vectors[0, 1], mean_of(of, *KNOWN))
 
 
-def test_es_permuted_within_kinds_is_es_with_words_permuted_within_kinds() -> None:
-    of = four_novel()
+@pytest.mark.parametrize(
+    ("name", "kinds"),
+    [("es_permuted_kinds", [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 3, 4]), ("es_permuted", [0] * 11 + [4])],  # 11 has no word
+)
+def test_es_permuted_is_es_with_words_dealt_evenly_within_kinds_or_all_entities(
+    of: InitContext, name: str, kinds: list[int]
+) -> None:
+    together = of.kinds if name == "es_permuted_kinds" else torch.zeros_like(of.kinds)
     keys = torch.tensor([[5, seed] for seed in range(400)])
     many = replace(of, novel=of.novel.expand(400, -1), keys=keys)
-    permuted = permuted_words(many, "es_permuted_kinds", many.kinds)
-    assert (of.kinds[permuted] == of.kinds).all()
+    permuted = permuted_words(many, name, together)
     assert (permuted.sort(1).values == torch.arange(ENTITIES)).all()
-    assert (permuted[:, [10, 11]] == torch.tensor([10, 11])).all()  # the one cannot swap with the other, which has none
-    for entity in range(4):
-        shares = (permuted[:, entity, None] == torch.arange(4)).float().mean(0)
-        assert (shares - 0.25).abs().max() < 5 * (0.25 * 0.75 / 400) ** 0.5
-    assert not torch.equal(permuted, permuted_words(replace(many, root=1), "es_permuted_kinds", many.kinds))
-    (dealt,) = permuted_words(of, "es_permuted_kinds", of.kinds)
+    chances = (torch.tensor(kinds)[:, None] == torch.tensor(kinds)).float()
+    chances /= chances.sum(1)
+    shares = (permuted[..., None] == torch.arange(ENTITIES)).float().mean(0)
+    assert ((shares - chances).abs() <= 5 * (chances * (1 - chances) / 400) ** 0.5).all()
+    assert torch.equal(permuted_words(replace(many, keys=keys.flip(0)), name, together).flip(0), permuted)
+    assert (permuted_words(replace(many, root=1), name, together) != permuted).any(1).sum() > 300
+    (dealt,) = permuted_words(of, name, together)
     for k in (1, 3):
-        result = insert("es_permuted_kinds", of, k=k)
+        result = insert(name, of, k=k)
         expected = insert("es", replace(of, words=of.words[dealt]), k=k)
         assert torch.equal(result.vectors, expected.vectors)
         assert torch.equal(result.fallback, expected.fallback)
 
 
-def test_neighbour_mean_counts_an_end_as_often_as_it_is_named() -> None:
-    of = four_novel()
+def test_neighbour_mean_counts_an_end_as_often_as_it_is_named(of: InitContext) -> None:
     result = insert("neighbour_mean", of)
     expected = [mean_of(of, 1, 2, 3, 4), mean_of(of, 7), mean_of(of, *KNOWN), mean_of(of, 2, 6)]
     torch.testing.assert_close(result.vectors[0], torch.stack(expected))
@@ -92,8 +101,7 @@ def test_neighbour_mean_counts_an_end_as_often_as_it_is_named() -> None:
     torch.testing.assert_close(insert("neighbour_mean", twice).vectors[0, 0], expected_mean)
 
 
-def test_er_avg_takes_known_ends_through_their_relations() -> None:
-    of = four_novel()
+def test_er_avg_takes_known_ends_through_their_relations(of: InitContext) -> None:
     entity, maps = of.theta0.entity[0], [dense(row) for row in of.theta0.relation[0]]
     result = insert("er_avg", of)
     as_head = maps[0] @ entity[1] + maps[0] @ entity[2] + maps[2] @ entity[3]  # W t
@@ -107,8 +115,7 @@ def test_er_avg_takes_known_ends_through_their_relations() -> None:
     torch.testing.assert_close(insert("er_avg", step).vectors[0, 0], mean)
 
 
-def test_class_noise_is_the_kind_mean_and_its_deviation() -> None:
-    of = four_novel()
+def test_class_noise_is_the_kind_mean_and_its_deviation(of: InitContext) -> None:
     centre, drawn = insert("kind_mean", of), standard_normal(of)
     assert torch.equal(insert("class_noise", of, fraction=0.0).vectors, centre.vectors)
     result = insert("class_noise", of, fraction=0.5)
@@ -120,8 +127,7 @@ def test_class_noise_is_the_kind_mean_and_its_deviation() -> None:
     assert (other.vectors[0, 0] != result.vectors[0, 0]).all()
 
 
-def test_projection_is_ridge_regression_on_unit_word_vectors() -> None:
-    of = four_novel()
+def test_projection_is_ridge_regression_on_unit_word_vectors(of: InitContext) -> None:
     result = insert("projection", of, penalty=0.7)
     words = of.words.double().numpy()
     words /= np.maximum(np.linalg.norm(words, axis=1, keepdims=True), 1e-12)
@@ -137,8 +143,7 @@ def test_projection_is_ridge_regression_on_unit_word_vectors() -> None:
     torch.testing.assert_close(far, mean_of(of, *KNOWN).expand(3, -1), atol=1e-5, rtol=0)
 
 
-def test_the_mean_relational_score_is_a_mean_over_the_relations_seen() -> None:
-    of = four_novel()
+def test_the_mean_relational_score_is_a_mean_over_the_relations_seen(of: InitContext) -> None:
     entity, maps = of.theta0.entity[0], [dense(row) for row in of.theta0.relation[0]]
     there, back = entity[4] @ maps[1], [entity[1] @ torch.linalg.inv(maps[0]), entity[2] @ torch.linalg.inv(maps[0])]
     alphas = [(back[0] + back[1]) / 2, there, entity[3] @ torch.linalg.inv(maps[2])]
@@ -149,8 +154,7 @@ def test_the_mean_relational_score_is_a_mean_over_the_relations_seen() -> None:
     assert (result[2] == 0).all()
 
 
-def test_the_soft_hybrid_with_one_weight_is_that_similarity_alone() -> None:
-    of = four_novel()
+def test_the_soft_hybrid_with_one_weight_is_that_similarity_alone(of: InitContext) -> None:
     words = insert("soft_hybrid", of, word_weight=5.0, relation_weight=0.0)
     torch.testing.assert_close(words.vectors[0, :3], insert("soft_es", of, temperature=0.2).vectors[0, :3])
     relations = insert("soft_hybrid", of, word_weight=0.0, relation_weight=5.0)
@@ -161,8 +165,7 @@ def test_the_soft_hybrid_with_one_weight_is_that_similarity_alone() -> None:
     torch.testing.assert_close(both.vectors[0, 0], weight @ of.theta0.entity[0, list(KNOWN)])
 
 
-def test_soft_similarities_fall_back_to_what_there_is() -> None:
-    of = four_novel()
+def test_soft_similarities_fall_back_to_what_there_is(of: InitContext) -> None:
     by_words, by_relations = (insert(name, of, temperature=0.2) for name in ("soft_es", "soft_rs"))
     assert fallbacks(by_words) == [None, None, None, "rs"]
     assert fallbacks(by_relations) == [None, None, "centroid", None]
@@ -182,8 +185,9 @@ SOFT: dict[str, Option] = {"word_weight": 3.0, "relation_weight": 3.0}
      ("soft_hybrid", SOFT), ("projection", {"penalty": 1.0}), ("ridge", MAP), ("map_mean", MAP),
      ("map_ers", {"k": 2, "candidates": 4, **MAP}), ("map_soft_hybrid", SOFT | MAP), ("rs_alive", {"k": 2})],
 )  # fmt: skip
-def test_without_words_triples_or_eligible_entities_it_is_the_centroid(name: str, options: dict[str, Option]) -> None:
-    of = four_novel()
+def test_without_words_triples_or_eligible_entities_it_is_the_centroid(
+    of: InitContext, name: str, options: dict[str, Option]
+) -> None:
     bare = replace(of, words=torch.zeros_like(of.words), observed=torch.zeros_like(of.observed))
     contexts = [bare] + [replace(of, eligible=torch.zeros_like(of.eligible))] * name.startswith("soft")
     for context in contexts:
@@ -221,8 +225,7 @@ def test_dead_blocks_are_dead_in_both_coordinates_and_translations_and_rotations
         assert alive(random_embedding(1, 3, 2, DIMENSION, model=model_named(name, **options))).all()
 
 
-def test_insert_triples_lie_in_cells_and_bring_negatives() -> None:
-    of = four_novel()
+def test_insert_triples_lie_in_cells_and_bring_negatives(of: InitContext) -> None:
     positive = similarity.insert_triple_table(of)
     cells = [(0, 0, 0, 1), (0, 0, 0, 2), (0, 0, 2, 3), (0, 1, 1, 4), (1, 1, 1, 7), (3, 0, 1, 2), (3, 1, 1, 6)]
     assert positive[0].nonzero().tolist() == sorted(map(list, cells))
@@ -315,9 +318,8 @@ PRIORS: list[tuple[str, str, dict[str, Option]]] = [
 
 @pytest.mark.parametrize(("name", "prior", "options"), PRIORS)
 def test_map_is_its_prior_where_that_is_strong_or_there_is_no_insert_triple(
-    name: str, prior: str, options: dict[str, Option]
+    of: InitContext, name: str, prior: str, options: dict[str, Option]
 ) -> None:
-    of = four_novel()
     around = insert(prior, of, **options)
     strong = insert(name, of, **options, strength=1e9, ratio=3)
     torch.testing.assert_close(strong.vectors, around.vectors, atol=1e-5, rtol=0)
@@ -361,8 +363,7 @@ def test_products_of_cells_are_the_same_in_parts_of_a_budget(monkeypatch: pytest
         torch.testing.assert_close(evidence.gram(slopes, weight), expected)
 
 
-def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows() -> None:
-    of = four_novel()
+def test_ridge_is_weighted_least_squares_with_the_prior_as_further_rows(of: InitContext) -> None:
     result = insert("ridge", of, strength=0.4, ratio=3)
     mean, theta0 = mean_of(of, *KNOWN).double().numpy(), mapped(of.theta0, Tensor.double)
     sigma = evidence.covariance(of)[0].numpy()
@@ -393,8 +394,7 @@ def test_known_vectors_that_do_not_differ_name_their_models(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["soft_es", "soft_rs"])
-def test_soft_similarities_are_the_mean_at_high_and_the_nearest_at_low_temperature(name: str) -> None:
-    of = four_novel()
+def test_soft_similarities_are_the_mean_at_high_and_the_nearest_at_low_temperature(of: InitContext, name: str) -> None:
     hot, cold = (insert(name, of, temperature=temperature).vectors[0, :2] for temperature in (1e6, 1e-4))
     torch.testing.assert_close(hot, mean_of(of, *KNOWN).expand(2, -1), atol=1e-5, rtol=0)
     torch.testing.assert_close(cold, insert(name.removeprefix("soft_"), of, k=1).vectors[0, :2])

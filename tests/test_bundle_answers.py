@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -15,24 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import isi
-from isi.bundle import calibration
 from isi.bundle.calibration import HeldOutCalibration, answer, fit_curve, fit_platt
 from isi.bundle.insert import NewEntity, ablations, before, indicators, insert_entity
-from isi.bundle.query import OpenBundle, Query, find, open_bundle, queries_of
+from isi.bundle.query import OpenBundle, Query, find, queries_of
 from isi.errors import InputError
 from isi.graph.graph import HEAD, TAIL
-from tests.small_bundle import (
-    BETWEEN,
-    NAMES,
-    RELATIONS,
-    VECTORS,
-    WORDS,
-    new_entity,
-    opened,
-    random_bundle,
-    small,
-    written,
-)
+from tests.small_bundle import BETWEEN, NAMES, RELATIONS, VECTORS, WORDS, new_entity, opened, random_bundle, small
 
 KITCHEN, BEDROOM, KETTLE, BED, TURN_ON, LIE_ON = range(6)
 AT, HAS = range(2)
@@ -215,8 +201,7 @@ def test_a_name_as_it_is_written_goes_first_and_none_is_guessed() -> None:
 # Held-out calibration
 
 
-#: Of the random bundle.
-ENTITIES, LABELS = 30, 2
+ENTITIES = 30  #: Of the random bundle.
 
 
 def calibration_of(known: OpenBundle, **changed: Any) -> HeldOutCalibration:
@@ -279,37 +264,8 @@ def test_with_too_few_right_answers_a_curve_is_shared_or_missing(known: OpenBund
     assert calibration_of(replace(known, triples=np.zeros((0, 3), np.int64))).curve(0, TAIL) is None
 
 
-def test_the_curve_of_all_relations_is_fitted_once(known: OpenBundle, monkeypatch: pytest.MonkeyPatch) -> None:
-    result, fit = calibration_of(known), Mock(wraps=fit_platt)
-    monkeypatch.setattr(calibration, "LEAST_RIGHT", 60)  # more than those of one relation and slot
-    monkeypatch.setattr(calibration, "fit_platt", fit)
-    assert len({result.curve(relation, slot) for relation in range(LABELS) for slot in (HEAD, TAIL)}) == 1
-    fit.assert_called_once()
-
-
 def test_where_no_entity_is_left_none_is_held_out(known: OpenBundle) -> None:
     alone = replace(known.part(np.array([1])), triples=np.array([[0, 0, 0]]))
     result = calibration_of(alone, triples=[], vector=None, initializer="mean")
     assert result.held_out == []
     assert result.curve(0, TAIL) is None
-
-
-@pytest.mark.parametrize(
-    ("change", "line"),
-    [
-        ({"model_name": "holographic"}, r"^one/embedding\.json: family: .*expected one of "),
-        ({"model_name": "transe"}, r"^one/embedding\.json: family: .*margin"),
-        (
-            {"model_name": "rotate", "model_options": {"margin": 1.0, "squared": False}},
-            r"^one/vectors\.\w+: .*rel.* 2",
-        ),
-    ],
-)
-def test_a_model_that_the_tables_are_not_of_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any], line: str
-) -> None:
-    manifest = small().manifest.model_copy(update=change)
-    monkeypatch.chdir(tmp_path)
-    written(Path("one"), small(manifest=manifest))
-    with pytest.raises(InputError, match=line):
-        open_bundle(Path("one"))

@@ -108,16 +108,6 @@ def test_what_a_killed_write_left_goes_and_nobody_elses(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["o[n]e", *others])
 
 
-def test_a_folder_with_something_else_in_it_is_not_replaced(tmp_path: Path) -> None:
-    path = written(tmp_path / "one")
-    (path / "thesis.tex").write_text("all of it", encoding="utf-8")
-    with pytest.raises(InputError, match=r"one: thesis\.tex: .* expected an empty folder"):
-        written(path)
-    with pytest.raises(InputError, match=r"thesis\.tex: not a folder"):
-        written(path / "thesis.tex")
-    assert (path / "thesis.tex").read_text(encoding="utf-8") == "all of it"
-
-
 # The final model of the pipeline
 
 

@@ -233,16 +233,15 @@ def test_an_explanation_leaves_each_thing_out(capsys: pytest.CaptureFixture[str]
 # The command itself
 
 
-@pytest.mark.parametrize("command", [[], ["insert"], ["ask"], ["nearest"], ["explain"]])
-def test_help_loads_nothing_that_is_slow(command: list[str]) -> None:
+def test_help_loads_nothing_that_is_slow() -> None:
     code = (
-        f"import sys; from isi.__main__ import main; main({[*command, '--help']})\n"
+        "import sys; from isi.__main__ import main\n"
+        "for command in ([], ['insert'], ['ask'], ['nearest'], ['explain']): main([*command, '--help'])\n"
         "print(sorted({'torch', 'pandas', 'gensim', 'isi.cli.graph'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.endswith("[]\n")
-    shown = {"--embedding"} if command else {"ask:", "explain:", "export:", "graph:", "insert:", "nearest:"}
-    assert shown <= set(done.stdout.split())
+    assert {"ask:", "explain:", "export:", "graph:", "insert:", "nearest:"} <= set(done.stdout.split())
 
 
 def test_a_closed_pipe_gives_no_traceback(home: Path) -> None:
@@ -253,11 +252,12 @@ def test_a_closed_pipe_gives_no_traceback(home: Path) -> None:
 
 def test_a_terminal_that_lacks_a_letter_shows_its_number(tmp_path: Path) -> None:
     home = written(tmp_path / "abroad", replace(small(), entity_names=[*NAMES[:-1], "naïve"]))
-    command = [sys.executable, "-m", "isi", "nearest", "bed", "--embedding", str(home)]
-    ascii_alone = os.environ | {"PYTHONIOENCODING": "ascii"}
-    for more, shown in ((), r"na\xefve"), (("--json",), r'"na\u00efve"'):
-        done = subprocess.run([*command, *more], cwd=ROOT, env=ascii_alone, capture_output=True, text=True, check=True)
-        assert shown in done.stdout
+    command = ["nearest", "bed", "--embedding", str(home)]
+    code = f"from isi.__main__ import main; main({command}); main({[*command, '--json']})"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=os.environ | {"PYTHONIOENCODING": "ascii"},
+                          capture_output=True, text=True, check=True)  # fmt: skip
+    assert r"na\xefve" in done.stdout
+    assert r'"na\u00efve"' in done.stdout
 
 
 def test_an_interrupt_gives_one_line(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:

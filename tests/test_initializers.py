@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from pkgutil import iter_modules
@@ -14,7 +13,6 @@ import torch
 from isi import initializers
 from isi.config import Count, Option, read
 from isi.graph.sessions import TEST, TRAIN, VALID
-from isi.initializers import similarity
 from isi.initializers.api import (
     FALLBACKS,
     INITIALIZERS,
@@ -25,13 +23,12 @@ from isi.initializers.api import (
     options_of,
     without_weights,
 )
-from isi.initializers.paper import permuted_words
 from isi.models.stack import select
 from isi.tables import paths
 from tests.init_contexts import initialize as insert
 from tests.init_contexts import stacked
 from tests.small_graphs import dense
-from tests.small_insertion import DIMENSION, ENTITIES, NOVEL, RELATIONS, WORDLESS, World, insertion, seen, world
+from tests.small_insertion import DIMENSION, ENTITIES, NOVEL, RELATIONS, World, insertion, seen, world
 
 EVERYONE: dict[str, dict[str, Option]] = {
     "xavier": {}, "iu": {}, "es": {"k": 3}, "rs": {"k": 4}, "ers": {"k": 2, "candidates": 5},
@@ -170,14 +167,6 @@ def test_equal_scores_go_to_the_lower_id(name: str, options: dict[str, int], low
         torch.testing.assert_close(result.vectors[model], entity[model, lowest[model]].mean(0).expand(3, -1))
 
 
-def test_word_similarity_is_the_same_where_entities_are_too_many_for_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    given = insertion()
-    whole = similarity.word_similarity(given)
-    monkeypatch.setattr(similarity, "WHOLE", len(given.words) ** 2 - 1)
-    torch.testing.assert_close(similarity.word_similarity(given), whole)
-    assert not torch.equal(whole[0, 0], whole[0, 1])
-
-
 def rewired(of: World) -> World:
     """The same, but with other validation and test triples, or with those two exchanged."""
     triples, counts = of.graph.triples.clone(), of.graph.counts.clone()
@@ -289,7 +278,6 @@ def test_the_params_list_all_that_ship_with_their_options() -> None:
         assert options_of(name, options, f"initializers.{name}") == options
     registered = [INITIALIZERS.get(name, "initializers") for name in listed]
     assert len({each.label for each in registered}) == len({each.colour for each in registered}) == len(EVERYONE)
-    assert Counter(each.role for each in registered) == {"paper": 2, "isi": 3, "control": 7, "baseline": 11}
 
 
 @pytest.mark.parametrize("name", EVERYONE)
@@ -327,37 +315,3 @@ def test_xavier_and_iu_draw_from_streams_of_their_own() -> None:
     bound = 6 / DIMENSION**0.5
     uniform = (initial("xavier", given).vectors[0] + bound) / (2 * bound)
     assert not torch.allclose((initial("iu", given).vectors[0] - low) / (high - low), uniform, atol=0.01)
-
-
-def test_es_permuted_is_the_plain_es_under_the_permuted_words() -> None:
-    of = world()
-    given = seen(of)
-    dealt, fallbacks = permuted_words(given, "es_permuted", torch.zeros_like(given.kinds)).numpy(), set()
-    for k in (1, 3, 8, 40):
-        result = insert("es_permuted", given, k=k)
-        assert result.indicators is not None
-        for model in range(2):
-            permuted = replace(of, words=of.words[dealt[model]])
-            for place in range(3):
-                indicators, fallback = Plain(permuted, model, place).expected("es", k)
-                assert result.indicators[model, place].nonzero().flatten().tolist() == sorted(indicators)
-                assert FALLBACKS[result.fallback[model, place]] == fallback
-                fallbacks.add(fallback)
-    assert fallbacks == {None, "rs"}  # 9 has no word vector, and is dealt none
-
-
-def test_words_are_permuted_by_model_among_entities_that_have_one() -> None:
-    given = insertion()
-    keys = torch.tensor([[size, seed] for size in range(20) for seed in range(50)])
-    many = replace(given, novel=given.novel[:1].expand(len(keys), -1), keys=keys)
-    together = torch.zeros_like(given.kinds)
-    dealt = permuted_words(many, "es_permuted", together).numpy()
-    worded = [e for e in range(ENTITIES) if e not in WORDLESS]
-    assert (dealt[:, WORDLESS] == WORDLESS).all()
-    assert (np.sort(dealt[:, worded], axis=1) == worded).all()
-    shares = np.array([[(dealt[:, e] == other).mean() for other in worded] for e in worded])
-    chance = 1 / len(worded)
-    assert abs(shares - chance).max() < 5 * (chance / len(keys)) ** 0.5  # each gets each as often
-    other_way = permuted_words(replace(many, keys=keys.flip(0)), "es_permuted", together).numpy()
-    assert (other_way[::-1] == dealt).all()
-    assert (permuted_words(replace(many, root=1), "es_permuted", together).numpy() != dealt).any(1).all()

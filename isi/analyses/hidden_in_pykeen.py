@@ -128,7 +128,7 @@ def trained(factory: TriplesFactory, valid: TriplesFactory, settings: HiddenTrai
     model = untrained(factory, settings, seed)
     with TemporaryDirectory() as folder:
         stopper = EarlyStopper(
-            model, RankBasedEvaluator(), factory, valid, evaluation_batch_size=BATCH, frequency=settings.frequency,
+            model, evaluator(), factory, valid, evaluation_batch_size=BATCH, frequency=settings.frequency,
             patience=settings.patience, metric="mrr", relative_delta=0.0, best_model_path=Path(folder, "best.pt"),
         )  # fmt: skip
         fit(model, factory, settings, settings.max_epochs, stopper=stopper)
@@ -141,6 +141,11 @@ def fit(model: Model, factory: TriplesFactory, settings: HiddenTraining, epochs:
         model=model, triples_factory=factory, optimizer=warm(Adam(model.parameters(), lr=settings.learning_rate)),
         negative_sampler_kwargs={"num_negs_per_pos": settings.negatives},
     ).train(factory, epochs, settings.batch_size, use_tqdm=False, pin_memory=False, **more)  # fmt: skip
+
+
+def evaluator() -> RankBasedEvaluator:
+    """MRR and Hits@10: PyKEEN's other measures take most of the time of an evaluation."""
+    return RankBasedEvaluator(metrics=["mrr", "hits_at_k"], add_defaults=False)
 
 
 def measured(model: Model, split: HiddenSplit, valid: np.ndarray) -> Iterator[dict[str, Any]]:
@@ -157,7 +162,7 @@ def measured(model: Model, split: HiddenSplit, valid: np.ndarray) -> Iterator[di
         ranked = []
         for slot, triples in parts:
             if len(triples):
-                metric = RankBasedEvaluator().evaluate(
+                metric = evaluator().evaluate(
                     model, torch.from_numpy(triples), targets=(slot,), additional_filter_triples=true,
                     batch_size=BATCH, use_tqdm=False,
                 ).get_metric  # fmt: skip

@@ -18,8 +18,8 @@ import pyarrow as pa
 import pyarrow.compute as compute
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
-from pydantic import TypeAdapter
 
+from isi import config
 from isi.errors import InputError, at, cut, short
 from isi.sources.names import name_fault
 from isi.tables.io import check_sha256
@@ -104,7 +104,8 @@ def parse_json(form: type[T], content: bytes | str, path: object, place: str = "
     """Parse JSON as a type; InputError names the place that is broken or of another form, after ``place``."""
     with at(path, place):
         text = content.removeprefix(codecs.BOM_UTF8) if isinstance(content, bytes) else content
-        return TypeAdapter(form).validate_json(text, strict=True)
+        parsed: T = config.adapter(form).validate_json(text, strict=True)
+        return parsed
 
 
 def refuse(path: Path, column: pd.Series, wrong: pd.Series[bool], expected: str) -> None:
