@@ -27,6 +27,8 @@ Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 Option = int | float | bool | str
 
 T = TypeVar("T")
+#: What validates values of a type, made once: that takes a millisecond.
+adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
 
 
 def distinct(values: Iterable[Any]) -> bool:
@@ -104,12 +106,6 @@ def read(path: Path) -> dict[str, Any]:
     if not isinstance(raw, dict):
         raise InputError(path, "", "expected a mapping of keys to values")
     return raw
-
-
-@cache
-def adapter(kind: Any) -> TypeAdapter[Any]:
-    """What validates values of a type, made once: that takes a millisecond."""
-    return TypeAdapter(kind)
 
 
 def check(value: Any, kind: type[T], key: str, path: Path | str = paths.PARAMS) -> T:

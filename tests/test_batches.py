@@ -9,49 +9,37 @@ from torch import Tensor
 
 from isi.experiment.grid import GridPoints
 from isi.graph.sessions import OUT, TRAIN, Session, session_of
-from isi.training.batches import (
-    DenseBatch,
-    ListBatch,
-    Negatives,
-    TrainingData,
-    batches,
-    corrupt,
-    count_negatives,
-    count_positives,
-    expected_negatives,
-    list_batch,
-    shuffle_into_batches,
-    training_data,
-)
+from isi.training import batches
 from tests.small_graphs import graph_of, points_of, random_graph
 
 
-def one_triple(head_pool: str, count: int = 2, relations: int = 2, entities: int = 4) -> TrainingData:
+def one_triple(head_pool: str, count: int = 2, relations: int = 2, entities: int = 4) -> batches.TrainingData:
     """Trains on (0, 0, 1) alone; entity 3 takes no part."""
     graph = graph_of({(0, 0, 1): count, (2, 0, 3): 5}, entities, relations)
     members = torch.tensor([[number != 3 for number in range(entities)]])
     session = Session(graph, members, torch.tensor([[TRAIN, OUT]], dtype=torch.int8))
-    return training_data(session, "test", torch.tensor([[1, 0]]), head_pool)
+    return batches.training_data(session, "test", torch.tensor([[1, 0]]), head_pool)
 
 
-def observations(data: TrainingData) -> list[np.ndarray]:
+def observations(data: batches.TrainingData) -> list[np.ndarray]:
     """All training observations of each model, as one batch."""
     return [np.repeat(np.arange(len(counts)), counts) for counts in data.counts.numpy()]
 
 
-def sampled(data: TrainingData, ratio: int, root: int, epoch: int) -> Tensor:
-    """Corrupted triples of all observations as one batch; shape (M, 1, R, E, E)."""
-    return drawn_for(data, observations(data), ratio, root, epoch, 0)[:, None]
+def sampled(data: batches.TrainingData, ratio: int, root: int, epoch: int) -> Tensor:
+    """Corrupted triples of all observations as one batch; shape (M, R, E, E)."""
+    return drawn_for(data, observations(data), ratio, root, epoch, 0)
 
 
-def drawn_for(data: TrainingData, observed: list[np.ndarray], ratio: int, root: int, *number: int) -> Tensor:
+def drawn_for(data: batches.TrainingData, observed: list[np.ndarray], ratio: int, root: int, *number: int) -> Tensor:
     """Corrupted triples of a batch; shape (M, R, E, E)."""
-    return count_negatives(data, list_batch(data, corrupt(data, observed, ratio, root, "negatives", *number)))
+    corrupted = batches.corrupt(data, observed, ratio, root, "negatives", *number)
+    return batches.count_negatives(data, batches.list_batch(data, corrupted))
 
 
-def batch_counts(data: TrainingData, root: int, epoch: int, size: int) -> Tensor:
+def batch_counts(data: batches.TrainingData, root: int, epoch: int, size: int) -> Tensor:
     """How often each triple stands in each batch; shape (M, B, T)."""
-    batched = shuffle_into_batches(data, root, epoch, size)
+    batched = batches.shuffle_into_batches(data, root, epoch, size)
     return torch.stack([torch.stack([torch.bincount(torch.as_tensor(one, dtype=torch.int64),
                         minlength=data.counts.shape[1]) for one in batch]) for batch in batched], 1)  # fmt: skip
 
@@ -62,13 +50,13 @@ def points() -> GridPoints:
 
 
 @pytest.fixture
-def data(points: GridPoints) -> TrainingData:
-    return training_data(points.session(0), "test", points.keys(), "unseen")
+def data(points: GridPoints) -> batches.TrainingData:
+    return batches.training_data(points.session(0), "test", points.keys(), "unseen")
 
 
 def test_expected_negatives_by_hand() -> None:
     data = one_triple("unseen")
-    negatives_of = expected_negatives(data, count_positives(data, observations(data)), 9)[0]
+    negatives_of = batches.expected_negatives(data, batches.count_positives(data, observations(data)), 9)[0]
     # 2 observations × 9: 18 tails over the entities 0 to 2, 18 heads over those never a head (1, 2), 18 of relation 1
     expected = torch.zeros(2, 4, 4)
     expected[0, 0, :3] = 6
@@ -83,24 +71,26 @@ def test_heads_come_from_everyone_by_choice_or_where_the_pool_is_empty() -> None
     unseen = one_triple("unseen").head_pool[0]
     assert torch.equal(unseen, torch.stack([torch.tensor([0.0, 1, 1, 0]), everyone]))
     graph = graph_of({(0, 0, 1): 1, (1, 0, 2): 1, (2, 0, 0): 1, (1, 1, 0): 1}, 3, 2)
-    data = training_data(session_of(graph, torch.zeros(1, 4, dtype=torch.int8)), "t", torch.tensor([[0, 0]]), "unseen")
+    data = batches.training_data(
+        session_of(graph, torch.zeros(1, 4, dtype=torch.int8)), "t", torch.tensor([[0, 0]]), "unseen"
+    )
     assert data.head_pool[0].tolist() == [[1, 1, 1], [1, 0, 1]]  # relation 1 keeps its pool
 
 
 @pytest.mark.parametrize("head_pool", ["unseen", "all"])
 def test_expected_negatives_are_the_mean_of_sampled_ones(head_pool: str) -> None:
     points, draws, ratio = points_of(random_graph(6, 3, 20), 1, [0, 1]), 600, 4
-    data = training_data(points.session(0), "test", points.keys(), head_pool)
-    expected = expected_negatives(data, count_positives(data, observations(data)), ratio)
+    data = batches.training_data(points.session(0), "test", points.keys(), head_pool)
+    expected = batches.expected_negatives(data, batches.count_positives(data, observations(data)), ratio)
     total = torch.zeros_like(expected)
     for epoch in range(draws):
-        total += sampled(data, ratio, 0, epoch)[:, 0]
+        total += sampled(data, ratio, 0, epoch)
     assert (total[expected == 0] == 0).all()
     assert ((total / draws - expected).abs() <= 5 * (expected / draws).sqrt() + 1e-4).all()
 
 
-def test_sampled_negatives_stay_in_the_session_and_with_their_batch(data: TrainingData) -> None:
-    for number, batched in enumerate(shuffle_into_batches(data, 0, 1, 30)):
+def test_sampled_negatives_stay_in_the_session_and_with_their_batch(data: batches.TrainingData) -> None:
+    for number, batched in enumerate(batches.shuffle_into_batches(data, 0, 1, 30)):
         drawn = drawn_for(data, batched, 3, 0, 1, number)
         assert drawn.sum((1, 2, 3)).tolist() == [9 * len(one) for one in batched]
         outside = ~data.session.entities[:, None]
@@ -111,11 +101,12 @@ def test_sampled_negatives_stay_in_the_session_and_with_their_batch(data: Traini
 def test_a_lone_relation_is_not_corrupted() -> None:
     data = one_triple("unseen", count=5, relations=1)
     assert sampled(data, 9, 0, 1).sum() == 2 * 45
-    assert expected_negatives(data, count_positives(data, observations(data)), 9).sum() == pytest.approx(90)
+    positives = batches.count_positives(data, observations(data))
+    assert batches.expected_negatives(data, positives, 9).sum() == pytest.approx(90)
 
 
 @pytest.mark.parametrize("size", [1, 7, 30, 10_000])
-def test_batches_hold_each_observation_once_and_are_even(data: TrainingData, size: int) -> None:
+def test_batches_hold_each_observation_once_and_are_even(data: batches.TrainingData, size: int) -> None:
     batched = batch_counts(data, 0, 1, size)
     assert torch.equal(batched.sum(1), data.counts)
     for model in range(4):
@@ -131,25 +122,26 @@ def test_batches_hold_each_observation_once_and_are_even(data: TrainingData, siz
 @pytest.mark.parametrize("fits", [True, False])
 @pytest.mark.parametrize("size", [1, 40])
 def test_a_batch_has_the_form_that_suits_the_graph(
-    data: TrainingData, mode: str, fits: bool, size: int, monkeypatch: pytest.MonkeyPatch
+    data: batches.TrainingData, mode: str, fits: bool, size: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And each observation is in one of them."""
-    monkeypatch.setattr("isi.training.batches.DENSE_LIMIT", 3 * 13 * 13 - (not fits))
+    monkeypatch.setattr(batches, "DENSE_LIMIT", 3 * 13 * 13 - (not fits))
     total = torch.zeros(4, dtype=torch.int64)
-    for batch, positives in batches(data, Negatives(mode=mode, ratio=3, head_pool="unseen"), size, 0, 1):
+    negatives = batches.Negatives(mode=mode, ratio=3, head_pool="unseen")
+    for batch, positives in batches.batches(data, negatives, size, 0, 1):
         total += positives
         if fits:
-            assert isinstance(batch, DenseBatch)
+            assert isinstance(batch, batches.DenseBatch)
             assert torch.equal(batch.positives.sum((1, 2, 3)), positives.float())
         else:
-            assert isinstance(batch, ListBatch)
+            assert isinstance(batch, batches.ListBatch)
             assert torch.equal(torch.bincount(batch.triples.model[batch.positive > 0], minlength=4), positives)
     assert torch.equal(total, data.counts.sum(1))
 
 
 def test_sampled_negatives_are_ratio_times_positives_of_each_kind() -> None:
     data = one_triple("unseen", count=7, relations=3)
-    drawn = sampled(data, 9, 0, 1)[0, 0]
+    drawn = sampled(data, 9, 0, 1)[0]
     heads = drawn[0, :, 1].clone()
     heads[0] = 0  # 0 is a head of relation 0 and not in its pool: a corrupted tail
     assert drawn[0, 0].sum() == 63
@@ -161,11 +153,11 @@ def test_sampled_negatives_are_ratio_times_positives_of_each_kind() -> None:
 
 @pytest.mark.parametrize("count", [50, 5000])  # of which many fall on one triple
 def test_true_relation_is_never_a_corrupted_one(count: int) -> None:
-    drawn = sampled(one_triple("unseen", count=count), 9, 0, 1)[0, 0]
+    drawn = sampled(one_triple("unseen", count=count), 9, 0, 1)[0]
     assert drawn[1, 0, 1] == drawn[1].sum() == 9 * count
 
 
 def test_data_count_training_observations_alone(points: GridPoints) -> None:
-    data = training_data(points.last_session, "test", points.keys(), "all")
+    data = batches.training_data(points.last_session, "test", points.keys(), "all")
     train = torch.from_numpy(points.splits) == TRAIN
     assert torch.equal(data.counts, torch.where(train, points.graph.counts, 0))

@@ -12,7 +12,7 @@ import pytest
 from isi.config import read as read_params
 from isi.sources.behavior import CATEGORIES, PROPERTIES, SCENES, STEPS
 from isi.tables import paths
-from tests.observing import Observations, observations_of
+from tests.observing import TRIPLE, Observations, observations_of
 
 ROOT = Path(__file__).parent.parent
 SETTINGS: dict[str, Any] = {
@@ -48,12 +48,7 @@ def mined(folder: Path | str, **changes: object) -> Observations:
 
 def test_each_object_is_in_its_room_and_has_the_affordances_of_its_properties_once(tmp_path: Path) -> None:
     observed = mined(folder_of(tmp_path))
-    observations, kinds = observed.table, observed.kinds
-    assert set(observations["scene"]) == {"House_0"}
-    seen = [
-        (row.room, row.instance, row.head, row.relation, row.tail, row.count)
-        for row in observations.itertuples(index=False)
-    ]
+    assert set(observed.table["scene"]) == {"House_0"}
     cabinets = [("kitchen", "kitchen_0/bottom_cabinet-ghijkl", 2),
                 ("child's room", "childs_room_1/bottom_cabinet-ghijkl", 1),
                 ("child's room", "childs_room_1/bottom_cabinet-mnopqr", 1)]  # fmt: skip
@@ -65,9 +60,9 @@ def test_each_object_is_in_its_room_and_has_the_affordances_of_its_properties_on
     for room, instance, count in cabinets:
         expected.append((room, instance, "cabinet", "atLocation", room, count))
         expected += [(room, instance, "cabinet", "hasAffordance", does, count) for does in ("burn", "close", "open")]
-    assert sorted(seen) == sorted(expected)
+    assert sorted(observed.rows("room", "instance", *TRIPLE, "count")) == sorted(expected)
     assert observed.counts == dict(zip(STEPS, (10, 6), strict=True))
-    assert dict(zip(kinds["entity"], kinds["kind"], strict=True)) == {
+    assert observed.kind_of() == {
         "burn": "affordance", "cabinet": "object", "child's room": "room", "close": "affordance", "heat": "affordance",
         "kitchen": "room", "locker": "object", "open": "affordance", "stove": "object",
     }  # fmt: skip

@@ -58,10 +58,10 @@ def test_some_hundred_updates_give_the_numbers_of_batches_of_one(kind: str, deca
     data = training_data(points.session(0), "test", points.keys(), "unseen")
     settings = SINGLY.model_copy(update={"weight_decay": decay})
     compiled, plain = begin(points, kind), begin(points, kind)
-    for epoch in (1, 2, 3, 4):
+    for epoch in (1, 2):
         run_epoch(compiled, data, SAMPLED, settings, 0, epoch)
         by_batches(plain, data, settings, epoch)
-    assert 4 * int(data.counts.sum(1).min()) > 300
+    assert 2 * int(data.counts.sum(1).min()) > 150
     for result, expected in zip(tensors(compiled), tensors(plain), strict=True):
         torch.testing.assert_close(result, expected, rtol=1e-4, atol=2e-5)
     assert not torch.allclose(compiled.embedding.entity, begin(points, kind).embedding.entity, atol=0.1)

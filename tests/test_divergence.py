@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import pickle
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import torch
@@ -20,9 +18,6 @@ from isi.training.batches import Negatives, training_data
 from isi.training.trainer import Optimizer, start, train
 from tests.small_graphs import ANALOGY, points_of, random_embedding, random_graph, score_all
 from tests.small_grid import LEARNING, insert_tasks, theta0, training_tasks
-from tests.stage_workspace import Says, main_of, says, set_params, workspace
-
-__all__ = ["says", "workspace"]  # fixtures
 
 SAMPLED = Negatives(mode="sampled", ratio=3, head_pool="unseen")
 STEEP = Optimizer(batch_size=50, learning_rate=1e30, weight_decay=1e-3, max_epochs=6)
@@ -93,41 +88,17 @@ def test_a_grid_names_the_cells_that_diverged(workers: int) -> None:
     assert any(f": {points}: diverged in epoch 1 (" in str(ended.value) for points, *_ in tasks), str(ended.value)
 
 
-def second_filled(value: float) -> Embedding:
-    """Θ⁰ with one value for all vectors of the second model."""
+@pytest.mark.parametrize(
+    ("name", "options", "value", "says"),
+    [("xavier", {}, torch.nan, r"seeds \d+: diverged in epoch 0 \(NaN or infinity in vectors or scores\)"),
+     ("map_mean", {"strength": 0.5, "ratio": 3}, 0.0, r"seeds 1: the known vectors are all equal .*: lower")],
+)  # fmt: skip
+def test_insertion_among_vectors_that_are_none_or_all_equal_names_its_cells(
+    name: str, options: dict[str, Option], value: float, says: str
+) -> None:
     trained = theta0()
     trained.entity[1] = value
-    return trained
-
-
-def test_insertion_of_vectors_that_are_none_names_its_cells() -> None:
-    tasks = insert_tasks(2, "xavier", second_filled(torch.nan))
-    with pytest.raises(InputError, match=r"seeds \d+: diverged in epoch 0 \(NaN or infinity in vectors or scores\)"):
+    tasks = [(*rest, replace(config, initializer=name, options=options))
+             for *rest, config in insert_tasks(2, "mean", trained)]  # fmt: skip
+    with pytest.raises(InputError, match=rf"^params\.yaml: .*{says}"):
         run(insert_stack, tasks, Compute(workers=1, stack=2), "insertion")
-
-
-def test_insertion_by_the_covariance_of_vectors_that_do_not_differ_names_its_cells() -> None:
-    options: dict[str, Option] = {"strength": 0.5, "ratio": 3}
-    tasks = [
-        (*rest, replace(config, initializer="map_mean", options=options))
-        for *rest, config in insert_tasks(2, "mean", second_filled(0.0))
-    ]
-    with pytest.raises(InputError, match=r"params\.yaml: .*seeds 1: the known vectors are all equal .*: lower"):
-        run(insert_stack, tasks, Compute(workers=1, stack=2), "insertion")
-
-
-def test_a_stage_that_diverges_says_so_in_one_line(
-    workspace: Path, says: Says, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    set_params(workspace, {
-        "experiments.published.sessions.sizes": [1], "experiments.published.sessions.seeds": 2,
-        "training.learning_rate": 1e30, "embedding.dimension": 8, "compute.workers": 1,
-    })  # fmt: skip
-    monkeypatch.chdir(workspace)
-    for stage in ("mine", "build_graph", "make_sessions"):
-        monkeypatch.setattr(sys, "argv", [stage, "published"])
-        main_of(stage)()
-    capsys.readouterr()
-    line = says("train_theta0 published")
-    assert line.startswith("params.yaml: published, size 1, seeds 0, 1: diverged in epoch 1 (NaN or infinity in ")
-    assert line.endswith(": turn down the learning rate (1e+30)")

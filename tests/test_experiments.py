@@ -17,7 +17,7 @@ from isi.analyses.single_insertions import place_of_traced, trace_trajectory
 from isi.analyses.variants import train_models
 from isi.evaluation.query_sets import CONVERGING
 from isi.experiment import runner
-from isi.experiment.insert import InsertTask, JointTargets, init_context, insert_sessions, insert_stack
+from isi.experiment.insert import InsertTask, init_context, insert_sessions, insert_stack
 from isi.experiment.runner import Compute
 from isi.experiment.train import TrainResult, evaluate_stack, train_stack
 from isi.graph.sessions import TRAIN
@@ -46,23 +46,14 @@ def test_learning_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stac
         assert seeds == [points.seeds for points in grid.stacks(height)]  # in the order of the tasks
 
 
-def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stacks() -> None:
-    cases = [("xavier", 1), ("ers", 2), ("es_permuted", 2)]
-
+@pytest.mark.parametrize(("name", "steps"), [("xavier", 1), ("ers", 2), ("es_permuted", 2)])
+def test_insertion_gives_the_same_bits_for_1_and_2_workers_and_any_height_of_stacks(name: str, steps: int) -> None:
     def tasks(height: int) -> list[InsertTask]:
-        return [
-            task for name, steps in cases for task in grid.insert_tasks(height, name, grid.theta0(steps), steps=steps)
-        ]
+        return grid.insert_tasks(height, name, grid.theta0(steps), steps=steps)
 
-    serial, parallel = (cut(tasks, insert_stack, workers) for workers in (1, 2))
-    for place in range(len(cases)):
-        grids = [
-            grid.inserted_bytes(
-                inserted[place * len(inserted) // len(cases) : (place + 1) * len(inserted) // len(cases)]
-            )
-            for inserted in (*serial.values(), *parallel.values())
-        ]
-        assert all(grid == grids[0] for grid in grids)
+    results = [inserted for workers in (1, 2) for inserted in cut(tasks, insert_stack, workers).values()]
+    first, *others = map(grid.inserted_bytes, results)
+    assert all(other == first for other in others)
 
 
 def test_novel_sets_and_queries_are_shared_by_all_initializers() -> None:
@@ -144,14 +135,11 @@ def test_the_joint_model_of_a_session_has_not_seen_what_arrives_later() -> None:
 # Sessions that insert one after the other
 
 
-def joint_of(first: float, second: float) -> JointTargets:
-    """MRR* to reach in two sessions: NaN, which is none to reach, or what never is."""
-    return {(s, scope): np.full(len(grid.SEEDS), mrr) for s, mrr in ((1, first), (2, second)) for scope in CONVERGING}
-
-
 def two_sessions(name: str, first: float, second: float) -> InsertTask:
+    """With the MRR* to reach in each: NaN, which is none to reach, or what never is."""
     ((points, trained, words, _, config),) = grid.insert_tasks(4, name, grid.theta0(steps=2), steps=2)
-    return points, trained, words, joint_of(first, second), config
+    joint = {(s, scope): np.full(len(grid.SEEDS), mrr) for s, mrr in ((1, first), (2, second)) for scope in CONVERGING}
+    return points, trained, words, joint, config
 
 
 def test_a_session_inserts_into_what_the_one_before_has_learned_and_leaves_it_as_it_is() -> None:

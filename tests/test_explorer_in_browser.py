@@ -64,11 +64,8 @@ def heading(found: Opened) -> str:
 
 
 def query_of(shown: Shown, entity: int, model: str, epoch: int, relation: str, hidden: str) -> pd.DataFrame:
-    rows = shown["answers"]
-    same = {"entity": entity, "model": model, "epoch": epoch, "relation": relation, "hidden": hidden}
-    for name, value in same.items():
-        rows = rows[rows[name] == value]
-    return rows.sort_values("rank")
+    rows = shown["answers"].set_index(["entity", "model", "epoch", "relation", "hidden"]).sort_index()
+    return rows.loc[[(entity, model, epoch, relation, hidden)]].sort_values("rank")
 
 
 def expected(rows: pd.DataFrame) -> list[str]:

@@ -1,21 +1,15 @@
-"""What the explorer of the page is given: by hand, and as small as it must be."""
+"""What the explorer of the page is given, by hand."""
 
 from __future__ import annotations
 
-import json
-import re
-
 import pandas as pd
-import pytest
 
 from isi.report.section import Content
 from isi.report.sections import insertions
 from isi.report.sections.insertions import indicators_of, maps_of, queries_of, start
-from tests.reports import ROOT, of_experiment, small_results
+from tests.reports import of_experiment, small_results
 
 STEPS = [("joint", 0), ("es", 0)]
-#: Bytes, at most.
-MOST = 1_000_000
 
 
 def shown(**changes: pd.DataFrame) -> list[Content]:
@@ -73,12 +67,3 @@ def test_entities_in_no_set_are_named() -> None:
     results = small_results(["home"])
     empty = {name: frame.iloc[:0] for name, frame in results.experiments["home"].analyses["explorer"].items()}
     assert shown(**empty) == []
-
-
-def test_the_data_of_the_report_stay_small() -> None:
-    page = ROOT / "reports" / "index.html"
-    found = re.search(r'<script type="application/json" id="explorer-data">(.*?)</script>', page.read_text("utf-8"))
-    if found is None:
-        pytest.skip("the report has no explorer")
-    assert len(found[1].encode()) < MOST
-    assert len(json.loads(found[1])["entities"]) > 100

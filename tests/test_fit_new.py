@@ -141,5 +141,3 @@ def test_transe_with_the_norm_of_city_blocks() -> None:
     learned, _ = isi.fit_new(done.entities, relations, triples, epochs=5, **options)
     assert learned[:3].tobytes() == entities.tobytes()
     assert (learned[3] != done.entities[3]).any()
-    with pytest.raises(InputError, match=r"^argument 'model': margin: Field required$"):
-        isi.insert(entities, relations, triples, new=1, model="transe_l1")

@@ -12,7 +12,6 @@ from isi.__main__ import main
 from isi.cli.graph import describe, guess, read, together
 from isi.config import read as read_params
 from isi.graph.graph import ENTITIES, TRIPLES, build_graph, build_tables
-from isi.sources.recordings import locate
 from isi.tables import paths
 
 ROOT = Path(__file__).parent.parent
@@ -117,9 +116,3 @@ def test_the_reader_is_guessed_from_the_name_or_the_keys(
     path, text = tmp_path / name, json.dumps(content, indent=1 if name == "a.json" else None).encode()
     path.write_bytes(gzip.compress(text) if name.endswith(".gz") else text)
     assert guess(path) == reader
-
-
-def test_a_whole_recording_is_a_graph(capsys: pytest.CaptureFixture[str]) -> None:
-    text = said(capsys, str(locate("recording")))
-    assert "reader: ai2thor\n" in text
-    assert "  room: 4\n" in text

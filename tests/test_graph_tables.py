@@ -1,12 +1,12 @@
-"""The graph of an experiment: counted from observations, and extended by what another source has."""
+"""The graph of an experiment: counted from observations, extended by what another source has, and with ids."""
 
 from __future__ import annotations
 
 from collections import Counter
-from itertools import pairwise
 
 import pandas as pd
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -18,13 +18,9 @@ from isi.tables.table import Table
 
 #: (head, relation, tail, how many observations), in the order in which they were seen.
 SEEN = [
-    ("mug", "hasMaterial", "wood", 1),
-    ("mug", "atLocation", "kitchen", 2),
-    ("cabinet", "atLocation", "kitchen", 1),
-    ("mug", "hasAffordance", "fill", 1),
-    ("mug", "atLocation", "cabinet", 1),
-    ("mug", "atLocation", "kitchen", 3),
-]
+    ("mug", "hasMaterial", "wood", 1), ("mug", "atLocation", "kitchen", 2), ("cabinet", "atLocation", "kitchen", 1),
+    ("mug", "hasAffordance", "fill", 1), ("mug", "atLocation", "cabinet", 1), ("mug", "atLocation", "kitchen", 3),
+]  # fmt: skip
 
 
 def observations(seen: list[tuple[str, str, str, int]] = SEEN) -> pd.DataFrame:
@@ -51,12 +47,10 @@ def triples_of(seen: pd.DataFrame) -> pd.DataFrame:
 
 def test_observations_of_a_triple_add_up() -> None:
     assert rows(triples_of(observations()), graphs.TRIPLES) == [
-        ("cabinet", "atLocation", "kitchen", 1, "home"),
-        ("mug", "atLocation", "cabinet", 1, "home"),
-        ("mug", "atLocation", "kitchen", 5, "home"),
-        ("mug", "hasAffordance", "fill", 1, "home"),
+        ("cabinet", "atLocation", "kitchen", 1, "home"), ("mug", "atLocation", "cabinet", 1, "home"),
+        ("mug", "atLocation", "kitchen", 5, "home"), ("mug", "hasAffordance", "fill", 1, "home"),
         ("mug", "hasMaterial", "wood", 1, "home"),
-    ]
+    ]  # fmt: skip
 
 
 def test_columns_with_categories_count_like_plain_ones() -> None:
@@ -79,12 +73,10 @@ def test_triples_below_the_minimum_count_are_dropped_with_the_entities_of_no_oth
 def test_entities_are_in_alphabetical_order_with_the_kinds_and_phrases_of_their_source() -> None:
     graph = build_tables(MinedSource("home", observations(), KINDS))
     assert rows(graph.entities, graphs.ENTITIES) == [
-        ("cabinet", "object", "home", "a cabinet"),
-        ("fill", "affordance", "home", "a fill"),
-        ("kitchen", "room", "home", "a kitchen"),
-        ("mug", "object", "home", "a mug"),
+        ("cabinet", "object", "home", "a cabinet"), ("fill", "affordance", "home", "a fill"),
+        ("kitchen", "room", "home", "a kitchen"), ("mug", "object", "home", "a mug"),
         ("wood", "material", "home", "a wood"),
-    ]
+    ]  # fmt: skip
 
 
 def test_relations_and_kinds_may_have_any_name_and_an_entity_be_head_and_tail() -> None:
@@ -98,6 +90,33 @@ def test_relations_and_kinds_may_have_any_name_and_an_entity_be_head_and_tail() 
 def test_an_entity_without_a_kind_is_refused() -> None:
     with pytest.raises(InputError, match=r"home.*'wood'"):
         build_tables(MinedSource("home", observations(), KINDS[KINDS["entity"] != "wood"]))
+
+
+# With ids
+
+
+def test_entity_ids_are_rows_and_relation_and_kind_ids_follow_the_alphabet() -> None:
+    graph = graphs.build_graph(KINDS, triples_of(observations()))
+    assert graph.entities == ["mug", "wood", "kitchen", "fill", "cabinet"]
+    assert graph.relations == ["atLocation", "hasAffordance", "hasMaterial"]
+    assert graph.triples.tolist() == [[4, 0, 2], [0, 0, 4], [0, 0, 2], [0, 1, 3], [0, 2, 1]]  # triple ids are rows, too
+    assert graph.counts.tolist() == [1, 1, 5, 1, 1]
+    assert graph.kinds.tolist() == [2, 1, 3, 0, 2]
+
+
+@pytest.mark.parametrize(
+    ("slot", "same"),
+    [(graphs.HEAD, [{0, 2}, {1}, {0, 2}, {3}, {4}]), (graphs.TAIL, [{0}, {1, 2}, {1, 2}, {3}, {4}]),
+     (graphs.RELATION, [{0}, {1}, {2}, {3}, {4}])],
+)  # fmt: skip
+def test_triples_that_are_the_same_but_for_one_slot_are_found(slot: int, same: list[set[int]]) -> None:
+    lists = graphs.build_graph(KINDS, triples_of(observations())).same_but(slot, torch.arange(5)).tolist()
+    assert [{triple for triple in triples if triple >= 0} for triples in lists] == same
+
+
+def test_a_triple_of_an_unknown_entity_is_refused() -> None:
+    with pytest.raises(InputError, match="entities"):
+        graphs.build_graph(KINDS[KINDS["entity"] != "fill"], triples_of(observations()))
 
 
 # Extended
@@ -153,9 +172,8 @@ def test_new_entities_and_their_triples_come_behind_those_of_the_graph() -> None
     extended = graphs.extend(GraphTables(ENTITIES, encoded), SHOP, ["fan", "stove"])
     pd.testing.assert_frame_equal(extended.entities.iloc[: len(ENTITIES)], ENTITIES, check_dtype=False)
     assert rows(extended.entities.iloc[len(ENTITIES) :], graphs.ENTITIES) == [
-        ("fan", "object", "shop", "a fan"),
-        ("stove", "object", "shop", "a stove"),
-    ]
+        ("fan", "object", "shop", "a fan"), ("stove", "object", "shop", "a stove"),
+    ]  # fmt: skip
     assert rows(extended.triples, graphs.TRIPLES) == [
         ("lamp", "atLocation", "kitchen", 2, "home"),  # none of the nine that the other source saw
         ("lamp", "hasMaterial", "wood", 3, "home"),
@@ -191,7 +209,7 @@ def test_as_many_as_there_are_or_as_params_say_are_drawn_and_some_always(
     drawn = graphs.sample_candidates(enough, extension(number, *always), "key", root)
     assert len(drawn) == min(number, len(names))
     assert set(always) <= set(drawn) <= set(names)
-    assert all(name < following for name, following in pairwise(drawn))
+    assert drawn == sorted(drawn)
     assert drawn == graphs.sample_candidates(enough, extension(number, *always[::-1]), "key", root)
 
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
-from pkgutil import iter_modules
 
 import numpy as np
 import pytest
 import torch
 
-from isi import initializers
 from isi.config import Count, Option, read
 from isi.graph.sessions import TEST, TRAIN, VALID
 from isi.initializers.api import (
@@ -247,17 +244,9 @@ def test_gaussians_have_the_moments_of_the_known_vectors_in_each_coordinate(name
         assert abs(np.corrcoef(vectors[model].T) - np.eye(DIMENSION)).max() < 5 / draws**0.5
 
 
-@pytest.fixture
-def _registered_here() -> Iterator[None]:
-    """What a test registers goes with it."""
-    before = INITIALIZERS._registered.keys() | {module.name for module in iter_modules(initializers.__path__)}
-    yield
-    for name in INITIALIZERS._registered.keys() - before:
-        del INITIALIZERS._registered[name]
+def test_options_come_from_the_signature_and_the_label_is_the_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(INITIALIZERS, "_registered", dict(INITIALIZERS._registered))  # what is registered here goes
 
-
-@pytest.mark.usefixtures("_registered_here")
-def test_options_come_from_the_signature_and_a_name_is_the_label_registered_here() -> None:
     @initializer("constant")
     def constant(insertion: InitContext, at: float, times: Count = 2) -> InitResult:
         return without_weights(torch.full((*insertion.novel.shape, DIMENSION), at * times))

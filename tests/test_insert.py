@@ -18,47 +18,27 @@ from isi import config
 from isi.errors import InputError
 from isi.initializers.api import INITIALIZERS, InitContext
 from isi.tables import paths
-from tests.small_embedding import (
-    BETWEEN,
-    DIMENSION,
-    ENTITIES,
-    KNOWN,
-    KNOWN_TRIPLES,
-    NEW,
-    RELATIONS,
-    TRIPLES,
-    call,
-    tables,
-    words,
-)
+from tests.init_contexts import insertion
+from tests.small_embedding import BETWEEN, ENTITIES, KNOWN, KNOWN_TRIPLES, NEW, TRIPLES, call, tables, words
 from tests.small_graphs import random_embedding
 
+RELATIONS, DIMENSION = len(BETWEEN), 8
 
-def by_hand(seen: list[list[tuple[int, int, bool]]], vectors: np.ndarray | None) -> InitContext:
+
+def by_hand() -> InitContext:
     """The same as the pipeline gives it to initializers, written out."""
-    stack = random_embedding(1, ENTITIES, RELATIONS, DIMENSION)
-    entity = torch.cat([stack.entity, torch.zeros(1, 2, DIMENSION)], 1)
-    longest = max(map(len, seen))
-    padded = torch.tensor([[[*own, *[(0, 0, False)] * (longest - len(own))] for own in seen]]).long()
-    known = torch.arange(ENTITIES + 2)[None] < ENTITIES
-    return InitContext(
-        theta0=replace(stack, entity=entity), known=known, eligible=known & (torch.arange(ENTITIES + 2) < 8),
-        novel=torch.tensor([[ENTITIES, ENTITIES + 1]]),
-        words=torch.zeros(ENTITIES + 2, 1) if vectors is None else torch.from_numpy(vectors),
-        kinds=torch.zeros(ENTITIES + 2, dtype=torch.int64),
-        other=padded[..., 0], relation=padded[..., 1], novel_is_tail=padded[..., 2] == 1,
-        observed=torch.tensor([[place < len(own) for place in range(longest)] for own in seen])[None],
-        root=0, keys=torch.tensor([[0]]),
-    )  # fmt: skip
+    stack, new = random_embedding(1, ENTITIES, RELATIONS, DIMENSION), [ENTITIES, ENTITIES + 1]
+    theta0 = replace(stack, entity=torch.cat([stack.entity, torch.zeros(1, 2, DIMENSION)], 1))
+    seen = [[(1, 0, False), (3, 1, True)], [(2, 2, False)]]
+    of = insertion(theta0, new, seen, torch.from_numpy(words()), [0] * (ENTITIES + 2))
+    return replace(of, eligible=of.known & (torch.arange(ENTITIES + 2) < 8), keys=torch.tensor([[0]]))
 
 
 @pytest.mark.parametrize("name", INITIALIZERS.names())
 def test_vectors_are_those_of_the_pipelines_initializers(name: str) -> None:
-    vectors = words()
-    seen = [[(1, 0, False), (3, 1, True)], [(2, 2, False)]]
     registered = INITIALIZERS.get(name, "")
-    expected = registered.initialize(by_hand(seen, vectors), registered.defaults)
-    done = call(initializer=name, words=vectors)
+    expected = registered.initialize(by_hand(), registered.defaults)
+    done = call(initializer=name, words=words())
     torch.testing.assert_close(torch.from_numpy(done.entities[ENTITIES:]), expected.vectors[0], rtol=0, atol=0)
     if expected.indicators is not None:
         assert done.indicators == [row.nonzero()[:, 0].tolist() for row in expected.indicators[0]]
@@ -66,10 +46,9 @@ def test_vectors_are_those_of_the_pipelines_initializers(name: str) -> None:
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.float16])
 def test_known_rows_are_the_same_bytes_and_new_ones_come_behind(dtype: type[np.floating[Any]]) -> None:
-    own = tables(dtype=dtype)
-    copies = {name: part.copy() for name, part in own.items()}
-    done = call(**own)
-    assert done.entities[:ENTITIES].tobytes() == copies["entities"].tobytes() == own["entities"].tobytes()
+    given, copies = tables(dtype=dtype), tables(dtype=dtype)
+    done = call(**given)
+    assert done.entities[:ENTITIES].tobytes() == copies["entities"].tobytes() == given["entities"].tobytes()
     assert done.relations.tobytes() == copies["relations"].tobytes()
     assert (done.entities.dtype, done.entity_names, done.new) == (dtype, [*KNOWN, *NEW], [ENTITIES, ENTITIES + 1])
     assert np.isfinite(done.entities).all()

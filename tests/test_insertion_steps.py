@@ -10,7 +10,7 @@ import torch
 
 from isi.evaluation.query_sets import CONVERGING
 from isi.experiment.grid import GridPoints
-from isi.experiment.insert import InsertConfig, InsertResult, finetune, init_context, insert_sessions, with_vectors
+from isi.experiment.insert import InsertConfig, finetune, init_context, insert_sessions, with_vectors
 from isi.models.stack import Embedding
 from isi.training import trainer
 from isi.training.batches import Negatives, training_data
@@ -25,12 +25,6 @@ WORLD = world()
 POINTS: GridPoints = replace(
     points_at(WORLD.graph, WORLD.splits), insert_triples=np.insert(WORLD.insert_triples, 0, 1, axis=1)
 )
-
-
-def inserted(config: InsertConfig = CONFIG) -> tuple[Embedding, InsertResult]:
-    joint = {(1, scope): np.full(2, np.nan) for scope in CONVERGING}
-    (result,) = insert_sessions(POINTS, WORLD.theta0, WORLD.words, joint, config)
-    return result
 
 
 def test_the_mask_is_of_each_models_own_insert_triples() -> None:
@@ -74,7 +68,8 @@ def test_fine_tuning_draws_for_its_own_purpose_from_the_pool_that_params_name(po
 
 
 def test_where_new_rows_go_first_they_are_those_of_the_session() -> None:
-    theta, result = inserted(CONFIG.training(new_rows_first=3))
+    joint, config = {(1, scope): np.full(2, np.nan) for scope in CONVERGING}, CONFIG.training(new_rows_first=3)
+    ((theta, result),) = insert_sessions(POINTS, WORLD.theta0, WORLD.words, joint, config)
     before = with_vectors(WORLD.theta0, torch.as_tensor(NOVEL), torch.from_numpy(result.vectors)).entity
     moved = (theta.entity != before).any(-1).numpy()
     for model in range(2):

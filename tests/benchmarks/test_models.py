@@ -32,13 +32,9 @@ EPOCHS, PATIENCE, LOOKS = 10, 4, 20
 WITHIN = 0.02
 PYKEEN: dict[str, tuple[type[ERModel], dict[str, Any], type[torch.optim.Optimizer], float]] = {
     "complex": (ComplEx, {"embedding_dim": DIMENSION // 2}, torch.optim.Adam, 0.01),
-    "distmult": (
-        DistMult,
-        {"embedding_dim": DIMENSION, "entity_constrainer": None, "regularizer": None},
-        torch.optim.Adagrad,
-        0.1,
-    ),
-}
+    "distmult": (DistMult, {"embedding_dim": DIMENSION, "entity_constrainer": None, "regularizer": None},
+                 torch.optim.Adagrad, 0.1),
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -57,10 +57,8 @@ def complex_model(home: Graph, params: Params) -> ComplEx:
 @pytest.fixture(scope="module")
 def embedding(complex_model: ComplEx) -> Embedding:
     """The same model, as a stack of one."""
-    entity, relation = (
-        part[0]().detach() for part in (complex_model.entity_representations, complex_model.relation_representations)
-    )
-    tables = (torch.cat([table.real, table.imag], -1)[None] for table in (entity, relation))
+    parts = complex_model.entity_representations, complex_model.relation_representations
+    tables = (torch.cat([part[0]().real, part[0]().imag], -1)[None].detach() for part in parts)
     return Embedding(*tables, make_model("complex", {}, "models.complex"))
 
 

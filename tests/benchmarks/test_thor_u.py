@@ -67,16 +67,11 @@ def trained(name: str, session: Session) -> Embedding:
     family, relations = make_model(name, setting.options, name), len(session.graph.relations)
     start = uniform(session.entities, relations, family, DIMENSION, INIT_RANGE, 0, keys)
     settings = Training(
-        batch_size=256,
-        learning_rate=setting.rate,
-        weight_decay=setting.decay,
-        max_epochs=300,
-        evaluate_every=5,
+        batch_size=256, learning_rate=setting.rate, weight_decay=setting.decay, max_epochs=300, evaluate_every=5,
         patience=6,
-    )
-    return train_until_best(
-        start, training_data(session, "training", keys, NEGATIVES.head_pool), NEGATIVES, settings, 0
-    )[0]
+    )  # fmt: skip
+    data = training_data(session, "training", keys, NEGATIVES.head_pool)
+    return train_until_best(start, data, NEGATIVES, settings, 0)[0]
 
 
 def measured(embedding: Embedding, session: Session, split: int) -> tuple[float, float]:
@@ -105,11 +100,8 @@ def test_thor_u(benchmark: Any, name: str, session: Session) -> None:
     embedding = benchmark.pedantic(trained, args=(name, session), rounds=1)
     setting, valid, test = SETTINGS[name], measured(embedding, session, VALID), measured(embedding, session, TEST)
     benchmark.group = "thor_u"
+    triples = int((session.splits[0] == TEST).sum())
     benchmark.extra_info.update(
-        model=setting.label,
-        triples=int((session.splits[0] == TEST).sum()),
-        published=setting.published,
-        valid=valid,
-        test=test,
+        model=setting.label, triples=triples, published=setting.published, valid=valid, test=test
     )
     assert min(own - theirs for own, theirs in zip(test, setting.published, strict=True)) >= -WITHIN

@@ -64,13 +64,8 @@ def house(*objects: object, **others: object) -> str:
 
 
 def mug(what: str, names: str, **change: object) -> Case:
-    """A mistake in an object of a scene."""
-    return Case(what, "scene", {"scene.json": scene(**change)}, f"scene.json|{MUG['objectId']}|{names}")
-
-
-def mug_field(what: str, names: str, **change: object) -> Case:
-    """A mistake in the value of a field of the first object of a scene."""
-    return Case(what, "scene", {"scene.json": scene(**change)}, f"scene.json|scene.0|{names}")
+    """A mistake in the first object of a scene."""
+    return Case(what, "scene", {"scene.json": scene(**change)}, f"scene.json|{names}")
 
 
 def log(what: str, rows: str, names: str, **settings: object) -> Case:

@@ -70,7 +70,7 @@ COMMAND_CASES = [
     Typed("no command", "", "COMMAND", status=2),
     *(Typed(typed[:60], f"insert {typed} --embedding home", names) for names, typed in INSERT),
     *(Typed(typed, f"insert {typed} --embedding home", names, status=2) for names, typed in (
-        ("--fact", "x --fact atLocation"), ("--seed", f"{FACT} --seed -1"), ("--out", f"{FACT} --out ."),
+        ("--seed", f"{FACT} --seed -1"), ("--out", f"{FACT} --out ."),
         ("--set", f"{FACT} --initializer rs --set k=3 --set k=4"),
     )),
     Typed("a name that is written in several ways", "insert x --fact atLocation 'TURN ON' --embedding home", "--fact",

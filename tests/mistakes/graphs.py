@@ -45,7 +45,6 @@ def texts() -> None:
 
 
 GRAPH_CASES = [
-    Typed("no file", "graph", "FILE", status=2),
     Typed("no such file", "graph none.csv", "none.csv"),
     Typed("the file as a setting", "graph log.csv --set path=other.csv", "--set|path"),
     Typed("the reader as a setting", "graph log.csv --set reader=rdf", "--set|reader"),
@@ -85,7 +84,6 @@ GRAPH_CASES = [
 ]  # fmt: skip
 
 EXPORT_CASES = [
-    Typed("no form", "export home --out x", "--format", status=2),
     Typed("a name that is none", "export ../home --format turtle --out x", "EXPERIMENT", status=2),
     Typed("neither an experiment nor an embedding", "export --format turtle --out x", "--embedding"),
     Typed("both", "export home --embedding home --format turtle --out x", "--embedding"),

@@ -93,7 +93,6 @@ def infinite() -> np.ndarray:
 
 
 COMMAND_CASES = [
-    Typed("no folder to write", "import mine", "--out", status=2),
     Typed("a setting that is none", "import mine --set margin --out out", "--set", status=2),
     Typed("no model", "import mine --out out", "--family", before=with_tables()),
     Typed("settings beside a pickle", "import mine --trust-pickle --set margin=2 --out out", "--trust-pickle",

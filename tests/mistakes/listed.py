@@ -13,7 +13,7 @@ TALLIES, TRIPLES = "data/raw/mp3d/room_object_counts.csv", "data/raw/published/t
 VOCABULARY = "data/raw/mp3d/vocabulary.yaml"
 SCENES, MAPPED = "behavior/combined_room_object_list.json", "behavior/category_mapping.csv"
 of_rdf, of_triples = of_file("RDF, N-Triples", "log.nt"), of_file("triples with ids", "ids/gt2id.txt")
-of_names = of_file("triples with ids", "ids/entity2id.txt")
+of_names, of_behavior = of_file("triples with ids", "ids/entity2id.txt"), of_file("BEHAVIOR", SCENES)
 
 TABLE_CASES = [
     Case("no file", "table, CSV", {"log.csv": None}, "log.csv", {"entities": None}),
@@ -67,25 +67,24 @@ RDF_CASES = [
     of_rdf("a label that is no phrase", NT.replace("a \\u006dug", ""), "line 3"),
 ]  # fmt: skip
 
+
+def house(what: str, old: str, new: str, line: int) -> Case:
+    """A mistake in a line of a house of Matterport3D."""
+    return changed(what, "houses of Matterport3D", "houses/x.house", old, new, f"houses/x.house|line {line}")
+
+
 MP3D_CASES = [
     Case("no houses", "houses of Matterport3D", {"houses/x.house": None}, "houses"),
     Case("another format", "houses of Matterport3D", {"houses/x.house": "ASCII 2.0\n"}, "houses/x.house|line 1"),
     Case("cut short", "houses of Matterport3D", {"houses/x.house": HOUSE[:-60]}, "houses/x.house|line 2"),
     Case("no header", "houses of Matterport3D", {"houses/x.house": "ASCII 1.1\n"}, "houses/x.house|line 2"),
-    changed("a record of no known kind", "houses of Matterport3D", "houses/x.house", "L 0", f"{LONG} 0",
-            "houses/x.house|line 3"),
-    changed("a number of 5,000 digits", "houses of Matterport3D", "houses/x.house", "O 0 0", f"O {'9' * 5000} 0",
-            "houses/x.house|line 8"),
-    changed("too few fields", "houses of Matterport3D", "houses/x.house", "C 1 10 towel 11 towel 0 0 0 0 0", "C 1",
-            "houses/x.house|line 7"),
-    changed("a region that is not there", "houses of Matterport3D", "houses/x.house", "O 1 1 1", "O 1 7 1",
-            "houses/x.house|line 9"),
-    changed("a category of 10,000 characters", "houses of Matterport3D", "houses/x.house", "11 towel", f"11 {LONG}",
-            "houses/x.house|line 9"),
-    changed("a category without words", "houses of Matterport3D", "houses/x.house", "11 towel", "11 #",
-            "houses/x.house|line 9"),
-    changed("an object twice", "houses of Matterport3D", "houses/x.house", "O 1 1 1", "O 0 1 1",
-            "houses/x.house|line 9"),
+    house("a record of no known kind", "L 0", f"{LONG} 0", 3),
+    house("a number of 5,000 digits", "O 0 0", f"O {'9' * 5000} 0", 8),
+    house("too few fields", "C 1 10 towel 11 towel 0 0 0 0 0", "C 1", 7),
+    house("a region that is not there", "O 1 1 1", "O 1 7 1", 9),
+    house("a category of 10,000 characters", "11 towel", f"11 {LONG}", 9),
+    house("a category without words", "11 towel", "11 #", 9),
+    house("an object twice", "O 1 1 1", "O 0 1 1", 9),
     Case("a house twice", "houses of Matterport3D", {"houses/y.house": HOUSE}, "houses/y.house|house '17DRP5sb8fy'"),
     changed("a count of 20 digits", "tallies of Matterport3D", TALLIES, "bathroom,2", "bathroom," + "9" * 20, ""),
     changed("a blank object", "tallies of Matterport3D", TALLIES, "air conditioner,bathroom", ",bathroom", ""),
@@ -123,18 +122,13 @@ ID_CASES = [
 ]  # fmt: skip
 
 BEHAVIOR_CASES = [
-    Case("no file", "BEHAVIOR", {SCENES: None}, ""),
-    Case("no JSON", "BEHAVIOR", {SCENES: "{"}, ""),
-    Case("a count of 3,000,000,000", "BEHAVIOR",
-         {SCENES: '{"scenes": {"a": {"kitchen_0": {"stove-abcdef": 3000000000}}}}'}, "scenes.a.kitchen_0.stove-abcdef"),
-    Case("a scene that is no name", "BEHAVIOR", {SCENES: '{"scenes": {"a b": {"kitchen_0": {"stove-abcdef": 1}}}}'},
-         "'a b'"),
-    Case("a room without a number", "BEHAVIOR", {SCENES: '{"scenes": {"a": {"kitchen": {"stove-abcdef": 1}}}}'},
-         "'kitchen'"),
-    Case("a model without a category", "BEHAVIOR", {SCENES: '{"scenes": {"a": {"kitchen_0": {"stove": 1}}}}'},
-         "'stove'"),
-    Case("a category without a synset", "BEHAVIOR", {SCENES: '{"scenes": {"a": {"kitchen_0": {"boat-abcdef": 1}}}}'},
-         "'boat-abcdef'"),
+    of_behavior("no file", None),
+    of_behavior("no JSON", "{"),
+    of_behavior("a large count", '{"scenes": {"a": {"b_0": {"stove-abcdef": 3000000000}}}}', "a.b_0.stove-abcdef"),
+    of_behavior("a scene that is no name", '{"scenes": {"a b": {"kitchen_0": {"stove-abcdef": 1}}}}', "'a b'"),
+    of_behavior("a room without a number", '{"scenes": {"a": {"kitchen": {"stove-abcdef": 1}}}}', "'kitchen'"),
+    of_behavior("a model without a category", '{"scenes": {"a": {"kitchen_0": {"stove": 1}}}}', "'stove'"),
+    of_behavior("a category without a synset", '{"scenes": {"a": {"b_0": {"boat-abcdef": 1}}}}', "'boat-abcdef'"),
     changed("a category twice", "BEHAVIOR", MAPPED, "3,walls,", "3,stove,", "'stove'"),
     Case("a setting of what is not there", "BEHAVIOR", {}, "'boat.n.01'", {"structure": ["boat.n.01"]}),
     Case("an action that is no name", "BEHAVIOR", {}, "affordances", {"affordances": {"openable": [" open"]}}),

@@ -8,10 +8,10 @@ import json
 from isi.sources.recordings import FORMAT
 from tests import procthor
 from tests.fuzz.formats import THINGS
-from tests.mistakes import FLOOR, LONG, MUG, SHELF, Case, house, mug, mug_field, of_file, recording, scene, spawned
+from tests.mistakes import FLOOR, LONG, MUG, SHELF, Case, house, mug, of_file, recording, scene, spawned
 
 of_scene, of_recording = of_file("scene", "scene.json"), of_file("recording", "r.jsonl.gz")
-of_houses = of_file("houses of ProcTHOR", "houses.jsonl")
+of_houses, MUG_ID = of_file("houses of ProcTHOR", "houses.jsonl"), MUG["objectId"]
 SCENE_CASES = [
     of_scene("no file", None),
     of_scene("UTF-16", scene().encode("utf-16")),
@@ -29,17 +29,17 @@ SCENE_CASES = [
     of_scene("an id twice, with another type", scene(SHELF, SHELF | {"objectType": "Desk"}), "scene, object Shelf|1"),
     of_scene("more objects than any scene has",
              json.dumps([{"objectId": str(number), "objectType": "Mug"} for number in range(100_001)]), "scene"),
-    mug_field("a type that is no name", "objectType|'../Mug'", objectType="../Mug"),
+    mug("a type that is no name", "scene.0|objectType|'../Mug'", objectType="../Mug"),
     of_scene("half a character in a type", scene(MUG | {"objectType": "Mug\ud800"}), "column 67"),
-    mug_field("a type of 10,000 characters", "objectType", objectType=LONG),
-    mug_field("no list where one is read", "parentReceptacles", parentReceptacles="Shelf|1"),
-    mug_field("the same receptacle twice", "parentReceptacles", parentReceptacles=["Shelf|1", "Shelf|1"]),
-    mug_field("a material that is blank", "salientMaterials", salientMaterials=[" "]),
-    mug_field("a flag that is text", "openable|'false'", openable="false"),
-    mug("a receptacle that the scene lacks", "'Desk|1'", parentReceptacles=["Shelf|1", "Desk|1"]),
-    mug("an object in itself", "", parentReceptacles=["Shelf|1", MUG["objectId"]]),
-    mug("contents that are not there", "'Pea|1'", receptacleObjectIds=["Pea|1"]),
-    mug("contents that lie elsewhere", "'Fork|1'", receptacleObjectIds=["Fork|1"]),
+    mug("a type of 10,000 characters", "scene.0|objectType", objectType=LONG),
+    mug("no list where one is read", "scene.0|parentReceptacles", parentReceptacles="Shelf|1"),
+    mug("the same receptacle twice", "scene.0|parentReceptacles", parentReceptacles=["Shelf|1", "Shelf|1"]),
+    mug("a material that is blank", "scene.0|salientMaterials", salientMaterials=[" "]),
+    mug("a flag that is text", "scene.0|openable|'false'", openable="false"),
+    mug("a receptacle that the scene lacks", f"{MUG_ID}|'Desk|1'", parentReceptacles=["Shelf|1", "Desk|1"]),
+    mug("an object in itself", f"{MUG_ID}|", parentReceptacles=["Shelf|1", MUG_ID]),
+    mug("contents that are not there", f"{MUG_ID}|'Pea|1'", receptacleObjectIds=["Pea|1"]),
+    mug("contents that lie elsewhere", f"{MUG_ID}|'Fork|1'", receptacleObjectIds=["Fork|1"]),
     Case("a receptacle in what it holds, where that is an error", "scene",
          {"scene.json": scene({"objectId": "a", "objectType": "Cup", "parentReceptacles": ["b"]},
                               {"objectId": "b", "objectType": "Box", "parentReceptacles": ["a"]})},

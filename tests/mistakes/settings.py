@@ -109,16 +109,8 @@ SOURCES_CASES = [
 ]  # fmt: skip
 
 OTHER_CASES = {
-    "tools.verify": [
-        Typed("nothing has run yet", "", "verify"),
-    ],
-    "tools.wordnet": [
-        Typed("no folder of WordNet's", "nowhere", "nowhere/index.noun"),
-    ],
-    "tools.glove": [
-        Typed("another file", "log.csv", "log.csv"),
-    ],
-    "tools.workspace": [
-        Typed("a change without a value", "out --set seed", "workspace|--set"),
-    ],
-}  # fmt: skip
+    "tools.verify": [Typed("nothing has run yet", "", "verify")],
+    "tools.wordnet": [Typed("no folder of WordNet's", "nowhere", "nowhere/index.noun")],
+    "tools.glove": [Typed("another file", "log.csv", "log.csv")],
+    "tools.workspace": [Typed("a change without a value", "out --set seed", "workspace|--set")],
+}
