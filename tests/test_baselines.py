@@ -335,7 +335,7 @@ def test_a_step_is_halved_until_it_makes_nothing_worse() -> None:
     step, _ = evidence.newton(known, theta0, known.mean, similarity.alpha_of_all_triples(theta0))
     for times, share in ((0, 1), (1, 1), (3, 1 / 2), (6, 1 / 4), (12, 1 / 8)):
         expected = [share, share, 1, share]  # the third has nothing to go for
-        assert evidence.length(known, theta0, known.mean, times * step)[0].tolist() == expected
+        assert evidence.step_size(known, theta0, known.mean, times * step)[0].tolist() == expected
 
 
 def test_products_of_cells_are_the_same_in_parts_of_a_budget(monkeypatch: pytest.MonkeyPatch) -> None:
