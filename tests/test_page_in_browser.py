@@ -109,7 +109,7 @@ def test_words_are_explained_at_the_mouse_and_by_keyboard(chromium: Browser, rep
         assert not tip.is_visible()
         word.hover()
         tip.wait_for()
-        assert "ranked answers" in tip.inner_text()
+        assert "rank of an answer" in tip.inner_text()
         window.page.mouse.move(0, 0)
         tip.wait_for(state="hidden")
         word.focus()
