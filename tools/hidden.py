@@ -54,7 +54,8 @@ def sentences_of(mean: pd.DataFrame, settings: Hidden, default: str) -> Iterator
         untrained = [method for method in ranked.index if "rows" not in method and method != "retrained"]
         named = list(dict.fromkeys([ranked.index[0], untrained[0]]))
         labels = [f"{label(method, settings, default)} ({ranked[method]:.3f})" for method in named]
-        sentence = f"With {number or ALL} insert triples, best is " + ", and best without training ".join(labels)
+        triples = f"{number or ALL} insert triple{'s' if number != 1 else ''}"
+        sentence = f"With {triples}, best is " + ", and best without training ".join(labels)
         if "insert" not in named:
             place = list(ranked.index).index("insert") + 1
             sentence += f"; the default has rank {place} of {len(ranked)} ({ranked['insert']:.3f})"
