@@ -241,9 +241,9 @@ def test_earlier_knowledge_is_compared_with_before_and_with_nothing_inserted() -
         ("known", "es", "xavier"): 15, ("known_closed", "es", "xavier"): 10,
         ("known_closed", "es", "finetune_only"): 5, ("known_closed", "xavier", "finetune_only"): -5,
     })  # fmt: skip
-    names = [line.get_label() for line in finetuning.drawn(every, ["xavier", "es", "joint"]).axes[1].lines]
+    names = [line.get_label() for line in finetuning.curves_figure(every, ["xavier", "es", "joint"]).axes[1].lines]
     assert names == ["Xavier", "ES", "Nothing inserted", "Joint"]
-    ended = {(scope, model): of_model for scope, model, of_model in finetuning.ended(pairs)}
+    ended = {(scope, model): of_model for scope, model, of_model in finetuning.end_comparisons(pairs)}
     (es,) = ended["known_closed", "finetune_only"]
     assert es.difference.parts == pytest.approx((5, 5, 5))
     assert not es.significant
