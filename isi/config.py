@@ -28,7 +28,7 @@ Option = int | float | bool | str
 
 T = TypeVar("T")
 #: What validates values of a type, made once: that takes a millisecond.
-adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
+adapter: Callable[[type[T]], TypeAdapter[T]] = cache(TypeAdapter)  # type: ignore[assignment]  # which caches lose
 
 
 def distinct(values: Iterable[Any]) -> bool:
@@ -111,8 +111,7 @@ def read(path: Path) -> dict[str, Any]:
 def check(value: Any, kind: type[T], key: str, path: Path | str = paths.PARAMS) -> T:
     """Validate a value as a type; InputError names the key that is unknown, missing or wrong."""
     with at(path, key):
-        checked: T = adapter(kind).validate_python(value, strict=True)
-        return checked
+        return adapter(kind).validate_python(value, strict=True)
 
 
 @cache

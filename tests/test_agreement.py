@@ -1,7 +1,5 @@
 """Rules between the tables of one experiment, by hand on a small graph."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

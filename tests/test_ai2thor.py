@@ -1,7 +1,5 @@
 """Observations of AI2-THOR's and RoboTHOR's scenes: of hand-written ones, of the real recording, and of one alone."""
 
-from __future__ import annotations
-
 import gzip
 import json
 from collections import Counter

@@ -1,7 +1,5 @@
 """Baselines beyond the paper: by hand, against SciPy and NumPy, and at the limits of their options."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Observations in batches, and their corruptions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """BEHAVIOR-1K's scenes: from a small folder of the same form, from the package where it is, and from bad files."""
 
-from __future__ import annotations
-
 import json
 from importlib.metadata import distributions
 from pathlib import Path

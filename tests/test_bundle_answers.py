@@ -1,7 +1,5 @@
 """Queries of a bundle: ranks, probabilities and calibration by hand, indicators, ablations, and names as typed."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The folder of a bundle: it is read as it was written, or refused in one line; and the pipeline's final model."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import fields, replace
 from pathlib import Path

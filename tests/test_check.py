@@ -1,7 +1,5 @@
 """``isi check``: the problems of the files under data/, one line each."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The grid on a cluster: a scheduler and two workers on loopback, one of which is killed at its task."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

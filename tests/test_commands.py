@@ -1,7 +1,5 @@
 """The command ``isi`` and what it does with entities: what it prints and writes, its help, and how it ends."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """Compiled updates against batches of one observation, by hand, and in stacks."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import dataclass, replace

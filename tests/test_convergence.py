@@ -1,7 +1,5 @@
 """When fine-tuning counts as converged, worked out by hand on a handful of runs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """A task runs on whatever device it is given, and what it gives back lies on the CPU."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import replace

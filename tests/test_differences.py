@@ -1,7 +1,5 @@
 """Paired differences, Holm's correction and shares of the gain, worked out by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A run whose numbers leave the numbers stops, and names experiment, size, seed, epoch and what to turn down."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 

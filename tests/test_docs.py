@@ -1,7 +1,5 @@
 """The README and the pages of docs/ show what was made, their links lead somewhere, and their code runs."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

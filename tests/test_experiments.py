@@ -1,7 +1,5 @@
 """The grid gives the same bits however it is cut and spread, and the same draws to every initializer."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """What the explorer of the page is given, by hand."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from isi.report.section import Content

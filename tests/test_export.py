@@ -1,7 +1,5 @@
 """``isi export``: what other tools find in what is written, and which predictions."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Each thing of one's own does what docs/extending.md says, with the page's own code."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections import Counter

@@ -1,7 +1,5 @@
 """``isi.fit_new``: new rows learn alone; and what ``Inserted`` tells: nearest, distance, interference by hand."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

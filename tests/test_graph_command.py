@@ -1,7 +1,5 @@
 """``isi graph``: a graph of files of one's own, what it says of it, and what it refuses."""
 
-from __future__ import annotations
-
 import gzip
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Experiments on graphs of their own: the same as the stages of the first pipeline, one after the other, would give."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pandas as pd

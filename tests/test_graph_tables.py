@@ -1,7 +1,5 @@
 """The graph of an experiment: counted from observations, extended by what another source has, and with ids."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """What the report says of other graphs, against two small ones beside a small experiment."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """Entities that are hidden from PyKEEN's training: their insert triples and queries, and the ranks of answers."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

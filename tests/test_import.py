@@ -1,7 +1,5 @@
 """``isi import``: what others have trained scores the same here, and no pickle is read that is not trusted."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable

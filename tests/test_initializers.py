@@ -1,7 +1,5 @@
 """ES, RS and ERS against a plain loop; fallbacks, ties, ranges, controls; and what no initializer may see."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

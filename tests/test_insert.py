@@ -1,7 +1,5 @@
 """``isi.insert``: what is promised to whoever has an embedding of his own, and that the pipeline's functions do it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What tasks of insertion are made of: params, and the tables of an experiment."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One session of incremental learning: what is measured immediately, and on what it is fine-tuned."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -76,9 +76,9 @@ class House(_Fields):
         ensure(lambda rooms: distinct(room.id for room in rooms), "each room with an id of its own"),
     ]
     objects: list[Item] | None
-    metadata: (
-        Annotated[dict[str, Any], ensure(lambda given: given.get("schema") in SCHEMAS, "a known schema")] | None
-    ) = None
+    metadata: Annotated[dict[str, Any], ensure(lambda data: data.get("schema") in SCHEMAS, "a known schema")] | None = (
+        None
+    )
 
 
 #: An object of a house, where it stands, and the id of the room that its own id names.

@@ -104,8 +104,7 @@ def parse_json(form: type[T], content: bytes | str, path: object, place: str = "
     """Parse JSON as a type; InputError names the place that is broken or of another form, after ``place``."""
     with at(path, place):
         text = content.removeprefix(codecs.BOM_UTF8) if isinstance(content, bytes) else content
-        parsed: T = config.adapter(form).validate_json(text, strict=True)
-        return parsed
+        return config.adapter(form).validate_json(text, strict=True)
 
 
 def refuse(path: Path, column: pd.Series, wrong: pd.Series[bool], expected: str) -> None:

@@ -1,7 +1,5 @@
 """The graph of the experiment, made as its stages make it, and settings that all benchmarks share."""
 
-from __future__ import annotations
-
 import os
 from importlib.metadata import version
 from typing import Any

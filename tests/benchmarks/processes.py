@@ -5,8 +5,6 @@ python -m tests.benchmarks.processes grow_graph '{"entities": 10000, "triples": 
 Each function imports what it needs, so that no memory is that of another one's modules.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import sys

@@ -5,8 +5,6 @@ ours with Adagrad at 0.1 and 0.5, PyKEEN's with Adagrad at 0.1 and Adam at 0.01,
 its own regularizer and constraint. PyKEEN's evaluator ranks the test triples for both.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

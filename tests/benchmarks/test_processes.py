@@ -1,7 +1,5 @@
 """Time and memory of work in a process of its own: mining houses, growing graphs, and ``isi.insert``, on one thread."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

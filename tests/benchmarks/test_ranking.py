@@ -5,8 +5,6 @@ and ties as frequent as they can be. Ours asks for relations, too, and compares 
 PyKEEN gives the mean reciprocal rank of heads and tails alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -5,8 +5,6 @@ evaluates again as its test. Ours are of the look that was best by validation MR
 those for test. Each family has the rate, decay and options that validation triples liked best of those tried.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

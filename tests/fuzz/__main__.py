@@ -5,8 +5,6 @@ What is neither read nor refused in one line within ten seconds and 2 GiB is kep
 python -m tests.fuzz [--inputs 10000] [--seed 0] [--format NAME] [--out FILE]
 """
 
-from __future__ import annotations
-
 import argparse
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """Changed files by the thousand, format by format, and what became of them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Readers that do what no reader may, so that tests see that it is noticed."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

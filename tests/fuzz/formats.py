@@ -1,7 +1,5 @@
 """Every format that is read: small lawful files of it, and how it is read where they lie."""
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """Files that are lawful but for their size, or as deep as no file should be: of each format that can be."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import struct

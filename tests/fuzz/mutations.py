@@ -1,7 +1,5 @@
 """Small lawful files, changed: their bytes, lines, fields, JSON values, or the columns of a Parquet table."""
 
-from __future__ import annotations
-
 import codecs
 import gzip
 import io

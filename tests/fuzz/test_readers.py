@@ -1,7 +1,5 @@
 """Some hundreds of changed files in a process of their own; files that differ in their form alone; the largest ones."""
 
-from __future__ import annotations
-
 import codecs
 import gzip
 from collections.abc import Callable, Iterator

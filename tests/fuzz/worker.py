@@ -1,7 +1,5 @@
 """A process that reads files within limits: 2 GiB more than it has at its start, and ten seconds of its own time."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import resource

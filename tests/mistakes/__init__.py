@@ -1,7 +1,5 @@
 """Mistakes in files that readers mine: what is wrong, and which places the message must name."""
 
-from __future__ import annotations
-
 import gzip
 import json
 from collections.abc import Callable

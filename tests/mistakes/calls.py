@@ -1,7 +1,5 @@
 """Mistakes in what is typed, and in arguments of the library: how each is made, and what its message must name."""
 
-from __future__ import annotations
-
 import gzip
 import shutil
 from collections.abc import Callable

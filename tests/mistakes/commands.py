@@ -1,7 +1,5 @@
 """Mistakes in what is typed: of embeddings (``isi insert``, ``ask``, ``nearest``, ``explain``)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

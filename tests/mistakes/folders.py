@@ -1,7 +1,5 @@
 """Folders of embeddings that are broken: what every command says that reads one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

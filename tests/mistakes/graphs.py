@@ -1,7 +1,5 @@
 """Mistakes in what is typed: of graphs (``isi graph``, ``export``, ``check``)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """Mistakes in the arguments of ``isi.insert``, ``isi.fit_new`` and of what an insertion gives."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tables, triples, word vectors and the files of Matterport3D and BEHAVIOR-1K that are none."""
 
-from __future__ import annotations
-
 import gzip
 import struct
 

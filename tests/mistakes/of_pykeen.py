@@ -1,7 +1,5 @@
 """Mistakes in the arguments of ``isi.pykeen.insert``."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

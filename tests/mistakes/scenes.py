@@ -1,7 +1,5 @@
 """Scenes, recordings and houses that are none."""
 
-from __future__ import annotations
-
 import gzip
 import json
 

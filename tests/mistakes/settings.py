@@ -1,7 +1,5 @@
 """Mistakes in params (``test_params`` has more), in the recorder's, and of the tools around the pipeline."""
 
-from __future__ import annotations
-
 import gzip
 import json
 from collections.abc import Callable
