@@ -27,8 +27,8 @@ Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 Option = int | float | bool | str
 
 T = TypeVar("T")
-#: What validates values of a type, made once: that takes a millisecond.
-adapter: Callable[[type[T]], TypeAdapter[T]] = cache(TypeAdapter)  # type: ignore[assignment]  # which caches lose
+#: What validates values of a type, made once, since that takes a millisecond; a cache loses the type.
+adapter: Callable[[type[T]], TypeAdapter[T]] = cache(TypeAdapter)  # type: ignore[assignment]
 
 
 def distinct(values: Iterable[Any]) -> bool:
