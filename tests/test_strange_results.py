@@ -89,7 +89,7 @@ def test_a_collapsed_model_is_named() -> None:
     text, _, _ = shown("immediate", of_experiments(plain, tied))
     # in each of the 4 cells of |ξ| = 1 and 2 and two seeds: 10,000 ties over 4 triples
     assert text.startswith("**Collapsed on the home graph:** ")
-    assert "Xavier (rivals tied with an answer: 2,500)" in text
+    assert "Xavier (competitors tied with the answers of a triple: 2,500)" in text
 
 
 def noisy(found: data.Results, size: float) -> data.Results:

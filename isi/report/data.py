@@ -31,7 +31,7 @@ from isi.sources.readers import read_batches
 from isi.tables import paths
 from isi.tables.table import Table
 
-#: Analyses that the report shows of every experiment; of others it shows the first experiment that params list.
+#: Analyses shown for every experiment that params list for them; the others are shown for the first one alone.
 _OF_EACH = ("query_breakdown", "finetune_only")
 
 
@@ -39,12 +39,12 @@ _OF_EACH = ("query_breakdown", "finetune_only")
 class ModelRuns:
     """Runs of initializers and of the joint model under the same conditions, on one experiment or graph."""
 
-    #: of the experiment or graph
+    #: its key in params
     name: str
     title: str
     params: Params
     initializers: list[str]
-    #: of every initializer and the joint model, by ``model``
+    #: rows of every initializer and of the joint model, named in the column ``model``
     runs: pd.DataFrame
     #: ``QUERY_BREAKDOWN``; None where it was not run
     queries: pd.DataFrame | None
@@ -61,11 +61,11 @@ class ModelRuns:
 
     @property
     def max_epochs(self) -> int:
-        """Epochs of fine-tuning, at most."""
+        """Maximum number of epochs of fine-tuning."""
         return self.params.finetuning.max_epochs
 
     def of_size(self, size: int | None) -> Self:
-        """The same, with only the runs that insert this number of entities."""
+        """A copy with only the runs and queries that insert ``size`` entities."""
         queries = None if self.queries is None else self.queries[self.queries["size"] == size]
         return replace(self, runs=self.runs[self.runs["size"] == size], queries=queries)
 
@@ -75,7 +75,7 @@ class ModelRuns:
         return self.runs[self.runs["epoch"] == 0]
 
     def converged(self, runs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-        """``epochs_to_convergence`` of runs session by session, each against the joint models of its session."""
+        """``epochs_to_convergence`` of runs, session by session, against the joint models of the same session."""
         joint, sessions = self.runs[self.runs["model"] == JOINT], []
         for session in sorted(set(runs["session"])) or [1]:
             rows, target = (frame[frame["session"] == session] for frame in (runs, joint))
@@ -94,7 +94,7 @@ class ModelRuns:
         return stats.by_scope(100 * self.immediate.groupby(["scope", "model"])["mrr_star"].mean().dropna(), self.models)
 
     def epochs(self, statistic: str = "mean") -> ByScope:
-        """Epochs to convergence by scope and model: their mean, or another statistic."""
+        """Mean (or another pandas ``statistic``) of the epochs to convergence, by scope and model."""
         return stats.by_scope(self.convergence.groupby(["scope", "model"])["epochs"].agg(statistic), self.finetuned)
 
     @property
@@ -105,9 +105,9 @@ class ModelRuns:
 
     @cached_property
     def directed(self) -> pd.DataFrame:
-        """Entity prediction about novel entities by direction (``scope``), model, size and seed; usual filter."""
+        """Entity MRR* in [0, 1] about novel entities by direction (``scope``), model, size, seed; usual filter."""
         rows = self.queries
-        assert rows is not None  # noqa: S101  # of those with a query breakdown alone
+        assert rows is not None  # noqa: S101  # used only with a query breakdown
         rows = rows[(rows["scope"] == "novel") & (rows["filter"] == "learned") & (rows["hidden"] != "relation")]
         rows = rows[rows["novel"].isin(list(DIRECTIONS))].drop(columns="scope").rename(columns={"novel": "scope"})
         measures = stats.combined(rows, ["scope", "model", "size", "seed"])
@@ -115,31 +115,31 @@ class ModelRuns:
 
     @cached_property
     def directions(self) -> dict[str, dict[str, Estimate]]:
-        """Entity prediction about novel entities by direction and model: means over sizes and seeds in points."""
+        """Entity MRR* about novel entities by direction and model: means over sizes and seeds, in points."""
         rows = self.directed
         return {name: stats.by_model(rows[rows["scope"] == name], "mrr_star_entity", self.models)
                 for name in DIRECTIONS}  # fmt: skip
 
     @property
     def given_means(self) -> dict[str, Estimate]:
-        """Entity prediction with the novel entity given, by model."""
+        """Entity MRR* (points) over queries that give the novel entity, by model."""
         return self.directions["given"]
 
     def immediate_means(self, scope: str) -> dict[str, Estimate]:
-        """MRR* right after insertion by model."""
+        """Mean MRR* (points) right after insertion in one scope, by model."""
         return stats.by_model(self.immediate[self.immediate["scope"] == scope], "mrr_star", self.models)
 
     def epochs_means(self) -> dict[str, Estimate]:
-        """Epochs to convergence on held-out triples of the novel entities, by initializer."""
+        """Mean epochs to convergence on held-out triples of the novel entities, by initializer."""
         heldout = self.convergence[self.convergence["scope"] == "novel_heldout"]
         return stats.by_model(heldout, "epochs", self.initializers, scale=1)
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment(ModelRuns):
-    """The tables of one experiment, with entities by id where the tables have ids."""
+    """The tables of one experiment, as text (``read_text``); columns that hold ids in the files hold ids here."""
 
-    #: behind names of tables and figures; none for the first experiment
+    #: end of the names of its tables and figures; empty for the first experiment
     suffix: str
     entities: pd.DataFrame
     triples: pd.DataFrame
@@ -151,12 +151,12 @@ class Experiment(ModelRuns):
     joint_log: pd.DataFrame
     inserted: pd.DataFrame
     ties: pd.DataFrame
-    #: results of the analyses that were run, by their section of params; of the query breakdown the used coordinates
+    #: results of the analyses that were run, by section of params; for ``query_breakdown``: ``USED_COORDINATES``
     analyses: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def settings(self) -> ExperimentOf:
-        """Its entry in params."""
+        """The entry of the experiment in params."""
         return self.params.experiments[self.name]
 
     @property
@@ -165,22 +165,22 @@ class Experiment(ModelRuns):
 
     @property
     def curve_size(self) -> int | None:
-        """The first size that was run and has full learning curves."""
+        """The first size of ``full_curves`` that was run; None if none was."""
         settings = self.settings
         return next((size for size in settings.full_curves.sizes if size in settings.sessions.sizes), None)
 
     @property
     def curves(self) -> pd.DataFrame:
-        """Runs of that size by the initializers with full curves, and of the joint model."""
+        """Runs at ``curve_size`` of the initializers with full curves, and of the joint model."""
         names = [name for name in self.finetuned if is_listed(self.settings.full_curves.initializers, name)]
         return self.runs[(self.runs["size"] == self.curve_size) & self.runs["model"].isin([*names, JOINT])]
 
     @property
     def collapsed(self) -> dict[str, float]:
-        """Models that score nearly all candidates alike, each with the mean number of competitors tied with an answer.
+        """Models that score nearly all candidates alike, each with its mean number of tied competitors.
 
-        They are those for which, over a triple's head and tail query, at least half as many rivals tie as there are
-        entities.
+        A triple of scope ``all`` counts the competitors tied with the answer of its head, its tail and its relation
+        query; the mean is over triples. A model is listed if its mean is at least |E| / 2.
         """
         tied, runs = (rows[rows["scope"] == "all"].groupby("model") for rows in (self.ties, self.immediate))
         rivals = tied["ties"].sum() / runs["queries"].sum().replace(0, np.nan)
@@ -192,9 +192,9 @@ class VariantRuns(ModelRuns):
     """The runs of a variant on one experiment, or on a graph of the second pipeline."""
 
     variant: Variant
-    #: of its tables and figures
+    #: end of the names of its tables and figures
     id: str
-    #: of a graph of the second pipeline (``ENTITIES``, ``TRIPLES``)
+    #: ``ENTITIES`` and ``TRIPLES`` of a graph of the second pipeline; empty for a variant
     entities: pd.DataFrame = field(default_factory=pd.DataFrame)
     triples: pd.DataFrame = field(default_factory=pd.DataFrame)
 
@@ -207,7 +207,7 @@ class VariantRuns(ModelRuns):
         cls, key: str, variant: Variant, name: str, title: str, params: Params, runs: pd.DataFrame,
         queries: pd.DataFrame, *graph: pd.DataFrame,
     ) -> Self:  # fmt: skip
-        """The rows of one experiment or graph (``name``) in a variant's tables; ``key`` is the variant's in params."""
+        """The rows of the experiment or graph ``name`` in a variant's tables; ``key``: the variant's key in params."""
         runs, queries = (rows[rows["experiment"] == name] for rows in (runs, queries))
         initializers = [model for model in variant.initializers if model in set(runs["model"])]
         return cls(name, title, params, initializers, runs, queries, variant, f"{key}_{name}", *graph)
@@ -215,7 +215,7 @@ class VariantRuns(ModelRuns):
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """The experiments that were run and the analyses of them; variants and other graphs of the second pipeline."""
+    """Experiments with their analyses, and the variants and graphs of the second pipeline that were run."""
 
     params: Params
     #: params, versions and hashes, by title
@@ -224,7 +224,7 @@ class Results:
     vocabulary: Mapping[str, Any]
     definitions: pd.DataFrame
     experiments: Mapping[str, Experiment]
-    #: by source: its observations, and what mining it left (``MINED``)
+    #: observations of each source, and its counts after each step of mining (``MINED``)
     observed: Mapping[str, MinedSource]
     mined: Mapping[str, pd.DataFrame]
     variants: Sequence[VariantRuns] = ()
@@ -232,12 +232,12 @@ class Results:
 
     @property
     def standalone(self) -> list[Experiment]:
-        """Experiments all of whose entities are from one source."""
+        """Experiments whose entities all come from one source."""
         return [experiment for experiment in self.experiments.values() if experiment.settings.graph.extend is None]
 
     @property
     def extended(self) -> list[Experiment]:
-        """Experiments that insert entities of another source."""
+        """Experiments that insert entities of a second source (``graph.extend``)."""
         return [experiment for experiment in self.experiments.values() if experiment.settings.graph.extend is not None]
 
     def source_title(self, source: str) -> str:
@@ -279,7 +279,7 @@ def read(params: Params, run: Mapping[str, Mapping[str, Any]]) -> Results:
 
 
 def read_variants(titles: Mapping[str, str], params: Params) -> list[VariantRuns]:
-    """Every variant of the second pipeline, on each experiment on which it has run; ``titles`` are by experiment."""
+    """Runs of every variant on every experiment where it was run; ``titles``: display titles by experiment."""
     variants = []
     for name, variant in load_beyond(params).variants.items():
         if VARIANT_QUERIES.path(variant=name).exists():
@@ -323,13 +323,13 @@ def _experiment(params: Params, name: str) -> Experiment:
 def _table(
     experiment: str, table: Table, names: Iterable[str] = (), slot: str = "model", column: str = "model"
 ) -> pd.DataFrame:
-    """A table of an experiment; of several models, one after the other, by the slot of the path that names them."""
+    """One file of a table, or those of ``names`` (in ``slot`` of the path) concatenated; ``column`` has the name."""
     parts = [table.read_text(experiment=experiment, **{slot: name}).assign(**{column: name}) for name in names]
     return pd.concat(parts) if parts else table.read_text(experiment=experiment)
 
 
 def read_definitions(path: Path) -> pd.DataFrame:
-    """What phrases mean: columns phrase and definition."""
+    """Definitions of phrases; columns ``phrase`` and ``definition``."""
     columns = ["phrase", "definition"]
     parts = read_batches(path, columns, others=True)
     return pd.concat([pd.DataFrame(columns=columns, dtype=str), *parts], ignore_index=True)

@@ -1,4 +1,4 @@
-"""How figures are drawn, in files and in the page: style, panels, lines with intervals, legends, and words for them."""
+"""Figures for files and the page: style, panels, lines with intervals, legends, colours and alternative texts."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,18 +20,18 @@ from isi.report.stats import over_seeds
 from isi.report.tables import Estimate
 from isi.report.words import HALVES, JOINT, SCOPES, WORDS, capitalized, colour, controls, label, line_style
 
-#: Of every figure of the project; drawing and rendering happen within ``matplotlib.rc_context`` of it.
+#: Matplotlib settings of every figure. Draw and render within ``matplotlib.rc_context(STYLE)``.
 STYLE: Any = {
     "font.size": 9, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
     "axes.grid": True, "grid.alpha": 0.3,
     "legend.frameon": False, "svg.hashsalt": "isi", "svg.fonttype": "none", "figure.dpi": 160,
 }  # fmt: skip
-_LEGEND_ROW = 5  # entries that fit beside each other
+_LEGEND_ROW = 5  # maximum number of legend entries in a row
 #: Ink and paper in the dark scheme (``style.css``).
 _INK, _PAPER = (230, 232, 235), (21, 24, 28)
-#: Contrast (WCAG 2.2) in which a colour stands out from dark paper; parts of a grey differ by less than ``_GREY``.
+#: Minimum contrast (WCAG 2.2) of a colour on dark paper; the RGB parts of a grey differ by less than ``_GREY``.
 _CONTRAST, _GREY = 4.5, 24
-#: In the dark scheme, this power brings greys nearer to ink, so that they stand out as they do from white.
+#: Exponent of a grey's brightness in the dark scheme; above 1 it moves greys towards ink, for contrast as on white.
 _FAINT = 1.6
 _COLOUR = re.compile(r"#([0-9a-f]{6})\b")
 Names = Sequence[str]
@@ -39,14 +39,14 @@ Names = Sequence[str]
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """A drawn figure under the name of its files; what it shows is said in words from what was drawn (``in_words``)."""
+    """A drawn figure and the name of its files; ``in_words`` gives its alternative text."""
 
     name: str
     canvas: Canvas
 
 
 def rendered(canvas: Canvas, form: str) -> bytes:
-    """A canvas as ``svg`` or ``png``; equal figures are equal bytes."""
+    """A canvas as ``svg`` or ``png``; equal figures give equal bytes."""
     buffer = BytesIO()
     with mpl.rc_context(STYLE):
         canvas.savefig(buffer, format=form, metadata={"Date": None} if form == "svg" else None)
@@ -54,7 +54,7 @@ def rendered(canvas: Canvas, form: str) -> bytes:
 
 
 def panels(number: int, columns: int = 2, height: float = 3.6, width: float = 8) -> tuple[Canvas, list[Axes]]:
-    """A canvas of panels, ``columns`` in each row, the rest of the last row blank; height and width are in inches."""
+    """A canvas of ``height`` times ``width`` inches, and its panels, ``columns`` in a row; unused places are blank."""
     canvas = Canvas(figsize=(width, height), layout="constrained")
     axes = list(canvas.subplots(-(-number // columns), columns, squeeze=False).flat)
     for blank in axes[number:]:
@@ -63,7 +63,7 @@ def panels(number: int, columns: int = 2, height: float = 3.6, width: float = 8)
 
 
 def in_words(canvas: Canvas) -> str:
-    """What was drawn, panel by panel: where each line begins and ends, in its own numbers."""
+    """Alternative text of a figure, panel by panel: titles, and the first and last y-value of each line."""
     texts = []
     for axes in canvas.axes:
         lines = []
@@ -85,12 +85,12 @@ def in_words(canvas: Canvas) -> str:
 
 
 def by_size(runs: pd.DataFrame, models: Names, scopes: Names, measures: Names, entities: int) -> Canvas:
-    """MRR* right after insertion against the number of novel entities: a row of panels a measure, a panel a scope."""
+    """MRR* right after insertion against |ξ|: a row of panels for each measure, a column for each scope."""
     canvas, axes = panels(len(measures) * len(scopes), len(scopes), height=0.6 + 3 * len(measures))
     for panel, (measure, scope) in zip(axes, product(measures, scopes), strict=True):
         for place, model in enumerate(models):
             rows = runs[(runs["scope"] == scope) & (runs["model"] == model)]
-            if len(rows):  # the lines lie a little aside of each other; controls are thinner
+            if len(rows):  # lines are shifted apart in x; controls are thinner
                 sizes, mean, low, high = line_over_seeds(rows, "size", measure)
                 aside, control = (place - len(models) / 2) * min(0.06, 0.8 / len(models)), bool(controls([model]))
                 panel.errorbar(sizes + aside, mean, np.stack([mean - low, high - mean]), **line_style(model, models),
@@ -107,7 +107,7 @@ def by_size(runs: pd.DataFrame, models: Names, scopes: Names, measures: Names, e
 
 
 def by_epoch(runs: pd.DataFrame, models: Names, scopes: Names, margin: float | None = None, ylabel: str = "") -> Canvas:
-    """MRR* by epoch, a panel for each scope, with the joint model's level and, given a margin, that of convergence."""
+    """MRR* by epoch, a panel for each scope; lines at the joint model's mean and, with ``margin``, that minus it."""
     canvas, axes = panels(len(scopes))
     for panel, scope in zip(axes, scopes, strict=True):
         shown = runs[runs["scope"] == scope]
@@ -127,7 +127,7 @@ def by_epoch(runs: pd.DataFrame, models: Names, scopes: Names, margin: float | N
 def with_band(
     panel: Axes, rows: pd.DataFrame, by: str, column: str, scale: int, band: float, **style: Any
 ) -> np.ndarray:
-    """Draw means over seeds as a line, with their intervals as a band of this opacity; nothing without rows."""
+    """Draw means over seeds as a line, intervals as a band of opacity ``band``; returns ``line_over_seeds``."""
     values, mean, low, high = line = line_over_seeds(rows, by, column, scale)
     if len(rows):
         panel.plot(values, mean, **style)
@@ -137,7 +137,7 @@ def with_band(
 
 
 def by_row(rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]], models: Names, xlabel: str = "") -> Canvas:
-    """A line for each model through the rows of each panel, in points; estimates by panel title, row and model."""
+    """A panel for each title, rows along x, a line of means (points) for each model; input by title, row, model."""
     canvas, axes = panels(len(rows_of), columns=1 if "" in rows_of else 2)
     for panel, (title, rows) in zip(axes, rows_of.items(), strict=True):
         for model in models:
@@ -150,13 +150,13 @@ def by_row(rows_of: Mapping[str, Mapping[str, Mapping[str, Estimate]]], models: 
 
 
 def line_over_seeds(rows: pd.DataFrame, by: str, column: str, scale: float = 100.0) -> np.ndarray:
-    """The values of the column ``by``, with the mean and its bounds over seeds at each; shape: (4, values)."""
+    """Values of column ``by``, and for each the mean over seeds and the bounds of its interval; shape (4, values)."""
     line = over_seeds(rows, [by], {column: "mean"}, scale)["mean"]
     return np.array([(value, *estimate.parts) for value, estimate in line.items()], dtype=float).reshape(-1, 4).T
 
 
 def legend(canvas: Canvas, axes: Sequence[Axes]) -> None:
-    """Add a legend of all panels below them, to be read row by row (matplotlib fills columns)."""
+    """Add one legend for all panels, below them; entries are in order along rows (matplotlib fills columns)."""
     entries: dict[str, Any] = {}
     for panel in axes:
         for handle, name in zip(*panel.get_legend_handles_labels(), strict=True):
@@ -168,19 +168,19 @@ def legend(canvas: Canvas, axes: Sequence[Axes]) -> None:
 
 
 def rounded(svg: str) -> str:
-    """A figure with coordinates to a hundredth of a point: it does not change with the last bit of a number."""
+    """An SVG with coordinates rounded to 0.01 and numbered ids, so that the last bits of numbers do not change it."""
 
     def shorter(attribute: re.Match[str]) -> str:
         return re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):.2f}", attribute[0])
 
-    hashed = dict.fromkeys(re.findall(r' id="((?:C\w+_|[mp])[\da-f]{10})"', svg))  # of coordinates in full
+    hashed = dict.fromkeys(re.findall(r' id="((?:C\w+_|[mp])[\da-f]{10})"', svg))  # hashes of unrounded coordinates
     names = {name: f"i{number}" for number, name in enumerate(hashed)}
     svg = re.sub(r'(?<=[#"])(?:C\w+_|[mp])[\da-f]{10}(?=[)"])', lambda name: names.get(name[0], name[0]), svg)
     return re.sub(r' (?:d|x|y|width|height|transform)="[^"]*"', shorter, svg)
 
 
 def inline(svg: str, name: str) -> Markup:
-    """A figure by matplotlib as an element of the page; ``name`` stands before its ids, which a page has once."""
+    """A matplotlib SVG as an element of the page; the prefix ``name`` makes its ids unique within the page."""
     text = re.sub(r"<metadata>.*?</metadata>|<style .*?</style>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
     text = re.sub(r"font-family: [^;\"]*;? ?", "", text)
     text = re.sub(r' id="', f' id="{name}-', text)
@@ -192,7 +192,7 @@ def inline(svg: str, name: str) -> Markup:
 
 
 def colours(figures: Iterable[str]) -> dict[str, str]:
-    """The colours of figures in the page, each with its counterpart in the dark scheme."""
+    """Hex colours of inline figures, each with its counterpart in the dark scheme."""
     names = {name for figure in figures for name in re.findall(r"var\(--c([0-9a-f]{6})\)", figure)}
     return {name: dark(name) for name in sorted(names)}
 

@@ -17,20 +17,20 @@ class Term:
 
     name: str
     means: str
-    #: other forms in which it stands in text
+    #: other spellings that are marked as this term
     forms: tuple[str, ...] = ()
     in_text: bool = True
 
     @property
     def id(self) -> str:
-        """The id of its meaning on the page."""
+        """The HTML id of the term's meaning."""
         spelled = {"*": " star", "⁰": "0", "¹": "1", "ξ": "xi", "θ": "theta"}
         plain = "".join(spelled.get(sign, sign) for sign in self.name.lower())
         return "term-" + re.sub(r"[^a-z0-9]+", "-", plain).strip("-")
 
 
 def of_the_page() -> list[Term]:
-    """Words of the page, whatever was run: of ``glossary.txt``, where a term stands above its meaning."""
+    """The terms of ``glossary.txt``: each entry is a line ``NAME | FORM | ...``, then lines of its meaning."""
     text = resources.files("isi.report").joinpath("templates/glossary.txt").read_text("utf-8")
     entries = [entry.split("\n") for entry in text.strip().split("\n\n")]
     names = [heading.split(" | ") for heading, *_ in entries]
@@ -39,7 +39,7 @@ def of_the_page() -> list[Term]:
 
 
 def of_models(results: Results) -> list[Term]:
-    """Every initializer that was run, as it describes itself, and the joint model."""
+    """A term for each initializer that was run, with its registered description, and one for the joint model."""
     every_run = [*results.experiments.values(), *results.variants]
     titles = {name: label(name) for runs in every_run for name in runs.initializers}
     meanings = {name: described(name).removeprefix(title).lstrip(",: ") for name, title in titles.items()}
@@ -49,7 +49,7 @@ def of_models(results: Results) -> list[Term]:
 
 
 class Marker:
-    """Marks words where they first stand in a section of the page, as links to their meanings."""
+    """Replaces the first occurrence of each term in a section of the page by a link to its meaning."""
 
     def __init__(self, words: Collection[Term]) -> None:
         self._seen: set[str] = set()
@@ -59,12 +59,12 @@ class Marker:
         self._pattern = re.compile(rf"(?<![\w*(>/])(?:{either})(?![\w*])") if spelled else None
 
     def anew(self) -> str:
-        """Begin another section; nothing to be shown."""
+        """Begin a new section; returns "", since templates print what they call."""
         self._seen.clear()
         return ""
 
     def text(self, text: str) -> str:
-        """Markup with its words marked; text within a link or code stays as it is."""
+        """HTML with its terms marked, except within links and code."""
         if self._pattern is None:
             return text
         parts = re.split(r"(<(?:a|code)\b.*?</(?:a|code)>|<[^>]*>)", text)
@@ -72,7 +72,7 @@ class Marker:
                        for place, part in enumerate(parts))  # fmt: skip
 
     def cell_text(self, text: str) -> Markup:
-        """The text of a cell, which is a word as a whole or none: a link where the word is new to the section."""
+        """A text as HTML: a link if the whole text is a term that is new to the section."""
         term = self._of.get(text)
         if term is None or term.id in self._seen:
             return escape(text)

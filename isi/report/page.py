@@ -1,4 +1,4 @@
-"""The page, one self-contained HTML file; every table and figure, headline numbers and curves as files beside it."""
+"""The report as files: one self-contained HTML page, all tables and figures, headline numbers and curves."""
 
 import json
 import re
@@ -22,8 +22,8 @@ from isi.report.tables import Column, ReportTable, csv, number
 from isi.report.words import BASELINE, JOINT, WORDS
 from isi.tables.io import atomically
 
-#: Parts of the page with their sections, each a function of a module in ``isi/report/sections``: from the questions
-#: that are asked first to what is looked up.
+#: Parts of the page with their sections, in order; a section is ``MODULE.FUNCTION`` of ``isi/report/sections``. Main
+#: results come first, details to look up last.
 CONTENTS = {
     "How to read this page": ("run.guide",),
     "Right after insertion": (
@@ -40,14 +40,14 @@ CONTENTS = {
     "Significance, data and the run": ("immediate.differences", "run.graph", "run.definitions", "run.run"),
 }  # fmt: skip
 SECTIONS = tuple(ReportSection.of(place, group) for group, places in CONTENTS.items() for place in places)
-#: Above all sections: the answer, in numbers and one figure.
+#: The summary above all sections: the answer, in numbers and one figure.
 VERDICT = ReportSection.of("immediate.verdict")
-#: A null number in a sentence.
+#: A formatted number that is NaN or infinite, with its interval, in a sentence.
 _ABSENT = re.compile(r"(?<![\w.-])[+\-−±]?(?:nan|inf)\b(?: \[[+-]?nan, [+-]?nan\])?")
 
 
 def write(folder: Path, results: Results, sections: Sequence[ReportSection]) -> None:
-    """Write the page and everything beside it, each file whole or not at all; files of an earlier report go."""
+    """Write all files into ``folder``, each atomically; delete tables, figures and curves of earlier reports."""
     with mpl.rc_context(STYLE):
         verdict = VERDICT.filled(results)
         parts = [part for section in sections if (part := section.filled(results))]
@@ -72,7 +72,7 @@ def write(folder: Path, results: Results, sections: Sequence[ReportSection]) -> 
 def html(
     parts: list[FilledSection], verdict: FilledSection | None, drawings: dict[str, Markup], results: Results
 ) -> str:
-    """The page itself; ``drawings``: its figures by name."""
+    """The HTML of the page; ``drawings``: its figures as SVG elements, by name."""
     environment = Environment(
         loader=PackageLoader("isi.report"), autoescape=select_autoescape(), undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
@@ -91,7 +91,7 @@ def html(
 
 
 def marked_up(text: str, ids: Collection[str]) -> Markup:
-    """Text with ```code```, ``**weight**`` and ``[links](#section)`` as elements; links lead to what is there."""
+    """Text with ```code```, ``**weight**`` and ``[links](#section)`` as HTML; a link to an absent section is text."""
 
     def link(place: re.Match[str]) -> str:
         there = not place[2].startswith("#") or place[2][1:] in ids
@@ -104,18 +104,18 @@ def marked_up(text: str, ids: Collection[str]) -> Markup:
 
 
 def header(column: Column) -> str:
-    """What people read above a column, below that of its group."""
+    """The header of a column on the page, without that of its group."""
     return column.title or WORDS.get(column.name, column.name)
 
 
 def column_groups(table: ReportTable) -> list[tuple[str, int]]:
-    """The groups of neighbouring columns, each with its number of columns; none where no column is in a group."""
+    """Title and number of columns of each group of neighbouring columns; empty if no column has a group."""
     groups = [(WORDS.get(name, name), len(list(columns))) for name, columns in groupby(c.group for c in table.columns)]
     return groups if any(name for name, _ in groups) else []
 
 
 def metrics(results: Results) -> dict[str, Any]:
-    """Headline numbers for ``dvc metrics``: of the first experiment, and of each other under its name."""
+    """Headline numbers for ``dvc metrics``: the first experiment's, and each other one's under its name."""
     first, *others = results.experiments.values()
     return _rounded(_headlines(first) | {experiment.name: _headlines(experiment) for experiment in others})
 
@@ -143,13 +143,13 @@ def _headlines(experiment: Experiment) -> dict[str, Any]:
 
 
 def _rounded(values: dict[str, Any]) -> dict[str, Any]:
-    """Values as files keep them, without those that are null."""
+    """Values rounded as in all files (``number``), without nulls."""
     present = {name: value for name, value in values.items() if isinstance(value, dict) or not pd.isna(value)}
     return {name: _rounded(value) if isinstance(value, dict) else number(value) for name, value in present.items()}
 
 
 def plots(results: Results) -> dict[str, pd.DataFrame]:
-    """Curves for ``dvc plots``: means over seeds in points, one column a model."""
+    """Curves for ``dvc plots``, by file name: means over seeds in points, a column for each model."""
     frames = {}
     for experiment in results.experiments.values():
         initializers, name = experiment.initializers, f"{experiment.name}_{{}}"

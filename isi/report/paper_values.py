@@ -1,4 +1,4 @@
-"""The paper's numbers and words, from the files of ``data/raw/paper``: any part may be missing."""
+"""The paper's numbers and words, from files of ``data/raw/paper``, in which any part may be missing."""
 
 from math import nan
 from pathlib import Path
@@ -24,7 +24,7 @@ def _initializer(name: str) -> str:
 
 
 def _part(*numbers: str, **parts: Any) -> Any:
-    """A part with numbers, those that a file leaves out null, and with parts of its own, those left out empty."""
+    """A type with fields ``numbers`` (default NaN) and ``parts`` (default empty); null means absent."""
     fields: dict[str, Any] = dict.fromkeys(numbers, (Number, nan))
     for name, kind in parts.items():
         empty = kind.__origin__
@@ -33,7 +33,7 @@ def _part(*numbers: str, **parts: Any) -> Any:
 
 
 def _mapping(key: Any, value: Any) -> Any:
-    """Keys to values, without those that are null."""
+    """The type of a mapping whose null values are dropped."""
     return Annotated[dict[key, value], BeforeValidator(_without_null)]
 
 
@@ -66,6 +66,6 @@ VOCABULARY = _part(
 
 
 def read(path: Path, shape: Any = VALUES) -> dict[str, Any]:
-    """The paper's numbers, or its words (``VOCABULARY``); ``InputError`` where the file has not that shape."""
+    """The paper's numbers, or its words (``VOCABULARY``); ``InputError`` for a file of another shape."""
     values: dict[str, Any] = config.check(config.read(path), shape, "", path).model_dump()
     return values

@@ -2,8 +2,8 @@
 
 A template is text in blocks with empty lines between them. A block is a paragraph, or starts with one of these::
 
-    # TITLE [| open]                    the section's title; an open section is shown at first
-    ## TITLE [| folded]                 opens a part of the section; a folded part is shown on a click
+    # TITLE [| open]                    the section's title; an open section is expanded at first
+    ## TITLE [| folded]                 starts a part of the section; a click expands a folded part
     - TEXT                              items of a list
     @table NAME | TITLE [| folded]      a table with the text below as its caption; likewise @figure
     @listing NAME | TITLE [| folded]    names and values; NAME is one of the section's numbers
@@ -40,7 +40,7 @@ class Content:
     tables: Mapping[str, Any] = field(default_factory=dict)
     figures: Mapping[str, Canvas] = field(default_factory=dict)
     heading: str = ""
-    #: behind names of tables and figures, and the title of the experiment behind theirs
+    #: end of the names of tables and figures; title of the experiment, which theirs get in brackets
     suffix: str = ""
     title: str = ""
 
@@ -59,7 +59,7 @@ class Block:
 
 @dataclass(frozen=True)
 class FilledSection:
-    """A section with something to show."""
+    """A section as the page shows it; ``opened``: expanded at first; ``group``: its part of the page."""
 
     id: str
     title: str
@@ -70,7 +70,7 @@ class FilledSection:
 
 @dataclass(frozen=True)
 class ReportSection:
-    """A function of ``isi/report/sections`` with the template of its name or a text, in a group of the page."""
+    """A section: its function, and its template, which is ``text`` or else the file ``NAME.md.j2``."""
 
     name: str
     contents: Callable[[Results], Iterable[Content]]
@@ -79,13 +79,13 @@ class ReportSection:
 
     @classmethod
     def of(cls, place: str, group: str = "") -> Self:
-        """A section by its module and function; where the module has a ``TEXT``, that is its template."""
+        """The section ``MODULE.FUNCTION``; its template is the ``TEXT`` of the module, if there is one."""
         module_name, _, name = place.rpartition(".")
         module = import_module(f"isi.report.sections.{module_name}")
         return cls(name, getattr(module, name), getattr(module, "TEXT", None), group)
 
     def filled(self, results: Results) -> FilledSection | None:
-        """The section as the page shows it; None where it has nothing to show."""
+        """The section with its blocks; None if it has none."""
         template = _ENVIRONMENT.from_string(self.text) if self.text else _ENVIRONMENT.get_template(f"{self.name}.md.j2")
         title, flag, blocks = "", "", list[Block]()
         for number, content in enumerate(self.contents(results)):
@@ -101,7 +101,7 @@ class ReportSection:
 
 
 def of_each(experiments: Iterable[Experiment], content_of: Callable[[Experiment], Content | None]) -> Iterator[Content]:
-    """The same of every experiment under its own names, with headings where there are several."""
+    """The content of each experiment, with its suffix and title; with headings if several have content."""
     contents = [(experiment, content) for experiment in experiments if (content := content_of(experiment)) is not None]
     for place, (experiment, content) in enumerate(contents):
         heading = f"## {words.capitalized(experiment.title)}{' | folded' if place else ''}"
@@ -111,12 +111,12 @@ def of_each(experiments: Iterable[Experiment], content_of: Callable[[Experiment]
 
 
 def of_each_graph(contents: Callable[[Results, Experiment], Content | None]) -> Callable[[Results], Iterator[Content]]:
-    """Make a section of what it shows of one graph: the same of every graph of its own."""
+    """Decorate a section's function of one experiment, to apply it to every experiment with one source."""
     return lambda results: of_each(results.standalone, lambda experiment: contents(results, experiment))
 
 
 def parsed(text: str, content: Content) -> Iterator[Block]:
-    """The blocks of a template that was filled."""
+    """The blocks of a rendered template, with the tables, figures and numbers of ``content`` that they name."""
     for part in filter(None, map(str.strip, re.split(r"\n\s*\n", text))):
         first, *others = part.split("\n")
         mark, _, rest = first.partition(" ")
@@ -142,7 +142,7 @@ def parsed(text: str, content: Content) -> Iterator[Block]:
 
 _ENVIRONMENT = Environment(
     loader=PackageLoader("isi.report", "templates/sections"), undefined=StrictUndefined, trim_blocks=True,
-    lstrip_blocks=True, autoescape=False,  # noqa: S701  # makes text, which the page escapes
+    lstrip_blocks=True, autoescape=False,  # noqa: S701  # renders text; the page escapes it
 )  # fmt: skip
 _FILTERS = (words.joined, words.with_values, words.listed_epochs, words.label, words.described, words.capitalized,
             words.isi, words.contenders, words.controls)  # fmt: skip

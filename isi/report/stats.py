@@ -13,24 +13,24 @@ from isi.random import stream
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, HALVES, SCOPE, isi, label
 
-#: What tells the runs of one initializer apart.
+#: Columns that identify a run of an initializer.
 CELL = ["session", "size", "seed"]
-#: Where a query of scope novel has the novel entity (column ``novel`` of ``QUERY_BREAKDOWN``).
+#: Role of the novel entity in a query of scope ``novel``: values of column ``novel`` of ``QUERY_BREAKDOWN``.
 DIRECTIONS = {"given": "novel entity given", "answer": "novel entity is the answer"}
 RESAMPLES = 9_999
 #: A difference is significant where its corrected p is below this.
 LEVEL = 0.05
-#: A difference, as people read it.
+#: Format of a difference.
 signed = "{:+.2f}".format
-#: Up to as many seeds that differ, every way to flip their signs is counted; beyond, as many ways are drawn.
+#: The sign-flip test is exact up to ``_COUNTED`` seeds that differ; beyond, it samples ``_DRAWN`` choices of signs.
 _COUNTED, _DRAWN = 40, 99_999
-#: Scope by scope, each model's value.
+#: Values by scope, then by model.
 ByScope = dict[str, dict[str, float]]
 
 
 @dataclass(frozen=True)
 class Difference(Estimate):
-    """How far two initializers are apart over seeds, and the p of the sign-flip test over those that differ."""
+    """The mean difference of two initializers over ``seeds``; ``p`` of the sign-flip test on the ``differing`` ones."""
 
     p: float = np.nan
     seeds: int = 0
@@ -39,7 +39,7 @@ class Difference(Estimate):
 
 @dataclass(frozen=True)
 class Pair:
-    """The difference of two initializers, first minus second, by one measure; ``holm``: its p, corrected within it."""
+    """The difference ``first`` minus ``second`` in one measure; ``holm``: p corrected over the measure's pairs."""
 
     measure: str
     first: str
@@ -59,7 +59,7 @@ def by_scope(values: pd.Series, models: Sequence[str]) -> ByScope:
 
 
 def means(rows: pd.DataFrame, column: str, by: str = "model", scale: float = 100) -> dict[str, float]:
-    """Mean of a column by group, without an interval."""
+    """Mean of a column times ``scale`` for each group, without an interval."""
     return {str(name): scale * float(value) for name, value in rows.groupby(by)[column].mean().items()}
 
 
@@ -76,16 +76,16 @@ def improvements(immediate: pd.DataFrame, scope: str) -> dict[str, Estimate]:
 
 
 def relative(pairs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], sign: int = 1) -> dict[str, Estimate]:
-    """Means over seeds (rows) above those of a reference, in per cent, averaged over grid points (columns).
+    """Per cent by which means over seeds (rows) exceed those of a reference, averaged over grid points (columns).
 
-    ``sign`` is -1 for how much they are below; null values are left out.
+    ``pairs``: values and reference, by name. With ``sign`` -1: per cent below the reference. Nulls are left out.
     """
     estimates = {}
     for name, (cells, base) in pairs.items():
         if base.empty:
             continue
         values = [frame.to_numpy(float).T for frame in (cells.reindex(columns=base.columns), base)]
-        with np.errstate(invalid="ignore"):  # a cell without any value makes null
+        with np.errstate(invalid="ignore"):  # a grid point without values gives NaN
             means = [(np.nansum(cell.T, axis=0) / (~np.isnan(cell)).sum(1))[:, None] for cell in values]
             resampled = [_resampled(np.nan_to_num(cell)) / _resampled(~np.isnan(cell) * 1.0) for cell in values]
             (mean,), shares = (100 * (sign * (over / under - 1)).T.mean(-1) for over, under in (means, resampled))
@@ -94,7 +94,7 @@ def relative(pairs: Mapping[str, tuple[pd.DataFrame, pd.DataFrame]], sign: int =
 
 
 def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
-    """Epochs to convergence by group: mean, deviation, median and the share that never converges."""
+    """Epochs to convergence by group: mean, standard deviation, median, and per cent of runs without convergence."""
     means = over_seeds(convergence, by, {"epochs": "mean"}, scale=1)
     never = over_seeds(convergence.assign(lost=~convergence["converged"]), by, {"lost": "unconverged %"})
     groups = convergence.groupby(list(by))["epochs"]
@@ -103,23 +103,23 @@ def epochs_summary(convergence: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame
 
 
 def by_label(models: Sequence[str], columns: Mapping[Any, Any], header: str = "model") -> dict[Any, list[Any]]:
-    """A table with a row for each model: its label, and its value in each column."""
+    """Columns of a table with a row for each model: its label, then its values in ``columns`` (None if it has none)."""
     cells = {column: [of_model.get(model) for model in models] for column, of_model in columns.items()}
     return {header: list(map(label, models)), **cells}
 
 
 def by_group(frame: pd.DataFrame, groups: Iterable[Any], title: str = "{}") -> dict[Any, Any]:
-    """A frame's columns once for each group (first level of its index) under the group's title; values by the rest."""
+    """Every column of ``frame`` for each group (first index level), titled by group; values by the other levels."""
     return {Column(str(name), title.format(group)): frame[name].get(group, {}) for group in groups for name in frame}
 
 
 def halves(runs: pd.DataFrame, *scopes: str) -> dict[Any, Any]:
-    """Columns of mean MRR* in points with its entity and its relation half, scope by scope; values by model."""
+    """For each scope the columns mean MRR*, entity MRR* and relation MRR*, in points; values by model."""
     return by_group(over_seeds(runs, ["scope", "model"], HALVES), scopes)
 
 
 def ordered_rows(means: pd.DataFrame, models: Sequence[str], header: Any = "model", **orders: Any) -> pd.DataFrame:
-    """The groups as rows of a table, sorted by level; a level in ``orders`` has only those values, in their order."""
+    """Means by group as rows of a table, sorted by index level; ``orders``: values of a level to show, in order."""
     levels, frame = list(map(str, means.index.names)), means.reset_index()
     for name, order in {"model": models, **orders}.items():
         frame[name] = pd.Categorical(frame[name], list(order))
@@ -129,13 +129,13 @@ def ordered_rows(means: pd.DataFrame, models: Sequence[str], header: Any = "mode
 
 
 def cells_of(rows: pd.DataFrame, models: Sequence[str], scope: str, column: str) -> pd.DataFrame:
-    """A column of runs in one scope: a row for each session, size and seed, a column for each model."""
+    """Values of ``column`` in one scope: a row for each session, size and seed, a column for each model."""
     shown = rows[rows["scope"] == scope]
     return shown.pivot(index=CELL, columns="model", values=column).reindex(columns=list(models))
 
 
 def over_seeds(rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str], scale: float = 100.0) -> pd.DataFrame:
-    """The means of columns (new names by name) by group, with 95 % intervals over seeds; nulls are left out."""
+    """Means of ``columns`` (name to new name) by group, with 95 % intervals over seeds; nulls are left out."""
     if rows.empty:
         return pd.DataFrame(columns=[*by, *columns.values()], dtype=object).set_index(list(by))
     seeds = rows.groupby([*by, "seed"])[list(columns)]
@@ -147,7 +147,7 @@ def over_seeds(rows: pd.DataFrame, by: Sequence[str], columns: Mapping[str, str]
 
 
 def by_model(rows: pd.DataFrame, column: str, models: Sequence[str], scale: float = 100.0) -> dict[str, Estimate]:
-    """Mean of a column for each model that has any, in the models' order, with intervals over seeds."""
+    """Mean of a column with its interval over seeds, for each of ``models`` that has rows, in their order."""
     estimates = over_seeds(rows, ["model"], {column: "mean"}, scale)["mean"]
     return {model: estimates[model] for model in models if model in estimates.index}
 
@@ -165,7 +165,7 @@ def ratios(over: np.ndarray, under: np.ndarray) -> np.ndarray:
         if seeds:
             estimates[rows, 0] = upper.sum(1) / lower.sum(1)
         if seeds > 1:
-            even = (lower == lower[:, :1]).all()  # as where every seed has as many values
+            even = (lower == lower[:, :1]).all()  # every seed has the same number of values
             below = lower[:, :1] * seeds if even else _resampled(lower)
             estimates[rows, 1:] = _bounds(_resampled(upper) / below)
     return estimates
@@ -173,27 +173,27 @@ def ratios(over: np.ndarray, under: np.ndarray) -> np.ndarray:
 
 def _bounds(resampled: np.ndarray) -> np.ndarray:
     """The 2.5 % and the 97.5 % percentile of each row."""
-    ranked: np.ndarray = np.sort(resampled, axis=1)  # which is faster than to partition
+    ranked: np.ndarray = np.sort(resampled, axis=1)  # faster than np.partition
     return ranked[:, [(RESAMPLES + 1) // 40 - 1, 39 * (RESAMPLES + 1) // 40 - 1]]
 
 
 def _resampled(values: np.ndarray) -> np.ndarray:
-    """Sums of rows over each resample of their columns, the seeds; without BLAS, whose threads would cost more."""
+    """Sums of each row over resamples of its columns (seeds): (rows, RESAMPLES). Not by BLAS: its threads cost more."""
     sums: np.ndarray = np.einsum("rs,bs->rb", np.ascontiguousarray(values), resamples(values.shape[1]))
     return sums
 
 
 @cache
 def resamples(seeds: int) -> np.ndarray:
-    """How often each resample has each seed, the same for equal numbers of seeds; shape: (RESAMPLES, seeds)."""
+    """Count of each seed in each bootstrap resample, (RESAMPLES, seeds); it depends on ``seeds`` alone."""
     return stream(0, "resamples", seeds).multinomial(seeds, np.full(seeds, 1 / seeds), RESAMPLES).astype(float)
 
 
 def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     """MRR* of the queries of each group, with its halves, in [0, 1] (equation 7).
 
-    The entity half averages head and tail queries by relation, then relations with their observations as weights. A
-    half without queries is null, and MRR* where one is. ``rows`` are of ``QUERY_BREAKDOWN``; ``by`` has size and seed.
+    The entity half is a mean over relations, weighted by observations, of the mean over a relation's head and tail
+    queries. A half without queries is null; then MRR* is null. ``rows``: of ``QUERY_BREAKDOWN``.
     """
     weighted = rows.assign(total=rows["mrr_star"] * rows["queries"])
     of_relations = rows["hidden"] == "relation"
@@ -209,7 +209,7 @@ def combined(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
 
 
 def compare(measures: Mapping[str, pd.DataFrame], models: Sequence[str]) -> list[Pair]:
-    """Compare all pairs of models, ISI first, by every measure: a column for each model, a row for each run."""
+    """Compare all pairs of models, ISI first, in each measure: a frame with a row for each run, a column a model."""
     pairs, methods = [], isi(models)
     for measure, cells in measures.items():
         names = [sorted(pair, key=lambda name: name not in methods) for pair in combinations(models, 2)]
@@ -221,7 +221,7 @@ def compare(measures: Mapping[str, pd.DataFrame], models: Sequence[str]) -> list
 
 
 def pairs_table(pairs: Iterable[Pair]) -> list[dict[Any, Any]]:
-    """Every pair with its interval and test; "none" stands for the p of a pair for which no seed differs."""
+    """Rows of a table: each pair with its interval and test; its p is "none" if no seed differs."""
 
     def form(p: float) -> str:
         return f"{p:.3f}" if p >= 0.001 else "< 0.001"
@@ -237,7 +237,7 @@ def pairs_table(pairs: Iterable[Pair]) -> list[dict[Any, Any]]:
 
 
 def by_seed(first: pd.Series, second: pd.Series) -> np.ndarray:
-    """First minus second where both have values, averaged by seed; rounded: the order of a sum breaks no tie."""
+    """First minus second, averaged by seed; rounded to 1e-9, so that ties do not depend on the order of sums."""
     means: pd.Series = (first - second).dropna().groupby("seed").mean()
     return means.to_numpy(float).round(9) + 0.0  # no -0
 
@@ -251,10 +251,10 @@ def difference(values: np.ndarray) -> Difference:
 
 
 def sign_flip(values: np.ndarray) -> float:
-    """The share of the 2ⁿ ways to give n differences a sign that make a mean at least as far from zero.
+    """The p of n differences: the share of the 2ⁿ choices of signs whose mean is at least as far from zero.
 
-    Exact up to ``_COUNTED``: signed sums of one half of the differences count in the sorted ones of the other half, in
-    whole billionths, so that ties are ties. Seeds that do not differ have no sign; null where none does.
+    Exact up to n = ``_COUNTED``: each signed sum of one half of the differences is looked up in the sorted sums of the
+    other half, in integers of 1e-9, so that ties are exact. Differences of zero are dropped; NaN if none is left.
     """
     units = np.rint(np.abs(values[values != 0]) * 1e9).astype(np.int64)
     reached = abs(int(np.rint(values * 1e9).astype(np.int64).sum()))
@@ -271,9 +271,9 @@ def sign_flip(values: np.ndarray) -> float:
 
 
 def holm(p: np.ndarray) -> np.ndarray:
-    """Holm's step-down correction: the i-th smallest of m times (m − i + 1), never falling, at most 1.
+    """Holm's step-down correction of m values of p: the i-th smallest times (m − i + 1), made monotone, at most 1.
 
-    Null, where there is nothing to test, counts as a p of 1 among the m and stays null.
+    NaN (nothing to test) counts as 1 among the m and stays NaN.
     """
     known = np.nan_to_num(p, nan=1.0)
     order = known.argsort(kind="stable")

@@ -8,14 +8,14 @@ from typing import Any, Self
 import numpy as np
 import pandas as pd
 
-#: Decimals of what is in points of MRR*, in epochs or in per cent; digits of numbers of any size.
+#: In files: decimals of points, epochs and per cent; significant digits of numbers of any size.
 DECIMALS, DIGITS = 2, 4
 Form = Callable[[float], str]
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean and its 95 % interval; null where there is none."""
+    """A mean and the bounds of its 95 % interval; NaN if there is none."""
 
     mean: float
     low: float = nan
@@ -33,23 +33,23 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Column:
-    """What a column holds, and how it is written."""
+    """A column of a table: its names, and the format of its cells."""
 
     name: str
-    #: what it shares with its neighbours
+    #: a header above it and its neighbours
     group: str = ""
-    #: how the page calls it, where neither its name nor ``words.WORDS`` does
+    #: header on the page; default: the name, or its entry in ``words.WORDS``
     title: str = field(default="", compare=False)
-    #: how numbers are shown; otherwise with one decimal, or none where all are whole
+    #: format of numbers as shown; default: one decimal, or none if all are whole
     form: Form | None = field(default=None, compare=False)
-    #: what the page shows in place of a text
+    #: the page's words for texts in cells
     words: Mapping[str, str] = field(default_factory=dict, compare=False)
-    #: whether files keep digits of its numbers, and not decimals
+    #: whether files round its numbers to ``DIGITS`` significant digits, not to ``DECIMALS``
     any_size: bool = field(default=False, compare=False)
 
     @property
     def header(self) -> str:
-        """Its name in files."""
+        """The header of the column in files."""
         return f"{self.group}: {self.name}" if self.group else self.name
 
 
@@ -63,7 +63,7 @@ class ReportTable:
 
     @classmethod
     def of(cls, name: str, rows: pd.DataFrame | Mapping[Any, Any] | Iterable[Mapping[Any, Any]]) -> Self:
-        """A table of a frame or of a mapping whose labels are columns, or of rows; text is a plain column."""
+        """A table from a frame, a mapping of columns or an iterable of rows; labels are of type ``Column`` or text."""
         if isinstance(rows, Mapping):
             cells = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
             rows = pd.DataFrame(cells, columns=list(rows))
@@ -79,7 +79,7 @@ class ReportTable:
 
     @property
     def frame(self) -> pd.DataFrame:
-        """As files have it: the mean and the bounds of estimates in three columns."""
+        """The table for CSV: a column of estimates becomes three, with the mean and the bounds."""
         values: dict[str, Any] = {}
         for column, cells in self.by_column:
             if any(isinstance(cell, Estimate) for cell in cells):
@@ -91,19 +91,19 @@ class ReportTable:
 
     @property
     def is_text(self) -> list[bool]:
-        """Of each column, whether it holds text; one with a form of its own holds numbers."""
+        """For each column, whether it holds text; a column with a ``form`` holds numbers."""
         return [not column.form and any(isinstance(cell, str) for cell in cells) for column, cells in self.by_column]
 
     @property
     def texts(self) -> list[list[tuple[str, str]]]:
-        """Of each row, the cells as people read them: the value, and its interval in brackets."""
+        """For each row, the cells as shown: pairs of a value and its interval in brackets."""
         forms = [column.form or _plain(cells) for column, cells in self.by_column]
         return [[(cell, "") if isinstance(cell, str) else _shown(_numbers(cell), form)
                  for cell, form in zip(row, forms, strict=True)] for row in self.rows]  # fmt: skip
 
     @property
     def shown(self) -> pd.DataFrame:
-        """Values with their intervals, as Markdown and LaTeX have them."""
+        """The table for Markdown and LaTeX: values with their intervals, as text."""
         rows = [[f"{value} {interval}".strip() for value, interval in row] for row in self.texts]
         return pd.DataFrame(rows, columns=[column.header for column in self.columns])
 
@@ -121,7 +121,7 @@ class ReportTable:
 
 
 def number(value: Any, any_size: bool = False) -> Any:
-    """A number with as many digits as runs on two types of processor agree in; all else as it is."""
+    """A float, rounded to the digits on which two types of processor agree; other values unchanged."""
     if not isinstance(value, float) or isnan(value):
         return value
     if any_size and abs(value) < 10**DIGITS and not float(value).is_integer():
@@ -130,7 +130,7 @@ def number(value: Any, any_size: bool = False) -> Any:
 
 
 def csv(frame: pd.DataFrame, any_size: Sequence[str] = ()) -> str:
-    """A frame as CSV; the columns named in ``any_size`` keep digits, others decimals."""
+    """A frame as CSV; columns in ``any_size`` are rounded to significant digits, others to decimals."""
     rounded = frame.apply(lambda column: column.map(lambda value: number(value, column.name in any_size)))
     text: str = rounded.to_csv(index=False, float_format="%.10g", lineterminator="\n")
     return text
@@ -143,7 +143,7 @@ def _numbers(cell: Any) -> tuple[float, float, float]:
 
 
 def _plain(cells: Iterable[Any]) -> Form:
-    """One decimal, or none where all are whole."""
+    """The default format of a column: one decimal, or none if all cells are whole."""
     parts = np.array([_numbers(cell) for cell in cells], dtype=float).round(3) % 1
     digits = 0 if (np.isnan(parts) | (parts == 0)).all() else 1
     return lambda value: f"{round(value, digits) + 0.0:,.{digits}f}"  # no -0.0

@@ -1,4 +1,4 @@
-"""The choices of this run beside others: indicator set sizes (Figures 2a and 2b), settings on folds, embeddings."""
+"""Choices of this run against others: indicator set sizes (Figures 2a, 2b), cross-validation, embedding models."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import nan
@@ -17,22 +17,22 @@ from isi.report.stats import over_seeds
 from isi.report.tables import Column
 from isi.report.words import HALVES, colour, label
 
-#: Indicator set sizes by who chose them and initializer.
+#: Indicator set sizes, by source (this run, the paper, the rule) and initializer.
 Chosen = Mapping[str, Mapping[str, int]]
 #: A value for each factor that cross-validation varies.
 Setting = Mapping[str, float]
-#: Marks of the sizes that someone chose.
+#: Markers of the chosen sizes in figures, by source.
 _MARKS: dict[str, dict[str, Any]] = {
     "this run": {"marker": "s", "fillstyle": "full", "ms": 5}, "paper": {"marker": "D", "fillstyle": "none", "ms": 9},
     "picked by the rule": {"marker": "*", "fillstyle": "full", "ms": 11},
 }  # fmt: skip
-#: The rule for the size: each size is averaged with the one before it and the one after, and the set grows while so
-#: many epochs are gained and while MRR* is at most so far below the best.
+#: The paper's rule: average epochs over NEIGHBOURS neighbouring sizes; grow while the average falls by at least EPOCHS
+#: and MRR*, in [0, 1], is at most LOSS below the best.
 NEIGHBOURS, EPOCHS, LOSS = 3, 1.0, 0.01
 
 
 def indicators(results: Results) -> Iterator[Content]:
-    """The size of the indicator set (section 5.3): Figures 2a and 2b, and their numbers."""
+    """Sensitivity to the indicator set size (section 5.3): Figures 2a and 2b, and their numbers."""
     for experiment, sweep in results.analysis("sweep"):
         models, runs = list(results.params.sweep.initializers), sweep[sweep["epoch"] == 0]
         epochs = experiment.converged(sweep, ["model", "k"])
@@ -57,7 +57,7 @@ def indicators(results: Results) -> Iterator[Content]:
 
 
 def relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFrame:
-    """Runs with MRR* (points) minus that with the swept size nearest to the initializer's reference, as ``value``."""
+    """Runs with column ``value``: MRR* (points) minus MRR* at the swept k that is nearest to ``reference``."""
     swept, cell = immediate.groupby("model")["k"].unique(), ["model", "scope", "size", "seed"]
     nearest = {model: k[np.abs(k - reference.get(str(model), k.min())).argmin()] for model, k in swept.items()}
     base = immediate[immediate["k"] == immediate["model"].map(nearest)].set_index(cell)["mrr_star"]
@@ -65,7 +65,7 @@ def relative(immediate: pd.DataFrame, reference: Mapping[str, int]) -> pd.DataFr
 
 
 def means_of(immediate: pd.DataFrame, epochs: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
-    """Means over seeds by model and k, models in their order; columns for scope and measure."""
+    """Means over seeds: a row for each model and k, a ``Column`` for each measure and scope; MRR* in points."""
     by = ["model", "k", "scope"]
     mrr_star, groups = 100 * immediate.groupby(by)["mrr_star"].mean().unstack("scope"), epochs.groupby(by)
     means, never = groups["epochs"].mean().unstack("scope"), 100 * (1 - groups["converged"].mean()).unstack("scope")
@@ -79,7 +79,7 @@ def means_of(immediate: pd.DataFrame, epochs: pd.DataFrame, models: Sequence[str
 def chosen_sizes(
     means: pd.DataFrame, options: Mapping[str, Any], paper: Mapping[str, int]
 ) -> dict[str, dict[str, int]]:
-    """Indicator set sizes by who chose them (options of this run, paper, rule) and initializer, of those with one."""
+    """Indicator set sizes of this run's options, of the paper and of the paper's rule, by initializer."""
     picked = picked_sizes(means)
     ours = {model: int(options[model]["k"]) for model in picked if "k" in options.get(model, {})}
     theirs = {model: paper[model] for model in picked if model in paper}
@@ -87,7 +87,7 @@ def chosen_sizes(
 
 
 def picked_sizes(means: pd.DataFrame) -> dict[str, int]:
-    """The size that the paper's rule picks for each initializer, by queries about novel entities."""
+    """The size that the paper's rule picks for each initializer from MRR* and epochs about novel entities."""
     mrr_star, epochs = means[Column("MRR*", "novel")] / 100, means[Column("epochs", "novel_heldout")]
     return {model: select_size(mrr_star[model].index.tolist(), mrr_star[model].tolist(), epochs[model].tolist())
             for model in means.index.unique("model")}  # fmt: skip
@@ -97,17 +97,17 @@ def select_size(sizes: Sequence[int], mrr_star: Sequence[float], epochs: Sequenc
     """The indicator set size that the paper's rule picks (section 5.3).
 
     The paper "increased the indicator set size while the average number of epochs for three neighboring sizes decreased
-    by 1 epoch or the MRR* went 1% point below the best performance". Read here as: grow while the former holds, and
-    stop before the latter. Neighbours are those of the list, so growth is first tested from the second size to the
-    third, and the last is never picked; the best performance is that of the sizes up to this one. The first size is
-    picked where the second is too far below it, or where there are fewer than three.
+    by 1 epoch or the MRR* went 1% point below the best performance". We grow while the average falls, and stop before
+    MRR* is too low. Neighbours are those in the list: the average is first compared between the second and the third
+    size, and the last size is never picked. The best performance is the best among smaller sizes. The first size is
+    picked if MRR* of the second is too low, or if there are fewer than three sizes.
 
-    Sizes ascend; each has its immediate MRR*, in [0, 1], and its mean epochs to convergence.
+    Sizes ascend; ``mrr_star`` is immediate MRR* in [0, 1], ``epochs`` the mean epochs to convergence, by size.
     """
     means = [sum(epochs[place - 1 : place + 2]) / NEIGHBOURS for place in range(1, len(sizes) - 1)]
     picked = 0
     for place in range(1, len(sizes) - 1):
-        no_gain = place > 1 and not means[place - 2] - means[place - 1] >= EPOCHS  # nor where there is no mean
+        no_gain = place > 1 and not means[place - 2] - means[place - 1] >= EPOCHS  # NaN counts as no gain
         if no_gain or mrr_star[place] < max(mrr_star[:place]) - LOSS:
             break
         picked = place
@@ -127,14 +127,14 @@ def indicator_sizes(means: pd.DataFrame, chosen: Chosen) -> list[dict[Any, Any]]
 
 
 def _by_size(rows: pd.DataFrame, models: Sequence[str], chosen: Chosen, lowest: float | None, *shown: Any) -> Canvas:
-    """Means and intervals of ``value`` by k with the chosen sizes; ``shown``: scope, title and y-label of panels."""
+    """Mean and interval of ``value`` by k, with the chosen sizes; ``shown``: (scope, title, y-label) by panel."""
     canvas, axes = panels(len(shown))
     for panel, (scope, title, ylabel) in zip(axes, shown, strict=True):
         for model in models:
             of_model, color = rows[(rows["model"] == model) & (rows["scope"] == scope)], colour(model, models)
             sizes, mean, *_ = with_band(panel, of_model, "k", "value", 1, 0.15, color=color, label=label(model), lw=1.4)
             for who, k in ((who, chosen[who][model]) for who in _MARKS if len(sizes) and model in chosen[who]):
-                height = np.interp(k, sizes, mean, left=np.nan, right=np.nan)  # none beyond the line
+                height = np.interp(k, sizes, mean, left=np.nan, right=np.nan)  # no marker beyond the line
                 panel.plot(k, height, color=color, ls="", clip_on=False, **_MARKS[who])
         panel.set(title=title, xlabel="indicators k", ylabel=ylabel)
         panel.set_ylim(bottom=lowest)
@@ -145,7 +145,7 @@ def _by_size(rows: pd.DataFrame, models: Sequence[str], chosen: Chosen, lowest: 
 
 
 def cross_validation(results: Results) -> Iterator[Content]:
-    """How the joint model does with other settings, on folds (section 5.3)."""
+    """Cross-validation of the joint model with other settings (section 5.3)."""
     for _, rows in results.analysis("cross_validation"):
         settings = [setting.model_dump() for setting in results.params.settings]
         choice, paper = settings[0], results.paper["training"]
@@ -161,7 +161,7 @@ def cross_validation(results: Results) -> Iterator[Content]:
 
 
 def cross_validation_table(rows: pd.DataFrame, settings: Sequence[Setting], paper: Setting) -> list[dict[Any, Any]]:
-    """Mean and deviation of MRR* over folds for each setting, the choice of this run first, beside the paper's."""
+    """A row for each setting, this run's first: mean and deviation of MRR* over folds, and whose choice it is."""
     lines, choice = list[dict[Any, Any]](), settings[0]
     for setting in settings:
         folds = _of_setting(rows, setting)
@@ -180,13 +180,13 @@ def cross_validation_table(rows: pd.DataFrame, settings: Sequence[Setting], pape
 
 
 def _lead(rows: pd.DataFrame, choice: Setting, other: Setting) -> float:
-    """How far the mean of a setting is above that of the choice, in points."""
+    """Mean MRR* of setting ``other`` minus that of ``choice``, in points."""
     first, second = (_of_setting(rows, setting)["mrr_star"].mean() for setting in (other, choice))
     return float(100 * (first - second))
 
 
 def _within(rows: pd.DataFrame, choice: Setting, other: Setting) -> bool:
-    """Whether their means differ by less than the larger of their standard deviations over folds."""
+    """Whether two settings differ in mean MRR* by less than the larger of their standard deviations over folds."""
     spread = max(_of_setting(rows, setting)["mrr_star"].std(ddof=1) for setting in (choice, other))
     return bool(abs(_lead(rows, choice, other)) < 100 * spread)
 
@@ -196,7 +196,7 @@ def _of_setting(rows: pd.DataFrame, setting: Setting) -> pd.DataFrame:
 
 
 def best(rows: pd.DataFrame, choice: Setting, factor: str) -> tuple[float, str]:
-    """The best value of a factor (the chosen one in a tie), and a note if it is another one; NaN without folds."""
+    """The best value of a factor, and a note if it is not the chosen one, which wins ties; NaN without folds."""
     others = _of_setting(rows, {name: value for name, value in choice.items() if name != factor})
     if others["mrr_star"].isna().all():
         return nan, ""
@@ -210,7 +210,7 @@ def best(rows: pd.DataFrame, choice: Setting, factor: str) -> tuple[float, str]:
 
 
 def embedding_models(results: Results) -> Iterator[Content]:
-    """The joint model as every embedding model, each trained as validation triples alone advise."""
+    """The joint model with each embedding model, whose training options were chosen on validation triples."""
     for experiment, rows in results.analysis("compare_models"):
         settings = results.params.compare_models
         options = {name: model.model_dump() | results.params.models[name] for name, model in settings.models.items()}
@@ -227,7 +227,7 @@ def class_name(model: str) -> str:
 
 
 def embedding_table(rows: pd.DataFrame, options: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Measures of each embedding model over seeds, with the options that were chosen for it."""
+    """A row for each embedding model: measures, mean over seeds, and the options that were chosen for it."""
     means = over_seeds(rows, ["family"], {**HALVES, "mrr": "MRR", "valid_mrr_star": "validation MRR*"})
     return [
         {"embedding": class_name(name), **means.loc[name], "epochs": rows.loc[rows["family"] == name, "epochs"].mean()}
@@ -237,7 +237,7 @@ def embedding_table(rows: pd.DataFrame, options: Mapping[str, Mapping[str, Any]]
 
 
 def _written(value: object) -> str:
-    """The value of an option as people write it."""
+    """The value of an option as text."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else str(value)

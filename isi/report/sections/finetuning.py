@@ -1,4 +1,4 @@
-"""What fine-tuning does: epochs to convergence and forgetting (section 6.2), and the transfer (section 6.3)."""
+"""Fine-tuning: epochs to convergence and forgetting (section 6.2), and the transfer (section 6.3)."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, product
@@ -17,17 +17,17 @@ from isi.report.stats import CELL, Pair, compare, difference, epochs_summary, pa
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, FINETUNE_ONLY, HALVES, JOINT, SCOPE, SCOPES, contenders, isi, label
 
-#: Factor on the fine-tuning rate of the main runs.
+#: The main runs have the fine-tuning rate of params times this factor.
 AS_CHOSEN = 1.0
-#: Of Figure 3b.
+#: Scopes of Figure 3b.
 CURVES = ("all", "novel_heldout")
-#: About earlier knowledge: with the novel entities among the candidates, and without.
+#: Scopes of earlier knowledge: with the novel entities among the candidates, and without.
 EARLIER = ("known", "known_closed")
 
 
 @of_each_graph
 def convergence(results: Results, experiment: Experiment) -> Content:
-    """Epochs to convergence, Figure 3b, Table 2 for all sizes and for each, and Table 2 at other rates."""
+    """Epochs to convergence: Figure 3b, Table 2 over all sizes, by size, and at other fine-tuning rates."""
     params, initializers, epochs, curves = results.params, experiment.finetuned, experiment.convergence, {}
     sweep, by = params.rate_sweep, ["scope", "size", "model"]
     groups, of_sizes = epochs.groupby(by), epochs_summary(epochs, by).drop(columns="std")
@@ -52,7 +52,7 @@ def convergence(results: Results, experiment: Experiment) -> Content:
 
 
 def best_epochs(runs: pd.DataFrame, initializers: Sequence[str]) -> list[tuple[Any, ...]]:
-    """Held-out MRR* of ISI at the best epoch of the mean curve and at the last: model, value, epoch, and the change."""
+    """ISI's held-out MRR* (points): model, best mean, its epoch, last mean, its epoch, difference last minus best."""
     heldout, lines = runs[runs["scope"] == "novel_heldout"], []
     for model in isi(initializers):
         by_epoch = 100 * heldout[heldout["model"] == model].pivot_table("mrr_star", "epoch", "seed")
@@ -73,7 +73,7 @@ def table2(epochs: pd.DataFrame, initializers: Sequence[str], paper: Mapping[str
 
 
 def by_rate(epochs: pd.DataFrame, initializers: Sequence[str]) -> dict[Any, list[Any]]:
-    """Epochs to convergence at one size, by the factor on the fine-tuning rate."""
+    """A table of epochs to convergence at one size, with columns for each factor on the fine-tuning rate."""
     by = ["factor", "scope", "model"]
     groups, summary = epochs.groupby(by), stats.over_seeds(epochs, by, {"epochs": "mean"}, scale=1)
     summary["median"] = groups["epochs"].median()
@@ -85,7 +85,7 @@ def by_rate(epochs: pd.DataFrame, initializers: Sequence[str]) -> dict[Any, list
 
 
 def orders(epochs: pd.DataFrame, initializers: Sequence[str], scope: str) -> dict[float, str]:
-    """The initializers in order of their mean epochs at each factor on the rate; those of equal means joined by =."""
+    """Labels in order of mean epochs, as text, for each factor on the fine-tuning rate; "=" joins equal means."""
     means = epochs[epochs["scope"] == scope].groupby(["factor", "model"])["epochs"].mean()
     lines = {}
     for factor in means.index.unique("factor"):
@@ -96,7 +96,7 @@ def orders(epochs: pd.DataFrame, initializers: Sequence[str], scope: str) -> dic
 
 @of_each_graph
 def forgetting(_: Results, experiment: Experiment) -> Content:
-    """What is lost right after insertion, and by epoch at the size whose curves are drawn."""
+    """Interference and forgetting by epoch at ``curve_size``; without curves only the template's text."""
     if experiment.curve_size is None:
         return Content()
     runs = with_finetune_only(experiment)
@@ -107,7 +107,7 @@ def forgetting(_: Results, experiment: Experiment) -> Content:
 
 
 def with_finetune_only(experiment: Experiment) -> pd.DataFrame:
-    """The runs whose curves are drawn, those with nothing inserted among them where there are any."""
+    """The runs with full curves and, if it was run, fine-tuning without insertion (``known_closed`` alone)."""
     if "finetune_only" not in experiment.analyses:
         return experiment.curves
     runs: pd.DataFrame = experiment.analyses["finetune_only"]
@@ -116,7 +116,7 @@ def with_finetune_only(experiment: Experiment) -> pd.DataFrame:
 
 
 def since_before(runs: pd.DataFrame) -> pd.DataFrame:
-    """Runs about known entities, minus MRR* of Θ⁰ before insertion, which is any initializer's in known_closed."""
+    """Runs about known entities minus MRR* of Θ⁰, which is that of any initializer in known_closed at epoch 0."""
     shown = runs[runs["scope"].isin(EARLIER)]
     inserted = ~shown["model"].isin([JOINT, FINETUNE_ONLY])
     start = shown[(shown["scope"] == "known_closed") & (shown["epoch"] == 0) & inserted]
@@ -125,13 +125,13 @@ def since_before(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def curves_figure(runs: pd.DataFrame, models: Sequence[str]) -> Canvas:
-    """By how much MRR* differs from before insertion, by epoch; a panel for each scope."""
+    """MRR* minus MRR* before insertion, by epoch; a panel for each scope of earlier knowledge."""
     lines = [*(model for model in models if model != JOINT), FINETUNE_ONLY]
     return by_epoch(since_before(runs), lines, EARLIER, ylabel="MRR* minus before (points)")
 
 
 def at_the_end(runs: pd.DataFrame) -> dict[str, list[Pair]]:
-    """Compare contenders and training without insertion in pairs after the last epoch, in points; by scope."""
+    """Pairs of contenders (and fine-tuning without insertion) at the last epoch, in points, by scope."""
     epoch, pairs = runs["epoch"].max(), {}
     last = runs[runs["epoch"] == epoch]
     ran = list(dict.fromkeys(last["model"]))
@@ -144,19 +144,19 @@ def at_the_end(runs: pd.DataFrame) -> dict[str, list[Pair]]:
 
 
 def pairs_with(pairs: Sequence[Pair], model: str) -> dict[str, Pair]:
-    """ISI against one model, by initializer."""
+    """The pairs of an initializer of ISI and ``model``, by initializer."""
     return {pair.first: pair for pair in pairs if pair.second == model and isi([pair.first])}
 
 
 def end_comparisons(pairs: Mapping[str, Sequence[Pair]]) -> list[tuple[str, str, list[Pair]]]:
-    """Interference and forgetting at the end, ISI against Xavier and against nothing inserted: scope, model, pairs."""
+    """ISI against Xavier and against no insertion at the last epoch: (scope, model, pairs), if there are pairs."""
     shown = (("known_closed", BASELINE), ("known", BASELINE), ("known_closed", FINETUNE_ONLY))
     lines = [(scope, model, list(pairs_with(pairs[scope], model).values())) for scope, model in shown]
     return [line for line in lines if line[2]]
 
 
 def interference(runs: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, Any]]:
-    """MRR* about earlier knowledge in runs of one size; a loss in ``known`` alone is interference, not forgetting."""
+    """Rows by model and scope of MRR* (points) about earlier knowledge: lowest, immediately, at the last epoch."""
     groups, rows = dict(list(runs.groupby(["model", "scope"]))), []
     for model, scope in (key for key in product(models, EARLIER) if key in groups):
         shown = groups[model, scope]
@@ -174,7 +174,7 @@ def transfer(results: Results) -> Iterator[Content]:
     for experiment in results.extended:
         settings, name, runs, figures = experiment.settings, experiment.name, experiment.immediate, {}
         extend, (size, *_), triples = settings.graph.extend, settings.sessions.sizes, experiment.triples
-        assert extend is not None  # noqa: S101  # as of all that are extended
+        assert extend is not None  # noqa: S101  # true of ``results.extended``
         base, dropped, paper = (
             results.source_title(settings.graph.source),
             interference_percent(runs),
@@ -211,7 +211,7 @@ def transfer(results: Results) -> Iterator[Content]:
 
 
 def _order(pairs: Mapping[str, Sequence[Pair]], base: Experiment) -> dict[str, Any] | None:
-    """Whether ISI ends on the same side of Xavier as where entities of the base graph itself were inserted."""
+    """Whether ISI minus Xavier ends with the same sign in ``base``, which inserts entities of its own graph."""
     here, there = (pairs_with(of_scope["known_closed"], BASELINE) for of_scope in (pairs, at_the_end(base.curves)))
     both = [(here[name], there[name]) for name in here if name in there]
     turned = [new.first for new, old in both if new.difference.mean * old.difference.mean < 0]
@@ -224,7 +224,7 @@ def mining_steps(
     steps: Mapping[str, int], entities: pd.DataFrame, triples: pd.DataFrame, seen: MinedSource, base: str,
     minimum: int, inserted: int,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """What a source (``seen``) adds to the graph titled ``base``: instances after each step of mining, then counts."""
+    """Rows of counts, from ``steps`` of mining a source (``seen``) to its objects that ``base`` lacks and to ξ."""
     unknown = new_entities(seen, entities[entities["source"] != seen.source])
     counts = dict(steps) | {
         f"{'of these, of' if steps else 'instances of'} objects that {base} has not": int(unknown.sum()),
@@ -238,7 +238,7 @@ def mining_steps(
 
 
 def interference_percent(runs: pd.DataFrame) -> dict[str, Estimate]:
-    """Interference by initializer: how far MRR* in ``known`` is below that in ``known_closed``, in per cent."""
+    """Interference by initializer: per cent by which MRR* in ``known`` is below MRR* in ``known_closed``."""
     earlier = runs[runs["scope"].isin(EARLIER) & (runs["model"] != JOINT)]
     pairs = {}
     for model, rows in earlier.groupby("model"):

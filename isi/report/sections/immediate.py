@@ -17,25 +17,25 @@ from isi.report.stats import LEVEL, Difference, Pair, by_seed, cells_of, compare
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, SCOPES, colour, in_order, isi, joined, label, of_role
 
-#: The control that knows an entity's kind and nothing else.
+#: The control that uses an entity's kind and nothing else.
 _KIND = "kind_mean"
 _ALL = ("all", "known", "known_closed", "novel", "novel_heldout")
-#: How many pairs that do not differ significantly a sentence names.
+#: Maximum number of pairs without significant difference that a sentence names.
 _NAMED = 6
-#: Points of MRR* that are shown as 0.0.
+#: Points of MRR* below which a number is shown as 0.0.
 ZERO = 0.05
-#: What each of these has that the one before it (at first, Xavier) has not; an initializer of ISI has the last.
+#: Parts of the gain from Xavier on, each with the control that adds it; an initializer of ISI adds the last part.
 _STEPS = (("centre", "mean"), ("kind", "kind_mean"))
 WHOLE = "all of it"
-#: An initializer of ISI and the control that differs from it in one thing.
+#: A property, an initializer of ISI, and the control that differs from it in this property alone.
 _TWINS = (("words", "es", "es_permuted"), ("words within a kind", "es", "es_permuted_kinds"))
 
 
 def verdict(results: Results) -> Iterator[Content]:
-    """What the first graph says of the paper's question; nothing where none of ISI, or not Xavier, was run on it."""
+    """The summary, from the first standalone experiment; nothing unless Xavier and an initializer of ISI were run."""
     for experiment in results.standalone[:1]:
         initializers, runs = experiment.initializers, experiment.immediate
-        novel = runs[runs["scope"] == "novel"]  # all entity prediction, where no query breakdown was run
+        novel = runs[runs["scope"] == "novel"]  # used without a query breakdown
         given = (stats.by_model(novel, "mrr_star_entity", experiment.models) if experiment.queries is None
                  else experiment.given_means)  # fmt: skip
         methods, gains = [name for name in isi(initializers) if name in given], stats.improvements(runs, "all")
@@ -56,7 +56,7 @@ def verdict(results: Results) -> Iterator[Content]:
 
 
 def _means_and_intervals(estimates: Mapping[str, Estimate], models: list[str]) -> Canvas:
-    """Models one below the other, each with its mean and interval."""
+    """A row for each model, with its mean and interval."""
     canvas, (axes,) = panels(1, 1, 0.5 + 0.33 * len(estimates), width=4.6)
     for place, (model, estimate) in enumerate(estimates.items()):
         color = colour(model, models)
@@ -112,7 +112,7 @@ def immediate(results: Results, experiment: Experiment) -> Content:
 
 @of_each_graph
 def differences(results: Results, experiment: Experiment) -> Content | None:
-    """How many pairs differ, ISI against the others, and every pair; None where no graph has two initializers."""
+    """Number of significant pairs, ISI against others, all pairs; None if no graph has two initializers."""
     if all(len(graph.initializers) < 2 for graph in results.standalone):
         return None
     measured = measures(experiment.immediate, experiment.convergence, experiment.initializers)
@@ -122,7 +122,7 @@ def differences(results: Results, experiment: Experiment) -> Content | None:
 
 
 def measures(immediate: pd.DataFrame, convergence: pd.DataFrame, models: Sequence[str]) -> dict[str, pd.DataFrame]:
-    """The headline measures by session, size, seed and initializer: MRR* in points, epochs; null without queries."""
+    """Headline measures by title: a row for each session, size, seed, a column a model; points or epochs; or null."""
     listed = (
         ("immediate MRR*", 100, immediate, "all", "mrr_star"), ("immediate MRR*", 100, immediate, "novel", "mrr_star"),
         ("immediate entity prediction", 100, immediate, "novel", "mrr_star_entity"),
@@ -134,7 +134,7 @@ def measures(immediate: pd.DataFrame, convergence: pd.DataFrame, models: Sequenc
 
 
 def differences_isi(pairs: Sequence[Pair], initializers: Sequence[str]) -> list[dict[str, Any]]:
-    """ISI's initializers against every other, a column a measure."""
+    """A row for each pair of an initializer of ISI and another one, a column for each measure."""
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     for pair in sorted(pairs, key=lambda pair: initializers.index(pair.first)):
         if isi([pair.first]) and not isi([pair.second]):
@@ -146,13 +146,13 @@ def differences_isi(pairs: Sequence[Pair], initializers: Sequence[str]) -> list[
 
 
 def counts(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
-    """For each measure with queries, how many pairs differ significantly, and which do not where they are few."""
+    """For each measure with queries: number of pairs and of significant ones, and the others if they are few."""
     lines = []
     for measure, group in groupby((pair for pair in pairs if pair.difference.seeds), key=lambda pair: pair.measure):
         of_measure = list(group)
         same = [pair for pair in of_measure if not pair.significant]
         differing = max(pair.difference.differing for pair in of_measure)
-        smallest_p = 2.0 ** (1 - differing)  # where all differences have one sign, of 2ⁿ that are as likely
+        smallest_p = 2.0 ** (1 - differing)  # if all n differences have the same sign
         none_can = len(same) == len(of_measure) and len(of_measure) * smallest_p >= LEVEL
         lines.append({
             "measure": measure, "number": len(of_measure), "significant": len(of_measure) - len(same),
@@ -162,7 +162,7 @@ def counts(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
     return lines
 
 
-#: A part of a gain, the model that has it, and the one that has not.
+#: A part of a gain, the model with it, and the model without it.
 Step = tuple[str, str, str]
 #: The gain of each step, in points.
 Gains = dict[Step, Difference]
@@ -170,7 +170,7 @@ Gains = dict[Step, Difference]
 
 @of_each_graph
 def controls(results: Results, experiment: Experiment) -> Content | None:
-    """Parts and shares of the gain, with a description of each control; nothing where no control was run."""
+    """Parts and shares of the gain, with a description of each control; None if no control was run."""
     names = list(dict.fromkeys(name for graph in results.standalone for name in words.controls(graph.initializers)))
     if not names:
         return None
@@ -190,7 +190,7 @@ def controls(results: Results, experiment: Experiment) -> Content | None:
 
 
 def steps(method: str, models: Sequence[str]) -> list[Step]:
-    """From Xavier to one of ISI over the controls that were run: the part, who has it, and who has it not yet."""
+    """Steps from Xavier over the controls that were run to ``method``: part, model with it, model without it."""
     path, names, before = [], [], BASELINE
     for name, model in (*_STEPS, ("meaning", method)):
         names.append(name)
@@ -201,10 +201,10 @@ def steps(method: str, models: Sequence[str]) -> list[Step]:
 
 
 def parts(immediate: pd.DataFrame, models: Sequence[str]) -> dict[tuple[str, str], Gains]:
-    """By scope and half, every step towards each initializer of ISI, its whole gain, and its twins."""
+    """By scope and half: the gain of each step to each initializer of ISI, its whole gain, and ``_TWINS``."""
     pairs = [step for method in isi(models) for step in steps(method, models)]
     pairs += [(WHOLE, method, BASELINE) for method in isi(models)]
-    pairs = [pair for pair in dict.fromkeys([*pairs, *_TWINS]) if {*pair[1:]} <= set(models)]  # Xavier may lack
+    pairs = [pair for pair in dict.fromkeys([*pairs, *_TWINS]) if {*pair[1:]} <= set(models)]  # Xavier may not be run
     gains = dict[tuple[str, str], Gains]()
     for scope, half in product(("all", "novel"), HALVES):
         cells = 100 * cells_of(immediate, models, scope, half)
@@ -214,7 +214,7 @@ def parts(immediate: pd.DataFrame, models: Sequence[str]) -> dict[tuple[str, str
 
 
 def shares_of_the_gain(immediate: pd.DataFrame, models: Sequence[str]) -> list[dict[Any, Any]]:
-    """Each control's share of each ISI initializer's gain where there is one, and the rest; none without Xavier."""
+    """Each control's share of each gain of ISI over Xavier (NaN below ``ZERO``), and the rest; [] without Xavier."""
     rows = []
     for scope, half in product(("all", "novel") if BASELINE in models else (), HALVES):
         cells = 100 * cells_of(immediate, models, scope, half)
@@ -233,7 +233,7 @@ def shares_of_the_gain(immediate: pd.DataFrame, models: Sequence[str]) -> list[d
 
 
 def composition(gains: Gains, method: str) -> dict[str, Any] | None:
-    """One gain over Xavier and its parts, with their shares where each adds to it; None where nothing compares."""
+    """A gain over Xavier with its parts, and their per cent if none is negative; None without a gain or parts."""
     whole, models = gains.get((WHOLE, method, BASELINE)), sorted({name for pair in gains for name in pair[1:]})
     made = [(step[0], gains[step]) for step in steps(method, models) if step in gains]
     if not whole or not made:

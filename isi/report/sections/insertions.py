@@ -1,4 +1,4 @@
-"""Single insertions: Figure 1, from initial vectors to where training takes them, and the explorer of the page."""
+"""Single insertions: Figure 1, the path of one entity through fine-tuning, and the explorer of the page."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,12 +17,12 @@ from isi.report.figures import legend, panels
 from isi.report.section import Content
 from isi.report.words import JOINT, colour, isi, label
 
-#: The way of one entity (``TRAJECTORY``), by name.
+#: Arrays of ``TRAJECTORY``, by name: the path of one entity.
 Traces = Mapping[str, np.ndarray]
 
 
 def trajectory(results: Results) -> Iterator[Content]:
-    """Figure 1 and its distances."""
+    """Figure 1, and a table of its distances in all dimensions."""
     for experiment, traces in results.analysis("trajectory"):
         names, rows, titles = experiment.entities["entity"], [], {}
         vectors = traces["theta0"][traces["known"]]  # [N, d]
@@ -41,7 +41,7 @@ def trajectory(results: Results) -> Iterator[Content]:
 
 
 def plane(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """The centre (d) of vectors (N, d), two principal axes (2, d), of fixed sign, and their share of the variance."""
+    """The mean (d) of vectors (N, d), two principal axes (2, d) with fixed signs, and their share of the variance."""
     centre = vectors.mean(0, dtype=np.float64)
     _, strength, axes = np.linalg.svd(vectors - centre, full_matrices=False)
     largest = np.abs(axes[:2]).argmax(1)
@@ -50,7 +50,7 @@ def plane(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def _drawn(traces: Traces, vectors: np.ndarray, titles: Mapping[str, str], names: pd.Series) -> Canvas:
-    """A panel for each initializer with indicators, and one for the others: a star where each puts the entity."""
+    """A panel for each initializer of ISI, and one for the others; a star marks the entity's initial vector."""
     centre, axes, _ = plane(vectors)
     models, methods = list(titles), isi(titles)
     groups = [*([model] for model in methods), [model for model in models if model not in methods]]
@@ -92,20 +92,20 @@ def _indicators(axes: Axes, points: np.ndarray, names: Sequence[str], color: str
 
 
 def spread(heights: np.ndarray, gap: float) -> np.ndarray:
-    """Ascending heights in [0, 1], pushed up to lie a gap apart and down to stay below 1; a smaller gap for many."""
+    """Ascending heights in [0, 1], moved so that they are ``gap`` apart (less if there are many) and at most 1."""
     steps = min(gap, 1 / max(len(heights), 1)) * np.arange(len(heights))
     spread_out: np.ndarray = np.minimum(np.maximum.accumulate(heights - steps), 1 - steps[-1:].sum()) + steps
     return spread_out
 
 
-#: A model, and the epoch after which it is shown.
+#: A model and an epoch at which the explorer shows it.
 Step = tuple[str, int]
-#: Indicators with a smaller share of a centre are left out; entities in no set are named where they are no more.
+#: Indicators with a weight below ``LEAST`` are omitted; entities that are in no set are named if at most ``FEW``.
 LEAST, FEW = 0.005, 12
 
 
 def explorer(results: Results) -> Iterator[Content]:
-    """How the entities were chosen, and the data of the explorer (``templates/explorer.js`` shows them)."""
+    """The data of the explorer, which ``templates/explorer.js`` shows; ``InputError`` if tables disagree."""
     for experiment, tables in results.analysis("explorer"):
         absent = experiment.entities["entity"].drop(tables["entities"]["entity"]).tolist()
         if tables["entities"].empty:
@@ -120,7 +120,7 @@ def explorer(results: Results) -> Iterator[Content]:
 
 
 def _data(experiment: Experiment, tables: Mapping[str, pd.DataFrame], settings: ExplorerParams) -> dict[str, Any]:
-    """All that the explorer shows: entities by id; coordinates, similarities and weights in hundredths, or null."""
+    """The explorer's data as JSON values: entities by id; coordinates, cosines and weights times 100, or null."""
     models, relations = [*SHOWN, settings.best], sorted(set(tables["answers"]["relation"]))
     steps = [(JOINT, 0), *((model, epoch) for model in models for epoch in (0, settings.epochs))]
     rows, places = tables["entities"], tables["places"]
@@ -147,13 +147,13 @@ def _data(experiment: Experiment, tables: Mapping[str, pd.DataFrame], settings: 
 
 
 def start(experiment: Experiment, insert_triples: pd.Series) -> int:
-    """The entity that is shown at first: of the most common kind, the one with most insert triples."""
+    """The entity shown first: the one with most insert triples among those of the most common kind."""
     kinds = experiment.entities["kind"]
     return int(insert_triples[(kinds[insert_triples.index] == kinds.mode()[0]).to_numpy()].idxmax())
 
 
 def maps_of(known: pd.DataFrame, rows: pd.DataFrame) -> dict[str, dict[str, Any]]:
-    """Of each seed: the known entities, where they lie, and what the map holds and fits, in per cent."""
+    """For each seed: ids of the known entities, their places, and columns ``shown`` and ``fitted`` in per cent."""
     shares = rows.drop_duplicates("seed").set_index("seed")
     return {
         str(seed): {"known": places["entity"].tolist(), "at": _points(places)}
@@ -163,7 +163,7 @@ def maps_of(known: pd.DataFrame, rows: pd.DataFrame) -> dict[str, dict[str, Any]
 
 
 def indicators_of(rows: pd.DataFrame) -> dict[tuple[int, str], dict[str, Any]]:
-    """The fallback and the indicators (ids and numbers) of each entity and model; no weights where all are equal."""
+    """Fallback and indicators (ids, weights, cosines) by (entity, model); weights are None if all are equal."""
     groups: dict[Any, pd.DataFrame] = dict(list(rows[rows["weight"] >= LEAST].groupby(["entity", "model"], sort=False)))
     return {
         place: {
@@ -176,7 +176,7 @@ def indicators_of(rows: pd.DataFrame) -> dict[tuple[int, str], dict[str, Any]]:
 
 
 def queries_of(answers: pd.DataFrame, first: int, steps: Sequence[Step], relations: list[str]) -> dict[int, list[Any]]:
-    """The queries about each entity, those with true answers first: the first answers, and ranks of the true ones."""
+    """Queries by entity, those with true answers first: the ``first`` best answers, and ranks of true answers."""
     ranked: dict[Any, dict[Step, list[tuple[int, int, Any]]]] = defaultdict(lambda: defaultdict(list))
     columns = ["entity", "relation", "hidden", "model", "epoch", "answer", "rank", "true"]
     for entity, relation, hidden, model, epoch, *answer in answers[columns].itertuples(index=False, name=None):

@@ -1,4 +1,4 @@
-"""The paper beside this run: its numbers, and the causes of the gap."""
+"""The paper against this run: the numbers of both, and the causes of the gap."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
@@ -17,12 +17,12 @@ from isi.report.sections.finetuning import CURVES, interference_percent, table2
 from isi.report.tables import Column
 from isi.report.words import BASELINE, JOINT, SCOPES, isi, joined, label
 
-#: Where the paper has a number, what it is, the number, ours (null where there is none), and a note on ours.
+#: Place of a number in the paper, its title, the paper's number, ours (NaN if there is none), and a note on ours.
 Row = tuple[str, str, float, float, str]
 
 
 def paper(results: Results) -> Iterator[Content]:
-    """The paper's numbers beside the first graph and each other, where there is a graph of its own."""
+    """The paper's numbers beside those of each standalone experiment; nothing without one."""
     if not results.standalone:
         return
     first, *others = results.standalone
@@ -38,13 +38,13 @@ def paper(results: Results) -> Iterator[Content]:
 
 
 def shown(value: float) -> str:
-    """A number of any size, as people read it."""
-    value = round(value, 6)  # a mean that is whole but for its last bits
+    """A number as text: whole, with one decimal from 1 up, else with two significant digits."""
+    value = round(value, 6)  # a mean may miss a whole number by its last bits
     return f"{value:,.0f}" if float(value).is_integer() else f"{value:.1f}" if abs(value) >= 1 else f"{value:.2g}"
 
 
 def rows_of(results: Results, experiment: Experiment) -> list[Row]:
-    """All numbers of the paper, beside one experiment: the same rows whatever was run."""
+    """All numbers of the paper beside those of one experiment; the rows do not depend on what was run."""
     source, paper, methods = experiment.settings.graph.source, results.paper, list(results.paper["indicators"])
     moved = next((other for other in results.extended if other.settings.graph.source == source), None)
     gain, fewer = stats.values(stats.improvements(experiment.immediate, "all")), fewer_epochs(experiment)
@@ -73,21 +73,21 @@ def rows_of(results: Results, experiment: Experiment) -> list[Row]:
 
 
 def fewer_epochs(experiment: Experiment) -> dict[str, float]:
-    """By how much each initializer's mean number of epochs is below Xavier's, in per cent (section 6.2)."""
+    """Per cent by which each initializer's mean epochs to convergence are below Xavier's (section 6.2)."""
     epochs = experiment.epochs().get("all", {})
     base = epochs.get(BASELINE)
     return {model: 100 * (1 - mean / base) for model, mean in epochs.items()} if base else {}
 
 
 def _by_model(*parts: tuple[str, str, Mapping[str, float], Mapping[str, float]]) -> Iterator[Any]:
-    """A row for each model in the paper's numbers of each part: place, what they are, the paper's numbers, and ours."""
+    """A row for each model with a number in the paper; parts: place, title, the paper's numbers by model, ours."""
     for where, title, theirs, ours in parts:
         for model, number in theirs.items():
             yield where, f"{label(model)}: {title}", number, ours.get(model, nan)
 
 
 def _mean_of(numbers: Mapping[str, float], models: Sequence[str]) -> float:
-    """The mean over those of the models that have a number; null without any."""
+    """The mean over the models that have a number; NaN if none has one."""
     present = [numbers[model] for model in models if model in numbers]
     return sum(present) / len(present) if present else nan
 
@@ -206,7 +206,7 @@ Line = tuple[str, Mapping[str, float], Mapping[str, float]]
 
 
 def causes(results: Results) -> Iterator[Content]:
-    """From this run to the paper: a row for each difference between them, and Figure 3b and Table 2 under some."""
+    """Causes of the gap to the paper: a row for each changed setting; Figure 3b and Table 2 for full curves."""
     variants, first = results.variants_of("causes"), next(iter(results.standalone), None)
     methods = isi(first.finetuned) if first else []
     if not variants or not first or first.curve_size is None or BASELINE not in first.finetuned or not methods:
@@ -236,7 +236,7 @@ def causes(results: Results) -> Iterator[Content]:
 
 
 def _lines(results: Results, first: Experiment, variants: Sequence[VariantRuns]) -> Iterator[Line]:
-    """The first graph's runs: at two sizes, by their entity half, with another filter; variants; then other graphs."""
+    """Runs of the first graph at two sizes, in entity MRR*, with the other filter; variants; other graphs."""
     size, largest = first.curve_size, max(first.settings.sessions.sizes)
     main = first.of_size(size)
     yield _line(f"this run, {size} novel entities", main)

@@ -1,4 +1,4 @@
-"""MRR* by kind of query (the novel entity given or its answer, by relation, under two filters), and Table 3 (6.3)."""
+"""MRR* by kind of query (novel entity given or hidden, by relation, with two filters), and Table 3 (section 6.3)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from isi.report.stats import DIRECTIONS, by_label, by_model, combined, means, va
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, HALVES, JOINT, SCOPE, contenders, isi, joined, label
 
-#: Answers that are shown and counted.
+#: Number of highest-ranked answers that are shown and counted.
 TOP = 4
 _PLACES = {"given": "given", "answer": "answer", "both": "both", "any": "any or none"}
 _FILTERS = {"learned": "scope's filter", "true": "all true"}
@@ -24,7 +24,7 @@ _PAIR = ["scope", "relation", "hidden", "novel"]
 
 
 def query_breakdown(results: Results) -> Iterator[Content]:
-    """Both directions, relations and directions, and both filters, of every experiment with a breakdown."""
+    """MRR* by direction, by relation, and with both filters, for each experiment with a query breakdown."""
     experiments = results.experiments.values()
     ran = [experiment for experiment in experiments if experiment.queries is not None and len(experiment.queries)]
     return of_each(ran, _breakdown)
@@ -60,14 +60,14 @@ def _breakdown(experiment: Experiment) -> Content:
 
 
 def leader(estimates: Mapping[str, Estimate]) -> tuple[str, float, dict[str, float]] | None:
-    """The best initializer, its mean, and the means of those under test; None where none has any."""
+    """The best initializer, its mean, and the means of all contenders; None without means."""
     present = {name: mean for name, mean in values(estimates).items() if name != JOINT and not pd.isna(mean)}
     best = max(present, key=lambda name: present[name], default=None)
     return None if best is None else (best, present[best], {name: present[name] for name in contenders(present)})
 
 
 def by_relation(rows: pd.DataFrame) -> pd.DataFrame:
-    """Entity queries by scope, place of the novel entity, relation and direction: their number, and means by model."""
+    """Entity queries by scope, role of the novel entity, relation, direction: number, mean MRR* (points) by model."""
     rows = rows[(rows["filter"] == "learned") & rows["scope"].isin(["all", "novel"]) & (rows["hidden"] != "relation")]
     rows = rows.assign(novel=rows["novel"].where(rows["scope"] == "novel", "any"))
     means = 100 * combined(rows, [*_PAIR, *_CELL]).groupby([*_PAIR, "model"])["mrr_star_entity"].mean()
@@ -89,14 +89,14 @@ def filters(rows: pd.DataFrame) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Answers:
-    """The answers to (entity, relation, ?) in one experiment (``AFFORDANCES`` with ``model``); entities by id."""
+    """Ranked answers to (entity, relation, ?) in one experiment: ``AFFORDANCES`` with ``model``; entities are ids."""
 
     ranks: pd.DataFrame
     entities: pd.DataFrame
     relation: str
-    #: kinds of the relation's tails: answers of other kinds are wrong
+    #: kinds of the relation's tails; answers of other kinds are wrong
     kinds: Sequence[str]
-    #: source of the entities that every repeat has: those that are shown as answers
+    #: source of the entities that are in every repeat; only these are shown as answers
     source: str
 
     @classmethod
@@ -110,7 +110,7 @@ class Answers:
 
     @property
     def plural(self) -> str:
-        """The kinds in words: affordances."""
+        """The kinds in the plural, such as "affordances"."""
         return joined(f"{kind}s" for kind in self.kinds)
 
     def about(self, entity: str) -> pd.DataFrame:
@@ -118,14 +118,14 @@ class Answers:
         return self.ranks[self.ranks["entity"].isin(self.entities.index[self.entities["entity"] == entity])]
 
     def top(self, model: str, entity: str) -> list[tuple[str, str]]:
-        """The answers of lowest mean rank over the repeats that inserted an entity, each with its kind."""
+        """The ``TOP`` answers of lowest mean rank over the repeats that inserted the entity, each with its kind."""
         ranks = self.about(entity)
         known = ranks[(ranks["model"] == model) & (ranks["answer"].map(self.entities["source"]) == self.source)]
         best = known.groupby("answer")["rank"].mean().sort_values(kind="stable").index[:TOP]
         return list(self.entities.loc[best, ["entity", "kind"]].itertuples(index=False, name=None))
 
     def judged(self, model: str, entities: Sequence[str], afforded: Mapping[str, Sequence[str]]) -> dict[str, int]:
-        """How many answers about entities are of the relation's kinds, of these plausible (``afforded``), and wrong."""
+        """Number of ``top`` answers of the right kind, plausible (in ``afforded``) or unlikely, and of a wrong kind."""
         tops = [(entity, *answer) for entity in entities for answer in self.top(model, entity)]
         hits = [(entity, answer) for entity, answer, kind in tops if kind in self.kinds]
         counts = {"affordances": len(hits), "wrong": len(tops) - len(hits)}
@@ -135,7 +135,7 @@ class Answers:
         return counts
 
     def ranked(self, entities: Sequence[str], models: Sequence[str]) -> list[dict[str, Any]]:
-        """The first answers about some entities, a column an initializer; those of another kind are marked."""
+        """Rows of ``top`` answers about entities, a column for each initializer; × marks answers of a wrong kind."""
         rows = []
         for entity in entities:
             number = self.about(entity)["seed"].nunique()
@@ -148,17 +148,17 @@ class Answers:
 
     @property
     def hits(self) -> pd.DataFrame:
-        """The highest-ranked answers of all inserted entities, and whether they are of the relation's kinds."""
+        """Rows of rank ``TOP`` or better for all inserted entities; ``hit``: whether the answer has a right kind."""
         rows = self.ranks[self.ranks["rank"] <= TOP]
         return rows.assign(hit=rows["answer"].map(self.entities["kind"]).isin(self.kinds))
 
     @property
     def shares(self) -> dict[str, float]:
-        """Of the highest-ranked answers of all inserted entities, how many are of these kinds, in per cent."""
+        """Per cent of ``hits`` whose answer has a right kind, by model."""
         return means(self.hits, "hit")
 
     def shares_table(self, initializers: Sequence[str]) -> dict[str, list[Any]]:
-        """How often the highest-ranked answers are of the relation's kinds, over everything that was inserted."""
+        """Per cent of answers of a right kind among the ``TOP`` and the first, over all inserted entities."""
         first = self.hits[self.hits["rank"] == 1]
         listed = {f"top {TOP}: {self.plural} %": self.hits, f"first: {joined(self.kinds)} %": first}
         shares = {title: by_model(rows, "hit", initializers) for title, rows in listed.items()}
@@ -166,7 +166,7 @@ class Answers:
 
 
 def affordances(results: Results) -> Iterator[Content]:
-    """Table 3: what can be done with entities right after insertion, as the embedding ranks it."""
+    """Table 3: ranked affordances of inserted entities, right after insertion."""
     for experiment, _ in results.analysis("affordances"):
         answers, initializers = Answers.of(experiment), experiment.initializers
         entities = results.params.affordances.entities

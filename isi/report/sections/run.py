@@ -21,19 +21,19 @@ from isi.report.tables import Column
 from isi.report.words import HALVES, JOINT, SCOPES, in_order, label
 
 _PACKAGES = ("dvc", "gensim", "matplotlib", "numpy", "pandas", "procthor", "pyarrow", "scipy", "torch")
-#: Sections of params that change nothing in the report.
+#: Sections of params that the report's list of params omits.
 UNUSED = ("compute", "recorder", "plots", "finetune_only", "final_model")
-_SOURCES = ("isi", "stages", "data/raw")  # dependencies of the stage, whole
+_SOURCES = ("isi", "stages", "data/raw")  # hashed as a whole
 _TRIPLE = ["source", "head", "relation", "tail", "count"]
 
 
 def guide(results: Results) -> Iterator[Content]:
-    """A drawing of what is done, then words."""
+    """A drawing of the method, then the glossary."""
     yield Content({"words": glossary.of_the_page(), "initializers": glossary.of_models(results)})
 
 
 def graph(results: Results) -> Iterator[Content]:
-    """Each graph of its own, then the training on all."""
+    """Statistics of each standalone graph, then the training on all graphs."""
     yield from of_each(results.standalone, lambda experiment: _of_graph(results, experiment))
     yield Content({"of_all": True}, {"training": _training(results)})
 
@@ -77,7 +77,7 @@ def table1(observations: pd.DataFrame, paper: Mapping[str, Any], words: Mapping[
 
 
 def _training(results: Results) -> list[dict[Any, Any]]:
-    """How long Θ⁰ and the joint model trained, what validation MRR* they reached, and the coordinates in use."""
+    """Rows for Θ⁰ and the joint model: epochs, validation MRR* (points), and coordinates in use (per cent)."""
     rows = list[dict[Any, Any]]()
     for experiment in results.experiments.values():
         for name, log in (("theta0", experiment.theta0_log), (JOINT, experiment.joint_log)):
@@ -94,7 +94,7 @@ def _training(results: Results) -> list[dict[Any, Any]]:
 
 
 def in_use(used: pd.DataFrame) -> dict[str, float]:
-    """Scalars and blocks that any relation uses, in per cent; ``USED_COORDINATES``."""
+    """Per cent of scalars and blocks that any relation uses; ``used``: rows of ``USED_COORDINATES``."""
     sums = used[used["relation"].isna()].groupby("part")[["used", "of"]].sum()
     return {f"{part} in use %": 100 * float(row["used"] / row["of"]) for part, row in sums.iterrows()}
 
@@ -113,7 +113,7 @@ def definitions(results: Results) -> Iterator[Content]:
 def leaks(
     graphs: Iterable[tuple[pd.DataFrame, pd.DataFrame]], definitions: Mapping[str, str]
 ) -> tuple[pd.DataFrame, int]:
-    """The triples of graphs in which the definition of one end names the other end, and the number of all triples."""
+    """Triples in which the definition of one end names the other end, and the number of distinct triples."""
     parts = []
     for entities, triples in graphs:
         phrase = dict(zip(entities["entity"], entities["phrase"], strict=True))
@@ -127,7 +127,7 @@ def leaks(
 
 
 def names(text: str, phrase: str) -> bool:
-    """Whether a text names a phrase, as it stands or with its first word in a regular inflection."""
+    """Whether a text contains a phrase, or the phrase with its first word regularly inflected."""
     first, *rest = phrase.split()
     stem, double = re.escape(first.removesuffix("e")), re.escape(first[-1])
     inflected = rf"(?:{stem}(?:e|s|es|d|ed|en|n|ing|{double}(?:ed|ing))?|{re.escape(first)})"
@@ -136,7 +136,7 @@ def names(text: str, phrase: str) -> bool:
 
 
 def run(results: Results) -> Iterator[Content]:
-    """Counts over all experiments, then params, versions and hashes."""
+    """Counts by experiment, then hashes, params and versions of the run."""
     experiments = results.experiments
     coverage = pd.concat(experiment.coverage for experiment in experiments.values())
     sets = {name: len(experiment.novel[["size", "seed"]].drop_duplicates()) for name, experiment in experiments.items()}
@@ -150,7 +150,7 @@ def run(results: Results) -> Iterator[Content]:
 
 
 def what_was_run(params: Params) -> dict[str, dict[str, Any]]:
-    """Params, versions and hashes: the same for equal runs, whenever and wherever they ran."""
+    """Hashes, params and versions; no time, place or name of a machine, so that equal runs have equal reports."""
     values = params.model_dump(exclude=set(UNUSED), exclude_unset=True)
     files = sorted(path for source in _SOURCES for path in Path(source).rglob("*")
                    if path.is_file() and "__pycache__" not in path.parts and not path.name.startswith("."))  # fmt: skip
@@ -173,7 +173,7 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
 
 
 def _left_out(experiment: Experiment) -> dict[str, int]:
-    """What had no queries, or took no part: counted."""
+    """Counts of sets without queries, and of entities without word vector, insert triples or training triples."""
     sets = experiment.immediate[experiment.immediate["model"] == experiment.initializers[0]]
     empty = (sets["queries"] == 0).groupby(sets["scope"]).sum()
     with_triples = experiment.insert_triples[["size", "seed", "entity"]].drop_duplicates()
@@ -187,7 +187,7 @@ def _left_out(experiment: Experiment) -> dict[str, int]:
 
 
 def orphans(entities: pd.DataFrame, triples: pd.DataFrame, splits: pd.DataFrame, novel: pd.DataFrame) -> int:
-    """How many known entities lose all their training triples with the novel ones, over all sizes and seeds."""
+    """Number of known entities whose training triples all touch novel entities, summed over sizes and seeds."""
     ids = {name: number for number, name in enumerate(entities["entity"])}
     ends = np.stack([triples[end].map(ids) for end in ("head", "tail")], axis=1)
     lost = 0
@@ -211,7 +211,7 @@ def ties(experiments: Mapping[str, Experiment]) -> list[dict[Any, Any]]:
 
 
 def fallbacks(experiments: Mapping[str, Experiment]) -> pd.DataFrame:
-    """How often each initializer lacked what it needs, and what it fell back to."""
+    """Number of inserted entities by experiment, initializer and fallback that was used."""
     inserted = {name: experiment.inserted.groupby(["model", "fallback"]) for name, experiment in experiments.items()}
     rows = [(name, label(model), fallback, number) for name, groups in inserted.items()
             for model, fallback, number in groups.size().reset_index().itertuples(index=False, name=None)]  # fmt: skip
@@ -220,10 +220,10 @@ def fallbacks(experiments: Mapping[str, Experiment]) -> pd.DataFrame:
 
 
 def _experiment(experiments: Mapping[str, Experiment]) -> Column:
-    """A column of names of experiments, which the page shows as titles."""
+    """A column with names of experiments in files and their titles on the page."""
     return Column("experiment", words={name: experiment.title for name, experiment in experiments.items()})
 
 
 def departures(_: Results) -> Iterator[Content]:
-    """Where this differs from the paper, and where it decides what the paper leaves open."""
+    """A list, in the template alone: differences from the paper, and decisions that the paper leaves open."""
     yield Content()

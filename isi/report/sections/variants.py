@@ -1,4 +1,4 @@
-"""Beyond the paper: stronger initializers, fewer insert triples, other words, other embeddings, and other graphs."""
+"""Beyond the paper: stronger initializers, fewer insert triples, other words, embedding models and graphs."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -18,14 +18,14 @@ from isi.report.stats import by_label, by_seed, difference, signed, values
 from isi.report.tables import Column, Estimate
 from isi.report.words import BASELINE, JOINT, isi, label
 
-#: The initializer with which stronger ones are compared, by seed.
+#: The initializer with which all others are compared, paired by seed.
 REFERENCE = "ers"
-#: The comparisons between initializers on each graph, with the novel entity given.
+#: Pairs of initializers that are compared on each graph, with the novel entity given.
 _PAIRS = (("ers", BASELINE), ("ers", "kind_mean"), ("es", "es_permuted_kinds"), ("soft_hybrid", "ers"),
           ("map_soft_hybrid", "soft_hybrid"))  # fmt: skip
-#: Estimates by model, of runs.
+#: A function from runs to estimates by model.
 Means = Callable[[Any], Mapping[str, Estimate]]
-#: What tables by graph hold, by the end of their names.
+#: Measures of the tables by graph, by the end of the table's name.
 _MEASURES: dict[str, Means] = {
     "immediate": lambda runs: runs.immediate_means("novel"), "novel_given": lambda runs: runs.given_means,
     "epochs": ModelRuns.epochs_means,
@@ -33,7 +33,7 @@ _MEASURES: dict[str, Means] = {
 
 
 def stronger(results: Results) -> Iterator[Content]:
-    """Initializers that the paper does not have: a table for each graph, the best with the novel entity given first."""
+    """Initializers beyond the paper: a table for each graph, sorted by entity MRR* with the novel entity given."""
     for variant, group in groupby(results.variants_of("baselines"), key=lambda runs: runs.variant):
         listed, tables, above = list(group), {}, []
         for runs in listed:
@@ -54,13 +54,13 @@ def stronger(results: Results) -> Iterator[Content]:
 
 
 def _given_by_seed(runs: ModelRuns) -> pd.DataFrame:
-    """Entity prediction with the novel entity given, in points: a row a seed and size, a column a model."""
+    """Entity MRR* (points) with the novel entity given: a row for each seed and size, a column for each model."""
     given = runs.directed[runs.directed["scope"] == "given"]
     return pd.DataFrame(100 * given.pivot_table("mrr_star_entity", ["seed", "size"], "model"))
 
 
 def _by_graph(ran: Sequence[ModelRuns], means: Means, column: str = "") -> list[dict[str, Any]]:
-    """A row for each experiment or graph and, where there is a column for it, each variant: the estimates by model."""
+    """A row of estimates by model for each of ``ran``, sorted by graph; ``column``, if given, has the variant."""
     names = list(dict.fromkeys(runs.name for runs in ran))
     return [
         {"graph": runs.title} | ({column: runs.variant.title} if column and isinstance(runs, VariantRuns) else {})
@@ -70,7 +70,7 @@ def _by_graph(ran: Sequence[ModelRuns], means: Means, column: str = "") -> list[
 
 
 def n_insert_triples(results: Results) -> Iterator[Content]:
-    """By the number of insert triples: a figure, and its numbers."""
+    """Entity MRR* with the novel entity given by number of insert triples, on the first graph with such runs."""
     variants = results.variants_of("insert_triples")
     for first in variants[:1]:
         listed = [runs for runs in variants if runs.name == first.name]
@@ -89,13 +89,13 @@ def n_insert_triples(results: Results) -> Iterator[Content]:
 
 
 def other_words(results: Results) -> Iterator[Content]:
-    """A row for each kind of word vectors and each graph."""
+    """A table with a row for each graph and kind of word vectors."""
     if variants := results.variants_of("words"):
         yield Content(tables={"other_words": _by_graph(variants, _MEASURES["novel_given"], "words")})
 
 
 def embeddings(results: Results) -> Iterator[Content]:
-    """Other embedding models on the graphs of the paper and of today: who is ahead, and how soon they converge."""
+    """Other embedding models: MRR* and epochs by graph, and how often ISI is above Xavier."""
     variants = results.variants_of("embeddings")
     if not variants:
         return
@@ -113,12 +113,12 @@ def embeddings(results: Results) -> Iterator[Content]:
 
 
 def _best_of(means: Mapping[str, Estimate], names: Iterable[str]) -> str | None:
-    """The model with most; the first of several."""
+    """The model with the highest mean, the first in a tie; None without any."""
     return max((name for name in names if name in means), key=lambda name: means[name].mean, default=None)
 
 
 def other_graphs(results: Results) -> Iterator[Content]:
-    """All graphs side by side, what they share, and the same runs on each."""
+    """All graphs side by side: sizes, shared entities, and the same measures on each; nothing without other graphs."""
     if not results.other_graphs:
         return
     others, like, ran = results.other_graphs, results.other_graphs[0].variant, list[ModelRuns]()
@@ -142,7 +142,7 @@ def other_graphs(results: Results) -> Iterator[Content]:
 
 
 def sizes(graphs: Iterable[Experiment | VariantRuns]) -> list[dict[str, Any]]:
-    """A row for each graph."""
+    """A row for each graph: counts, and the per cent of triples whose relation the tail's kind predicts."""
     return [
         {"graph": graph.title, "observations": int(triples["count"].sum()), "unique triples": len(triples),
          "relations": triples["relation"].nunique(), "entities": len(entities),
@@ -153,13 +153,13 @@ def sizes(graphs: Iterable[Experiment | VariantRuns]) -> list[dict[str, Any]]:
 
 
 def relations_by_kind(entities: pd.DataFrame, triples: pd.DataFrame) -> pd.DataFrame:
-    """How many unique triples have a tail of each kind (a row) and each relation (a column)."""
+    """Number of unique triples: a row for each kind of tail, a column for each relation."""
     kinds = triples["tail"].map(entities.set_index("entity")["kind"])
     return triples.groupby([kinds.rename("kind"), "relation"]).size().unstack(fill_value=0)
 
 
 def shared(graphs: Iterable[Experiment | VariantRuns]) -> list[dict[str, Any]]:
-    """How many entities each two graphs share, by phrase."""
+    """A matrix of graphs: the number of phrases of entities that two graphs share."""
     phrases = {graph.title: set(graph.entities["phrase"]) for graph in graphs}
     return [{"graph": title, **{other: len(here & there) for other, there in phrases.items()}}
             for title, here in phrases.items()]  # fmt: skip
